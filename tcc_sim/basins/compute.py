@@ -31,7 +31,7 @@ from tcc_sim.continuation.problem import Floats
 from tcc_sim.errors import BasinsInterrupted, InputError, counted
 from tcc_sim.model.parameters import DEFAULTS as SCENE_KEYS
 from tcc_sim.model.parameters import System, replace, unknown_key, values_of
-from tcc_sim.model.quantity import numbers_of
+from tcc_sim.model.quantity import sequence_of_numbers
 from tcc_sim.result import Result
 from tcc_sim.scene import Scene, system_of
 from tcc_sim.sweeps.executors import Attendance, each_done, progress_bar, workers
@@ -53,7 +53,7 @@ class Axis:
     values: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "values", numbers_of(self.key, self.values))
+        object.__setattr__(self, "values", sequence_of_numbers(self.key, self.values))
 
 
 @dataclass(frozen=True)
@@ -149,7 +149,7 @@ def check_plane(given: Sequence[Axis | tuple[str, Sequence[float]]]) -> tuple[Ax
     """
     if len(given) != 2:
         raise InputError(f"a plane has 2 axes; {len(given)} are given")
-    plane = [axis if isinstance(axis, Axis) else Axis(axis[0], numbers_of(*axis)) for axis in given]
+    plane = [axis if isinstance(axis, Axis) else Axis(axis[0], sequence_of_numbers(*axis)) for axis in given]
     for axis in plane:
         if axis.key not in SCENE_KEYS:
             raise unknown_key(axis.key, SCENE_KEYS)

@@ -19,7 +19,7 @@ from tcc_sim.continuation.special_points import Bifurcation, ContinuationPoint
 from tcc_sim.errors import InputError, counted
 from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.model.pure_stick import stick_margin
-from tcc_sim.model.quantity import numbers_of
+from tcc_sim.model.quantity import sequence_of_numbers
 from tcc_sim.result import Result
 from tcc_sim.scene import Scene, system_of
 
@@ -146,7 +146,7 @@ def continuation(scene: Scene | System | str, over: str, start: float, stop: flo
     >>> [(branch.period, branch.origin.kind) for branch in found.branches], found.at[0]["stable"]
     ([(1, 'start')], True)
     """
-    plan = ContinuationPlan(over, min(start, stop), max(start, stop), period, numbers_of(over, at), switch, second,
+    plan = ContinuationPlan(over, min(start, stop), max(start, stop), period, sequence_of_numbers(over, at), switch, second,
                             limit, tuple(seeds))
     return continue_motions(system_of(scene), plan)
 

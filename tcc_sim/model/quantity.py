@@ -22,7 +22,7 @@ MOST_POINTS, LATEST = 1000, 1e6
 """Points that a profile may have, and its latest time, s."""
 
 
-def numbers_of(key: str, values: Any) -> tuple[float, ...]:
+def sequence_of_numbers(key: str, values: Any) -> tuple[float, ...]:
     """The values that a key is to have one after the other: numbers in any sequence or array, or a single one.
 
     Raises

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.model.quantity import numbers_of
+from tcc_sim.model.quantity import sequence_of_numbers
 from tcc_sim.result import Result
 from tcc_sim.scene import Scene, system_of
 from tcc_sim.sweeps.results import Sweep, extras_of, stacked
@@ -175,5 +175,5 @@ def scatter(scene: Scene | System | str, bounds: Mapping[str, tuple[float, float
     (1, 3)
     """
     told = Tolerances(tuple((key, float(low), float(high)) for key, (low, high) in bounds.items()), samples, seed)
-    curves = scattered_curves(system_of(scene), told, over, numbers_of(over, values))
+    curves = scattered_curves(system_of(scene), told, over, sequence_of_numbers(over, values))
     return Scattered(told, over, sweep_curves(curves, Plan.of(plan, settings), jobs=jobs, dask=dask))

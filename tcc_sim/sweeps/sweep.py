@@ -22,7 +22,7 @@ import numpy as np
 from tcc_sim import __version__
 from tcc_sim.errors import InputError, SweepInterrupted, WorkersLost
 from tcc_sim.model.parameters import System, replace, values_of
-from tcc_sim.model.quantity import numbers_of
+from tcc_sim.model.quantity import sequence_of_numbers
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.result import json_of
 from tcc_sim.scene import Scene, system_of
@@ -58,7 +58,7 @@ def sweep(scene: Scene | System | str, key: str, values: Sequence[float], plan: 
     >>> found.columns()["period"].tolist()
     [1, 1]
     """
-    return sweep_curves([Curve(system_of(scene), key, numbers_of(key, values))], Plan.of(plan, settings), jobs=jobs,
+    return sweep_curves([Curve(system_of(scene), key, sequence_of_numbers(key, values))], Plan.of(plan, settings), jobs=jobs,
                         dask=dask, out=out, progress=progress)[0]
 
 
@@ -75,7 +75,7 @@ def sweep_grid(scene: Scene | System | str, key: str, values: Sequence[float], s
     >>> len(found.second_values)
     3
     """
-    values, second_values = numbers_of(key, values), numbers_of(second_key, second_values)
+    values, second_values = sequence_of_numbers(key, values), sequence_of_numbers(second_key, second_values)
     return Grid(second_key, second_values,
                 sweep_curves(curves_of(system_of(scene), key, values, second_key, second_values),
                              Plan.of(plan, settings), jobs=jobs, dask=dask, out=out, progress=progress))
