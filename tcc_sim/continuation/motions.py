@@ -146,8 +146,8 @@ def continuation(scene: Scene | System | str, over: str, start: float, stop: flo
     >>> [(branch.period, branch.origin.kind) for branch in found.branches], found.at[0]["stable"]
     ([(1, 'start')], True)
     """
-    plan = ContinuationPlan(over, min(start, stop), max(start, stop), period, sequence_of_numbers(over, at), switch, second,
-                            limit, tuple(seeds))
+    plan = ContinuationPlan(over, min(start, stop), max(start, stop), period, sequence_of_numbers(over, at), switch,
+                            second, limit, tuple(seeds))
     return continue_motions(system_of(scene), plan)
 
 

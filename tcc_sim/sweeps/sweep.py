@@ -58,8 +58,8 @@ def sweep(scene: Scene | System | str, key: str, values: Sequence[float], plan: 
     >>> found.columns()["period"].tolist()
     [1, 1]
     """
-    return sweep_curves([Curve(system_of(scene), key, sequence_of_numbers(key, values))], Plan.of(plan, settings), jobs=jobs,
-                        dask=dask, out=out, progress=progress)[0]
+    curve = Curve(system_of(scene), key, sequence_of_numbers(key, values))
+    return sweep_curves([curve], Plan.of(plan, settings), jobs=jobs, dask=dask, out=out, progress=progress)[0]
 
 
 @with_plan_fields
