@@ -8,13 +8,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from tcc_sim.continuation.branch import Branch, branch_through, first_point, orbits_at
-from tcc_sim.continuation.codim2 import KINDS, BifurcationCurve, bifurcation_curve, border_curve
+from tcc_sim.continuation.codim2 import KINDS, BifurcationCurve, Limit, bifurcation_curve, border_curve, limit_of
 from tcc_sim.continuation.diagram import switch
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.initial_orbits import Seed, refuse_family, seeded, start_orbit
 from tcc_sim.continuation.settings import DEFAULTS
 from tcc_sim.continuation.shooting import ParameterRange
-from tcc_sim.continuation.smoothing_limit import Limit, limit_of
 from tcc_sim.continuation.special_points import Bifurcation, ContinuationPoint
 from tcc_sim.errors import InputError, counted
 from tcc_sim.model.parameters import System, replace, values_of

@@ -183,7 +183,7 @@ class Settings:
                            "changes by one")
     margin_step: float = quantity(1e-6, "step of differences of a margin by the two parameters")
 
-    # Where a bifurcation goes as the smoothing goes to none (`smoothing_limit.py`).
+    # Where a bifurcation goes as the smoothing goes to none (`codim2.py`).
     limit_landings: tuple[float, ...] = quantity((8e-3, 4e-3, 2e-3, 1e-3), "smoothing of the scene over those at which "
                                                  "a trace over the smoothing has points, the last one its end")
     limit_steps: tuple[float, float] = quantity((0.02, 1e-7), "first and smallest step of that trace")

@@ -7,12 +7,11 @@ import pytest
 from test_branches import branch_of, of_kind
 from textbook_maps import Step, TextbookMap, henon
 
-from tcc_sim.continuation.codim2 import BifurcationCurve, bifurcation_curve
+from tcc_sim.continuation.codim2 import BifurcationCurve, bifurcation_curve, limit_of
 from tcc_sim.continuation.detection import StopReason
 from tcc_sim.continuation.palc import solution_at
 from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.shooting import ParameterRange, Shooting
-from tcc_sim.continuation.smoothing_limit import limit_of
 from tcc_sim.continuation.special_points import Bifurcation, point_at
 
 P, Q = ParameterRange(-1.0, 5.0, name="p"), ParameterRange(-1.5, 1.5, name="q")

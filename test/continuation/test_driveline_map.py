@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tcc_sim.continuation.branch import branch_through, first_point
+from tcc_sim.continuation.codim2 import limit_of
 from tcc_sim.continuation.detection import StopReason
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.initial_orbits import start_orbit
@@ -14,7 +15,6 @@ from tcc_sim.continuation.motions import ContinuationPlan, Motions, check, conti
 from tcc_sim.continuation.newton import newton, orbit_at
 from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.shooting import ParameterRange, Shooting
-from tcc_sim.continuation.smoothing_limit import limit_of
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.pure_stick import constant_load_limits
