@@ -45,13 +45,10 @@ def of_recording(path: Path) -> Inputs:
     pressure = run.saturation_torque / system.torque_per_pressure
     lines: list[Floats | None] = []
     for values, source in ((run.engine_torque, system.engine.source), (pressure, system.pressure.source)):
+        # A command was held through the tick before the state that tells it.
+        times, values, line = (t[:-1], values[1:], held_lines) if source == "topic" else (t, values, joined_lines)
         known = np.isfinite(values)
-        if not known.any():
-            lines.append(None)
-        elif source == "topic":
-            lines.append(held_lines(t[:-1][known[1:]], values[1:][known[1:]]))
-        else:
-            lines.append(joined_lines(t[known], values[known]))
+        lines.append(line(times[known], values[known]) if known.any() else None)
     if all(line is None for line in lines):
         raise InputError(f"{path}: neither torque nor pressure was recorded")
     return Inputs(lines[0], lines[1], float(t[-1]))

@@ -64,6 +64,16 @@ def test_a_recording_gives_itself_again_and_another_clutch_something_else(tmp_pa
         solve(scene, duration=0.2).final.plate_angle, rel=1e-3)
 
 
+def test_a_command_that_no_tick_tells_is_left_to_the_scene(tmp_path):
+    """Only the initial state has a pressure, which no tick has applied."""
+    scene = load_scene("commands")
+    rows = ticked(scene, 20, torque=lambda k: 250.0 + k, pressure=lambda k: 2e5)
+    rows = [(*row, 2e5 if k == 0 else math.inf) for k, (*row, _) in enumerate(rows)]
+    found = driven_by(scene, bag(tmp_path / "run", rows, scene)).system.inputs
+    assert found.pressure is None
+    assert found.torque[:, 1].tolist() == [250.0 + k for k in range(1, 20)]
+
+
 @pytest.mark.parametrize(("text", "message"), [
     ("t,torque\n0,1\n1,1\n", "torque is not a column; did you mean engine_torque"),
     ("t,slip_speed\n0,1\n1,1\n", "must name the column engine_torque or actuation_pressure"),
