@@ -125,7 +125,7 @@ class _Held:
                              f"scene, {group}.source=topic lets the law give it")
         try:
             return float(value)  # type: ignore[arg-type]
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise InputError(f"the law answered {name} {value!r}; it must be a number or None") from None
 
     def _admitted(self, name: str, value: float, admit: Callable[[float], None] = lambda _: None) -> bool:

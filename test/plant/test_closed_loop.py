@@ -99,6 +99,7 @@ def test_the_slip_controller_holds_its_target_as_a_law() -> None:
 
 @pytest.mark.parametrize(("scene", "answer", "match"), [
     ("controlled", "much", r"the law answered actuation_pressure 'much'; it must be a number or None"),
+    ("controlled", 10**400, r"0+; it must be a number or None"),
     ("controlled", (1.0, 2.0, 3.0), r"it must answer a pressure, or \(torque, pressure\)"),
     ("controlled", (5.0, 1e5), "engine_torque 5.0, which the scene gives itself; None leaves it to the scene, "
                                "engine.source=topic lets the law give it"),
