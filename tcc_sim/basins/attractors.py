@@ -53,6 +53,8 @@ def _settle(of: DynamicalSystem, seed: Floats, transients: list[Attractor], sett
     """The attractor that a motion comes to, without its radius; None where it runs away or cannot be solved, or stays
     on one of the `transients`, to which a new one is added.
     """
+    # `sweeps.steady_state` waits until a scene's motion repeats; here any map's is near an orbit that Newton's method
+    # finds long before, however slowly motions come to it.
     x, cycle, length = seed, 0, settings.settling
     while cycle < settings.longest:
         points = section_points(of, x, cycle, length)
