@@ -22,14 +22,13 @@ from tcc_sim.model.friction import smoothed_and_slope
 from tcc_sim.model.parameters import DEFAULTS, System, replace
 from tcc_sim.output.tables import markdown_table
 from tcc_sim.solvers import solve
+from tcc_sim.solvers.comparison.runge_kutta import rk4_limit
 from tcc_sim.solvers.fixed_step import advance
 from tcc_sim.solvers.terms import peak_load, terms_of
 from tcc_sim.trajectory import State
 
 COUNT, QUICK_COUNT = 420, 36
 CYCLES = 2
-RK4_REACH = 2.785
-"""The real-axis stability limit of classical Runge-Kutta."""
 SCENE: dict[str, Any] = {"friction.kinetic_coefficient": 0.24, "engine.mean_torque": 100.0,
                          "engine.torque_amplitude": 400.0, "initial.slip_speed": 5.0}
 """What the charts start from beside the defaults: stick-slip at every value of the keys that they go over."""
@@ -143,16 +142,6 @@ def error_charts(quick: bool, done: Callable[[str], None]) -> list[ErrorChart]:
             out.append(ErrorChart(key, chosen.tolist(), method, steps.tolist(), rows, {
                 "rk4": [rk4_limit(s) for s in systems], "uniqueness": [uniqueness_limit(s) for s in systems]}))
     return out
-
-
-def stick_rate(system: System) -> float:
-    """The fastest rate beta Ts r sigma of the smoothed law, 1/s: that of stick under the largest load."""
-    return system.inverse_inertia * peak_load(terms_of(system)) * system.friction_ratio * system.friction.smoothing
-
-
-def rk4_limit(system: System) -> float:
-    """The largest step, s, at which classical Runge-Kutta is stable in stick: 2.785/(beta Ts r sigma)."""
-    return RK4_REACH / stick_rate(system)
 
 
 def uniqueness_limit(system: System) -> float | None:

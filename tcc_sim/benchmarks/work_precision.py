@@ -29,20 +29,18 @@ from tcc_sim.benchmarks.precision_report import (
     fastest_results,
 )
 from tcc_sim.benchmarks.references import Reference, Unfinished, disagreement, errors, reference
-from tcc_sim.benchmarks.stability import RK4_REACH, stick_rate
 from tcc_sim.benchmarks.sweep_speed import SpeedEffort
 from tcc_sim.errors import TccError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import SOLVERS, Status, solve
+from tcc_sim.solvers.comparison.runge_kutta import REACH, stick_rate
 from tcc_sim.trajectory import Cycles, Floats, State, Trajectory
 
 REPEATS = 9
 """A setting runs until it has had this many repeats, or its effort's seconds."""
 WRONG = 1.0
 """A relative error above this is a failure: no digit is right."""
-STABLE = {"rk4": RK4_REACH, "rk45": 3.3, "dop853": 6.0}
-"""How far the stability region of an explicit method reaches along the negative real axis (Hairer and Wanner, IV.2)."""
 SECONDS_PER_STEP = {"rk4": 3e-7, "rk45": 6e-7, "dop853": 1.6e-4}
 """Rough cost, to leave out what would take too long."""
 
@@ -212,7 +210,7 @@ def settings(case: Case, effort: Effort) -> Iterator[tuple[str, float]]:
                 ladder = ladder[-1:]
             for value in ladder:
                 if solver == "rk4":
-                    value = float(f"{value * STABLE['rk4'] / stick_rate(case.system):.2g}")
+                    value = float(f"{value * REACH['rk4'] / stick_rate(case.system):.2g}")
                 yield solver, value
     for peer, ladder in effort.peers.items():
         relay = case.system.friction_ratio == 1.0 and case.system.pressure.amplitude == 0.0 and law == "set_valued"
@@ -271,8 +269,8 @@ def _peer(case: Case, solver: str, setting: float, repeats: int = 5) -> peers.Pe
 
 def _registered(record: StudiedScene, case: Case, solver: str, setting: float, effort: Effort) -> peers.PeerRun:
     """Repeated runs of a registered solver; its first call, which compiles, is timed apart."""
-    if solver in STABLE:
-        step = setting if solver == "rk4" else STABLE[solver] / stick_rate(case.system)
+    if solver in REACH:
+        step = setting if solver == "rk4" else REACH[solver] / stick_rate(case.system)
         steps = case.cycles * case.system.cycle / step
         if steps * SECONDS_PER_STEP[solver] > effort.longest:
             raise peers.Failed(f"explicit: stability holds its step below {step:.2g} s, {steps:.2g} steps in stick, "

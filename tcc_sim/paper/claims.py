@@ -125,13 +125,13 @@ def claim_section(v: Verdict) -> list[str]:
              f"**{v.verdict.capitalize()}**. Criterion: {escape(found.criterion)}."]
     if v.why:
         lines += ["", f"{escape(v.why[0].upper() + v.why[1:])}."]
-    lines += numbers_of(json_of(found.values))
+    lines += listed_numbers(json_of(found.values))
     if found.motions:
         lines += ["", "Stable motions:", "", *(f"- {escape(str(motion))}" for motion in found.motions)]
     return lines
 
 
-def numbers_of(values: Mapping[str, Any]) -> list[str]:
+def listed_numbers(values: Mapping[str, Any]) -> list[str]:
     """Numbers as a list, with an empty line before it where there are any."""
     return [""] * bool(values) + [f"- {escape(name)}: {escape(text(value))}" for name, value in values.items()]
 

@@ -17,6 +17,7 @@ from tcc_sim.paper.criteria import Holds, Measured, Near, claim
 from tcc_sim.paper.evidence import CYCLES, DISCARD, FREQUENCY, KINETIC, Evidence, Values, with_kinetic
 from tcc_sim.paper.stable_motions import SMOOTHING, StableMotions
 from tcc_sim.solvers import solve
+from tcc_sim.solvers.comparison.runge_kutta import rk4_limit
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.trajectory import Floats
 
@@ -90,13 +91,7 @@ def classical_differs(evidence: Evidence, differing: Differing = cycle_differenc
     apart = [d > APART for d in differences.values()]
     return Measured((all(apart), any(apart)), differences,
                     f"the step is not printed: within the stability limit, "
-                    f"{stability_limit(paper_system(FIG02)) * 1e6:.2g} us, RK4 agrees, beyond it stick rings")
-
-
-def stability_limit(system: System) -> float:
-    """The longest step of RK4 in stick, s: 2.785 (Hairer and Wanner, IV.2) over the rate beta Ts r sigma."""
-    rate = system.inverse_inertia * (system.saturation_mean + system.saturation_amplitude)
-    return 2.785 / (rate * system.friction_ratio * system.friction.smoothing)
+                    f"{rk4_limit(paper_system(FIG02)) * 1e6:.2g} us, RK4 agrees, beyond it stick rings")
 
 
 def of_law(worth: Any) -> dict[str, float]:

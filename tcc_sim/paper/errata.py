@@ -19,7 +19,7 @@ from tcc_sim.model import pure_slip, pure_stick
 from tcc_sim.model.harmonic_balance import harmonic_balance, mean_friction_torque
 from tcc_sim.output.tables import escape, markdown_table
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, PRESSURE, paper_system
-from tcc_sim.paper.claims import numbers_of
+from tcc_sim.paper.claims import listed_numbers
 from tcc_sim.paper.claims_model import PURE_SLIP
 from tcc_sim.paper.evidence import KINETIC, Evidence, Values, with_kinetic
 from tcc_sim.solvers import solve
@@ -292,8 +292,8 @@ def errata_page() -> str:
                  for e in ERRATA])]
     for e in ERRATA:
         lines += ["", f"## {escape(e.where)}: {escape(e.printed)}", "", f"{escape(e.why[0].upper() + e.why[1:])}."]
-        lines += numbers_of(e.numbers())
+        lines += listed_numbers(e.numbers())
     return "\n".join([*lines, "", "## Derived again and found as printed", "", f"{escape(RIGHT)}.", "",
                       "## Left open by the paper", "",
                       *markdown_table(["what", "here"], [[escape(what), escape(taken)] for what, taken in OPEN]),
-                      *numbers_of(engine_speeds())]) + "\n"
+                      *listed_numbers(engine_speeds())]) + "\n"

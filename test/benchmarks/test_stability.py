@@ -15,6 +15,7 @@ from tcc_sim.cli import main
 from tcc_sim.model.parameters import QUANTITIES, System, replace
 from tcc_sim.result import json_of
 from tcc_sim.solvers import solve
+from tcc_sim.solvers.comparison.runge_kutta import rk4_limit
 
 KEYS = {"solver", "step", "status", "finite", "bounded", "error", "iterations_max", "power_residual"}
 FREE = {"pressure.mean": 0.0, "pressure.amplitude": 0.0, "driveline.damping": 0.0}
@@ -98,7 +99,7 @@ def test_a_run_that_stops_within_its_first_cycle_can_be_written(monkeypatch):
 def test_the_limits_are_the_theoretical_ones():
     system = replace(System(), {"pressure.amplitude": 0.0})
     load, beta = 500.0, 55.0
-    assert stability.rk4_limit(system) == pytest.approx(2.785 / (beta * load * 1.25 * 50.0))
+    assert rk4_limit(system) == pytest.approx(2.785 / (beta * load * 1.25 * 50.0))
     sharp = replace(system, {"friction.smoothing": 1e9})
     assert stability.uniqueness_limit(sharp) == pytest.approx(1.0 / (beta * load * 2.0 * 0.25), rel=1e-3)
     assert stability.uniqueness_limit(replace(system, {"friction.kinetic_coefficient": 0.3})) is None

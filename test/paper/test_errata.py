@@ -43,7 +43,7 @@ def test_the_page_has_every_erratum_and_what_is_left_open() -> None:
         assert markdown_table([escape(what), escape(taken)], [])[0] in page
     for numbers in (errata.phases, errata.amplitude, errata.slip_condition,
                     errata.roots, errata.stuck_frequency, errata.phase_order):
-        assert "\n".join(claims.numbers_of(numbers())) in page
+        assert "\n".join(claims.listed_numbers(numbers())) in page
 
 
 def test_16_17_and_27_by_hand() -> None:

@@ -16,13 +16,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tcc_sim.model.parameters import System
 from tcc_sim.solvers import SOLVERS
 from tcc_sim.solvers.compiling.compiled import accelerations, compiled
 from tcc_sim.solvers.compiling.compiled import smoothed as smoothed_coefficient
 from tcc_sim.solvers.excitation import piece_at, torques_now
 from tcc_sim.solvers.per_cycle import cycles_from_samples
 from tcc_sim.solvers.problem import Problem, assemble
-from tcc_sim.solvers.terms import Terms, piece_of, stick_speed_of, terms_of
+from tcc_sim.solvers.terms import Terms, peak_load, piece_of, stick_speed_of, terms_of
 from tcc_sim.trajectory import Floats, Statistics, Status, Trajectory, concatenated
 
 STEPS = 2_000_000_000
@@ -38,6 +39,18 @@ AT_ONCE = 1_000_000
 SMALLEST = 10.0 * 2.0**-52
 """The shortest step, relative to the time."""
 GOES_ON, TOO_SMALL = 0, 1
+REACH = {"rk4": 2.785, "rk45": 3.3, "dop853": 6.0}
+"""How far the stability region of an explicit method reaches along the negative real axis (Hairer and Wanner, IV.2)."""
+
+
+def stick_rate(system: System) -> float:
+    """The fastest rate beta Ts r sigma of the smoothed law, 1/s: that of stick under the largest load."""
+    return system.inverse_inertia * peak_load(terms_of(system)) * system.friction_ratio * system.friction.smoothing
+
+
+def rk4_limit(system: System) -> float:
+    """The largest step, s, at which the classical method is stable in stick: 2.785/(beta Ts r sigma)."""
+    return REACH["rk4"] / stick_rate(system)
 
 
 def rk4(problem: Problem) -> Trajectory:
