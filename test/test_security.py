@@ -53,7 +53,7 @@ def dangers(text: str) -> list[str]:
 
 def test_no_source_can_run_what_it_reads() -> None:
     found = {str(path.relative_to(PACKAGE)): dangers(path.read_text()) for path in PACKAGE.rglob("*.py")}
-    assert len(found) > 300
+    assert len(found) > 200
     assert {path: what for path, what in found.items() if what} == {}
 
 
