@@ -7,9 +7,8 @@ Numbers that show what they come to are worked out by a function each, by name a
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -25,8 +24,11 @@ from tcc_sim.paper.evidence import KINETIC, Evidence, Values, with_kinetic
 from tcc_sim.solvers import solve
 from tcc_sim.trajectory import integral
 
+Numbers = Mapping[str, float | Sequence[float]]
+"""Numbers that show an erratum, by what they are."""
 
-def phases() -> dict[str, Any]:
+
+def phases() -> Numbers:
     """phi of (8b) on both sides of omega_sn, rad."""
     system = paper_system()
     d, out = system.driveline, {}
@@ -37,7 +39,7 @@ def phases() -> dict[str, Any]:
     return out
 
 
-def amplitude() -> dict[str, Any]:
+def amplitude() -> Numbers:
     """The second amplitude of (9) at 0.36."""
     d, omega = paper_system().driveline, 0.36 * OMEGA_N
     stuck = d.stiffness - (d.flywheel_inertia + d.plate_inertia) * omega**2
@@ -45,7 +47,7 @@ def amplitude() -> dict[str, Any]:
         omega**2 * 250.0 / abs(stuck), d.flywheel_inertia * omega**2 * 250.0 / abs(complex(stuck, d.damping * omega))]}
 
 
-def slip_condition() -> dict[str, Any]:
+def slip_condition() -> Numbers:
     """(16) from an engine that is slower than the plate, and from a slow one."""
     out = {}
     for speed in (-150.0, 30.0):
@@ -55,7 +57,7 @@ def slip_condition() -> dict[str, Any]:
     return out
 
 
-def transient() -> dict[str, Any]:
+def transient() -> Numbers:
     """The sine's amplitude in (17a), and that the printed terms are those of the integral of theta2."""
     system = paper_system(PURE_SLIP)
     d = system.driveline
@@ -73,7 +75,7 @@ def transient() -> dict[str, Any]:
             float(np.abs(printed - rest).max() / np.abs(printed).max())}
 
 
-def dissipation() -> dict[str, Any]:
+def dissipation() -> Numbers:
     """(21) beside the damping that takes the friction torque's energy out of a cycle, mu_k = 0.667 mu_s."""
     out = {}
     for ratio in (0.12, 0.20, 0.25):
@@ -86,7 +88,7 @@ def dissipation() -> dict[str, Any]:
     return out
 
 
-def roots() -> dict[str, Any]:
+def roots() -> Numbers:
     """Roots of the characteristic polynomial of (22)."""
     d = paper_system().driveline
 
@@ -104,16 +106,16 @@ def roots() -> dict[str, Any]:
                                                                                  -0.5 * d.damping)}
 
 
-def stuck_frequency() -> dict[str, Any]:
+def stuck_frequency() -> Numbers:
     """(27) and its right form."""
     d = paper_system().driveline
     both = d.flywheel_inertia + d.plate_inertia
     return {"printed and right (rad/s)": [d.stiffness / math.sqrt(both), math.sqrt(d.stiffness / both)]}
 
 
-def driving_torques() -> dict[str, Any]:
+def driving_torques() -> Numbers:
     """What (29b) says for Fig. 13, what drives the slip, and the slip."""
-    out: dict[str, Any] = {}
+    out = dict[str, Sequence[float]]()
     still = [paper_system({**s.values, "engine.frequency": 1e-3 * OMEGA_N}) for s in FIGURES[13].series]
     out["|Tp - (1 + I1/I2) Tsp| for Tsp/Tsm = 0, 0.125, 0.25, 0.5 (N m)"] = [
         pure_slip.equivalent_torque(s).swing() for s in still]
@@ -127,7 +129,7 @@ def driving_torques() -> dict[str, Any]:
     return out
 
 
-def series_means() -> dict[str, Any]:
+def series_means() -> Numbers:
     """The mean of (31) with and without c0, for omega_f = omega/2 at 150 rad/s."""
     row: Values = {"pressure.amplitude": 0.25 * PRESSURE, "pressure.frequency_ratio": 0.5, "engine.frequency": 150.0}
     system = paper_system(row)
@@ -146,14 +148,14 @@ def series_means() -> dict[str, Any]:
         "corrected series against the simulation, rms, 10, 20, 40 harmonics of omega": off}
 
 
-def phase_order() -> dict[str, Any]:
+def phase_order() -> Numbers:
     """The torque that drives the slip for psi = 0, pi/2, pi."""
     return {f"at {ratio:.2f} for psi = 0, pi/2, pi (N m)": [
         pure_slip.slip_torque(paper_system({**s.values, "engine.frequency": ratio * OMEGA_N})).swing()
         for s in FIGURES[8].series] for ratio in (0.15, 0.40)}
 
 
-def engine_speeds() -> dict[str, Any]:
+def engine_speeds() -> Mapping[str, Mapping[str, float | None]]:
     """Where period two of Fig. 6 begins from (13) as mu_k falls, for engine speeds that the paper may have used."""
     ratios, evidence = np.round(np.arange(0.76, 0.9401, 0.005), 6), Evidence(1e-9)
     found = {}
@@ -180,7 +182,7 @@ class Erratum:
     right: str
     why: str
     code: str = ""
-    numbers: Callable[[], dict[str, Any]] = dict
+    numbers: Callable[[], Numbers] = dict
 
 
 ERRATA: tuple[Erratum, ...] = (
