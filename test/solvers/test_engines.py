@@ -235,7 +235,7 @@ def test_pure_stick_closed_form(name):
     np.testing.assert_array_equal(run.state, 0)
     np.testing.assert_allclose(run.plate_angle[late], angle(run.t[late]), atol=1e-13 + creep)
     np.testing.assert_allclose(run.plate_speed[late], angle.rate()(run.t[late]), atol=1e-11 + 10.0 * creep)
-    np.testing.assert_allclose(run.friction_torque[late], pure_stick.interface_torque(system)(run.t[late]),
+    np.testing.assert_allclose(run.friction_torque[late], pure_stick.stuck_interface_torque(system)(run.t[late]),
                                atol=1e-9 + 1e3 * creep)
     np.testing.assert_allclose(run.cycles.stick_time, system.cycle, rtol=1e-12)
     assert np.abs(run.cycles.highest).max() <= math.atanh(0.99) * creep
