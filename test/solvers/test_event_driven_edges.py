@@ -8,6 +8,7 @@ from piecewise import Piecewise
 from scipy.integrate import solve_ivp, trapezoid
 
 from tcc_sim.model.parameters import System, replace
+from tcc_sim.scene import load_scene
 from tcc_sim.solvers import Status, solve
 from tcc_sim.solvers.event_driven.integrate import mode_at_rest
 from tcc_sim.solvers.event_driven.setup import FAR_SHARE, bounds_of
@@ -140,3 +141,20 @@ def test_an_overdamped_plate_without_load_is_free_of_the_friction_law():
     flywheel = run.slip_speed + run.plate_speed
     np.testing.assert_allclose(flywheel, -5.0 - 300.0 / system.driveline.flywheel_inertia * run.t, rtol=1e-9)
     assert run.statistics.steps < 200
+
+
+@pytest.mark.parametrize("scene", ["fig02", "minimal", "chaos"])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_slip_that_ends_has_zero_for_its_extreme(scene: str, sign: float) -> None:
+    """Between stick and slip of one sign the slip speed never turns round, not by a rounding either."""
+    system = load_scene(scene).system
+    system = replace(system, {"friction.law": "set_valued", "engine.mean_torque": sign * system.engine.mean_torque,
+                              "initial.slip_speed": 0.0, "initial.plate_angle": sign * 0.1})
+    if sign < 0.0:   # Half a cycle later the torque of one harmonic is the other's mirror image.
+        system = replace(system, {"pressure.phase": system.pressure.phase + np.pi})
+    cycles = solve(system, cycles=60).cycles
+    assert cycles is not None
+    kept = cycles[10:]
+    least, most = (kept.lowest, kept.highest) if sign > 0.0 else (kept.highest, kept.lowest)
+    assert np.all(least == 0.0)
+    assert np.abs(most).max() > 10.0

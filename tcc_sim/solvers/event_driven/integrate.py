@@ -180,7 +180,13 @@ def keep(step: Step, mode: int, tau: float, after: float, period: float, linear:
             _, plate_angle, plate_speed = polynomial.values(rows, step.degree, cut)
             end_cycle(output, cycles, 0.0, plate_angle, plate_speed, behind)
     else:
+        highest, lowest = max(output.highest, 0.0), min(output.lowest, 0.0)
         keep_slip(step, cut, rows, output, cycles, store.moves, workspace)
+        # Where slip ends the polynomial leaves a rounding of either sign.
+        if mode == 1:
+            output.lowest = max(output.lowest, lowest if cut > step.x else 0.0)
+        elif mode == -1:
+            output.highest = min(output.highest, highest if cut > step.x else 0.0)
 
 
 @fast
