@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tcc_sim.analysis.damping import Damping, damping_as_json
 from tcc_sim.analysis.summary import Summary
 from tcc_sim.errors import InputError
-from tcc_sim.model.parameters import System, replace
+from tcc_sim.model.parameters import System, replace, unknown_key
 from tcc_sim.result import Result
 from tcc_sim.sweeps.exponents import Lyapunov
 from tcc_sim.sweeps.settings import DEFAULTS
@@ -170,21 +170,33 @@ class Sweep(Result):
         return [None if p is None else p.as_record() for p in self.points]
 
     def column(self, name: str) -> NDArray[np.float64]:
-        """A number per value, (n,), NaN where there is none."""
-        found = [None if r is None else r.get(name) for r in self.records]
-        return np.array([np.nan if x is None else float(x) for x in found])
+        """A number per value, (n,), NaN where there is none; a truth is 0 or 1.
+
+        Raises
+        ------
+        InputError
+            A name that no such result has.
+        """
+        numbers = [known for known, none in COLUMNS.items() if not isinstance(none, str)]
+        if name not in numbers:
+            raise unknown_key(name, numbers, "a result in numbers")
+        return np.array([np.nan if r.get(name) is None else float(r[name]) for r in self._flat()])
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """(n,) arrays by name, as ``pandas.DataFrame`` and ``polars.DataFrame`` take them, with the key's values first.
 
         The section is left out. Numbers are NaN and counts -1 where there is none.
         """
-        rows: list[dict[str, Any]] = [{"status": NOT_SOLVED} if r is None else r for r in self.records]
-        flat = [{**r, **{f"lyapunov_{name}": x for name, x in r.get("lyapunov", {}).items()}} for r in rows]
+        flat = self._flat()
         there = {name for r in flat for name in r}
         return {self.curve.key: self.values,
                 **{name: np.array([none if r.get(name) is None else r[name] for r in flat], dtype=type(none))
                    for name, none in COLUMNS.items() if name in there}}
+
+    def _flat(self) -> list[dict[str, Any]]:
+        """The records of all values, with the fields of the exponent beside the others."""
+        rows: list[dict[str, Any]] = [{"status": NOT_SOLVED} if r is None else r for r in self.records]
+        return [{**r, **{f"lyapunov_{name}": x for name, x in r.get("lyapunov", {}).items()}} for r in rows]
 
     def as_json(self) -> dict[str, Any]:
         """`over`, `values`, how it was done, and per value the keys of `simulate --json` in lists."""
