@@ -2,7 +2,9 @@
 
 The real-time solver holds the input over each tick at its value in the tick's middle. What the sine does is the
 difference from the same run without it: the answer at its frequency, side bands of the periodic motion, and a slow
-drift where the plant is an integrator. One least-squares fit tells them apart.
+drift where the plant is an integrator. One least-squares fit tells them apart. A sine alone is the sum of two inputs
+exp(i omega t), exp(-i omega t), and at half the motion's frequency, or a multiple, a side band of the one lies on the
+answer to the other; so a cosine is run too, and the fit is that of the answer to exp(i omega t).
 """
 
 from __future__ import annotations
@@ -46,8 +48,9 @@ def simulated(motion: Constant | Periodic, inputs: str, output: str, omega: floa
                          f"{DEFAULTS.longest} are allowed")
     skipped = math.ceil(before / step)
     height = DEFAULTS.amplitude * abs(mean)
-    driven, free = (_driven(motion, pressure, (each, omega), step, skipped + length) for each in (height, 0.0))
-    states = (driven - free)[skipped:]
+    cosine, sine, free = (_driven(motion, pressure, (each, omega, lead), step, skipped + length)
+                          for each, lead in ((height, 0.5 * math.pi), (height, 0.0), (0.0, 0.0)))
+    states = (cosine - free + 1j * (sine - free))[skipped:]
     times = np.arange(skipped + 1.0, skipped + length + 1.0) * step
     base = 2.0 * math.pi / (motion.period * system.cycle) if isinstance(motion, Periodic) else None
     slip, angle, speed = _fitted(times, states, omega, base) / height
@@ -58,17 +61,18 @@ def simulated(motion: Constant | Periodic, inputs: str, output: str, omega: floa
     return complex(shaft if output == "shaft_torque" else shaft + d.plate_inertia * 1j * omega * speed)   # (2b)
 
 
-def _driven(motion: Constant | Periodic, pressure: bool, sine: tuple[float, float], step: float, ticks: int) -> Floats:
-    """The state at the end of every tick, (ticks, 3)."""
+def _driven(motion: Constant | Periodic, pressure: bool, sine: tuple[float, float, float], step: float,
+            ticks: int) -> Floats:
+    """The state at the end of every tick, (ticks, 3), with a sine of this height, frequency and lead on the input."""
     system = motion.system
     terms, stepper, out = terms_of(system), Stepper(system, step), np.empty((ticks, 3))
     # At a constant slip speed the spring carries the mean torque.
     still = system.engine.mean_torque / system.driveline.stiffness
     stepper.state[:3] = motion.parts[0].state if isinstance(motion, Periodic) else (motion.slip_speed, still, 0.0)
-    height, omega = sine
+    height, omega, lead = sine
     for k in range(ticks):
         middle = (k + 0.5) * step
-        more = height * math.sin(omega * middle)
+        more = height * math.sin(omega * middle + lead)
         stepper.use(_held(system.torque_per_pressure, terms, pressure, middle, more))
         stepper.advance()
         out[k] = stepper.state[:3]
@@ -84,16 +88,12 @@ def _held(torque_per_pressure: float, terms: Terms, pressure: bool, middle: floa
     return holding(terms, float(torque) + more, None)
 
 
-def _fitted(times: Floats, states: Floats, omega: float, base: float | None) -> NDArray[np.complex128]:
-    """The complex amplitudes at `omega` of the (n, 3) states: Re is in phase with a sine, Im leads by a quarter."""
-    columns = [np.sin(omega * times), np.cos(omega * times), np.ones_like(times), times - times.mean()]
+def _fitted(times: Floats, states: NDArray[np.complex128], omega: float, base: float | None) -> NDArray[np.complex128]:
+    """The amplitudes at `omega` of the (n, 3) answer to exp(i omega t)."""
+    bands = [omega]
     if base is not None:
-        others = [abs(n * base + side * omega) for n in range(1, DEFAULTS.bands + 1) for side in (-1.0, 1.0)]
         apart = 2.0 * math.pi / (times[-1] - times[0])
-        kept: list[float] = []
-        for value in others:
-            if value > apart and all(abs(value - k) > apart for k in (omega, *kept)):
-                kept.append(value)
-        columns += [f(value * times) for value in kept for f in (np.sin, np.cos)]
-    found = np.linalg.lstsq(np.column_stack(columns), states, rcond=None)[0]
-    return np.asarray(found[0] + 1j * found[1])
+        bands += [value for n in range(1, DEFAULTS.bands + 1) for value in (omega - n * base, omega + n * base)
+                  if abs(value) > apart]
+    columns = [*(np.exp(1j * value * times) for value in bands), np.ones_like(times), times - times.mean()]
+    return np.asarray(np.linalg.lstsq(np.column_stack(columns), states, rcond=None)[0][0])
