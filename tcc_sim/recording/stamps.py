@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 Stamps = NDArray[np.int64]
 MOST_DIFFERENCES = 100_000
 """Different distances of stamps that are remembered of a run; a recording of a clock has a handful."""
-REGULAR, JITTERED = 0.05, 20_000
+REGULAR, JITTERED = 0.2, 20_000
 """Stamps jitter where no distance makes up more than this part of them; the first so many messages of a run tell."""
 MOST_RETURNS = 3
 """How often a run may go on where the one before it ended, by chance, where nothing says who published it."""
@@ -36,12 +36,17 @@ class Break(Enum):
 
 @dataclass
 class _Run:
-    """The distances of stamps in one run, from which its tick follows."""
+    """The distances of stamps in one run, from which its tick follows. Where hardly two are the same, each is judged by
+    the one before it too: those of a run-up, with so many samples to an engine cycle, grow or shrink steadily.
+    """
 
     messages: int = 0
     differences: Counter[int] = field(default_factory=Counter)
     tick: int = 0
     jitter: int = 0
+    before: int = 0
+    gaps: int = 0
+    lost: int = 0
 
     def add(self, steps: Stamps) -> None:
         """Count distances, ns, all above 0; the tick is the most frequent of them, so a gap at the start does no harm.
@@ -58,10 +63,24 @@ class _Run:
         """The longest distance that is no gap: one and a half ticks, and more where stamps jitter."""
         return self.tick + self.tick // 2 + self.jitter
 
-    def settle(self) -> None:
-        """Take the median for the tick where hardly two distances are the same, as in stamps that jitter."""
+    def gaps_in(self, steps: Stamps) -> NDArray[np.bool_]:
+        """Which distances, ns, the next ones in the order of recording, are gaps."""
+        over: NDArray[np.bool_] = steps > (self.longest if self.tick else np.iinfo(np.int64).max)
+        if not self.jitter or not len(steps):
+            return over
+        before = np.concatenate([[self.before or steps[0]], steps[:-1]])
+        self.before = int(steps[-1])
+        over &= 2 * steps > 3 * before
+        self.gaps += int(over.sum())
+        self.lost += int((np.round(steps[over] / self.tick) - 1).sum())
+        return over
+
+    def settle(self, newly: int) -> None:
+        """Take the median for the tick where hardly two distances are the same, as in stamps that jitter; `newly` of
+        the messages have just come.
+        """
         count = sum(self.differences.values())
-        if self.messages > JITTERED or not count or self.differences[self.tick] > REGULAR * count:
+        if self.messages - newly > JITTERED or not count or self.differences[self.tick] > REGULAR * count:
             return
         values = np.sort(np.array(list(self.differences)))
         self.tick = int(np.median(values))
@@ -69,9 +88,12 @@ class _Run:
 
     def figures(self, tick: int) -> tuple[int, int, int]:
         """Gaps, stamps that they leave out, and distances that are uneven without being a gap."""
+        if self.jitter:
+            uneven = sum(n for step, n in self.differences.items() if abs(step - tick) > max(tick // 100, 2))
+            return self.gaps, self.lost, uneven - self.gaps
         gaps = lost = uneven = 0
         for step, count in self.differences.items():
-            if 2 * step > 3 * tick + 2 * self.jitter:
+            if 2 * step > 3 * tick:
                 gaps += count
                 lost += count * (round(step / tick) - 1)
             elif abs(step - tick) > max(tick // 100, 2):
@@ -178,10 +200,9 @@ class StampCounter:
         self._run.messages += end - begin
         self._run.add(forward[forward > 0])
         self._look_back(stamps[first:end], forward)
-        self._run.settle()
-        longest = self._run.longest if self._run.tick else np.iinfo(np.int64).max
+        self._run.settle(end - begin)
         start = begin
-        for k in (first + np.flatnonzero((forward == 0) | (forward > longest))).tolist():
+        for k in (first + np.flatnonzero((forward == 0) | self._run.gaps_in(forward))).tolist():
             if k > start:
                 found.append((slice(offset + start, offset + k), kind))
                 kind = Break.NOTHING

@@ -123,3 +123,19 @@ def test_no_stamps_are_no_run():
     c = StampCounter()
     assert c.pieces(np.empty(0, np.int64)) == []
     assert (c.runs, c.tick, c.gaps, c.lost, c.uneven, c.last) == (0, 0, 0, 0, 0, None)
+
+
+@pytest.mark.parametrize(("first", "last"), [(60.0, 200.0), (600.0, 60.0), (60.0, 600.0)])
+@pytest.mark.parametrize("batch", [500, 3600, 10**6])
+def test_so_many_samples_to_a_cycle_of_a_run_up_leave_no_gap(first: float, last: float, batch: int) -> None:
+    """Distances of stamps that grow or shrink steadily, cycle by cycle; one that is left out is still a gap."""
+    t = np.linspace(0.0, 4.0, 400_001)
+    phase = first * t + 0.5 * (last - first) / 4.0 * t**2
+    starts = np.interp(2.0 * np.pi * np.arange(int(phase[-1] / (2.0 * np.pi)) + 1), phase, t)
+    stamps = np.round(1e9 * np.interp(np.arange(200 * (len(starts) - 1) + 1) / 200.0, np.arange(len(starts)), starts))
+    whole, lossy, missing = StampCounter(), StampCounter(), np.delete(stamps.astype(np.int64), slice(9000, 9010))
+    for k in range(0, len(stamps), batch):
+        whole.pieces(stamps[k:k + batch].astype(np.int64))
+        lossy.pieces(missing[k:k + batch])
+    assert (whole.gaps, whole.lost) == (0, 0)
+    assert lossy.gaps == 1
