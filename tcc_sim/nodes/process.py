@@ -115,7 +115,7 @@ def executor_of(node: Node) -> SingleThreadedExecutor:
             raise ExternalShutdownException
         executor = SingleThreadedExecutor(context=node.context)
         executor.add_node(node)
-        signals.wakes(executor.wake)
+        signals.wake_when_asked(executor)
     return executor
 
 

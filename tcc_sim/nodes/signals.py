@@ -13,10 +13,11 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 from typing import Any, NoReturn
+from weakref import WeakSet
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _STARTING, _RUNNING, _ENDING = "starting", "running", "ending"
@@ -28,7 +29,8 @@ _holding = threading.RLock()
 _before: dict[signal.Signals, Any] = {}
 _pipe: tuple[int, int] = (-1, -1)
 _waiter: threading.Thread | None = None
-_wakes: list[Callable[[], None]] = []
+_spinning: WeakSet[Any] = WeakSet()
+"""Executors that are woken when a signal has shut the context down, as long as somebody else holds them."""
 asked = threading.Event()
 """Set when a signal has come since `leave_to_ros`."""
 
@@ -86,8 +88,8 @@ def _shut_down() -> None:
         with handle:
             if handle.ok():
                 handle.shutdown()
-    for wake in _wakes:
-        wake()
+    for executor in list(_spinning):
+        executor.wake()
 
 
 @contextmanager
@@ -128,9 +130,9 @@ def deferred() -> Iterator[None]:
         handlers[came[0]](came[0], None)
 
 
-def wakes(wake: Callable[[], None]) -> None:
-    """Have `wake` called when a signal has shut the context down."""
-    _wakes.append(wake)
+def wake_when_asked(executor: Any) -> None:
+    """Have an executor of rclpy woken when a signal has shut the context down."""
+    _spinning.add(executor)
 
 
 def leave_to_ros() -> None:

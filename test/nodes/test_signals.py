@@ -7,11 +7,13 @@ much processor time it has used.
 
 from __future__ import annotations
 
+import gc
 import os
 import random
 import signal
 import subprocess
 import sys
+import weakref
 from pathlib import Path
 from typing import Any
 
@@ -174,6 +176,19 @@ def test_what_is_said_after_the_shutdown_goes_to_standard_error_alone(bench: Any
         process.executor_of(node)
     node.destroy_node()
     assert capfd.readouterr().err == "[INFO] [late]: first\n[WARN] [late]: second\n"
+
+
+def test_a_node_that_is_left_leaves_its_executor(bench: Any) -> None:
+    """One that lives until the interpreter is taken down prints a traceback then."""
+    import rclpy
+
+    from tcc_sim.nodes import process
+
+    node = rclpy.create_node("left", context=bench.context)
+    executor = weakref.ref(process.executor_of(node))
+    node.destroy_node()
+    gc.collect()
+    assert executor() is None
 
 
 def test_ctrl_c_in_a_command_waits_for_what_must_be_whole() -> None:
