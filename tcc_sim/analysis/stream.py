@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
-from tcc_sim.analysis.engine_clock import EngineClock, Uniform, clock_of_scene
+from tcc_sim.analysis.engine_clock import EngineClock, Scheduled, Tracked, clock_of_scene
 from tcc_sim.analysis.settings import DEFAULTS
-from tcc_sim.analysis.summary import Summary, dropped_of, summarise_cycles
+from tcc_sim.analysis.summary import Summary, dropped_of, spans_of, summarise_cycles
 from tcc_sim.errors import InputError
 from tcc_sim.model import equations
 from tcc_sim.model.parameters import System
@@ -195,14 +196,18 @@ class CycleStream:
             return replace(summarise_cycles(cycles, lengths_of(cycles)), period=0, section=[], cycles=0, settled=False,
                            section_change=math.nan)
         cycles, first, dropped = run.kept(discard)
-        cycle: float | Floats = self.clock.cycle
-        varied = 0
-        if not isinstance(self.clock, Uniform):
-            cycle = lengths_of(cycles)
-            drifts = np.flatnonzero(np.abs(cycle / np.median(cycle[-DEFAULTS.at_the_end:]) - 1.0) > DEFAULTS.drifting)
-            varied = int(drifts[-1]) + 1 if len(drifts) else 0
-        found = summarise_cycles(cycles, cycle, first=first, tolerance=DEFAULTS.recording_tolerance, varied=varied)
+        found = summarise_cycles(cycles, first=first, tolerance=DEFAULTS.recording_tolerance,
+                                 **self._spans_of(cycles, first))
         return replace(found, cycles=run.observed(), discarded=dropped)
+
+    def _spans_of(self, cycles: Cycles, first: int) -> dict[str, Any]:
+        """As `summary.spans_of`; where no scene says when the excitation changes, the length of the cycles does."""
+        if not isinstance(self.clock, Tracked):
+            system = self.clock.system if isinstance(self.clock, Scheduled) else None
+            return spans_of(system, self.clock.cycle, first, len(cycles))
+        cycle = lengths_of(cycles)
+        drifts = np.flatnonzero(np.abs(cycle / np.median(cycle[-DEFAULTS.at_the_end:]) - 1.0) > DEFAULTS.drifting)
+        return {"cycle": cycle, "varied": int(drifts[-1]) + 1 if len(drifts) else 0}
 
     def _take(self, rows: Floats, run: int) -> list[CyclePiece]:
         """Add samples that follow those waiting, and work out the cycles that are now whole."""

@@ -86,6 +86,17 @@ def test_a_recorded_scene_comes_to_what_simulate_says(capsys, tmp_path):
     assert recorded["negative_slope_mean"] == pytest.approx(solved["negative_slope_mean"], rel=5e-3)
 
 
+@pytest.mark.parametrize("name", ["runup", "tip_in", "apply"])
+def test_a_recorded_manoeuvre_has_the_period_that_simulate_gives_it(capsys, tmp_path, name):
+    """The excitation changes up to the end of a profile, whether or not the cycles change their length with it."""
+    assert main(["simulate", name, "--out", str(tmp_path / "run.mcap"), "--json", "-"]) == 0
+    solved = json.loads(capsys.readouterr().out)
+    assert main(["analyse", str(tmp_path / "run.mcap"), "--json", "-"]) == 0
+    recorded = json.loads(capsys.readouterr().out)
+    told = "cycles", "discarded", "period", "settled", "section_change"
+    assert [recorded[key] for key in told] == [solved[key] for key in told]
+
+
 def test_the_table_and_the_files(capsys, recording, tmp_path):
     assert main(["analyse", str(recording), "--json", str(tmp_path / "a.json"), "--frequency", "75"]) == 0
     out = capsys.readouterr().out
