@@ -50,7 +50,7 @@ class Axis:
     """One axis of the plane: an initial.* key and its values, numbers in any sequence or array."""
 
     key: str
-    values: tuple[float, ...]
+    values: Sequence[float]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", sequence_of_numbers(self.key, self.values))
@@ -139,6 +139,11 @@ class Basins(Result):
                 f"  {100.0 * self.fraction(UNDECIDED):6.2f} %  undecided"]
 
 
+def axis_of(given: Axis | tuple[str, Sequence[float]]) -> Axis:
+    """An axis as it is given, or as its key and values."""
+    return given if isinstance(given, Axis) else Axis(*given)
+
+
 def check_plane(given: Sequence[Axis | tuple[str, Sequence[float]]]) -> tuple[Axis, Axis]:
     """The two axes, given as such or as keys and their values.
 
@@ -149,7 +154,7 @@ def check_plane(given: Sequence[Axis | tuple[str, Sequence[float]]]) -> tuple[Ax
     """
     if len(given) != 2:
         raise InputError(f"a plane has 2 axes; {len(given)} are given")
-    plane = [axis if isinstance(axis, Axis) else Axis(axis[0], sequence_of_numbers(*axis)) for axis in given]
+    plane = [axis_of(axis) for axis in given]
     for axis in plane:
         if axis.key not in SCENE_KEYS:
             raise unknown_key(axis.key, SCENE_KEYS)
@@ -215,10 +220,10 @@ def solve_row(system: System, plane: tuple[Axis, Axis], row: int, attractors: Se
     return labels.tolist(), cycles.tolist()
 
 
-def basins(scene: Scene | System | str, plane: Sequence[Axis | tuple[str, Sequence[float]]],
-           *, cycles: int = DEFAULTS.cycles,
-           over: Axis | None = None, jobs: int | None = None, dask: str | None = None, part: Path | None = None,
-           progress: bool = False, said: Mapping[str, Any] | None = None) -> list[Basins]:
+def basins(scene: Scene | System | str, plane: Sequence[Axis | tuple[str, Sequence[float]]], *,
+           cycles: int = DEFAULTS.cycles, over: Axis | tuple[str, Sequence[float]] | None = None,
+           jobs: int | None = None, dask: str | None = None, part: Path | None = None, progress: bool = False,
+           said: Mapping[str, Any] | None = None) -> list[Basins]:
     """Attractors and their basins in a plane of two initial conditions, one for every value of `over`.
 
     Parameters
@@ -226,7 +231,7 @@ def basins(scene: Scene | System | str, plane: Sequence[Axis | tuple[str, Sequen
     scene : a scene, its name or file, or a system
     plane : two axes of initial.* keys, or these keys and their values
     cycles : most engine cycles that a cell is followed, 16 to 1000000
-    over : a scene key and its values; the plane is worked out for each
+    over : a scene key and its values, as an axis or these two; the plane is worked out for each
     jobs : threads; all available cores by default
     dask : address of a Dask scheduler whose workers do the work instead
     part : file that takes every row as it is done, and from which the same call goes on
@@ -249,7 +254,7 @@ def basins(scene: Scene | System | str, plane: Sequence[Axis | tuple[str, Sequen
     1.0
     """
     system = system_of(scene)
-    axes = check_plane(plane)
+    axes, over = check_plane(plane), None if over is None else axis_of(over)
     if over is not None and over.key in (axes[0].key, axes[1].key):
         raise InputError(f"over is {over.key}, an axis of the plane; it must be another key")
     if not 16 <= cycles <= 1_000_000:

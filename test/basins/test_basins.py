@@ -256,7 +256,7 @@ def test_the_mean_of_a_clamped_load(mean, amplitude):
 def test_fractions_along_a_key_are_those_of_each_value_alone(tmp_path: Path):
     """At mu_k near mu_s one motion takes all; at 0.85 mu_s two share the plane."""
     plane = (Axis("initial.slip_speed", (0.0, 40.0, 80.0, 120.0)), Axis("initial.plate_angle", (-0.1, 0.1, 0.3)))
-    over = Axis("friction.kinetic_coefficient", (0.255, 0.299))
+    over = "friction.kinetic_coefficient", (0.255, 0.299)
     part = tmp_path / "over.part"
     two, one = basins(COEXISTENCE, plane, over=over, part=part)
     assert part.read_bytes().count(b"\n") == 1 + 2 * 3
