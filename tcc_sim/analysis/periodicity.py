@@ -246,10 +246,14 @@ def _scaled(cycles: Cycles, first: int) -> Floats:
 
 
 def sizes_of(points: Floats, *speeds: Floats) -> Floats:
-    """The size of a motion: slip and plate speed by the largest speed, angles by the largest on the section."""
+    """The size of a motion: slip and plate speed by the largest speed, angles by the largest on the section.
+
+    Neither is taken for less than 1e-6, in s or 1/s, of the other: at rest the speeds are roundings.
+    """
     v, angle, w = np.abs(points).max(axis=0).tolist() if len(points) else (0.0, 0.0, 0.0)
     speed = max(v, w, *map(_largest, speeds))
-    return np.array([speed or 1.0, max(angle, 1e-6 * speed) or 1.0, speed or 1.0])
+    fast, far = max(speed, 1e-6 * angle) or 1.0, max(angle, 1e-6 * speed) or 1.0
+    return np.array([fast, far, fast])
 
 
 def _largest(x: Floats) -> float:

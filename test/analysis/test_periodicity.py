@@ -191,6 +191,15 @@ def test_a_motion_that_left_another_and_has_arrived_has_its_period():
     assert (found.period, found.settled) == (2, True)
 
 
+def test_speeds_that_are_roundings_at_rest_are_no_motion():
+    speed = 1e-15 * np.random.default_rng(0).choice([-1.0, 0.3, 2.0], 101)
+    section = np.stack([0.0 * speed, 0.0063 + speed / 10.0, speed], axis=1)
+    rest = np.zeros(100)
+    found = periodicity(Cycles(section, rest, rest, rest))
+    assert (found.period, found.settled) == (1, True)
+    assert found.change < 1e-6
+
+
 @pytest.mark.parametrize("angle", [2.0 * math.pi / 3.0 + 0.002, 2.0 * math.pi / 5.0 - 0.001])
 @pytest.mark.parametrize("rate", [0.98, 0.99])
 def test_a_spiral_near_a_resonance_has_no_multiple_of_its_period(angle, rate):

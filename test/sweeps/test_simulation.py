@@ -44,6 +44,18 @@ def test_the_verb_a_sweep_and_python_give_the_same(tmp_path) -> None:  # type: i
         assert point[key] == value, key
 
 
+@pytest.mark.parametrize("law", ["set_valued", "smoothed"])
+def test_a_driveline_at_rest_has_period_one(law: str) -> None:
+    """Stuck, with nothing that pulsates: what is left of the plate's speed are roundings."""
+    for torque in (39.0, 116.0, 300.0):
+        found = simulate(load_scene("stick").with_values({
+            "friction.law": law, "engine.mean_torque": torque, "engine.torque_amplitude": 0.0,
+            "pressure.amplitude": 0.0, "driveline.damping": 60.0}))
+        assert found.summary is not None
+        assert (found.summary.period, found.summary.settled, found.confirmed) == (1, True, True)
+        assert found.summary.section[0][0] == pytest.approx(torque / 3000.0)
+
+
 def test_a_decaying_spiral_near_a_resonance_has_the_period_of_its_limit() -> None:
     """The plate's free vibration turns by nearly a third of a turn a cycle while it dies out."""
     scene = load_scene("slip").with_values({"driveline.damping": 0.1233, "engine.frequency": 1161.858217})
