@@ -60,14 +60,20 @@ def periodicity(cycles: Cycles, tolerance: float = DEFAULTS.tolerance,
         if changes[period - 1] <= tolerance and _repeats(points, period, tolerance):
             if _grows(points, period, tolerance):
                 return Periodicity(0, False, float(changes[0]))
-            if not any(_may_vanish(points, q, period) for q in _divisors(period)):
+            if not any(_may_vanish(points, q, period, tolerance) for q in _divisors(period)):
                 return Periodicity(period, True, _change(points, period))
             break
     for period in candidates:
-        limit = _limit(points, period)
-        if limit is not None:
-            found = _period_of(limit, _largest(limit - points[-period:]), tolerance)
-            return Periodicity(found, False, _change(points, found or 1))
+        found, left = _period_in_the_limit(points, period, tolerance)
+        if found is None:
+            continue
+        for longer in candidates:
+            # A decay that leaves a longer period looks like a slower one to nothing; after the longer less has changed.
+            better = longer % period == 0 and changes[longer - 1] < DEFAULTS.doubtful * changes[period - 1]
+            if found == period and better:
+                further, nearer = _period_in_the_limit(points, longer, tolerance)
+                found = longer if further == longer and nearer < DEFAULTS.doubtful * left else found
+        return Periodicity(found, False, _change(points, found or 1))
     return Periodicity(0, False, float(changes[0]))
 
 
@@ -141,18 +147,28 @@ def _thirds(points: Floats, lag: int, multiple: int) -> tuple[float, float, floa
     return a, b, c
 
 
-def _may_vanish(points: Floats, shorter: int, period: int) -> bool:
-    """Whether what tells a divisor from a period that repeats dies out, as far as its size tells."""
-    # A slow alternation repeats after two cycles within any tolerance that is wider than its decay. The limit of its
-    # size is that of A. C. Aitken's delta-squared process. A run that is too short for three sizes leaves it open. So
-    # does a difference that falls to half while the period repeats: it is itself hardly above the tolerance.
+def _may_vanish(points: Floats, shorter: int, period: int, tolerance: float) -> bool:
+    """Whether what tells a divisor from a period that repeats is none, or dies out, as far as its size tells."""
+    # A slow alternation repeats after two cycles within any tolerance that is wider than its decay. A run that is too
+    # short for three sizes leaves it open. So does a difference that falls to half while the period repeats: it is
+    # itself hardly above the tolerance. One that is constant meanwhile fell in the transient before, and has ended.
+    # A divisor may drift by a little more than the tolerance, and its multiple, over fewer cycles, by a little less.
     thirds = _thirds(points, shorter, period)
     if thirds is None:
         return True
     size = _differences(points, shorter)[-_repeats_of(points, period) * period:]
-    if _largest(size[-period:]) < DEFAULTS.doubtful * _largest(size[:period]):
+    if _largest(size) <= tolerance or _largest(size[-period:]) < DEFAULTS.doubtful * _largest(size[:period]):
         return True
-    a, b, c = thirds
+    if float(np.ptp(size.reshape(-1, period).max(axis=1))) < DEFAULTS.ended * (thirds[1] - thirds[2]):
+        return False
+    later = _thirds(points[len(points) // 2:], shorter, period)  # A fast decay before a slow one hides that it goes on.
+    return _vanish(*thirds) or (later is not None and _vanish(*later))
+
+
+def _vanish(a: float, b: float, c: float) -> bool:
+    """Whether three sizes, one after the other, may be on their way to none: their limit is that of A. C. Aitken's
+    delta-squared process.
+    """
     if not (c < b < a and a - c > DEFAULTS.shrinking * c):
         return False
     return (b - c) >= (a - b) or c - (b - c) ** 2 / ((a - b) - (b - c)) < DEFAULTS.doubtful * c
@@ -194,6 +210,17 @@ def _limit(points: Floats, period: int) -> Floats | None:
     ends = [points[len(points) - (modes + 1 - i) * period:][:period] for i in range(modes + 1)]
     limit: Floats = (ends[-1] - np.tensordot(coefficients, ends[:-1], 1)) / (1.0 - float(coefficients.sum()))
     return limit if _largest(limit - points[-period:]) <= DEFAULTS.distance else None
+
+
+def _period_in_the_limit(points: Floats, period: int, tolerance: float) -> tuple[int | None, float]:
+    """The period of the limit to which a run settles in so many cycles, 0 where that is in doubt, and the distance left
+    to it; None where it settles to none.
+    """
+    limit = _limit(points, period)
+    if limit is None:
+        return None, math.inf
+    left = _largest(limit - points[-period:])
+    return _period_of(limit, left, tolerance), left
 
 
 def _decay(points: Floats, period: int, modes: int) -> tuple[float, Floats] | None:

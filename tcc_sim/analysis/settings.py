@@ -32,6 +32,8 @@ class Settings:
                                "of it, as far as its size tells; and a decay whose rate falls below this part within "
                                "the run may end before it is none")
     shrinking: float = quantity(0.02, "least shrinking over the run, relative to what is left, that is looked at")
+    ended: float = quantity(0.01, "a fall of a difference has ended where it varies by less than this part of its last "
+                            "third's while the period repeats")
     after_a_gap: int = quantity(16, "length without a gap, at least, that a period is told from after one: as many as "
                                 "the longest", "engine cycles")
     growth: float = quantity(2.0, "growth of a difference from a third of the run to the next, twice, that shows a "

@@ -191,6 +191,45 @@ def test_a_motion_that_left_another_and_has_arrived_has_its_period():
     assert (found.period, found.settled) == (2, True)
 
 
+@pytest.mark.parametrize("end", [300, 320, 340, 400])
+def test_a_transient_of_larger_differences_does_not_hide_the_period_behind_it(end):
+    """Of chaos in two bands, then of period two: the fall from one to the other has ended."""
+    logistic = [0.3]
+    for _ in range(550):
+        logistic.append(3.95 * logistic[-1] * (1.0 - logistic[-1]))
+    n = np.arange(551)
+    found = periodicity(embedded(np.where(n < end, 0.5 * (-1.0) ** n + 0.02 * np.array(logistic), 0.48 * (-1.0) ** n)))
+    assert (found.period, found.settled) == (2, True)
+
+
+@pytest.mark.parametrize("left", [0.06, 0.09, 0.1])
+@pytest.mark.parametrize("rate", [0.006, 0.012])
+@pytest.mark.parametrize("count", [101, 151, 201, 251])
+def test_a_decay_that_leaves_period_four_is_not_taken_for_one_to_period_two(left, rate, count):
+    """Just behind a period doubling: the differences two cycles apart alternate and fall slowly, but not to nothing."""
+    n = np.arange(count)
+    found = periodicity(embedded(
+        0.75 * (-1.0) ** n + (left + 0.04 * np.exp(-rate * n)) * np.cos(0.5 * math.pi * n + 0.3)))
+    assert found.period == 4
+
+
+@pytest.mark.parametrize("drift", [7.2e-6, 7.7e-6, 8.2e-6])
+def test_a_drift_just_above_the_tolerance_gives_no_multiple_of_the_period(drift):
+    """Over the last whole multiples of a longer period it is a little less than over those of a shorter one."""
+    n = np.arange(251)
+    found = periodicity(embedded(0.5 * (-1.0) ** n * (0.25 + drift * n)))
+    assert (found.period, found.settled) == (0, False)
+
+
+@pytest.mark.parametrize("fast", [4e-4, 6e-4, 8e-4, 1e-3])
+@pytest.mark.parametrize("slow", [8e-4, 1e-3, 1.2e-3])
+def test_an_alternation_that_falls_fast_and_then_slowly_is_no_doubled_period(fast, slow):
+    n = np.arange(101)
+    splitting = 0.5 * (-1.0) ** (n // 4) * (slow * 0.9967**n + fast * 0.9**n)
+    found = periodicity(embedded(np.array([0.9, -0.4, 0.5, -0.7])[n % 4] + splitting))
+    assert (found.period, found.settled) == (4, False)
+
+
 def test_speeds_that_are_roundings_at_rest_are_no_motion():
     speed = 1e-15 * np.random.default_rng(0).choice([-1.0, 0.3, 2.0], 101)
     section = np.stack([0.0 * speed, 0.0063 + speed / 10.0, speed], axis=1)
