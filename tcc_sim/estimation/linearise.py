@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from tcc_sim.continuation.newton import largest_first, multipliers_of
 from tcc_sim.errors import InputError, counted
-from tcc_sim.estimation.operating_point import Constant, Periodic, mean_rows, operating_point
+from tcc_sim.estimation.operating_point import Constant, Periodic, mean_rows, operating_point, stuck_parts
 from tcc_sim.estimation.settings import DEFAULTS
 from tcc_sim.model.parameters import System
 from tcc_sim.result import Result, json_of
@@ -245,7 +245,8 @@ def harmonic_transfer(motion: Periodic, inputs: str, output: str, omegas: Floats
     """H0(i omega): the output's component at omega for an input exp(i omega t), others being left out.
 
     Over each part the input is held at its value in the middle. The disturbed motion repeats but for exp(i omega t), so
-    that its start follows from one linear equation; the component at omega is a mean over the period.
+    that its start follows from one linear equation; the component at omega is a mean over the period, to second order
+    in the parts' length where slip ends too.
     """
     parts, column, d = motion.parts, list(INPUTS).index(inputs), motion.system.driveline
     h = motion.seconds / len(parts)
@@ -258,15 +259,20 @@ def harmonic_transfer(motion: Periodic, inputs: str, output: str, omegas: Floats
         response = response @ maps[i].T + np.exp(1j * omega * (i + 0.5) * h) * forces[i]
     turned = np.exp(1j * omegas * motion.seconds)[:, None, None] * np.eye(3) - whole_map
     state = np.linalg.solve(turned, response[:, :, None])[:, :, 0]
-    component = np.zeros((len(omegas), 3), np.complex128)
+    slip, angle = np.zeros((2, len(omegas)), np.complex128)
+    start, stuck, inertias = state, stuck_parts(motion), 1.0 + d.plate_inertia / d.flywheel_inertia
     for i in range(len(parts)):
-        after = state @ maps[i].T + np.exp(1j * omega * (i + 0.5) * h) * forces[i]
-        component += 0.5 * (state * np.exp(-1j * omega * i * h) + after * np.exp(-1j * omega * (i + 1) * h))
-        state = after
-    component /= len(parts)
+        state = state @ maps[i].T + np.exp(1j * omega * (i + 0.5) * h) * forces[i]
+        end = state * np.exp(-1j * omega * (i + 1) * h)
+        mean, turn = 0.5 * (start + end), end[:, 1] - start[:, 1]
+        angle += mean[:, 1]
+        # As in `mean_rows`.
+        jump = 0.0 if stuck[i] else mean[:, 2] - (turn / h + 1j * omegas * mean[:, 1])
+        slip += mean[:, 0] + inertias * jump
+        start = end
     if output == "slip_speed":
-        return component[:, 0]
-    shaft = component @ (0.0, d.stiffness, d.damping)
+        return slip / len(parts)
+    shaft = (d.stiffness + 1j * omegas * d.damping) * angle / len(parts)
     if output == "friction_torque":   # (2b)
-        shaft = shaft + d.plate_inertia * 1j * omegas * component[:, 2]
+        shaft = shaft - d.plate_inertia * omegas**2 * angle / len(parts)
     return np.asarray(shaft, np.complex128)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tcc_sim.analysis.settings import DEFAULTS as ANALYSIS
 from tcc_sim.errors import InputError, NumericalFailure
@@ -248,10 +249,24 @@ def simpson(parts: int) -> Floats:
     return weights / (3.0 * parts)
 
 
+def stuck_parts(motion: Periodic) -> NDArray[np.bool_]:
+    """(n,) whether a part starts and ends in stick."""
+    speeds = np.abs([*(part.state[0] for part in motion.parts), motion.parts[0].state[0]])
+    stuck = speeds <= stick_speed_of(terms_of(motion.system))
+    return np.asarray(stuck[:-1] & stuck[1:])
+
+
 def mean_rows(motion: Periodic) -> tuple[Floats, Floats]:
     """The mean slip speed's and plate's derivatives over the period: (3, 3) by the start's state, (3, 2) by the inputs.
 
-    Rows: slip speed, plate angle, plate speed.
+    Rows: slip speed, plate angle, plate speed. Samples tell no mean of what jumps where slip ends: the plate's speed is
+    the rate of its angle, and I1 v + (I1 + I2) theta2', whose rate (2a) and (2b) give without friction, does not jump.
     """
-    weights, carried = simpson(len(motion.parts)), motion.carried
-    return np.tensordot(weights, carried.by_state, 1), np.tensordot(weights, carried.by_input, 1)
+    d, h, slips = motion.system.driveline, motion.seconds / len(motion.parts), ~stuck_parts(motion)
+    rows = []
+    for carried in (motion.carried.by_state, motion.carried.by_input):
+        mean, turn = 0.5 * (carried[:-1] + carried[1:]), np.diff(carried[:, 1], axis=0) / h
+        jump = (mean[:, 2] - turn)[slips].sum(0) / len(mean)
+        slip, angle, _ = mean.mean(0)
+        rows.append(np.array([slip + (1.0 + d.plate_inertia / d.flywheel_inertia) * jump, angle, turn.mean(0)]))
+    return rows[0], rows[1]

@@ -14,9 +14,9 @@ from scipy.signal import StateSpace
 import tcc_sim
 from tcc_sim import cli
 from tcc_sim.errors import InputError
-from tcc_sim.estimation.linearise import INPUTS, OUTPUTS, linearise
+from tcc_sim.estimation.linearise import INPUTS, OUTPUTS, harmonic_transfer, linearise
 from tcc_sim.estimation.lock_in import simulated
-from tcc_sim.estimation.operating_point import operating_point
+from tcc_sim.estimation.operating_point import mean_rows, operating_point
 from tcc_sim.plant.driveline import Reading
 from tcc_sim.plant.slip_control import CycleMean, SlipController, Tuning
 from tcc_sim.scene import load_scene
@@ -97,6 +97,24 @@ def test_periodic_motions_answer_as_simulated_ones(slip: float) -> None:
     assert (np.diff(np.abs(found.multipliers)) <= 0.0).all()
     for point, response in zip(found.checked, found.response):
         assert np.all(apart(response, point.gain * np.exp(1j * point.phase)) < (0.3, 2.0)), point
+
+
+@pytest.mark.parametrize("inputs", INPUTS)
+def test_outputs_balance_where_slip_ends_within_a_part(inputs: str) -> None:
+    """(2a): I1 d/dt (v + theta2') = Te - Tf, with theta2 from the shaft's torque, at every frequency and for means."""
+    motion = operating_point(CONTROLLED.system, 2.0)
+    omegas, d, torque = np.array([4.0, 25.0, 110.0, 226.0, 350.0]), motion.system.driveline, inputs == "engine_torque"
+    slip, friction, shaft = (harmonic_transfer(motion, inputs, output, omegas) for output in OUTPUTS)
+    s = 1j * omegas
+    balanced = (torque - friction) / (d.flywheel_inertia * s) - s * shaft / (d.stiffness + d.damping * s)
+    assert slip == pytest.approx(balanced, rel=1e-3)
+    a, b, column = motion.carried.by_state[-1], motion.carried.by_input[-1], list(INPUTS).index(inputs)
+    by_state, by_input = mean_rows(motion)
+    steady = (by_state @ np.linalg.solve(np.eye(3) - a, b) + by_input)[:, column]
+    slow = [harmonic_transfer(motion, inputs, output, np.array([1e-4]))[0].real
+            for output in ("slip_speed", "shaft_torque")]
+    assert [steady[0], d.stiffness * steady[1]] == pytest.approx(slow, rel=1e-4)
+    assert abs(steady[2]) < 1e-9 * abs(steady[0])
 
 
 def test_a_simulated_response_is_that_of_an_independent_integrator() -> None:
