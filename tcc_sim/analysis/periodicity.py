@@ -152,12 +152,16 @@ def _may_vanish(points: Floats, shorter: int, period: int, tolerance: float) -> 
     # A slow alternation repeats after two cycles within any tolerance that is wider than its decay. A run that is too
     # short for three sizes leaves it open. So does a difference that falls to half while the period repeats: it is
     # itself hardly above the tolerance. One that is constant meanwhile fell in the transient before, and has ended.
-    # A divisor may drift by a little more than the tolerance, and its multiple, over fewer cycles, by a little less.
+    # A divisor may drift by a little more than the tolerance, and its multiple, over fewer cycles, by a little less; so
+    # may points on a torus that is hardly larger than the tolerance be apart.
     thirds = _thirds(points, shorter, period)
     if thirds is None:
         return True
     size = _differences(points, shorter)[-_repeats_of(points, period) * period:]
-    if _largest(size) <= tolerance or _largest(size[-period:]) < DEFAULTS.doubtful * _largest(size[:period]):
+    whole = _differences(points, period)[-len(size):]
+    if _largest(size) <= max(tolerance, 10.0 * _largest(whole)):
+        return True
+    if _largest(size[-period:]) < DEFAULTS.doubtful * _largest(size[:period]):
         return True
     if float(np.ptp(size.reshape(-1, period).max(axis=1))) < DEFAULTS.ended * (thirds[1] - thirds[2]):
         return False

@@ -221,6 +221,15 @@ def test_a_drift_just_above_the_tolerance_gives_no_multiple_of_the_period(drift)
     assert (found.period, found.settled) == (0, False)
 
 
+def test_a_torus_about_as_large_as_the_tolerance_has_no_period_by_chance():
+    """Period two with a load at sqrt(2) times the frequency: after 12 cycles 16.97 of the load's have passed."""
+    n = np.arange(301)
+    for size in np.geomspace(2e-5, 2e-3, 60):
+        for phase in (0.0, 1.0, 2.0):
+            found = periodicity(embedded(0.5 * (-1.0) ** n + size * np.cos(2.0 * math.sqrt(2.0) * math.pi * n + phase)))
+            assert found.period in (0, 2)
+
+
 @pytest.mark.parametrize("fast", [4e-4, 6e-4, 8e-4, 1e-3])
 @pytest.mark.parametrize("slow", [8e-4, 1e-3, 1.2e-3])
 def test_an_alternation_that_falls_fast_and_then_slowly_is_no_doubled_period(fast, slow):
