@@ -192,8 +192,8 @@ class Trajectory(Result):
 
     Arrays are (n,): t (s), slip_speed (rad/s), plate_angle (rad), plate_speed (rad/s), engine_torque,
     saturation_torque, friction_torque (N m), state (-1 negative slip, 0 stick, 1 positive slip). `flywheel_angle` (rad)
-    is there for those who asked. `cycles` comes from solvers that work it out on the way; `analysis.cycles` derives it
-    from samples otherwise.
+    is there for those who asked. `cycles` comes from solvers that work it out on the way;
+    `analysis.summary.cycles_of` derives it from samples otherwise.
 
     Examples
     --------

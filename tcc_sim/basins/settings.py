@@ -31,7 +31,7 @@ class Settings:
     same_cloud: float = quantity(1e-3, "distance at which two clouds' points are one")
     shared: float = quantity(0.9, "share of a cloud's points that must be so near")
 
-    # When a motion has come to an attractor (`attractors.py`, `proximity.py`).
+    # When a motion has come to an attractor (`attractors.py`, `proximity.py`, `compute.py`).
     radius: float = quantity(0.2, "largest capture radius")
     smallest_radius: float = quantity(1e-4, "a capture radius is halved until it is no larger")
     apart: float = quantity(0.4, "largest capture radius, relative to the distance of the nearest other attractor")

@@ -77,7 +77,7 @@ class Settings:
     max_points: int = quantity(3000, "most points in one direction of a branch")
     max_tries: int = quantity(6000, "most steps tried, halved ones too, in one direction")
 
-    # Where a branch ends, or is closed (`follow.py`, `detection.py`, `branch.py`).
+    # Where a branch ends, or is closed (`follow.py`, `detection.py`, `branch.py`, `diagram.py`).
     canard: float = quantity(1e10, "modulus of a multiplier above which a branch ends: an orbit known to 1e-12 closes "
                              "to no better than 1e-2 over its period, and neither value nor sign of such a multiplier "
                              "can be trusted. Motions along the falling branch of friction get there")
@@ -93,7 +93,8 @@ class Settings:
     passed: float = quantity(0.02, "distance from the first point, relative to the step, within which the branch is at "
                              "that point")
 
-    # Special points: told and located (`detection.py`, `special_points.py`, `augmented.py`).
+    # Special points: told and located (`follow.py`, `detection.py`, `special_points.py`, `augmented.py`,
+    # `follow_curve.py`).
     detect: bool = quantity(True, "whether special points are looked for")
     root: float = quantity(1e-13, "width of a bracket, relative to the step, at which a root counts as found")
     enough: float = quantity(1e-11, "residual at which a root counts as found, however wide the bracket is")
@@ -120,7 +121,7 @@ class Settings:
     halves_reach: float = quantity(0.1, "how far a doubling in which such a branch ends may be from where its halves "
                                    "look the same")
 
-    # Sliding bifurcations, where the event sequence changes (`sliding.py`, `follow.py`).
+    # Sliding bifurcations, where the event sequence changes (`sliding.py`, `detection.py`, `follow.py`).
     most_borders: int = quantity(6, "changes of the event sequence that are looked for in one step")
     corner_step: float = quantity(1e-10, "smallest step beyond a corner")
     beside: tuple[float, ...] = quantity((1e-8, 1e-7, 1e-6, 1e-5), "how far beyond a change of the event sequence its "
@@ -140,7 +141,8 @@ class Settings:
                                     "found", "lengths of the bracket")
     repeats: int = quantity(8, "changes of one kind that are looked for at once (a symmetric motion has them in pairs)")
 
-    # Bifurcation diagrams and the motions they begin with (`diagram.py`, `motions.py`, `initial_orbits.py`, ...).
+    # Bifurcation diagrams, the motions they begin with, and what lies on them or ends them (`diagram.py`, `motions.py`,
+    # `initial_orbits.py`, `loss_of_stability.py`, `branch.py`).
     amplitudes: tuple[float, ...] = quantity((3e-3, 1e-3, 1e-2, 3e-4, 3e-5, 3e-6, 1e-6), "distances from a doubling at "
                                              "which its branch is looked for; next to a canard, where the map bends "
                                              "within 1e-5, only the smallest are on it")

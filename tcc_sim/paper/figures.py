@@ -1,4 +1,4 @@
-"""The numbers of the paper's figures: a row of `paper.FIGURES` -> a frozen result, which `paper.drawings` draws."""
+"""The numbers of the paper's figures: a row of `catalogue.FIGURES` -> a frozen result, which `paper.drawings` draws."""
 
 from __future__ import annotations
 

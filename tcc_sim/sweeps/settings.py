@@ -27,7 +27,7 @@ class Settings:
                                    "for", "engine cycles")
     settled_block: int = quantity(25, "length that is solved at a time", "engine cycles")
 
-    # Lyapunov exponents (`exponents.py`).
+    # Lyapunov exponents (`exponents.py`, `simulation.py`).
     lyapunov_cycles: int = quantity(2000, "length of a mean growth where nothing is said", "engine cycles")
     confidence: float = quantity(0.95, "confidence of the interval of a mean growth")
     batches: int = quantity(20, "means of consecutive runs of cycles, each long enough to be nearly independent")
@@ -53,7 +53,7 @@ class Settings:
     converged: float = quantity(1e-6, "largest difference, relative to the size of the motion, of bump averages over "
                                 "the halves of a section on a torus")
 
-    # Tasks given to processes and clusters (`executors.py`).
+    # Tasks given to processes and clusters (`executors.py`, `sweep.py`).
     look: float = quantity(2.0, "time without a result after which it is asked whether those who work are still "
                            "there", "s")
     connect_timeout: float = quantity(8.0, "time that a scheduler has to answer", "s")
