@@ -123,7 +123,7 @@ def _smallest(torque: Sines, load: Sines, ratio: float, period: float) -> StickM
         k = int(least.argmin())
         if least[k] < best:
             best, when = float(least[k]), float(t[k] if ends[0, k] <= ends[1, k] else t[k] + width)
-        slack = _kink_slack(torque, load, ratio, t, width) + bend * width**2 / 8.0
+        slack = _kink_slack(load, ratio, t, width) + bend * width**2 / 8.0
         keep = least - slack < best - 1e-13 * size
         width *= 0.5
         t = np.concatenate([t[keep], t[keep] + width])
@@ -132,7 +132,7 @@ def _smallest(torque: Sines, load: Sines, ratio: float, period: float) -> StickM
     return StickMargin(best, when % period)
 
 
-def _kink_slack(torque: Sines, load: Sines, ratio: float, t: Floats, width: float) -> Floats:
+def _kink_slack(load: Sines, ratio: float, t: Floats, width: float) -> Floats:
     """How far a kink can lie below both cell ends: the modulus makes peaks of -|Tfi|, the clamp makes none."""
     # max(Ts, 0) never lies below the smooth Ts, and where it leaves it, it is 0 on one side: a chord bound by its
     # slope.

@@ -170,12 +170,12 @@ class StampCounter:
         for number, (begin, end) in enumerate(pairwise(bounds)):
             kind = Break.NOTHING
             if number or (starts and starts[0] == 0):
-                kind = self._begin(int(stamps[begin]), publisher, int(numbers[begin]), fresh and begin == 0)
+                kind = self._begin(publisher, int(numbers[begin]), fresh and begin == 0)
             self._cut(stamps, steps, slice(begin, end), kind, offset, found)
             self.last, self._number = int(stamps[end - 1]), int(numbers[end - 1])
         self._publisher = publisher
 
-    def _begin(self, stamp: int, publisher: int, number: int, fresh: bool) -> Break:
+    def _begin(self, publisher: int, number: int, fresh: bool) -> Break:
         """Begin a run; how it came to it."""
         self._settle()
         self.runs += 1
