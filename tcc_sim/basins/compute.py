@@ -140,8 +140,12 @@ class Basins(Result):
 
 
 def axis_of(given: Axis | tuple[str, Sequence[float]]) -> Axis:
-    """An axis as it is given, or as its key and values."""
-    return given if isinstance(given, Axis) else Axis(*given)
+    """An axis as it is given, or as its key and values; InputError for anything else."""
+    try:
+        return given if isinstance(given, Axis) else Axis(*given)
+    except TypeError:
+        raise InputError(f"an axis is {given!r:.100}; it must be a key and its values, such as "
+                         "(\"initial.slip_speed\", [0.0, 50.0])") from None
 
 
 def check_plane(given: Sequence[Axis | tuple[str, Sequence[float]]]) -> tuple[Axis, Axis]:

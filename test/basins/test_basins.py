@@ -266,6 +266,16 @@ def test_fractions_along_a_key_are_those_of_each_value_alone(tmp_path: Path):
     np.testing.assert_array_equal(two.labels, alone.labels)
 
 
+@pytest.mark.parametrize("axis", ["initial.slip_speed", ("initial.slip_speed",), 3.0])
+def test_an_axis_is_a_key_and_its_values(axis: object) -> None:
+    other = ("initial.plate_angle", [0.0, 0.1])
+    with pytest.raises(InputError, match=r"an axis is .*; it must be a key and its values"):
+        basins("stick", [axis, other])
+    with pytest.raises(InputError, match=r"an axis is .*; it must be a key and its values"):
+        basins("stick", [("initial.slip_speed", [0.0]), other], over=axis)
+
+
+
 def test_a_plane_may_be_given_by_keys_and_values() -> None:
     """The labels are those of axes, whatever sequence the values come in."""
     first, = basins("stick", [Axis("initial.slip_speed", (0.0, 50.0)), Axis("initial.plate_angle", (0.0, 0.1))], jobs=1)
