@@ -144,8 +144,7 @@ def axis_of(given: Axis | tuple[str, Sequence[float]]) -> Axis:
     try:
         return given if isinstance(given, Axis) else Axis(*given)
     except TypeError:
-        raise InputError(f"an axis is {given!r:.100}; it must be a key and its values, such as "
-                         "(\"initial.slip_speed\", [0.0, 50.0])") from None
+        raise InputError(f"an axis is {given!r:.100}; it must be a key and its values") from None
 
 
 def check_plane(given: Sequence[Axis | tuple[str, Sequence[float]]]) -> tuple[Axis, Axis]:
@@ -251,10 +250,8 @@ def basins(scene: Scene | System | str, plane: Sequence[Axis | tuple[str, Sequen
 
     Examples
     --------
-    >>> from tcc_sim.basins.compute import Axis
-    >>> plane = [Axis("initial.slip_speed", (0.0, 50.0)), Axis("initial.plate_angle", (0.0, 0.1))]
-    >>> found, = basins("stick", plane)
-    >>> found.fraction(0)
+    >>> plane = [("initial.slip_speed", (0.0, 50.0)), ("initial.plate_angle", (0.0, 0.1))]
+    >>> basins("stick", plane)[0].fraction(0)
     1.0
     """
     system = system_of(scene)
