@@ -84,6 +84,8 @@ def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats
     turns = _turning_points(p, dp, q, dq)
     values = _cubic(turns, p[:, None], dp[:, None], q[:, None], dq[:, None])
     within = width * _share_within(turns, values, p, dp, q, dq, stick_speed)
+    if stick_speed == 0.0:
+        within += width * _share_at_rest(*_cut(t, v, a[:-1], a[1:], starts)[1])
     loads = None if linear is None else _loads(t, v, a, np.asarray(plate_angle), np.asarray(plate_speed),
                                                np.asarray(plate_acceleration), starts, section, stick_speed, linear)
     return Cycles(section, np.maximum.reduceat(values.max(axis=1), pieces),
@@ -245,6 +247,18 @@ def _share_within(turns: Floats, values: Floats, p: Floats, dp: Floats, q: Float
             bounds = (turns[part, k], turns[part, k + 1], values[part, k] < values[part, k + 1])
             share[part] += np.abs(_crossing(level, *bounds, *cubic) - _crossing(-level, *bounds, *cubic))
     return share
+
+
+def _share_at_rest(p: Floats, dp: Floats, q: Floats, dq: Floats) -> Floats:
+    """The part of each interval, 0 to 1, in which the clutch rests that slips at one of its ends only.
+
+    Slip ends at a constant deceleration, which jumps to 0 then; it begins with an acceleration that grows from 0.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = np.where((q == 0.0) & (p * dp < 0.0), 1.0 + p / dp, 0.0)
+        begins = np.where((p == 0.0) & (q * dq > 0.0), 1.0 - 2.0 * q / dq, 0.0)
+    out: Floats = np.clip(ends, 0.0, 1.0) + np.clip(begins, 0.0, 1.0)
+    return out
 
 
 def _crossing(level: float, a: Floats, b: Floats, rising: NDArray[np.bool_], p: Floats, dp: Floats, q: Floats,

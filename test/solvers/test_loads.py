@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from oracle import equations
@@ -167,3 +169,19 @@ def test_samples_have_the_extremes_of_their_own_cycle() -> None:
         shaft = 0.6 * speed + 3000.0 * angle
         assert loads.highest_shaft_torque[n] == pytest.approx(shaft.max(), abs=1e-4 * np.abs(shaft).max())
         assert loads.lowest_shaft_torque[n] == pytest.approx(shaft.min(), abs=1e-4 * np.abs(shaft).max())
+
+
+@pytest.mark.parametrize(("samples", "missed"), [(40, 0.4), (157, 0.1), (800, 0.1)])
+def test_samples_have_the_time_in_stick_of_the_set_valued_law(samples: int, missed: float) -> None:
+    """Slip ends and begins between two samples: on average over many of them nothing is missed."""
+    off, count = 0.0, 0.0
+    for frequency in np.linspace(60.0, 190.0, 14):
+        run = solve(replace(load_scene("fig02").system, {"friction.law": "set_valued", "engine.frequency": frequency}),
+                    cycles=40, samples_per_cycle=samples, loads_from=0)
+        assert run.cycles is not None
+        assert run.cycles.loads is not None
+        found = cycles_of(dataclasses.replace(run, cycles=None)).stick_time - run.cycles.stick_time
+        off += float(found.sum()) * samples / run.cycle
+        count += float(run.cycles.loads.breakaways.sum())
+    assert count > 100.0
+    assert abs(off) / count < missed
