@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -172,3 +173,19 @@ def rerun() -> Any:
     import rerun.blueprint
 
     return rerun
+
+
+def looks(controlled: bool) -> Iterator[tuple[str, Any]]:
+    """Where and how names, units and colours are said, once."""
+    rr = rerun()
+    for path, (name, colour) in LINES.items():
+        yield path, rr.SeriesLines(names=name, colors=rgb(colour), widths=1.5)
+    for path, (name, colour) in HELD.items():
+        if controlled or path.startswith("torque"):
+            yield path, rr.SeriesLines(names=name, colors=rgb(colour), widths=1.5, interpolation_mode="StepAfter")
+    for path, (name, colour, marker, size) in MARKS.items():
+        yield path, rr.SeriesPoints(names=name, colors=rgb(colour), markers=marker, marker_sizes=size)
+    yield "state", rr.StateConfiguration(values=list(STATE_COLOURS), labels=list(STATE_COLOURS),
+                                         colors=[rgb(c) for c in STATE_COLOURS.values()])
+    yield "phase/orbit", rr.LineStrips2D.from_fields(colors=rgb(style.BLUE), radii=rr.Radius.ui_points(0.4))
+    yield "phase/section", rr.Points2D.from_fields(colors=rgb(style.RED), radii=rr.Radius.ui_points(3.0))

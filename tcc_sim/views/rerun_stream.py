@@ -30,6 +30,8 @@ _ANSWER_TIMEOUT = 3.0
 """Longest wait for a viewer to answer, s."""
 _TIMEOUT = 60.0
 """Longest wait for a viewer to take what was sent, s."""
+_STALLED = 10.0
+"""The same for a file to grow, s: a writer that has ended is not always told of."""
 _ENDING = 3.0
 """The same for Rerun to end after it failed, s: now and then it waits for ever for a writer that has ended."""
 
@@ -105,7 +107,8 @@ class RerunStream:
         else:
             self.recording.connect_grpc(url, default_blueprint=shown)
         self.recording.send_recording_name(name)
-        self._names()
+        for path, look in layout.looks(self._controlled):
+            self._always(path, look)
 
     def __enter__(self) -> RerunStream:
         return self
@@ -183,7 +186,7 @@ class RerunStream:
         ending = _ENDING
         try:
             if wait:
-                self.recording.flush(timeout_sec=_TIMEOUT)
+                self._flush()
                 ending = _TIMEOUT
         except Exception as error:
             reason = str(error).splitlines()[0]
@@ -195,6 +198,20 @@ class RerunStream:
             done, _ = begun(self.recording.disconnect, "Rerun")
             if not wait_for([done], ending).done:
                 self._rr.unregister_shutdown()  # The end of the process would wait likewise.
+
+    def _flush(self) -> None:
+        """Wait until a viewer has taken what was sent, or for as long as the file grows."""
+        if self._file is None:
+            self.recording.flush(timeout_sec=_TIMEOUT)
+            return
+        while True:
+            size = self._file.stat().st_size
+            try:
+                self.recording.flush(timeout_sec=_STALLED)
+                return
+            except Exception:
+                if self._file.stat().st_size == size:
+                    raise
 
     def _mark(self, stamp_ns: int, text: str) -> None:
         """An event in the log and as a mark in the time series."""
@@ -257,25 +274,6 @@ class RerunStream:
         self._always("phase/labels", rr.Points2D(places, labels=texts, show_labels=True, colors=grey,
                                                  radii=rr.Radius.ui_points(0.0)))
         self.recording.send_blueprint(layout.blueprint(self._cycle, self._controlled, self._axes))
-
-    def _names(self) -> None:
-        """Send names, units and colours once."""
-        rr, colours = self._rr, layout.STATE_COLOURS
-        for path, (name, colour) in layout.LINES.items():
-            self._always(path, rr.SeriesLines(names=name, colors=layout.rgb(colour), widths=1.5))
-        for path, (name, colour) in layout.HELD.items():
-            if self._controlled or path.startswith("torque"):
-                self._always(path, rr.SeriesLines(names=name, colors=layout.rgb(colour), widths=1.5,
-                                                  interpolation_mode="StepAfter"))
-        for path, (name, colour, marker, size) in layout.MARKS.items():
-            self._always(path, rr.SeriesPoints(names=name, colors=layout.rgb(colour), markers=marker,
-                                               marker_sizes=size))
-        self._always("state", rr.StateConfiguration(values=list(colours), labels=list(colours),
-                                                    colors=[layout.rgb(c) for c in colours.values()]))
-        self._always("phase/orbit", rr.LineStrips2D.from_fields(colors=layout.rgb(style.BLUE),
-                                                                radii=rr.Radius.ui_points(0.4)))
-        self._always("phase/section", rr.Points2D.from_fields(colors=layout.rgb(style.RED),
-                                                              radii=rr.Radius.ui_points(3.0)))
 
     def _always(self, path: str, shown: Any) -> None:
         """Send what holds at every time."""
