@@ -67,12 +67,11 @@ def periodicity(cycles: Cycles, tolerance: float = DEFAULTS.tolerance,
         found, left = _period_in_the_limit(points, period, tolerance)
         if found is None:
             continue
-        for longer in candidates:
-            # A decay that leaves a longer period looks like a slower one to nothing; after the longer less has changed.
-            better = longer % period == 0 and changes[longer - 1] < DEFAULTS.doubtful * changes[period - 1]
-            if found == period and better:
-                further, nearer = _period_in_the_limit(points, longer, tolerance)
-                found = longer if further == longer and nearer < DEFAULTS.doubtful * left else found
+        # A decay behind a doubling looks like a slower one to nothing; after twice the period less has changed.
+        twice = 2 * period
+        if found == period and twice in candidates and changes[twice - 1] < DEFAULTS.doubtful * changes[period - 1]:
+            further, nearer = _period_in_the_limit(points, twice, tolerance)
+            found = twice if further == twice and nearer < DEFAULTS.doubtful * left else found
         return Periodicity(found, False, _change(points, found or 1))
     return Periodicity(0, False, float(changes[0]))
 
