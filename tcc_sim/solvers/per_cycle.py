@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -63,33 +65,60 @@ def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats
     """
     t = np.asarray(t, dtype=np.float64)
     _check_times(t, starts)
-    place = np.searchsorted(t, starts, side="right")
-    left = np.clip(place - 1, 0, len(t) - 2)
-    h = t[left + 1] - t[left]
-    u = np.clip((starts - t[left]) / h, 0.0, 1.0)
+    grid = _grid(t, starts)
+    left, h, u = grid.left, grid.h, grid.u
     v, a = np.asarray(slip_speed, dtype=np.float64), np.asarray(slip_acceleration, dtype=np.float64)
     leaving, arriving = _without_overshoot(t, v, a, stick_speed)
-    at_starts = v[left], h * leaving[left], v[left + 1], h * arriving[left]
-    section = np.stack([_cubic(u, *at_starts), _quintic(u, h, left, plate_angle, plate_speed, plate_acceleration),
+    section = np.stack([_cubic(u, *_about_starts(grid, v, leaving, arriving)),
+                        _quintic(u, h, left, plate_angle, plate_speed, plate_acceleration),
                         _cubic(u, plate_speed[left], h * plate_acceleration[left], plate_speed[left + 1],
                                h * plate_acceleration[left + 1])], axis=1)
     if len(starts) < 2:
         return Cycles(section, np.empty(0), np.empty(0), np.empty(0))
 
-    pieces = (place + np.arange(len(starts)) - place[0])[:-1]
-    width, (p, dp, q, dq) = _cut(t, v, leaving, arriving, starts)
+    p, dp, q, dq = _cut(grid, v, leaving, arriving)
     if stick_speed == 0.0:
         rest = (p == 0.0) & (q == 0.0)
         dp, dq = np.where(rest, 0.0, dp), np.where(rest, 0.0, dq)
     turns = _turning_points(p, dp, q, dq)
     values = _cubic(turns, p[:, None], dp[:, None], q[:, None], dq[:, None])
-    within = width * _share_within(turns, values, p, dp, q, dq, stick_speed)
+    within = grid.width * _share_within(turns, values, p, dp, q, dq, stick_speed)
     if stick_speed == 0.0:
-        within += width * _share_at_rest(*_cut(t, v, a[:-1], a[1:], starts)[1])
-    loads = None if linear is None else _loads(t, v, a, np.asarray(plate_angle), np.asarray(plate_speed),
-                                               np.asarray(plate_acceleration), starts, section, stick_speed, linear)
-    return Cycles(section, np.maximum.reduceat(values.max(axis=1), pieces),
-                  np.minimum.reduceat(values.min(axis=1), pieces), np.add.reduceat(within, pieces), loads)
+        within += grid.width * _share_at_rest(*_cut(grid, v, a[:-1], a[1:]))
+    loads = None if linear is None else _loads(grid, v, a, np.asarray(plate_angle), np.asarray(plate_speed),
+                                               np.asarray(plate_acceleration), section, stick_speed, linear)
+    return Cycles(section, np.maximum.reduceat(values.max(axis=1), grid.pieces),
+                  np.minimum.reduceat(values.min(axis=1), grid.pieces), np.add.reduceat(within, grid.pieces), loads)
+
+
+class _Grid(NamedTuple):
+    """Samples at times t, (n,), and where the cycles start between them, at `starts`, (m + 1,).
+
+    place, left, h, u : of every start, behind how many samples it lies, the interval, its length, s, and the part of it
+        before the start
+    width : s, of all intervals between samples and starts from the first start to the last
+    pieces : (m,) the first of these in each cycle
+    """
+
+    t: Floats
+    starts: Floats
+    place: NDArray[np.int64]
+    left: NDArray[np.int64]
+    h: Floats
+    u: Floats
+    width: Floats
+    pieces: NDArray[np.int64]
+
+
+def _grid(t: Floats, starts: Floats) -> _Grid:
+    """The cycles' starts between samples."""
+    place = np.searchsorted(t, starts, side="right")
+    left = np.clip(place - 1, 0, len(t) - 2)
+    h = t[left + 1] - t[left]
+    u = np.clip((starts - t[left]) / h, 0.0, 1.0)
+    instants = np.insert(t, place, starts)[place[0]:place[-1] + len(starts)]
+    return _Grid(t, starts, place, left, h, u, np.maximum(np.diff(instants), 0.0),
+                 (place + np.arange(len(starts)) - place[0])[:-1])
 
 
 def _check_times(t: Floats, starts: Floats) -> None:
@@ -102,14 +131,15 @@ def _check_times(t: Floats, starts: Floats) -> None:
                          f"from {t[0]:g} to {t[-1]:g} s")
 
 
-def _loads(t: Floats, v: Floats, slip: Floats, angle: Floats, speed: Floats, plate: Floats, starts: Floats,
-           section: Floats, stick_speed: float, linear: Linear) -> Loads:
+def _loads(grid: _Grid, v: Floats, slip: Floats, angle: Floats, speed: Floats, plate: Floats, section: Floats,
+           stick_speed: float, linear: Linear) -> Loads:
     """Loads of clutch and shaft between samples, the torques from (2a) and (2b).
 
     The clutch's energy is what the engine's work leaves over after the dissipation in C23 and the change of what is
     stored, so that no integrand has the jumps of Tf.
     """
     i1, i2, damping, stiffness = linear
+    t, starts, place = grid.t, grid.starts, grid.place
     h = np.diff(t)
     shaft, rise = damping * speed + stiffness * angle, damping * plate + stiffness * speed
     friction = i2 * plate + shaft
@@ -121,36 +151,36 @@ def _loads(t: Floats, v: Floats, slip: Floats, angle: Floats, speed: Floats, pla
     total = np.concatenate([[0.0], np.cumsum(parts)])
     stored = 0.5 * (i1 * (section[:, 0] + section[:, 2]) ** 2 + i2 * section[:, 2] ** 2
                     + stiffness * section[:, 1] ** 2)
-    place = np.searchsorted(t, starts, side="right")
-    pieces = (place + np.arange(len(starts)) - place[0])[:-1]
     power = friction * v
     power = np.insert(_with_peaks(t, power), place, np.interp(starts, t, power))[place[0]:place[-1] + len(starts)]
-    _, (p, dp, q, dq) = _cut(t, shaft, rise[:-1], rise[1:], starts)
+    p, dp, q, dq = _cut(grid, shaft, rise[:-1], rise[1:])
     torques = _cubic(_turning_points(p, dp, q, dq), p[:, None], dp[:, None], q[:, None], dq[:, None])
     stuck = np.abs(v) <= stick_speed
-    first = np.clip(place - 1, 0, len(t) - 2)
+    first = grid.left
     moves = (stuck[:-1] & ~stuck[1:])[:max(int(first[-1]), int(first[0]) + 1)]
     return Loads(np.diff(hermite(starts, t, total, net)) - np.diff(stored),
-                 np.maximum.reduceat(np.maximum(power[:-1], power[1:]), pieces),
-                 np.maximum.reduceat(torques.max(axis=1), pieces), np.minimum.reduceat(torques.min(axis=1), pieces),
+                 np.maximum.reduceat(np.maximum(power[:-1], power[1:]), grid.pieces),
+                 np.maximum.reduceat(torques.max(axis=1), grid.pieces),
+                 np.minimum.reduceat(torques.min(axis=1), grid.pieces),
                  np.add.reduceat(moves.astype(np.float64), first[:-1]))
 
 
-def _cut(t: Floats, y: Floats, leaving: Floats, arriving: Floats, starts: Floats) -> tuple[Floats, tuple[Floats, ...]]:
-    """The cubics between samples and starts of cycles from the first start to the last: their widths, s, and p, dp, q,
-    dq of each, from values y, (n,), and slopes at both ends of every interval, (n - 1,) each.
+def _about_starts(grid: _Grid, y: Floats, leaving: Floats, arriving: Floats) -> tuple[Floats, ...]:
+    """The cubics of the intervals in which the cycles start: values and slopes times h at both ends."""
+    left, h = grid.left, grid.h
+    return y[left], h * leaving[left], y[left + 1], h * arriving[left]
+
+
+def _cut(grid: _Grid, y: Floats, leaving: Floats, arriving: Floats) -> tuple[Floats, ...]:
+    """The cubics between samples and starts of cycles from the first start to the last, p, dp, q, dq of each, from
+    values y, (n,), and slopes at both ends of every interval, (n - 1,) each.
     """
-    place = np.searchsorted(t, starts, side="right")
-    left = np.clip(place - 1, 0, len(t) - 2)
-    h = t[left + 1] - t[left]
-    u = np.clip((starts - t[left]) / h, 0.0, 1.0)
-    own = y[left], h * leaving[left], y[left + 1], h * arriving[left]
-    slope = _cubic_slope(u, *own) / h
-    first, last = int(place[0]), int(place[-1]) + len(starts)
-    width = np.maximum(np.diff(np.insert(t, place, starts)[first:last]), 0.0)
-    values = np.insert(y, place, _cubic(u, *own))[first:last]
-    return width, (values[:-1], width * np.insert(leaving, left + 1, slope)[first:last - 1],
-                   values[1:], width * np.insert(arriving, left, slope)[first:last - 1])
+    own = _about_starts(grid, y, leaving, arriving)
+    slope = _cubic_slope(grid.u, *own) / grid.h
+    first, last = int(grid.place[0]), int(grid.place[-1]) + len(grid.place)
+    values = np.insert(y, grid.place, _cubic(grid.u, *own))[first:last]
+    return (values[:-1], grid.width * np.insert(leaving, grid.left + 1, slope)[first:last - 1],
+            values[1:], grid.width * np.insert(arriving, grid.left, slope)[first:last - 1])
 
 
 def _with_peaks(t: Floats, y: Floats) -> Floats:
