@@ -136,6 +136,11 @@ def _differences(points: Floats, lag: int) -> Floats:
     return out
 
 
+def _lately(points: Floats, lag: int, period: int) -> Floats:
+    """The same over the part of the run in which `_repeats` looks at a period."""
+    return _differences(points, lag)[-_repeats_of(points, period) * period:]
+
+
 def _thirds(points: Floats, lag: int, multiple: int) -> tuple[float, float, float] | None:
     """Largest difference of points `lag` apart in the thirds of the run, each a whole multiple of `multiple` long."""
     size = _differences(points, lag)
@@ -156,8 +161,7 @@ def _may_vanish(points: Floats, shorter: int, period: int, tolerance: float) -> 
     thirds = _thirds(points, shorter, period)
     if thirds is None:
         return True
-    size = _differences(points, shorter)[-_repeats_of(points, period) * period:]
-    whole = _differences(points, period)[-len(size):]
+    size, whole = _lately(points, shorter, period), _lately(points, period, period)
     if _largest(size) <= max(tolerance, 10.0 * _largest(whole)):
         return True
     if _largest(size[-period:]) < DEFAULTS.doubtful * _largest(size[:period]):
@@ -185,7 +189,7 @@ def _grows(points: Floats, period: int, tolerance: float) -> bool:
     a, b, c = thirds
     if not (c > 0.01 * tolerance and c > DEFAULTS.growth * b and b > DEFAULTS.growth * a):
         return False
-    return DEFAULTS.growth * _largest(_differences(points, period)[-_repeats_of(points, period) * period:]) > c
+    return DEFAULTS.growth * _largest(_lately(points, period, period)) > c
 
 
 def _limit(points: Floats, period: int) -> Floats | None:
@@ -212,17 +216,17 @@ def _limit(points: Floats, period: int) -> Floats | None:
         return None
     ends = [points[len(points) - (modes + 1 - i) * period:][:period] for i in range(modes + 1)]
     limit: Floats = (ends[-1] - np.tensordot(coefficients, ends[:-1], 1)) / (1.0 - float(coefficients.sum()))
-    return limit if _largest(limit - points[-period:]) <= DEFAULTS.distance else None
+    return limit
 
 
 def _period_in_the_limit(points: Floats, period: int, tolerance: float) -> tuple[int | None, float]:
     """The period of the limit to which a run settles in so many cycles, 0 where that is in doubt, and the distance left
-    to it; None where it settles to none.
+    to it; None where it settles to none that is near.
     """
     limit = _limit(points, period)
-    if limit is None:
+    left = math.inf if limit is None else _largest(limit - points[-period:])
+    if limit is None or not left <= DEFAULTS.distance:
         return None, math.inf
-    left = _largest(limit - points[-period:])
     return _period_of(limit, left, tolerance), left
 
 
