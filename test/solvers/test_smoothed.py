@@ -32,9 +32,9 @@ def problem(values, cycles=2, state=START, **options):
     return Problem(replace(System(), values), state, cycles=cycles, **options)
 
 
-def reference(p, count, per_cycle):
+def reference(p, count, per_cycle, **settings):
     """(count * per_cycle + 1, 4), from SciPy."""
-    return smoothed_states(p.system, astuple(p.state), count, per_cycle)
+    return smoothed_states(p.system, astuple(p.state), count, per_cycle, **settings)
 
 
 @pytest.mark.parametrize("name", ["no stribeck", "fig02"])
@@ -94,7 +94,7 @@ def test_a_light_overdamped_plate_is_stepped_over_in_slip():
     run = smoothed.solve(p)
     assert run.status is Status.DONE
     assert run.statistics.steps + run.statistics.rejected < 1000
-    expected = reference(p, 2, 1)[:, :3]
+    expected = reference(p, 2, 1, rtol=1e-10)[:, :3]  # Rounding of a rate of 1e9 1/s stalls LSODA at 1e-12.
     assert np.all(np.abs(run.cycles.section - expected) <= 1e-6 * np.abs(expected).max(axis=0))
 
 
