@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.errors import NumericalFailure, counted
-from tcc_sim.model.parameters import Initial, System
+from tcc_sim.model.groups import Initial
+from tcc_sim.model.parameters import System
 from tcc_sim.result import Result
 
 Floats = NDArray[np.float64]

@@ -92,7 +92,7 @@ other apart.
 
 def clock_of_scene(system: System) -> EngineClock:
     """When the engine cycles start where torque and frequency are those of a scene."""
-    return Uniform(system.cycle) if system.course is None else Scheduled(system)
+    return Uniform(system.cycle) if system.profile is None else Scheduled(system)
 
 
 class Block(NamedTuple):

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.errors import InputError
 from tcc_sim.model import equations
-from tcc_sim.model.course import phase_at
 from tcc_sim.model.parameters import System
+from tcc_sim.model.profile import phase_at
 from tcc_sim.result import Result
 from tcc_sim.solvers.per_cycle import hermite
 from tcc_sim.solvers.terms import terms_of
@@ -130,7 +130,7 @@ def orders_of(run: Trajectory) -> Orders:
 
 def turns_at(system: System, t: Floats) -> Floats:
     """Engine cycles passed at the times t, (n,)."""
-    return t / system.cycle if system.course is None else np.asarray(phase_at(system.course, t)) / (2.0 * math.pi)
+    return t / system.cycle if system.profile is None else np.asarray(phase_at(system.profile, t)) / (2.0 * math.pi)
 
 
 def _phase_of(run: Trajectory, system: System) -> tuple[Floats, Callable[[Floats], Floats]]:

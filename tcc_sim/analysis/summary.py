@@ -16,8 +16,8 @@ from tcc_sim.analysis.periodicity import periodicity
 from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.errors import InputError
 from tcc_sim.model import equations
-from tcc_sim.model.course import TIME
 from tcc_sim.model.parameters import System
+from tcc_sim.model.profile import TIME
 from tcc_sim.result import Result, json_of
 from tcc_sim.solvers.per_cycle import cycles_from_samples, starts_of
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
@@ -58,17 +58,17 @@ def first_cycle_of(trajectory: Trajectory) -> int:
 
 def varying(trajectory: Trajectory) -> System | None:
     """The system of a trajectory whose engine cycles are not all of one length or do not start at t = n cycle."""
-    return trajectory.system if trajectory.system is not None and trajectory.system.course is not None else None
+    return trajectory.system if trajectory.system is not None and trajectory.system.profile is not None else None
 
 
 def spans_of(system: System | None, cycle: float, first: int, count: int) -> dict[str, Any]:
     """What `summarise_cycles` is to know of `count` engine cycles from number `first` on: `cycle`, how long they last,
     s, and `varied`, in how many of them the excitation still changes. Without a system all last `cycle`.
     """
-    if system is None or system.course is None:
+    if system is None or system.profile is None:
         return {"cycle": cycle if system is None else system.cycle}
     return {"cycle": np.diff(system.cycle_start(first + np.arange(count + 1))),
-            "varied": max(math.ceil(system.cycles_until(float(system.course[-1, TIME])) - 1e-9) - first, 0)}
+            "varied": max(math.ceil(system.cycles_until(float(system.profile[-1, TIME])) - 1e-9) - first, 0)}
 
 
 def default_discard(cycles: int) -> int:

@@ -67,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
     lines, results = found.lines(), found.json()
     drawn: object = found
     # Of a manoeuvre the whole is drawn, as `simulate --plot` does; of anything else its last cycles and its maxima.
-    whole = arguments.plot is not None and found.scene.system.course is not None
+    whole = arguments.plot is not None and found.scene.system.profile is not None
     if arguments.out is not None or arguments.orders or whole:
         recording = read(arguments.recording, arguments.scene, arguments.joints)
         samples = recording.trajectory(found.run, arguments.start, arguments.end)

@@ -150,14 +150,14 @@ def export(scene: Scene, path: Path, version: int = 2, step: float | None = None
 
 def _kernel() -> str:
     """The tick in C99, all static; TCC_MOST_HARMONICS and TCC_MOST_PIECES say how large the arrays of Terms may be."""
-    terms = struct_of(Terms, {"harmonics": (3, "TCC_MOST_HARMONICS"), "course": (8, "TCC_MOST_PIECES")})
+    terms = struct_of(Terms, {"harmonics": (3, "TCC_MOST_HARMONICS"), "profile": (8, "TCC_MOST_PIECES")})
     of = dict(terms.fields)
     library = Library()
     library.declared(terms)
     roots: list[tuple[object, tuple[Kind, ...]]] = [
         (fixed_step.advance, (Row(writable=True), DOUBLE, DOUBLE, INT, terms, Static(True), Static(None))),
-        (excitation.piece_at, (of["course"], DOUBLE)),
-        (excitation.torques_now, (DOUBLE, INT, of["course"], terms)),
+        (excitation.piece_at, (of["profile"], DOUBLE)),
+        (excitation.torques_now, (DOUBLE, INT, of["profile"], terms)),
         (friction.smoothed, (DOUBLE, DOUBLE, of["stribeck"]))]
     for function, kinds in roots:
         library.function(function, kinds)

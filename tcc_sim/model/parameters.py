@@ -1,8 +1,8 @@
-"""The parameters of the driveline: Table 1 of Duan and Singh, with units and allowed ranges.
+"""The parameters of the driveline: its groups of scene keys together, and keys by name.
 
 Every field of a group is a scene key, `group.field`. SI units, angles in rad. The sign convention of the whole package:
 slip speed is flywheel speed minus clutch plate speed, and a positive friction torque slows the flywheel and drives the
-plate. The defaults are those of Fig. 2.
+plate.
 """
 
 from __future__ import annotations
@@ -16,131 +16,11 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from tcc_sim.errors import InputError
-from tcc_sim.model.quantity import LATEST, PROFILES, Group, Quantity, Value, apart, number_of, quantity
+from tcc_sim.model.groups import Clutch, Driveline, Engine, Friction, Initial, Pressure
+from tcc_sim.model.quantity import PROFILES, Group, Quantity, Value, number_of
 
 if TYPE_CHECKING:
-    from tcc_sim.model.course import Floats, Inputs
-
-FIG02_PRESSURE = 500.0 / (0.24 * 0.08 * 0.1)
-"""Mean pressure, Pa, at which Tsm = 500 N m with mu_k = 0.8 mu_s, as the caption of Fig. 2 states."""
-PRESSURE_MAXIMUM, TORQUE_MAXIMUM = 1e7, 1e5
-
-
-@dataclass(frozen=True)
-class Driveline(Group):
-    """The linear part of equations (1): two inertias, and the spring and damper that hold the plate."""
-
-    flywheel_inertia: float = quantity(0.20, "flywheel inertia I1", "kg m^2", 1e-6, 1e3)
-    plate_inertia: float = quantity(0.02, "clutch plate inertia I2 (friction shoe and pressure plate)", "kg m^2", 1e-6,
-                                    1e3)
-    damping: float = quantity(0.6, "driveline viscous damping C23", "N m s/rad", 0.0, 1e4)
-    stiffness: float = quantity(3000.0, "driveline stiffness K23", "N m/rad", 0.0, 1e8, above=True)
-
-
-@dataclass(frozen=True)
-class Friction(Group):
-    """The friction law: (6) set-valued, (7) smoothed."""
-
-    law: str = quantity("smoothed", "friction law: (7) smoothed or (6) set_valued", choices=("smoothed", "set_valued"))
-    static_coefficient: float = quantity(0.3, "static friction coefficient mu_s", "", 0.0, 2.0, above=True, live=True)
-    kinetic_coefficient: float = quantity(0.24, "kinetic friction coefficient mu_k, at most mu_s", "", 0.0, 2.0,
-                                          above=True, live=True)
-    decay: float = quantity(2.0, "decay alpha of the friction coefficient with slip speed", "s/rad", 0.0, 1e3)
-    smoothing: float = quantity(50.0, "smoothing factor sigma of law (7)", "s/rad", 1.0, 1e12)
-
-    def check_together(self) -> None:
-        """Raise InputError unless mu_s/mu_k is 1 to 20."""
-        if self.kinetic_coefficient > self.static_coefficient:
-            raise InputError("friction.kinetic_coefficient is "
-                             f"{apart(self.kinetic_coefficient, self.static_coefficient)}; it must be at most "
-                             f"friction.static_coefficient, {apart(self.static_coefficient, self.kinetic_coefficient)}")
-        if self.static_coefficient > 20.0 * self.kinetic_coefficient:
-            raise InputError(f"friction.kinetic_coefficient is {self.kinetic_coefficient:g}; it must be at least one "
-                             f"twentieth of friction.static_coefficient, {self.static_coefficient:g}")
-
-
-@dataclass(frozen=True)
-class Clutch(Group):
-    """The geometry that turns pressure into torque."""
-
-    area: float = quantity(0.08, "pressure area A", "m^2", 0.0, 10.0, above=True)
-    radius: float = quantity(0.1, "friction moment arm R", "m", 0.0, 10.0, above=True)
-
-
-@dataclass(frozen=True)
-class Excitation(Group):
-    """A part of the excitation, which the scene gives or commands on a topic do."""
-
-    source: str = quantity("harmonic", "where it comes from: the scene, or commands", choices=("harmonic", "topic"))
-    fallback: str = quantity("mean", "with source topic, what applies until the first command and after a time-out: "
-                             "the mean, or the scene's own harmonic course at simulation time",
-                             choices=("mean", "harmonic"))
-
-    @property
-    def harmonic(self) -> bool:
-        """Whether the scene's own course ever applies: always, or as the fallback beside commands."""
-        return "harmonic" in (self.source, self.fallback)
-
-
-@dataclass(frozen=True)
-class Engine(Excitation):
-    """Engine torque Te = Tm + Tp sin(omega t) + sum over n >= 2 of Tpn sin(n omega t + phi_n), Section 2.2."""
-
-    mean_torque: float = quantity(300.0, "mean engine torque Tm", "N m", -TORQUE_MAXIMUM, TORQUE_MAXIMUM, live=True)
-    torque_amplitude: float = quantity(250.0, "amplitude Tp of the first harmonic", "N m", 0.0, TORQUE_MAXIMUM,
-                                       live=True)
-    frequency: float = quantity(150.0, "angular frequency omega of the first harmonic; an engine cycle is 2 pi/omega",
-                                "rad/s", 1e-3, 1e5, live=True)
-    harmonic_amplitudes: tuple[float, ...] = quantity((), "amplitudes of harmonics 2, 3, ... of omega", "N m",
-                                                      0.0, TORQUE_MAXIMUM)
-    harmonic_phases: tuple[float, ...] = quantity((), "phases of harmonics 2, 3, ... of omega", "rad", -100.0, 100.0)
-    frequency_times: tuple[float, ...] = quantity((), "times at which engine.frequency_values hold, the first 0", "s",
-                                                  0.0, LATEST)
-    frequency_values: tuple[float, ...] = quantity((), "omega at these times, linear between them and constant "
-                                                   "afterwards; engine.frequency is then not used", "rad/s", 1e-3, 1e5)
-    mean_torque_times: tuple[float, ...] = quantity((), "times at which engine.mean_torque_values hold, the first 0",
-                                                    "s", 0.0, LATEST)
-    mean_torque_values: tuple[float, ...] = quantity((), "Tm at these times, likewise in the place of "
-                                                     "engine.mean_torque", "N m", -TORQUE_MAXIMUM, TORQUE_MAXIMUM)
-
-    def check_together(self) -> None:
-        """Raise InputError unless profiles and harmonics have as many values in each list."""
-        self.check_profile("frequency")
-        self.check_profile("mean_torque")
-        if len(self.harmonic_amplitudes) != len(self.harmonic_phases):
-            raise InputError(f"engine.harmonic_phases has {len(self.harmonic_phases)} values; it must have as many as "
-                             f"engine.harmonic_amplitudes, {len(self.harmonic_amplitudes)}")
-        if len(self.harmonic_amplitudes) > 32:
-            raise InputError(f"engine.harmonic_amplitudes has {len(self.harmonic_amplitudes)} values; at most 32 are "
-                             "allowed")
-
-
-@dataclass(frozen=True)
-class Pressure(Excitation):
-    """Actuation pressure P = Pm + Pp sin(omega_f t + psi), equation (3), never below 0."""
-
-    mean: float = quantity(FIG02_PRESSURE, "mean pressure Pm", "Pa", 0.0, PRESSURE_MAXIMUM, live=True)
-    amplitude: float = quantity(FIG02_PRESSURE / 5.0, "pressure amplitude Pp; the sum is clamped at 0", "Pa", 0.0,
-                                PRESSURE_MAXIMUM, live=True)
-    frequency_ratio: float = quantity(1.0, "omega_f/omega", "", 0.0, 100.0, above=True, live=True)
-    phase: float = quantity(0.0, "pressure phase psi relative to the engine torque", "rad", -100.0, 100.0, live=True)
-    mean_times: tuple[float, ...] = quantity((), "times at which pressure.mean_values hold, the first 0", "s", 0.0,
-                                             LATEST)
-    mean_values: tuple[float, ...] = quantity((), "Pm at these times, linear between them and constant afterwards; "
-                                              "pressure.mean is then not used", "Pa", 0.0, PRESSURE_MAXIMUM)
-
-    def check_together(self) -> None:
-        """Raise InputError unless the profile has as many values as times."""
-        self.check_profile("mean")
-
-
-@dataclass(frozen=True)
-class Initial(Group):
-    """Initial state; the default is (13) with Omega_e = 150 rad/s. The flywheel angle starts at the plate angle."""
-
-    slip_speed: float = quantity(150.0, "initial slip speed", "rad/s", -1e5, 1e5)
-    plate_angle: float = quantity(0.0, "initial plate angle theta2", "rad", -1e3, 1e3)
-    plate_speed: float = quantity(0.0, "initial plate speed", "rad/s", -1e5, 1e5)
+    from tcc_sim.model.profile import Floats, Inputs
 
 
 @dataclass(frozen=True)
@@ -165,38 +45,38 @@ class System:
     """Torque and pressure from data instead of the scene's own."""
 
     @cached_property
-    def course(self) -> Floats | None:
-        """What varies in time besides the sines, as `course.course_of` says; None where nothing does."""
+    def profile(self) -> Floats | None:
+        """What varies in time besides the sines, as `profile_of` says; None where nothing does."""
         if not self.varying:
             return None
-        from tcc_sim.model.course import course_of
-        return course_of(self.engine, self.pressure, self.inputs)
+        from tcc_sim.model.profile import profile_of
+        return profile_of(self.engine, self.pressure, self.inputs)
 
     def cycle_start(self, number: Any) -> Any:
         """When engine cycles of these numbers, an array or one, start: where phi = 2 pi n; s."""
-        if self.course is None:
+        if self.profile is None:
             return number * self.cycle
-        from tcc_sim.model.course import time_at
+        from tcc_sim.model.profile import time_at
 
-        return time_at(self.course, 2.0 * math.pi * number)
+        return time_at(self.profile, 2.0 * math.pi * number)
 
     def cycles_until(self, t: float) -> float:
         """Engine cycles passed at time t, s: phi/(2 pi)."""
-        if self.course is None:
+        if self.profile is None:
             return t / self.cycle
-        from tcc_sim.model.course import phase_at
+        from tcc_sim.model.profile import phase_at
 
-        return float(phase_at(self.course, t)) / (2.0 * math.pi)
+        return float(phase_at(self.profile, t)) / (2.0 * math.pi)
 
     def whole_cycles(self, first: int, duration: float) -> int:
         """Whole engine cycles in so many seconds from the start of cycle `first` on."""
-        if self.course is None:
+        if self.profile is None:
             return int(duration / self.cycle * (1.0 + 1e-12))
         return int(self.cycles_until(float(self.cycle_start(first)) + duration) * (1.0 + 1e-12)) - first
 
     @property
     def varying(self) -> list[str]:
-        """What the course holds, as keys."""
+        """What the profile holds, as keys."""
         given = self.engine.frequency_times, self.engine.mean_torque_times, self.pressure.mean_times
         return [f"{key}_times" for key, times in zip(PROFILES, given) if times] + (["inputs"] if self.inputs else [])
 
@@ -208,7 +88,7 @@ class System:
 
     def check_repeats(self, what: str) -> None:
         """Raise InputError, which says who can, where the excitation does not repeat and `what` needs that it does."""
-        if self.course is not None:
+        if self.profile is not None:
             raise InputError(f"{what} needs an excitation that repeats, and this scene has {', '.join(self.varying)}; "
                              "simulate and the driveline node solve it")
 

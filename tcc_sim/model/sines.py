@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.errors import InputError
-from tcc_sim.model.parameters import Driveline, System
+from tcc_sim.model.groups import Driveline
+from tcc_sim.model.parameters import System
 
 Floats = NDArray[np.float64]
 Response = Callable[[float], complex]

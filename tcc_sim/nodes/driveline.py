@@ -26,7 +26,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from tcc_sim.errors import InputError, counted, one_line
 from tcc_sim.messages import cdr
-from tcc_sim.model.course import START
+from tcc_sim.model.profile import START
 from tcc_sim.nodes import parameters, signals
 from tcc_sim.nodes.children import CLOCK_STARTED
 from tcc_sim.nodes.loop import Outcome, RealTimeLoop

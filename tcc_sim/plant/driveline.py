@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tcc_sim.errors import InputError
-from tcc_sim.model.course import START, Origin, along, moved
+from tcc_sim.model.profile import START, Origin, along, phase_at, profile_of
 from tcc_sim.scene import Scene
 from tcc_sim.solvers.fixed_step import Reached, Stepper, tick
 from tcc_sim.solvers.terms import Terms, general_terms, holding, stick_speed_of, substeps, terms_from, terms_of
@@ -177,10 +177,10 @@ class Plant:
             return self._pressure
         mean, amplitude, angle, frequency, phase = self._swing
         t = self.stepper.tick * self.stepper.step
-        if self._terms.course is None:
+        if self._terms.profile is None:
             angle *= frequency * t
         else:
-            turned, _, load = along(self._terms.course, t)
+            turned, _, load = along(self._terms.profile, t)
             mean, angle = float(load) / self.scene.system.torque_per_pressure, angle * float(turned) + self.origin.lead
         return max(0.0, mean + amplitude * math.sin(angle + phase)) if amplitude else mean
 
@@ -192,8 +192,18 @@ class Plant:
                        scene.system.engine.frequency, own.phase)
 
     def _origin_of(self, scene: Scene) -> Origin:
-        """Where the phases are counted from if `scene` holds from the next tick on."""
-        return moved(self.origin, self.scene.system, scene.system, self.stepper.tick * self.stepper.step)
+        """Where the phases are counted from if `scene` holds from the next tick on, so that neither that of the engine
+        nor the load's jumps.
+        """
+        before, after, t = self.scene.system, scene.system, self.stepper.tick * self.stepper.step
+        ratios = before.pressure.frequency_ratio, after.pressure.frequency_ratio
+        if before.engine.frequency == after.engine.frequency and ratios[0] == ratios[1]:
+            return self.origin
+        phase = float(phase_at(profile_of(before.engine, before.pressure, before.inputs, self.origin), t))
+        lead = self.origin.lead + (ratios[0] - ratios[1]) * phase
+        if before.engine.frequency == after.engine.frequency:
+            return self.origin._replace(lead=lead)
+        return Origin(t, phase, lead)
 
     def _terms_of(self, scene: Scene) -> Terms:
         """The terms of `scene` for the kernel that it needs."""

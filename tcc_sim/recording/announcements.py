@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tcc_sim.messages import cdr
-from tcc_sim.model.course import START, Origin
+from tcc_sim.model.profile import START, Origin
 from tcc_sim.topics import HEADER, INPUTS
 
 if TYPE_CHECKING:

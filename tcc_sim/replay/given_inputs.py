@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from tcc_sim.errors import InputError, counted
-from tcc_sim.model.course import Inputs, held_lines, joined_lines
 from tcc_sim.model.parameters import QUANTITIES
+from tcc_sim.model.profile import Inputs, held_lines, joined_lines
 from tcc_sim.recording.table import TIME, read_columns
 from tcc_sim.replay.recorded import read
 from tcc_sim.scene import Scene

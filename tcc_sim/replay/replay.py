@@ -110,7 +110,7 @@ class _Reading:
 
     def __init__(self, run: Run, scene: Scene, timing: Timing, discard: int | None, verify: bool,
                  progress: bool) -> None:
-        if discard is None and timing.source == "scene" and scene.system.course is not None:
+        if discard is None and timing.source == "scene" and scene.system.profile is not None:
             discard = 0  # Nothing of a manoeuvre is transient.
         self._run, self._scene, self._timing, self._discard = run, scene, timing, discard
         clock, self._system = timing.clock, scene.system

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.errors import InputError, counted
-from tcc_sim.model.course import START
+from tcc_sim.model.profile import START
 from tcc_sim.recording.announcements import ScenePlace, SceneRecord
 from tcc_sim.recording.batches import JointStates
 from tcc_sim.scene import Scene, parse_scene

@@ -164,7 +164,7 @@ def choose(system: System, solver: str) -> str:
     if law not in SOLVERS[solver].laws:
         raise InputError(f"solver {solver} does not solve friction.law {law}; "
                          f"those that do are {', '.join(n for n, e in SOLVERS.items() if law in e.laws)}")
-    if system.course is not None and not SOLVERS[solver].profiles:
+    if system.profile is not None and not SOLVERS[solver].profiles:
         raise InputError(f"solver {solver} does not solve {', '.join(system.varying)}; those that do are "
                          f"{', '.join(n for n, e in SOLVERS.items() if e.profiles)}, with friction.law smoothed")
     return solver

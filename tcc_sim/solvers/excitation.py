@@ -4,11 +4,11 @@ pressure at 0 sets in and ends.
 For the engines time is `tau`, seconds into an engine cycle. The sines of the engine torque repeat with the cycle; the
 load's phase at the start of the cycle is `shift` (rad), so that no large angle loses digits however long a run is.
 
-Where frequency and means vary in time there is a `course`, one piece of `model.course` as a row, else None: sines have
-a quadratic phase then, and means are linear. Times of the row are seconds into the engine cycle, phases those since its
-start, and the rates of waves and load are per rad of phi.
+Where frequency and means vary in time there is a `profile`, one piece of `model.profile` as a row, else None: sines
+have a quadratic phase then, and means are linear. Times of the row are seconds into the engine cycle, phases those
+since its start, and the rates of waves and load are per rad of phi.
 
-Methods that ask for torques alone have them of the time since cycle 0, with a whole course (`torques_now`).
+Methods that ask for torques alone have them of the time since cycle 0, with a whole profile (`torques_now`).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.model import course as of
+from tcc_sim.model import profile as of
 from tcc_sim.solvers.compiling.compiled import compiled, engine_torque, fast, saturation_torque
 from tcc_sim.solvers.compiling.compiled import reached as reached_unfused
 from tcc_sim.solvers.series import COLUMNS, ENGINE, INVERSE, LOAD, add_sine, sine_and_cosine
@@ -28,9 +28,9 @@ from tcc_sim.trajectory import Floats
 
 TWO_PI = 2.0 * math.pi
 Pulsation = Any
-"""(Tsp in N m, omega_f in rad/s or rad/rad, psi in rad), or None for a constant load; with a course always there."""
+"""(Tsp in N m, omega_f in rad/s or rad/rad, psi in rad), or None for a constant load; with a profile always there."""
 UNTIL, STARTED, SHIFT = range(of.LOAD_RATE + 1, of.LOAD_RATE + 4)
-"""Columns of a row behind those of a course: how long the piece holds; when the cycle started, s since time 0, and the
+"""Columns of a row behind those of a profile: how long the piece holds; when the cycle started, s since time 0, and the
 load's phase there, rad.
 """
 GRID = math.pi / 8.0
@@ -68,13 +68,13 @@ def frequency_at(tau: float, row: Any) -> float:
 
 @fast
 def excite(tau: float, shift: float, loaded: bool, mean_torque: float, waves: Any, mean_load: float,
-           pulsation: Pulsation, course: Any, drive: Any) -> None:
+           pulsation: Pulsation, profile: Any, drive: Any) -> None:
     """Fill `drive` and the sines and cosines of `waves` at tau; Ts is 0 where `loaded` is False."""
     phase, omega, torque, torque_rate, load, load_rate = tau, 1.0, mean_torque, 0.0, mean_load, 0.0
-    if course is not None:
-        phase, torque, load = reached(tau, course)
-        omega, shift = frequency_at(tau, course), course[SHIFT]
-        torque_rate, load_rate = course[of.TORQUE_RATE], course[of.LOAD_RATE]
+    if profile is not None:
+        phase, torque, load = reached(tau, profile)
+        omega, shift = frequency_at(tau, profile), profile[SHIFT]
+        torque_rate, load_rate = profile[of.TORQUE_RATE], profile[of.LOAD_RATE]
     for i in range(waves.shape[0]):
         sine, cosine = sine_and_cosine(waves[i].rate * phase + waves[i].phase)
         waves[i].sine = sine
@@ -96,13 +96,13 @@ def excite(tau: float, shift: float, loaded: bool, mean_torque: float, waves: An
 
 @fast
 def expand_excitation(rows: Any, count: int, unit: float, tau: float, loaded: bool, mean_torque: float, waves: Any,
-                      mean_load: float, pulsation: Pulsation, course: Any, drive: Any) -> None:
+                      mean_load: float, pulsation: Pulsation, profile: Any, drive: Any) -> None:
     """The first `count` Taylor coefficients in t/unit of Te and Ts, about where `drive` and `waves` are.
 
     Of a load that does not vary only coefficient 0 is written.
     """
-    if course is not None:
-        expand_varying(rows, count, unit, tau, loaded, waves, pulsation, course, drive)
+    if profile is not None:
+        expand_varying(rows, count, unit, tau, loaded, waves, pulsation, profile, drive)
     else:
         for k in range(COLUMNS):
             rows[ENGINE, k] = 0.0
@@ -175,12 +175,12 @@ def load_phase(ratio: float, pulsation: Pulsation, cycle: int) -> float:
 
 @fast
 def clamp_edge(tau: float, end: float, shift: float, mean_load: float, pulsation: Pulsation,
-               course: Any) -> tuple[float, bool]:
-    """The next time at which the clamp of Ts at 0 sets in or ends, or the course goes on otherwise, at most `end`, and
+               profile: Any) -> tuple[float, bool]:
+    """The next time at which the clamp of Ts at 0 sets in or ends, or the profile goes on otherwise, at most `end`, and
     whether Ts is above 0 until then.
     """
-    if course is not None:
-        return edge_varying(tau, end, pulsation, course)
+    if profile is not None:
+        return edge_varying(tau, end, pulsation, profile)
     elif pulsation is None:
         return end, mean_load > 0.0
     else:
@@ -261,33 +261,33 @@ def edge_varying(tau: float, end: float, pulsation: Pulsation, row: Any) -> tupl
 
 
 @compiled
-def torques_now(t: float, piece: int, course: Floats | None, terms: Terms) -> tuple[float, float]:
-    """Te and Ts at time t; with a course, by its piece of this number."""
-    if course is None:
+def torques_now(t: float, piece: int, profile: Floats | None, terms: Terms) -> tuple[float, float]:
+    """Te and Ts at time t; with a profile, by its piece of this number."""
+    if profile is None:
         return (engine_torque(t, terms.mean_torque, terms.torque, terms.harmonics),
                 saturation_torque(t, terms.mean_load, terms.pulsation))
     else:
-        angle, mean_torque, mean_load = reached_unfused(t, course[piece])
+        angle, mean_torque, mean_load = reached_unfused(t, profile[piece])
         return (engine_torque(angle, mean_torque, terms.torque, terms.harmonics),
                 saturation_torque(angle, mean_load, terms.pulsation))
 
 
 @compiled
-def piece_at(course: Floats | None, t: float) -> int:
-    """The number of the piece of the course that holds at time t; 0 where there is none."""
-    if course is None:
+def piece_at(profile: Floats | None, t: float) -> int:
+    """The number of the piece of the profile that holds at time t; 0 where there is none."""
+    if profile is None:
         return 0
     else:
-        return int(max(np.searchsorted(course[:, 0], t, side="right") - 1, 0))
+        return int(max(np.searchsorted(profile[:, 0], t, side="right") - 1, 0))
 
 
 @compiled
-def break_after(course: Floats | None, t: float, h: float) -> float:
-    """How far the next corner or jump of the course is from time t, at most h seconds."""
-    if course is None:
+def break_after(profile: Floats | None, t: float, h: float) -> float:
+    """How far the next corner or jump of the profile is from time t, at most h seconds."""
+    if profile is None:
         return h
     else:
-        following = np.searchsorted(course[:, 0], t, side="right")
-        if following == len(course) or not course[following, 0] - t < h * (1.0 - 1e-9):
+        following = np.searchsorted(profile[:, 0], t, side="right")
+        if following == len(profile) or not profile[following, 0] - t < h * (1.0 - 1e-9):
             return h
-        return float(max(course[following, 0] - t, 1e-9 * h))
+        return float(max(profile[following, 0] - t, 1e-9 * h))

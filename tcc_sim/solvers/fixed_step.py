@@ -74,19 +74,19 @@ def stages(v: float, theta: float, omega: float, start: float, h: float,
            plate: tuple[float, float, float, float, float, float], terms: Terms) -> Stages:
     """One step of SDIRK3 of h seconds from time `start`: its last stage is the state after it."""
     hg, rate = h * GAMMA, 1.0 / GAMMA
-    piece = piece_at(terms.course, start + 0.5 * h)
+    piece = piece_at(terms.profile, start + 0.5 * h)
     known = (v, theta, omega)
-    engine, load = torques_now(start + hg, piece, terms.course, terms)
+    engine, load = torques_now(start + hg, piece, terms.profile, terms)
     v1, theta1, omega1, count1 = _stage(known, v, engine, load, hg, plate, terms.smoothing, terms.stribeck)
     # A stage's slope times h is (its value - what was known) / gamma.
     dv1, dtheta1, domega1 = (v1 - known[0]) * rate, (theta1 - known[1]) * rate, (omega1 - known[2]) * rate
     known2 = (v + A21 * dv1, theta + A21 * dtheta1, omega + A21 * domega1)
-    engine2, load2 = torques_now(start + C2 * h, piece, terms.course, terms)
+    engine2, load2 = torques_now(start + C2 * h, piece, terms.profile, terms)
     v2, theta2, omega2, count2 = _stage(known2, v1, engine2, load2, hg, plate, terms.smoothing, terms.stribeck)
     dv2, dtheta2, domega2 = (v2 - known2[0]) * rate, (theta2 - known2[1]) * rate, (omega2 - known2[2]) * rate
     known3 = (v + B1 * dv1 + B2 * dv2, theta + B1 * dtheta1 + B2 * dtheta2,
               omega + B1 * domega1 + B2 * domega2)
-    engine3, load3 = torques_now(start + h, piece, terms.course, terms)
+    engine3, load3 = torques_now(start + h, piece, terms.profile, terms)
     v, theta, omega, count3 = _stage(known3, v2, engine3, load3, hg, plate, terms.smoothing, terms.stribeck)
     return (v1, theta1, omega1, engine, load, v2, theta2, omega2, engine2, load2, v, theta, omega, engine3, load3,
             count1 + count2 + count3, max(max(count1, count2), count3))
@@ -108,7 +108,7 @@ def advance(state: Floats, t: float, h: float, n: int, terms: Terms, flywheel: b
             out: Floats | None) -> tuple[int, int]:
     """Advance `state` in place by n sub-steps of h seconds from time t.
 
-    A sub-step that a corner of the course falls into is taken in parts.
+    A sub-step that a corner of the profile falls into is taken in parts.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def advance(state: Floats, t: float, h: float, n: int, terms: Terms, flywheel: b
         turn = state[3]
     for k in range(n):
         start = t + k * h
-        part = break_after(terms.course, start, h)
+        part = break_after(terms.profile, start, h)
         if part < h:
             left = h
             while part < left:
@@ -137,7 +137,7 @@ def advance(state: Floats, t: float, h: float, n: int, terms: Terms, flywheel: b
                 most = max(most, worst)
                 start += part
                 left -= part
-                part = break_after(terms.course, start, left)
+                part = break_after(terms.profile, start, left)
             v, theta, omega, turn, count, worst = _sub_step(v, theta, omega, turn, start, left,
                                                             plate_of(left * GAMMA, terms.linear), terms)
         else:
@@ -229,7 +229,7 @@ class Stepper:
 @compiled
 def engine_and_friction(t: float, v: float, terms: Terms) -> tuple[float, float]:
     """Engine and friction torque at time t and slip speed v, N m, in one call."""
-    engine, load = torques_now(t, piece_at(terms.course, t), terms.course, terms)
+    engine, load = torques_now(t, piece_at(terms.profile, t), terms.profile, terms)
     return engine, load * smoothed(v, terms.smoothing, terms.stribeck)  # type: ignore[arg-type]
 
 
@@ -240,7 +240,7 @@ def tick(state: Floats, t: float, end: float, n: int, h: float, mean_torque: flo
     the torques are those at time `end`, as the next tick counts it.
     """
     held = Terms(terms.linear, mean_torque, terms.torque, terms.harmonics, mean_load, terms.pulsation, terms.smoothing,
-                 terms.stribeck, terms.course)
+                 terms.stribeck, terms.profile)
     _, most = advance(state, t, h, n, held, True, None)
     engine, friction_torque = engine_and_friction(end, state[0], held)
     return state[0], state[1], state[2], state[3], engine, friction_torque, most

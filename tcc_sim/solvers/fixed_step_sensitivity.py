@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.model.course import LOAD, TORQUE
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
+from tcc_sim.model.profile import LOAD, TORQUE
 from tcc_sim.solvers.compiling.compiled import compiled, smoothed_and_slope
 from tcc_sim.solvers.excitation import break_after
 from tcc_sim.solvers.fixed_step import A21, B1, B2, GAMMA, plate_of, stages
@@ -99,14 +99,14 @@ def _sub_step(state: Floats, start: float, h: float, plate: tuple[float, float, 
 
 
 @compiled
-def _over(terms: Terms, course: Floats | None, torque: float, load: float) -> Terms:
-    """`terms` with so much more of engine torque and saturation torque; `course` is room for that of the sum."""
-    if course is not None:
-        for i in range(len(course)):
-            course[i, TORQUE] = terms.course[i, TORQUE] + torque  # type: ignore[index]
-            course[i, LOAD] = terms.course[i, LOAD] + load  # type: ignore[index]
+def _over(terms: Terms, profile: Floats | None, torque: float, load: float) -> Terms:
+    """`terms` with so much more of engine torque and saturation torque; `profile` is room for that of the sum."""
+    if profile is not None:
+        for i in range(len(profile)):
+            profile[i, TORQUE] = terms.profile[i, TORQUE] + torque  # type: ignore[index]
+            profile[i, LOAD] = terms.profile[i, LOAD] + load  # type: ignore[index]
     return Terms(terms.linear, terms.mean_torque + torque, terms.torque, terms.harmonics, terms.mean_load + load,
-                 terms.pulsation, terms.smoothing, terms.stribeck, course)
+                 terms.pulsation, terms.smoothing, terms.stribeck, profile)
 
 
 @compiled
@@ -119,7 +119,7 @@ def _keep(state: Floats, room: Floats, values: Floats, derivatives: Floats) -> N
 
 
 @compiled
-def _advance(starts: Floats, first: float, step: float, n: int, terms: Terms, course: Floats | None, held: Floats,
+def _advance(starts: Floats, first: float, step: float, n: int, terms: Terms, profile: Floats | None, held: Floats,
              by: Floats, states: Floats, derivatives: Floats, state: Floats, room: Floats) -> None:
     """See `advance_windows`, whose results are filled in."""
     h, width = step / n, states.shape[1] - 1
@@ -132,15 +132,15 @@ def _advance(starts: Floats, first: float, step: float, n: int, terms: Terms, co
         _keep(state, room, states[j, 0], derivatives[j, 0])
         for k in range(width):
             tick = j * width + k
-            applied = _over(terms, course, held[tick, 0], held[tick, 1])
+            applied = _over(terms, profile, held[tick, 0], held[tick, 1])
             for i in range(n):
                 start, left = first + tick * step + i * h, h
-                part = break_after(course, start, left)
+                part = break_after(profile, start, left)
                 while part < left:
                     _sub_step(state, start, part, plate_of(part * GAMMA, terms.linear), applied, by, room)
                     start += part
                     left -= part
-                    part = break_after(course, start, left)
+                    part = break_after(profile, start, left)
                 _sub_step(state, start, left, whole if left == h else plate_of(left * GAMMA, terms.linear), applied,
                           by, room)
             _keep(state, room, states[j, k + 1], derivatives[j, k + 1])
@@ -169,6 +169,6 @@ def advance_windows(starts: Floats, first: float, step: float, width: int, n: in
     columns[:, 3:] = by
     if held is None:
         held = np.zeros((len(starts) * width, 2))
-    _advance(starts, first, step, n, terms, None if terms.course is None else terms.course.copy(), held, columns,
+    _advance(starts, first, step, n, terms, None if terms.profile is None else terms.profile.copy(), held, columns,
              states, derivatives, np.empty(3), np.empty((3, 3, count)))
     return states, derivatives

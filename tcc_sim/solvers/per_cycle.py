@@ -29,7 +29,7 @@ def cycle_starts(first: int, end: float, cycle: float) -> Floats:
 
 def starts_of(system: System | None, first: int, end: float, cycle: float = 0.0) -> Floats:
     """`cycle_starts` of a system, whose frequency may vary in time; without one its cycles are all `cycle` s long."""
-    if system is None or system.course is None:
+    if system is None or system.profile is None:
         return cycle_starts(first, end, cycle if system is None else system.cycle)
     count = max(int(np.floor(system.cycles_until(end) + 1e-9)) - first, 0)
     return np.asarray(system.cycle_start(first + np.arange(count + 1)), dtype=np.float64)

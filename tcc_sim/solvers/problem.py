@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tcc_sim.model import equations, friction
-from tcc_sim.model.course import TIME
 from tcc_sim.model.parameters import System
+from tcc_sim.model.profile import TIME
 from tcc_sim.solvers.terms import stick_speed_of, terms_of, torques_at
 from tcc_sim.trajectory import (
     FREE,
@@ -92,10 +92,10 @@ class Problem:
         return starts
 
     def breaks(self) -> Floats:
-        """Start and end, and between them the times at which the excitation's course has a corner or a jump, s."""
-        if self.system.course is None:
+        """Start and end, and between them the times at which the excitation's profile has a corner or a jump, s."""
+        if self.system.profile is None:
             return np.array([self.start, self.end])
-        inner = self.system.course[:, TIME]
+        inner = self.system.profile[:, TIME]
         return np.concatenate([[self.start], inner[(inner > self.start) & (inner < self.end)], [self.end]])
 
     def sample_times(self) -> Floats:
@@ -104,7 +104,7 @@ class Problem:
         """
         if self.samples_per_cycle < 1:
             return np.array([self.start, self.end])
-        if self.system.course is not None:
+        if self.system.profile is not None:
             whole = self.whole_cycles
             ends = self.system.cycle_start(self.start_cycle + np.arange(whole + 2))
             share = np.arange(self.samples_per_cycle) / self.samples_per_cycle

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from tcc_sim.errors import InputError
 from tcc_sim.model import equations, friction
-from tcc_sim.model.course import FREQUENCY, LOAD, LOAD_RATE, START, TORQUE, Floats, Origin, along, course_of, pieces
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.parameters import System
+from tcc_sim.model.profile import FREQUENCY, LOAD, LOAD_RATE, START, TORQUE, Floats, Origin, along, pieces, profile_of
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 SWINGS = 40.0
@@ -38,8 +38,8 @@ RESULTS_KEPT = 64
 class Terms(NamedTuple):
     """The terms of equations (1) to (7) that one scene needs; see the functions of `model` for each field.
 
-    With a course (`model.course`; its loads are saturation torques, N m) the angles of the sines go with the phase
-    phi instead of the time, so that their rates are in rad per rad, and the means are those of the course.
+    With a profile (`model.profile`; its loads are saturation torques, N m) the angles of the sines go with the phase
+    phi instead of the time, so that their rates are in rad per rad, and the means are those of the profile.
     """
 
     linear: Linear
@@ -50,7 +50,7 @@ class Terms(NamedTuple):
     pulsation: tuple[float, float, float] | None
     smoothing: float | None
     stribeck: Stribeck
-    course: Floats | None = None
+    profile: Floats | None = None
 
 
 def per_system(function: Function) -> Function:
@@ -88,14 +88,14 @@ def terms_of(system: System) -> Terms:
 def terms_from(system: System, origin: Origin) -> Terms:
     """`terms_of` with the phase counted from `origin`."""
     if origin == START:
-        return _terms(system, system.course, 0.0)
-    return _terms(system, course_of(system.engine, system.pressure, system.inputs, origin), origin.lead)
+        return _terms(system, system.profile, 0.0)
+    return _terms(system, profile_of(system.engine, system.pressure, system.inputs, origin), origin.lead)
 
 
-def _terms(system: System, course: Floats | None, lead: float) -> Terms:
-    """The terms with this course, whose loads are pressures, and the load ahead by `lead` rad."""
+def _terms(system: System, profile: Floats | None, lead: float) -> Terms:
+    """The terms with this profile, whose loads are pressures, and the load ahead by `lead` rad."""
     d, e, p, f, inputs = system.driveline, system.engine, system.pressure, system.friction, system.inputs
-    omega = e.frequency if course is None else 1.0
+    omega = e.frequency if profile is None else 1.0
     own_torque = e.harmonic and (inputs is None or inputs.torque is None)
     own_pressure = p.harmonic and (inputs is None or inputs.pressure is None)
     torque = (e.torque_amplitude, omega) if own_torque and e.torque_amplitude > 0.0 else None
@@ -117,13 +117,13 @@ def _terms(system: System, course: Floats | None, lead: float) -> Terms:
         pulsation=pulsation,
         smoothing=f.smoothing if f.law == "smoothed" else None,
         stribeck=(ratio - 1.0, f.decay) if ratio > 1.0 else None,
-        course=None if course is None else with_loads(course, system.torque_per_pressure),
+        profile=None if profile is None else with_loads(profile, system.torque_per_pressure),
     )
 
 
-def with_loads(course: Floats, torque_per_pressure: float) -> Floats:
-    """A course with saturation torques, N m, in the place of its pressures."""
-    out: Floats = course.copy()
+def with_loads(profile: Floats, torque_per_pressure: float) -> Floats:
+    """A profile with saturation torques, N m, in the place of its pressures."""
+    out: Floats = profile.copy()
     out[:, LOAD:LOAD_RATE + 1] *= torque_per_pressure
     return out
 
@@ -135,34 +135,34 @@ def holding(terms: Terms, torque: float | None, load: float | None) -> Terms:
     """
     if torque is None and load is None:
         return terms
-    linear, mean_torque, sine, harmonics, mean_load, pulsation, smoothing, stribeck, course = terms
+    linear, mean_torque, sine, harmonics, mean_load, pulsation, smoothing, stribeck, profile = terms
     if torque is not None:
-        mean_torque, sine, course = torque, sine and (0.0, sine[1]), _held_in(course, TORQUE, torque)
+        mean_torque, sine, profile = torque, sine and (0.0, sine[1]), _held_in(profile, TORQUE, torque)
         harmonics = None if harmonics is None else harmonics * (1.0, 0.0, 1.0)
     if load is not None:
-        mean_load, pulsation, course = load, pulsation and (0.0, *pulsation[1:]), _held_in(course, LOAD, load)
-    return Terms(linear, mean_torque, sine, harmonics, mean_load, pulsation, smoothing, stribeck, course)
+        mean_load, pulsation, profile = load, pulsation and (0.0, *pulsation[1:]), _held_in(profile, LOAD, load)
+    return Terms(linear, mean_torque, sine, harmonics, mean_load, pulsation, smoothing, stribeck, profile)
 
 
 def same_but_means(one: Terms, other: Terms) -> bool:
     """Whether terms are the same but for the mean torque and the mean load."""
-    return (one.harmonics is other.harmonics and one.course is other.course
+    return (one.harmonics is other.harmonics and one.profile is other.profile
             and (one.linear, one.torque, one.pulsation, one.smoothing, one.stribeck)
             == (other.linear, other.torque, other.pulsation, other.smoothing, other.stribeck))
 
 
-def _held_in(course: Floats | None, column: int, value: float) -> Floats | None:
-    """A course with a constant in this column."""
-    if course is None:
+def _held_in(profile: Floats | None, column: int, value: float) -> Floats | None:
+    """A profile with a constant in this column."""
+    if profile is None:
         return None
-    out: Floats = course.copy()
+    out: Floats = profile.copy()
     out[:, column], out[:, column + 1] = value, 0.0
     return out
 
 
 def general_terms(system: System, origin: Origin = START) -> Terms:
     """The same physics with every term present, absent ones at zero amplitude: for comparison, and for live changes."""
-    own = _terms(system, course_of(system.engine, system.pressure, system.inputs, origin), origin.lead)
+    own = _terms(system, profile_of(system.engine, system.pressure, system.inputs, origin), origin.lead)
     return own._replace(
         torque=own.torque or (0.0, 1.0),
         harmonics=np.array([[2.0, 0.0, 0.0]]) if own.harmonics is None else own.harmonics,
@@ -174,29 +174,29 @@ def general_terms(system: System, origin: Origin = START) -> Terms:
 def torques_at(terms: Terms, t: Floats) -> tuple[Floats, Floats]:
     """Te and Ts, N m, at the times t, an array of any shape, s."""
     angle, mean_torque, mean_load = t, terms.mean_torque, terms.mean_load
-    if terms.course is not None:
-        angle, mean_torque, mean_load = along(terms.course, t)
+    if terms.profile is not None:
+        angle, mean_torque, mean_load = along(terms.profile, t)
     return (np.asarray(equations.engine_torque(angle, mean_torque, terms.torque, terms.harmonics)),
             np.asarray(equations.saturation_torque(angle, mean_load, terms.pulsation)))
 
 
 def piece_of(terms: Terms, begin: float, end: float) -> Terms:
-    """`terms` with the one piece of the course that holds from `begin` to `end`."""
-    if terms.course is None:
+    """`terms` with the one piece of the profile that holds from `begin` to `end`."""
+    if terms.profile is None:
         return terms
-    k = pieces(terms.course, 0.5 * (begin + end))
-    return terms._replace(course=terms.course[k:k + 1])
+    k = pieces(terms.profile, 0.5 * (begin + end))
+    return terms._replace(profile=terms.profile[k:k + 1])
 
 
 def peak_load(terms: Terms) -> float:
     """The largest saturation torque, N m."""
-    mean = terms.mean_load if terms.course is None else float(terms.course[:, LOAD].max())
+    mean = terms.mean_load if terms.profile is None else float(terms.profile[:, LOAD].max())
     return mean + (abs(terms.pulsation[0]) if terms.pulsation is not None else 0.0)
 
 
 def least_mean_load(terms: Terms) -> float:
     """The smallest saturation torque less its sine, N m."""
-    return terms.mean_load if terms.course is None else float(terms.course[:, LOAD].min())
+    return terms.mean_load if terms.profile is None else float(terms.profile[:, LOAD].min())
 
 
 def held_and_left_out(terms: Terms) -> tuple[list[str], list[str]]:
@@ -208,7 +208,7 @@ def held_and_left_out(terms: Terms) -> tuple[list[str], list[str]]:
         "smoothing tanh": terms.smoothing is not None,
         "Stribeck exponential": terms.stribeck is not None,
         "pressure clamp": terms.pulsation is not None and terms.pulsation[0] > least_mean_load(terms),
-        "profiles in time": terms.course is not None,
+        "profiles in time": terms.profile is not None,
     }
     return [n for n, on in present.items() if on], [n for n, on in present.items() if not on]
 
@@ -222,18 +222,18 @@ def excitation_frequency(terms: Terms) -> float:
         found.append(terms.pulsation[1])
     if terms.harmonics is not None:
         found.append(float(terms.harmonics[:, 0].max()))
-    return max(found) * (1.0 if terms.course is None else float(terms.course[:, FREQUENCY].max()))
+    return max(found) * (1.0 if terms.profile is None else float(terms.profile[:, FREQUENCY].max()))
 
 
 def load_frequency(terms: Terms) -> float:
     """The largest angular frequency of the load, rad/s; 0 where it is constant."""
     rate = 0.0 if terms.pulsation is None else terms.pulsation[1]
-    return rate * (1.0 if terms.course is None else float(terms.course[:, FREQUENCY].max()))
+    return rate * (1.0 if terms.profile is None else float(terms.profile[:, FREQUENCY].max()))
 
 
 def largest_mean_torque(terms: Terms) -> float:
     """The largest size of the mean engine torque, N m."""
-    return abs(terms.mean_torque) if terms.course is None else float(np.abs(terms.course[:, TORQUE]).max())
+    return abs(terms.mean_torque) if terms.profile is None else float(np.abs(terms.profile[:, TORQUE]).max())
 
 
 def torque_swing(terms: Terms) -> float:

@@ -244,7 +244,7 @@ def simulate(scene: Scene | System | str | Path, plan: Plan | None = None, *, du
     elif plan.discard == "auto":
         run, cycles, discarded = _settled_run(system, plan, start)
     else:
-        discarded = plan.dropped(plan.cycles, default_discard(plan.cycles) if system.course is None else 0)
+        discarded = plan.dropped(plan.cycles, default_discard(plan.cycles) if system.profile is None else 0)
         run = _solve(system, plan, start, cycles=plan.cycles, samples_per_cycle=samples_per_cycle,
                      flywheel_angle=flywheel_angle, loads_from=discarded)
         cycles = run.cycles
@@ -262,7 +262,7 @@ def _timed_run(system: System, plan: Plan, start: Start, duration: float, sample
     """A duration in one solve."""
     check_duration(system, duration, start.cycle)
     whole = system.whole_cycles(start.cycle, duration)
-    discarded = plan.dropped(whole, min(ANALYSIS.discard, whole // 3) if system.course is None else 0)
+    discarded = plan.dropped(whole, min(ANALYSIS.discard, whole // 3) if system.profile is None else 0)
     run = _solve(system, plan, start, duration=duration, samples_per_cycle=samples, flywheel_angle=flywheel_angle,
                  loads_from=discarded)
     return run, run.cycles, discarded

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from tcc_sim.errors import InputError
 from tcc_sim.messages import cdr
-from tcc_sim.model.parameters import PRESSURE_MAXIMUM
+from tcc_sim.model.groups import PRESSURE_MAXIMUM
 from tcc_sim.model.quantity import quantity
 
 

@@ -156,7 +156,7 @@ def plot_run(solved: Trajectory, path: Path, width: str = "page", *, summary: Su
     solved : with per-cycle results, or shorter than a cycle and with samples
     summary : of its steady state; worked out by default
     """
-    if solved.system is not None and solved.system.course is not None:
+    if solved.system is not None and solved.system.profile is not None:
         return manoeuvre(path, solved, style.width_of(width), title)
     whole = solved.cycles is not None and len(solved.cycles) > 0
     if not whole and len(solved.t) > 2 and solved.t[-1] - solved.t[0] >= solved.cycle:

@@ -119,7 +119,7 @@ def test_of_a_manoeuvre_the_whole_is_drawn(monkeypatch, recording, tmp_path, pro
     assert isinstance(drawn[0], Trajectory) == whole
     if whole:
         assert drawn[0].t[[0, -1]].tolist() == [0.0, 2.0]
-        assert drawn[0].system.course is not None
+        assert drawn[0].system.profile is not None
 
 
 def test_existing_files_are_replaced_only_by_force(capsys, recording, tmp_path):

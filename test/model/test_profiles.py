@@ -5,8 +5,8 @@ import pytest
 from scipy.integrate import quad
 
 from tcc_sim.errors import InputError
-from tcc_sim.model.course import along, phase_at, time_at
 from tcc_sim.model.parameters import System, replace
+from tcc_sim.model.profile import along, phase_at, time_at
 from tcc_sim.scene import parse_profiles
 
 TIMES, VALUES = [0.0, 0.3, 0.4, 2.0], [80.0, 400.0, 90.0, 90.0]
@@ -17,27 +17,27 @@ VARYING = replace(System(), {"engine.frequency_times": TIMES, "engine.frequency_
 def test_the_phase_is_the_integral_of_the_frequency():
     for t in (0.0, 0.1, 0.3, 0.37, 1.9, 2.5):
         exact = quad(lambda s: np.interp(s, TIMES, VALUES), 0.0, t, points=TIMES[1:], epsabs=1e-12)[0]
-        assert phase_at(VARYING.course, t) == pytest.approx(exact, abs=1e-9)
+        assert phase_at(VARYING.profile, t) == pytest.approx(exact, abs=1e-9)
 
 
 def test_cycles_start_where_the_phase_is_a_whole_turn():
     starts = VARYING.cycle_start(np.arange(40))
-    np.testing.assert_allclose(phase_at(VARYING.course, starts), 2.0 * np.pi * np.arange(40), atol=1e-10)
+    np.testing.assert_allclose(phase_at(VARYING.profile, starts), 2.0 * np.pi * np.arange(40), atol=1e-10)
     assert starts[0] == 0.0
     assert VARYING.cycles_until(float(starts[17])) == pytest.approx(17.0, abs=1e-12)
     t = np.linspace(0.0, 3.0, 301)
-    np.testing.assert_allclose(time_at(VARYING.course, phase_at(VARYING.course, t)), t, atol=1e-13)
+    np.testing.assert_allclose(time_at(VARYING.profile, phase_at(VARYING.profile, t)), t, atol=1e-13)
 
 
 def test_means_are_linear_between_points_and_constant_outside():
     t = np.linspace(0.0, 2.5, 101)
-    _, torque, pressure = along(VARYING.course, t)
+    _, torque, pressure = along(VARYING.profile, t)
     np.testing.assert_allclose(pressure, np.interp(t, [0.0, 1.0], [0.0, 3e5]), atol=1e-9)
     np.testing.assert_array_equal(torque, System().engine.mean_torque)
 
 
 def test_a_system_without_profiles_has_no_course():
-    assert System().course is None
+    assert System().profile is None
     assert System().cycle_start(7) == 7 * System().cycle
 
 

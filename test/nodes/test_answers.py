@@ -21,7 +21,7 @@ from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 
 from tcc_sim.messages import cdr
-from tcc_sim.model.parameters import PRESSURE_MAXIMUM, TORQUE_MAXIMUM
+from tcc_sim.model.groups import PRESSURE_MAXIMUM, TORQUE_MAXIMUM
 from tcc_sim.nodes.driveline import DrivelineNode, spin
 from tcc_sim.nodes.loop_topics import CommandedInput
 from tcc_sim.nodes.middleware import COMMANDS

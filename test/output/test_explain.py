@@ -33,12 +33,12 @@ def test_the_minimal_scene_leaves_out_what_it_does_not_have() -> None:
 
 
 def test_arrays_that_a_kernel_is_given_are_told_by_their_size() -> None:
-    """A course has a row of eight numbers for each of its two pieces; it was called an array of sines."""
+    """A profile has a row of eight numbers for each of its two pieces; it was called an array of sines."""
     scene = load_scene("runup")
-    pieces = scene.system.course
+    pieces = scene.system.profile
     assert pieces is not None
     assert pieces.shape == (2, 8)
-    assert explain(scene)["kernel"]["course"] == "array of 2 by 8 numbers"
+    assert explain(scene)["kernel"]["profile"] == "array of 2 by 8 numbers"
 
 
 @pytest.mark.parametrize(("name", "sines"), [("minimal", 3.0), ("stick", 3.0), ("fig02", 6.0)])

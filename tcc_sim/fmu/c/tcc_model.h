@@ -69,7 +69,7 @@ static void tcc_reset(tcc_plant *p)
 
 static int tcc_flags(const Terms *t)
 {
-    return t->torque.has | t->harmonics.has << 1 | t->pulsation.has << 2 | t->stribeck.has << 3 | t->course.has << 4;
+    return t->torque.has | t->harmonics.has << 1 | t->pulsation.has << 2 | t->stribeck.has << 3 | t->profile.has << 4;
 }
 
 static double tcc_per_pressure(const double *x)
@@ -77,7 +77,7 @@ static double tcc_per_pressure(const double *x)
     return x[at_friction_kinetic_coefficient] * x[at_clutch_area] * x[at_clutch_radius];
 }
 
-/* Columns of a course: tcc_sim.model.course */
+/* Columns of a profile: tcc_sim.model.profile */
 enum { TCC_AT, TCC_PHASE, TCC_FREQUENCY, TCC_FREQUENCY_RATE, TCC_TORQUE, TCC_TORQUE_RATE, TCC_LOAD, TCC_LOAD_RATE };
 
 /* Value and change in a second at time t of n points, or of a constant where there are none. */
@@ -105,7 +105,7 @@ static int tcc_merge(double *sorted, int count, const double *times, int n)
     return count;
 }
 
-/* The course of the profiles from an origin on; its loads are pressures. A profile of the frequency counts from 0. */
+/* The profile of the profiles from an origin on; its loads are pressures. A profile of the frequency counts from 0. */
 static void tcc_course(const double *x, double frequency, tcc_origin origin, Terms *t)
 {
     double times[TCC_MOST_PIECES + 1] = {0.0}, gained = 0.0;
@@ -117,10 +117,10 @@ static void tcc_course(const double *x, double frequency, tcc_origin origin, Ter
     late = searched(times, 1, n, origin.time) - 1;   /* the points before the origin count no more */
     times[late] = origin.time;
     n -= late;
-    t->course.has = 1;
-    t->course.rows = n;
+    t->profile.has = 1;
+    t->profile.rows = n;
     for (int k = 0; k < n; k++) {
-        double *row = t->course.at[k], now = times[late + k];
+        double *row = t->profile.at[k], now = times[late + k];
         row[TCC_AT] = now;
         tcc_line(x, TCC_FREQUENCY_POINTS, at_engine_frequency_times, at_engine_frequency_values, at_engine_frequency, now,
                  row + TCC_FREQUENCY);
@@ -146,7 +146,7 @@ static tcc_origin tcc_moved(const tcc_model *m, Terms *room)
     if (TCC_FREQUENCY_POINTS > 0) frequency = m->frequency;
     if (m->mode != TCC_STEP_MODE || (frequency == m->frequency && ratio == m->ratio)) return origin;
     tcc_course(m->x, m->frequency, origin, room);
-    phase = tcc_reached(now, room->course.at[tcc_piece_at(&room->course, now)])._0;
+    phase = tcc_reached(now, room->profile.at[tcc_piece_at(&room->profile, now)])._0;
     origin.lead += (m->ratio - ratio) * phase;
     if (frequency != m->frequency) {
         origin.time = now;
@@ -155,10 +155,10 @@ static tcc_origin tcc_moved(const tcc_model *m, Terms *room)
     return origin;
 }
 
-/* The terms that the scene needs with these values, with or without a course. */
-static void tcc_terms_of(const double *x, int course, tcc_origin origin, Terms *t)
+/* The terms that the scene needs with these values, with or without a profile. */
+static void tcc_terms_of(const double *x, int profile, tcc_origin origin, Terms *t)
 {
-    double omega = course ? 1.0 : x[at_engine_frequency], per_pressure = tcc_per_pressure(x);
+    double omega = profile ? 1.0 : x[at_engine_frequency], per_pressure = tcc_per_pressure(x);
     double ratio = x[at_friction_static_coefficient] / x[at_friction_kinetic_coefficient];
     memset(t, 0, sizeof *t);
     t->linear._0 = x[at_driveline_flywheel_inertia];
@@ -194,11 +194,11 @@ static void tcc_terms_of(const double *x, int course, tcc_origin origin, Terms *
         t->stribeck._0 = ratio - 1.0;
         t->stribeck._1 = x[at_friction_decay];
     }
-    if (!course) return;
+    if (!profile) return;
     tcc_course(x, x[at_engine_frequency], origin, t);
-    for (int k = 0; k < t->course.rows; k++) {
-        t->course.at[k][TCC_LOAD] *= per_pressure;
-        t->course.at[k][TCC_LOAD_RATE] *= per_pressure;
+    for (int k = 0; k < t->profile.rows; k++) {
+        t->profile.at[k][TCC_LOAD] *= per_pressure;
+        t->profile.at[k][TCC_LOAD_RATE] *= per_pressure;
     }
 }
 
@@ -225,17 +225,17 @@ static void tcc_hold(const double *x, Terms *t)
     t->mean_torque = x[at_engine_torque];
     t->torque._0 = 0.0;
     for (int k = 0; k < t->harmonics.rows; k++) t->harmonics.at[k][1] *= 0.0;
-    for (int k = 0; k < t->course.rows; k++) {
-        t->course.at[k][TCC_TORQUE] = t->mean_torque;
-        t->course.at[k][TCC_TORQUE_RATE] = 0.0;
+    for (int k = 0; k < t->profile.rows; k++) {
+        t->profile.at[k][TCC_TORQUE] = t->mean_torque;
+        t->profile.at[k][TCC_TORQUE_RATE] = 0.0;
     }
 #endif
 #if TCC_PRESSURE_TOPIC
     t->mean_load = tcc_per_pressure(x) * x[at_actuation_pressure];
     t->pulsation._0 = 0.0;
-    for (int k = 0; k < t->course.rows; k++) {
-        t->course.at[k][TCC_LOAD] = t->mean_load;
-        t->course.at[k][TCC_LOAD_RATE] = 0.0;
+    for (int k = 0; k < t->profile.rows; k++) {
+        t->profile.at[k][TCC_LOAD] = t->mean_load;
+        t->profile.at[k][TCC_LOAD_RATE] = 0.0;
     }
 #endif
 }
@@ -247,15 +247,15 @@ static double tcc_substeps(const Terms *t)
     if (t->torque.has) excitation = fmax(excitation, t->torque._1);
     if (t->pulsation.has) excitation = fmax(excitation, t->pulsation._1);
     for (int k = 0; k < t->harmonics.rows; k++) excitation = fmax(excitation, t->harmonics.at[k][0]);
-    for (int k = 0; k < t->course.rows; k++) {
-        frequency = fmax(frequency, t->course.at[k][TCC_FREQUENCY]);
-        load = fmax(load, t->course.at[k][TCC_LOAD]);
+    for (int k = 0; k < t->profile.rows; k++) {
+        frequency = fmax(frequency, t->profile.at[k][TCC_FREQUENCY]);
+        load = fmax(load, t->profile.at[k][TCC_LOAD]);
     }
-    if (t->course.has) excitation *= frequency;
+    if (t->profile.has) excitation *= frequency;
     needed = TCC_STEP * fmax(fastest, excitation) / TCC_RESOLUTION;
     if (t->stribeck.has) {
         beta = 1.0 / t->linear._0 + 1.0 / t->linear._1;
-        peak = (t->course.has ? load : t->mean_load) + (t->pulsation.has ? fabs(t->pulsation._0) : 0.0);
+        peak = (t->profile.has ? load : t->mean_load) + (t->pulsation.has ? fabs(t->pulsation._0) : 0.0);
         needed = fmax(needed, 2.0 * TCC_STEP * beta * peak * t->stribeck._0 * t->stribeck._1);
     }
     return fmax(1.0, ceil(needed - 1e-9));
@@ -349,8 +349,8 @@ static void tcc_outputs(tcc_model *m)
 {
     double *x = m->x, t = (double)m->tick * TCC_STEP, v = m->state[0];
     const Terms *s = &m->terms;
-    int piece = tcc_piece_at(&s->course, t);
-    tuple_dd torques = tcc_torques_now(t, piece, &s->course, s);
+    int piece = tcc_piece_at(&s->profile, t);
+    tuple_dd torques = tcc_torques_now(t, piece, &s->profile, s);
     x[at_time] = m->start_time + t;
     x[at_slip_speed] = v;
     x[at_plate_angle] = m->state[1];
@@ -364,8 +364,8 @@ static void tcc_outputs(tcc_model *m)
 #if TCC_PRESSURE_TOPIC
     x[at_applied_pressure] = x[at_actuation_pressure];
 #else
-    if (s->course.has) {
-        tuple_ddd now = tcc_reached(t, s->course.at[piece]);
+    if (s->profile.has) {
+        tuple_ddd now = tcc_reached(t, s->profile.at[piece]);
         x[at_applied_pressure] = fmax(0.0, now._2 / tcc_per_pressure(x) + x[at_pressure_amplitude]
             * sin(x[at_pressure_frequency_ratio] * now._0 + m->origin.lead + x[at_pressure_phase]));
     } else x[at_applied_pressure] = fmax(0.0, x[at_pressure_mean] + x[at_pressure_amplitude]

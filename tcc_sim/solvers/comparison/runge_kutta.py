@@ -111,7 +111,7 @@ def rk4(problem: Problem) -> Trajectory:
 @compiled
 def slopes(t: float, v: float, plate_angle: float, plate_speed: float, terms: Any) -> tuple[float, float]:
     """v' and omega2' of (2) with the smoothed law (7), rad/s^2; `terms` are Terms."""
-    engine, load = torques_now(t, piece_at(terms.course, t), terms.course, terms)
+    engine, load = torques_now(t, piece_at(terms.profile, t), terms.profile, terms)
     friction = smoothed_coefficient(v, terms.smoothing, terms.stribeck) * load
     return accelerations(plate_angle, plate_speed, engine, friction, terms.linear)  # type: ignore[no-any-return]
 

@@ -58,7 +58,7 @@ def jacobian(t: float, y: Floats, terms: Terms) -> Floats:
 def _jacobian(t: float, y: Floats, terms: Any, out: Floats) -> None:
     """See `jacobian`."""
     _, slope = smoothed_and_slope(y[0], terms.smoothing, terms.stribeck)
-    rate = slope * torques_now(t, piece_at(terms.course, t), terms.course, terms)[1]
+    rate = slope * torques_now(t, piece_at(terms.profile, t), terms.profile, terms)[1]
     flywheel, plate, damping, stiffness = terms.linear
     out[0, 0] = -rate * (1.0 / flywheel + 1.0 / plate)
     out[0, 1] = stiffness / plate

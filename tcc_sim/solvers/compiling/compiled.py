@@ -24,7 +24,7 @@ import llvmlite
 import numpy as np
 from llvmlite import binding
 
-from tcc_sim.model import course, equations, friction
+from tcc_sim.model import equations, friction, profile
 from tcc_sim.solvers.compiling import kernel_cache
 from tcc_sim.solvers.compiling.kernel_cache import Reach
 
@@ -265,4 +265,4 @@ smoothed_and_slope = compiled(friction.smoothed_and_slope)
 engine_torque = compiled(equations.engine_torque)
 saturation_torque = compiled(equations.saturation_torque)
 accelerations = compiled(equations.accelerations)
-reached = compiled(course.reached)
+reached = compiled(profile.reached)

@@ -45,7 +45,7 @@ SMALLEST_ERROR = 1e-9
 
 
 @fast
-def weigh(state: Any, h: float, limits: Limits, mean_torque: float, waves: Any, course: Any, work: Any) -> None:
+def weigh(state: Any, h: float, limits: Limits, mean_torque: float, waves: Any, profile: Any, work: Any) -> None:
     """How much of every source there is: the start, and the sines of the torque and their quadratures, or the torque at
     the nodes.
     """
@@ -53,25 +53,25 @@ def weigh(state: Any, h: float, limits: Limits, mean_torque: float, waves: Any, 
     weights[FROM_ANGLE] = state.plate_angle
     weights[FROM_SPEED] = state.plate_speed + limits.kappa * state.slip_speed
     weights[FROM_MEAN] = mean_torque
-    if course is None:
+    if profile is None:
         for i in range(waves.shape[0]):
             wave = waves[i]
             weights[FROM_WAVES + 2 * i] = wave.amplitude * wave.sine
             weights[FROM_WAVES + 2 * i + 1] = wave.amplitude * wave.cosine
     else:
         for i in range(NODES):
-            weights[FROM_WAVES + i] = torque_beside_mean(state.tau + C[i] * h, mean_torque, waves, course)
+            weights[FROM_WAVES + i] = torque_beside_mean(state.tau + C[i] * h, mean_torque, waves, profile)
 
 
 @fast
 def grip_at_nodes(tau: float, h: float, turn: Any, loaded: bool, beta: float, mean_load: float, pulsation: Pulsation,
-                  course: Any, drive: Any, grip: Any) -> None:
+                  profile: Any, drive: Any, grip: Any) -> None:
     """beta Ts at the nodes of a collocation step."""
     cosine, sine = turn.cosine, turn.sine
     for i in range(NODES):
         load = mean_load
-        if course is not None:
-            load = load_and_rate(tau + C[i] * h, pulsation, course)[0]
+        if profile is not None:
+            load = load_and_rate(tau + C[i] * h, pulsation, profile)[0]
         elif pulsation is not None:
             load += pulsation[0] * (drive.load_sine * cosine[i] + drive.load_cosine * sine[i])
         grip[i] = beta * load if loaded else 0.0
@@ -160,13 +160,13 @@ def collocation_step(place: Place, room: float, loaded: bool, state: Any, contro
     worth = -math.inf  # A slope of friction that falls is not a step refused.
     while True:
         control.level = level
-        if level >= tables.rungs.shape[0] or tables.rungs[level].length * control.slope < worth:
+        if level >= tables.rungs.shape[0] or tables.rungs[level].length * control.rate < worth:
             return Step(REFUSED, 0.0, 0.0, DEGREE, math.inf)
         h = tables.rungs[level].length
-        weigh(state, h, limits, terms.mean_torque, waves, terms.course, work)
+        weigh(state, h, limits, terms.mean_torque, waves, terms.profile, work)
         balance(tables.sources, level, work)
         grip_at_nodes(state.tau, h, tables.turns[level], loaded, limits.beta, terms.mean_load, terms.pulsation,
-                      terms.course, drive, work.grip)
+                      terms.profile, drive, work.grip)
         beyond = first_beyond(limits.peak, work) if control.method == CREEP else NODES
         if beyond == NODES:
             break
@@ -205,5 +205,5 @@ def collocation_step(place: Place, room: float, loaded: bool, state: Any, contro
         factor = growth(error) if error < math.inf else SHRINK_MOST
         control.level = rung_below(tables.rungs, level + 1, factor * h)
         return Step(REFUSED, h, 0.0, DEGREE, error)
-    control.slope = work.grip[NODES - 1] * work.slope[NODES - 1]
+    control.rate = work.grip[NODES - 1] * work.slope[NODES - 1]
     return Step(ACCEPTED, h, 1.0, DEGREE, error)

@@ -155,12 +155,12 @@ def complete(step: Step, degree: int, whole: bool, cut: float, setup: Setup, mem
 
 
 @fast
-def started(cycle: int, period: float, course: Any) -> float:
+def started(cycle: int, period: float, profile: Any) -> float:
     """When the engine cycle of this number started, s."""
-    if course is None:
+    if profile is None:
         return cycle * period
     else:
-        return float(course[STARTED])
+        return float(profile[STARTED])
 
 
 @fast
@@ -169,7 +169,7 @@ def keep(step: Step, degree: int, x: float, cut: float, first: int, limits: Limi
     """Loads, samples, extremes, transitions and section of a step; `cut` is where in it the cycle ends."""
     state, _, _, work, _, output = memory
     keep_loads(store.loads, work.rows, degree, step.unit, x, cut, output.cycle, terms.linear, work.bernstein)
-    begun = started(first + output.cycle, limits.period, terms.course)
+    begun = started(first + output.cycle, limits.period, terms.profile)
     keep_step(work, degree, step.unit, x, cut, state.tau, begun + state.tau, limits.period, limits.stick_speed, output,
               store, angle)
 
@@ -221,9 +221,9 @@ def integrate(first: int, count: int, tail: float, step_limit: int, setup: Setup
         if status != GOES_ON:
             return status
         tau = state.tau
-        edge, loaded = clamp_edge(tau, tau + 2.0 * period, shift, terms.mean_load, terms.pulsation, terms.course)
+        edge, loaded = clamp_edge(tau, tau + 2.0 * period, shift, terms.mean_load, terms.pulsation, terms.profile)
         stop = min(edge, end)
-        excite(tau, shift, loaded, terms.mean_torque, waves, terms.mean_load, terms.pulsation, terms.course, drive)
+        excite(tau, shift, loaded, terms.mean_torque, waves, terms.mean_load, terms.pulsation, terms.profile, drive)
         place = region_of(state, loaded, control, limits, terms, drive)
         friction = friction_here(place, state, limits, terms, drive)
         if choose_method(place, friction, edge - tau, state, control, limits, terms, drive, tables):

@@ -157,7 +157,7 @@ def series_step(place: Place, friction: LocalFriction, remaining: float, loaded:
     rows[ANGLE, 0] = state.plate_angle
     rows[SPEED, 0] = state.plate_speed
     expand_excitation(rows, order, unit, state.tau, loaded, terms.mean_torque, waves, terms.mean_load, terms.pulsation,
-                      terms.course, drive)
+                      terms.profile, drive)
     expand_region(order, rows, unit, terms, limits.sigma, place, friction, terms.pulsation, terms.stribeck)
     x = series_length(rows, order, place.slip_tolerance, place.speed_tolerance)
     x = min(x, min(remaining, 0.5 * limits.period) / unit)

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.model.course import FREQUENCY, FREQUENCY_RATE, TIME, pieces
 from tcc_sim.model.parameters import System
+from tcc_sim.model.profile import FREQUENCY, FREQUENCY_RATE, TIME, pieces
 from tcc_sim.solvers import SOLVERS, collocation
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.excitation import DRIVE, SHIFT, STARTED, UNTIL, load_phase, waves_of
@@ -104,12 +104,12 @@ def own_setup(system: System, rtol: float) -> Setup:
 def setup_of(system: System, terms: Terms, rtol: float, excess: float = 0.0) -> Setup:
     """What a solve of a system with given terms needs to know beforehand; `excess` is that of `limits_of`."""
     longest, period = system.cycle, system.cycle
-    if terms.course is not None:
-        longest, period = longest_and_shortest_cycle(terms.course)
+    if terms.profile is not None:
+        longest, period = longest_and_shortest_cycle(terms.profile)
     limits = limits_of(terms, terms_of(system), period, rtol, excess)
     waves = waves_of(terms)
     top, levels = collocation.ladder_of(limits.fastest, longest)
-    if terms.course is None:
+    if terms.profile is None:
         tables = collocation.tables(terms.linear, tuple(waves["rate"].tolist()), load_frequency(terms), top,
                                            levels)
     else:
@@ -123,8 +123,8 @@ def setup_of(system: System, terms: Terms, rtol: float, excess: float = 0.0) -> 
 
 def stretches_of(problem: Problem, setup: Setup) -> Iterator[Stretch]:
     """The calls that make a solve: many cycles at once, or, where the excitation varies in time, piece by piece."""
-    if setup.terms.course is not None:
-        yield from _varying(problem, setup, setup.terms.course)
+    if setup.terms.profile is not None:
+        yield from _varying(problem, setup, setup.terms.profile)
         return
     count = problem.whole_cycles
     for cycles in range(BATCH, count, BATCH):
@@ -132,7 +132,7 @@ def stretches_of(problem: Problem, setup: Setup) -> Iterator[Stretch]:
     yield setup, count, problem.rest
 
 
-def _varying(problem: Problem, setup: Setup, course: Floats) -> Iterator[Stretch]:
+def _varying(problem: Problem, setup: Setup, profile: Floats) -> Iterator[Stretch]:
     """Engine cycle by engine cycle, and within one from corner to corner."""
     first, count, terms = problem.start_cycle, problem.whole_cycles, setup.terms
     starts = problem.system.cycle_start(first + np.arange(count + 2)).tolist()
@@ -142,36 +142,36 @@ def _varying(problem: Problem, setup: Setup, course: Floats) -> Iterator[Stretch
         if end - start < NEAR * period:
             return
         near = NEAR * period
-        inner = course[:, TIME][(course[:, TIME] > start + near) & (course[:, TIME] < end - near)].tolist()
+        inner = profile[:, TIME][(profile[:, TIME] > start + near) & (profile[:, TIME] < end - near)].tolist()
         shift = load_phase(setup.ratio, terms.pulsation, first + n)
         limits, phase = setup.limits._replace(period=period), 0.0
         for begin, stop in zip([start, *inner], [*inner, end]):
-            row = course_row(course, begin, stop, start, phase, shift)
+            row = profile_row(profile, begin, stop, start, phase, shift)
             whole = n < count and stop == following
-            own = setup._replace(limits=limits, terms=terms._replace(course=row))
+            own = setup._replace(limits=limits, terms=terms._replace(profile=row))
             yield own, n + whole, 0.0 if whole else stop - start
             past = stop - begin
             phase += past * (row[FREQUENCY] + 0.5 * row[FREQUENCY_RATE] * past)
 
 
-def course_row(course: Floats, begin: float, stop: float, start: float, phase: float, shift: float) -> Floats:
+def profile_row(profile: Floats, begin: float, stop: float, start: float, phase: float, shift: float) -> Floats:
     """The row that the kernel is given from `begin` to `stop`, s, within the cycle that started at `start`; `phase` is
     that since then, and `shift` the load's at the start, rad.
     """
-    k = int(pieces(course, 0.5 * (begin + stop)))
-    piece, past = course[k], begin - course[k, TIME]
+    k = int(pieces(profile, 0.5 * (begin + stop)))
+    piece, past = profile[k], begin - profile[k, TIME]
     row = np.empty(SHIFT + 1)
     row[TIME], row[1] = begin - start, phase
     for column in range(FREQUENCY, len(piece), 2):
         row[column], row[column + 1] = piece[column] + piece[column + 1] * past, piece[column + 1]
-    ends = course[k + 1, TIME] if k + 1 < len(course) else math.inf
+    ends = profile[k + 1, TIME] if k + 1 < len(profile) else math.inf
     row[UNTIL], row[STARTED], row[SHIFT] = max(ends, stop) - start, start, shift
     return row
 
 
-def longest_and_shortest_cycle(course: Floats) -> tuple[float, float]:
+def longest_and_shortest_cycle(profile: Floats) -> tuple[float, float]:
     """Bounds of the length of an engine cycle, s."""
-    return 2.0 * math.pi / float(course[:, FREQUENCY].min()), 2.0 * math.pi / float(course[:, FREQUENCY].max())
+    return 2.0 * math.pi / float(profile[:, FREQUENCY].min()), 2.0 * math.pi / float(profile[:, FREQUENCY].max())
 
 
 @fast

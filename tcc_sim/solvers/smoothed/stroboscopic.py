@@ -47,7 +47,7 @@ def start_part(part: Any, limits: Limits, tangent: Any, state: Any, control: Any
     """Set the engine to the start of a part, with the tangent the identity."""
     v, angle, speed = part.state[0], part.state[1], part.state[2]
     state.slip_speed, state.plate_angle, state.plate_speed, state.tau = v, angle, speed, part.tau
-    control.method, control.level, control.slope, control.last, control.streak = 0, 0, 0.0, 0.0, 0
+    control.method, control.level, control.rate, control.last, control.streak = 0, 0, 0.0, 0.0, 0
     control.released, control.calm, control.waited, control.patience = 0.0, CALM, SETTLED, PATIENCE
     control.unsettled = limits.forgotten
     control.slip_before, control.speed_before = 0.0, 0.0
