@@ -183,7 +183,7 @@ STATE = np.dtype([("slip_speed", np.float64), ("plate_angle", np.float64), ("pla
                   ("flywheel_angle", np.float64), ("tau", np.float64)])
 """The motion, SI units; tau is the time into the engine cycle."""
 
-CONTROL = np.dtype([("method", np.int64), ("level", np.int64), ("slope", np.float64), ("released", np.float64),
+CONTROL = np.dtype([("method", np.int64), ("level", np.int64), ("rate", np.float64), ("released", np.float64),
                     ("waited", np.int64), ("calm", np.int64),
                     ("last", np.float64), ("streak", np.int64), ("patience", np.int64), ("slip_before", np.float64),
                     ("slip_now", np.float64), ("speed_before", np.float64), ("speed_now", np.float64),
@@ -191,7 +191,7 @@ CONTROL = np.dtype([("method", np.int64), ("level", np.int64), ("slope", np.floa
 """What steps are chosen by.
 
 method, level : the method now, and the rung of the next collocation step
-slope : rate rho = beta Ts mubar' at the end of the last collocation step, 1/s
+rate : rho = beta Ts mubar' at the end of the last collocation step, 1/s
 released : that rate when stick was left for the series; 0 where nothing keeps it from coming back
 waited, calm : series steps in the layer since then, and after how many it may come back all the same
 last, streak, patience : length of the last series step, how many of one length there were, and how many are borne

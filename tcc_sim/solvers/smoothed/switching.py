@@ -84,7 +84,7 @@ def enter_creep(place: Place, friction: LocalFriction, room: float, state: Any, 
         state.plate_speed -= limits.kappa * delta
         state.plate_angle += limits.kappa * delta / rho
     control.method = CREEP
-    control.slope = rho
+    control.rate = rho
     control.level = rung_below(tables.rungs, 0, FIRST * limits.period)
     return True
 
@@ -121,12 +121,12 @@ def after_series(length: float, control: Any) -> None:
 def leave_if_short(control: Any, limits: Limits, tables: Tables) -> None:
     """Back to the series where the next rung is too short to be worth it, or where there is none."""
     length = tables.rungs[control.level].length if control.level < tables.rungs.shape[0] else 0.0
-    if control.method == CREEP and length * control.slope < WORTH:
+    if control.method == CREEP and length * control.rate < WORTH:
         control.method = SERIES
-        control.released = control.slope
+        control.released = control.rate
         control.waited = 0
         control.calm = min(2 * control.calm, CALM_MOST)
-    elif control.method == STIFF and length * (limits.base_rate + abs(control.slope)) < SERIES_REACH:
+    elif control.method == STIFF and length * (limits.base_rate + abs(control.rate)) < SERIES_REACH:
         control.method = SERIES
 
 
