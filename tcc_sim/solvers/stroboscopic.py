@@ -126,8 +126,8 @@ def stroboscopic_map(system: System, state: Floats, cycles: float, *, start_cycl
 
 
 @fast
-def by(point: Any, k: int, orbits: Orbits) -> bool:
-    """Whether a section point is by that of an orbit."""
+def within_reach(point: Any, k: int, orbits: Orbits) -> bool:
+    """Whether a section point is within the reach of that of an orbit."""
     slip_speed = point[0] / SCALES[0] - orbits.points[k, 0]
     plate_angle = point[1] / SCALES[1] - orbits.points[k, 1]
     plate_speed = point[2] / SCALES[2] - orbits.points[k, 2]
@@ -141,8 +141,8 @@ def ends(section: Any, since: int, until: int, output: Any, first: int, cycles: 
     for i in range(since + 1, output.cycle + 1):
         section[i, 0], section[i, 1], section[i, 2] = cycles[i].slip_speed, cycles[i].plate_angle, cycles[i].plate_speed
         for k in range(orbits.reach.shape[0]):
-            if ((first + i - 1 - orbits.cycle[k]) % orbits.forcing == 0 and by(section[i - 1], k, orbits)
-                    and by(section[i], orbits.following[k], orbits)):
+            if ((first + i - 1 - orbits.cycle[k]) % orbits.forcing == 0 and within_reach(section[i - 1], k, orbits)
+                    and within_reach(section[i], orbits.following[k], orbits)):
                 return True
     return bool(output.cycle < until)
 
