@@ -10,14 +10,11 @@ import ast
 import inspect
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from tcc_sim.fmu.c_types import DOUBLE, INT, Kind, Refused, Row, Scalar, Static, Struct, Table, Tuple, kind_name
-
-if TYPE_CHECKING:
-    from tcc_sim.fmu.printer import Library
 
 Text = tuple[str, Kind]
 """An expression in C and its type."""
@@ -35,6 +32,16 @@ TAKEN = {*FUNCTIONS.values(), "free", "double", "int", "float", "long", "short",
 """Words that mean something in C; a local name that is one of them gets an underscore."""
 
 
+class Callees(Protocol):
+    """The functions that expressions call, and the structures that they need."""
+
+    def function(self, source: Any, kinds: tuple[Kind, ...]) -> tuple[str, Kind]:
+        """Name and result of a function for arguments of these types."""
+
+    def declared(self, kind: Kind) -> str:
+        """A type's name; its structure is declared."""
+
+
 class Expressions:
     """What the expressions of one function are in C.
 
@@ -45,7 +52,7 @@ class Expressions:
     kinds : the types of its parameters, by name; names that are assigned to join them
     """
 
-    def __init__(self, library: Library, source: Callable[..., Any], kinds: dict[str, Kind]) -> None:
+    def __init__(self, library: Callees, source: Callable[..., Any], kinds: dict[str, Kind]) -> None:
         self._library, self._globals, self._title = library, source.__globals__, source.__name__
         self._kinds = kinds
 
