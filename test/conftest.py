@@ -15,7 +15,7 @@ def pytest_configure() -> None:
     what is in the cache. COLUMNS, which pytest's workers set, would break lines that are not a terminal's.
     """
     os.environ.pop("COLUMNS", None)
-    kernel_cache.told.add("compiling")
+    kernel_cache.announced.add("compiling")
     for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
         if signal.getsignal(number) is signal.SIG_IGN:
             signal.signal(number, handler)

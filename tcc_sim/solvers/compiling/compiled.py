@@ -26,7 +26,7 @@ from llvmlite import binding
 
 from tcc_sim.model import equations, friction, profile
 from tcc_sim.solvers.compiling import kernel_cache
-from tcc_sim.solvers.compiling.kernel_cache import Reach
+from tcc_sim.solvers.compiling.kernel_cache import Dependencies
 
 Function = TypeVar("Function", bound=Callable[..., object])
 Kind = tuple[Any, ...]
@@ -75,18 +75,23 @@ class Kernel:
     @cached_property
     def part(self) -> Any:
         """What Numba knows of it."""
-        if fits():
+        if numba_supported():
             from tcc_sim.solvers.compiling.linked import dispatcher
 
-            return dispatcher(self)
-        from tcc_sim.solvers.compiling.known import known
+            return dispatcher(self.py_func, self.options)
+        from tcc_sim.solvers.compiling.numba_registration import registered
 
-        return known(self)
+        return registered(self.py_func, self.options)
+
+    @property
+    def _numba_type_(self) -> Any:
+        """The type that Numba gives it where another kernel calls it."""
+        return self.part._numba_type_
 
     @cached_property
-    def reach(self) -> Reach:
+    def dependencies(self) -> Dependencies:
         """What it can call, and how that is compiled."""
-        return Reach(self.py_func, *_compiler(), sorted(map(repr, self.options.items())))
+        return Dependencies(self.py_func, *_compiler(), sorted(map(repr, self.options.items())))
 
     def entry(self, kind: Kind, arguments: tuple[Any, ...], words: Words) -> EntryPoint:
         """What is called for these arguments, which is loaded or compiled first, by one thread at a time."""
@@ -94,16 +99,16 @@ class Kernel:
         if known is not None:
             return known
         with _lock:
-            if kind not in self.entries and not fits():
-                kernel_cache.announce(self.reach.size, f"in every process, since Numba {_numba()[0]} is not one of "
-                                      f"{TESTED[0]} to {TESTED[1]}, whose code can be kept")
+            if kind not in self.entries and not numba_supported():
+                why = f"Numba {_numba()[0]} is not one of {TESTED[0]} to {TESTED[1]}, whose code can be kept"
+                kernel_cache.announce(self.dependencies.size, f"in every process, since {why}")
                 self.entries[kind] = EntryPoint(lambda arguments, _: list(arguments), lambda block: self.part(*block))
             elif kind not in self.entries:
                 name = f"{self.py_func.__module__.rpartition('.')[2]}.{self.py_func.__qualname__}"
                 safe = "".join(c if c.isalnum() or c in "._" else "_" for c in name)[:80]
                 which = hashlib.sha256(repr(kind).encode()).hexdigest()[:16]
-                self.entries[kind] = kernel_cache.kept(
-                    f"{safe}-{self.reach.digest[:24]}-{which}", self.reach.size,
+                self.entries[kind] = kernel_cache.load_or_build(
+                    f"{safe}-{self.dependencies.digest[:24]}-{which}", self.dependencies.size,
                     lambda: self.part.machine_code(arguments), lambda content: loaded(content, words))
             return self.entries[kind]
 
@@ -192,7 +197,7 @@ def _numba() -> tuple[str, str]:
     return str(re.search(r'"version": "([^"]*)"', text)[1]), text  # type: ignore[index]
 
 
-def fits() -> bool:
+def numba_supported() -> bool:
     """Whether what Numba compiles can be kept on disk."""
     first, last, version = (tuple(map(int, re.findall(r"\d+", text)[:2])) for text in (*TESTED, _numba()[0]))
     return first <= version <= last
@@ -202,7 +207,7 @@ def fits() -> bool:
 def _compiler() -> tuple[str, ...]:
     """The compiler, the processor and how kernels are linked, without loading Numba."""
     room = Path(__file__).parent
-    texts = room / "known.py", room / "linked.py", room / "unrolled.py"
+    texts = room / "numba_registration.py", room / "linked.py", room / "unrolled.py"
     return (_numba()[1], *(text.read_text() for text in texts), llvmlite.__version__, binding.get_process_triple(),
             binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten(),
             *(os.environ.get(f"NUMBA_{name}", "") for name in ("OPT", "CPU_NAME", "CPU_FEATURES", "ENABLE_AVX")))

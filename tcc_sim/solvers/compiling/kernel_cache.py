@@ -36,17 +36,17 @@ SECONDS_PER_BYTE = 1e-4
 WORTH_SAYING = 1.0
 """Compile time, s, from which on it is announced."""
 DAY = 86400.0
-KEPT = 30.0 * DAY
+UNUSED_AFTER = 30.0 * DAY
 """Time, s, after which a file that nothing has used is removed; kernels of another version are never used again."""
 _CHECKSUM = hashlib.sha256().digest_size
-told: set[str] = set()
+announced: set[str] = set()
 """Kinds of sentences that were said."""
 _PACKAGE = __name__.partition(".")[0]
 _ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
 _PLAIN = (int, float, complex, str, bytes, type(None), np.generic, np.dtype)
 
 
-class Reach:
+class Dependencies:
     """The functions, constants and options that a function can reach, walked once.
 
     digest : SHA-256 of all of it, as hexadecimal digits
@@ -125,11 +125,11 @@ class UnusableFile(Exception):
 
 def tell(kind: str, sentence: str) -> None:
     """Say something on standard error once for each kind, in the first process of a command only."""
-    if kind not in told and multiprocessing.parent_process() is None and sys.stderr is not None:
+    if kind not in announced and multiprocessing.parent_process() is None and sys.stderr is not None:
         with suppress(OSError, ValueError):
             sys.stderr.write(f"tcc-sim: {one_line(sentence)}\n")
             sys.stderr.flush()
-    told.add(kind)
+    announced.add(kind)
 
 
 @cache
@@ -190,7 +190,7 @@ def _content(path: Path) -> bytes:
     return content[:-_CHECKSUM]
 
 
-def kept(name: str, size: int, make: Callable[[], bytes], load: Callable[[bytes], Loaded]) -> Loaded:
+def load_or_build(name: str, size: int, make: Callable[[], bytes], load: Callable[[bytes], Loaded]) -> Loaded:
     """What `load` makes of what was kept under a name, or of what is made now and kept, all of it or nothing.
 
     size : bytes of bytecode that are compiled, by which it is announced where it takes a while
@@ -240,10 +240,10 @@ def _write(path: Path, content: bytes) -> None:
 
 
 def remove_unused(place: Path, now: float) -> None:
-    """Remove the files of a cache that were last used more than KEPT before `now`, s since 1970."""
+    """Remove the files of a cache that were last used more than UNUSED_AFTER before `now`, s since 1970."""
     for path in place.glob("*-*"):
         with suppress(OSError):
-            if now - path.lstat().st_mtime > KEPT:
+            if now - path.lstat().st_mtime > UNUSED_AFTER:
                 path.unlink()
 
 

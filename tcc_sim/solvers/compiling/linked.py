@@ -13,6 +13,7 @@ from __future__ import annotations
 import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import FunctionType
 from typing import Any
 
 import numba
@@ -24,8 +25,7 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.compiler_machinery import PassManager
 from numba.np.arrayobj import populate_array
 
-from tcc_sim.solvers.compiling.compiled import Kernel
-from tcc_sim.solvers.compiling.known import known
+from tcc_sim.solvers.compiling.numba_registration import registered
 
 NEEDED = {"TranslateByteCode", "FixupArgs", "IRProcessing", "RewriteSemanticConstants", "DeadBranchPrune",
           "GenericRewrites", "ReconstructSSA", "NopythonTypeInference", "PreLowerStripPhis", "IRLegalization",
@@ -78,9 +78,9 @@ class PartCompiler(compiler.CompilerBase):  # type: ignore[misc]
         return [out]
 
 
-def dispatcher(kernel: Kernel) -> Any:
+def dispatcher(function: FunctionType, options: dict[str, Any]) -> Any:
     """A kernel as Numba knows functions."""
-    out = known(kernel, pipeline_class=PartCompiler, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+    out = registered(function, options, pipeline_class=PartCompiler, no_cpython_wrapper=True, no_cfunc_wrapper=True)
     out.machine_code = lambda arguments: machine_code(out, arguments)
     return out
 
@@ -91,14 +91,14 @@ def _hurrying(context: Any) -> Iterator[None]:
     most cases, and Python does not look for unreachable objects meanwhile.
     """
     resolve, collects = context.resolve_function_type, gc.isenabled()
-    known: dict[Any, Any] = {}
+    resolutions: dict[Any, Any] = {}
 
     def resolved(function: Any, arguments: Any, keywords: Any) -> Any:
         key = function, tuple(arguments), tuple(dict(keywords).items())
         try:
-            if key not in known:
-                known[key] = resolve(function, arguments, keywords)
-            return known[key]
+            if key not in resolutions:
+                resolutions[key] = resolve(function, arguments, keywords)
+            return resolutions[key]
         except TypeError:  # A slice among the arguments is not hashable.
             return resolve(function, arguments, keywords)
 

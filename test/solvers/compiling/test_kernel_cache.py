@@ -15,7 +15,7 @@ from full_disk import full_disk
 
 from tcc_sim.solvers.compiling import kernel_cache, linked
 from tcc_sim.solvers.compiling.compiled import compiled
-from tcc_sim.solvers.compiling.kernel_cache import Reach
+from tcc_sim.solvers.compiling.kernel_cache import Dependencies
 
 CALLEE = """
 '''A module that a kernel calls.'''
@@ -46,16 +46,16 @@ def cache(tmp_path, monkeypatch):
     """An empty folder for caches that the package has not looked at yet; what it says is told again."""
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "caches"))
-    said = set(kernel_cache.told)
-    kernel_cache.told.clear()
+    said = set(kernel_cache.announced)
+    kernel_cache.announced.clear()
     monkeypatch.syspath_prepend(str(tmp_path))
     kernel_cache.directory.cache_clear()
     code = linked.machine_code
     monkeypatch.setattr(linked, "machine_code", lambda part, arguments: made.append(part) or code(part, arguments))
     yield tmp_path / "caches" / "tcc_sim"
     kernel_cache.directory.cache_clear()
-    kernel_cache.told.clear()
-    kernel_cache.told.update(said)
+    kernel_cache.announced.clear()
+    kernel_cache.announced.update(said)
 
 
 def modules(folder, callee=CALLEE, caller=CALLER, name=""):
@@ -104,14 +104,14 @@ def test_kernels_of_the_engines_do_not_reach_each_other():
     from tcc_sim.solvers.smoothed import integrate as kernel
 
     def functions(dispatcher):
-        return {f.__module__ for f in Reach(dispatcher.py_func).seen.values() if hasattr(f, "__code__")}
+        return {f.__module__ for f in Dependencies(dispatcher.py_func).seen.values() if hasattr(f, "__code__")}
 
     assert kernel.__name__ in functions(kernel.integrate)
     assert "tcc_sim.solvers.polynomial" in functions(kernel.integrate)
     others = "comparison", "event_driven", "fixed_step"
     assert not any(other in name for name in functions(kernel.integrate) for other in others)
     assert not any("smoothed" in name for name in functions(fixed_step.advance_ticks))
-    assert Reach(fixed_step.advance_ticks.py_func).digest != Reach(fixed_step.advance.py_func).digest
+    assert Dependencies(fixed_step.advance_ticks.py_func).digest != Dependencies(fixed_step.advance.py_func).digest
     assert scipy_methods.__name__ not in functions(fixed_step.advance_ticks)
 
 
@@ -189,7 +189,7 @@ def test_what_belongs_to_somebody_else_is_not_used(cache, tmp_path, capsys):
     assert modules(tmp_path, name="foreign")(3.0) == 7.0
     assert "not a file of one's own" in capsys.readouterr().err
     os.chown(cache, 12345, 12345)
-    kernel_cache.told.clear()
+    kernel_cache.announced.clear()
     kernel_cache.directory.cache_clear()
     assert modules(tmp_path, name="foreign")(3.0) == 7.0
     assert "belongs to somebody else" in capsys.readouterr().err
@@ -242,14 +242,14 @@ def test_no_base_that_is_not_absolute_and_no_home(cache, monkeypatch, capsys):
 def test_what_takes_long_to_compile_is_announced_once_and_only_then(cache, tmp_path, capsys):
     kernel = modules(tmp_path, name="announced")
     own, called = kernel.py_func, kernel.py_func.__globals__["callee"].scaled.py_func
-    assert kernel.reach.size == len(own.__code__.co_code) + len(called.__code__.co_code)
+    assert kernel.dependencies.size == len(own.__code__.co_code) + len(called.__code__.co_code)
     long = round(7.0 / kernel_cache.SECONDS_PER_BYTE)
     for name, size, said in (("short", long // 100, ""), ("long", long, "about 7 s, once"), ("other", long, "")):
-        assert kernel_cache.kept(name, size, lambda: b"code", bytes.upper) == b"CODE"
+        assert kernel_cache.load_or_build(name, size, lambda: b"code", bytes.upper) == b"CODE"
         err = capsys.readouterr().err
         assert err == (f"tcc-sim: compiling kernels for this kind of scene, {said}\n" if said else "")
-    kernel_cache.told.clear()
-    assert kernel_cache.kept("long", long, lambda: b"another", bytes.upper) == b"CODE"
+    kernel_cache.announced.clear()
+    assert kernel_cache.load_or_build("long", long, lambda: b"another", bytes.upper) == b"CODE"
     assert capsys.readouterr().err == ""
 
 
@@ -260,9 +260,9 @@ def test_closures_and_defaults_count():
         return kernel
 
     one, two = scaled(2.0), scaled(3.0)
-    assert Reach(one).digest == Reach(scaled(2.0)).digest != Reach(two).digest
+    assert Dependencies(one).digest == Dependencies(scaled(2.0)).digest != Dependencies(two).digest
     one.__defaults__ = (2.0,)
-    assert Reach(one).digest != Reach(scaled(2.0)).digest
+    assert Dependencies(one).digest != Dependencies(scaled(2.0)).digest
     assert compiled(two)(1.0, 2.0) == 5.0
 
 

@@ -189,7 +189,7 @@ def test_a_numba_of_another_version_compiles_in_its_own_way_and_says_so(monkeypa
         return part(values[0, 1], None) * part(2.0, 3.0), record.count
 
     monkeypatch.setattr(compiled_module, "TESTED", ("0.1", "0.2"))
-    monkeypatch.setattr(kernel_cache, "told", set())
+    monkeypatch.setattr(kernel_cache, "announced", set())
     monkeypatch.setattr(kernel_cache, "WORTH_SAYING", 0.0)
     values, record = np.zeros((1, 2)), np.zeros(1, np.dtype([("count", np.int64)]))[0]
     assert kernel(values, record, Pair(3.0, (7, np.arange(2.0)))) == (24.0, 1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from types import FunctionType
 from typing import Any
 
 import numba
@@ -12,22 +13,16 @@ from numba.core.typing import signature
 from numba.core.typing.templates import AbstractTemplate
 from numba.extending import lower_builtin, typeof_impl
 
-from tcc_sim.solvers.compiling.compiled import Kernel
 from tcc_sim.solvers.compiling.unrolled import Unrolled
 
 
-def known(kernel: Kernel, **how: Any) -> Any:
-    """A kernel as a function of Numba's; a number that is known while compiling makes no kind of its own."""
-    out = numba.njit(kernel.py_func, nogil=True, error_model="numpy", **how, **kernel.options)
+def registered(function: FunctionType, options: dict[str, Any], **how: Any) -> Any:
+    """A function as Numba knows it; a number that is known while compiling makes no kind of its own."""
+    out = numba.njit(function, nogil=True, error_model="numpy", **how, **options)
     template = out.get_call_template
     out.get_call_template = lambda kinds, names: template(
         tuple(map(unliteral, kinds)), {name: unliteral(kind) for name, kind in names.items()})
     return out
-
-
-@typeof_impl.register(Kernel)  # type: ignore[untyped-decorator]
-def _(kernel: Kernel, _context: Any) -> Any:
-    return types.Dispatcher(kernel.part)
 
 
 @typeof_impl.register(Unrolled)  # type: ignore[untyped-decorator]
