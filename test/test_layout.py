@@ -39,6 +39,11 @@ ROOMS = {
 }
 """Where a package that not everyone has, or that is slow to load, may be imported."""
 
+CIRCLES = {"recording.announcements", "recording.contents", "recording.reader", "replay.recorded", "replay.replay",
+           "solvers.event_driven.solve", "solvers.event_driven.stroboscopic", "solvers.smoothed.solve",
+           "solvers.smoothed.stroboscopic", "solvers.stroboscopic"}
+"""Modules that may still import themselves through others."""
+
 MEASURING = "cli.measuring"
 """Who may import `benchmarks`; the rest of it is run as `python -m tcc_sim.benchmarks.NAME`."""
 
@@ -126,6 +131,19 @@ def test_a_part_imports_only_from_parts_before_it(part: str) -> None:
             assert rest[0] in ORDER, f"{place} imports {imported}, a part that ORDER does not know"
             later = ORDER.index(rest[0]) > ORDER.index(part)
             assert not later, f"{place}: {part} imports {imported}, which comes after it"
+
+
+def test_no_module_imports_itself_through_others() -> None:
+    """Function-local imports and those for types count too."""
+    names, reached = {name_of(path) for path in MODULES}, {}
+    for path in MODULES:
+        words = [word.removeprefix("tcc_sim.") for _, word in imports_of(path) if not word.endswith("?")]
+        reached[name_of(path)] = {word if word in names else word.rpartition(".")[0] for word in words} - {""}
+    for middle in reached:
+        for found in reached.values():
+            if middle in found:
+                found |= reached[middle]
+    assert {name for name, found in reached.items() if name in found} <= CIRCLES
 
 
 @parts
