@@ -1,0 +1,164 @@
+"""Measured sliding friction: a table mu(v) fitted by a constant and at most three decaying exponentials.
+
+The sum mu(v) = m + sum over j of c_j exp(-a_j |v|) is analytic and bounded. With one exponential it is the law of (6)
+and (7).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tcc_sim.errors import InputError
+
+Floats = npt.NDArray[np.float64]
+MOST_TERMS = 3
+MOST_POINTS = 1000
+"""Points that a table may have."""
+GOOD_ENOUGH = 1e-3
+"""Largest error, relative to the largest coefficient, below which no further exponential is tried."""
+DOUBTFUL, REFUSED = 0.02, 0.05
+"""Largest error, likewise, above which results carry a warning, and above which the table is refused."""
+LARGEST_RATIO = 20.0
+"""Bound of m against the largest coefficient and of mu(0) against m, either way."""
+SLOWEST, FASTEST, FASTEST_RATE = 0.3, 5.0, 1e3
+"""Bounds of a rate: SLOWEST over the last slip speed, FASTEST over the first one above 0, and FASTEST_RATE s/rad."""
+APART = math.log(1.6)
+"""Least logarithm of the ratio of two rates: closer ones give large amplitudes of opposite signs."""
+
+
+@dataclass(frozen=True)
+class FrictionCurve:
+    """Sliding friction coefficient mu(v) = constant + sum of amplitudes exp(-rates |v|).
+
+    Attributes
+    ----------
+    constant : float
+        m, the coefficient that fast slip tends to.
+    amplitudes, rates : tuple of float
+        c_j and a_j, s/rad, in the order of falling rates.
+    error : float
+        Largest difference from the table, relative to its largest coefficient.
+    worst : float
+        Slip speed of that difference, rad/s.
+    """
+
+    constant: float
+    amplitudes: tuple[float, ...]
+    rates: tuple[float, ...]
+    error: float = 0.0
+    worst: float = 0.0
+
+    def at(self, slip_speed: Any) -> Any:
+        """Return mu at slip speeds, rad/s, a float or an array of any shape."""
+        speed = np.abs(slip_speed)
+        return self.constant + sum(c * np.exp(-a * speed) for c, a in zip(self.amplitudes, self.rates))
+
+    def slope(self, slip_speed: Any) -> Any:
+        """Return d mu / d|v|, s/rad, at slip speeds, rad/s, a float or an array of any shape."""
+        speed = np.abs(slip_speed)
+        return sum((-a * c * np.exp(-a * speed) for c, a in zip(self.amplitudes, self.rates)), 0.0 * speed)
+
+
+def check_table(slip_speeds: tuple[float, ...], coefficients: tuple[float, ...]) -> None:
+    """Raise InputError unless the lists make a table: three points or more, speeds that rise from 0.
+
+    The ranges of single values are those of the scene keys and are checked with them.
+    """
+    speeds, values = "friction.slip_speeds", "friction.coefficients"
+    if len(slip_speeds) != len(coefficients):
+        raise InputError(f"{values} has {len(coefficients)} values; it must have as many as {speeds}, "
+                         f"{len(slip_speeds)}")
+    if not 3 <= len(slip_speeds) <= MOST_POINTS:
+        raise InputError(f"{speeds} has {len(slip_speeds)} values; a friction table needs 3 to {MOST_POINTS}")
+    if slip_speeds[0] != 0.0:
+        raise InputError(f"{speeds} begins at {slip_speeds[0]:g} rad/s; the first slip speed must be 0")
+    for before, after in itertools.pairwise(slip_speeds):
+        if not after > before:
+            raise InputError(f"{speeds} has {after:g} rad/s after {before:g} rad/s; the slip speeds must rise")
+
+
+@lru_cache(maxsize=64)
+def fit_curve(slip_speeds: tuple[float, ...], coefficients: tuple[float, ...]) -> FrictionCurve:
+    """Fit a friction table by a constant and as few exponentials as come within 0.1 %, at most three.
+
+    The rates are found by nonlinear least squares from several starts, the constant and the amplitudes by linear least
+    squares within (variable projection: Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973). Between the points of the
+    table the curve stays within the range of the table and 5 % of its largest coefficient.
+
+    Parameters
+    ----------
+    slip_speeds : (n,) rad/s, rising from 0, n >= 3
+    coefficients : (n,) dimensionless, above 0
+
+    Raises
+    ------
+    InputError
+        Lists that make no table, or a table that no such curve meets within 5 % of its largest coefficient.
+    """
+    check_table(slip_speeds, coefficients)
+    v, mu = np.array(slip_speeds), np.array(coefficients)
+    best: FrictionCurve | None = None
+    most = min(MOST_TERMS, len(v) - 2)
+    for count in range(most + 1):
+        for curve in _candidates(v, mu, count):
+            if best is None or curve.error < best.error:
+                best = curve
+        if best is not None and best.error <= GOOD_ENOUGH:
+            return best
+    if best is None or best.error > REFUSED:
+        why = "" if best is None else f" ({best.error:.1%} off at {best.worst:g} rad/s)"
+        raise InputError(f"friction.coefficients: no constant with {most} decaying exponential{'s' * (most > 1)}, "
+                         f"which is what {len(v)} points allow, is within {REFUSED:.0%} of the largest coefficient at "
+                         f"every point{why}; smooth the table, or give more points where it bends")
+    return best
+
+
+def _candidates(v: Floats, mu: Floats, count: int) -> list[FrictionCurve]:
+    """The curves of `count` exponentials that least squares finds from several starts and that stay in range."""
+    if count == 0:
+        return [_curve(v, mu, np.empty(0))]
+    from scipy.optimize import least_squares
+
+    low, high = math.log(SLOWEST / v[-1]), math.log(min(FASTEST / v[1], FASTEST_RATE))
+    high = max(high, low + count * APART)
+    lower, upper = np.full(count, APART), np.full(count, high - low)
+    lower[0], upper[0] = low, high
+    found = []
+    for start in itertools.combinations(np.linspace(low, high, 8)[1:-1], count):
+        gaps = np.clip(np.diff(start, prepend=0.0), lower + 1e-6, upper - 1e-6)
+        fit = least_squares(lambda x: _projected(v, mu, np.minimum(np.cumsum(x), high))[1], gaps, bounds=(lower, upper),
+                            xtol=1e-12, ftol=1e-14, gtol=1e-14, max_nfev=60)
+        curve = _curve(v, mu, np.minimum(np.cumsum(fit.x), high))
+        between = curve.at(np.concatenate([np.linspace(a, b, 9) for a, b in itertools.pairwise(v)]))
+        margin = REFUSED * mu.max()
+        if between.min() > max(mu.min() - margin, 0.0) and between.max() < mu.max() + margin and \
+                1.0 / LARGEST_RATIO <= curve.at(0.0) / curve.constant <= LARGEST_RATIO:
+            found.append(curve)
+    return found
+
+
+def _projected(v: Floats, mu: Floats, rates: Floats) -> tuple[Floats, Floats]:
+    """Constant and amplitudes (k + 1,) that fit best with these logarithms of rates (k,), and the residuals (n,)."""
+    columns = np.exp(-np.exp(rates)[None, :] * v[:, None])
+    factors = np.linalg.lstsq(np.column_stack([np.ones_like(v), columns]), mu, rcond=None)[0]
+    least = 1.01 * mu.max() / LARGEST_RATIO
+    if factors[0] < least:
+        factors = np.concatenate([[least], np.linalg.lstsq(columns, mu - least, rcond=None)[0]])
+    return factors, factors[0] + columns @ factors[1:] - mu
+
+
+def _curve(v: Floats, mu: Floats, rates: Floats) -> FrictionCurve:
+    """The curve with these logarithms of rates (k,), and its largest error."""
+    factors, residuals = _projected(v, mu, rates)
+    order = np.argsort(-rates)
+    worst = int(np.abs(residuals).argmax())
+    return FrictionCurve(float(factors[0]), tuple(map(float, factors[1:][order])),
+                         tuple(map(float, np.exp(rates[order]))), float(abs(residuals[worst]) / mu.max()),
+                         float(v[worst]))

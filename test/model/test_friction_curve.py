@@ -1,0 +1,54 @@
+"""Friction tables against the curves that they were taken from."""
+
+import numpy as np
+import pytest
+
+from tcc_sim.errors import InputError
+from tcc_sim.model.friction_curve import fit_curve
+
+V = np.linspace(0.0, 60.0, 61)
+SHAPES = {  # coefficients, and the largest error that a fit may have
+    "constant": (0.0 * V + 0.12, 1e-12),
+    "falling": (0.24 * (1.0 + 0.25 * np.exp(-2.0 * V)), 1e-6),
+    "rising": (0.14 - 0.02 * np.exp(-0.3 * V), 1e-6),
+    "rising as a logarithm": (0.11 + 0.006 * np.log1p(V), 4e-4),
+    "falling as a logarithm": (0.15 - 0.008 * np.log1p(V / 0.5), 8e-4),
+    "dip": (0.14 * (1.0 - 0.12 * np.exp(-0.05 * V)) + 0.02 * np.exp(-1.5 * V), 1e-6),
+    "power of Stribeck's curve": (0.12 + 0.03 * np.exp(-np.sqrt(V / 2.0)), 5e-4),
+    "hump": (0.13 + 0.015 * np.exp(-(((V - 8.0) / 6.0) ** 2)), 0.018),
+    "lines": (np.interp(V, [0.0, 2.0, 5.0, 20.0, 60.0], [0.16, 0.135, 0.13, 0.14, 0.142]), 0.014),
+}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_a_fit_is_as_near_as_it_says(shape):
+    mu, allowed = SHAPES[shape]
+    curve = fit_curve(tuple(V), tuple(mu))
+    error = np.abs(curve.at(V) - mu) / mu.max()
+    assert error.max() <= allowed
+    assert curve.error == pytest.approx(error.max(), abs=1e-12)
+    assert error[curve.worst == V] == pytest.approx(error.max(), abs=1e-12)
+    assert np.abs(curve.amplitudes).sum() < 10.0 * mu.max()
+    beside = (curve.at(V[1:] + 1e-5) - curve.at(V[1:] - 1e-5)) / 2e-5
+    np.testing.assert_allclose(curve.slope(V[1:]), beside, rtol=1e-6, atol=1e-9)
+
+
+def test_as_few_exponentials_are_taken_as_are_needed():
+    law = fit_curve(tuple(V), tuple(SHAPES["falling"][0]))
+    assert (law.constant, *law.amplitudes, *law.rates) == pytest.approx((0.24, 0.06, 2.0), rel=1e-6)
+    for shape, count in (("constant", 0), ("rising", 1), ("dip", 2)):
+        assert len(fit_curve(tuple(V), tuple(SHAPES[shape][0])).rates) == count
+
+
+@pytest.mark.parametrize(("speeds", "coefficients", "sentence"), [
+    ((0.0, 1.0), (0.1, 0.1), "has 2 values; a friction table needs 3 to 1000"),
+    ((0.0, 1.0, 2.0), (0.1, 0.1), "has 2 values; it must have as many as friction.slip_speeds, 3"),
+    ((0.1, 1.0, 2.0), (0.1, 0.1, 0.1), "begins at 0.1 rad/s; the first slip speed must be 0"),
+    ((0.0, 2.0, 2.0), (0.1, 0.1, 0.1), "has 2 rad/s after 2 rad/s; the slip speeds must rise"),
+    ((0.0, 5.0, 50.0), (0.15, 0.12, 0.14), r"with 1 decaying exponential, .* 3 points allow, .*6.7% off at 5"),
+    (tuple(range(9)), (0.1, 0.2) * 4 + (0.1,), "no constant with 3 decaying exponentials"),
+    ((0.0, 1.0, 2.0), (1e-3, 1.0, 2.0), "smooth the table"),
+])
+def test_what_is_no_table_or_not_met_is_refused(speeds, coefficients, sentence):
+    with pytest.raises(InputError, match=sentence):
+        fit_curve(speeds, coefficients)
