@@ -13,7 +13,7 @@ from numpy.polynomial import Chebyshev, Polynomial
 from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.kept import CYCLE, MOVE, OUTPUT, Store, keep_step
 from tcc_sim.solvers.series import ANGLE, FLYWHEEL, SLIP, SPEED
-from tcc_sim.solvers.smoothed.setup import WORK
+from tcc_sim.solvers.stages import WORK
 
 PERIOD, CYCLES, LAYER = 0.5, 3, 0.25
 END = PERIOD * CYCLES

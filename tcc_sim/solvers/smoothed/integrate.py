@@ -24,30 +24,20 @@ from tcc_sim.solvers.kept import (
     keep_step,
 )
 from tcc_sim.solvers.loads import keep_loads, wanted
+from tcc_sim.solvers.rungs import fill_plate, state_at_end
 from tcc_sim.solvers.series import COLUMNS, FLYWHEEL, SLIP, add_integral
-from tcc_sim.solvers.smoothed.collocation_step import collocation_step, fill_plate, state_at_end
+from tcc_sim.solvers.smoothed.collocation_step import collocation_step
 from tcc_sim.solvers.smoothed.sensitivity import carry
 from tcc_sim.solvers.smoothed.sensitivity_series import resolved
 from tcc_sim.solvers.smoothed.series_step import LocalFriction, friction_here, series_step
-from tcc_sim.solvers.smoothed.setup import (
-    CREEP,
-    FALLING,
-    LAYER,
-    REFUSED,
-    SERIES,
-    SLIDING,
-    Limits,
-    Memory,
-    Place,
-    Setup,
-    Step,
-)
+from tcc_sim.solvers.smoothed.setup import CREEP, REFUSED, SERIES, Limits, Memory, Setup, Step
 from tcc_sim.solvers.smoothed.switching import (
     after_refusal,
     after_step,
     begin_cycle,
     choose_method,
 )
+from tcc_sim.solvers.stages import FALLING, LAYER, SLIDING, Place
 from tcc_sim.solvers.terms import Terms
 
 EDGE = 1e-6

@@ -22,12 +22,12 @@ from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.bernstein import BERNSTEIN
 from tcc_sim.solvers.collocation import DEGREE, FROM_ANGLE, FROM_SPEED, NODES, TERMS, TO_CHEBYSHEV, C, Tables
 from tcc_sim.solvers.compiling.compiled import fast
+from tcc_sim.solvers.rungs import fill_plate
 from tcc_sim.solvers.series import ANGLE, SLIP, SPEED
-from tcc_sim.solvers.smoothed.collocation_step import fill_plate
 from tcc_sim.solvers.smoothed.sensitivity_series import LANES, carry_series
 from tcc_sim.solvers.smoothed.series_step import LocalFriction, law_here
-from tcc_sim.solvers.smoothed.setup import LAYER, SERIES, Limits, Memory, Place, Step
-from tcc_sim.solvers.smoothed.stages import eliminate_rows, law_at_nodes
+from tcc_sim.solvers.smoothed.setup import SERIES, Limits, Memory, Step
+from tcc_sim.solvers.stages import LAYER, Place, eliminate_rows, law_at_nodes
 from tcc_sim.solvers.terms import Terms
 
 GAUSS, WEIGHTS = (0.5 * x for x in np.polynomial.legendre.leggauss(6))

@@ -35,7 +35,8 @@ from tcc_sim.solvers.series import (
     total,
 )
 from tcc_sim.solvers.smoothed.series_step import LocalFriction
-from tcc_sim.solvers.smoothed.setup import LAYER, SLIDING, Limits, Place, Step
+from tcc_sim.solvers.smoothed.setup import Limits, Step
+from tcc_sim.solvers.stages import LAYER, SLIDING, Place
 from tcc_sim.solvers.terms import Terms
 
 LANES = 4

@@ -12,7 +12,8 @@ from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.excitation import expand_excitation
 from tcc_sim.solvers.series import ANGLE, ENDLESS, INVERSE, SLIP, SPEED, expand, logarithm, power_of_two
-from tcc_sim.solvers.smoothed.setup import ACCEPTED, FAILED, FALLING, LAYER, SLIDING, Limits, Place, Step
+from tcc_sim.solvers.smoothed.setup import ACCEPTED, FAILED, Limits, Step
+from tcc_sim.solvers.stages import FALLING, LAYER, SLIDING, Place
 from tcc_sim.solvers.terms import Terms
 
 TAIL_OF_TANH = 3.0

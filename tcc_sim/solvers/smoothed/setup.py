@@ -11,9 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tcc_sim.model import friction
-from tcc_sim.solvers.bernstein import WORKSPACE
-from tcc_sim.solvers.collocation import FROM_WAVES, NODES, TERMS, Tables
-from tcc_sim.solvers.series import COLUMNS, FRICTION_ORDER_MAXIMUM, ORDER_MAXIMUM, ROWS
+from tcc_sim.solvers.collocation import Tables
+from tcc_sim.solvers.series import FRICTION_ORDER_MAXIMUM, ORDER_MAXIMUM
 from tcc_sim.solvers.terms import (
     Terms,
     excitation_frequency,
@@ -173,12 +172,6 @@ ACCEPTED, REFUSED, FAILED = range(3)
 SERIES, CREEP, STIFF = range(3)
 """Methods: Taylor series; collocation in stick, on the slow manifold; collocation where the linear part is stiff."""
 
-SLIDING, FALLING, LAYER = range(3)
-"""Regions by |v|: mubar is constant, its exponential varies, tanh varies too."""
-
-WAVES_MAXIMUM = 33
-"""Sines of the engine torque: the first and 32 harmonics."""
-
 STATE = np.dtype([("slip_speed", np.float64), ("plate_angle", np.float64), ("plate_speed", np.float64),
                   ("flywheel_angle", np.float64), ("tau", np.float64)])
 """The motion, SI units; tau is the time into the engine cycle."""
@@ -203,23 +196,6 @@ unsettled : where changes are carried along, what they have still to decay by be
 COUNTERS = np.dtype([("steps", np.int64), ("rejected", np.int64), ("iterations", np.int64),
                      ("iterations_max", np.int64)])
 
-WORK = np.dtype([
-    ("rows", np.float64, (ROWS, COLUMNS)), ("bernstein", np.float64, WORKSPACE),
-    ("slip", np.float64, NODES), ("law", np.float64, NODES), ("slope", np.float64, NODES), ("grip", np.float64, NODES),
-    ("balance", np.float64, NODES), ("demand", np.float64, NODES), ("change", np.float64, NODES),
-    ("chebyshev", np.float64, TERMS), ("measure", np.float64, 2),
-                 ("weights", np.float64, FROM_WAVES + 2 * WAVES_MAXIMUM)])
-"""Work space.
-
-rows, bernstein : the polynomials of a step, in powers of its time, and what searches on them need
-slip, law, slope, grip : at the nodes, V, mubar(V), mubar'(V) and beta Ts
-balance, demand : at the nodes, b without the share of v(0), and b/(beta Ts), what mubar would be without inertia
-change, measure : Newton's correction of V; sizes named in `stages`
-chebyshev : coefficients over the step of the polynomial in hand
-weights : how much of every source there is
-"""
-
-
 class Memory(NamedTuple):
     """What one solve changes as it goes; `drive` is that of `excitation`, `output` that of `kept`."""
 
@@ -229,15 +205,6 @@ class Memory(NamedTuple):
     work: Any
     counters: Any
     output: Any
-
-
-class Place(NamedTuple):
-    """Where the state is: its region, the sign of v, and the errors of v and theta2' that a step may leave."""
-
-    region: int
-    sign: float
-    slip_tolerance: float
-    speed_tolerance: float
 
 
 class Step(NamedTuple):

@@ -24,9 +24,9 @@ from tcc_sim.solvers.excitation import DRIVE, SHIFT, STARTED, UNTIL, load_phase,
 from tcc_sim.solvers.kept import CYCLE, OUTPUT, Kept, Store
 from tcc_sim.solvers.problem import Problem
 from tcc_sim.solvers.smoothed.integrate import integrate
-from tcc_sim.solvers.smoothed.setup import CONTROL, COUNTERS, STATE, WORK, Limits, Memory, Setup, limits_of
-from tcc_sim.solvers.smoothed.stages import ITERATIONS_MAXIMUM
+from tcc_sim.solvers.smoothed.setup import CONTROL, COUNTERS, STATE, Limits, Memory, Setup, limits_of
 from tcc_sim.solvers.smoothed.switching import CALM, PATIENCE
+from tcc_sim.solvers.stages import ITERATIONS_MAXIMUM, WORK
 from tcc_sim.solvers.stroboscopic import ends
 from tcc_sim.solvers.terms import Terms, load_frequency, per_system, steps_allowed, terms_of
 from tcc_sim.trajectory import Floats, Orbits, State, Statistics, Status, Trajectory

@@ -12,9 +12,11 @@ from typing import Any
 
 from tcc_sim.solvers.collocation import LEVELS, Tables
 from tcc_sim.solvers.compiling.compiled import fast
-from tcc_sim.solvers.smoothed.collocation_step import FLAT, WORTH, growth, rung_below
+from tcc_sim.solvers.rungs import growth, rung_below
+from tcc_sim.solvers.smoothed.collocation_step import FLAT, WORTH
 from tcc_sim.solvers.smoothed.series_step import LocalFriction
-from tcc_sim.solvers.smoothed.setup import CREEP, LAYER, SERIES, STIFF, Limits, Place, Step
+from tcc_sim.solvers.smoothed.setup import CREEP, SERIES, STIFF, Limits, Step
+from tcc_sim.solvers.stages import LAYER, Place
 from tcc_sim.solvers.terms import Terms
 
 WORTH_USUAL = 2.0

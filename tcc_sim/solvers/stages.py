@@ -7,10 +7,13 @@ at a time.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from tcc_sim.model.friction import Stribeck
-from tcc_sim.solvers.collocation import NODES, TO_CHEBYSHEV, TO_POWERS
+from tcc_sim.solvers.bernstein import WORKSPACE
+from tcc_sim.solvers.collocation import FROM_WAVES, NODES, TERMS, TO_CHEBYSHEV, TO_POWERS
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.compiling.unrolled import (
     exp,
@@ -23,7 +26,7 @@ from tcc_sim.solvers.compiling.unrolled import (
     unrolled,
     with_sign,
 )
-from tcc_sim.solvers.smoothed.setup import SLIDING, Place
+from tcc_sim.solvers.series import COLUMNS, ROWS
 
 ITERATIONS_MAXIMUM = 20
 DOMINANT = 6.0
@@ -39,12 +42,49 @@ LARGEST, LEAST = range(2)
 WIDTH = 4
 """Numbers in a part of a column."""
 
+SLIDING, FALLING, LAYER = range(3)
+"""Regions by |v|: mubar is constant, its exponential varies, tanh varies too."""
+
+WAVES_MAXIMUM = 33
+"""Sines of the engine torque: the first and 32 harmonics."""
+
+WORK = np.dtype([
+    ("rows", np.float64, (ROWS + 2, COLUMNS)), ("bernstein", np.float64, WORKSPACE),
+    ("slip", np.float64, NODES), ("law", np.float64, NODES), ("slope", np.float64, NODES), ("grip", np.float64, NODES),
+    ("balance", np.float64, NODES), ("demand", np.float64, NODES), ("change", np.float64, NODES),
+    ("chebyshev", np.float64, TERMS), ("measure", np.float64, 2),
+    ("weights", np.float64, FROM_WAVES + 2 * WAVES_MAXIMUM)])
+"""Work space.
+
+rows, bernstein : the polynomials of a step, in powers of its time, two of them an engine's own, and what searches on
+    them need
+slip, law, slope, grip : at the nodes, V, mubar(V), mubar'(V) and beta Ts
+balance, demand : at the nodes, b without the share of v(0), and b/(beta Ts), what mubar would be without inertia
+change, measure : Newton's correction of V; sizes named in `stages`
+chebyshev : coefficients over the step of the polynomial in hand
+weights : how much of every source there is
+"""
+
+
+class Place(NamedTuple):
+    """Where the state is: its region, the sign of v, and the errors of v and theta2' that a step may leave."""
+
+    region: int
+    sign: float
+    slip_tolerance: float
+    speed_tolerance: float
+
 
 def law_text(slip: Any, law: Any, slope: Any, sign: Any, sigma: Any, stribeck: Any) -> None:
-    """mubar of (7) and its slope at the nodes, with |v| continued as sign * v through v = 0: the kink is a step's
-    end.
+    """mubar of (7), or of (6) where sigma is None, and its slope at the nodes, with |v| continued as sign * v through
+    v = 0: the kink is a step's end.
     """
     v = slip.row()
+    if sigma is None:
+        excess = exp(limited(v * (-stribeck[1] * sign), -700.0, 1.0)) * stribeck[0]
+        law.set_row((1.0 + excess) * sign)
+        slope.set_row(excess * -stribeck[1])
+        return
     e = exp(magnitude(v) * (-2.0 * sigma))
     share = 1.0 / (1.0 + e)
     tanh = with_sign((1.0 - e) * share, v)
@@ -207,7 +247,7 @@ def follow_manifold(rung: Any, v: float, sign: float, sigma: float, stribeck: St
 
 
 @fast
-def law_at_nodes(place: Place, sigma: float, stribeck: Stribeck, work: Any) -> None:
+def law_at_nodes(place: Place, sigma: float | None, stribeck: Stribeck, work: Any) -> None:
     """mubar and its slope at the nodes; where mubar is constant it stays so: a step is cut at the edge of a region."""
     if place.region == SLIDING:
         for i in range(NODES):
@@ -217,7 +257,7 @@ def law_at_nodes(place: Place, sigma: float, stribeck: Stribeck, work: Any) -> N
 
 
 @fast
-def solve_stages(rung: Any, v: float, place: Place, sharpness: float, sigma: float, stribeck: Stribeck,
+def solve_stages(rung: Any, v: float, place: Place, sharpness: float, sigma: float | None, stribeck: Stribeck,
                  accuracy: float, work: Any) -> int:
     """Newton's method from the guess in work.slip, mubar changing with v as fast as `sharpness`, s/rad.
 

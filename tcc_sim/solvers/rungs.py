@@ -1,0 +1,114 @@
+"""Parts of a collocation step that both engines take: what is given at its nodes, the plate behind the slip speeds, and
+the rung of the ladder (`collocation`) that comes next.
+
+The error of a polynomial of degree s goes as h^s (K. Gustafsson's elementary controller; E. Hairer and G. Wanner,
+Solving Ordinary Differential Equations II, Sec. IV.8).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from tcc_sim.solvers.collocation import FROM_ANGLE, FROM_MEAN, FROM_SPEED, FROM_WAVES, NODES, TERMS, C
+from tcc_sim.solvers.compiling.compiled import fast
+from tcc_sim.solvers.excitation import Pulsation, load_and_rate, torque_beside_mean
+from tcc_sim.solvers.series import ANGLE, SLIP, SPEED
+from tcc_sim.solvers.stages import add_share, add_slip, to_powers
+
+SAFETY = 0.85
+SHRINK_MOST = 0.25
+SMALLEST_ERROR = 1e-9
+"""Errors below are rounding, and say nothing of the length."""
+
+
+@fast
+def weigh(state: Any, h: float, kappa: float, mean_torque: float, waves: Any, profile: Any, work: Any) -> None:
+    """How much of every source there is: the start, and the sines of the torque and their quadratures, or the torque at
+    the nodes.
+    """
+    weights = work.weights
+    weights[FROM_ANGLE] = state.plate_angle
+    weights[FROM_SPEED] = state.plate_speed + kappa * state.slip_speed
+    weights[FROM_MEAN] = mean_torque
+    if profile is None:
+        for i in range(waves.shape[0]):
+            wave = waves[i]
+            weights[FROM_WAVES + 2 * i] = wave.amplitude * wave.sine
+            weights[FROM_WAVES + 2 * i + 1] = wave.amplitude * wave.cosine
+    else:
+        for i in range(NODES):
+            weights[FROM_WAVES + i] = torque_beside_mean(state.tau + C[i] * h, mean_torque, waves, profile)
+
+
+@fast
+def grip_at_nodes(tau: float, h: float, turn: Any, loaded: bool, beta: float, mean_load: float, pulsation: Pulsation,
+                  profile: Any, drive: Any, grip: Any) -> None:
+    """beta Ts at the nodes of a collocation step."""
+    cosine, sine = turn.cosine, turn.sine
+    for i in range(NODES):
+        load = mean_load
+        if profile is not None:
+            load = load_and_rate(tau + C[i] * h, pulsation, profile)[0]
+        elif pulsation is not None:
+            load += pulsation[0] * (drive.load_sine * cosine[i] + drive.load_cosine * sine[i])
+        grip[i] = beta * load if loaded else 0.0
+
+
+@fast
+def balance(sources: Any, level: int, work: Any) -> None:
+    """b without the share of v(0) at the nodes."""
+    work.balance[:] = 0.0
+    for k in range(sources.shape[1]):
+        add_share(0, work.balance, sources[level, k].balance, work.weights[k])
+
+
+@fast
+def fill_plate(rung: Any, sources: Any, level: int, kappa: float, work: Any) -> None:
+    """The polynomials of theta2 and theta2' over the step, and the Chebyshev coefficients of theta2' in
+    work.chebyshev.
+    """
+    rows, slip, weights, chebyshev = work.rows, work.slip, work.weights, work.chebyshev
+    chebyshev[:] = 0.0
+    for k in range(sources.shape[1]):
+        add_share(0, chebyshev, sources[level, k].angle, weights[k])
+    add_slip(0, slip, rung.angle, chebyshev)
+    to_powers(0, chebyshev, rows[ANGLE])
+    chebyshev[:] = 0.0
+    for k in range(sources.shape[1]):
+        add_share(0, chebyshev, sources[level, k].speed, weights[k])
+    add_slip(0, slip, rung.speed, chebyshev)
+    to_powers(0, chebyshev, rows[SPEED])
+    for i in range(TERMS):
+        rows[SPEED, i] -= kappa * rows[SLIP, i]
+
+
+@fast
+def state_at_end(rung: Any, sources: Any, level: int, kappa: float, work: Any, state: Any) -> None:
+    """The state at the last node, the end of the rung."""
+    slip, weights, end_angle, end_speed = work.slip, work.weights, rung.end_angle, rung.end_speed
+    angle, speed = 0.0, 0.0
+    for k in range(sources.shape[1]):
+        source = sources[level, k]
+        angle += weights[k] * source.end_angle
+        speed += weights[k] * source.end_speed
+    for j in range(NODES):
+        angle += slip[j] * end_angle[j]
+        speed += slip[j] * end_speed[j]
+    state.slip_speed = slip[NODES - 1]
+    state.plate_angle = angle
+    state.plate_speed = speed - kappa * slip[NODES - 1]
+
+
+@fast
+def rung_below(rungs: Any, level: int, length: float) -> int:
+    """The longest rung from `level` on that is at most `length`; their number where there is none."""
+    while level < rungs.shape[0] and rungs[level].length > length:
+        level += 1
+    return level
+
+
+@fast
+def growth(error: float) -> float:
+    """Factor to the length at which the error, relative to what is allowed, is expected to be a little below 1."""
+    return max(SAFETY * math.exp(-math.log(max(error, SMALLEST_ERROR)) / NODES), SHRINK_MOST)
