@@ -21,7 +21,6 @@ ROS = [f"{name}; {LINUX}" for name in (
 VIEW = ["rerun-sdk>=0.39", "matplotlib>=3.7"]
 CLUSTER = ["distributed>=2026.1.1"]
 TABLE = ["pandas>=1.5"]
-PEERS = ["scikit-sundae>=1.0"]
 TEST = ["pytest>=7", "pytest-xdist>=3.0.2", "pytest-timeout>=2.1", "hypothesis>=6.82", "jsonschema>=4.18",
         "rosbags>=0.10.8", "mcap-ros2-support>=0.5", "fmpy>=0.3.32",
         "ruff>=0.6", "mypy>=1.8", "types-PyYAML", "setuptools>=78.1.1"]
@@ -49,7 +48,7 @@ setup(
         "Typing :: Typed",
     ],
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["py.typed"], f"{NAME}.fmu": ["c/*"], f"{NAME}.output": ["schemas/*.yaml"]},
+    package_data={NAME: ["py.typed"], f"{NAME}.fmu": ["c/*"], f"{NAME}.benchmarks": ["*.c"], f"{NAME}.output": ["schemas/*.yaml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -57,7 +56,7 @@ setup(
     ],
     python_requires=">=3.10",
     install_requires=INSTALL,
-    extras_require={"ros": ROS, "view": VIEW, "cluster": CLUSTER, "table": TABLE, "peers": PEERS,
+    extras_require={"ros": ROS, "view": VIEW, "cluster": CLUSTER, "table": TABLE,
                     "all": [*ROS, *VIEW, *CLUSTER, *TABLE],
                     "test": [*TEST, f'libcosimpy; {LINUX} and python_version >= "3.11"']},
     entry_points={"console_scripts": [

@@ -89,7 +89,7 @@ def test_the_metadata_are_whole_and_hold_no_placeholder(built):
     assert "example.org" not in (ROOT / "package.xml").read_text()
     assert head.count("Classifier: ") >= 8
     assert "Keywords: " in head
-    extras = {"ros", "view", "cluster", "table", "peers", "test", "all"}
+    extras = {"ros", "view", "cluster", "table", "test", "all"}
     assert extras == set(re.findall(r"Provides-Extra: (\S+)", head))
     everything = re.findall(r"Requires-Dist: ([A-Za-z0-9_.-]+).*extra == .all.", head)
     assert {"rerun-sdk", "matplotlib", "distributed", "ros-rclpy"} <= set(everything)

@@ -1,16 +1,14 @@
-"""Other programs on the same problem: XPPAUT, Siconos, CVODE of SUNDIALS, and SciPy's LSODA called bare. None of them
-is needed to be there. They and this package are timed in one way: by the least CPU time of repeated calls.
+"""Other programs on the same problem: XPPAUT, CVODE of SUNDIALS in C, and SciPy's LSODA called bare; none has to be
+installed. They and this package are timed in one way: by the least CPU time of repeated calls.
 """
 
 from __future__ import annotations
 
-import json
+import atexit
 import math
-import os
 import resource
 import shutil
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -23,6 +21,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from tcc_sim.benchmarks.references import Floats, error_scales
+from tcc_sim.fmu.export import compiler
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers.comparison.scipy_methods import jacobian, rates_along, rates_of
 from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples
@@ -37,10 +36,8 @@ TIMED = 100
 """Engine cycles at least over which XPPAUT is timed: its start takes as long as some ten of them."""
 SINGLE = 2.0**-23
 """What single precision resolves, in which XPPAUT writes."""
-STEPS = 100_000_000
-"""Steps that CVODE may take from one cycle end to the next."""
-CALLS = 2000
-"""Calls over which one from Python is timed."""
+LIBRARIES = ("sundials_cvode", "sundials_nvecserial", "sundials_sunmatrixdense", "sundials_sunlinsoldense", "m")
+"""What `cvode.c` is linked with, as Debian's libsundials-dev names it."""
 STICK = 1e-12
 Timed = TypeVar("Timed")
 
@@ -51,15 +48,12 @@ class Failed(Exception):
 
 @dataclass(frozen=True)
 class PeerRun:
-    """What one run gave: states at the cycle ends, largest |slip speed| per cycle, s, steps where they are known, and
-    how much of the time went into calls of Python, s, at the cost of such a call by itself.
-    """
+    """States at the cycle ends, largest |slip speed| per cycle, seconds of one run, and its steps where known."""
 
     section: Floats
     largest: Floats
     seconds: float
     steps: int | None = None
-    called: float | None = None
 
 
 def least_seconds(run: Callable[[], Timed], repeats: int, patience: float = math.inf,
@@ -108,39 +102,54 @@ def bare_lsoda(system: System, cycles: int, rtol: float, repeats: int) -> PeerRu
 
 
 def cvode(system: System, cycles: int, rtol: float, repeats: int) -> PeerRun:
-    """CVODE's BDF of SUNDIALS in double precision through scikit-sundae, which calls compiled functions from Python.
+    """Run CVODE's BDF of SUNDIALS in double precision: `cvode.c`, a program without Python, timed by itself.
 
     Raises
     ------
     Failed
-        scikit-sundae is not installed (`pip install 'tcc_sim[peers]'`), or CVODE gave up.
+        There is no C compiler or no SUNDIALS, or CVODE gave up.
     """
+    d, f, c, e, p = system.driveline, system.friction, system.clutch, system.engine, system.pressure
+    numbers = [d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness, c.area, c.radius, f.static_coefficient,
+               f.kinetic_coefficient, f.decay, f.smoothing, e.mean_torque, e.torque_amplitude, e.frequency, p.mean,
+               p.amplitude, p.frequency_ratio, p.phase, *State.at_start(system).numbers, rtol,
+               *(rtol * error_scales(system))]
+    words = " ".join([*(f"{float(x):.17g}" for x in numbers), f"{cycles} {FINE} {repeats}"])
     try:
-        from sksundae.cvode import CVODE
-    except ImportError:
-        raise Failed("not installed") from None
-    terms, y = terms_of(system), np.array(State.at_start(system).numbers)
+        ended = subprocess.run([cvode_program()], input=words, capture_output=True, text=True, timeout=TIMEOUT,
+                               check=False)
+    except subprocess.TimeoutExpired:
+        raise Failed(f"took more than {TIMEOUT:g} s") from None
+    if ended.returncode:
+        raise Failed(ended.stderr.strip() or f"ended with status {ended.returncode}")
+    head, *lines = ended.stdout.splitlines()
+    seconds, steps = head.split()
+    rows = np.array([line.split() for line in lines], dtype=np.float64)
+    return PeerRun(rows[:cycles + 1], _largest(system, _times(system, cycles, FINE), rows[cycles + 1:]), float(seconds),
+                   int(steps))
 
-    def rates(t: float, y: Floats, out: Floats) -> None:
-        out[:] = rates_of(t, y, terms)
 
-    def slopes(t: float, y: Floats, _: Floats, out: Floats) -> None:
-        out[:] = jacobian(t, y, terms)
+@cache
+def cvode_program() -> str:
+    """Compile `cvode.c`, once in a process; the file is deleted at its end.
 
-    solver = CVODE(rates, jacfn=slopes, rtol=rtol, atol=rtol * error_scales(system), max_num_steps=STEPS)
-
-    def solve(per_cycle: int) -> Any:
-        run = solver.solve(_times(system, cycles, per_cycle), y)
-        if not run.success:
-            raise Failed(str(run.message))
-        return run
-
-    seconds, run = least_seconds(lambda: solve(1), repeats)
-    out = np.empty((3, 3))
-    calls = [least_seconds(lambda call=call: [call() for _ in range(CALLS)], 3)[0] / CALLS  # type: ignore[misc]
-             for call in (lambda: rates(0.0, y, out[0]), lambda: slopes(0.0, y, y, out))]
-    return PeerRun(run.y, _largest(system, _times(system, cycles, FINE), solve(FINE).y), seconds,
-                   called=run.nfev * calls[0] + run.njev * calls[1])
+    Raises
+    ------
+    Failed
+        There is no C compiler, or it does not find SUNDIALS.
+    """
+    command = compiler()
+    if command is None:
+        raise Failed("not compiled: there is no C compiler")
+    folder = tempfile.mkdtemp(prefix="tcc_sim_")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    program, source = f"{folder}/cvode", str(Path(__file__).with_name("cvode.c"))
+    ended = subprocess.run([command, "-O3", source, "-o", program, *(f"-l{name}" for name in LIBRARIES)],
+                           capture_output=True, text=True, check=False)
+    if ended.returncode:
+        why = next((line for line in ended.stderr.splitlines() if "error" in line or "cannot find" in line), "")
+        raise Failed(f"not compiled: SUNDIALS is not installed (Debian: libsundials-dev); {command} says: {why}")
+    return program
 
 
 def _times(system: System, cycles: int, per_cycle: int) -> Floats:
@@ -219,47 +228,3 @@ def xppaut(system: System, method: str, tolerance: float, cycles: int, repeats: 
             short, _ = least_seconds(lambda: run(1, 1), repeats, clock=of_children)
             seconds = max(long - short, 0.0) * cycles / (many - 1)
     return PeerRun(section, _largest(system, _times(system, cycles, FINE), fine), seconds)
-
-
-def siconos(system: System, steps_per_cycle: int, theta: float, cycles: int) -> PeerRun:
-    """Siconos's Moreau-Jean time stepping of the relay, timed inside its own process.
-
-    Raises
-    ------
-    Failed
-        Siconos is not installed, or it cannot do this system.
-    """
-    interpreter = siconos_interpreter()
-    if interpreter is None:
-        raise Failed("not installed")
-    d, e = system.driveline, system.engine
-    job = {"linear": [d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness], "limit": system.saturation_mean,
-           "mean": e.mean_torque, "amplitude": e.torque_amplitude, "frequency": e.frequency, "cycles": cycles,
-           "steps_per_cycle": steps_per_cycle, "theta": theta, "initial": list(State.at_start(system).numbers)}
-    try:
-        ended = subprocess.run([interpreter, str(Path(__file__).with_name("siconos_relay.py"))], input=json.dumps(job),
-                               capture_output=True, text=True, timeout=TIMEOUT, check=False, env=_plain_environment())
-    except subprocess.TimeoutExpired:
-        raise Failed(f"took more than {TIMEOUT:g} s") from None
-    _, found, text = ended.stdout.rpartition("RESULT ")
-    if ended.returncode or not found:
-        raise Failed((ended.stderr.strip().splitlines() or ["no result"])[-1])
-    values = json.loads(text)
-    return PeerRun(np.array(values["section"]), np.array(values["largest"]), values["seconds"],
-                   cycles * steps_per_cycle)
-
-
-@cache
-def siconos_interpreter() -> str | None:
-    """A Python that can import Siconos: this one or the system's; None where neither can."""
-    for interpreter in (sys.executable, "/usr/bin/python3"):
-        if Path(interpreter).exists() and subprocess.run([interpreter, "-c", "import siconos.kernel"],
-                                                         capture_output=True,
-                                                         check=False, env=_plain_environment()).returncode == 0:
-            return interpreter
-    return None
-
-
-def _plain_environment() -> dict[str, str]:
-    """The environment without this interpreter's module path."""
-    return {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}

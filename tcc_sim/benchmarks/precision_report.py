@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from tcc_sim.benchmarks.peers import TIMED
-from tcc_sim.benchmarks.sweep_speed import SweepSpeed, code_name, speed_section
 from tcc_sim.output.tables import markdown_table
 from tcc_sim.result import json_of
+from tcc_sim.solvers import SOLVERS
 
 TARGETS = (1e-3, 1e-6, 1e-9)
 """Errors for which the fastest setting of every solver is listed."""
@@ -81,13 +81,6 @@ class Omitted(SolverSetting):
 
 
 @dataclass(frozen=True)
-class CallTime(SolverSetting):
-    """How much of its time calls of Python take, s."""
-
-    seconds: float
-
-
-@dataclass(frozen=True)
 class LongRun(SolverSetting):
     """Its time where the cost of a call no longer counts."""
 
@@ -108,7 +101,6 @@ class StudiedScene:
     results: list[PrecisionResult] = field(default_factory=list)
     omitted: list[Omitted] = field(default_factory=list)
     warm_up: dict[str, float] = field(default_factory=dict)
-    calls: list[CallTime] = field(default_factory=list)
     long_run: list[LongRun] = field(default_factory=list)
 
 
@@ -117,7 +109,6 @@ class PrecisionReport:
     """What precision.json holds; `peers` says of each other program whether it took part."""
 
     scenes: Sequence[StudiedScene]
-    sweep_speed: SweepSpeed | None
     peers: Mapping[str, str]
     quick: bool
     complete: bool
@@ -139,7 +130,7 @@ def fastest_results(record: StudiedScene, target: float) -> dict[str, PrecisionR
 def took_part(records: Sequence[StudiedScene]) -> dict[str, str]:
     """For each other program whether it joined, or why it did not."""
     out = {}
-    for name in ("CVODE", "XPPAUT", "Siconos"):
+    for name in ("CVODE", "XPPAUT"):
         joined = any(row.solver.startswith(name) for record in records for row in record.results)
         missing = [row.why for record in records for row in record.omitted if row.solver.startswith(name)]
         out[name] = "joined" if joined else (missing[0] if missing else "not run")
@@ -152,8 +143,6 @@ def precision_page(found: PrecisionReport, picture: str) -> str:
              *_method(found), ""]
     for record in found.scenes:
         lines += _summary(record, found.scenes)
-    if found.sweep_speed is not None:
-        lines += speed_section(found.sweep_speed)
     lines += ["## Every run", ""]
     for record in found.scenes:
         lines += [f"### {record.scene}", "", *_table(
@@ -163,6 +152,11 @@ def precision_page(found: PrecisionReport, picture: str) -> str:
               "" if r.steps is None else str(r.steps)) for r in record.results])]
         lines += ["", *(_omitted(record) if record.omitted else [])]
     return "\n".join(lines).rstrip() + "\n"
+
+
+def code_name(solver: str) -> str:
+    """Registered solvers as code."""
+    return f"`{solver}`" if solver in SOLVERS else solver
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
@@ -190,19 +184,7 @@ def _head(found: PrecisionReport) -> list[str]:
             where = f", on {len(ratios)} of {len(scenes)} scenes" if 0 < len(ratios) < len(scenes) else ""
             said.append(f"- {code_name(name)}{PAPERS if name == 'rk45' else ''}: " + (
                 f"{_range(ratios)}{where}" if ratios else f"does not come to {TARGET:g} with the settings below"))
-    return [*said, "", *_calls(found)]
-
-
-def _calls(found: PrecisionReport) -> list[str]:
-    """How much of the time of other programs is calls of Python."""
-    rows = [(call, r) for record in found.scenes for call in record.calls for r in record.results
-            if (r.solver, r.setting) == (call.solver, call.setting)]
-    if not rows:
-        return []
-    shares = [100.0 * min(call.seconds / r.seconds, 1.0) for call, r in rows]
-    return ["CVODE is that of SUNDIALS in double precision, through scikit-sundae. The binding takes functions of "
-            f"Python only: they call compiled ones, and these calls alone are {_range(shares)} % of its time. XPPAUT's "
-            "CVODE interprets the equations in C, and its results come in single precision."]
+    return said
 
 
 def _range(values: list[float]) -> str:
@@ -229,12 +211,13 @@ def _method(found: PrecisionReport) -> list[str]:
         "solvers and steps in s of fixed-step ones.",
         "The floor is the disagreement of two SciPy references, which use nothing of this package's solvers; an error "
         "below it is not resolved, and drawn faded.",
-        "`event_driven` and Siconos solve the set-valued law, against references solved from event to event; "
-        "everything else solves the smoothed law.",
-        f"Other programs: {peers}. XPPAUT's results are in single precision, so errors of it below about 1.2e-7 mean "
-        f"nothing; its time is that of {TIMED} cycles less that of one, scaled to the horizon, so start-up is left out."
-        " Siconos's time is that of its loop. `solve_ivp LSODA` is SciPy's function with a compiled right-hand side "
-        "and Jacobian that keeps the section only."]
+        "`event_driven` solves the set-valued law, against references solved from event to event; everything else "
+        "solves the smoothed law.",
+        f"Other programs: {peers}. CVODE is that of SUNDIALS in a C program, which calls no Python and times itself. "
+        "XPPAUT's CVODE interprets the equations in C. XPPAUT's results are in single precision, so errors of it below "
+        f"about 1.2e-7 mean nothing; its time is that of {TIMED} cycles less that of one, scaled to the horizon, so "
+        "start-up is left out. `solve_ivp LSODA` is SciPy's function with a compiled right-hand side and Jacobian that "
+        "keeps the section only."]
     if not found.complete:
         out.append("**Interrupted: this report is not complete.**")
     return [line for text in out for line in (text, "")][:-1]

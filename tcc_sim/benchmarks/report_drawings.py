@@ -28,8 +28,7 @@ LOOKS: dict[str, Look] = {
     "radau": (style.PURPLE, "^", "--", 0.9), "bdf": (style.SKY, "v", "--", 0.9), "lsoda": (style.INK, "<", "--", 0.9),
     "solve_ivp LSODA": ("#E7298A", ">", ":", 0.9), "XPPAUT cvode": ("#7A4B00", "*", "-.", 1.1),
     "XPPAUT stiff": ("#C49A6C", "X", "-.", 0.9), "XPPAUT gear": ("#1F7A6D", "P", "-.", 0.9),
-    "XPPAUT 2rb": ("#1B3A6F", "d", "-.", 0.9), "CVODE": ("#00A08A", "X", "-", 1.1),
-    "Siconos theta 1/2": ("#5B2A86", "h", "--", 0.9), "Siconos theta 1": ("#7FBF3F", "p", "--", 0.9)}
+    "XPPAUT 2rb": ("#1B3A6F", "d", "-.", 0.9), "CVODE": ("#00A08A", "X", "-", 1.1)}
 """Colour, marker, line and width of every solver; the package's own stand out, and no two share a colour or a marker
 with the same line."""
 SPARE = [(colour, marker, (0, (3, 1, 1, 1)), 0.9) for colour, marker in zip(style.MANY, "8H|_1234+,.")]

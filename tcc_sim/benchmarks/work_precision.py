@@ -19,7 +19,6 @@ from tcc_sim.analysis.periodicity import periodicity
 from tcc_sim.benchmarks import peers
 from tcc_sim.benchmarks.peers import least_seconds
 from tcc_sim.benchmarks.precision_report import (
-    CallTime,
     LongRun,
     Omitted,
     PrecisionResult,
@@ -29,7 +28,6 @@ from tcc_sim.benchmarks.precision_report import (
     fastest_results,
 )
 from tcc_sim.benchmarks.references import Reference, Unfinished, disagreement, errors, reference
-from tcc_sim.benchmarks.sweep_speed import SpeedEffort
 from tcc_sim.errors import TccError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
@@ -44,7 +42,7 @@ WRONG = 1.0
 SECONDS_PER_STEP = {"rk4": 3e-7, "rk45": 6e-7, "dop853": 1.6e-4}
 """Rough cost, to leave out what would take too long."""
 
-LONG_RUN = ("smoothed", "event_driven", "solve_ivp LSODA", "XPPAUT cvode")
+LONG_RUN = ("smoothed", "event_driven", "solve_ivp LSODA", "CVODE", "XPPAUT cvode")
 LONG_RUN_SCENES = ("fig02", "minimal")
 LONG_RUN_ERROR = 1e-6
 LONGEST_STEADY = 0.05
@@ -55,7 +53,7 @@ LAST = 96
 """Cycles at its end that are looked at: a multiple of most periods."""
 TIGHTEST = {"smoothed": ("smoothed", 1e-11), "set_valued": ("event_driven", 1e-12)}
 """The engine and tolerance that say which steady state is reached."""
-STEADY_SOLVERS = ("smoothed", "event_driven", "fixed_step", "solve_ivp LSODA", "XPPAUT cvode")
+STEADY_SOLVERS = ("smoothed", "event_driven", "fixed_step", "solve_ivp LSODA", "CVODE", "XPPAUT cvode")
 """Those that are run as far as a steady state."""
 
 
@@ -88,7 +86,6 @@ class Effort:
     ladders: dict[str, tuple[float, ...]]
     peers: dict[str, tuple[float, ...]]
     long_cycles: int
-    speed: SpeedEffort
     steady_cycles: int = STEADY_CYCLES
     scenes: tuple[str, ...] = ()
     """Names of the scenes; all where empty."""
@@ -105,17 +102,15 @@ FULL = Effort(
     {"solve_ivp LSODA": (1e-4, 1e-6, 1e-7, 1e-8, 1e-10),
      "CVODE": (1e-4, 1e-6, 1e-8, 1e-10, 1e-12),
      "XPPAUT cvode": (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11),
-     "XPPAUT stiff": (1e-5, 1e-8), "XPPAUT gear": (1e-6,), "XPPAUT 2rb": (1e-5, 1e-8),
-     "Siconos theta 1/2": (1e-4, 3e-5, 1e-5), "Siconos theta 1": (1e-4, 3e-5, 1e-5)}, 2000, SpeedEffort())
+     "XPPAUT stiff": (1e-5, 1e-8), "XPPAUT gear": (1e-6,), "XPPAUT 2rb": (1e-5, 1e-8)}, 2000)
 QUICK = Effort(
     4, 0.08, 2.8,
     {"smoothed": (("Radau", 1e-9), ("LSODA", 1e-13)), "set_valued": (("DOP853", 1e-13), ("LSODA", 1e-12))},
     {"fixed_step": (1e-3, 5e-5, 1e-5), "smoothed": (1e-4, 1e-6, 1e-8, 1e-10), "event_driven": (1e-6, 1e-10),
      "rk45": (1e-5,),
      "dop853": (1e-6,), "radau": (1e-4,), "bdf": (1e-4,), "lsoda": (1e-4, 1e-6, 1e-8), "rk4": (0.9,)},
-    {"solve_ivp LSODA": (1e-6, 1e-8), "CVODE": (1e-8, 1e-10), "XPPAUT cvode": (1e-6, 1e-8, 1e-9, 1e-10),
-     "Siconos theta 1/2": (1e-4, 3e-5)},
-    500, SpeedEffort((0.36,), 40), QUICK_STEADY_CYCLES)
+    {"solve_ivp LSODA": (1e-6, 1e-8), "CVODE": (1e-8, 1e-10), "XPPAUT cvode": (1e-6, 1e-8, 1e-9, 1e-10)},
+    500, QUICK_STEADY_CYCLES)
 
 
 def cases(effort: Effort) -> list[Case]:
@@ -212,11 +207,8 @@ def settings(case: Case, effort: Effort) -> Iterator[tuple[str, float]]:
                 if solver == "rk4":
                     value = float(f"{value * REACH['rk4'] / stick_rate(case.system):.2g}")
                 yield solver, value
-    for peer, ladder in effort.peers.items():
-        relay = case.system.friction_ratio == 1.0 and case.system.pressure.amplitude == 0.0 and law == "set_valued"
-        if relay if peer.startswith("Siconos") else law == "smoothed":
-            for value in ladder:
-                yield peer, value
+    if law == "smoothed":
+        yield from ((peer, value) for peer, ladder in effort.peers.items() for value in ladder)
 
 
 def record_run(record: StudiedScene, case: Case, solver: str, setting: float, truth: Reference, effort: Effort) -> None:
@@ -232,8 +224,6 @@ def record_run(record: StudiedScene, case: Case, solver: str, setting: float, tr
         record.omitted.append(Omitted(solver, setting, str(error)))
         return
     record.results.append(PrecisionResult(solver, setting, *found, steady, run.seconds, run.steps))
-    if run.called is not None:
-        record.calls.append(CallTime(solver, setting, run.called))
 
 
 def _steady(record: StudiedScene, case: Case, solver: str, setting: float, seconds: float,
@@ -261,9 +251,6 @@ def _peer(case: Case, solver: str, setting: float, repeats: int = 5) -> peers.Pe
         return peers.xppaut(case.system, method, setting, case.cycles, repeats)
     if name == "CVODE":
         return peers.cvode(case.system, case.cycles, setting, repeats)
-    if name == "Siconos":
-        return peers.siconos(case.system, round(case.system.cycle / setting), 0.5 if method.endswith("/2") else 1.0,
-                             case.cycles)
     return peers.bare_lsoda(case.system, case.cycles, setting, repeats)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from documents import valid
 
-from tcc_sim.benchmarks import peers, report_drawings, sweep_speed
+from tcc_sim.benchmarks import peers, report_drawings
 from tcc_sim.benchmarks import work_precision as precision
 from tcc_sim.benchmarks.precision_report import PrecisionResult, References, SteadyState, StudiedScene, comparison
 from tcc_sim.benchmarks.references import Reference, disagreement, errors, reference
@@ -59,9 +59,6 @@ def test_two_references_agree_and_errors_are_relative_to_the_signals():
     assert found == pytest.approx((0.0, 1e-3, 0.0))
 
 
-SPEED = sweep_speed.SpeedEffort((0.36,), 2, 2, 10, 1, (1e-6, 1e-9, 1e-10))
-
-
 @pytest.fixture
 def tiny(monkeypatch):
     """Makes the quick study one of two scenes with few runs, one of them unstable and one too long."""
@@ -71,7 +68,7 @@ def tiny(monkeypatch):
                                "lsoda": (1e-6,),
                                "rk4": (3.0,), "rk45": (1e-5,), "dop853": (1e-6,)},
                               {"solve_ivp LSODA": (1e-8,), "CVODE": (1e-9,), "XPPAUT cvode": (1e-8,)}, 20,
-                              SPEED, 400, ("fig02", "minimal, set-valued"))
+                              400, ("fig02", "minimal, set-valued"))
     return lambda **changes: monkeypatch.setattr(precision, "QUICK", dataclasses.replace(effort, **changes))
 
 
@@ -114,7 +111,9 @@ def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys):
     assert max(rows["rk45", 1e-5][k] for k in ERRORS) < 1e-3
     if ("CVODE", 1e-9) in rows:
         assert max(rows["CVODE", 1e-9][k] for k in ERRORS) < 1e-5
-        assert found["calls"][0]["seconds"] > 0.0
+    else:
+        assert found["peers"]["CVODE"] == why["CVODE"]
+        assert f"CVODE did not join: {why['CVODE']}" in (folder / "precision.md").read_text()
     exact = {row["solver"]: row for row in found["scenes"][1]["results"]}["event_driven"]
     assert max(exact[k] for k in ERRORS) < 1e-9
     steady = found["scenes"][0]["steady"]
@@ -132,17 +131,6 @@ def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys):
     assert all(name in text for name in ("`smoothed`", "`event_driven`", "XPPAUT", "floor"))
     said = capsys.readouterr().out
     assert "ms per 100 cycles" in said
-    speed = found["sweep_speed"]
-    engine = [row for row in speed["rows"] if row["solver"] == sweep_speed.ENGINE]
-    assert [row["kinetic_ratio"] for row in engine[::4]] == pytest.approx([1.0, 0.83, 0.75, 0.667])
-    assert [row["stretch"] for row in engine] == ["transient", "transient", "attractor", "attractor"] * 4
-    assert all(row["error"] <= sweep_speed.ERROR and row["cycles_per_second"] > 0.0 for row in speed["rows"])
-    peer = [row for row in [*speed["rows"], *speed["omitted"]] if row["solver"] == sweep_speed.PEER]
-    assert len(peer) == 8
-    assert all("why" in row or row["setting"] in SPEED.ladder for row in peer)
-    assert (speed["sweep"]["points"], speed["sweep"]["cycles"]) == (8, 80)
-    assert "cycles a second and core at a section error of at most 1e-06" in said
-    assert text.count("| 0.83 | 0.36 |") == 2  # from the initial state, and on the attractor
 
 
 def test_the_steady_state_tells_the_friction_laws_of_figure_2_apart():
@@ -168,34 +156,18 @@ def test_the_steady_error_is_that_of_the_last_cycles():
     assert precision.steady_error(section, largest, 4.0) == pytest.approx(0.5)
 
 
-def test_the_attractor_is_reached_before_it_is_timed():
-    """The period-one motion of minimal with its known largest slip speed repeats from the settled state at once."""
-    system = sweep_speed.on_attractor(load_scene("minimal").system)
-    cycles = solve(system, cycles=3, rtol=1e-11).cycles
-    assert cycles.section[3] == pytest.approx(cycles.section[0], rel=1e-9, abs=1e-9)
-    assert max(cycles.highest) == pytest.approx(22.17, abs=2e-3)
+def test_an_interrupted_study_writes_what_is_complete(tiny, tmp_path, capsys, monkeypatch):
+    def interrupted(system, *how):
+        if system.friction.law == "set_valued":
+            raise KeyboardInterrupt
+        return reference(system, *how)
 
-
-def test_a_tolerance_that_leaves_too_large_an_error_does_not_count_as_fast():
-    system = paper_system({"friction.kinetic_coefficient": 0.25, "engine.frequency": 77.0})
-    truth = reference(system, SPEED.horizon, "LSODA", 1e-12)
-    with pytest.raises(peers.Failed, match="its error is at least"):
-        sweep_speed.loosest(system, sweep_speed.ENGINE, (1e-1,), truth)
-    setting, error = sweep_speed.loosest(system, sweep_speed.ENGINE, (1e-1, 1e-9), truth)
-    assert setting == 1e-9
-    assert error < 1e-7
-
-
-def test_an_interrupted_study_writes_what_is_complete(tiny, tmp_path, capsys):
-    def interrupted():
-        raise KeyboardInterrupt
-        yield
-
-    tiny(scenes=("fig02",), speed=SPEED._replace(frequencies=interrupted()))
+    tiny(ladders={"smoothed": (1e-6,)}, peers={})
+    monkeypatch.setattr(precision, "reference", interrupted)
     folder = tmp_path / "out"
     assert main(["precision", "--quick", "--out", str(folder)]) == 130
     found = json.loads((folder / "precision.json").read_text())
-    assert (found["complete"], found["sweep_speed"], len(found["scenes"])) == (False, None, 1)
+    assert (found["complete"], len(found["scenes"])) == (False, 1)
     assert "not complete" in (folder / "precision.md").read_text()
     assert capsys.readouterr().err == "tcc-sim: interrupted\n"
 
@@ -226,6 +198,20 @@ def test_cvode_in_double_precision_is_the_closed_form_of_pure_slip():
     assert run.largest[0] == pytest.approx(dense.max(), rel=1e-8)
 
 
+@pytest.mark.parametrize(("missing", "why"), [
+    ({"PATH": ""}, "there is no C compiler"), ({"LIBRARIES": ("no_such_library",)}, "Debian: libsundials-dev")])
+def test_without_compiler_or_library_cvode_says_so(missing, why, monkeypatch):
+    peers.cvode_program.cache_clear()
+    if "PATH" in missing:
+        monkeypatch.setenv("PATH", "")
+    elif peers.compiler() is None:
+        pytest.skip("there is no C compiler")
+    else:
+        monkeypatch.setattr(peers, "LIBRARIES", missing["LIBRARIES"])
+    with pytest.raises(peers.Failed, match=why):
+        peers.cvode(System(), 1, 1e-6, 1)
+
+
 def test_points_below_the_floor_are_faded():
     """Of three errors one lies below the references' floor of 1e-8, and one more below what XPPAUT writes."""
     from matplotlib.figure import Figure
@@ -238,12 +224,3 @@ def test_points_below_the_floor_are_faded():
     assert shown == {"smoothed": [True, True, False], "XPPAUT cvode": [True, False, False]}
     faded = [line for line in axis.lines if line not in handles.values()]
     assert [(line.get_alpha(), len(line.get_ydata())) for line in faded] == [(report_drawings.FADED, 3)] * 2
-
-
-def test_siconos_steps_the_relay():
-    system = replace(System(), {**SLIP, "friction.law": "set_valued"})
-    try:
-        run = peers.siconos(system, 4096, 0.5, 1)
-    except peers.Failed as missing:
-        pytest.skip(str(missing))
-    assert run.section[1, 0] == pytest.approx(pure_slip(system, system.cycle), rel=1e-4)
