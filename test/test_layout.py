@@ -35,7 +35,7 @@ ROOMS = {
     "yaml": ["parameter_file", "scene", "recording", "messages", "output.provenance"],
     "rclpy": [*ROS, "benchmarks.pacing_benchmark"], "rcl_interfaces": ROS, "builtin_interfaces": ROS, "std_msgs": ROS,
     "sensor_msgs": ROS, "std_srvs": ROS, "diagnostic_msgs": ROS, "rosgraph_msgs": ROS, "ament_index_python": ROS,
-    "rerun": ["views"], "matplotlib": DRAWINGS, "cycler": DRAWINGS, "argparse": ["cli", "benchmarks.motions"],
+    "rerun": ["views"], "matplotlib": DRAWINGS, "cycler": DRAWINGS, "argparse": ["cli"],
 }
 """Where a package that not everyone has, or that is slow to load, may be imported."""
 
@@ -45,7 +45,7 @@ CIRCLES = {"recording.announcements", "recording.contents", "recording.reader", 
 """Modules that may still import themselves through others."""
 
 MEASURING = "cli.measuring"
-"""Who may import `benchmarks`; the rest of it is run as `python -m tcc_sim.benchmarks.NAME`."""
+"""Who may import `benchmarks`."""
 
 HEAVY = ["numpy", "numba", "scipy", "yaml", "mcap", "zstandard", "lz4", "rclpy", "rerun", "matplotlib", "distributed",
          "tqdm"]

@@ -21,8 +21,7 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Which figures, with which options, and where they go."""
     parser.add_argument("figure", metavar="N|all",
-                        help="number of a figure in the paper, 2 to 18, or all of them; 19 and 20 are charts of the "
-                        "bifurcations behind Figs. 4 and 14")
+                        help="number of a figure in the paper, 2 to 18, or all of them")
     parser.add_argument("--out", metavar="DIR", type=Path, default=Path("figures"),
                         help="directory for figNN.png, figNN.svg and figNN.json (default: figures)")
     parser.add_argument("--quick", action="store_true", help="a quarter of the values")
@@ -41,16 +40,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Work out, draw and write every figure asked for."""
     from tcc_sim.output.files import replaceable
-    from tcc_sim.paper.catalogue import CHARTS, FIGURES, FigureOptions, check_options
+    from tcc_sim.paper.catalogue import FIGURES, FigureOptions, check_options
     from tcc_sim.paper.drawings import draw
 
     try:
         numbers = list(FIGURES) if arguments.figure == "all" else [int(arguments.figure)]
     except ValueError:
-        raise InputError(f"figure is {arguments.figure!r}; it must be {min(FIGURES)} to {max(CHARTS)}, "
+        raise InputError(f"figure is {arguments.figure!r}; it must be {min(FIGURES)} to {max(FIGURES)}, "
                          "or all") from None
-    if numbers[0] not in (*FIGURES, *CHARTS):
-        raise InputError(f"figure is {numbers[0]}; it must be {min(FIGURES)} to {max(CHARTS)}, or all")
+    if numbers[0] not in FIGURES:
+        raise InputError(f"figure is {numbers[0]}; it must be {min(FIGURES)} to {max(FIGURES)}, or all")
     stems = {number: arguments.out / f"fig{number:02d}" for number in numbers}
     files = [stem.with_suffix(suffix) for stem in stems.values() for suffix in (".png", ".svg", ".json")]
     there = [path for path in files if replaceable(path)]

@@ -1,4 +1,4 @@
-"""Drawings of `figure --branches` and of the charts: branches over points, jumps by their cause, curves in a plane."""
+"""Drawings of `figure --branches`: branches over points, jumps by their cause."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.errors import counted
-from tcc_sim.paper.figure_results import Chart, MapCurve, MotionsBehind
+from tcc_sim.paper.figure_results import MapCurve, MotionsBehind
 from tcc_sim.views import style
 from tcc_sim.views.branch_diagram import MARKS, UNSTABLE, stable_and_unstable
-from tcc_sim.views.sweeps import draw_cells
 
 CAUSES = {"basin_boundary": "basin", "steep": "steep", "aperiodic": "no period", "not_followed": "not followed",
           "stick_border": "stick border", "period_doubling": "doubling", "neimark_sacker": "torus",
@@ -25,14 +24,7 @@ UNSEEN = ("steep",)
 """Causes that nothing shows: one motion goes on."""
 NARROWEST = 0.021
 """Distance of neighbouring labels, in parts of the axis."""
-AXES = {"omega/omega_n": r"frequency ratio $\omega/\omega_n$", "mu_k/mu_s": r"friction ratio $\mu_k/\mu_s$",
-        "psi/pi": r"phase $\psi/\pi$"}
-COLOURS = {("period_doubling", 1): style.BLUE, ("period_doubling", 2): style.SKY, ("fold", 1): style.RED,
-           ("fold", 2): style.ORANGE, ("stick_border", 1): style.INK}
-TINTS = ("#EDEDED", "#FFFFFF", "#DCEBF7", "#FBE6C6", "#DDF0E6", style.RUNAWAY, "#F0D3DF")
-"""Of a chart's grid: pure stick, period 1, 2, 3 and more, aperiodic, runaway; the last where it failed."""
-GRID = ("pure stick", "period 1", "period 2", "period 3 to 16", "no period up to 16", "slip grows without end",
-        "not solved")
+AXES = {"omega/omega_n": r"frequency ratio $\omega/\omega_n$", "mu_k/mu_s": r"friction ratio $\mu_k/\mu_s$"}
 
 
 def draw_branches(axis: Any, curve: MapCurve, unit: float, colour: str) -> None:
@@ -189,55 +181,3 @@ def bounded(curve: MapCurve) -> np.ndarray:
 def marks_met(curves: Sequence[MapCurve]) -> list[Mark]:
     """The kinds of points that curves have."""
     return list(dict.fromkeys(mark for curve in curves for mark, where in marked(curve) if where.any()))
-
-
-def paint_chart(drawn: Any, data: Chart) -> None:
-    """Figs. 19 and 20: periods of cold starts as shades, curves of bifurcations over them."""
-    from matplotlib.patches import Patch
-
-    axis, below = drawn.subplots(2, 1, height_ratios=(1.0, 0.13))
-    below.set_axis_off()
-    x, y = np.array(data.x), np.array(data.y)
-    shades = np.array([[shade_of(p, r) for p, r in zip(*rows)] for rows in zip(data.period, data.regime)])
-    draw_cells(axis, x, y, shades, TINTS)
-    named: dict[str, Any] = {}
-    for curve in sorted(data.curves, key=lambda c: c.kind == "stick_border"):
-        kind, period = curve.kind, curve.period
-        name = "pure stick ends, by (10)" if kind == "stick_border" else f"{MARKS[kind][1]}, period {period}"
-        line, = axis.plot(np.array(curve.value) / data.unit, np.array(curve.second) / data.second_unit,
-                          color=COLOURS.get((kind, min(period, 2)), style.GREEN), linewidth=0.9,
-                          linestyle=(0, (4, 2)) if kind == "stick_border" else "-", zorder=3)
-        named.setdefault(name, line)
-        for end, reason in zip((0, -1), curve.reasons):
-            mark = end_mark(reason)
-            if mark is not None:
-                point, = axis.plot([curve.value[end] / data.unit], [curve.second[end] / data.second_unit],
-                                   linestyle="none", marker=mark[0], color=style.INK, markersize=3.0,
-                                   markeredgewidth=0.7, zorder=4)
-                named.setdefault(mark[1], point)
-    axis.set(xlim=(x[0], x[-1]), ylim=(y[0], y[-1]), xlabel=AXES[data.axis], ylabel=AXES[data.second_axis])
-    met = sorted(set(shades.ravel().tolist()))
-    handles = [Patch(facecolor=TINTS[k], edgecolor=style.GREY, linewidth=0.4, label=GRID[k]) for k in met]
-    lines = dict(sorted(named.items()))
-    shown = below.legend([*lines.values(), *handles], [*lines, *(GRID[k] for k in met)], loc="center", ncols=4,
-                         fontsize=6.8)
-    shown.set_in_layout(False)
-
-
-EDGES = ("range", "closed")
-"""Reasons for which a curve ends that the edge of the chart, or its own beginning, shows."""
-ENDS = {"special": ("D", "point of codimension two"), "canard": ("*", "canard: not resolved beyond"),
-        "canard_curve": ("*", "canard: not resolved beyond"), "points": ("|", "longest curve followed")}
-LOST = ("x", "no further point found")
-
-
-def end_mark(reason: str) -> tuple[str, str] | None:
-    """Mark and name of a curve's end; None where the chart shows it."""
-    return None if reason in EDGES else ENDS.get(reason, LOST)
-
-
-def shade_of(period: int | None, regime: str | None) -> int:
-    """Which shade of TINTS a cold start has."""
-    if period is None:
-        return 6
-    return {"stick": 0, "runaway": 5}.get(regime or "", {0: 4, 1: 1, 2: 2}.get(period, 3))

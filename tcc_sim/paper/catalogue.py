@@ -61,14 +61,12 @@ class PaperFigure:
 
     number, title, caption : of the paper's figure, in our words; the caption says what the picture's own labels do not
     kind : solvers, law, map (maxima and orbit diagrams over the frequency), damping, orbit (over mu_k/mu_s), histories,
-        delay, actuation or chart
+        delay or actuation
     series : curves, or panels of time histories
     over : scene key that is swept, where one is
     span : ends of the normalised axis, omega/omega_n or mu_k/mu_s
     count : values along it
     marks : places on the axis that the text names
-    second, second_span, second_count : of a chart, its second key and ends and values of that axis
-    cuts : of a chart, places on the second axis along which bifurcations are looked for
     """
 
     number: int
@@ -80,10 +78,6 @@ class PaperFigure:
     span: tuple[float, float] = (0.05, 0.5)
     count: int = 226
     marks: tuple[float, ...] = ()
-    second: str = ""
-    second_span: tuple[float, float] = (0.0, 1.0)
-    second_count: int = 0
-    cuts: tuple[float, ...] = ()
 
 
 def paper_system(values: Mapping[str, Value] | None = None) -> System:
@@ -97,7 +91,7 @@ STUCK_RATIO = math.sqrt(0.02 / 0.22)
 """omega_sn/omega_n of (28)."""
 NORMALISED: dict[str, tuple[str, float]] = {
     "engine.frequency": ("omega/omega_n", OMEGA_N), "friction.kinetic_coefficient": ("mu_k/mu_s", STATIC),
-    "pressure.phase": ("psi/pi", math.pi), "friction.smoothing": ("sigma", 1.0)}
+    "friction.smoothing": ("sigma", 1.0)}
 """By key the name of its normalised axis, and the key's value at 1 of it."""
 
 
@@ -206,27 +200,6 @@ FIGURES: dict[int, PaperFigure] = {row.number: row for row in (
 )}
 """Every figure with numbers in it, by its number in the paper."""
 
-AT_036_085: dict[str, Value] = {**_kinetic(0.85), "engine.frequency": 0.36 * OMEGA_N}
-"""Where period one and a large period two coexist behind Fig. 6."""
-
-CHARTS: dict[int, PaperFigure] = {row.number: row for row in (
-    PaperFigure(19, r"Where motions of Fig. 4 begin and end: $\omega$ and $\mu_k$", rf"{CONSTANT}; shaded: period from "
-                "the initial state (13)", "chart", (Series("", {}),), span=(0.12, 0.5), count=96,
-                second="friction.kinetic_coefficient", second_span=(0.55, 0.995), second_count=61,
-                cuts=(0.6, 0.667, 0.75, 0.83, 0.92)),
-    PaperFigure(20, rf"Where motions of Fig. 14 begin and end: $\omega$ and $\psi$, {FALLING_SLOPE}",
-                rf"{QUARTER}, $\omega_f = \omega$; shaded: period from the initial state (13)", "chart",
-                (Series("", _pressure(kinetic=0.75)),), span=(0.12, 0.5), count=96, second="pressure.phase",
-                second_span=(0.0, 1.0), second_count=61, cuts=(0.0, 0.25, 0.5, 0.75, 1.0)),
-)}
-"""What the paper has not: charts of the bifurcations behind its figures, numbered on."""
-
-
-def figure_row(number: int) -> PaperFigure:
-    """The row of a figure or chart."""
-    return FIGURES[number] if number in FIGURES else CHARTS[number]
-
-
 @dataclass(frozen=True)
 class FigureOptions:
     """How the figures are made.
@@ -251,13 +224,11 @@ class FigureOptions:
 
 def check_options(number: int, options: FigureOptions) -> None:
     """Raise InputError where a figure has nothing that a direction, the set-valued law or branches would change."""
-    kind = figure_row(number).kind
+    kind = FIGURES[number].kind
     if options.direction is not None and kind not in SWEPT:
         raise InputError(f"direction is {options.direction}; Fig. {number} has no sweep")
     if options.law != "smoothed" and kind in BOTH_LAWS:
         raise InputError(f"law is {options.law}; Fig. {number} shows both laws")
-    if options.branches and kind == "chart":
-        raise InputError(f"Fig. {number} is made of branches already; --branches is for the paper's own figures")
     if options.branches and kind not in BRANCHED:
         numbers = ", ".join(str(n) for n, row in FIGURES.items() if row.kind in BRANCHED)
         raise InputError(f"Fig. {number} has no points on branches; --branches is for {numbers}")

@@ -33,8 +33,7 @@ def draw(data: Figure[Any], stem: Path) -> None:
             directions = {curve.direction for curve in data.numbers.curves}
             extra += [DIRECTIONS[d][0] for d in sorted(directions)] if directions != {"cold"} else []
         note = f" ({', '.join(extra)})" if extra else ""
-        what = "Chart" if data.kind == "chart" else "Fig."
-        drawn.suptitle(f"{what} {data.figure}. {data.title}{note}", x=0.01, ha="left", fontsize=9.5, fontweight="bold")
+        drawn.suptitle(f"Fig. {data.figure}. {data.title}{note}", x=0.01, ha="left", fontsize=9.5, fontweight="bold")
         paint(drawn, data)
         drawn.supxlabel(caption_of(data), x=0.01, ha="left", fontsize=7.0, color=style.GREY)
         for axis in drawn.axes:
@@ -303,7 +302,6 @@ KINDS: dict[str, tuple[Callable[[Figure[Any]], float], Callable[[Any, Figure[Any
     "map": (_map_height, _paint_map),
     "damping": (lambda data: 5.4, _paint_damping),
     "orbit": (_orbit_height, _paint_orbit),
-    "chart": (lambda data: 5.4, _of_numbers(panels.paint_chart)),
     "law": (lambda data: 2.7, _of_numbers(paper_histories.paint_law)),
     "histories": (lambda data: 0.6 + 1.75 * len(data.numbers.panels), _of_numbers(paper_histories.paint_histories)),
     "delay": (lambda data: 4.4, _of_numbers(paper_histories.paint_delay)),

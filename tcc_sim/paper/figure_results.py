@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from tcc_sim.result import ASKED_FOR, SPREAD, json_of
 
 if TYPE_CHECKING:
-    from tcc_sim.continuation.codim2 import Special
     from tcc_sim.model.quantity import Value
     from tcc_sim.sweeps.exponents import Lyapunov
     from tcc_sim.trajectory import Floats, Modes
@@ -228,43 +227,6 @@ class Solvers:
     curves: Sequence[SolverCurve]
     steady: Sequence[Steady]
     steady_cycles: int
-
-
-@dataclass(frozen=True)
-class ChartCurve:
-    """A curve of bifurcations in a chart: both keys along it (SI, as `continue --json`), and its two ends.
-
-    creep : whether it is the smoothed end of stick
-    """
-
-    label: str
-    kind: str
-    period: int
-    creep: bool
-    value: Sequence[float]
-    second: Sequence[float]
-    ended: Sequence[str]
-    reasons: Sequence[str]
-    special: Sequence[Special]
-
-
-@dataclass(frozen=True)
-class Chart:
-    """Figs. 19 and 20: normalised axes with their units and keys, curves, and the cold starts (rows: second axis)."""
-
-    axis: str
-    x: Sequence[float]
-    unit: float
-    over: str
-    second_axis: str
-    y: Sequence[float]
-    second_unit: float
-    second_over: str
-    cycles: int
-    discarded: int
-    curves: Sequence[ChartCurve]
-    period: Sequence[Sequence[int | None]]
-    regime: Sequence[Sequence[str | None]]
 
 
 @dataclass(frozen=True)

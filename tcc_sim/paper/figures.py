@@ -16,9 +16,8 @@ from tcc_sim.model import friction
 from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.model.quantity import Value
 from tcc_sim.paper import figure_results as results
-from tcc_sim.paper.branches_behind import chart, motions_behind, motions_behind_each, orbit_behind
+from tcc_sim.paper.branches_behind import motions_behind, motions_behind_each, orbit_behind
 from tcc_sim.paper.catalogue import (
-    CHARTS,
     FIGURES,
     NORMALISED,
     QUICK_SHARE,
@@ -26,7 +25,6 @@ from tcc_sim.paper.catalogue import (
     FigureOptions,
     PaperFigure,
     Series,
-    figure_row,
     paper_system,
     series_system,
 )
@@ -70,9 +68,9 @@ def figure_data(number: int, options: FigureOptions) -> results.Figure[Any]:
     NumericalFailure
         A time history that could not be solved; a failed point of a sweep is a status in the data instead.
     """
-    if number not in (*FIGURES, *CHARTS):
-        raise InputError(f"figure {number} has no numbers; the figures are {min(FIGURES)} to {max(CHARTS)}")
-    row = figure_row(number)
+    if number not in FIGURES:
+        raise InputError(f"figure {number} has no numbers; the figures are {min(FIGURES)} to {max(FIGURES)}")
+    row = FIGURES[number]
     began = time.perf_counter()
     common = {key: value for key, value in values_of(figure_system(number, options)) if key not in _varied(row)}
     numbers = KINDS[row.kind](row, options)
@@ -80,20 +78,15 @@ def figure_data(number: int, options: FigureOptions) -> results.Figure[Any]:
                           numbers, time.perf_counter() - began)
 
 
-def figure_of(task: tuple[int, FigureOptions]) -> results.Figure[Any]:
-    """`figure_data` of a number and options, as a part of the work of several processes."""
-    return figure_data(*task)
-
-
 def figure_system(number: int, options: FigureOptions) -> System:
     """The system of a figure's first curve; the others and its axis are changes of it."""
-    return series_system(figure_row(number).series[0], options)
+    return series_system(FIGURES[number].series[0], options)
 
 
 def _varied(row: PaperFigure) -> set[str]:
     """Keys that differ between the curves or along them."""
     keys = {key for series in row.series for key in series.values} if len(row.series) > 1 else set()
-    return keys | ({row.over, row.second} if row.kind in ("map", "damping", "orbit", "chart") else set())
+    return keys | ({row.over} if row.kind in ("map", "damping", "orbit") else set())
 
 
 def _axis(row: PaperFigure, options: FigureOptions) -> tuple[str, np.ndarray, float]:
@@ -297,4 +290,4 @@ def _solvers(row: PaperFigure, options: FigureOptions) -> results.Solvers:
 KINDS: dict[str, Callable[[PaperFigure, FigureOptions], Any]] = {
     "map": _map, "damping": _damping, "orbit": _orbit, "histories": _histories,
     "delay": _delay, "actuation": _actuation, "law": _law,
-    "solvers": _solvers, "chart": chart}
+    "solvers": _solvers}

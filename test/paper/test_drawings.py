@@ -61,20 +61,10 @@ def test_a_caption_keeps_to_the_width_of_the_picture(tmp_path: Path) -> None:
         assert text.get_window_extent().x1 < drawn.bbox.x1
 
 
-def test_the_end_of_a_curve_of_a_chart_is_drawn_or_at_the_edge() -> None:
-    from tcc_sim.continuation.detection import StopReason
-    from tcc_sim.paper.branch_panels import end_mark
-
-    shown = {reason.name: end_mark(reason.name.lower()) for reason in StopReason}
-    assert [name for name, mark in shown.items() if mark is None] == ["RANGE", "CLOSED"]
-    assert len({mark for mark in shown.values() if mark is not None}) >= 4
-
-
 def test_cells_of_a_map_have_the_colour_of_their_class() -> None:
-    """One function draws the maps of sweeps, basins and charts; a runaway is dark red in all of them."""
+    """One function draws the maps of sweeps and basins; a runaway is dark red in all of them."""
     from matplotlib.colors import to_hex
 
-    from tcc_sim.paper.branch_panels import GRID, TINTS, shade_of
     from tcc_sim.views import basin_map, style
     from tcc_sim.views.sweeps import draw_cells
 
@@ -86,10 +76,7 @@ def test_cells_of_a_map_have_the_colour_of_their_class() -> None:
         shown = [to_hex(c).upper() for c in mesh.get_facecolors().reshape(-1, 4)]
         assert [shown[k] for k in (0, 1, 2, 3, 5)] == [style.BLUE, style.RUNAWAY, style.GREEN, style.GREEN, style.BLUE]
         assert mesh.get_facecolors().reshape(-1, 4)[4, 3] == 0.0
-    cells = ((1, "stick"), (0, "runaway"), (0, "slip"), (7, "slip"), (None, None))
-    assert [GRID[shade_of(*cell)] for cell in cells] == [
-        "pure stick", "slip grows without end", "no period up to 16", "period 3 to 16", "not solved"]
-    assert TINTS[shade_of(0, "runaway")] == basin_map.EXTRAS[basin_map.RUNAWAY][0] == style.RUNAWAY
+    assert basin_map.EXTRAS[basin_map.RUNAWAY][0] == style.RUNAWAY
 
 
 def test_a_section_of_one_point_has_no_axis_narrower_than_its_noise() -> None:

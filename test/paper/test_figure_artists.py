@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from given import curve_of, curves_of, figure_of
 
-from tcc_sim.paper import branch_panels, drawings, histories
-from tcc_sim.paper.figure_results import Actuation, Chart, ChartCurve, Delay, History, Panels
+from tcc_sim.paper import drawings, histories
+from tcc_sim.paper.figure_results import Actuation, Delay, History, Panels
 from tcc_sim.sweeps.exponents import Lyapunov
 from tcc_sim.views import style
 
@@ -27,7 +27,7 @@ def _matplotlib() -> None:
     ("map", "smoothed", ["up", "down"], "Fig. 4. A (continued downward, continued upward)"),
     ("damping", "set_valued", ["up"], "Fig. 4. A (set-valued law, continued upward)"),
     ("orbit", "smoothed", ["cold", "up"], "Fig. 4. A"), ("solvers", "set_valued", [], "Fig. 4. A"),
-    ("law", "set_valued", [], "Fig. 4. A"), ("chart", "set_valued", [], "Chart 4. A (set-valued law)")])
+    ("law", "set_valued", [], "Fig. 4. A")])
 def test_a_title_says_what_the_paper_s_figure_has_not(kind: str, law: str, directions: list[str], title: str,
                                                       monkeypatch: pytest.MonkeyPatch) -> None:
     said: list[str] = []
@@ -65,29 +65,6 @@ def test_time_histories_name_their_lowest_axes_and_mark_every_cycle() -> None:
         histories.paint_actuation(drawn, Panels([Actuation("a", {}, 2, t, slip, torque + 3.0, torque)] * 2))
         assert [axis.get_xticks().tolist() for axis in drawn.axes[:2]] == [[0, 1, 2, 3]] * 2
         assert texts(drawn.axes[:2], "xlabel") == ["", histories.CYCLES]
-
-
-def test_a_chart_has_curves_and_their_ends_in_the_units_of_its_axes() -> None:
-    """Every kind of curve has a colour of its own for period one and for longer ones."""
-    kinds = [("fold", 1), ("fold", 2), ("period_doubling", 1), ("period_doubling", 4), ("stick_border", 1)]
-    curves = [ChartCurve("a", kind, period, False, [10.0, 15.0, 30.0], [1.0, 2.0, 3.5], ["one", "other"],
-                         ["special", "canard"], ()) for kind, period in kinds]
-    data = Chart("omega/omega_n", [0.1, 0.2, 0.3], 100.0, "engine.frequency", "psi/pi", [0.0, 0.5, 1.0], 4.0,
-                 "pressure.phase", 150, 50, curves, [[1, 2, 0]] * 3, [["slip"] * 3] * 3)
-    with style.figure() as drawn:
-        branch_panels.paint_chart(drawn, data)
-        axis = drawn.axes[0]
-        lines = [line for line in axis.lines if len(line.get_xdata()) == 3]
-        assert len({line.get_color() for line in lines}) == len(lines) == 5
-        assert style.GREEN not in {line.get_color() for line in lines}  # That of all other kinds.
-        for line in lines:
-            np.testing.assert_allclose(line.get_xydata(), [[0.1, 0.25], [0.15, 0.5], [0.3, 0.875]])
-        ends = {line.get_marker(): line.get_xydata().tolist() for line in axis.lines if len(line.get_xdata()) == 1}
-        assert {marker: at[0] for marker, at in ends.items()} == {"D": pytest.approx([0.1, 0.25]),
-                                                                  "*": pytest.approx([0.3, 0.875])}
-        assert (axis.get_xlim(), axis.get_ylim()) == ((0.1, 0.3), (0.0, 1.0))
-        assert [text.get_text() for text in drawn.axes[1].get_legend().get_texts()][-3:] == [
-            "period 1", "period 2", "no period up to 16"]
 
 
 def test_slip_away_is_shaded_up_to_where_the_clutch_holds_the_mean_torque() -> None:

@@ -1,0 +1,293 @@
+"""Engine cycles per second on scenes of Fig. 4: the smoothed engine beside XPPAUT's CVODE at the same section error, in
+the transient from the initial state and on the attractor, and a whole sweep.
+
+`python test/instruments/sweep_speed.py` prints the table. Each program runs at its loosest tolerance whose section
+error stays below ERROR over a few cycles, against a SciPy reference; its time is that of many cycles, so that the cost
+of a call or of a start does not count.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tcc_sim.benchmarks import peers
+from tcc_sim.benchmarks.peers import least_seconds
+from tcc_sim.benchmarks.references import Reference, errors, reference
+from tcc_sim.model.parameters import System
+from tcc_sim.output.tables import markdown_table
+from tcc_sim.output.terminal import counted_bar, say
+from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, paper_system
+from tcc_sim.solvers import SOLVERS, solve
+from tcc_sim.sweeps.executors import cores
+from tcc_sim.sweeps.sweep import Curve, Plan, sweep_curves
+
+ERROR = 1e-6
+"""The largest section error, relative to each signal's maximum, that a tolerance may leave."""
+SETTLING = 600
+"""Engine cycles after which a motion of Fig. 4 is on its attractor; steady motions and chaotic ones alike."""
+STRETCHES = ("transient", "attractor")
+ENGINE, PEER = "smoothed", "XPPAUT cvode"
+
+
+class SpeedEffort(NamedTuple):
+    """How much is measured.
+
+    frequencies : omega/omega_n of the scenes, for each mu_k/mu_s of Fig. 4
+    values : frequencies of each curve of the whole sweep
+    horizon : engine cycles over which errors are taken: some motions of Fig. 4 are chaotic, and any error grows
+    cycles : engine cycles that are timed, those of one point of a sweep
+    repeats : runs of which the least time counts
+    ladder : tolerances, of which the first that is tight enough is timed
+    """
+
+    frequencies: tuple[float, ...] = (0.12, 0.2, 0.36)
+    values: int = 200
+    horizon: int = 6
+    cycles: int = 150
+    repeats: int = 5
+    ladder: tuple[float, ...] = (1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7, 1e-7, 3e-8, 1e-8, 3e-9, 1e-9, 1e-10)
+
+
+@dataclass(frozen=True)
+class SpeedPoint:
+    """One of STRETCHES on a scene of Fig. 4: mu_k/mu_s and omega/omega_n."""
+
+    kinetic_ratio: float
+    frequency_ratio: float
+    stretch: str
+
+
+@dataclass(frozen=True)
+class SpeedRow(SpeedPoint):
+    """What a solver takes there at one tolerance, with its section error."""
+
+    solver: str
+    setting: float
+    error: float
+    cycles_per_second: float
+
+
+@dataclass(frozen=True)
+class SpeedOmitted(SpeedPoint):
+    """Why a solver has no row there."""
+
+    solver: str
+    why: str
+
+
+@dataclass(frozen=True)
+class WholeSweep:
+    """A sweep over Fig. 4 at the default tolerance; `busy` is the CPU time over that of all cores."""
+
+    points: int
+    cycles: int
+    cores: int
+    seconds: float
+    busy: float
+    cycles_per_second_and_core: float
+
+
+@dataclass(frozen=True)
+class SweepSpeed:
+    """What was measured, the engine at its default tolerance too; `error` is the largest that was allowed."""
+
+    error: float
+    horizon: int
+    cycles: int
+    rows: Sequence[SpeedRow]
+    omitted: Sequence[SpeedOmitted]
+    sweep: WholeSweep
+
+
+def sweep_speed(effort: SpeedEffort, done: Callable[[int, int, str], None]) -> SweepSpeed:
+    """Measure.
+
+    Parameters
+    ----------
+    effort : how much
+    done : called with points done, points in all, and what comes next
+    """
+    points = [(series, ratio, stretch) for series in FIGURES[4].series
+              for ratio in effort.frequencies for stretch in STRETCHES]
+    rows, omitted = list[SpeedRow](), list[SpeedOmitted]()
+    for count, (series, ratio, stretch) in enumerate(points):
+        done(count, len(points) + 1, f"Fig. 4 at {ratio:g}, {stretch}")
+        system = paper_system({**series.values, "engine.frequency": ratio * OMEGA_N})
+        kinetic = 1.0 / system.friction_ratio
+        if stretch == "attractor":
+            system = on_attractor(system)
+        truth = reference(system, effort.horizon, "LSODA", 1e-12)
+        default = SOLVERS[ENGINE].default
+        for solver, ladder in ((ENGINE, effort.ladder), (ENGINE, (default,)), (PEER, effort.ladder)):
+            try:
+                setting, error = loosest(system, solver, ladder, truth)
+                rows.append(SpeedRow(kinetic, ratio, stretch, solver, setting, error,
+                                     effort.cycles / _timed(system, solver, setting, effort)))
+            except peers.Failed as failed:
+                omitted.append(SpeedOmitted(kinetic, ratio, stretch, solver, str(failed)))
+    done(len(points), len(points) + 1, "Fig. 4, whole sweep")
+    whole = whole_sweep(effort)
+    done(len(points) + 1, len(points) + 1, "")
+    return SweepSpeed(ERROR, effort.horizon, effort.cycles, rows, omitted, whole)
+
+
+def on_attractor(system: System) -> System:
+    """The same system with the initial state that it has come to after SETTLING engine cycles."""
+    return solve(system, cycles=SETTLING, solver=ENGINE, rtol=1e-10).raise_for_status().final.starting(system)
+
+
+def loosest(system: System, solver: str, ladder: tuple[float, ...], truth: Reference) -> tuple[float, float]:
+    """The first tolerance of the ladder whose section error stays below ERROR, and that error.
+
+    Raises
+    ------
+    Failed
+        There is none.
+    """
+    least = math.inf
+    for setting in ladder:
+        found = errors(*_run(system, solver, setting, len(truth.largest)), truth)[1]
+        if found <= ERROR:
+            return setting, found
+        least = min(least, found)
+    raise peers.Failed(f"its error is at least {least:.1e}")
+
+
+def _run(system: System, solver: str, setting: float, cycles: int) -> tuple[Any, Any]:
+    """Section and largest slip speeds over some cycles."""
+    if solver == PEER:
+        peer = peers.xppaut(system, "cvode", setting, cycles, 0)
+        return peer.section, peer.largest
+    found = solve(system, cycles=cycles, solver=solver, rtol=setting).solved_cycles
+    return found.section, found.largest
+
+
+def _timed(system: System, solver: str, setting: float, effort: SpeedEffort) -> float:
+    """Least CPU seconds of the cycles that are timed."""
+    if solver == PEER:
+        return peers.xppaut(system, "cvode", setting, effort.cycles, 2).seconds
+    return least_seconds(lambda: solve(system, cycles=effort.cycles, solver=solver, rtol=setting), effort.repeats)[0]
+
+
+def whole_sweep(effort: SpeedEffort) -> WholeSweep:
+    """A sweep over the four curves of Fig. 4 on all cores."""
+    values = tuple(float(x) for x in np.linspace(*FIGURES[4].span, effort.values) * OMEGA_N)
+    curves = [Curve(paper_system(series.values), "engine.frequency", values) for series in FIGURES[4].series]
+    for curve in curves:
+        solve(curve.at(0), cycles=1)
+    wall, cpu, width = time.perf_counter(), time.process_time(), cores()
+    sweeps = sweep_curves(curves, Plan(cycles=effort.cycles), jobs=width)
+    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    cycles = int(sum(sweep.column("cycles").sum() for sweep in sweeps))
+    return WholeSweep(effort.values * len(curves), cycles, width, wall, cpu / (wall * width), cycles / cpu)
+
+
+class SpeedComparison(NamedTuple):
+    """A scene's rows: the engine at its loosest tolerance and at its default one, and the peer."""
+
+    kinetic_ratio: float
+    frequency_ratio: float
+    loosest: SpeedRow | None
+    default: SpeedRow | None
+    peer: SpeedRow | None
+
+    @property
+    def ratio(self) -> float | None:
+        """How many times as fast as the peer the engine is."""
+        if self.loosest is None or self.peer is None:
+            return None
+        return self.loosest.cycles_per_second / self.peer.cycles_per_second
+
+
+def speed_rows(found: SweepSpeed, stretch: str) -> list[SpeedComparison]:
+    """The scenes of one stretch."""
+    rows: dict[tuple[float, float], list[SpeedRow]] = {}
+    for row in found.rows:
+        if row.stretch == stretch:
+            rows.setdefault((row.kinetic_ratio, row.frequency_ratio), []).append(row)
+    out = []
+    for (kinetic, frequency), group in rows.items():
+        engine = [row for row in group if row.solver == ENGINE]
+        peer = [row for row in group if row.solver == PEER]
+        out.append(SpeedComparison(kinetic, frequency, engine[0] if engine else None, engine[-1] if engine else None,
+                            peer[0] if peer else None))
+    return out
+
+
+def speed_summary(found: SweepSpeed) -> list[str]:
+    """The figures in a few sentences."""
+    out = []
+    for stretch in STRETCHES:
+        table = speed_rows(found, stretch)
+        loose = [row.loosest.cycles_per_second for row in table if row.loosest]
+        default = [row.default.cycles_per_second for row in table if row.default]
+        ratios = [row.ratio for row in table if row.ratio is not None]
+        where = "from the initial state" if stretch == "transient" else "on the attractor"
+        out.append(f"{where}: {_range(loose)} engine cycles a second and core at a section error of at most "
+                   f"{found.error:g} on {len(table)} scenes of Fig. 4, {_range(default)} at the default tolerance")
+        if ratios:
+            peer = [row.peer.cycles_per_second for row in table if row.peer]
+            out[-1] += (f"; XPPAUT's CVODE {_range(peer)} at the same error: {min(ratios):.2g} to {max(ratios):.2g} "
+                        "times as long")
+    if not any(row.solver == PEER for row in found.rows):
+        out.append(f"XPPAUT's CVODE did not take part: {next((row.why for row in found.omitted), 'not run')}")
+    sweep = found.sweep
+    out.append(f"a sweep over Fig. 4, {sweep.points} points and {sweep.cycles} cycles: {sweep.seconds:.3g} s "
+               f"on {sweep.cores} cores, {100.0 * sweep.busy:.0f} % busy, "
+               f"{_round(sweep.cycles_per_second_and_core)} cycles a second and core with everything")
+    return out
+
+
+def speed_section(found: SweepSpeed) -> list[str]:
+    """The page's section on cycles per second on the scenes of Fig. 4."""
+    lines = ["## Engine cycles a second, on the scenes of Fig. 4", "",
+             f"Each program at its loosest tolerance with a section error of at most {found.error:g} over "
+             f"{found.horizon} cycles, from the initial state and from a state on the attractor; the time is that "
+             f"of {found.cycles} cycles from there, on one core.", ""]
+    for stretch in STRETCHES:
+        head = (f"{stretch}: mu_k/mu_s", "omega/omega_n", "`smoothed`: cycles a second", "rtol", "error",
+                "at the default rtol", "error", "XPPAUT cvode: cycles a second", "toler", "error", "ratio")
+        lines += markdown_table(head, [(
+            f"{row.kinetic_ratio:.3g}", f"{row.frequency_ratio:g}", *_cells(row.loosest, True),
+            *_cells(row.default, False), *_cells(row.peer, True), "-" if row.ratio is None else f"{row.ratio:.2g}")
+            for row in speed_rows(found, stretch)], "---:")
+        lines.append("")
+    left_out = [f"{row.solver} at {row.kinetic_ratio:.3g}, {row.frequency_ratio:g}, {row.stretch}: "
+                f"{row.why}" for row in found.omitted]
+    if left_out:
+        lines += ["Omitted (mu_k/mu_s, omega/omega_n): " + "; ".join(left_out) + ".", ""]
+    return [*lines, *(f"- {line[0].upper()}{line[1:]}." for line in speed_summary(found)), ""]
+
+
+def _cells(row: SpeedRow | None, tolerance: bool) -> list[str]:
+    """Cycles a second, the tolerance where it is asked for, and the error."""
+    if row is None:
+        return ["-", "-", "-"] if tolerance else ["-", "-"]
+    return [f"{row.cycles_per_second:.0f}", *([f"{row.setting:g}"] if tolerance else []), f"{row.error:.0e}"]
+
+
+def _range(values: list[float]) -> str:
+    """Least and largest."""
+    return f"{_round(min(values))} to {_round(max(values))}" if values else "none"
+
+
+def _round(value: float) -> str:
+    """Two digits of a large number."""
+    return f"{float(f'{value:.2g}'):.0f}"
+
+
+def main() -> int:
+    """Measure and print the section of Markdown."""
+    with counted_bar("scene") as running:
+        say("\n".join(speed_section(sweep_speed(SpeedEffort(), running.done))))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

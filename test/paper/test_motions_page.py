@@ -1,0 +1,65 @@
+"""The instrument that writes the page on periodic motions, on branches and basins that a test made up."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import NoReturn
+
+import motions
+import numpy as np
+import pytest
+from documents import valid
+from given import curves_of
+from test_figure_branches import given_curve, given_figure
+
+from tcc_sim.basins.compute import Axis, Basins
+from tcc_sim.basins.proximity import Attractor
+from tcc_sim.paper import figures
+from tcc_sim.paper.catalogue import OMEGA_N
+from tcc_sim.paper.figure_results import JumpBehind
+
+
+def given_basins() -> Basins:
+    orbit = Attractor(2, np.zeros((2, 3)), np.zeros(2, np.int64), np.array([0.25 + 0.0j]), 49.2, 0.1)
+    plane = Axis("initial.slip_speed", (0.0, 60.0)), Axis("initial.plate_angle", (0.0, 0.1))
+    return Basins(plane, (orbit,), np.array([[0, 0], [0, -1]], np.int16), np.full((2, 2), 16, np.int32), 1.0)
+
+
+def test_the_generator_writes_page_pictures_and_numbers(tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    pytest.importorskip("matplotlib")
+    monkeypatch.setitem(figures.KINDS, "orbit", lambda row, options: curves_of([given_curve()]))
+    monkeypatch.setattr(motions, "basins", lambda *task, **how: [given_basins()])
+    folder = tmp_path / "motions"
+    assert motions.main(["--quick", "--jobs", "1", "--out", str(folder)]) == 0
+    for name in ("branches", "basins"):
+        picture = f"pictures/motions_{name}.png"
+        assert f"({picture})" in (folder / "motions.md").read_text()
+        assert (folder / picture).read_bytes().startswith(b"\x89PNG")
+    assert valid("figure", json.loads((folder / "motions_branches.json").read_text()))["curves"]
+    assert valid("basins", json.loads((folder / "motions_basins.json").read_text()))["attractors"]
+    assert motions.main(["--quick", "--out", str(folder)]) == 2
+
+
+def test_an_interrupted_page_leaves_nothing(tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    def interrupted(*row: object) -> NoReturn:
+        raise KeyboardInterrupt
+
+    monkeypatch.setitem(figures.KINDS, "orbit", interrupted)
+    assert motions.main(["--jobs", "1", "--out", str(tmp_path / "motions")]) == 130
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_page_says_what_was_found() -> None:
+    unknown = [JumpBehind(x, (x, x), (size, size - 10.0), "aperiodic", None)
+               for x, size in ((15.0, 90.0), (20.0, 70.0))]
+    curves = [given_curve(), given_curve(direction="up"), given_curve(jumps=unknown)]
+    page = motions.motions_page(given_figure(6, "orbit", curves), given_basins())
+    low, middle, share = (x / OMEGA_N for x in (20.0, 120.0, 150.0))
+    for words in (f"| 1 | {low:.4f} to {share:.4f} | 2 of 4 | at the end of a range, {low:.6f}; in a canard, "
+                  f"{middle:.6f} | fold {share:.6f} |", "is within 1e-11 of where it has it",
+                  f"- fold: {share:.6f} (from (13), upward)", "Of 4 jumps in three sweeps 2 are bifurcations",
+                  f"- a motion without a period beside it: 2 places from {15.0 / OMEGA_N:.6f} to {low:.6f}\n",
+                  "| 2 | 49.2000 | 0.250000 | 0.1 | 75.000 % |", "Undecided: 25 %",
+                  "lead: 75.0 % to period 2 of 49.2 rad/s."):
+        assert words in page, words
