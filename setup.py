@@ -48,7 +48,8 @@ setup(
         "Typing :: Typed",
     ],
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["py.typed"], f"{NAME}.fmu": ["c/*"], f"{NAME}.benchmarks": ["*.c"], f"{NAME}.output": ["schemas/*.yaml"]},
+    package_data={NAME: ["py.typed"], f"{NAME}.fmu": ["c/*"], f"{NAME}.benchmarks": ["*.c"],
+                  f"{NAME}.output": ["schemas/*.yaml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
