@@ -34,7 +34,7 @@ def read_parameters(text: str) -> dict[str, object]:
                 raise InputError(f"line {line}: nested more than {DEEPEST} deep, which no scene is")
             if getattr(event, "tag", None):
                 raise InputError(f"line {line}: YAML tags are not allowed in a scene")
-        tree = yaml.load(text, Loader=_unique_loader())
+        tree = yaml.load(text, Loader=_unique_loader())  # noqa: S506
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f"line {mark.line + 1}: " if mark is not None else ""

@@ -48,16 +48,6 @@ def test_the_sdist_holds_every_file_of_package_tests_and_scenes(built):
     assert "test/conftest.py" in wanted
 
 
-def test_the_tests_of_the_sdist_pass_in_it(built, tmp_path):
-    with tarfile.open(built[0]) as file:
-        file.extractall(tmp_path, **({"filter": "data"} if hasattr(tarfile, "data_filter") else {}))
-    folder, = tmp_path.iterdir()
-    ended = subprocess.run([sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test/test_scenes.py",
-                            "test/messages", "test/test_topics.py"], cwd=folder, capture_output=True, text=True,
-                           check=False, env={"PATH": "", "HOME": str(Path.home()), "PYTHONPATH": str(folder)})
-    assert ended.returncode == 0, ended.stdout[-2000:]
-
-
 def test_the_wheel_finds_its_scenes_and_schemas_outside_the_checkout(built, tmp_path):
     site = tmp_path / "lib" / "site-packages"
     with zipfile.ZipFile(built[1]) as file:

@@ -118,8 +118,3 @@ def test_parts_of_results_are_short_too() -> None:
     assert found.branches
     for part in parts:
         assert len(repr(part)) < 400
-
-
-def test_what_no_function_gave_is_not_drawn() -> None:
-    with pytest.raises(InputError, match="a int cannot be drawn"):
-        tcc_sim.plot(3, ax=object())

@@ -146,8 +146,3 @@ def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys):
     assert "## Refused" in text
     assert "## Largest errors" in text
     assert "not finite" in capsys.readouterr().out
-
-
-def test_an_existing_directory_stays_as_it_is(tmp_path, capsys):
-    assert main(["stability", "--quick", "--out", str(tmp_path)]) == 2
-    assert "exists" in capsys.readouterr().err

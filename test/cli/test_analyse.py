@@ -2,7 +2,6 @@
 
 import json
 import math
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -122,19 +121,6 @@ def test_of_a_manoeuvre_the_whole_is_drawn(monkeypatch, recording, tmp_path, pro
         assert drawn[0].system.profile is not None
 
 
-def test_existing_files_are_replaced_only_by_force(capsys, recording, tmp_path):
-    pytest.importorskip("rerun")
-    figures, view = tmp_path / "a.json", tmp_path / "a.rrd"
-    for path, option in ((figures, "--json"), (view, "--rrd")):
-        path.write_text("mine")
-        assert "exists" in refused(capsys, recording, option, path)
-        assert path.read_text() == "mine"
-    assert main(["analyse", str(recording), "--json", str(figures), "--rrd", str(view), "--force"]) == 0
-    assert json.loads(figures.read_text())["messages"] == 2001
-    assert view.read_bytes()[:4] == b"RRF2"
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.json", "a.rrd", "run.mcap"]
-
-
 @pytest.mark.parametrize(("arguments", "words"), [
     (["--discard", "47"], "--discard 47"), (["--discard", "x"], "--discard"),
     (["--frequency", "0"], "frequency is 0 rad/s"), (["--scene", "nowhere"], "there is no scene"),
@@ -156,13 +142,6 @@ def test_what_is_no_recording(capsys, tmp_path):
     assert "no .mcap file" in refused(capsys, tmp_path)
     (tmp_path / "a.mcap").write_bytes(b"nothing of the kind")
     refused(capsys, tmp_path / "a.mcap")
-
-
-def test_without_rerun_the_extra_is_named_and_nothing_is_left(capsys, monkeypatch, recording):
-    monkeypatch.setitem(sys.modules, "rerun", None)
-    assert main(["analyse", str(recording), "--rrd", str(recording.parent / "run.rrd")]) == 1
-    assert "tcc_sim[view]" in capsys.readouterr().err
-    assert [p.name for p in recording.parent.iterdir()] == ["run.mcap"]
 
 
 def test_damping_is_that_of_pure_slip(capsys, recording):

@@ -113,25 +113,6 @@ def test_a_command_applies_from_the_next_tick_and_is_held(bench: Any) -> None:
             assert after.effort[1] == pytest.approx(0.24 * 0.008 * load, rel=1e-3)
 
 
-@pytest.mark.parametrize(("topic", "message", "why"), [
-    ("engine_torque", Float64(data=math.nan), "nan"), ("engine_torque", Float64(data=math.inf), "inf"),
-    ("engine_torque", Float64(data=1e308), "1e+308"),
-    ("actuation_pressure", FluidPressure(fluid_pressure=-1.0), "-1 Pa"),
-    ("actuation_pressure", FluidPressure(fluid_pressure=math.nan), "nan")])
-def test_bad_commands_are_refused_and_counted(bench: Any, topic: str, message: Any, why: str) -> None:
-    node = start(bench, scene="commands")
-    node.start()
-    sender = bench.add(_plain_node(bench))
-    publisher = sender.create_publisher(type(message), topic, 10)
-    bench.until(publisher.get_subscription_count)
-    publisher.publish(message)
-    command = next(c for c in node.loop.commands if c.name == topic)
-    bench.until(lambda: command.refused == 1)
-    assert why in command.refusal
-    assert command.fallen_back
-    assert np.all(np.isfinite(node.loop.plant.stepper.state))
-
-
 def test_without_commands_the_mean_applies_and_diagnostics_say_so(bench: Any) -> None:
     heard = listener(bench, DiagnosticArray, "/diagnostics")
     node = start(bench, scene="commands", command_timeout=0.05, **MEANS)

@@ -151,13 +151,6 @@ def test_an_output_where_nothing_can_be_written_is_refused_before_the_run(tmp_pa
     assert [p.name for p in tmp_path.iterdir()] == ["file"]
 
 
-def test_the_recorder_says_so_in_one_line_and_ends_with_status_2(tmp_path: Path,
-                                                                 start: Callable[..., NodeProcess]) -> None:
-    recorder = start("recorder", output="/proc/none/run")
-    assert recorder.wait() == 2
-    assert recorder.lines == ["recorder: /proc/none/run cannot be created: No such file or directory"]
-
-
 def test_a_scene_belongs_to_the_states_that_arrive_with_it(tmp_path: Path, bench: Any) -> None:
     """Where the recorder takes both in one go, or the states first."""
     import rclpy

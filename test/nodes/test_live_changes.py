@@ -19,7 +19,6 @@ from tcc_sim.messages import cdr
 from tcc_sim.nodes.driveline import DrivelineNode
 from tcc_sim.nodes.middleware import COMMANDS
 from tcc_sim.nodes.recorder import Recorder
-from tcc_sim.recording.reader import open_run
 from tcc_sim.replay.replay import Replay, replay
 from tcc_sim.scene import load_scene, parse_scene
 
@@ -100,28 +99,6 @@ def test_changes_of_every_kind_between_pauses_steps_and_resets(bench: Any, tmp_p
     chain.pause(False)
     chain.run(600)
     exactly(chain.close(), runs=3, repeated=1)
-
-
-def test_a_reset_without_a_change_before_it_says_nothing_again(bench: Any, tmp_path: Path) -> None:
-    chain = Recorded(bench, tmp_path / "run", scene="fig02")
-    chain.reset()
-    chain.run(300)
-    found = chain.close()
-    exactly(found, runs=2)
-    assert len(open_run(tmp_path / "run").scenes) == 1
-
-
-def test_after_a_reset_the_changed_values_hold(bench: Any, tmp_path: Path) -> None:
-    chain = Recorded(bench, tmp_path / "run", scene="minimal")
-    chain.pause(True)
-    chain.change(engine__mean_torque=260.0)
-    chain.reset()
-    assert chain.loop.plant.stepper.tick == 0
-    assert chain.loop.plant.stepper.terms.mean_torque == 260.0
-    assert chain.node.get_parameter("engine.mean_torque").value == 260.0
-    chain.pause(False)
-    chain.run(300)
-    exactly(chain.close(), runs=2)
 
 
 def test_a_step_of_the_mean_torque_beside_commanded_pressure(bench: Any, tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 from waiting import until
 
-from tcc_sim.errors import InputError, RecordingError
+from tcc_sim.errors import InputError
 from tcc_sim.messages import cdr
 from tcc_sim.nodes import recorder
 from tcc_sim.nodes.middleware import LATCHED, message_class, qos_fields, states
@@ -295,24 +295,10 @@ def test_silence_is_told_once_and_so_is_its_end(context, tmp_path, capfd):
 
 
 @pytest.mark.parametrize("parameters", [{"flush_period": 0.0}, {"flush_period": "soon"}, {"flush_period": float("nan")},
-                                        {"flush_period": True}, {"topics": [""]}, {"topics": 3}])
-def test_wrong_parameters_are_refused_and_nothing_is_written(context, tmp_path, parameters):
-    with pytest.raises(InputError, match=next(iter(parameters))):
-        start(context, tmp_path / "run", **parameters)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_an_existing_output_is_refused(context, tmp_path):
-    with pytest.raises(RecordingError, match="exists already"):
-        start(context, tmp_path)
-
-
-@pytest.mark.parametrize("parameters", [{"fsync_period": -1.0}, {"fsync_period": float("nan")},
-                                        {"fsync_period": "often"},
-                                        {"max_bag_duration": -1}, {"max_bag_duration": True}, {"max_bag_size": -5},
-                                        {"max_bag_size": 1}, {"max_bag_duration": 1e-9},
+                                        {"flush_period": True}, {"topics": [""]}, {"topics": 3}, {"fsync_period": -1.0},
+                                        {"max_bag_duration": -1}, {"max_bag_duration": 1e-9}, {"max_bag_size": 1},
                                         {"max_bag_size": float("inf")}])
-def test_wrong_limits_are_refused_and_nothing_is_written(context, tmp_path, parameters):
+def test_wrong_parameters_are_refused_and_nothing_is_written(context, tmp_path, parameters):
     with pytest.raises(InputError, match=next(iter(parameters))):
         start(context, tmp_path / "run", **parameters)
     assert list(tmp_path.iterdir()) == []

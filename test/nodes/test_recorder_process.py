@@ -94,54 +94,6 @@ def test_a_signal_ends_it_with_a_complete_bag_and_status_0(process, number):
     assert (output / "metadata.yaml").exists()
 
 
-def test_after_a_kill_everything_up_to_the_last_flush_is_there(process):
-    child, publisher, output = process
-    known = send_until_known(publisher, output)
-    for n in range(known, known + 700):
-        publisher.publish(joint_state(n))
-    until(lambda: readable(output) > 700)
-    flushed = readable(output)
-    for n in range(known + 700, known + 900):
-        publisher.publish(joint_state(n))
-    child.kill()
-    child.communicate()
-    run = open_run(output)
-    stamps = np.concatenate([batch.stamp_ns for batch in run.batches()])
-    first = int(stamps[0]) // TICK
-    assert stamps.tolist() == [n * TICK for n in range(first, first + len(stamps))]
-    assert len(stamps) >= flushed
-    assert not run.complete
-    assert run.lost_messages == 0
-
-
-def test_where_the_output_exists_the_process_says_so_and_ends_with_status_2(tmp_path, monkeypatch):
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
-    found = subprocess.run([sys.executable, "-m", "tcc_sim.nodes.recorder", "--ros-args", "-p", f"output:={tmp_path}"],
-                           capture_output=True, text=True, timeout=120)
-    assert found.returncode == 2
-    assert found.stderr == f"recorder: {tmp_path} exists already and is not overwritten\n"
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_full_disk_is_told_at_once_and_what_was_written_stays_readable(process):
-    resource = pytest.importorskip("resource")
-    child, publisher, output = process
-    numbers = iter(range(send_until_known(publisher, output), 10**9))
-    resource.prlimit(child.pid, resource.RLIMIT_FSIZE, (20_000, 20_000))
-
-
-    def flood():
-        with suppress(RuntimeError):  # The middleware may refuse in the moment when the flooded recorder ends.
-            publisher.publish(joint_state(next(numbers)))
-
-    until(lambda: child.poll() is not None, step=flood)
-    _, err = child.communicate()
-    assert child.returncode == 1
-    assert "cannot be written" in err
-    assert "Traceback" not in err
-    assert readable(output) >= 1
-
-
 @pytest.fixture
 def driveline(start):
     """A real driveline at 1 kHz on a domain of its own."""

@@ -2,147 +2,19 @@
 
 from __future__ import annotations
 
-import itertools
 import math
-import threading
-from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 import rclpy
-from rcl_interfaces.srv import SetParameters
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
 from tcc_sim.errors import InputError
-from tcc_sim.messages import cdr
-from tcc_sim.nodes.driveline import DrivelineNode
-from tcc_sim.nodes.recorder import Recorder
 from tcc_sim.nodes.slip_controller import SlipControllerNode
-from tcc_sim.recording.reader import open_run
 from tcc_sim.scene import load_scene
-
-CYCLE = 2.0 * np.pi / 150.0
-
-
-@pytest.fixture
-def controller(bench: Any) -> Iterator[Callable[..., SlipControllerNode]]:
-    """Starts the controller in a thread of its own, as it has a process of its own in use."""
-    threads = []
-
-    def spin(node: SlipControllerNode) -> None:
-        executor = SingleThreadedExecutor(context=bench.context)
-        executor.add_node(node)
-        try:
-            executor.spin()
-        except (ExternalShutdownException, RuntimeError):
-            assert not bench.context.ok()
-
-    def start(**parameters: Any) -> SlipControllerNode:
-        node = SlipControllerNode(context=bench.context,
-                                  parameter_overrides=[Parameter(name, value=value) for name,
-                                                       value in parameters.items()])
-        threads.append(threading.Thread(target=spin, args=(node,)))
-        threads[-1].start()
-        return node
-
-    yield start
-    bench.context.try_shutdown()
-    for thread in threads:
-        thread.join()
-
-
-def recorded(bench: Any, output: Path, until: Callable[[Any, Callable[[], int]], None]) -> Any:
-    """Run the scene in lock-step with a recorder until `until` returns; the recording."""
-    recorder_node = rclpy.create_node("recorder", context=bench.context, parameter_overrides=[
-        Parameter("output", value=str(output)),
-        Parameter("topics", value=["scene", "joint_states", "actuation_pressure", "applied_pressure"])])
-    recorder = Recorder(recorder_node)
-    # The controller is known to have joined when its subscription is there beside the recorder's.
-    overrides = {"scene": "controlled", "pacing": "lockstep", "command_timeout": 0.0, "wait_for_subscribers": 2,
-                 "publish_scalars": False}
-    driveline = bench.add(DrivelineNode(context=bench.context, parameter_overrides=[
-        Parameter(name, value=value) for name, value in overrides.items()]))
-    driveline.start()
-
-    def ticks() -> int:
-        recorder.drain()
-        return recorder.tracks["/joint_states"].messages
-
-    until(driveline, ticks)
-    driveline.loop.stop()
-    recorder.close()
-    recorder_node.destroy_node()
-    return open_run(output)
-
-
-def test_it_holds_the_mean_slip_under_pulsation_and_after_a_step(driveline: Any) -> None:
-    plant = driveline("controlled")
-    plant.add(SlipControllerNode())
-    before = plant.run(seconds=1.6)
-    plant.change({"engine.mean_torque": 300.0})
-    after = plant.run(seconds=1.6)
-    for run, torque in ((before, 200.0), (after, 300.0)):
-        assert run.tracking.target == 20.0
-        assert run.tracking.largest_error < 1.0
-        assert 0.0 < run.tracking.settling_time < 25 * CYCLE
-        # What the engine gave beyond the scene's harmonic; in the mean the clutch passes it on: 0.27 0.08 m^2 0.1 m P.
-        mean_torque = run.engine_torque[1:] - 250.0 * np.sin(150.0 * run.t[1:])
-        np.testing.assert_allclose(mean_torque, torque, rtol=1e-9)
-        assert run.applied_pressure[-500:].mean() * 0.27 * 0.008 == pytest.approx(torque, rel=0.02)
-    # The step was felt.
-    assert np.abs(after.slip_speed[:209].mean() - 20.0) > 1.0
-
-
-def test_lockstep_gives_the_same_run_to_the_last_bit_with_a_slow_controller(
-        bench: Any, tmp_path: Path, controller: Callable[..., SlipControllerNode],
-    monkeypatch: pytest.MonkeyPatch) -> None:
-    """The second controller lets the driveline look in vain up to 40 times before it answers."""
-    from tcc_sim.nodes import loop_topics
-
-    looks, delays = 0, itertools.cycle([0, 3, 1, 17, 0, 0, 41])
-    plain_poll = loop_topics.poll
-
-    def counting(*words: Any, **options: Any) -> Any:
-        nonlocal looks
-        looks += 1
-        return plain_poll(*words, **options)
-
-    monkeypatch.setattr(loop_topics, "poll", counting)
-    node = controller()
-    messages = []
-    for name, slow in (("quick", False), ("slow", True)):
-        if slow:
-            plain = node.controller.update
-
-            def late(*words: float, plain: Any = plain) -> float:
-                enough = looks + next(delays)
-                while looks < enough and bench.context.ok():
-                    threading.Event().wait(1e-5)
-                return float(plain(*words))
-
-            monkeypatch.setattr(node.controller, "update", late)
-        run = recorded(bench, tmp_path / name, lambda _, ticks: bench.until(lambda: ticks() > 300))
-        payloads: dict[str, list[bytes]] = {}
-
-        def tap(data: bytes, found: Any, channels: Any, payloads: Any = payloads) -> None:
-            for channel, offset, length in zip(found.channel.tolist(), found.offset.tolist(), found.length.tolist()):
-                payloads.setdefault(channels[channel].topic, []).append(data[offset + 22:offset + length])
-
-        list(run.read(tap))
-        messages.append(payloads)
-    for topic in ("/joint_states", "/applied_pressure"):
-        assert len(messages[0][topic]) >= 300
-        assert messages[0][topic][:300] == messages[1][topic][:300]
-    # ROS 2 leaves the padding of its messages to chance, so only what they say can be the same.
-    commands = [[cdr.read_fluid_pressure(data) for data in found["/actuation_pressure"]][:300] for found in messages]
-    assert commands[0] == commands[1]
-    assert [stamp for stamp, _ in commands[0]] == [k * 1_000_000 for k in range(300)]
 
 
 def test_the_target_is_said_latched_and_the_demo_starts_a_controller_for_the_scenes_that_need_one(bench: Any) -> None:
@@ -211,37 +83,6 @@ def test_a_state_that_is_none_is_said_and_the_next_one_answered(bench: Any, capf
     assert len(heard) == 1
     assert math.isfinite(heard[0].fluid_pressure)
     assert capfd.readouterr().err.count("without finite speeds of two joints and a torque") == 1
-    controller.destroy_node()
-
-
-def test_a_parameter_of_a_type_that_there_is_not_is_said_and_the_node_goes_on(
-        bench: Any, capfd: pytest.CaptureFixture[str]) -> None:
-    from rcl_interfaces.msg import Parameter as ParameterMessage
-    from rcl_interfaces.msg import ParameterValue
-    from rcl_interfaces.srv import GetParameters
-
-    from tcc_sim.nodes.process import Spinner
-
-    controller = SlipControllerNode(context=bench.context)
-    spinner = Spinner(controller)
-    stranger = bench.add(rclpy.create_node("stranger", context=bench.context))
-    wrong = stranger.create_client(SetParameters, "slip_controller/set_parameters")
-    right = stranger.create_client(GetParameters, "slip_controller/get_parameters")
-    bench.until(lambda: wrong.service_is_ready() and right.service_is_ready())
-    said = ""
-
-    def told() -> bool:
-        nonlocal said
-        wrong.call_async(SetParameters.Request(parameters=[
-            ParameterMessage(name="target", value=ParameterValue(type=77))]))
-        spinner.once(0.01)
-        said += capfd.readouterr().err
-        return "a message or request was not understood" in said
-
-    bench.until(told)
-    answer = right.call_async(GetParameters.Request(names=["target"]))
-    bench.until(lambda: spinner.once(0.01) or answer.done())
-    assert answer.result().values[0].double_value == controller.controller.tuning.target
     controller.destroy_node()
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -14,7 +12,6 @@ from documents import valid
 from tcc_sim.cli import main
 from tcc_sim.output.explanation import closed_form_lines, closed_forms, explain
 from tcc_sim.scene import load_scene
-from tcc_sim.sweeps.simulation import Plan, simulate
 from tcc_sim.topics import topic
 
 
@@ -50,18 +47,6 @@ def test_a_kernel_calls_nothing_for_terms_that_its_scene_does_not_have(name: str
     assert general["sines"] == 9.0
     falling = load_scene(name).system.friction_ratio > 1.0
     assert (own["exponentials"] > 0.0) is falling
-
-
-@pytest.mark.parametrize("law", ["smoothed", "set_valued"])
-def test_an_offline_solve_imports_nothing_optional(law: str) -> None:
-    """Nor the compiler, where kernels are found on disk."""
-    scene = load_scene("fig02").with_values({"friction.law": law})
-    simulate(scene, Plan(cycles=4))  # Now they are.
-    code = (f"import sys, tcc_sim\ntcc_sim.simulate(tcc_sim.load_scene('fig02').with_values("
-            f"{{'friction.law': '{law}'}}), cycles=4)\nprint(*sys.modules)")
-    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
-    assert not {*explain(scene)["modules"]["left_out"], "numba"} & set(loaded)
-    assert "llvmlite" in loaded
 
 
 def test_the_set_valued_law_has_no_smoothing_and_no_real_time_step() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ import pytest
 import tcc_sim
 from tcc_sim.errors import InputError
 from tcc_sim.plant.driveline import Reading
-from tcc_sim.plant.slip_control import SlipController, Tuning
 from tcc_sim.solvers.fixed_step import Stepper
 
 
@@ -80,21 +78,6 @@ def test_what_the_node_refuses_is_refused_counted_and_said_and_the_value_before_
     assert repr(run).endswith("5 commands refused>")
     with pytest.warns(UserWarning, match=r"engine_torque command of nan N m refused; it must be -100000 to 100000"):
         tcc_sim.closed_loop(scene, lambda _: (math.nan, None), 0.1, rate=10.0)
-
-
-def test_the_slip_controller_holds_its_target_as_a_law() -> None:
-    """In the mean the clutch passes on what the engine gives, 200 N m = 0.27 0.08 m^2 0.1 m P."""
-    controller = SlipController(Tuning(target=20.0))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        run = tcc_sim.closed_loop("controlled", lambda r: controller.update(r.slip_speed, r.engine_torque), 3.0)
-    whole = round(20 * 2.0 * math.pi / 150.0 * 1e3)
-    assert run.slip_speed[-whole:].mean() == pytest.approx(20.0, abs=0.5)
-    assert run.commands["actuation_pressure"][-whole:].mean() == pytest.approx(200.0 / (0.27 * 0.008), rel=0.01)
-    assert list(run.commands) == ["actuation_pressure"]
-    again = SlipController(Tuning(target=20.0))
-    second = tcc_sim.closed_loop("controlled", lambda r: again.update(r.slip_speed, r.engine_torque), 3.0)
-    assert second.slip_speed.tobytes() == run.slip_speed.tobytes()
 
 
 @pytest.mark.parametrize(("scene", "answer", "match"), [

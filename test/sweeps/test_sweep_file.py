@@ -3,16 +3,11 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
-import subprocess
-import sys
 import zlib
 from pathlib import Path
 
 import pytest
 from full_disk import full_disk
-from waiting import until_or_ended
 
 from tcc_sim.cli import main
 from tcc_sim.sweeps.file import SweepFile, decoded_line, encoded_line
@@ -142,29 +137,6 @@ def test_a_last_line_that_was_cut_short_is_solved_again(left: int, whole: list[b
         return sorted(lines, key=lambda x: int(json.loads(x)["index"]))  # the file has them as they were done
 
     assert [untimed(x) for x in by_index(again[1:])] == [untimed(x) for x in by_index(whole[1:])]
-
-
-def test_a_sweep_killed_in_mid_run_goes_on_from_its_file(tmp_path: Path) -> None:
-    """Every line is flushed: those of points done before SIGKILL are there, whole, and are not solved again."""
-    words = ["sweep", "fig02", "--over", "engine.frequency=100:200:200", "--cycles", "100",
-             "--jobs", "1"]
-    out = tmp_path / "sweep.jsonl"
-    root = str(Path(__file__).resolve().parents[2])
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([root, os.environ.get("PYTHONPATH", "")])}
-    process = subprocess.Popen([sys.executable, "-m", "tcc_sim", *words, "--out", str(out)], env=environment,
-                               stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    until_or_ended(lambda: out.exists() and out.read_bytes().count(b"\n") > 4, process)
-    process.send_signal(signal.SIGKILL)
-    assert process.wait() == -signal.SIGKILL
-    kept = out.read_bytes()
-    lines = kept[:kept.rindex(b"\n") + 1].splitlines(keepends=True)
-    assert 5 <= len(lines) < 201
-    assert all(decoded_line(line) for line in lines)
-    assert main([*words, "--out", str(out), "--json", str(tmp_path / "all.json")]) == 0
-    assert out.read_bytes().splitlines(keepends=True)[:len(lines)] == lines
-    found = json.loads((tmp_path / "all.json").read_text())
-    assert found["complete"]
-    assert None not in found["max_slip_speed"]
 
 
 def test_a_full_disk_is_said_with_the_name_of_the_file(tmp_path: Path) -> None:

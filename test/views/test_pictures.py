@@ -1,13 +1,11 @@
 """Pictures are made, are not blank, and are the same bytes every time."""
 
 import math
-import sys
 
 import numpy as np
 import pytest
 
 from tcc_sim.analysis.summary import cycles_of, summarise
-from tcc_sim.errors import MissingPackage
 from tcc_sim.model.parameters import System
 from tcc_sim.trajectory import Trajectory
 from tcc_sim.views import overview as pictures
@@ -62,12 +60,6 @@ def test_stick_is_shaded_where_the_clutch_sticks(drawn):
     assert np.mean(np.abs(pixels(drawn) - shade).max(axis=-1) < 0.004) > 0.04
 
 
-def test_the_same_picture_is_the_same_file(drawn, tmp_path):
-    assert overview(tmp_path / "a.png").read_bytes() == drawn.read_bytes()
-    one, two = (overview(tmp_path / f"{name}.svg").read_bytes() for name in "ab")
-    assert one == two
-
-
 def test_cycles_that_were_not_observed_leave_gaps(tmp_path):
     run = trajectory_of()
     cycles = cycles_of(run)
@@ -101,9 +93,3 @@ def test_digits_that_the_layout_leaves_by_chance_are_in_no_file(tmp_path):
             write(drawn, tmp_path / "a.svg")
         places = drawn.axes[0].get_position(original=True).bounds
         assert places == tuple(round(x, 5) for x in places)
-
-
-def test_without_matplotlib_the_extra_is_named(monkeypatch, tmp_path):
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(MissingPackage, match=r"tcc_sim\[view\]"), style.figure():
-        pass

@@ -232,11 +232,6 @@ def test_events_of_a_recording(tmp_path):
     assert len(found.mean_slip) == int(1.3 / load_scene("fig02").system.cycle)
 
 
-def test_sweep_results_are_drawn_as_they_are(tmp_path):
-    found = sweep(load_scene("minimal").system, "engine.frequency", [100.0, 120.0], Plan(cycles=20))
-    assert plots.plot(found, tmp_path / "s.svg", "column").stat().st_size > 1000
-
-
 def test_a_held_signal_is_drawn_to_the_end_once() -> None:
     held = Steps(np.array([0.0, 0.5]), np.array([1.0, 2.0]))
     assert (held.until(0.7).t.tolist(), held.until(0.7).values.tolist()) == ([0.0, 0.5, 0.7], [1.0, 2.0, 2.0])

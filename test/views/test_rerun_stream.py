@@ -13,7 +13,7 @@ import pytest
 from full_disk import full_disk
 
 from tcc_sim.analysis.control import Event
-from tcc_sim.errors import InputError, MissingPackage, TccError
+from tcc_sim.errors import InputError, TccError
 from tcc_sim.trajectory import Cycles
 from tcc_sim.views import rerun_layout as layout
 from tcc_sim.views import rerun_stream
@@ -115,12 +115,6 @@ def test_one_goal_and_a_url_that_answers():
         unused.bind(("127.0.0.1", 0))
         with pytest.raises(InputError, match="no Rerun viewer answers"):
             RerunStream("by hand", CYCLE, 387.0, url=f"rerun+http://127.0.0.1:{unused.getsockname()[1]}/proxy")
-
-
-def test_without_rerun_the_extra_is_named(monkeypatch, tmp_path):
-    monkeypatch.setitem(sys.modules, "rerun", None)
-    with pytest.raises(MissingPackage, match=r"tcc_sim\[view\]"):
-        RerunStream("by hand", CYCLE, 387.0, file=tmp_path / "run.rrd")
 
 
 def chunks(path, entity):
