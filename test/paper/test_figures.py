@@ -23,7 +23,7 @@ from tcc_sim.model.pure_stick import stick_margin
 from tcc_sim.output.files import write_json
 from tcc_sim.output.provenance import document
 from tcc_sim.paper import figures
-from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, STATIC, STUCK_RATIO, FigureOptions, figure_row, paper_system
+from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, STATIC, STUCK_RATIO, FigureOptions, paper_system
 from tcc_sim.paper.evidence import first_half
 from tcc_sim.paper.figure_results import Figure
 from tcc_sim.paper.figures import coexisting, figure_data, stands_out
@@ -55,7 +55,7 @@ FALLING, THIRDS, HALVES, PHASES = (1.0, 0.83, 0.75, 0.667), (2 / 3, 1.0, 4 / 3),
 def test_the_curves_of_a_figure_are_the_paper_s(number: int, of: str, expected: list[float], kinetic: float | None,
                                                 amplitude: float | None) -> None:
     """Captions and legends of the paper: what differs between curves, and what all of them have."""
-    row = figure_row(number)
+    row = FIGURES[number]
     systems = [paper_system(series.values) for series in row.series]
     found = {"mu_k": [1.0 / s.friction_ratio for s in systems], "psi": [s.pressure.phase / math.pi for s in systems],
              "omega": [s.engine.frequency / OMEGA_N for s in systems], "Tsp": [
