@@ -51,7 +51,7 @@ FALLING, THIRDS, HALVES, PHASES = (1.0, 0.83, 0.75, 0.667), (2 / 3, 1.0, 4 / 3),
     (11, "omega_f", THIRDS, 1.0, 0.25), (12, "omega_f", [0.5, 2 / 3, 4 / 3], 1.0, 0.25),
     (13, "Tsp", [0.0, 0.125, 0.25, 0.5], 1.0, None), (14, "psi", PHASES, 0.75, 0.25), (15, "psi", PHASES, 0.67, 0.25),
     (16, "omega_f", HALVES, 0.75, 0.25), (17, "omega_f", THIRDS, 0.75, 0.25),
-    (18, "Tsp", [0.0, 0.125, 0.25, 0.5], 0.75, None), (19, "mu_k", [1.0], None, 0.0), (20, "psi", [0.0], 0.75, 0.25)])
+    (18, "Tsp", [0.0, 0.125, 0.25, 0.5], 0.75, None)])
 def test_the_curves_of_a_figure_are_the_paper_s(number: int, of: str, expected: list[float], kinetic: float | None,
                                                 amplitude: float | None) -> None:
     """Captions and legends of the paper: what differs between curves, and what all of them have."""
