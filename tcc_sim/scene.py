@@ -16,7 +16,7 @@ from typing import Any, TypeAlias
 from tcc_sim.errors import InputError
 from tcc_sim.model import parameters
 from tcc_sim.model.parameters import System
-from tcc_sim.model.quantity import PROFILES, Quantity, quantity
+from tcc_sim.model.quantity import PROFILES, Options, quantity
 from tcc_sim.parameter_file import LARGEST_FILE, read_parameters
 
 DEFAULT_SCENE = "fig02"
@@ -27,7 +27,7 @@ LONGEST_VALUE = 4000
 
 
 @dataclass(frozen=True)
-class Operation:
+class Operation(Options):
     """How the driveline node runs a scene: everything that is not physics. Defaults are those of the node."""
 
     rate: float = quantity(1000.0, "tick rate of the physics and of the topics", "Hz", 1.0, 20000.0)
@@ -49,26 +49,8 @@ class Operation:
     cpu_affinity: tuple[int, ...] = quantity((), "cores that the real-time thread may run on; empty: all", "", 0, 1023)
     lock_memory: bool = quantity(False, "lock the process's memory, so that the real-time thread meets no page fault")
 
-    def __post_init__(self) -> None:
-        for item in dataclasses.fields(self):
-            key, value, default = item.name, getattr(self, item.name), item.default
-            if isinstance(default, bool):
-                if not isinstance(value, bool):
-                    raise InputError(f"{key} is {value!r}; it must be true or false")
-                continue
-            if isinstance(default, tuple):
-                if not isinstance(value, (list, tuple)) or any(type(x) is not int for x in value):
-                    raise InputError(f"{key} is {value!r}; it must be a list of whole numbers")
-                value = tuple(value)
-            elif isinstance(default, int) and isinstance(value, float):
-                if not value.is_integer():
-                    raise InputError(f"{key} is {value:g}; it must be a whole number")
-                value = int(value)
-            item.metadata["quantity"].check(key, value)
-            object.__setattr__(self, key, float(value) if isinstance(default, float) else value)
 
-
-OPERATION_QUANTITIES: dict[str, Quantity] = {f.name: f.metadata["quantity"] for f in dataclasses.fields(Operation)}
+OPERATION_QUANTITIES = Operation.quantities()
 """Every node option that a scene file may hold, with its meaning."""
 
 KNOWN_KEYS = [*parameters.QUANTITIES, *OPERATION_QUANTITIES]

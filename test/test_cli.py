@@ -11,7 +11,7 @@ import pytest
 from tcc_sim import __version__, cli
 from tcc_sim.cli.arguments import bounds_of_range, values_of_range
 from tcc_sim.errors import InputError, MissingPackage, NumericalFailure
-from tcc_sim.nodes import executables
+from tcc_sim.nodes import executables, signals
 from tcc_sim.scene import bundled_scenes, load_scene
 
 
@@ -189,6 +189,8 @@ def test_a_node_without_ros_is_one_line(name: str, monkeypatch: pytest.MonkeyPat
                                         capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setitem(sys.modules, "rclpy", None)
     monkeypatch.setattr(sys, "argv", [name])
+    monkeypatch.setattr(signals, "take", lambda: None)
+    monkeypatch.setattr(signals, "end", lambda status: status)
     assert getattr(executables, name)() == 1
     out, err = capsys.readouterr()
     assert out == ""

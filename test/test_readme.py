@@ -13,8 +13,9 @@ import pytest
 
 from tcc_sim.cli import GROUPS, VERBS, build_parser
 from tcc_sim.model.parameters import DEFAULTS, QUANTITIES
-from tcc_sim.model.quantity import Quantity
-from tcc_sim.scene import OPERATION_QUANTITIES, Operation, bundled_scenes, load_scene
+from tcc_sim.model.quantity import Options, Quantity
+from tcc_sim.nodes.options import OPTIONS
+from tcc_sim.scene import bundled_scenes, load_scene
 from tcc_sim.solvers import SOLVERS
 from tcc_sim.topics import TOPICS
 
@@ -38,7 +39,9 @@ def test_the_readme_leads_to_every_page_and_help_has_every_verb_in_a_group() -> 
 
 
 def parameter_row(key: str, meaning: Quantity, default: object) -> tuple[str, ...]:
-    if isinstance(default, bool):
+    if isinstance(default, str) and not meaning.choices:
+        allowed, shown = "", default or "empty"
+    elif isinstance(default, bool):
         allowed, shown = "true or false", str(default).lower()
     else:
         allowed, shown = meaning.interval(), f"{default:.9g}" if isinstance(default, float) else str(default or "empty")
@@ -57,20 +60,19 @@ def literal(node: ast.expr, otherwise: str) -> str:
     return str(node.value) if isinstance(node, ast.Constant) else otherwise
 
 
-def recorder_rows() -> Iterator[tuple[str, ...]]:
-    otherwise = {"output": "`tcc_sim_` and the local time", "topics": "all in the table above"}
-    for _, name, default, meaning in calls("recorder.py", "_parameter"):
-        key = literal(name, "")
-        yield f"`{key}`", literal(meaning, ""), literal(default, otherwise.get(key, ""))
+def options(kind: type[Options]) -> Iterator[tuple[str, ...]]:
+    defaults = {item.name: item.default for item in dataclasses.fields(kind)}
+    for key, meaning in kind.quantities().items():
+        yield parameter_row(key, meaning, "all in the table above" if key == "topics" else defaults[key])
 
 
 def tables() -> dict[str, str]:
     head = ("key", "meaning", "allowed", "default", "changeable while running")
-    options = {item.name: item.default for item in dataclasses.fields(Operation)}
     return {
         "scene keys": table(head, [parameter_row(k, q, DEFAULTS[k]) for k, q in QUANTITIES.items()]),
-        "node options": table(head, [parameter_row(k, q, options[k]) for k, q in OPERATION_QUANTITIES.items()]),
-        "recorder parameters": table(("parameter", "meaning", "default"), recorder_rows()),
+        "node options": table(head, options(OPTIONS["driveline"])),
+        "recorder parameters": table(head[:-1], (row[:-1] for row in options(OPTIONS["recorder"]))),
+        "slip controller parameters": table(head[:-1], (row[:-1] for row in options(OPTIONS["slip_controller"]))),
         "topics": table(("topic", "type", "direction", "carries", "there when"), [
             (f"`{t.name}`", f"`{t.type}`", t.direction, t.carries + (f", {t.unit}" if t.unit else ""),
              f"`{t.switch}`" if t.switch else "always") for t in TOPICS]),

@@ -22,7 +22,7 @@ from rclpy.parameter import Parameter
 from tcc_sim.nodes.children import START_LIMIT, NodeProcess, OwnEnvironment
 from tcc_sim.nodes.driveline import SWITCH_INTERVAL, DrivelineNode
 from tcc_sim.nodes.pacing import LEAD, TIMER_SLACK_NS, Pacer, prepare_thread, release_memory
-from tcc_sim.nodes.shared_memory import creation
+from tcc_sim.nodes.process import created
 
 SLICE = 5.0
 """Seconds that node and bare loop run in turn, so that both meet the same disturbances."""
@@ -114,10 +114,9 @@ def measure(rate: float, duration: float, progress: Callable[[float], Any], reco
         listener = NodeProcess("recorder", {"output": str(Path(folder) / "recording")},
                                own.values) if recorder else None
         trials = [_trial(rate, max(SHORTEST_TRIAL, SETTING_SLICE * duration), *trial) for trial in _trials()]
-        with creation():
-            node = DrivelineNode(parameter_overrides=[
-                Parameter("scene", value="fig02"), Parameter("rate", value=rate), *settings.parameters(),
-                Parameter("wait_for_subscribers", value=int(recorder))])
+        node = created(lambda: DrivelineNode(parameter_overrides=[
+            Parameter("scene", value="fig02"), Parameter("rate", value=rate), *settings.parameters(),
+            Parameter("wait_for_subscribers", value=int(recorder))]))
         node.get_logger().set_level(LoggingSeverity.WARN)
         try:
             node.start()

@@ -38,7 +38,11 @@ def sequence_of_numbers(key: str, values: Any) -> tuple[float, ...]:
 
 @dataclass(frozen=True)
 class Quantity:
-    """What a key means: its unit, its allowed range or choices, and whether a running node may change it."""
+    """What a key means: its unit, its allowed range or choices, and whether a running node may change it.
+
+    above : the lower bound itself is not allowed
+    zero : 0 is allowed beside the range
+    """
 
     description: str
     unit: str = ""
@@ -47,13 +51,22 @@ class Quantity:
     above: bool = False
     choices: tuple[str, ...] = ()
     live: bool = False
+    zero: bool = False
+
+    @property
+    def described(self) -> str:
+        """Meaning and unit."""
+        return self.description + (f", {self.unit}" if self.unit else "")
 
     def interval(self) -> str:
         """The allowed values in words, for error messages and parameter descriptions."""
         if self.choices:
             return " or ".join(self.choices)
+        if math.isinf(self.low) and math.isinf(self.high):
+            return ""
         low = f"above {self.low:g}" if self.above else f"{self.low:g}"
-        return f"{low} to {self.high:g}" + (f" {self.unit}" if self.unit else "")
+        high = f" to {self.high:g}" if self.high < math.inf else "" if self.above else " or more"
+        return f"{'0 or ' if self.zero else ''}{low}{high}{f' {self.unit}' if self.unit else ''}"
 
     def check(self, key: str, value: object) -> None:
         """Raise InputError unless `value` is of the right kind and within the range."""
@@ -64,7 +77,9 @@ class Quantity:
         for x in value if isinstance(value, tuple) else (value,):
             if isinstance(x, bool) or not isinstance(x, (int, float)):
                 raise InputError(f"{key} is {value!r}; it must be a number, {self.interval()}")
-            if not (self.low <= x <= self.high) or (self.above and x == self.low):
+            if self.zero and x == 0:
+                continue
+            if not (self.low <= x <= self.high) or math.isinf(x) or (self.above and x == self.low):
                 raise InputError(f"{key} is {apart(as_float(x), self.low, self.high)}"
                                  f"{' ' + self.unit if self.unit else ''}; it must be {self.interval()}")
 
@@ -78,10 +93,11 @@ def apart(value: float, *others: float) -> str:
     return repr(value)
 
 
-def quantity(default: Value, description: str, unit: str = "", low: float = -math.inf, high: float = math.inf,
-             *, above: bool = False, choices: tuple[str, ...] = (), live: bool = False) -> Any:
+def quantity(default: Value | tuple[str, ...], description: str, unit: str = "", low: float = -math.inf,
+             high: float = math.inf, *, above: bool = False, choices: tuple[str, ...] = (), live: bool = False,
+             zero: bool = False) -> Any:
     """A dataclass field that carries its Quantity."""
-    meta = Quantity(description, unit, low, high, above, choices, live)
+    meta = Quantity(description, unit, low, high, above, choices, live, zero)
     return field(default=default, metadata={"quantity": meta})
 
 
@@ -128,6 +144,53 @@ class Group:
         """Name, key and meaning of every field."""
         return [(item.name, f"{cls.__name__.lower()}.{item.name}", item.metadata["quantity"])
                 for item in dataclasses.fields(cls)]
+
+
+@dataclass(frozen=True)
+class Options:
+    """Options of a node that check themselves by their fields' types and quantities; subclasses list the fields.
+
+    Raises
+    ------
+    InputError
+        A value of another type, or out of its range.
+    """
+
+    def __post_init__(self) -> None:
+        for name, meaning in self.quantities().items():
+            kind = str(type(self).__dataclass_fields__[name].type)
+            object.__setattr__(self, name, _option(name, getattr(self, name), kind, meaning))
+
+    @classmethod
+    @cache
+    def quantities(cls) -> dict[str, Quantity]:
+        """Every option with its meaning."""
+        return {item.name: item.metadata["quantity"] for item in dataclasses.fields(cls)}
+
+
+def _option(name: str, value: Any, kind: str, meaning: Quantity) -> Any:
+    """The value of an option as its kind: bool, int, float, str, or a tuple of one of them; InputError as `Options`."""
+    if kind == "bool":
+        if not isinstance(value, bool):
+            raise InputError(f"{name} is {value!r}; it must be true or false")
+        return value
+    if kind.startswith("tuple"):
+        element = kind[len("tuple["):-len(", ...]")]
+        what = {"int": "whole numbers", "float": "numbers", "str": "words"}[element]
+        right = {"int": (int,), "float": (int, float), "str": (str,)}[element]
+        if not isinstance(value, (list, tuple)) or any(type(x) not in right or x == "" for x in value):
+            raise InputError(f"{name} is {value!r}; it must be a list of {what}")
+        value = tuple(map(float, value) if element == "float" else value)
+        if element == "str":
+            return value
+    elif kind == "str" and not meaning.choices:
+        return str(value)
+    elif kind == "int" and isinstance(value, float):
+        if not value.is_integer():
+            raise InputError(f"{name} is {value:g}; it must be a whole number")
+        value = int(value)
+    meaning.check(name, value)
+    return float(value) if kind == "float" else value
 
 
 def as_float(value: float) -> float:

@@ -34,7 +34,7 @@ END_LIMIT = 60.0
 """Real time, s, that an end may take before the process is killed."""
 DOMAINS = range(1, 102)
 """ROS domains of which a choice is made; up to 101 they keep clear of the ephemeral ports of Linux."""
-_FIRST_PORT, _PORTS = 7400, 250
+FIRST_PORT, PORTS = 7400, 250
 """UDP ports of a domain, as the standard of DDS has them."""
 
 
@@ -73,7 +73,7 @@ class Domain:
 
     def __init__(self, domains: Sequence[int] = DOMAINS) -> None:
         self._guard = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        taken = {(port - _FIRST_PORT) // _PORTS for port in ports_in_use()}
+        taken = {(port - FIRST_PORT) // PORTS for port in ports_in_use()}
         for number in secrets.SystemRandom().sample(domains, len(domains)):
             if number not in taken:
                 with suppress(OSError):

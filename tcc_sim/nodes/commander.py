@@ -17,12 +17,13 @@ from rclpy.node import Node
 from sensor_msgs.msg import FluidPressure
 from std_msgs.msg import Float64
 
-from tcc_sim.errors import InputError
 from tcc_sim.messages import cdr
 from tcc_sim.nodes import signals
 from tcc_sim.nodes.children import SENDING
 from tcc_sim.nodes.middleware import COMMANDS
+from tcc_sim.nodes.options import CommanderOptions
 from tcc_sim.nodes.pacing import Pacer
+from tcc_sim.nodes.parameters import declared
 from tcc_sim.nodes.process import log, run_node
 from tcc_sim.scene import load_scene
 
@@ -34,18 +35,16 @@ def main(args: list[str] | None = None) -> int:
 
 def send(node: Node) -> int:
     """Commands of fig02, one of each kind a period."""
-    rate = node.declare_parameter("rate", 1000.0).value
-    if not isinstance(rate, float) or not 1.0 <= rate <= 20000.0:
-        raise InputError(f"rate is {rate!r} Hz; it must be a number with a decimal point, 1.0 to 20000.0 Hz")
+    rate = declared(node, CommanderOptions).rate
     system = load_scene("fig02").system
     engine, pressure = system.engine, system.pressure
     torques = node.create_publisher(Float64, "engine_torque", COMMANDS)
     pressures = node.create_publisher(FluidPressure, "actuation_pressure", COMMANDS)
-    signals.leave_to_ros()
+    signals.end_in_order()
     log(node, SENDING)
     pacer = Pacer(1.0 / rate)
     tick = 0
-    while rclpy.ok() and pacer.wait(lambda: not rclpy.ok()):
+    while pacer.wait(signals.asked.is_set):
         t = tick / rate
         torques.publish(cdr.float64(engine.mean_torque + engine.torque_amplitude * math.sin(engine.frequency * t)))
         swing = math.sin(pressure.frequency_ratio * engine.frequency * t + pressure.phase)

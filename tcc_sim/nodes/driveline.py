@@ -37,8 +37,6 @@ from tcc_sim.scene import Scene
 
 SWITCH_INTERVAL = 1e-4
 """How long, s, another thread may hold the interpreter before the real-time loop asks for it."""
-HOUSEKEEPING = 0.25
-"""Longest time, s, between two looks at refusals and failures."""
 COMPILING = 1.0
 """Real time, s, that a change waits for the kernel that it needs."""
 DIAGNOSTICS_PERIOD = 1.0
@@ -90,7 +88,7 @@ class DrivelineNode(Node):
         if self.diagnostics is not None:
             self.diagnostics.publish_when_due()
         self.loop.outputs.tell_unsent()
-        if self.loop.clock_started.is_set() and not self._announced and self.context.ok():
+        if self.loop.clock_started.is_set() and not self._announced:
             self._announced = True
             log(self, CLOCK_STARTED)
             for sentence in self.loop.refused_wishes:
@@ -231,7 +229,7 @@ def spin(node: DrivelineNode) -> None:
     spinner = Spinner(node)
     with suppress(ExternalShutdownException):
         while True:
-            spinner.once(HOUSEKEEPING)
+            spinner.once()
             node.housekeeping()
 
 
@@ -244,7 +242,7 @@ def _run(node: DrivelineNode) -> int:
     """Run the node until the context ends."""
     sys.setswitchinterval(SWITCH_INTERVAL)
     node.loop.plant.warm_up()
-    signals.leave_to_ros()
+    signals.end_in_order()
     node.start()
     gc.collect()
     gc.freeze()

@@ -32,21 +32,18 @@ def _run(name: str) -> int:
     from tcc_sim.output.terminal import open_streams
 
     open_streams()
+    status = 1
     try:
         text = _asked_for(name, sys.argv[1:])
         if text is None:
             require_ros()
+            status = import_module(f"tcc_sim.nodes.{name}").main()
+        else:
+            sys.stdout.write(text)
+            status = 0
     except TccError as error:
         sys.stderr.write(f"{_command_of(name)}: {error}\n")
-        signals.give_back()
-        return 2 if isinstance(error, InputError) else 1
-    if text is not None:
-        sys.stdout.write(text)
-        signals.give_back()
-        return 0
-    status = 1
-    try:
-        status = import_module(f"tcc_sim.nodes.{name}").main()
+        status = 2 if isinstance(error, InputError) else 1
     except Exception:
         sys.excepthook(*sys.exc_info())
     return signals.end(status)
@@ -104,35 +101,15 @@ def _help(name: str) -> str:
 
 def _parameters(name: str) -> Iterator[tuple[str, str]]:
     """Names and meanings of a node's parameters."""
+    from tcc_sim.nodes.options import OPTIONS
+    from tcc_sim.scene import NODE_SCENE
+
     if name == "driveline":
-        from tcc_sim.scene import NODE_SCENE, OPERATION_QUANTITIES
-
         yield "scene", f"bundled name or file ({NODE_SCENE})"
-        for key, quantity in OPERATION_QUANTITIES.items():
-            yield key, quantity.description + (f", {quantity.unit}" if quantity.unit else "")
+    for key, quantity in OPTIONS[name].quantities().items():
+        yield key, quantity.described
+    if name == "driveline":
         yield "driveline.*, friction.*, clutch.*, engine.*, pressure.*, initial.*", "the keys of a scene"
-    elif name == "slip_controller":
-        import dataclasses
-
-        from tcc_sim.plant.slip_control import Tuning
-
-        for item in dataclasses.fields(Tuning):
-            yield item.name, f"{item.metadata['quantity'].description} ({item.default:.6g})"
-    else:
-        yield from _declared(name)
-
-
-def _declared(name: str) -> Iterator[tuple[str, str]]:
-    """What a node's source declares with a name and, as its last argument, a meaning; read without ROS 2."""
-    import ast
-    from pathlib import Path
-
-    for call in ast.walk(ast.parse(Path(__file__).with_name(f"{name}.py").read_text())):
-        if isinstance(call, ast.Call) and getattr(call.func, "id", getattr(call.func, "attr", "")) in (
-                "_parameter", "declare_parameter"):
-            words = [a.value for a in call.args if isinstance(a, ast.Constant) and isinstance(a.value, str)]
-            if words:
-                yield words[0], words[-1] if len(words) > 1 else "commands a second, Hz"
 
 
 driveline_node = partial(_run, "driveline")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
@@ -12,10 +12,11 @@ from rclpy.parameter import Parameter
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import QUANTITIES, unknown_key
-from tcc_sim.model.quantity import Quantity
+from tcc_sim.model.quantity import Options, Quantity
 from tcc_sim.nodes.process import warn
 from tcc_sim.scene import DEFAULT_SCENE, KNOWN_KEYS, NODE_SCENE, OPERATION_QUANTITIES, Scene, load_scene
 
+Given = TypeVar("Given", bound=Options)
 ALL_QUANTITIES: dict[str, Quantity] = {**QUANTITIES, **OPERATION_QUANTITIES}
 TEXT = "scene_text"
 """The parameter that tells the scene as it is; it follows every change, so it cannot be one that is read-only."""
@@ -68,11 +69,37 @@ def warn_of_unknown(node: Node, known: Iterable[str]) -> None:
         warn(node, f"parameter ignored: {unknown_key(name, names, 'one of this node')}")
 
 
+def declared(node: Node, kind: type[Given], **otherwise: object) -> Given:
+    """Declare every option of a node as a read-only parameter, and give their values; unknown parameters are warned of.
+
+    A parameter takes any type, so that 20 serves as 20.0 and a word is refused with a clear line.
+
+    Parameters
+    ----------
+    otherwise : defaults in the place of the options' own
+
+    Raises
+    ------
+    InputError
+        A value of a wrong type or out of its range.
+    """
+    defaults = {item.name: otherwise.get(item.name, item.default) for item in dataclasses.fields(kind)}
+    values = {}
+    for name, meaning in kind.quantities().items():
+        descriptor = ParameterDescriptor(description=meaning.described, additional_constraints=meaning.interval(),
+                                         read_only=True, dynamic_typing=True)
+        default = defaults[name]
+        values[name] = node.declare_parameter(name, list(default) if isinstance(default, tuple) else default,
+                                              descriptor).value
+    warn_of_unknown(node, defaults)
+    return kind(**values)
+
+
 def _declare(node: Node, name: str, value: Any, meaning: Quantity) -> None:
     """Declare one parameter with its description, unit and range."""
     number = isinstance(value, float)
     descriptor = ParameterDescriptor(
-        description=meaning.description + (f", {meaning.unit}" if meaning.unit else ""), read_only=not meaning.live,
+        description=meaning.described, read_only=not meaning.live,
         additional_constraints="" if isinstance(value, bool) else meaning.interval(),
         # A live number takes an integer as well, as scene files do.
         dynamic_typing=number and meaning.live)

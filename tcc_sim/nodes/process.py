@@ -1,5 +1,5 @@
-"""How a node's process starts, speaks, runs callbacks and ends, though a signal may shut its context down at any
-moment: ROS 2 is initialised, the node runs, and its end is an exit status.
+"""How a node's process starts, logs, runs callbacks and ends: ROS 2 is initialised, the node runs, and its end is an
+exit status.
 """
 
 from __future__ import annotations
@@ -19,8 +19,11 @@ from rclpy.signals import SignalHandlerOptions
 
 from tcc_sim.errors import InputError, TccError, one_line
 from tcc_sim.nodes import signals
-from tcc_sim.nodes.shared_memory import creation
+from tcc_sim.nodes.shared_memory import clear
+from tcc_sim.nodes.signals import left_to_the_system
 
+LOOK = 0.25
+"""Longest time, s, between two looks at whether a signal has asked the node to end."""
 N = TypeVar("N", bound=Node)
 
 
@@ -34,45 +37,44 @@ def _initialise(words: list[str]) -> None:
             except OSError as error:
                 raise InputError(f"--params-file {file}: {error.strerror}") from None
     try:
-        # `signals` has them while the node starts; the node leaves them to ROS 2 when it runs.
         rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:
         raise InputError(f"ROS 2 arguments not understood: {' '.join(str(error).split())}") from None
 
 
-def _created(create: Callable[[], N]) -> N:
-    """A node; InputError with the words of ROS 2 where it has no such node, as with topics remapped onto one."""
+def created(create: Callable[[], N]) -> N:
+    """Create a node once shared memory is as it should be; a signal meanwhile ends the process by itself.
+
+    Raises
+    ------
+    InputError
+        ROS 2 refuses the node, as with topics remapped onto one.
+    TccError
+        Another process has left shared memory of this domain unfinished.
+    """
+    clear(rclpy.get_default_context().get_domain_id())
     try:
-        with creation():
-            return create()
+        return left_to_the_system(create)
     except RuntimeError as error:
-        if rclpy.ok():
-            raise InputError(f"ROS 2 refuses the node: {' '.join(str(error).split())}") from None
-        raise
+        raise InputError(f"ROS 2 refuses the node: {' '.join(str(error).split())}") from None
 
 
 def run_node(name: str, create: Callable[[], N], body: Callable[[N], int], args: Sequence[str] | None = None) -> int:
     """Run a node's process: initialise ROS, create the node, run `body` with it, and give the exit status.
 
-    Until `body` calls `signals.leave_to_ros`, since there is something to end in order, SIGINT, SIGTERM and SIGHUP end
-    the process at once. From then on they shut the context down, `body` ends by itself or by
-    ExternalShutdownException, and the status is 0; nothing tears it away from what it holds. Wrong input gives one line
-    on standard error and status 2.
+    Until `body` calls `signals.end_in_order`, since there is something to end in order, SIGINT, SIGTERM and SIGHUP end
+    the process at once. From then on `body` ends by itself, or by the ExternalShutdownException of `Spinner.once`, and
+    the status is 0. Wrong input gives one line on standard error and status 2.
     """
     try:
         signals.take()
         _initialise(sys.argv if args is None else list(args))
-        node = _created(create)
+        node = created(create)
         try:
             return body(node)
         finally:
             node.destroy_node()
     except ExternalShutdownException:
-        return 0
-    except RuntimeError:
-        # A signal that arrives within a call of rclpy makes that call fail, since the context is no longer valid.
-        if rclpy.ok():
-            raise
         return 0
     except (TccError, OSError) as error:
         sys.stderr.write(f"{name}: {error}\n")
@@ -92,8 +94,8 @@ def node_of_command(name: str, namespace: str) -> Iterator[Node]:
     """
     with rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO):
         try:
-            with creation():
-                node = rclpy.create_node(name, namespace=namespace, enable_rosout=False, start_parameter_services=False)
+            node = created(lambda: rclpy.create_node(name, namespace=namespace, enable_rosout=False,
+                                                     start_parameter_services=False))
         except (ValueError, NameValidationException) as error:
             raise InputError(f"--namespace {namespace!r} is not a namespace: {str(error).splitlines()[0]}") from None
         try:
@@ -102,37 +104,14 @@ def node_of_command(name: str, namespace: str) -> Iterator[Node]:
             node.destroy_node()
 
 
-def executor_of(node: Node) -> SingleThreadedExecutor:
-    """An executor with this node, whole or not at all: one that was built by half says so when it is destroyed.
-
-    Raises
-    ------
-    ExternalShutdownException
-        The context has been shut down.
-    """
-    with signals.deferred():
-        if not node.context.ok():
-            raise ExternalShutdownException
-        executor = SingleThreadedExecutor(context=node.context)
-        executor.add_node(node)
-        signals.wake_when_asked(executor)
-    return executor
-
-
-def log(node: Node, sentence: str, warning: bool = False) -> None:
-    """Log a sentence; on standard error alone where the context was shut down, since /rosout is then no more."""
-    with signals.deferred():
-        if not node.context.ok():
-            sys.stderr.write(f"[{'WARN' if warning else 'INFO'}] [{node.get_logger().name}]: {sentence}\n")
-        elif warning:
-            node.get_logger().warning(sentence)
-        else:
-            node.get_logger().info(sentence)
+def log(node: Node, sentence: str) -> None:
+    """Log a sentence."""
+    node.get_logger().info(sentence)
 
 
 def warn(node: Node, sentence: str) -> None:
-    """Log a warning, as `log` does."""
-    log(node, sentence, warning=True)
+    """Log a warning."""
+    node.get_logger().warning(sentence)
 
 
 class Throttle:
@@ -152,7 +131,7 @@ class Throttle:
 
 
 class Spinner:
-    """Runs the callbacks of a node. Whatever a message or a request makes of one is said, and the node goes on.
+    """Runs the callbacks of a node. An exception that a message or a request causes is logged; the node goes on.
 
     Raises
     ------
@@ -161,19 +140,30 @@ class Spinner:
     """
 
     def __init__(self, node: Node) -> None:
-        self._node, self._executor, self._throttle = node, executor_of(node), Throttle(node)
+        self._node, self._throttle = node, Throttle(node)
         self._failed = 0
+        with signals.deferred():  # An executor that is built by half prints a traceback when it is destroyed.
+            if not node.context.ok():
+                raise ExternalShutdownException
+            self._executor = SingleThreadedExecutor(context=node.context)
+            self._executor.add_node(node)
 
-    def once(self, seconds: float | None = None) -> None:
-        """Run one callback that is due, or wait for one at most so long; ExternalShutdownException as above."""
+    def once(self, seconds: float = LOOK) -> None:
+        """Run one callback that is due, or wait for one at most so long.
+
+        Raises
+        ------
+        ExternalShutdownException
+            A signal has asked the node to end, or the context has been shut down.
+        """
+        if signals.asked.is_set():
+            raise ExternalShutdownException
         try:
             self._executor.spin_once(timeout_sec=seconds)
         except ExternalShutdownException:
             raise
         except Exception as error:
-            # What others send is decoded and looked at by rclpy, which raises here what it did not expect.
-            if not self._node.context.ok():
-                raise ExternalShutdownException from None
+            # rclpy decodes what others send, and raises here what it did not expect.
             self._failed += 1
             self._throttle.warn("callbacks", self._failed, "a message or request was not understood: "
                                 f"{type(error).__name__}: {one_line(str(error))}")

@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 import rclpy
-from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy
@@ -30,7 +29,8 @@ from tcc_sim.messages import cdr
 from tcc_sim.messages.definitions import definition
 from tcc_sim.nodes import signals
 from tcc_sim.nodes.middleware import MOST_PUBLISHERS, publisher_of, qos_fields
-from tcc_sim.nodes.parameters import warn_of_unknown
+from tcc_sim.nodes.options import RecorderOptions
+from tcc_sim.nodes.parameters import declared
 from tcc_sim.nodes.process import Spinner, log, run_node, warn
 from tcc_sim.nodes.track import Track, UnsentCount
 from tcc_sim.recording.bag import BagWriter
@@ -39,7 +39,6 @@ from tcc_sim.topics import JOINT_STATE, STRING, TOPICS
 
 _DRAIN_PERIOD = 0.1
 _LOOK_PERIOD = 0.25
-PARAMETERS = ("output", "topics", "flush_period", "fsync_period", "max_bag_duration", "max_bag_size")
 SILENCE = 3.0
 """Real time, s, without states after which the recorder says so; the middleware takes 20 s to find that a publisher is
 dead.
@@ -57,39 +56,17 @@ class Recorder:
 
     def __init__(self, node: Node) -> None:
         self.node = node
-        directory = Path(str(_parameter(node, "output", _default_name(), "directory to create for the recording")))
-        names = _parameter(node, "topics", [row.name for row in TOPICS], "topics to record")
-        period = _parameter(node, "flush_period", 0.25,
-                            "a kill loses at most this much and one drain, s; above 0 to 10")
-        sync = _parameter(node, "fsync_period", 0.0,
-                          "a power cut loses at most this much and one drain, s; 0 leaves it to the operating system")
-        duration = _parameter(node, "max_bag_duration", 3600.0,
-                              "a file of the bag that holds this much, s, is followed by another; 0 for no limit, "
-                              "else from 1")
-        size = _parameter(node, "max_bag_size", 0,
-                          "a file of the bag that has this many bytes is followed by another; 0 for no limit, else "
-                          "from 10000")
-        if not isinstance(period, int | float) or isinstance(period, bool) or not 0.0 < period <= 10.0:
-            raise InputError(f"flush_period is {period!r} s; it must be a number above 0 to 10 s")
-        if not isinstance(names,
-                          list | tuple) or not names or not all(isinstance(name, str) and name for name in names):
-            raise InputError(f"topics is {names!r}; it must be a list of topic names")
-        for name, value, least, most in (("fsync_period", sync, 0.0, 3600.0), ("max_bag_duration", duration, 1.0, 1e9),
-                                         ("max_bag_size", size, 10_000.0, 1e18)):
-            if not isinstance(value, int | float) or isinstance(value, bool) or not (
-                    value == 0.0 or least <= value <= most):
-                raise InputError(f"{name} is {value!r}; it must be a number{', 0 or' if least else ''} from {least:g} "
-                                 f"to {most:g}")
-        warn_of_unknown(node, PARAMETERS)
-        self.flush_period = float(period)
-        self.fsync_period = float(sync)
+        options = declared(node, RecorderOptions, output=datetime.now().strftime("tcc_sim_%Y_%m_%d-%H_%M_%S"))
+        if not options.topics:
+            raise InputError("topics is empty; it must name a topic")
+        self.flush_period, self.fsync_period = options.flush_period, options.fsync_period
         self.drain_period = min(_DRAIN_PERIOD, 0.5 * self.flush_period)
         known: dict[str, str] = {}
         for row in TOPICS:
             if known.setdefault(topic := node.resolve_topic_name(row.name), row.type) != row.type:
                 raise InputError(f"{row.name} is remapped onto {topic}, which is a {known[topic]}, not a {row.type}")
-        self._unknown = [topic for topic in map(node.resolve_topic_name, names) if topic not in known]
-        wanted = [topic for topic in map(node.resolve_topic_name, names) if topic in known]
+        self._unknown = [topic for topic in map(node.resolve_topic_name, options.topics) if topic not in known]
+        wanted = [topic for topic in map(node.resolve_topic_name, options.topics) if topic in known]
         self.tracks: dict[str, Track] = {}
         self.next_look = 0.0
         # The scene comes first, so that it is in the file before what it explains; joint_states come last: the
@@ -102,21 +79,23 @@ class Recorder:
             self._add(topic, known[topic], topic in latched)
         self._spinner = Spinner(node)
         self._told: dict[str, dict[str, int]] = {}
-        self.bag = BagWriter(directory, max_duration=duration, max_size=int(size), sync=sync > 0.0,
-                             result=self._part_result)
+        self.bag = BagWriter(Path(options.output), max_duration=options.max_bag_duration,
+                             max_size=options.max_bag_size, sync=self.fsync_period > 0.0, result=self._part_result)
 
     def spin(self) -> None:
-        """Record until the context is shut down, which ends this by an exception.
+        """Record until a signal comes.
 
         Raises
         ------
+        ExternalShutdownException
+            The context has been shut down, or a signal came while nothing was to be done.
         OSError
             The disk refuses.
         RecordingError
             The directory was renamed or removed, or has a file with the name of the next part.
         """
         flush = synced = time.monotonic()
-        while self.node.context.ok():
+        while not signals.asked.is_set():
             wake = time.monotonic() + self.drain_period
             self.drain()
             if time.monotonic() >= flush:
@@ -259,33 +238,18 @@ class Recorder:
             return [dict(profile) for profile in RELIABLE]
 
 
-def _parameter(node: Node, name: str, default: Any, description: str) -> Any:
-    """Declare a read-only parameter that takes any type, so that a wrong one gets a clear line, and give its value."""
-    descriptor = ParameterDescriptor(description=description, read_only=True, dynamic_typing=True)
-    return node.declare_parameter(name, default, descriptor).value
-
-
-def _default_name() -> str:
-    """A directory name with the local time, as rosbag2 makes them."""
-    return datetime.now().strftime("tcc_sim_%Y_%m_%d-%H_%M_%S")
-
-
 def _record(node: Node) -> int:
     """Record until a signal; the exit status."""
-    # A bag that was opened is closed in order: a signal waits until there is somebody to do that.
-    with signals.deferred():
-        signals.leave_to_ros()
-        recorder = Recorder(node)
+    signals.end_in_order()  # A bag that is open is closed in order.
+    recorder = Recorder(node)
     failure: OSError | RecordingError | None = None
     try:
         log(node, f"recording to {recorder.bag.directory}")
         recorder.spin()
     except (OSError, RecordingError) as error:
         failure = error
-    except (ExternalShutdownException, RuntimeError):
-        # A signal that arrives within a call of rclpy makes that call fail.
-        if node.context.ok():
-            raise
+    except ExternalShutdownException:
+        pass
     try:
         if not isinstance(failure, OSError):
             summary = recorder.close(drain=failure is None)

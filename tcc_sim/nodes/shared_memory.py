@@ -1,5 +1,5 @@
-"""What a killed process leaves in Fast DDS's shared memory, which would hang every later node: removed before a node
-is created, and a limit for the creation where it cannot be. Free of rclpy.
+"""What a killed process leaves in Fast DDS's shared memory, which would hang every later node: it is removed before
+a node is created, and a node that cannot be created says why. Free of rclpy.
 
 A participant opens or creates the file of its port, `/dev/shm/fastdds_portN`, and waits minutes for one that another
 process has begun and will never finish; it holds the interpreter meanwhile. A process that lives holds a lock of one of
@@ -12,19 +12,21 @@ from __future__ import annotations
 import fcntl
 import os
 import re
-import select
-import signal
 import sys
+import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
-from tcc_sim.nodes import signals
+from tcc_sim.errors import TccError
+from tcc_sim.nodes.children import FIRST_PORT, PORTS
 
 FOLDER = Path("/dev/shm")
-CREATED_WITHIN = 30.0
-"""Real time, s, that the creation of a node may take; it takes some 30 ms on a quiet machine."""
+FINISHED_WITHIN = 30.0
+"""Real time, s, that another process may take to finish a port; it takes some 30 ms on a quiet machine."""
+LOOK = 0.05
+"""Real time, s, between two looks at the ports."""
 _FILE = re.compile(r"(?:sem\.)?(fastdds_(?:port\d{1,5}|[0-9a-z]{16}))(?:_el|_sl|_mutex)?")
 _LOCKS = ("_el", "_sl")
 _WHOLE = 2
@@ -84,45 +86,32 @@ def _mapped() -> set[str]:
     return found
 
 
-def unfinished(folder: Path = FOLDER) -> list[Path]:
-    """Ports that were begun and never finished: whoever opens one waits for it."""
+def unfinished(domain: int, folder: Path = FOLDER) -> list[Path]:
+    """Ports of a ROS domain that were begun and not finished: whoever opens one waits for it."""
     found = []
-    for path in sorted(folder.glob("fastdds_port*")):
-        if path.name.removeprefix("fastdds_port").isdigit():
-            with suppress(OSError):
-                if int.from_bytes(path.open("rb").read(4), sys.byteorder) < _WHOLE:
-                    found.append(path)
+    for port in range(FIRST_PORT + PORTS * domain, FIRST_PORT + PORTS * (domain + 1)):
+        path = folder / f"fastdds_port{port}"
+        with suppress(OSError):
+            if int.from_bytes(path.open("rb").read(4), sys.byteorder) < _WHOLE:
+                found.append(path)
     return found
 
 
-@contextmanager
-def creation(within: float = CREATED_WITHIN) -> Iterator[None]:
-    """For the creation of a node: ownerless segments are gone, a signal ends the process at once, and so does a child
-    of it with a sentence on standard error where the creation takes longer than `within` seconds.
+def clear(domain: int, within: float = FINISHED_WITHIN) -> None:
+    """Remove ownerless segments, and wait for the ports of a domain that living processes have begun.
 
-    Nothing in this process could do so: the middleware holds the interpreter while it waits.
+    Raises
+    ------
+    TccError
+        One is not finished within so many seconds, s: its process was stopped.
     """
-    remove_ownerless()
-    reading, writing = os.pipe()
-    with signals.left_to_the_system():
-        guard = os.fork()
-        if not guard:
-            os.close(writing)
-            _guard(reading, within)
-        os.close(reading)
-        try:
-            yield
-        finally:
-            os.close(writing)
-            os.waitpid(guard, 0)
-
-
-def _guard(reading: int, within: float) -> None:
-    """In the child: end with the parent's creation, or end the parent."""
-    if not select.select([reading], [], [], within)[0]:
-        left = ", ".join(map(str, unfinished()))
-        remove = (f"a process that was killed or stopped has left {left} unfinished: remove that" if left else
-                  "if a process was killed before, remove /dev/shm/*fastdds_* once no node runs")
-        os.write(2, f"tcc-sim: the middleware was not ready within {within:g} s; {remove}, and start again\n".encode())
-        os.kill(os.getppid(), signal.SIGKILL)
-    os._exit(0)
+    end = time.monotonic() + within
+    while True:
+        remove_ownerless()
+        left = unfinished(domain)
+        if not left:
+            return
+        if time.monotonic() > end:
+            raise TccError(f"the middleware would wait for {', '.join(map(str, left))}, which a stopped process has "
+                           f"left unfinished for {within:g} s: end that process or remove the file, and start again")
+        time.sleep(LOOK)

@@ -1,10 +1,9 @@
 """SIGINT, SIGTERM and SIGHUP in the process of a node, from its first statement to its last. Loads nothing slow.
 
-A node's process takes them before it imports NumPy, Numba and rclpy, and a thread waits for what their handlers write
-into a pipe. While the process starts (imports, ROS 2, compiling) nothing is open that has to be saved, and a signal
-ends it at once with status 0; where a call of the middleware holds the interpreter, by itself (`left_to_the_system`).
-Once `leave_to_ros` was called a signal shuts the ROS 2 context down, and the node ends in order; it does so between two
-`deferred` blocks, never within one.
+A node's process blocks them before it imports NumPy, Numba and rclpy; all its threads inherit that, and one of them
+waits for a signal. While the process starts (imports, ROS 2, compiling), nothing is open that has to be saved, and
+a signal ends it at once with status 0. After `end_in_order` a signal sets `asked`: the node looks at it several times
+a second and ends by itself. Its ROS 2 context stays valid until then.
 """
 
 from __future__ import annotations
@@ -13,145 +12,60 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from types import FrameType
-from typing import Any, NoReturn
-from weakref import WeakSet
+from typing import Any, NoReturn, TypeVar
 
+Made = TypeVar("Made")
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-_STARTING, _RUNNING, _ENDING = "starting", "running", "ending"
-_phase = ""
-_turn = threading.Lock()
-"""Who has it reads or changes the phase."""
-_holding = threading.RLock()
-"""Who has it can rely on the context to stay as it is."""
-_before: dict[signal.Signals, Any] = {}
-_pipe: tuple[int, int] = (-1, -1)
-_waiter: threading.Thread | None = None
-_spinning: WeakSet[Any] = WeakSet()
-"""Executors that are woken when a signal has shut the context down, as long as somebody else holds them."""
 asked = threading.Event()
-"""Set when a signal has come since `leave_to_ros`."""
+"""Set when a signal has come since `end_in_order`."""
+_turn = threading.Lock()
+"""Guards `_phase`."""
+_phase = ""
 
 
 def take() -> None:
-    """From now on a signal ends the process at once with status 0; the first thing that a node's process does.
+    """Let a signal end the process at once with status 0, from now on; the first thing that a node's process does.
 
-    Only what starts a process calls it: an importer of the nodes keeps its own handlers. SIGHUP stays ignored where it
-    is, as under nohup.
+    Only a process that is a node calls it: a program that imports the nodes keeps its own handlers. SIGHUP stays
+    ignored where it is, as under nohup.
     """
-    global _phase, _pipe, _waiter
+    global _phase
     if _phase or threading.current_thread() is not threading.main_thread():
         return
-    _phase, _pipe = _STARTING, os.pipe()
-    os.set_blocking(_pipe[1], False)
-    signal.set_wakeup_fd(_pipe[1], warn_on_full_buffer=False)
-    for number in ENDING:
-        if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:
-            _before[number] = signal.getsignal(number)
-            _handle(number, _written)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
-    _waiter = threading.Thread(target=_wait, name="signals", daemon=True)
-    _waiter.start()
-
-
-def _handle(number: signal.Signals, handler: Any) -> None:
-    """Have a handler; no call of a library fails because its signal came."""
-    signal.signal(number, handler)
-    signal.siginterrupt(number, False)
-
-
-def _written(number: int, frame: FrameType | None) -> None:
-    """Nothing more: the number is in the pipe already, whichever thread has got the signal."""
-
-
-def _wait() -> None:
-    """End the process at once while it starts; shut the context down while it runs; nothing while it ends."""
-    while os.read(_pipe[0], 1):
-        with _turn:
-            if _phase == _STARTING:
-                os._exit(0)
-            running = _phase == _RUNNING
-        if running:
-            asked.set()
-            with _holding:
-                _shut_down()
-
-
-def _shut_down() -> None:
-    """Shut the context down, which leaves its nodes to those who have them, and wake who spins."""
-    import rclpy
-
-    handle = rclpy.get_default_context().handle
-    if handle is not None:
-        with handle:
-            if handle.ok():
-                handle.shutdown()
-    for executor in list(_spinning):
-        executor.wake()
-
-
-@contextmanager
-def left_to_the_system() -> Iterator[None]:
-    """Within it a signal ends the process by itself: for calls that hold the interpreter while nothing is open."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    handlers = {number: handler for number in ENDING if callable(handler := signal.getsignal(number))}
-    for number in handlers:
+    _phase = "starting"
+    numbers = [n for n in ENDING if n != signal.SIGHUP or signal.getsignal(n) is not signal.SIG_IGN]
+    signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
+    for number in numbers:
         signal.signal(number, signal.SIG_DFL)
-    try:
-        yield
-    finally:
-        for number, handler in handlers.items():
-            _handle(number, handler)
+    threading.Thread(target=_wait, args=(numbers,), name="signals", daemon=True).start()
 
 
-@contextmanager
-def deferred() -> Iterator[None]:
-    """Within it no signal shuts the context down, and in a command none is a KeyboardInterrupt; one that comes
-    meanwhile has its effect afterwards.
-    """
-    with _holding:
-        if _phase or threading.current_thread() is not threading.main_thread():
-            yield
-            return
-        handlers = {number: handler for number in ENDING if callable(handler := signal.getsignal(number))}
-        came: list[signal.Signals] = []
-        for number in handlers:
-            signal.signal(number, lambda number, _: came.append(signal.Signals(number)))
-        try:
-            yield
-        finally:
-            for number, handler in handlers.items():
-                signal.signal(number, handler)
-    if came:
-        handlers[came[0]](came[0], None)
+def _wait(numbers: list[signal.Signals]) -> None:
+    """Wait for signals: end the process while it starts, set `asked` afterwards."""
+    while True:
+        signal.sigwait(numbers)
+        with _turn:
+            if _phase == "starting":
+                os._exit(0)
+        asked.set()
 
 
-def wake_when_asked(executor: Any) -> None:
-    """Have an executor of rclpy woken when a signal has shut the context down."""
-    _spinning.add(executor)
-
-
-def leave_to_ros() -> None:
-    """From now on a signal shuts the ROS 2 context down and the node ends in order; none is lost in between."""
+def end_in_order() -> None:
+    """Leave the end to the node: from now on a signal sets `asked`."""
     global _phase
     with _turn:
-        if _phase == _STARTING:
-            _phase = _RUNNING
+        _phase = _phase and "running"
 
 
 def end(status: int) -> NoReturn:
-    """The last thing that a node's process does: it ends here with `status`, and signals change nothing any more.
+    """End the process with `status`; the last thing that a node's process does.
 
     The interpreter is not taken down: that takes up to a second on a busy machine, saves nothing, and a thread that
     still compiles would not survive it.
     """
-    global _phase
-    with _turn:
-        _phase = _ENDING
+    end_in_order()
     for stream in (sys.stdout, sys.stderr):
         try:
             stream.flush()
@@ -160,18 +74,57 @@ def end(status: int) -> NoReturn:
     os._exit(status)
 
 
-def give_back() -> None:
-    """The signals as they were before `take`, where there is no node to run after all."""
-    global _phase, _waiter
-    if _waiter is None:
-        return
-    with _turn:
-        _phase = ""
-    signal.set_wakeup_fd(-1)
-    for number, handler in _before.items():
+def left_to_the_system(create: Callable[[], Made]) -> Made:
+    """Call `create` while a signal ends the process by itself: the middleware may hold the interpreter for minutes.
+
+    `create` runs in another thread, so that threads of the middleware start with the signals of a node blocked.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        return create()
+    found: list[Any] = []
+    unblocked = threading.Event()
+
+    def work() -> None:
+        unblocked.wait()
+        try:
+            found.append(create())
+        except BaseException as error:
+            found.extend((None, error))
+
+    thread = threading.Thread(target=work, name="creation", daemon=True)
+    with _handled(signal.SIG_DFL):
+        thread.start()
+        mask = signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
+        try:
+            unblocked.set()
+            thread.join()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+    if len(found) > 1:
+        raise found[1]
+    made: Made = found[0]
+    return made
+
+
+@contextmanager
+def deferred() -> Iterator[None]:
+    """Hold back the KeyboardInterrupt of a command: a signal that comes within the block has its effect afterwards."""
+    came: list[signal.Signals] = []
+    with _handled(lambda number, _: came.append(signal.Signals(number))) as handlers:
+        yield
+    if came:
+        handlers[came[0]](came[0], None)
+
+
+@contextmanager
+def _handled(handler: Any) -> Iterator[dict[signal.Signals, Any]]:
+    """Replace the handlers written in Python, which a command has, for the time of a `with`; gives those handlers."""
+    mine = threading.current_thread() is threading.main_thread()
+    handlers = {n: own for n in ENDING if mine and callable(own := signal.getsignal(n))}
+    for number in handlers:
         signal.signal(number, handler)
-    _before.clear()
-    os.close(_pipe[1])
-    _waiter.join()
-    _waiter = None
-    os.close(_pipe[0])
+    try:
+        yield handlers
+    finally:
+        for number, own in handlers.items():
+            signal.signal(number, own)

@@ -11,11 +11,9 @@ if __name__ == "__main__":
 
     raise SystemExit(slip_controller_node())
 
-import dataclasses
 import math
 from typing import Any, NoReturn
 
-from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import FluidPressure, JointState
@@ -24,7 +22,7 @@ from std_msgs.msg import Float64
 from tcc_sim.errors import InputError
 from tcc_sim.nodes import signals
 from tcc_sim.nodes.middleware import LATCHED, poll
-from tcc_sim.nodes.parameters import warn_of_unknown
+from tcc_sim.nodes.parameters import declared
 from tcc_sim.nodes.process import Spinner, log, run_node
 from tcc_sim.plant.slip_control import SlipController, Tuning
 
@@ -46,12 +44,7 @@ class SlipControllerNode(Node):
 
     def __init__(self, **options: Any) -> None:
         super().__init__("slip_controller", **options)
-        # Any type is taken here and checked by Tuning: 20 serves as 20.0, and a word gets a clear line.
-        descriptor = ParameterDescriptor(read_only=True, dynamic_typing=True)
-        self.controller = SlipController(Tuning(**{
-            item.name: self.declare_parameter(item.name, item.default, descriptor).value
-            for item in dataclasses.fields(Tuning)}))
-        warn_of_unknown(self, [item.name for item in dataclasses.fields(Tuning)])
+        self.controller = SlipController(declared(self, Tuning))
         self._last_stamp = -1
         self._command = self.create_publisher(FluidPressure, "actuation_pressure", QOS)
         self._target = self.create_publisher(Float64, "target_slip_speed", LATCHED)
@@ -102,7 +95,7 @@ def main(args: list[str] | None = None) -> int:
 
 def _spin(node: SlipControllerNode) -> NoReturn:
     """Answer states until the context ends."""
-    signals.leave_to_ros()
+    signals.end_in_order()
     node.report()
     spinner = Spinner(node)
     while True:

@@ -17,14 +17,14 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 from tcc_sim.errors import InputError
-from tcc_sim.model.quantity import quantity
+from tcc_sim.model.quantity import Options, quantity
 
 
 @dataclass(frozen=True)
-class Tuning:
+class Tuning(Options):
     """What the controller believes of its plant, and how fast it should be: the node's parameters.
 
     Raises
@@ -34,20 +34,17 @@ class Tuning:
         times.
     """
 
-    target: float = quantity(20.0, "slip speed to hold in the mean over an engine cycle, rad/s")
-    bandwidth: float = quantity(15.0, "of the closed loop, rad/s; at most about 0.6 divided by the engine cycle's "
-                                "length")
-    frequency: float = quantity(150.0, "engine.frequency, rad/s; the engine cycle is 2 pi/frequency")
-    inertia: float = quantity(0.2, "I1, kg m^2")
-    torque_per_pressure: float = quantity(0.27 * 0.08 * 0.1, "mu_k A R, N m/Pa, nominal")
-    pressure_limit: float = quantity(600e3, "Pa")
-    step: float = quantity(1e-3, "time between two updates, s")
+    target: float = quantity(20.0, "slip speed to hold in the mean over an engine cycle", "rad/s", 0.0, above=True)
+    bandwidth: float = quantity(15.0, "of the closed loop; at most about 0.6 divided by the engine cycle's length",
+                                "rad/s", 0.0, above=True)
+    frequency: float = quantity(150.0, "engine.frequency; the engine cycle is 2 pi/frequency", "rad/s", 0.0, above=True)
+    inertia: float = quantity(0.2, "flywheel inertia I1", "kg m^2", 0.0, above=True)
+    torque_per_pressure: float = quantity(0.27 * 0.08 * 0.1, "mu_k A R, nominal", "N m/Pa", 0.0, above=True)
+    pressure_limit: float = quantity(600e3, "largest pressure that it commands", "Pa", 0.0, above=True)
+    step: float = quantity(1e-3, "time between two updates", "s", 0.0, above=True)
 
     def __post_init__(self) -> None:
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value < math.inf:
-                raise InputError(f"{item.name} is {value!r}; it must be a number above 0")
+        super().__post_init__()
         if not 1.0 <= self.cycle_steps <= 1e6:
             raise InputError(f"step is {self.step:g} s; the engine cycle must hold 1 to 1e+06 of them, not "
                              f"{self.cycle_steps:g}")

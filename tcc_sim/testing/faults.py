@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import random
 from collections.abc import Mapping
@@ -11,11 +10,11 @@ from dataclasses import dataclass
 from tcc_sim.errors import InputError
 from tcc_sim.messages import cdr
 from tcc_sim.model.groups import PRESSURE_MAXIMUM
-from tcc_sim.model.quantity import quantity
+from tcc_sim.model.quantity import Options, quantity
 
 
 @dataclass(frozen=True)
-class Faults:
+class Faults(Options):
     """One of every so many commands of each topic is hit, drawn with the seed; 0: none.
 
     Raises
@@ -31,18 +30,12 @@ class Faults:
     delay_ticks: int = quantity(3, "ticks of a delay", low=1)
     seed: int = quantity(0, "two runs with the same seed are the same", low=0)
 
-    def __post_init__(self) -> None:
-        for item in dataclasses.fields(self):
-            value, low = getattr(self, item.name), item.metadata["quantity"].low
-            if isinstance(value, bool) or not isinstance(value, int) or value < low:
-                raise InputError(f"faults: {item.name} is {value!r}; it must be a whole number from {low} on")
-
     @staticmethod
     def of(given: Faults | Mapping[str, int] | None) -> Faults:
         """Faults as they are, by name, or none."""
         if given is None or isinstance(given, Faults):
             return given or Faults()
-        known = [item.name for item in dataclasses.fields(Faults)]
+        known = Faults.quantities()
         for name in given:
             if name not in known:
                 raise InputError(f"{name} is not a fault; there are {', '.join(known)}")

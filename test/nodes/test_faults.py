@@ -188,10 +188,10 @@ def test_ctrl_c_tears_nothing_away_from_what_must_be_saved() -> None:
             "import rclpy\n"
             "from tcc_sim.nodes.process import run_node\n"
             "def body(node):\n"
-            "    signals.leave_to_ros()\n"
+            "    signals.end_in_order()\n"
             "    os.kill(os.getpid(), signal.SIGINT)\n"
             "    saved = sum(1 for _ in range(300_000))\n"
-            "    while rclpy.ok(): pass\n"
+            "    while not signals.asked.is_set(): pass\n"
             "    print(saved)\n"
             "    return 0\n"
             "sys.exit(run_node('saver', lambda: rclpy.create_node('saver'), body, []))\n")

@@ -8,14 +8,15 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from tcc_sim.errors import TccError
+from tcc_sim.nodes import signals
 from tcc_sim.nodes.children import CLOCK_STARTED, NodeProcess
-from tcc_sim.nodes.shared_memory import FOLDER, creation, remove_ownerless, unfinished
+from tcc_sim.nodes.shared_memory import FOLDER, clear, remove_ownerless, unfinished
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
@@ -60,11 +61,12 @@ def test_what_another_has_made_anew_meanwhile_is_not_removed(tmp_path: Path) -> 
     assert names(tmp_path) == {port.name}
 
 
-def test_a_segment_is_unfinished_until_its_first_word_says_so(tmp_path: Path) -> None:
-    for name, first in (("fastdds_port1", 0), ("fastdds_port2", 1), ("fastdds_port3", 2), ("fastdds_port3_el", 0)):
-        (tmp_path / name).write_bytes(first.to_bytes(4, sys.byteorder) * 8)
-    (tmp_path / "fastdds_port4").touch()
-    assert [path.name for path in unfinished(tmp_path)] == ["fastdds_port1", "fastdds_port2", "fastdds_port4"]
+def test_a_port_is_unfinished_until_its_first_word_says_so(tmp_path: Path) -> None:
+    for name, first in (("7410", 0), ("7411", 1), ("7412", 2), ("7412_el", 0), ("7650", 0)):
+        (tmp_path / f"fastdds_port{name}").write_bytes(first.to_bytes(4, sys.byteorder) * 8)
+    (tmp_path / "fastdds_port7413").touch()
+    assert [path.name[-4:] for path in unfinished(0, tmp_path)] == ["7410", "7411", "7413"]
+    assert [path.name[-4:] for path in unfinished(1, tmp_path)] == ["7650"]
 
 
 @pytest.fixture
@@ -78,7 +80,7 @@ def begun(domain: str) -> Iterator[Path]:
 
 
 def test_a_node_starts_where_a_process_was_killed_while_it_created_its_participant(begun: Path, domain: str) -> None:
-    assert begun in unfinished()
+    assert begun in unfinished(int(domain))
     node = NodeProcess("driveline", {"scene": "minimal"}, {**os.environ, "ROS_DOMAIN_ID": domain,
                                                            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"})
     try:
@@ -90,40 +92,45 @@ def test_a_node_starts_where_a_process_was_killed_while_it_created_its_participa
 
 HANGS = """
 import ctypes, sys
-from tcc_sim.nodes import signals, shared_memory
+from tcc_sim.nodes import signals
 if sys.argv[1] == "node":
     signals.take()
-with shared_memory.creation(within=float(sys.argv[2])):
-    print("created", flush=True)
-    ctypes.PyDLL(None).sleep(3600)  # A call that holds the interpreter.
+signals.left_to_the_system(lambda: (print("creates", flush=True), ctypes.PyDLL(None).sleep(3600)))
 """
 
 
 @pytest.mark.parametrize("who", ["node", "command"])
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_ends_a_process_that_hangs_in_the_middleware(who: str, number: signal.Signals) -> None:
-    hung = subprocess.Popen([sys.executable, "-c", HANGS, who, "3600"], stdout=subprocess.PIPE, text=True)
+    """A call of `PyDLL` holds the interpreter, as the middleware does."""
+    hung = subprocess.Popen([sys.executable, "-c", HANGS, who], stdout=subprocess.PIPE, text=True)
     assert hung.stdout is not None
-    assert hung.stdout.readline() == "created\n"
+    assert hung.stdout.readline() == "creates\n"
     hung.send_signal(number)
-    # The guard has the same standard output: its end is that of both.
     assert (hung.stdout.read(), hung.wait()) == ("", -number)
 
 
-def test_a_creation_that_takes_too_long_says_what_to_remove(begun: Path) -> None:
+def test_a_port_that_a_stopped_process_has_begun_is_named_instead_of_waited_for(begun: Path, domain: str) -> None:
     with begun.open("r+b") as file, mmap.mmap(file.fileno(), PORT_BYTES):  # Held, so that it cannot be removed.
-        ended = subprocess.run([sys.executable, "-c", HANGS, "node", "0.01"], capture_output=True, text=True,
-                               check=False)
-    assert ended.returncode == -signal.SIGKILL
-    assert ended.stderr.startswith("tcc-sim: the middleware was not ready within 0.01 s; ")
-    assert str(begun) in ended.stderr
-    assert begun.exists()
+        with pytest.raises(TccError, match=f"would wait for {begun}, which a stopped process has left unfinished"):
+            clear(int(domain), within=0.01)
+        assert begun.exists()
+    clear(int(domain), within=0.01)
+    assert not begun.exists()
 
 
-def test_the_guard_of_a_creation_is_gone_after_it() -> None:
-    children = Path(f"/proc/self/task/{threading.get_native_id()}/children")
-    before, handler = children.read_text(), signal.getsignal(signal.SIGINT)
-    with creation():
-        assert len(children.read_text().split()) == len(before.split()) + 1
-        assert signal.getsignal(signal.SIGINT) is signal.SIG_DFL
-    assert (children.read_text(), signal.getsignal(signal.SIGINT)) == (before, handler)
+@pytest.mark.parametrize("error", [None, ValueError("refused")])
+def test_what_is_created_under_a_signal_of_its_own_comes_back_with_the_handlers(error: Exception | None) -> None:
+    before = signal.getsignal(signal.SIGINT), signal.pthread_sigmask(signal.SIG_BLOCK, [])
+
+    def create() -> object:
+        if error is not None:
+            raise error
+        return signal.getsignal(signal.SIGINT)
+
+    if error is None:
+        assert signals.left_to_the_system(create) is signal.SIG_DFL
+    else:
+        with pytest.raises(ValueError, match="refused"):
+            signals.left_to_the_system(create)
+    assert (signal.getsignal(signal.SIGINT), signal.pthread_sigmask(signal.SIG_BLOCK, [])) == before

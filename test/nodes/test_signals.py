@@ -1,21 +1,18 @@
 """A signal at any moment of a node's life, from its first statement on: status 0, no traceback, nothing left behind.
 Within the creation of the node, a few hundredths of a second, it ends by the signal itself.
 
-Moments are told by what a process shows: that it has taken SIGTERM, how many libraries it has mapped since, and how
+Moments are told by what a process shows: that it has blocked SIGTERM, how many libraries it has mapped since, and how
 much processor time it has used.
 """
 
 from __future__ import annotations
 
-import gc
 import os
 import random
 import signal
 import subprocess
 import sys
-import weakref
 from pathlib import Path
-from typing import Any
 
 import pytest
 from waiting import until_or_ended
@@ -36,10 +33,10 @@ def started(module: str, domain: str, folder: Path, *words: str, **more: str) ->
 
 
 def taken(process: subprocess.Popen[str]) -> bool:
-    """Whether the process has a handler for SIGTERM."""
+    """Whether the process has blocked SIGTERM, which its own thread waits for."""
     status = Path(f"/proc/{process.pid}/status").read_text()
-    caught = int(status.split("SigCgt:")[1].split()[0], 16)
-    return bool(caught >> (signal.SIGTERM - 1) & 1)
+    blocked = int(status.split("SigBlk:")[1].split()[0], 16)
+    return bool(blocked >> (signal.SIGTERM - 1) & 1)
 
 
 def libraries(process: subprocess.Popen[str]) -> int:
@@ -108,87 +105,34 @@ def test_a_node_under_nohup_outlives_its_terminal(ignored: bool) -> None:
 ASKED = """
 from tcc_sim.nodes import signals
 signals.take()
-import os, signal, sys, rclpy
-from tcc_sim.nodes import process
+import os, signal
 from tcc_sim.nodes.executables import {module}_node
-whole, leave = process.executor_of, signals.leave_to_ros
-
-def ask():
-    os.kill(os.getpid(), signal.{number})
-    signals.asked.wait()
-    while rclpy.ok() and not signals._holding._is_owned():
-        pass
+leave = signals.end_in_order
 
 def left():
     leave()
-    ask()
+    os.kill(os.getpid(), signal.{number})
 
-def wanted(node):
-    ask()
-    return whole(node)
-
-class Interrupted(process.SingleThreadedExecutor):
-    def __init__(self, **options):
-        ask()
-        assert rclpy.ok()
-        super().__init__(**options)
-
-if "{moment}" == "as it is told to":
-    signals.leave_to_ros = left
-elif "{moment}" == "before the executor":
-    process.executor_of = wanted
-else:
-    process.SingleThreadedExecutor = Interrupted
+signals.end_in_order = left
+import sys
 sys.argv += ["--ros-args", *{words!r}]
 {module}_node()
 """
 
 
-@pytest.mark.parametrize("moment", ["as it is told to", "before the executor", "within the executor"])
-@pytest.mark.parametrize(("module", "words"), [
-    ("driveline", ["-p", "scene:=minimal"]), ("recorder", ["-p", "output:=run"]), ("slip_controller", [])])
-def test_a_signal_at_the_moment_a_node_begins_to_spin_ends_it_in_order(module: str, words: list[str], moment: str,
-                                                                       tmp_path: Path) -> None:
-    """The context is invalid from exactly there on; an executor that is built by half says so when it is destroyed."""
-    code = ASKED.format(module=module, words=words, moment=moment,
-                        number="SIGTERM" if module == "recorder" else "SIGINT")
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False,
-                           cwd=tmp_path, env={**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF",
-                                              "PYTHONPATH": os.pathsep.join(sys.path)})
+@pytest.mark.parametrize(("module", "words", "number"), [
+    ("driveline", ["-p", "scene:=minimal"], "SIGINT"), ("recorder", ["-p", "output:=run"], "SIGTERM"),
+    ("slip_controller", [], "SIGHUP")])
+def test_a_signal_as_soon_as_a_node_ends_in_order_ends_it_so(module: str, words: list[str], number: str,
+                                                             tmp_path: Path) -> None:
+    ended = subprocess.run([sys.executable, "-c", ASKED.format(module=module, words=words, number=number)],
+                           capture_output=True, text=True, timeout=60, check=False, cwd=tmp_path,
+                           env={**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF",
+                                "PYTHONPATH": os.pathsep.join(sys.path)})
     assert ended.returncode == 0, ended.stderr
     for sign in ("Traceback", "Exception", "Failed to publish"):
         assert sign not in ended.stderr
     assert (tmp_path / "run" / "metadata.yaml").exists() == (module == "recorder")
-
-
-def test_what_is_said_after_the_shutdown_goes_to_standard_error_alone(bench: Any,
-                                                                      capfd: pytest.CaptureFixture[str]) -> None:
-    import rclpy
-    from rclpy.executors import ExternalShutdownException
-
-    from tcc_sim.nodes import process
-
-    node = rclpy.create_node("late", context=bench.context)
-    bench.context.handle.shutdown()
-    process.log(node, "first")
-    process.warn(node, "second")
-    with pytest.raises(ExternalShutdownException):
-        process.executor_of(node)
-    node.destroy_node()
-    assert capfd.readouterr().err == "[INFO] [late]: first\n[WARN] [late]: second\n"
-
-
-def test_a_node_that_is_left_leaves_its_executor(bench: Any) -> None:
-    """One that lives until the interpreter is taken down prints a traceback then."""
-    import rclpy
-
-    from tcc_sim.nodes import process
-
-    node = rclpy.create_node("left", context=bench.context)
-    executor = weakref.ref(process.executor_of(node))
-    node.destroy_node()
-    gc.collect()
-    assert executor() is None
 
 
 def test_ctrl_c_in_a_command_waits_for_what_must_be_whole() -> None:
@@ -217,7 +161,7 @@ def test_the_entry_points_take_the_signals_before_they_load_anything_slow(comman
             "    def find_spec(self, name, path=None, target=None):\n"
             "        if name.split('.')[0] in ('numpy', 'numba', 'rclpy', 'yaml', 'scipy'):\n"
             "            from tcc_sim.nodes import signals\n"
-            "            print(name, *(n.name for n in signals.ENDING if callable(signal.getsignal(n))))\n"
+            "            print(name, *(n.name for n in signals.ENDING if n in signal.pthread_sigmask(0, [])))\n"
             "            sys.stdout.flush()\n"
             "            os._exit(7)\n"
             "sys.meta_path.insert(0, Look())\n"
