@@ -32,6 +32,7 @@ from tcc_sim.nodes.children import CLOCK_STARTED
 from tcc_sim.nodes.loop import Outcome, RealTimeLoop
 from tcc_sim.nodes.middleware import DIAGNOSTICS, time_of
 from tcc_sim.nodes.process import Spinner, Throttle, log, run_node, warn
+from tcc_sim.nodes.waiting import Waiting
 from tcc_sim.recording.announcements import holding_from
 from tcc_sim.scene import Scene
 
@@ -67,7 +68,9 @@ class DrivelineNode(Node):
             lambda request: loop.pause(request.data), lambda _: "paused" if loop.paused else "running"))
         self.create_service(Trigger, "~/step", self._does(
             lambda _: loop.single_step(), lambda outcome: f"at tick {stepper.tick}" if outcome else "not paused"))
-        self.diagnostics = Diagnostics(self, self.loop) if self.scene.operation.publish_diagnostics else None
+        self._waiting = Waiting(self, self.loop)
+        self.diagnostics = (Diagnostics(self, self.loop, self._waiting) if self.scene.operation.publish_diagnostics
+                            else None)
         self._announced = False
         self._throttle = Throttle(self)
 
@@ -94,7 +97,11 @@ class DrivelineNode(Node):
             for sentence in self.loop.refused_wishes:
                 warn(self, sentence)
         for command in self.loop.commands:
-            self._throttle.warn(command.name, command.refused, command.refusal)
+            self._throttle.warn(f"{command.name} refused", command.refused, command.refusal)
+            self._throttle.warn(f"{command.name} time-outs", command.timeouts,
+                                f"no command on {command.name} within command_timeout; the fallback applied")
+        for what, sentence in self._waiting.sentences().items():
+            self._throttle.repeat(what, sentence)
         if self.loop.failure is not None:
             raise self.loop.failure
 
@@ -166,8 +173,8 @@ class Diagnostics:
     bound, commands, regime; counts are since the start.
     """
 
-    def __init__(self, node: Node, loop: RealTimeLoop) -> None:
-        self._node, self._loop = node, loop
+    def __init__(self, node: Node, loop: RealTimeLoop, waiting: Waiting) -> None:
+        self._node, self._loop, self._waiting = node, loop, waiting
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", DIAGNOSTICS)
         self._due = time.monotonic() + DIAGNOSTICS_PERIOD
         self._since = time.monotonic()
@@ -190,7 +197,8 @@ class Diagnostics:
         stepper = loop.plant.stepper
         stick, slip = loop.stick_ticks - self._stick, loop.slip_ticks - self._slip
         rate = (stick + slip) / (now - self._since)
-        regime = "paused" if not stick + slip else "stick" if not slip else "slip" if not stick else "stick-slip"
+        still = "paused" if loop.paused else "waiting"
+        regime = still if not stick + slip else "stick" if not slip else "slip" if not stick else "stick-slip"
         middle, high = pacer.lateness()
         values = {
             "scene": loop.scene.name, "simulation time (s)": f"{stepper.tick * stepper.step:.3f}",
@@ -205,6 +213,7 @@ class Diagnostics:
             "iterations bound": str(stepper.iterations_bound)}
         for command in loop.commands:
             values |= {f"{command.name} listeners": str(self._node.count_subscribers(command.name)),
+                       f"{command.name} publishers": self._waiting.publishers(command),
                        f"{command.name} received": str(command.received),
                        f"{command.name} refused": str(command.refused),
                        f"{command.name} last refusal": command.refusal,

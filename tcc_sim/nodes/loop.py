@@ -108,6 +108,11 @@ class RealTimeLoop:
         """What runs."""
         return self.plant.scene
 
+    @property
+    def waits_for(self) -> list[CommandedInput]:
+        """Inputs whose answer to the state lock-step waits for now."""
+        return [*(self._unanswered or ())]
+
     def start(self) -> None:
         """Compile and measure the scene's kernel, then start the thread; what only changes while running may need is
         compiled beside it.

@@ -115,19 +115,29 @@ def warn(node: Node, sentence: str) -> None:
 
 
 class Throttle:
-    """Warnings of a node that are said at most once a second each."""
+    """Warnings of a node that are logged at most once a second each.
 
-    def __init__(self, node: Node) -> None:
-        self._node = node
+    clock : real time, s
+    """
+
+    def __init__(self, node: Node, clock: Callable[[], float] = time.monotonic) -> None:
+        self._node, self._clock = node, clock
         self._said: dict[str, tuple[int, float]] = {}
 
     def warn(self, what: str, count: int, sentence: str) -> None:
         """Say a sentence where `count` has grown since one was last said of `what`."""
         before, when = self._said.get(what, (0, -1.0))
-        now = time.monotonic()
+        now = self._clock()
         if count > before and now - when >= 1.0:
             self._said[what] = count, now
             warn(self._node, f"{sentence} ({count} so far)")
+
+    def repeat(self, what: str, sentence: str) -> None:
+        """Log a sentence as long as it holds."""
+        now = self._clock()
+        if now - self._said.get(what, (0, -1.0))[1] >= 1.0:
+            self._said[what] = 0, now
+            warn(self._node, sentence)
 
 
 class Spinner:

@@ -1,0 +1,89 @@
+"""What a driveline waits for or has to do without, in sentences for its log and its diagnostics: commands that do not
+act, publishers that do not match or are several, subscribers that do not come.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from rclpy.node import Node
+from rclpy.qos import ReliabilityPolicy
+
+from tcc_sim.errors import counted
+from tcc_sim.nodes.loop import RealTimeLoop
+from tcc_sim.nodes.loop_topics import CommandedInput
+from tcc_sim.topics import topic
+
+PATIENCE = 1.0
+"""Real time, s, after which an input on its fallback, or a wait, is worth a warning."""
+
+
+class Waiting:
+    """Says what one driveline waits for.
+
+    Parameters
+    ----------
+    node : of the driveline
+    loop : its loop
+    clock : real time, s
+    """
+
+    def __init__(self, node: Node, loop: RealTimeLoop, clock: Callable[[], float] = time.monotonic) -> None:
+        self._node, self._loop, self._clock = node, loop, clock
+        self._since: dict[str, float] = {}
+
+    def sentences(self) -> dict[str, str]:
+        """Sentences for the log, by what they are about; each condition that has lasted for PATIENCE."""
+        loop = self._loop
+        wanted = loop.scene.operation.wait_for_subscribers
+        if not loop.clock_started.is_set():
+            there = loop.outputs.subscriptions()[0]
+            name = self._node.resolve_topic_name("joint_states")
+            missing = {"subscribers": f"the first tick waits for wait_for_subscribers {wanted}; "
+                       f"{counted(there, 'subscriber')} of {name} there"} if there < wanted else {}
+        elif loop.paused:
+            missing = {}
+        elif loop.waits_for:
+            state = f"the state of {loop.plant.stamp_ns * 1e-9:.9g} s"
+            missing = {command.name: f"lock-step waits for a command that answers {state}; {self.publishers(command)}"
+                       for command in loop.waits_for}
+        else:
+            missing = {command.name: f"no command on {self._topic(command)}, the fallback applies "
+                       f"({self._fallback(command)}); {self.publishers(command)}"
+                       for command in loop.commands if command.fallen_back}
+        now = self._clock()
+        self._since = {what: self._since.get(what, now) for what in missing}
+        found = {what: f"{sentence}; since {now - since:.0f} s" for what, sentence in missing.items()
+                 if now - (since := self._since[what]) >= PATIENCE}
+        for command in loop.commands:
+            count = command.subscription.get_publisher_count()
+            if count > 1:
+                found[f"{command.name} publishers"] = (f"{count} publishers send commands and the newest command "
+                                                       f"counts: {self.publishers(command)}")
+        return found
+
+    def publishers(self, command: CommandedInput) -> str:
+        """Who publishes on the topic of an input, with type and quality of service, and why it does not match."""
+        row, name = topic(command.name), self._topic(command)
+        found = []
+        for info in self._node.get_publishers_info_by_topic(name):
+            profile = info.qos_profile
+            best_effort = profile.reliability == ReliabilityPolicy.BEST_EFFORT
+            wrong = (f", which is not {row.type}" if info.topic_type != row.type else
+                     ", which does not match: publish reliably" if best_effort else "")
+            kind = "" if info.topic_type == row.type else f"{info.topic_type}, "
+            found.append(f"{info.node_name} ({kind}{profile.reliability.name.lower().replace('_', ' ')}, "
+                         f"{profile.durability.name.lower().replace('_', ' ')}{wrong})")
+        refused = f"; {counted(command.refused, 'command')} refused, the last: {command.refusal}" if (
+            command.refused) else ""
+        return f"{counted(len(found), 'publisher')} on {name}{': ' if found else ''}{', '.join(found)}{refused}"
+
+    def _topic(self, command: CommandedInput) -> str:
+        """The whole name of an input's topic."""
+        name: str = command.subscription.topic_name
+        return name
+
+    def _fallback(self, command: CommandedInput) -> str:
+        """What applies where nobody commands an input."""
+        return str(self._loop.scene.value(f"{topic(command.name).key.partition('.')[0]}.fallback"))

@@ -1,0 +1,136 @@
+"""Nothing that keeps commands from acting is silent: publishers, lock-step and the first tick."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import FluidPressure, JointState
+from std_msgs.msg import Int8
+from test_driveline import listener, start
+
+from tcc_sim.nodes.driveline import DrivelineNode
+from tcc_sim.nodes.middleware import COMMANDS
+from tcc_sim.nodes.process import Throttle
+from tcc_sim.nodes.waiting import PATIENCE, Waiting
+
+
+class Judged:
+    """What a driveline says of its waits, by a clock of the test's own."""
+
+    def __init__(self, node: DrivelineNode) -> None:
+        self.node, self.now = node, 0.0
+        self.waiting = Waiting(node, node.loop, lambda: self.now)
+
+    def said(self, after: float = PATIENCE) -> dict[str, str]:
+        self.waiting.sentences()
+        self.now += after
+        return self.waiting.sentences()
+
+
+def begun(bench: Any, **parameters: Any) -> Judged:
+    node = start(bench, scene="controlled", wait_for_subscribers=0, **parameters)
+    node.start()
+    bench.until(node.loop.clock_started.is_set)
+    return Judged(node)
+
+
+def publisher(bench: Any, name: str, reliability: ReliabilityPolicy = ReliabilityPolicy.RELIABLE) -> Any:
+    node = bench.add(rclpy.create_node(name, context=bench.context))
+    return node.create_publisher(FluidPressure, "actuation_pressure", QoSProfile(depth=10, reliability=reliability))
+
+
+def test_an_input_on_its_fallback_names_its_topic_and_who_publishes_there(bench: Any,
+                                                                          monkeypatch: pytest.MonkeyPatch) -> None:
+    judged = begun(bench)
+    assert judged.said(0.9 * PATIENCE) == {}
+    assert judged.said(3.0) == {
+        "actuation_pressure": "no command on /actuation_pressure, the fallback applies (mean); 0 publishers on "
+                              "/actuation_pressure; since 4 s"}
+    hasty = publisher(bench, "hasty", reliability=ReliabilityPolicy.BEST_EFFORT)
+    bench.until(lambda: judged.node.get_publishers_info_by_topic("actuation_pressure"))
+    hasty.publish(FluidPressure(fluid_pressure=2e5))
+    assert "; 1 publisher on /actuation_pressure: hasty (best effort, volatile, which does not match: publish " \
+           "reliably); " in judged.said()["actuation_pressure"]
+    # Within one participant ROS 2 allows no other type on a topic.
+    stranger = SimpleNamespace(node_name="stranger", topic_type="std_msgs/msg/Float64", qos_profile=COMMANDS)
+    monkeypatch.setattr(judged.node, "get_publishers_info_by_topic", lambda _: [stranger])
+    assert "stranger (std_msgs/msg/Float64, reliable, volatile, which is not sensor_msgs/msg/FluidPressure)" in \
+        judged.said()["actuation_pressure"]
+
+
+def test_refused_commands_are_the_reason_and_a_command_ends_it(bench: Any) -> None:
+    judged = begun(bench, command_timeout=0.0)
+    sender = publisher(bench, "sender")
+    command = judged.node.loop.pressure_command
+    assert command is not None
+    bench.until(sender.get_subscription_count)
+    for _ in range(3):
+        sender.publish(FluidPressure(fluid_pressure=math.nan))
+    bench.until(lambda: command.refused == 3)
+    assert "; 3 commands refused, the last: actuation_pressure command of nan Pa refused" in judged.said()[
+        "actuation_pressure"]
+    sender.publish(FluidPressure(fluid_pressure=2e5))
+    bench.until(lambda: command.received == 1)
+    assert judged.said() == {}
+    publisher(bench, "second")
+    bench.until(lambda: command.subscription.get_publisher_count() == 2)
+    said = judged.said()["actuation_pressure publishers"]
+    assert said.startswith("2 publishers send commands and the newest command counts: 2 publishers on ")
+    assert "sender (reliable, volatile)" in said
+    assert "second (reliable, volatile)" in said
+    judged.node.loop.request(lambda: judged.node.loop.reset() and judged.node.loop.pause(True))
+    assert "actuation_pressure" not in judged.said()
+
+
+def test_lockstep_says_what_it_waits_for_and_since_when(bench: Any) -> None:
+    judged = begun(bench, pacing="lockstep", command_timeout=0.0)
+    sender = publisher(bench, "sender")
+    bench.until(sender.get_subscription_count)
+    sender.publish(FluidPressure(fluid_pressure=2e5))
+    bench.until(lambda: judged.node.loop.plant.stepper.tick == 1 and judged.node.loop.waits_for)
+    assert judged.said(7.0) == {
+        "actuation_pressure": "lock-step waits for a command that answers the state of 0.001 s; 1 publisher on "
+                              "/actuation_pressure: sender (reliable, volatile); since 7 s"}
+
+
+def test_subscribers_that_do_not_come_are_asked_for(bench: Any) -> None:
+    node = start(bench, scene="minimal", wait_for_subscribers=2)
+    listener(bench, JointState, "joint_states")
+    listener(bench, Int8, "stick_slip_state")
+    bench.until(lambda: node.loop.outputs.subscriptions()[0] == 1)
+    assert Judged(node).said(2.0)["subscribers"] == (
+        "the first tick waits for wait_for_subscribers 2; 1 subscriber of /joint_states there; since 2 s")
+
+
+def test_the_node_logs_it_once_a_second_at_most_and_diagnostics_carry_it(
+        bench: Any, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    heard = listener(bench, DiagnosticArray, "/diagnostics")
+    judged = begun(bench)
+    node, times = judged.node, iter([*(0.25 * k for k in range(9)), *[100.0] * 1000])
+    node._waiting = judged.waiting
+    node._throttle = Throttle(node, lambda: next(times))
+    judged.said()
+    capfd.readouterr()
+    for _ in range(9):
+        node._throttle.repeat("actuation_pressure", judged.waiting.sentences()["actuation_pressure"])
+    assert capfd.readouterr().err.count("no command on /actuation_pressure") == 3
+    publisher(bench, "hasty", reliability=ReliabilityPolicy.BEST_EFFORT)
+
+    def told() -> Any:
+        assert node.diagnostics is not None
+        node.diagnostics._due = 0.0
+        node.housekeeping()
+        values = {item.key: item.value for message in heard[-1:] for item in message.status[0].values}
+        return "hasty (best effort" in values.get("actuation_pressure publishers", "")
+
+    bench.until(told)
+    assert "no command on /actuation_pressure" in capfd.readouterr().err
