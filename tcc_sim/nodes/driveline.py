@@ -29,7 +29,8 @@ from tcc_sim.messages import cdr
 from tcc_sim.model.profile import START
 from tcc_sim.nodes import parameters, signals
 from tcc_sim.nodes.children import CLOCK_STARTED
-from tcc_sim.nodes.loop import Outcome, RealTimeLoop
+from tcc_sim.nodes.loop import RealTimeLoop
+from tcc_sim.nodes.loop_requests import Outcome
 from tcc_sim.nodes.middleware import DIAGNOSTICS, time_of
 from tcc_sim.nodes.process import Spinner, Throttle, log, run_node, warn
 from tcc_sim.nodes.waiting import Waiting

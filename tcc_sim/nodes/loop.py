@@ -17,11 +17,11 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass, field
 
 from rclpy.node import Node
 
 from tcc_sim.messages import cdr
+from tcc_sim.nodes.loop_requests import Outcome, Request
 from tcc_sim.nodes.loop_topics import CommandedInput, Outputs
 from tcc_sim.nodes.pacing import Pacer, attend, prepare_thread
 from tcc_sim.plant.driveline import Plant, Reading
@@ -35,39 +35,6 @@ LOOK = 0.02
 """Real time, s, between two looks for subscribers, and between two tries to send what a reader was too slow for."""
 LOCKSTEP_LOOK, LOCKSTEP_REST, LOCKSTEP_EAGER = 2e-5, 1e-3, 0.05
 """Real time, s, between two looks for a command in lock-step: at first, and after so many seconds in vain."""
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What came of a request: whether it was done, and else why not."""
-
-    done: bool
-    why: str = ""
-
-    def __bool__(self) -> bool:
-        return self.done
-
-
-@dataclass
-class Request:
-    """Something asked of the loop between two ticks. Who takes `claim` first does it or withdraws it; then `done` is
-    set.
-    """
-
-    action: Callable[[], bool]
-    claim: threading.Lock = field(default_factory=threading.Lock)
-    done: threading.Event = field(default_factory=threading.Event)
-    outcome: Outcome = Outcome(False)
-
-    def carry_out(self) -> None:
-        """Do it unless it was withdrawn; an action that fails is an answer, not the end of the loop."""
-        if not self.claim.acquire(blocking=False):
-            return
-        try:
-            self.outcome = Outcome(self.action())
-        except Exception as error:
-            self.outcome = Outcome(False, str(error) or type(error).__name__)
-        self.done.set()
 
 
 class RealTimeLoop:
