@@ -16,7 +16,7 @@ from typing import Any, TypeAlias
 from tcc_sim.errors import InputError
 from tcc_sim.model import parameters
 from tcc_sim.model.parameters import System
-from tcc_sim.model.quantity import PROFILES, Options, quantity
+from tcc_sim.model.quantity import PROFILES, Options, Quantity, quantity
 from tcc_sim.parameter_file import LARGEST_FILE, read_parameters
 
 DEFAULT_SCENE = "fig02"
@@ -53,7 +53,9 @@ class Operation(Options):
 OPERATION_QUANTITIES = Operation.quantities()
 """Every node option that a scene file may hold, with its meaning."""
 
-KNOWN_KEYS = [*parameters.QUANTITIES, *OPERATION_QUANTITIES]
+MEANINGS: dict[str, Quantity] = {**parameters.QUANTITIES, **OPERATION_QUANTITIES}
+"""Every scene key and node option with its meaning."""
+KNOWN_KEYS = list(MEANINGS)
 
 
 @dataclass(frozen=True)
@@ -226,6 +228,19 @@ def parse_scene(text: str, name: str) -> Scene:
     first = text.lstrip().splitlines()[0] if text.strip() else ""
     description = first.lstrip("# ").strip() if first.startswith("#") else ""
     return Scene(name, System(), Operation(), description).with_values(values)
+
+
+def meaning_of(key: str) -> Quantity:
+    """The meaning of a scene key or a node option.
+
+    Raises
+    ------
+    InputError
+        An unknown key; the nearest valid one is named.
+    """
+    if key not in MEANINGS:
+        raise parameters.unknown_key(key, KNOWN_KEYS)
+    return MEANINGS[key]
 
 
 def parse_assignments(assignments: list[str]) -> dict[str, object]:

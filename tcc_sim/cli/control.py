@@ -15,6 +15,7 @@ ACTIONS = {
     "resume": "let it go on",
     "step": "one tick while paused",
     "set": "change parameters, all or none",
+    "get": "print parameters with their units",
     "torque": "send an engine torque command, N m",
     "pressure": "send an actuation pressure command, Pa",
 }
@@ -28,6 +29,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action = actions.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
         if name == "set":
             action.add_argument("assignments", nargs="+", metavar="KEY=VALUE", help="scene keys and node options")
+        elif name == "get":
+            action.add_argument("keys", nargs="+", metavar="KEY", help="scene keys and node options")
         elif name in ("torque", "pressure"):
             action.add_argument("value", type=number(-math.inf, math.inf, ""), metavar="X", help="in SI units")
             action.add_argument("--rate", type=number(0.1, 1000.0, "Hz"), metavar="HZ",
@@ -38,9 +41,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Ask the driveline, print its answer."""
     from tcc_sim.nodes.children import require_ros
-    from tcc_sim.scene import parse_assignments
+    from tcc_sim.scene import meaning_of, parse_assignments
 
     values = parse_assignments(arguments.assignments) if arguments.action == "set" else {}
+    meanings = {key: meaning_of(key) for key in (arguments.keys if arguments.action == "get" else ())}
     require_ros()
     from tcc_sim.nodes.operator import operator
 
@@ -50,8 +54,11 @@ def run(arguments: argparse.Namespace) -> int:
         elif arguments.action in ("pause", "resume"):
             say(ask.pause(arguments.action == "pause"))
         elif arguments.action == "set":
-            ask.change(values)
-            say(", ".join(f"{key} {value}" for key, value in values.items()))
+            say(ask.change(values))
+        elif arguments.action == "get":
+            for key, value in ask.values(list(meanings)).items():
+                shown = list(value) if hasattr(value, "__iter__") and not isinstance(value, str) else value
+                say(f"{key} {shown}{f' {meanings[key].unit}' if meanings[key].unit else ''}")
         else:
             tell = partial(say, flush=True)  # Standard output may be a pipe.
             try:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -21,17 +21,24 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_srvs.srv import SetBool, Trigger
 
-from tcc_sim.errors import InputError, TccError
+from tcc_sim.errors import InputError, TccError, counted
 from tcc_sim.messages import cdr
 from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.nodes.middleware import COMMANDS, DIAGNOSTICS, message_class, poll, subscribe
 from tcc_sim.nodes.process import Spinner, node_of_command
+from tcc_sim.scene import meaning_of
 from tcc_sim.topics import FLUID_PRESSURE, topic
 
 FOUND_WITHIN = 4.0
 """Real time, s, that a driveline may take to be found and to answer."""
 HEARD_WITHIN = 1.5
-"""Real time, s, that the refusal of a command may take: the driveline says one a second."""
+"""Real time, s, that a command may take to be seen applied or refused where nothing counts it for certain."""
+NAMED_WITHIN = 0.3
+"""Real time, s, in which other drivelines of the domain are looked for."""
+COUNTED_WITHIN = 30.0
+"""Real time, s, that the driveline on a busy machine may take to count a command."""
+SMALL_PRESSURE = 1000.0
+"""Pa, below which a pressure may be meant in bar."""
 LISTENED_FOR = 0.5
 """Real time, s, in which states are heard where there are any; a driveline that is paused has none."""
 SETTLED = 1.0
@@ -57,27 +64,37 @@ class Operator:
         TccError
             No driveline answers, or it refuses; then in its own words.
         """
-        return _granted(self._call(Trigger, name, Trigger.Request()))
+        return _granted(self._call(Trigger, name, Trigger.Request())) + self._namesakes()
 
     def pause(self, paused: bool) -> str:
         """Call ~/pause; what the driveline says of it. Raises as `trigger`."""
-        return _granted(self._call(SetBool, "pause", SetBool.Request(data=paused)))
+        return _granted(self._call(SetBool, "pause", SetBool.Request(data=paused))) + self._namesakes()
 
-    def change(self, values: Mapping[str, object]) -> None:
-        """Set parameters, all or none.
+    def change(self, values: Mapping[str, object]) -> str:
+        """Set parameters, all or none; what was set.
 
         Raises
         ------
         InputError
-            The driveline refuses; in its own words.
+            A parameter cannot change while the node runs, or the driveline refuses; in its own words.
         TccError
             No driveline answers.
         """
+        for key, value in values.items():
+            if not meaning_of(key).live:
+                raise InputError(f"{key} cannot change while the driveline runs: start it again with --ros-args -p "
+                                 f"{key}:={value}, or with a parameter file")
         request = SetParametersAtomically.Request(parameters=[Parameter(key, value=_typed(value)).to_parameter_msg()
                                                               for key, value in values.items()])
         result = self._call(SetParametersAtomically, "set_parameters_atomically", request).result
         if not result.successful:
             raise InputError(result.reason or "the driveline refused the change without a reason")
+        return ", ".join(f"{key} {value}" for key, value in values.items()) + self._namesakes()
+
+    def values(self, keys: Sequence[str]) -> dict[str, Any]:
+        """Values of parameters. Raises TccError where no driveline answers."""
+        found = self._call(GetParameters, "get_parameters", GetParameters.Request(names=list(keys))).values
+        return {key: rclpy.parameter.parameter_value_to_python(value) for key, value in zip(keys, found)}
 
     def command(self, what: str, value: float, rate: float = 0.0, tell: Callable[[str], Any] = str) -> str:
         """Send a command, once or `rate` times a second until interrupted, which `tell` is told; what became of it.
@@ -92,16 +109,7 @@ class Operator:
         row = topic(COMMANDS_OF[what])
         unit = QUANTITIES[row.key].unit
         group = row.key.partition(".")[0]
-        heard: list[str] = []
-        began, logger = time.time_ns(), self._driveline.strip("/").replace("/", ".")
-
-        def listen(message: Log) -> None:
-            said = message.stamp.sec * 1_000_000_000 + message.stamp.nanosec
-            if said >= began and message.msg.startswith(f"{row.name} command") and message.name == logger:
-                heard.append(message.msg)
-
-        self._node.create_subscription(Log, "/rosout", listen,
-                                       QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+        heard = self._refusals(row.name)
         publisher = self._node.create_publisher(message_class(row.type), row.name, COMMANDS)
         if self._value(f"{group}.source") != "topic":
             raise InputError(f"{row.name}: the driveline takes this input from its scene ({group}.source: harmonic)")
@@ -110,10 +118,20 @@ class Operator:
         data = cdr.fluid_pressure(0, value) if row.type == FLUID_PRESSURE else cdr.float64(value)
         applied = self._applied(row.type)
         self._until(lambda: applied() is not None, LISTENED_FOR)
-        known = self._listeners(row.name)
-        self._until(all_met(lambda: (publisher.get_subscription_count(), known())), MET_WITHIN)
+        status = self._statuses()
+        known = int(status[-1].get(f"{row.name} listeners", 0)) if status else 0
+        self._until(all_met(lambda: (publisher.get_subscription_count(),
+                                     max(self._node.count_subscribers(row.name), known))), MET_WITHIN)
+        others = self._node.count_publishers(row.name) - 1
+        said = len(status)
         publisher.publish(data)
-        self._until(lambda: heard or applied() == value, HEARD_WITHIN)
+        answer = self._until(
+            lambda: "refused" if heard else "applied" if applied() == value else self._counted(row.name, status, said)
+            if not others else "", HEARD_WITHIN if others or not status else COUNTED_WITHIN)
+        if answer == "refused" and not heard:
+            heard.append(status[-1][f"{row.name} last refusal"])
+        if not answer and status and not others:
+            raise TccError(f"{self._driveline} has not taken the command within {COUNTED_WITHIN:g} s")
         # A recorder may be served later than the driveline.
         publisher.wait_for_all_acked(Duration(seconds=HEARD_WITHIN))
         if rate > 0.0 and not heard:
@@ -124,8 +142,42 @@ class Operator:
         if heard:
             raise InputError(heard[0])
         timeout = self._value("command_timeout")
-        held = f"for {timeout:g} s of simulated time (command_timeout)" if timeout else "until the next command"
-        return f"{row.name} {value:g} {unit}, held {held}"
+        end = f"for {timeout:g} s of simulated time (command_timeout)" if timeout else "until the next command"
+        held = f"held {end}"
+        notes = [f"{held}, once the driveline goes on: it is {status[-1]['regime']}" if answer == "waits" else held]
+        if not answer:
+            notes.append(f"not seen applied within {HEARD_WITHIN:g} s")
+        if others > 0:
+            notes.append(f"{counted(others, 'other publisher')} on {publisher.topic_name}: the newest command counts")
+        if what == "pressure" and 0.0 < abs(value) < SMALL_PRESSURE:
+            notes.append(f"the unit is Pa: {value:g} bar would be {value * 1e5:g}")
+        return f"{row.name} {value:g} {unit}, {'; '.join(notes)}{self._namesakes()}"
+
+    @staticmethod
+    def _counted(name: str, statuses: list[dict[str, str]], before: int) -> str:
+        """What the driveline's counts say of the one command sent since `before` statuses; empty as long as nothing."""
+        was, now = statuses[before - 1 if before else 0:][:1], statuses[before:][-1:]
+        for old, new in zip(was, now):
+            for count, word in (("refused", "refused"), ("received", "applied")):
+                if new[f"{name} {count}"] != old[f"{name} {count}"]:
+                    return word
+        # The first status may be of the time before the command.
+        still = len(statuses) > before + 1 and statuses[-1]["regime"] in ("paused", "waiting")
+        return "waits" if still else ""
+
+    def _refusals(self, name: str) -> list[str]:
+        """The driveline's own words for every command on a topic that it refuses from now on."""
+        heard: list[str] = []
+        began, logger = time.time_ns(), self._driveline.strip("/").replace("/", ".")
+
+        def listen(message: Log) -> None:
+            said = message.stamp.sec * 1_000_000_000 + message.stamp.nanosec
+            if said >= began and message.msg.startswith(f"{name} command") and message.name == logger:
+                heard.append(message.msg)
+
+        self._node.create_subscription(Log, "/rosout", listen,
+                                       QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+        return heard
 
     def _applied(self, command_type: str) -> Callable[[], float | None]:
         """Gives the input that the newest state applied, None where no state was heard since the last look; what others
@@ -142,33 +194,48 @@ class Operator:
 
         return newest
 
-    def _listeners(self, name: str) -> Callable[[], int]:
-        """Gives how many are known to subscribe to a command: here, and to the driveline, which has been there longer
-        and says it once a second. A recorder that has not met this node is missing here, and not there.
+    def _statuses(self) -> list[dict[str, str]]:
+        """What the driveline says on /diagnostics once a second from now on, the first of it here already; it names
+        more listeners than this node may have met. Empty where it says nothing there.
         """
-        said: list[int] = []
+        said: list[dict[str, str]] = []
 
         def take(message: DiagnosticArray) -> None:
             mine = (status for status in message.status if status.name == f"{self._driveline}: driveline")
-            said.extend(int(pair.value) for status in mine for pair in status.values if pair.key == f"{name} listeners")
+            said.extend({pair.key: pair.value for pair in status.values} for status in mine)
 
         self._node.create_subscription(DiagnosticArray, "/diagnostics", take, DIAGNOSTICS)
         if self._value("publish_diagnostics"):
             self._until(lambda: said, FOUND_WITHIN)
-        return lambda: max([self._node.count_subscribers(name), *said[-1:]])
+        return said
+
+    def _namesakes(self) -> str:
+        """Which driveline was asked, where there are others or several of one name."""
+        self._until(lambda: len(self._drivelines()) > 1, NAMED_WITHIN)
+        names = self._drivelines()
+        own, others = names.count(self._driveline), sorted(set(names) - {self._driveline})
+        notes = [f"; {own} nodes are called {self._driveline} and each has got this: give them namespaces"] * (own > 1)
+        notes += [f"; this was {self._driveline}, not {' or '.join(others)}"] * bool(others)
+        return "".join(notes)
+
+    def _drivelines(self) -> list[str]:
+        """Whole names of all driveline nodes that are known."""
+        found = self._node.get_node_names_and_namespaces()
+        return [f"{namespace.rstrip('/')}/{name}" for name, namespace in found if name == "driveline"]
 
     def _value(self, key: str) -> Any:
         """The value of a parameter of the driveline."""
-        found = self._call(GetParameters, "get_parameters", GetParameters.Request(names=[key])).values
-        return rclpy.parameter.parameter_value_to_python(found[0]) if found else None
+        return self.values([key]).get(key)
 
     def _call(self, kind: Any, name: str, request: Any) -> Any:
         """The answer of a service of the driveline."""
         client = self._node.create_client(kind, f"{self._driveline}/{name}")
         try:
             if not self._until(client.service_is_ready, FOUND_WITHIN):
+                others = " and ".join(sorted(set(self._drivelines()) - {self._driveline}))
                 raise TccError(f"no driveline answers at {self._driveline} within {FOUND_WITHIN:g} s "
-                               f"(ROS_DOMAIN_ID {os.environ.get('ROS_DOMAIN_ID', '0')})")
+                               f"(ROS_DOMAIN_ID {os.environ.get('ROS_DOMAIN_ID', '0')})"
+                               f"{f'; there is {others}: use --namespace' if others else ''}")
             future = client.call_async(request)
             if not self._until(future.done, FOUND_WITHIN):
                 raise TccError(f"{self._driveline} does not answer within {FOUND_WITHIN:g} s")
@@ -176,14 +243,14 @@ class Operator:
         finally:
             self._node.destroy_client(client)
 
-    def _until(self, predicate: Callable[[], object], limit: float) -> bool:
-        """Spin until the predicate holds; False after `limit` seconds."""
+    def _until(self, predicate: Callable[[], object], limit: float) -> object:
+        """Spin until the predicate holds, and give its value; False after `limit` seconds."""
         end = time.monotonic() + limit
-        while not predicate():
+        while not (found := predicate()):
             if time.monotonic() >= end:
                 return False
             self._spinner.once(min(0.05, max(0.0, end - time.monotonic())))
-        return True
+        return found
 
 
 def all_met(count: Callable[[], tuple[int, int]], clock: Callable[[], float] = time.monotonic) -> Callable[[], bool]:

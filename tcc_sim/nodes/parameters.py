@@ -11,13 +11,12 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from tcc_sim.errors import InputError
-from tcc_sim.model.parameters import QUANTITIES, unknown_key
+from tcc_sim.model.parameters import unknown_key
 from tcc_sim.model.quantity import Options, Quantity
 from tcc_sim.nodes.process import warn
-from tcc_sim.scene import DEFAULT_SCENE, KNOWN_KEYS, NODE_SCENE, OPERATION_QUANTITIES, Scene, load_scene
+from tcc_sim.scene import DEFAULT_SCENE, KNOWN_KEYS, MEANINGS, NODE_SCENE, OPERATION_QUANTITIES, Scene, load_scene
 
 Given = TypeVar("Given", bound=Options)
-ALL_QUANTITIES: dict[str, Quantity] = {**QUANTITIES, **OPERATION_QUANTITIES}
 TEXT = "scene_text"
 """The parameter that tells the scene as it is; it follows every change, so it cannot be one that is read-only."""
 BUILT_IN = ("use_sim_time", "start_type_description_service")
@@ -41,7 +40,7 @@ def declare(node: Node, scene: Scene | None = None) -> Scene:
     warn_of_unknown(node, ("scene", *KNOWN_KEYS))
     # ROS 2 has no type for an empty list.
     known = {name: [] if value is None else value.tolist() if hasattr(value, "tolist") else value
-             for name, value in given.items() if name in ALL_QUANTITIES}
+             for name, value in given.items() if name in MEANINGS}
     scene = base.with_values(known)
     if scene.system != base.system:
         scene = dataclasses.replace(scene, name=f"{base.name} with overrides",
@@ -49,7 +48,7 @@ def declare(node: Node, scene: Scene | None = None) -> Scene:
     text = ParameterDescriptor(read_only=True, description="the bundled scene or file that this node started from")
     node.declare_parameter("scene", base.name, text)
     for name, value in scene.values().items():
-        _declare(node, name, value, ALL_QUANTITIES[name])
+        _declare(node, name, value, MEANINGS[name])
     text = ParameterDescriptor(description="the scene with every override and change, as a parameter file; it cannot "
                                            "be set")
     node.declare_parameter(TEXT, scene.text(), text, ignore_override=True)

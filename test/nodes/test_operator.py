@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from waiting import until_or_ended
+from waiting import until, until_or_ended
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 import tcc_sim
 from tcc_sim.cli import main
-from tcc_sim.nodes.children import CLOCK_STARTED, NodeProcess
+from tcc_sim.nodes.children import CLOCK_STARTED, SENDING, NodeProcess
 from tcc_sim.topics import topic
 
 Control = Callable[..., tuple[int, str, str]]
@@ -70,15 +70,62 @@ def test_it_does_what_the_ros2_commands_do_and_refusals_are_the_nodes_own(
     assert (status, said) == (2, "tcc-sim: friction.kinetic_coefficient is 0.24; it must be at most "
                                  "friction.static_coefficient, 0.1\n")
     status, _, said = control("set", "driveline.stiffness=3")
-    assert (status, said) == (2, "tcc-sim: Trying to set a read-only parameter: driveline.stiffness.\n")
+    assert (status, said) == (2, "tcc-sim: driveline.stiffness cannot change while the driveline runs: start it again "
+                                 "with --ros-args -p driveline.stiffness:=3, or with a parameter file\n")
+    assert control("get", "engine.mean_torque", "rate", "friction.law", "engine.harmonic_amplitudes") == (
+        0, "engine.mean_torque 250.0 N m\nrate 50.0 Hz\nfriction.law smoothed\nengine.harmonic_amplitudes [] N m\n", "")
     status, out, _ = control("torque", "-50")
     assert (status, out) == (0, "engine_torque -50 N m, held until the next command\n")
+    status, out, _ = control("pressure", "1.2")
+    assert (status, out) == (0, "actuation_pressure 1.2 Pa, held until the next command; the unit is Pa: 1.2 bar "
+                                "would be 120000\n")
     status, _, said = control("pressure", "1e7")
     assert status == 2
     assert said.startswith("tcc-sim: actuation_pressure command of 1e+07 Pa refused: a ")
     assert "sub-steps" in said
     assert said.count("\n") == 1
     node.check()
+    control("pause")
+    status, out, _ = control("torque", "-60")
+    assert (status, out) == (0, "engine_torque -60 N m, held until the next command, once the driveline goes on: it is "
+                                "paused\n")
+
+
+class Told:
+    """An operator's statuses, as a driveline on a busy machine gives them."""
+
+    def __init__(self, *refused_received_regime: tuple[int, int, str]) -> None:
+        self.statuses = [{"engine_torque refused": str(refused), "engine_torque received": str(received),
+                          "regime": regime} for refused, received, regime in refused_received_regime]
+
+
+@pytest.mark.parametrize(("after", "word"), [
+    ([], ""), ([(1, 4, "slip")], ""), ([(2, 4, "slip")], "refused"),
+    ([(1, 4, "slip")] * 20 + [(1, 5, "slip")], "applied"),
+    ([(1, 4, "paused")], ""), ([(1, 4, "paused")] * 2, "waits"), ([(1, 4, "waiting")] * 2, "waits"),
+    ([(1, 4, "paused"), (2, 4, "paused")], "refused")])
+def test_a_command_is_judged_by_what_the_driveline_counts_and_not_by_the_time_that_it_takes(
+        after: list[tuple[int, int, str]], word: str) -> None:
+    from tcc_sim.nodes.operator import Operator
+
+    assert Operator._counted("engine_torque", Told((1, 4, "slip"), *after).statuses, 1) == word
+
+
+def test_other_publishers_and_other_drivelines_are_named(control: Control, driveline: Callable[..., NodeProcess],
+                                                         start: Callable[..., NodeProcess]) -> None:
+    driveline(scene="commands", rate=50.0)
+    sender = start("commander", rate=20.0)
+    sender.await_line(SENDING)
+    status, out, _ = control("torque", "310")
+    assert status == 0
+    assert "; 1 other publisher on /engine_torque: the newest command counts" in out
+    other = NodeProcess("driveline", {"scene": "minimal"}, dict(os.environ))
+    try:
+        other.await_line(CLOCK_STARTED)
+        until(lambda: control("pause") == (
+            0, "paused; 2 nodes are called /driveline and each has got this: give them namespaces\n", ""))
+    finally:
+        assert other.stop() == 0
 
 
 def test_single_commands_are_in_the_recording(control: Control, driveline: Callable[..., NodeProcess],
