@@ -80,8 +80,7 @@ def test_the_first_comment_is_the_description() -> None:
     ("pressure.mean: -1", ["pressure.mean is -1 Pa", "0 to 1e+07 Pa"]),
     ("friction.law: coulomb", ["friction.law is 'coulomb'", "smoothed or set_valued"]),
     ("friction.law: 3", ["friction.law is '3'", "smoothed or set_valued"]),
-    ("friction.kinetic_coefficient: 0.5",
-     ["friction.kinetic_coefficient is 0.5", "at most friction.static_coefficient, 0.3"]),
+    ("friction.kinetic_coefficient: 0.01", ["friction.kinetic_coefficient is 0.01; it must be 0.015 to 6"]),
     ("engine.harmonic_amplitudes: [1.0]", ["engine.harmonic_phases has 0 values", "engine.harmonic_amplitudes, 1"]),
     ("engine.harmonic_amplitudes: 1.0", ["engine.harmonic_amplitudes is 1.0", "list of numbers"]),
     ("engine.harmonic_amplitudes: [a]", ["engine.harmonic_amplitudes", "list of numbers"]),
@@ -196,5 +195,5 @@ def test_changed_keys_are_checked_together() -> None:
     assert changed.system.friction_ratio == pytest.approx(0.9 / 0.8, rel=1e-15)
     assert changed.operation.rate == 100.0
     assert scene.operation.rate == 1000.0
-    with pytest.raises(InputError, match="at most friction"):
-        scene.with_values({"friction.kinetic_coefficient": 0.8})
+    with pytest.raises(InputError, match=r"one twentieth to twenty times friction.static_coefficient"):
+        scene.with_values({"friction.static_coefficient": 0.01})

@@ -29,8 +29,9 @@ class DrivelineMotion:
         self._drift = terms.mean_torque
         self._drag = mean_load(system) * (system.friction_ratio if terms.stribeck and terms.stribeck[1] == 0.0 else 1.0)
         torques = abs(terms.mean_torque) + system.engine.torque_amplitude + sum(system.engine.harmonic_amplitudes)
-        plate = (torques + system.friction_ratio * peak_load(terms)) / terms.linear[3] * system.natural_frequency
-        self._swing = torques / terms.linear[0] * system.cycle + 4.0 * plate
+        torque = torques + system.largest_friction_ratio * peak_load(terms)
+        plate_speed = torque / terms.linear[3] * system.natural_frequency
+        self._swing = torques / terms.linear[0] * system.cycle + 4.0 * plate_speed
         """How far slip can swing within a few cycles about its mean, rad/s."""
 
     def sections(self, starts: Floats, first: int, cycles: int, orbits: Orbits = NO_ORBITS) -> Floats:

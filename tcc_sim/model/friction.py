@@ -71,7 +71,7 @@ def peak(sigma: float, stribeck: Stribeck) -> tuple[float, float]:
     excess, decay = stribeck
     if decay == 0.0:
         return math.inf, 1.0 + excess
-    if excess == 0.0:
+    if excess <= 0.0:
         return math.inf, 1.0
 
     step, rate = math.log(excess), math.log(4.0 * sigma / decay)

@@ -13,6 +13,8 @@ from tcc_sim.model.quantity import LATEST, Group, apart, quantity
 FIG02_PRESSURE = 500.0 / (0.24 * 0.08 * 0.1)
 """Mean pressure, Pa, at which Tsm = 500 N m with mu_k = 0.8 mu_s, as the caption of Fig. 2 states."""
 PRESSURE_MAXIMUM, TORQUE_MAXIMUM = 1e7, 1e5
+LARGEST_RATIO = 20.0
+"""Bound of mu_s/mu_k, and of mu_k/mu_s."""
 
 
 @dataclass(frozen=True)
@@ -32,20 +34,17 @@ class Friction(Group):
 
     law: str = quantity("smoothed", "friction law: (7) smoothed or (6) set_valued", choices=("smoothed", "set_valued"))
     static_coefficient: float = quantity(0.3, "static friction coefficient mu_s", "", 0.0, 2.0, above=True, live=True)
-    kinetic_coefficient: float = quantity(0.24, "kinetic friction coefficient mu_k, at most mu_s", "", 0.0, 2.0,
+    kinetic_coefficient: float = quantity(0.24, "kinetic friction coefficient mu_k, of fast slip", "", 0.0, 2.0,
                                           above=True, live=True)
     decay: float = quantity(2.0, "decay alpha of the friction coefficient with slip speed", "s/rad", 0.0, 1e3)
     smoothing: float = quantity(50.0, "smoothing factor sigma of law (7)", "s/rad", 1.0, 1e12)
 
     def check_together(self) -> None:
-        """Raise InputError unless mu_s/mu_k is 1 to 20."""
-        if self.kinetic_coefficient > self.static_coefficient:
-            raise InputError("friction.kinetic_coefficient is "
-                             f"{apart(self.kinetic_coefficient, self.static_coefficient)}; it must be at most "
-                             f"friction.static_coefficient, {apart(self.static_coefficient, self.kinetic_coefficient)}")
-        if self.static_coefficient > 20.0 * self.kinetic_coefficient:
-            raise InputError(f"friction.kinetic_coefficient is {self.kinetic_coefficient:g}; it must be at least one "
-                             f"twentieth of friction.static_coefficient, {self.static_coefficient:g}")
+        """Raise InputError unless mu_s/mu_k is 1/20 to 20."""
+        low, high = self.static_coefficient / LARGEST_RATIO, self.static_coefficient * LARGEST_RATIO
+        if not low <= self.kinetic_coefficient <= high:
+            raise InputError(f"friction.kinetic_coefficient is {apart(self.kinetic_coefficient, low, high)}; it must "
+                             f"be {low:g} to {high:g}, one twentieth to twenty times friction.static_coefficient")
 
 
 @dataclass(frozen=True)

@@ -94,8 +94,13 @@ class System:
 
     @property
     def friction_ratio(self) -> float:
-        """mu_s/mu_k, at least 1."""
+        """mu_s/mu_k: above 1 where friction falls with slip speed, below 1 where it rises."""
         return self.friction.static_coefficient / self.friction.kinetic_coefficient
+
+    @property
+    def largest_friction_ratio(self) -> float:
+        """The largest friction coefficient at any slip speed over mu_k, at least 1."""
+        return max(self.friction_ratio, 1.0)
 
     @property
     def torque_per_pressure(self) -> float:

@@ -49,7 +49,7 @@ def scalar_root(w: float, a: float, guess: float, sigma: Any, stribeck: Stribeck
     target = abs(w)
     ratio = 1.0
     if stribeck is not None:
-        ratio = 1.0 + stribeck[0]
+        ratio = 1.0 + max(stribeck[0], 0.0)
     elif (target - a) * sigma > SATURATED:
         # Slip with mu_k = mu_s: tanh is 1 to the last bit, and nothing is left to solve.
         return sign * (target - a), 0

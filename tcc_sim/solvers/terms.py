@@ -116,7 +116,7 @@ def _terms(system: System, profile: Floats | None, lead: float) -> Terms:
         mean_load=system.saturation_mean,
         pulsation=pulsation,
         smoothing=f.smoothing if f.law == "smoothed" else None,
-        stribeck=(ratio - 1.0, f.decay) if ratio > 1.0 else None,
+        stribeck=(ratio - 1.0, f.decay) if ratio != 1.0 else None,
         profile=None if profile is None else with_loads(profile, system.torque_per_pressure),
     )
 

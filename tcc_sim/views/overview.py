@@ -112,7 +112,7 @@ def _histories(torques: Any, slip: Any, tail: Trajectory, control: Control | Non
     if np.isfinite(load).any():
         ratio = tail.system.friction_ratio if tail.system is not None else 1.0
         torques.plot(t, load, color=style.GREY, linestyle=(0, (4, 2)), linewidth=0.9, label=r"$\mu_k N R$")
-        if ratio > 1.0:
+        if ratio != 1.0:
             torques.plot(t, ratio * load, color=style.GREY, linestyle=(0, (1, 1.5)), linewidth=0.9,
                          label=r"$\mu_s N R$")
     torques.set_ylabel("torque (N m)")

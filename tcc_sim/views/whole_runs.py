@@ -51,7 +51,7 @@ def manoeuvre(path: Path, run: Trajectory, width: float = style.PAGE, title: str
         line(torques, run.engine_torque, style.ORANGE, "engine")
         line(torques, run.friction_torque, style.BLUE, "friction")
         line(torques, run.saturation_torque, style.GREY, r"$\mu_k N R$", linestyle=(0, (4, 2)))
-        if run.system.friction_ratio > 1.0:
+        if run.system.friction_ratio != 1.0:
             line(torques, run.system.friction_ratio * run.saturation_torque, style.GREY, r"$\mu_s N R$",
                  linestyle=(0, (1, 1.5)))
         torques.set_ylabel("torque (N m)")

@@ -28,6 +28,7 @@ OTHERS = {
     "harmonics": ("fig02", {"engine.harmonic_amplitudes": [60.0, 0.0, 20.0],
                             "engine.harmonic_phases": [0.3, 0.0, 1.0]}),
     "sharp": ("fig02", {"friction.smoothing": 1e6, "friction.kinetic_coefficient": 0.3}),
+    "rising": ("fig02", {"friction.kinetic_coefficient": 0.4}),
     "clamped": ("fig02", {"pressure.mean": 1e5, "pressure.amplitude": 2e5, "pressure.frequency_ratio": 0.7}),
     "profiles": ("fig02", {
         "engine.frequency_times": [0.0, 0.2, 0.7005], "engine.frequency_values": [100.0, 180.0, 150.0],
@@ -42,15 +43,13 @@ def lockstep(name: str, values: dict[str, object] | None = None) -> Scene:
 
 
 def drawn(draw: np.random.Generator, scene: Scene) -> dict[str, object]:
-    """A change of some live keys, which keep their order of size."""
+    """A change of some live keys."""
     live = [key for key, quantity in QUANTITIES.items() if quantity.live and f"{key}_times" not in scene.system.varying]
     base = {key: float(scene.value(key)) for key in live}  # type: ignore[arg-type]
     changed = {key: base[key] * float(draw.uniform(0.7, 1.3)) for key in draw.choice(live, 3, replace=False)}
     if draw.random() < 0.3:
         changed |= {"engine.torque_amplitude": 0.0, "pressure.amplitude": float(draw.choice([0.0, 4e4]))}
-    static, kinetic = (changed.get(f"friction.{name}_coefficient", base[f"friction.{name}_coefficient"])
-                       for name in ("static", "kinetic"))
-    return {**changed, "friction.static_coefficient": static, "friction.kinetic_coefficient": min(kinetic, static)}
+    return changed
 
 
 def differing(scene: Scene, unpacked: Path, ticks: int, change_every: int) -> int:

@@ -48,15 +48,17 @@ def test_a_law_that_never_falls_has_no_peak() -> None:
     assert peak(50.0, (0.25, 0.0)) == (math.inf, 1.25)
     assert stick_speed(50.0, None) == pytest.approx(math.atanh(0.99) / 50.0)
     assert stick_speed(50.0, (0.25, 0.0)) == pytest.approx(math.atanh(0.99) / 50.0)
+    assert peak(50.0, (-0.25, 2.0)) == (math.inf, 1.0)
+    assert stick_speed(50.0, (-0.25, 2.0)) == pytest.approx(math.atanh(0.99) / 50.0)
 
 
-def test_the_kinetic_coefficient_may_be_a_twentieth_of_the_static_one_and_no_less() -> None:
-    assert replace(System(), {"friction.static_coefficient": 0.5,
-                              "friction.kinetic_coefficient": 0.025}).friction_ratio == 20.0
-    with pytest.raises(InputError, match=r"friction.kinetic_coefficient is 0.025; it must be at least one twentieth of "
-                                         r"friction.static_coefficient, 0.5"):
-        replace(System(), {"friction.static_coefficient": 0.5,
-                           "friction.kinetic_coefficient": math.nextafter(0.025, 0.0)})
+@pytest.mark.parametrize(("static", "kinetic"), [(0.5, 0.025), (0.1, 2.0)])
+def test_the_coefficients_are_at_most_a_factor_of_twenty_apart(static: float, kinetic: float) -> None:
+    keys = ("friction.static_coefficient", "friction.kinetic_coefficient")
+    assert replace(System(), dict(zip(keys, (static, kinetic)))).friction_ratio == static / kinetic
+    further = math.nextafter(static, math.inf if static > kinetic else 0.0)
+    with pytest.raises(InputError, match=r"friction.kinetic_coefficient is .*; it must be .*, one twentieth to twenty"):
+        replace(System(), dict(zip(keys, (further, kinetic))))
 
 
 def test_the_mean_saturation_torque_of_figure_2_is_500() -> None:

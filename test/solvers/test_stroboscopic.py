@@ -30,6 +30,7 @@ CASES = {
     "harmonics": {"engine.harmonic_amplitudes": (100.0, 50.0), "engine.harmonic_phases": (0.3, 1.0),
                   "pressure.amplitude": 30e3},
     "r = 2": {MU_K: 0.15, "pressure.mean": 300e3, "pressure.amplitude": 50e3},
+    "r = 0.7": {MU_K: 0.43, "pressure.mean": 150e3, "pressure.amplitude": 50e3},
     "stick": {"pressure.mean": 600e3, "pressure.amplitude": 20e3},
 }
 START = np.array([3.0, 0.1, 2.0])

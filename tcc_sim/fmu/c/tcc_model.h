@@ -189,7 +189,7 @@ static void tcc_terms_of(const double *x, int profile, tcc_origin origin, Terms 
         t->pulsation._2 = x[at_pressure_phase] + origin.lead;
     }
     t->smoothing = x[at_friction_smoothing];
-    if (ratio > 1.0) {
+    if (ratio != 1.0) {
         t->stribeck.has = 1;
         t->stribeck._0 = ratio - 1.0;
         t->stribeck._1 = x[at_friction_decay];
@@ -280,7 +280,7 @@ static int tcc_past_nearest(double v, double sigma, double excess, double decay)
 static double tcc_stick_speed(const Terms *t)
 {
     double sigma = t->smoothing, excess = t->stribeck._0, decay = t->stribeck._1, low = 0.0, high, middle;
-    if (!t->stribeck.has || decay == 0.0 || excess == 0.0) return atanh(0.99) / sigma;
+    if (!t->stribeck.has || decay == 0.0 || excess <= 0.0) return atanh(0.99) / sigma;
     high = 20.0 / sigma + (log(sigma + decay) - log(decay)) / sigma;
     if (!(tcc_fall(high, sigma, excess, decay) > 0.0)) {
         if (decay <= 2.0 * sigma || excess <= 1.0) return atanh(0.99) / sigma;
@@ -318,9 +318,9 @@ static tcc_answer tcc_prepare(tcc_plant *p)
     Terms terms;
     int flags, points = TCC_FREQUENCY_POINTS + TCC_TORQUE_POINTS + TCC_PRESSURE_POINTS;
     if (!m->changed) return TCC_OK;
-    if (sliding > fixed || fixed > 20.0 * sliding)
-        return tcc_say(p, TCC_DISCARD, "friction.kinetic_coefficient is %g; it must be one twentieth of "
-                       "friction.static_coefficient, %g, to all of it", sliding, fixed);
+    if (sliding < fixed / 20.0 || sliding > fixed * 20.0)
+        return tcc_say(p, TCC_DISCARD, "friction.kinetic_coefficient is %g; with friction.static_coefficient %g it must be "
+                       "one twentieth of it to twenty times it", sliding, fixed);
     if (tcc_increasing(p, at_engine_frequency_times, TCC_FREQUENCY_POINTS) != TCC_OK
         || tcc_increasing(p, at_engine_mean_torque_times, TCC_TORQUE_POINTS) != TCC_OK
         || tcc_increasing(p, at_pressure_mean_times, TCC_PRESSURE_POINTS) != TCC_OK) return TCC_DISCARD;

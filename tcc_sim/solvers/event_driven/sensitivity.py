@@ -154,7 +154,7 @@ def unresolved(rows: Any, stribeck: Stribeck) -> bool:
     """Whether the last terms of exp(-alpha |v|) over the step count, where mu_s - mu_k is too small for the motion to
     show them.
     """
-    if stribeck is None or stribeck[0] > SMALL:
+    if stribeck is None or abs(stribeck[0]) > SMALL:
         return False
     last = max(abs(rows[EXCESS, FALLING_ORDER - 2]), abs(rows[EXCESS, FALLING_ORDER - 1]))
     return bool(last > CONVERGED * abs(rows[EXCESS, 0]))

@@ -65,14 +65,14 @@ def bounds_of(terms: Terms, period: float, rtol: float) -> Bounds:
     """The constants of a system whose engine cycle is `period`, for a relative tolerance."""
     flywheel, plate, damping, stiffness = terms.linear
     ratio = 1.0 + (terms.stribeck[0] if terms.stribeck is not None else 0.0)
-    torque = max(abs(terms.mean_torque) + torque_swing(terms) + ratio * peak_load(terms), 1e-300)
+    torque = max(abs(terms.mean_torque) + torque_swing(terms) + max(ratio, 1.0) * peak_load(terms), 1e-300)
     tolerance = 1e-12 * torque
     scale = torque / math.sqrt(stiffness * plate)
     excitation = excitation_frequency(terms)
     truncation, far = EXACT, 0.0
     if terms.stribeck is not None:
         truncation = max(SHARE * rtol, EXACT)
-        far = max(math.log(terms.stribeck[0] / (FAR_SHARE * rtol)), 1.0) / terms.stribeck[1]
+        far = max(math.log(abs(terms.stribeck[0]) / (FAR_SHARE * rtol)), 1.0) / terms.stribeck[1]
 
     def stiff(inertia: float) -> bool:
         """Whether the fast part dies down long before the slow part and the excitation have changed."""

@@ -171,7 +171,7 @@ def slip_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, mea
             friction = sign * drive.load * (1.0 + excess)
             pull = friction - linear[2] * state.plate_speed - linear[3] * state.plate_angle
             acceleration = abs((drive.torque - friction) / linear[0] - pull / linear[1])
-            slope = (1.0 / linear[0] + 1.0 / linear[1]) * drive.load * stribeck[1] * excess
+            slope = (1.0 / linear[0] + 1.0 / linear[1]) * drive.load * stribeck[1] * abs(excess)
             unit = 1.0 / (bounds.slip_rate + stribeck[1] * acceleration + slope)
             expand_excitation(rows, order, unit, state.tau, True, mean_torque, waves, mean_load, pulsation, None, drive)
             series.expand(order, rows, unit, linear, sign, pulsation, decay, excess, None, None, None)

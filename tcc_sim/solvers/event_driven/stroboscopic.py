@@ -126,7 +126,7 @@ def longest_step(bounds: Bounds, linear: Linear, load: float, stribeck: Stribeck
         inertia += linear[0]
     rate = max(math.sqrt(linear[3] / inertia) + linear[2] / inertia, fastest)
     if stribeck is not None and mode != STICK and mode != FREE and abs(state.slip_speed) <= 1.01 * bounds.far:
-        fall = stribeck[1] * stribeck[0] * math.exp(-stribeck[1] * abs(state.slip_speed))
+        fall = stribeck[1] * abs(stribeck[0]) * math.exp(-stribeck[1] * abs(state.slip_speed))
         return FALLING_REACH / (rate + fall * load * (1.0 / linear[0] + 1.0 / linear[1]))
     return LINEAR_REACH / rate
 
@@ -320,5 +320,5 @@ def exact_bounds(terms: Terms, system: System, rtol: float, numbers: Floats) -> 
     if terms.stribeck is None or not (numbers[EXCESS_RATIO].any() or numbers[DECAY].any()):
         return bounds_of(terms, system.cycle, rtol)
     excess, decay = terms.stribeck
-    wide = bounds_of(terms._replace(stribeck=(max(excess, 1.0), decay)), system.cycle, rtol)
+    wide = bounds_of(terms._replace(stribeck=(max(abs(excess), 1.0), decay)), system.cycle, rtol)
     return wide._replace(ratio=1.0 + excess)

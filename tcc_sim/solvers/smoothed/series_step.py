@@ -131,7 +131,7 @@ def exponential_length(rows: Any, order: int, x: float, place: Place, v: float, 
                        stribeck: Stribeck) -> float:
     """`converging_length` for the exponential that varies most in the region."""
     if place.region == FALLING and stribeck is not None:
-        return float(converging_length(rows, order, x, place.sign, stribeck[0], stribeck[1], strength,
+        return float(converging_length(rows, order, x, place.sign, abs(stribeck[0]), stribeck[1], strength,
                                        place.slip_tolerance))
     if place.region == LAYER and sigma * abs(v) > TAIL_OF_TANH:
         return float(converging_length(rows, order, x, place.sign, 2.0, 2.0 * sigma, strength, place.slip_tolerance))

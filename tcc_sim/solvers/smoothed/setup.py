@@ -112,9 +112,10 @@ def limits_of(terms: Terms, own: Terms, period: float, rtol: float, excess: floa
     stick_speed = stick_speed_of(own)
     creep_speed, peak = friction.peak(sigma, own.stribeck)
     if not math.isfinite(creep_speed):
-        creep_speed, peak = math.atanh(1.0 - FLAT_PEAK) / sigma, (1.0 - FLAT_PEAK) * peak
+        creep_speed = math.atanh(1.0 - FLAT_PEAK) / sigma
+        peak = float(friction.smoothed(creep_speed, sigma, own.stribeck))
     layer = max(min(0.5 * math.log(2.0 / (TANH_LEFT_OUT * rtol)), 19.0) / sigma, 1.01 * stick_speed)
-    far = layer if stribeck is None else far_of(max(stribeck[0], excess), stribeck[1], rtol, layer)
+    far = layer if stribeck is None else far_of(max(abs(stribeck[0]), excess), stribeck[1], rtol, layer)
     torques = largest_mean_torque(terms) + torque_swing(terms) + peak_load(terms)
     speed = torques / math.sqrt(stiffness * i2)
     beta = 1.0 / i1 + 1.0 / i2
