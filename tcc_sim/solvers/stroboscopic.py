@@ -11,8 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tcc_sim.model.parameters import System
+from tcc_sim.solvers.changes import LANES
 from tcc_sim.solvers.compiling.compiled import fast
-from tcc_sim.solvers.key_derivatives import EXCESS_RATIO, LOAD_AMPLITUDE, TORQUE_AMPLITUDE, key_derivatives
+from tcc_sim.solvers.key_derivatives import EXCESS_RATIO, LOAD_AMPLITUDE, NUMBERS, TORQUE_AMPLITUDE, key_derivatives
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.trajectory import NO_ORBITS, Floats, Orbits
 
@@ -63,6 +64,7 @@ class Prepared(ABC):
 
     changes : (len(NUMBERS), P) `key_derivatives`
     terms : the scene's, and those that it has not but that there are derivatives by
+    by : (groups, len(NUMBERS), LANES) `changes`, columns in lanes behind those of the state
     period, count : engine cycle, s; columns of the derivatives
     fastest : rate of the fastest sine by whose amplitude there are derivatives, rad/s, 0 for none: no step is longer
         than its series hold, for the motion need not show it
@@ -81,6 +83,9 @@ class Prepared(ABC):
         if terms.stribeck is None and self.changes[EXCESS_RATIO].any():
             terms = terms._replace(stribeck=(0.0, system.friction.decay))
         self.terms = terms
+        self.by = np.zeros((-(-self.count // LANES), len(NUMBERS), LANES))
+        for k in range(3, self.count):
+            self.by[k // LANES, :, k % LANES] = self.changes[:, k - 3]
 
     def over(self, state: Floats, start: float, end: float, margins: bool = False) -> Stroboscopic:
         """From the phase `start` to the phase `end`, in engine cycles; see `stroboscopic_map`."""

@@ -22,10 +22,12 @@ from tcc_sim.solvers.bernstein import (
     slope_changes,
     to_bernstein,
 )
+from tcc_sim.solvers.changes import LANES, OF_ENGINE, OF_LOAD, changed_at, linear_of
 from tcc_sim.solvers.compiling.compiled import fast
-from tcc_sim.solvers.event_driven.sensitivity import LANES, Rates
+from tcc_sim.solvers.compiling.unrolled import Changing, unrolled
 from tcc_sim.solvers.event_driven.step import DOWNWARD, UPWARD, Step
-from tcc_sim.solvers.series import ANGLE, ENGINE, LOAD, SLIP, SPEED, sine_and_cosine
+from tcc_sim.solvers.excitation import Pulsation
+from tcc_sim.solvers.series import SLIP
 from tcc_sim.trajectory import FREE, STICK
 
 GRAZING, ARRIVAL, STUCK = range(3)
@@ -81,34 +83,26 @@ def smallest_dip(c: Any, row: int, degree: int, x_end: float, sign: float, below
     return below, place
 
 
-@fast
-def torque_change(number: Any, plate_angle: float, plate_speed: float, engine: float, engine_change: float,
-                  angle_change: float, speed_change: float, linear: Linear) -> float:
-    """Derivative of the interface torque lambda = (I2 Te + I1 (C23 theta2' + K23 theta2))/(I1 + I2) in stick's form."""
-    flywheel, plate, damping, stiffness = linear
-    both = flywheel + plate
-    spring = damping * plate_speed + stiffness * plate_angle
-    torque = (plate * engine + flywheel * spring) / both
-    inertia_change = number[of.FLYWHEEL_INERTIA] + number[of.PLATE_INERTIA]
-    spring_change = (number[of.DAMPING] * plate_speed + number[of.STIFFNESS] * plate_angle
-                     + damping * speed_change + stiffness * angle_change)
-    return float((number[of.PLATE_INERTIA] * engine + number[of.FLYWHEEL_INERTIA] * spring + plate * engine_change
-                  + flywheel * spring_change - torque * inertia_change) / both)
+def arrival_change(out: Any, now: Any, by: Any, angle: Any, speed: Any, engine: Any, load: Any, sines: Any,
+                   amplitude: Any, ratio: Any, side: Any, linear: Linear) -> None:
+    """What r Ts + side * lambda changes by at constant phase, lambda in stick's form; text for `unrolled`."""
+    flywheel, plate, damping, stiffness = linear_of(linear, by)
+    sine, load_sine, load_cosine = sines
+    spring = damping * Changing(speed, now.row(2)) + stiffness * Changing(angle, now.row(1))
+    engine = Changing(engine, by.row(of.MEAN_TORQUE) + by.row(of.TORQUE_AMPLITUDE) * sine)
+    load = Changing(load, by.row(of.MEAN_LOAD) + by.row(of.LOAD_AMPLITUDE) * load_sine
+                    + by.row(of.LOAD_PHASE) * (amplitude * load_cosine))
+    torque = (plate * engine + flywheel * spring) / (flywheel + plate)
+    out.set_row((Changing(ratio, by.row(of.EXCESS_RATIO)) * load + Changing(side) * torque).change, 0)
 
 
-@fast
-def lane_value(series: Any, which: int, lane: int, order: int, s: float) -> float:
-    """A disturbance within a step, at the share s of its length."""
-    out = 0.0
-    for k in range(order, -1, -1):
-        out = out * s + series[3 * k + which, lane]
-    return out
+change_arrival = unrolled(arrival_change)
 
 
 @fast
 def note_step(mode: int, order: int, x: float, rows: Any, least: Any, places: Any,
               workspace: Any) -> bool:
-    """Look for smaller margins within a step; True where there is one, at the share places[.] of the step's length."""
+    """Look for smaller margins within a step; True where there is one, at places[.] of the step."""
     places[GRAZING] = -1.0
     places[STUCK] = -1.0
     if mode == STICK:
@@ -116,51 +110,36 @@ def note_step(mode: int, order: int, x: float, rows: Any, least: Any, places: An
             value, at = smallest_dip(rows, row, order, x, 1.0, least[STUCK, VALUE], workspace)
             if at > 0.0:
                 least[STUCK, VALUE] = value
-                places[STUCK] = at / x
+                places[STUCK] = at
                 places[ARRIVAL] = 1.0 if row == UPWARD else -1.0
     elif mode != FREE:
         value, at = smallest_dip(rows, SLIP, order, x, float(mode), least[GRAZING, VALUE], workspace)
         if at > 0.0 and value > 0.0:
             least[GRAZING, VALUE] = value
-            places[GRAZING] = at / x
+            places[GRAZING] = at
     return bool(places[GRAZING] > 0.0 or places[STUCK] > 0.0)
 
 
 @fast
-def excitation_change(number: Any, tau: float, shift: float, rates: Rates) -> tuple[float, float]:
-    """Derivatives of Te and Ts by a disturbance, tau seconds into the cycle."""
-    sine, _ = sine_and_cosine(rates.engine * tau)
-    load_sine, load_cosine = sine_and_cosine(rates.load * tau + shift)
-    engine = number[of.MEAN_TORQUE] + number[of.TORQUE_AMPLITUDE] * sine
-    return engine, (number[of.MEAN_LOAD] + number[of.LOAD_AMPLITUDE] * load_sine
-                    + number[of.LOAD_PHASE] * rates.amplitude * load_cosine)
-
-
-@fast
-def note_gradient(mode: int, step: Step, block: int, tau: float, shift: float, rates: Rates, numbers: Any,
-                  linear: Linear, ratio: float, work: Any, least: Any, places: Any) -> None:
-    """Derivatives of the margins that `note_step` has found in a step from `tau`, by the disturbances of a block."""
-    order, length = step.degree, step.x * step.unit
+def note_gradient(mode: int, order: int, block: int, group: Any, rows: Any, least: Any, places: Any) -> None:
+    """Derivatives of the margins that `note_step` has found in a step, by the disturbances of a group."""
     for lane in range(LANES):
         column = GRADIENT + block * LANES + lane
         if places[GRAZING] > 0.0:
-            least[GRAZING, column] = mode * lane_value(work.series, 0, lane, order, places[GRAZING])
+            least[GRAZING, column] = mode * changed_at(group, SLIP, lane, order, order, places[GRAZING], rows)
         if places[STUCK] > 0.0:
-            s, number = places[STUCK], numbers[block * LANES + lane]
-            engine, load = excitation_change(number, tau + s * length, shift, rates)
-            need = torque_change(number, polynomial.value(work.rows, ANGLE, order, s),
-                                 polynomial.value(work.rows, SPEED, order, s),
-                                 polynomial.value(work.rows, ENGINE, order, s), engine,
-                                 lane_value(work.series, 1, lane, order, s),
-                                 lane_value(work.series, 2, lane, order, s), linear)
-            strength = ratio * load + number[of.EXCESS_RATIO] * polynomial.value(work.rows, LOAD, order, s)
-            least[STUCK, column] = strength - places[ARRIVAL] * need
+            row = UPWARD if places[ARRIVAL] > 0.0 else DOWNWARD
+            least[STUCK, column] = changed_at(group, row, lane, order, order, places[STUCK], rows)
 
 
 @fast
-def note_arrival(mode: int, state: Any, drive: Any, rates: Rates, numbers: Any,
-                 linear: Linear, ratio: float, columns: Any, least: Any) -> None:
-    """The margin where slip in direction `mode` ends, before the disturbances are taken over."""
+def note_arrival(mode: int, step: Step, state: Any, drive: Any, linear: Linear, ratio: float, groups: Any,
+                 sines: Any, pulsation: Pulsation, room: Any, least: Any) -> None:
+    """The margin where slip in direction `mode` ends with a step, before the disturbances are taken over.
+
+    sines : coefficients of `changes.expand_sines` over that step
+    room : (LANES,) to work in
+    """
     flywheel, plate, damping, stiffness = linear
     both = flywheel + plate
     spring = damping * state.plate_speed + stiffness * state.plate_angle
@@ -176,11 +155,12 @@ def note_arrival(mode: int, state: Any, drive: Any, rates: Rates, numbers: Any,
              + mode * (plate * drive.torque_rate + flywheel * stiffness * state.plate_speed) / both)
     least[ARRIVAL, GROWS] = 1.0 if still + mode * flywheel * damping * stuck_rate / both > 0.0 else 0.0
     rate = still + mode * flywheel * damping * speed_rate / both
-    for b in range(columns.shape[0]):
+    sine = polynomial.value(sines, OF_ENGINE, step.degree, step.x)
+    load_sine, slope = polynomial.value_and_slope(sines, OF_LOAD, step.degree, step.x)
+    now = sine, load_sine, slope / (pulsation[1] * step.unit)
+    for b in range(groups.shape[0]):
+        group = groups[b]
+        change_arrival(0, room, group.now, group.by, state.plate_angle, state.plate_speed, drive.torque, drive.load,
+                       now, pulsation[0], ratio, float(mode), linear)
         for lane in range(LANES):
-            number = numbers[b * LANES + lane]
-            engine, load = excitation_change(number, state.tau, state.shift, rates)
-            need = torque_change(number, state.plate_angle, state.plate_speed, drive.torque, engine,
-                                 columns[b, 1, lane], columns[b, 2, lane], linear)
-            least[ARRIVAL, GRADIENT + b * LANES + lane] = (ratio * load + number[of.EXCESS_RATIO] * drive.load
-                                                           + mode * need - rate / slip_rate * columns[b, 0, lane])
+            least[ARRIVAL, GRADIENT + b * LANES + lane] = room[lane] - rate / slip_rate * group.now[0, lane]

@@ -44,7 +44,7 @@ class Step(NamedTuple):
     """How far the slip speed moves at most, rad/s."""
 
 
-def stuck(rows: Any, unit: Any, linear: Linear, ratio: Any, pulsation: Any) -> Iterator[int]:
+def stuck(rows: Any, unit: Any, linear: Any, ratio: Any, pulsation: Any) -> Iterator[int]:
     """Coefficients of flywheel and plate as one, and of the margins to breakaway; text for `unrolled`.
 
     (I1 + I2) theta2'' + C23 theta2' + K23 theta2 = Te, and lambda = (I2 Te + I1 (C23 theta2' + K23 theta2))/(I1 + I2).

@@ -19,41 +19,24 @@ from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.bernstein import WORKSPACE
+from tcc_sim.solvers.changes import CHANGES, LANES, changed_at, end_changes, expand_sines, hold_phase
 from tcc_sim.solvers.compiling.compiled import compiled, fast
 from tcc_sim.solvers.event_driven.integrate import begin, finish, step_on
 from tcc_sim.solvers.event_driven.margins import (
     GRADIENT,
     VALUE,
-    lane_value,
     note_arrival,
     note_gradient,
     note_step,
     smallest_dip,
 )
-from tcc_sim.solvers.event_driven.sensitivity import (
-    LANES,
-    VARIATION,
-    Rates,
-    add_force,
-    expand_disturbed,
-    friction_change,
-    land,
-    scale_step,
-    unresolved,
-)
+from tcc_sim.solvers.event_driven.sensitivity import carry, land, unresolved
 from tcc_sim.solvers.event_driven.setup import COUNTERS, STATE, UNKNOWN, Bounds, Memory, Setup, Work, bounds_of
 from tcc_sim.solvers.event_driven.step import FALLING_ORDER, SHAPE, Step, monotone
 from tcc_sim.solvers.excitation import DRIVE, load_phase, waves_of
 from tcc_sim.solvers.kept import DONE, EVENT_LIMIT, MOVE, NOT_FINITE, OUTPUT, STEP_LIMIT, note_move
-from tcc_sim.solvers.key_derivatives import (
-    DECAY,
-    EXCESS_RATIO,
-    LOAD_AMPLITUDE,
-    LOAD_PHASE,
-    NUMBERS,
-    TORQUE_AMPLITUDE,
-)
-from tcc_sim.solvers.series import SLIP
+from tcc_sim.solvers.key_derivatives import DECAY, EXCESS_RATIO
+from tcc_sim.solvers.series import COLUMNS, SLIP
 from tcc_sim.solvers.stroboscopic import Prepared, Stroboscopic
 from tcc_sim.solvers.terms import Terms
 from tcc_sim.trajectory import FREE, STICK, Floats, event_sequence
@@ -76,46 +59,20 @@ SLOWEST = 1e-30
 
 
 class Disturbed(NamedTuple):
-    """Disturbances of a motion, in blocks of LANES.
+    """Disturbances of a motion.
 
-    numbers : (lanes, numbers of the equations) a disturbance's share in each of them
-    columns : (blocks, 3, LANES) the disturbances of slip speed, plate angle and plate speed
-    heights, climbs : (n,), (n, blocks, LANES) the largest |slip speed| of every cycle, and how it changes
+    groups : array of CHANGES
+    sines, room : those of `changes.expand_sines`, and room for `margins.note_arrival`
+    fastest : `stroboscopic.Prepared.fastest`
+    heights, climbs : (n,), (n, groups, LANES) the largest |slip speed| of every cycle, and how it changes
     """
 
-    numbers: Any
-    columns: Any
+    groups: Any
+    sines: Any
+    room: Any
+    fastest: float
     heights: Any
     climbs: Any
-
-
-@fast
-def vary(mode: int, falls: bool, order: int, length: float, rates: Rates, terms: Terms, numbers: Any,
-         block: int, columns: Any, work: Any) -> None:
-    """Take a block of disturbances over a step whose series are in `work.rows`."""
-    for i in range(3):
-        for lane in range(LANES):
-            work.lanes[i, lane] = columns[block, i, lane]
-    for lane in range(LANES):
-        number = numbers[block * LANES + lane]
-        idle = True
-        for i in range(number.shape[0]):
-            idle = idle and number[i] == 0.0
-        if idle:
-            for k in range(3 * order):
-                work.force[k, lane] = 0.0
-        else:
-            friction_change(mode if mode != FREE else 0, order, number, rates, length, terms.stribeck, falls, work.rows)
-            add_force(mode, order, length, terms.linear, number, lane, work.rows, work.force)
-    if falls:
-        expand_disturbed(order, work.lanes, work.force, work.series, work.rows, length, terms.linear, True, True)
-    elif mode == STICK:
-        expand_disturbed(order, work.lanes, work.force, work.series, work.rows, length, terms.linear, None, None)
-    else:
-        expand_disturbed(order, work.lanes, work.force, work.series, work.rows, length, terms.linear, True, None)
-    for i in range(3):
-        for lane in range(LANES):
-            columns[block, i, lane] = work.lanes[i, lane]
 
 
 @fast
@@ -133,9 +90,7 @@ def longest_step(bounds: Bounds, linear: Linear, load: float, stribeck: Stribeck
 
 @fast
 def note_height(mode: int, step: Step, rows: Any, height: float, workspace: Any) -> tuple[float, float, float]:
-    """The largest |slip speed| so far after a step, its place as a share of the step, and its sign; place -1 where it
-    lies before.
-    """
+    """The largest |slip speed| so far after a step, its place in it, and its sign; place -1 where it lies before."""
     place, sign = -1.0, 0.0
     if mode == STICK or abs(rows[SLIP, 0]) + step.reach <= height:
         return height, place, sign
@@ -148,90 +103,88 @@ def note_height(mode: int, step: Step, rows: Any, height: float, workspace: Any)
         if not one_way:
             value, at = smallest_dip(rows, SLIP, step.degree, step.x, -side, -height, workspace)
             if at > 0.0:
-                height, place, sign = -value, at / step.x, side
+                height, place, sign = -value, at, side
         if side * end > height:
-            height, place, sign = side * end, 1.0, side
+            height, place, sign = side * end, step.x, side
     return height, place, sign
 
 
 @fast
-def note_start(n: int, v: float, columns: Any, heights: Any, climbs: Any) -> None:
+def note_start(n: int, v: float, groups: Any, heights: Any, climbs: Any) -> None:
     """The height of a cycle at its start."""
     heights[n] = abs(v)
-    for block in range(columns.shape[0]):
+    for block in range(groups.shape[0]):
         for lane in range(LANES):
-            climbs[n, block, lane] = math.copysign(1.0, v) * columns[block, 0, lane]
+            climbs[n, block, lane] = math.copysign(1.0, v) * groups[block].now[0, lane]
 
 
 @compiled
-def resolved_step(until: float, setup: Setup, rates: Rates, memory: Memory,
-                  work: Any) -> tuple[Step, float, float, bool]:
-    """The next step, no longer than the series of disturbances hold, with what they take of it in `work`.
-
-    Returns
-    -------
-    The step, its length (s), the time that it was to reach (s into the cycle), whether the friction coefficient varies.
+def resolved_step(until: float, setup: Setup, fastest: float, memory: Memory,
+                  room: Any) -> tuple[Step, float, bool]:
+    """The next step, no longer than the series of disturbances hold; the time that it was to reach (s into the cycle),
+    and whether the friction coefficient varies in it.
     """
     bounds, terms, waves, _, _ = setup
     state, drive, counters, _, (rows, workspace, _, _) = memory
-    mode, tau, shift = state.mode, state.tau, state.shift
-    goal = min(until, tau + longest_step(bounds, terms.linear, terms.mean_load + rates.amplitude, terms.stribeck,
-                                          rates.fastest, state))
+    mode, tau = state.mode, state.tau
+    amplitude: float = terms.pulsation[0]  # type: ignore[index]
+    goal = min(until, tau + longest_step(bounds, terms.linear, terms.mean_load + amplitude, terms.stribeck, fastest,
+                                          state))
     while True:
         step = step_on(bounds, terms, waves, state, drive, goal, rows, None, None, workspace)
         counters.steps += 1
-        length = step.x * step.unit
         falls = False
         if terms.stribeck is not None:
             falls = step.degree == FALLING_ORDER and mode != STICK and mode != FREE
-        if length > 0.0:
-            scale_step(mode, falls, step.degree, step.x, rows, rates, tau, shift, length, terms.pulsation,
-                       terms.stribeck, work.rows)
-        if not (falls and length > 0.0 and unresolved(work.rows, terms.stribeck)):
-            return step, length, goal, falls
-        goal = tau + SHORTER * length
+        if not (falls and step.x > 0.0 and unresolved(step, mode, terms.stribeck, rows, room)):
+            return step, goal, falls
+        goal = tau + SHORTER * step.x * step.unit
 
 
 @compiled
-def integrate_disturbed(first: int, passes: int, tail: float, setup: Setup, rates: Rates, memory: Memory, moves: Any,
-                        disturbed: Disturbed, wanted: bool, least: Any, work: Any, places: Any) -> int:
+def integrate_disturbed(first: int, passes: int, tail: float, setup: Setup, memory: Memory, moves: Any,
+                        disturbed: Disturbed, wanted: bool, least: Any, places: Any) -> int:
     """From `state.tau` seconds into cycle `first` over `passes` ends of cycles to `tail` seconds behind the last one.
 
     wanted, least : whether margins are looked for, and where they are kept
-    work, places : a record of VARIATION and an array (3) to work in
+    places : an array (3) to work in
     """
     bounds, terms, waves, ratio, _ = setup
     state, drive, counters, output, (rows, workspace, _, _) = memory
-    numbers, columns, heights, climbs = disturbed
+    groups, sines, room, fastest, heights, climbs = disturbed
     period, n = bounds.period, 0
     total = passes + (1 if tail > 0.0 else 0)
     state.shift = load_phase(ratio, terms.pulsation, first)
     begin(bounds, terms, waves, state, drive)
     state.first_mode = state.mode
     if state.mode == STICK:
-        columns[:, 0, :] = 0.0
-    note_start(0, state.slip_speed, columns, heights, climbs)
+        for block in range(groups.shape[0]):
+            groups[block].now[0, :] = 0.0
+    note_start(0, state.slip_speed, groups, heights, climbs)
     while n < total:
-        until = period if n < passes else tail
-        mode, tau, shift = state.mode, state.tau, state.shift
-        step, length, goal, falls = resolved_step(until, setup, rates, memory, work)
+        until, mode = period if n < passes else tail, state.mode
+        step, goal, falls = resolved_step(until, setup, fastest, memory, sines[0])
+        length, degree = step.x * step.unit, step.degree
         if not step.x >= 0.0:
             return NOT_FINITE
         if counters.steps > bounds.steps * total:
             return STEP_LIMIT
         if length > 0.0:
-            found = wanted and note_step(mode, step.degree, step.x, rows, least, places, workspace)
+            found = wanted and note_step(mode, degree, step.x, rows, least, places, workspace)
             heights[n], peak, side = note_height(mode, step, rows, heights[n], workspace)
             if mode == STICK:
                 output.stick_time += length
-            for block in range(columns.shape[0]):
-                vary(mode, falls, step.degree, length, rates, terms, numbers, block, columns, work)
+            expand_sines(sines, degree + 1, step.unit, waves, terms.pulsation, drive)
+            for block in range(groups.shape[0]):
+                group = groups[block]
+                carry(mode, falls, step, bounds.ratio, terms, group, sines, rows, terms.pulsation, terms.stribeck)
                 if peak > 0.0:
                     for lane in range(LANES):
-                        climbs[n, block, lane] = side * lane_value(work.series, 0, lane, step.degree, peak)
+                        climbs[n, block, lane] = side * changed_at(group, SLIP, lane, degree, degree, peak, rows)
                 if found:
-                    note_gradient(mode, step, block, tau, shift, rates, numbers, terms.linear, bounds.ratio, work,
-                                  least, places)
+                    note_gradient(mode, degree, block, group, rows, least, places)
+                end_changes(group, degree, step.x)
+                hold_phase(group, degree, step.x, rows)
         event = finish(bounds, terms, waves, step, goal, state, drive, rows, None)
         if not abs(state.slip_speed) + abs(state.plate_angle) + abs(state.plate_speed) < math.inf:
             return NOT_FINITE
@@ -241,8 +194,9 @@ def integrate_disturbed(first: int, passes: int, tail: float, setup: Setup, rate
                 return EVENT_LIMIT
             if mode != STICK and mode != FREE and state.mode != FREE and length > 0.0:
                 if wanted:
-                    note_arrival(mode, state, drive, rates, numbers, terms.linear, bounds.ratio, columns, least)
-                if not land(mode, state.mode, state, drive, bounds.ratio, terms.linear, columns):
+                    note_arrival(mode, step, state, drive, terms.linear, bounds.ratio, groups, sines,
+                                 terms.pulsation, room, least)
+                if not land(mode, state.mode, state, drive, bounds.ratio, terms.linear, groups):
                     return DEGENERATE
         if state.tau >= until:
             n += 1
@@ -250,7 +204,7 @@ def integrate_disturbed(first: int, passes: int, tail: float, setup: Setup, rate
                 state.tau -= period
                 state.load_edge -= period
                 state.shift = load_phase(ratio, terms.pulsation, first + n)
-                note_start(n, state.slip_speed, columns, heights, climbs)
+                note_start(n, state.slip_speed, groups, heights, climbs)
     return DONE
 
 
@@ -268,18 +222,12 @@ class SetValued(Prepared):
                              f"driveline.plate_inertia it decays at {bounds.slip_rate:.3g} 1/s, and the derivatives of "
                              f"the set-valued motion, which follow that decay, take more than {bounds.steps} steps a "
                              "cycle; those of friction.law smoothed step over it")
-        rate, pressure = system.engine.frequency, system.pressure
-        self.rates = Rates(rate, pressure.frequency_ratio * rate, system.saturation_amplitude,
-                           bool(numbers[TORQUE_AMPLITUDE].any()), bool(numbers[LOAD_AMPLITUDE:LOAD_PHASE + 1].any()),
-                           self.fastest)
+        pressure = system.pressure
         if terms.pulsation is None:
-            terms = terms._replace(pulsation=(0.0, self.rates.load, pressure.phase))
+            terms = terms._replace(pulsation=(0.0, pressure.frequency_ratio * system.engine.frequency, pressure.phase))
         # The engine's sines are in the waves, and one compiled kernel serves with and without a pulsating load.
         self.setup = Setup(bounds, terms._replace(torque=None, harmonics=None, smoothing=None), waves,
                            pressure.frequency_ratio, EVENTS_PER_CYCLE)
-        self.blocks = -(-self.count // LANES)
-        self.numbers = np.zeros((self.blocks * LANES, len(NUMBERS)))
-        self.numbers[3:self.count] = numbers.T
 
     def each(self, states: Floats, starts: Sequence[float], ends: Sequence[float],
              margins: bool = False) -> list[Stroboscopic]:
@@ -291,22 +239,22 @@ class SetValued(Prepared):
         first, last = math.floor(start), math.floor(end)
         tail = (end - last) * self.period
         n = last - first + (1 if tail > 0.0 else 0)
-        columns = np.zeros((self.blocks, 3, LANES))
-        columns[0, 0, 0] = columns[0, 1, 1] = columns[0, 2, 2] = 1.0
-        work, at, drive, counters, output = (np.zeros(1, kind) for kind in (VARIATION, STATE, DRIVE, COUNTERS, OUTPUT))
+        groups = np.zeros(len(self.by), CHANGES)
+        groups["by"], groups["now"][0, :, :3] = self.by, np.eye(3)
+        at, drive, counters, output = (np.zeros(1, kind) for kind in (STATE, DRIVE, COUNTERS, OUTPUT))
         at[0] = (state[0], state[1], state[2], 0.0, UNKNOWN, (start - first) * self.period, 0.0, math.inf, 0, UNKNOWN,
                  0.0)
-        moves, least = np.zeros(EVENTS_PER_CYCLE * n, MOVE), np.zeros((3, GRADIENT + self.blocks * LANES))
+        moves, least = np.zeros(EVENTS_PER_CYCLE * n, MOVE), np.zeros((3, GRADIENT + len(groups) * LANES))
         least[:, VALUE] = np.inf
-        heights, climbs = np.zeros(n), np.zeros((n, self.blocks, LANES))
+        heights, climbs = np.zeros(n), np.zeros((n, len(groups), LANES))
         memory = Memory(at[0], drive[0], counters[0], output[0], Work(np.zeros(SHAPE), np.zeros(WORKSPACE), None, None))
-        ended = integrate_disturbed(first, last - first, tail, self.setup, self.rates, memory, moves,
-                                    Disturbed(self.numbers, columns, heights, climbs), margins, least, work[0],
+        disturbed = Disturbed(groups, np.zeros((2, COLUMNS)), np.zeros(LANES), self.fastest, heights, climbs)
+        ended = integrate_disturbed(first, last - first, tail, self.setup, memory, moves, disturbed, margins, least,
                                     np.zeros(3))
         if ended != DONE:
             raise NumericalFailure(f"event_driven: {WHY[ended]}")
         last_state, seen = at[0], moves[:int(output[0]["moves"])]
-        derivative, peaks = columns.transpose(1, 0, 2).reshape(3, -1), climbs.reshape(n, -1)
+        derivative, peaks = groups["now"].transpose(1, 0, 2).reshape(3, -1), climbs.reshape(n, -1)
         return Stroboscopic(
             np.array([last_state["slip_speed"], last_state["plate_angle"], last_state["plate_speed"]]),
             derivative[:, :self.count],

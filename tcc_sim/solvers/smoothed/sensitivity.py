@@ -20,11 +20,12 @@ from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers import key_derivatives as of
 from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.bernstein import BERNSTEIN
+from tcc_sim.solvers.changes import LANES, changed_at, end_changes, hold_phase
 from tcc_sim.solvers.collocation import DEGREE, FROM_ANGLE, FROM_SPEED, NODES, TERMS, TO_CHEBYSHEV, C, Tables
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.rungs import fill_plate
 from tcc_sim.solvers.series import ANGLE, SLIP, SPEED
-from tcc_sim.solvers.smoothed.sensitivity_series import LANES, carry_series
+from tcc_sim.solvers.smoothed.sensitivity_series import carry_series
 from tcc_sim.solvers.smoothed.series_step import LocalFriction, law_here
 from tcc_sim.solvers.smoothed.setup import SERIES, Limits, Memory, Step
 from tcc_sim.solvers.stages import LAYER, Place, eliminate_rows, law_at_nodes
@@ -163,13 +164,8 @@ def end_collocation(tangent: Any, level: int, x: float, whole: bool, limits: Lim
 
 
 @fast
-def slip_change(group: Any, lane: int, order: int, x: float, series: bool, shared: Any) -> float:
-    """Change of the slip speed at x, at constant time; a collocation step has been looked at there."""
-    if series:
-        out = group.rows[0, order, lane]
-        for k in range(order - 1, -1, -1):
-            out = out * x + group.rows[0, k, lane]
-        return float(out)
+def slip_change(group: Any, lane: int, shared: Any) -> float:
+    """Change of the slip speed at the place at which a collocation step has been looked at, at constant time."""
     out = shared.slip[0] * group.now[0, lane]
     for n in range(NODES):
         out += shared.slip[n + 1] * group.nodes[lane, n]
@@ -217,8 +213,11 @@ def carry_peak(tangent: Any, order: int, degree: int, low: float, high: float, s
     for i in range(tangent.groups.shape[0]):
         group = tangent.groups[i]
         for lane in range(LANES):
-            group.peak[lane] = sign * (slip_change(group, lane, order, at, series, shared)
-                                       - group.by[of.LOG_FREQUENCY, lane] * at * slope)
+            if series:
+                group.peak[lane] = sign * changed_at(group, SLIP, lane, order, degree, at, rows)
+            else:
+                group.peak[lane] = sign * (slip_change(group, lane, shared)
+                                           - group.by[of.LOG_FREQUENCY, lane] * at * slope)
 
 
 @fast
@@ -305,20 +304,7 @@ def carry(tangent: Any, method: int, place: Place, friction: LocalFriction, step
     if not series:
         end_collocation(tangent, level, x, whole, limits, tables)
     for i in range(tangent.groups.shape[0]):
-        group = tangent.groups[i]
-        now, by = group.now, group.by
         if series:
-            for c in range(3):
-                for lane in range(LANES):
-                    now[c, lane] = group.rows[c, order, lane]
-                for k in range(order - 1, -1, -1):
-                    for lane in range(LANES):
-                        now[c, lane] = now[c, lane] * x + group.rows[c, k, lane]
-        if group.forced != 0:
-            slip, angle, speed = (polynomial.value_and_slope(rows, SLIP, degree, x)[1],
-                                  polynomial.value_and_slope(rows, ANGLE, degree, x)[1],
-                                  polynomial.value_and_slope(rows, SPEED, degree, x)[1])
-            for lane in range(LANES):
-                now[0, lane] -= by[of.LOG_FREQUENCY, lane] * x * slip
-                now[1, lane] -= by[of.LOG_FREQUENCY, lane] * x * angle
-                now[2, lane] -= by[of.LOG_FREQUENCY, lane] * x * speed
+            end_changes(tangent.groups[i], order, x)
+        if tangent.groups[i].forced != 0:
+            hold_phase(tangent.groups[i], degree, x, rows)

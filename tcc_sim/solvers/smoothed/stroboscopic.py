@@ -17,11 +17,12 @@ import numpy as np
 from tcc_sim.errors import NumericalFailure
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import collocation
+from tcc_sim.solvers.changes import CHANGES, LANES
 from tcc_sim.solvers.compiling.compiled import Partial, fast
 from tcc_sim.solvers.kept import CYCLE, DONE, MOVE, STATUSES, Store
-from tcc_sim.solvers.key_derivatives import EXCESS_RATIO, NUMBERS
+from tcc_sim.solvers.key_derivatives import EXCESS_RATIO
 from tcc_sim.solvers.smoothed.integrate import integrate
-from tcc_sim.solvers.smoothed.sensitivity_series import CHANGES, LANES, SHARED, Tangent
+from tcc_sim.solvers.smoothed.sensitivity_series import SHARED, Tangent
 from tcc_sim.solvers.smoothed.setup import Limits, Memory, Setup
 from tcc_sim.solvers.smoothed.solve import KINDS, setup_of
 from tcc_sim.solvers.smoothed.switching import CALM, PATIENCE, SETTLED
@@ -150,12 +151,9 @@ class Smoothed(Prepared):
         self.setup = setup_of(system, terms, rtol, 1.0 if changes[EXCESS_RATIO].any() else 0.0)
         ladder = collocation.ladder_of(self.setup.limits.fastest, self.period)
         self.torque = collocation.response(terms.linear, *ladder).torque
-        limits, groups = self.setup.limits, math.ceil(self.count / LANES)
+        limits, groups = self.setup.limits, len(self.by)
         self.reach = SINE * limits.resolved / self.fastest if self.fastest > 0.0 else math.inf
         self.forced = [(1 << self.count) - 8 >> LANES * k & (1 << LANES) - 1 for k in range(groups)]
-        self.by = np.zeros((groups, len(NUMBERS), LANES))
-        for k in range(3, self.count):
-            self.by[k // LANES, :, k % LANES] = changes[:, k - 3]
 
     def each(self, states: Floats, starts: Sequence[float], ends: Sequence[float],
              margins: bool = False) -> list[Stroboscopic]:
