@@ -10,17 +10,19 @@ after the start of a step the torques change by s Te'(s) d(omega)/omega, and tim
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from tcc_sim.model.equations import Linear
+from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers import key_derivatives as of
 from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.collocation import NODES
 from tcc_sim.solvers.compiling.compiled import fast
-from tcc_sim.solvers.compiling.unrolled import Changing, unrolled
+from tcc_sim.solvers.compiling.unrolled import Changing, Shares, unrolled
 from tcc_sim.solvers.excitation import Pulsation
 from tcc_sim.solvers.key_derivatives import DECAY, EXCESS_RATIO, NUMBERS, SMOOTHING
 from tcc_sim.solvers.series import (
@@ -56,12 +58,24 @@ peak : of the largest |slip speed| of the cycle
 
 OF_ENGINE, OF_LOAD = range(2)
 """Rows of the sines whose amplitudes are changed: the first of Te, and that of Ts."""
+COEFFICIENT, FRICTION = range(2)
+"""Rows of `law`: mubar and Ts mubar."""
+OF_SLIP, OF_EXCESS, OF_DECAY, OF_SMOOTHING = range(4)
+"""Columns of `slopes`: what the law changes by."""
+NUMBERS_OF_LAW = {OF_EXCESS: EXCESS_RATIO, OF_DECAY: DECAY, OF_SMOOTHING: SMOOTHING}
+
+ALONG = np.dtype([("sines", np.float64, (2, COLUMNS)), ("law", np.float64, (2, COLUMNS)),
+                  ("slopes", np.float64, (COLUMNS, 4)), ("shaped", np.int64)])
+"""What all lanes share over a Taylor step: coefficients of `expand_sines` and of `law_along`; whether alpha or sigma
+changes.
+"""
 
 
 class Rows:
     """Rows of coefficients with what they change by, given those of the state now, `now`, and of numbers, `by`.
 
-    What is written is the change alone: the values are there. Te and Ts change at constant time.
+    The code writes the change alone: the values are there. Te and Ts change at constant time. No number changes where
+    `by` is None.
     """
 
     def __init__(self, rows: Any, changes: Any, now: Any, by: Any, sines: Any, unit: Any, pulsation: Any) -> None:
@@ -73,19 +87,20 @@ class Rows:
 
     def __getitem__(self, key: tuple[int, int]) -> Changing:
         if key not in self.known:
-            self.known[key] = self._of_engine(key[1]) if key[0] == ENGINE else self._of_load(key[1])
+            self.known[key] = self._driven(*key)
         return Changing(self.rows[key], self.known[key])
 
     def __setitem__(self, key: tuple[int, int], number: Changing) -> None:
         self.known[key] = number.change
         self.changes.set_row(number.change, *key)
 
-    def _of_engine(self, k: int) -> Any:
-        by, change = self.by, self.by.row(of.TORQUE_AMPLITUDE) * self.sines[OF_ENGINE, k]
-        return change + (by.row(of.LOG_FREQUENCY) * (k * self.rows[ENGINE, k]) if k else by.row(of.MEAN_TORQUE))
-
-    def _of_load(self, k: int) -> Any:
+    def _driven(self, row: int, k: int) -> Any:
         by = self.by
+        if by is None:
+            return None
+        if row == ENGINE:
+            change = by.row(of.TORQUE_AMPLITUDE) * self.sines[OF_ENGINE, k]
+            return change + (by.row(of.LOG_FREQUENCY) * (k * self.rows[ENGINE, k]) if k else by.row(of.MEAN_TORQUE))
         change = by.row(of.LOG_FREQUENCY) * (k * self.rows[LOAD, k]) if k else by.row(of.MEAN_LOAD)
         if self.turn is None:
             return change
@@ -93,37 +108,44 @@ class Rows:
         return change + (by.row(of.LOAD_AMPLITUDE) * self.sines[OF_LOAD, k] + by.row(of.LOAD_PHASE) * cosine)
 
 
+def changing(number: Any, by: Any, which: int) -> Changing:
+    """One of the numbers of `key_derivatives` with what it changes by."""
+    return Changing(number, None if by is None else by.row(which))
+
+
 def linear_of(linear: Linear, by: Any) -> tuple[Changing, ...]:
     """I1, I2, C23 and K23 with what they change by."""
-    return tuple(Changing(number, by.row(i)) for i, number in enumerate(linear))
+    return tuple(changing(number, by, i) for i, number in enumerate(linear))
 
 
-def changed_motion(rows: Any, changes: Any, now: Any, by: Any, sines: Any, unit: Any, linear: Linear, sign: Any,
-                   pulsation: Any, decay: Any, excess: Any, factor: Any, sigma: Any, tanh: Any,
-                   sech: Any) -> Iterator[int]:
-    """What changes in `series.motion`: equations (2) as they stand, their values being those of `rows`.
+def law_along(rows: Any, law: Any, slopes: Any, shaped: Any, sign: Any, pulsation: Any, stribeck: Any, factor: Any,
+              sigma: Any, tanh: Any, sech: Any) -> Iterator[int]:
+    """Coefficients of mubar and of Ts mubar along a motion, and what the latter changes by; staged function.
 
     A function of the slip speed changes by the series of its derivative times that of v: dF = F d(-alpha |v|),
     dT = (1 - T^2) d(sigma v).
 
     Parameters
     ----------
-    rows, changes, now, by, sines : the motion's coefficients, `rows`, `now` and `by` of CHANGES, `expand_sines`
-    decay, excess, factor : alpha, r - 1 and F = exp(-alpha |v|); None where it does not vary
+    rows, law : the motion's coefficients, and rows COEFFICIENT and FRICTION
+    slopes : (COLUMNS, 4) columns OF_...; those of alpha and sigma are 0 where `shaped` is None
+    sign : of the slip speed
+    stribeck, factor : (r - 1, alpha) and F = exp(-alpha |v|); None where it does not vary
     sigma, tanh, sech : sigma, T = tanh(sigma v) and 1 - T^2; None where it does not vary
     """
-    moving, side, time = Rows(rows, changes, now, by, sines, unit, pulsation), Changing(sign), Changing(unit)
-    flywheel, plate, damping, stiffness = linear_of(linear, by)
-    per_flywheel, per_plate = time / flywheel, time / plate
-    weighted, f, t, s = [0.0], [factor], [tanh], [sech]
-    bent, turned, fallen, rising, law, load = ([] for _ in range(6))
-    if decay is not None:
-        rate, share = -side * Changing(decay, by.row(DECAY)), Changing(excess, by.row(EXCESS_RATIO))
+    if stribeck is None and sigma is None:
+        return
+    decays, sharpens = (None, None) if shaped is None else (Shares({OF_DECAY: 1.0}), Shares({OF_SMOOTHING: 1.0}))
+    weighted, f, t, s, side = [0.0], [factor], [tanh], [sech], Changing(sign)
+    bent, turned, fallen, load = ([] for _ in range(4))
+    rising: list[Any] = []
+    mubar: list[Any] = []
+    if stribeck is not None:
+        share, rate = Changing(stribeck[0], Shares({OF_EXCESS: 1.0})), Changing(stribeck[1], decays) * -side
     if sigma is not None:
-        sharpness = Changing(sigma, by.row(SMOOTHING))
-    last = ORDER_MAXIMUM if decay is None and sigma is None else FRICTION_ORDER_MAXIMUM
-    for k in range(last):
-        v, x, u = moving[SLIP, k], moving[ANGLE, k], moving[SPEED, k]
+        sharpness = Changing(sigma, sharpens)
+    for k in range(FRICTION_ORDER_MAXIMUM):
+        v = Changing(rows[SLIP, k], Shares({OF_SLIP: 1.0} if k == 0 else {}))
         if k > 0:
             weighted.append(float(k) * v.value)
         if sigma is None:
@@ -131,18 +153,55 @@ def changed_motion(rows: Any, changes: Any, now: Any, by: Any, sines: Any, unit:
         else:
             if k > 0:
                 hyperbolic(sigma, weighted, t, s, k)
-            turned.append((sharpness * v).change)
-            rising.append(Changing(t[k], product(s, turned, k)))
-        law.append(rising[k])
-        if decay is not None:
+            turned.append((v * sharpness).change)
+            rising.append(Changing(t[k], product(turned, s, k)))
+        mubar.append(rising[k])
+        if stribeck is not None:
             if k > 0:
                 exponential(rate.value, weighted, f, k)
-            bent.append((rate * v).change)
-            fallen.append(Changing(f[k], product(f, bent, k)))
-            law[k] = law[k] + share * product(fallen, rising, k)
-        load.append(moving[LOAD, k] if k == 0 or pulsation is not None else 0.0)
-        friction, part = product(load, law, k), 1.0 / (k + 1)
-        pull = friction - damping * u - stiffness * x
+            bent.append((v * rate).change)
+            fallen.append(Changing(f[k], product(bent, f, k)))
+            mubar[k] = mubar[k] + product(fallen, rising, k) * share
+        load.append(rows[LOAD, k] if k == 0 or pulsation is not None else 0.0)
+        friction: Any = product(mubar, load, k)
+        law[COEFFICIENT, k], law[FRICTION, k] = mubar[k].value, friction.value
+        for cause in range(4):
+            slopes[k, cause] = friction.change.get(cause, 0.0)
+        if k % 2 == 1 and k >= 7:
+            yield k + 1
+
+
+def changed_motion(rows: Any, changes: Any, now: Any, by: Any, sines: Any, law: Any, slopes: Any, unit: Any,
+                   linear: Linear, sign: Any, pulsation: Any, stribeck: Any, sigma: Any) -> Iterator[int]:
+    """The change of `series.motion`: equations (2), with the values of `rows`; staged function.
+
+    Parameters
+    ----------
+    rows, changes, now, by, sines : the motion's coefficients, `rows`, `now` and `by` of CHANGES, `expand_sines`
+    law, slopes : see `law_along`
+    stribeck, sigma : None where the exponential, or tanh, does not vary; mubar is `sign` where both are None
+    """
+    moving, time = Rows(rows, changes, now, by, sines, unit, pulsation), Changing(unit)
+    flywheel, plate, damping, stiffness = linear_of(linear, by)
+    per_flywheel, per_plate = time / flywheel, time / plate
+    varies = stribeck is not None or sigma is not None
+    slope, slip, mubar, load = ([] for _ in range(4))
+    for k in range(FRICTION_ORDER_MAXIMUM if varies else ORDER_MAXIMUM):
+        x, u = moving[ANGLE, k], moving[SPEED, k]
+        load.append(moving[LOAD, k] if k == 0 or pulsation is not None else Changing(0.0))
+        if varies:
+            slope.append(slopes[k, 0])
+            slip.append(moving[SLIP, k].change)
+            mubar.append(law[COEFFICIENT, k])
+            change = product(slope, slip, k)
+            if by is not None:
+                change = change + product(mubar, [0.0 if p.change is None else p.change for p in load], k)
+                for cause, number in NUMBERS_OF_LAW.items():
+                    change = change + by.row(number) * slopes[k, cause]
+            friction = Changing(law[FRICTION, k], change)
+        else:
+            friction = load[k] * sign
+        part, pull = 1.0 / (k + 1), friction - damping * u - stiffness * x
         moving[SLIP, k + 1] = part * (per_flywheel * (moving[ENGINE, k] - friction) - per_plate * pull)
         moving[SPEED, k + 1] = part * per_plate * pull
         moving[ANGLE, k + 1] = part * time * u
@@ -150,7 +209,43 @@ def changed_motion(rows: Any, changes: Any, now: Any, by: Any, sines: Any, unit:
             yield k + 1
 
 
-expand_changes = unrolled(changed_motion)
+def ending(now: Any, changes: Any, x: Any) -> Iterator[int]:
+    """The changes of the state at x of a step, into `now`; staged function."""
+    power, ends = x, [changes.row(row, 0) for row in range(3)]
+    for k in range(1, COLUMNS):
+        ends = [end + changes.row(row, k) * power for row, end in enumerate(ends)]
+        power = power * x
+        if k % 2 == 0 and k >= 8:
+            for row, end in enumerate(ends):
+                now.set_row(end, row)
+            yield k
+
+
+expand_law, expand_changes, end_changes = unrolled(law_along), unrolled(changed_motion), unrolled(ending)
+
+
+@fast
+def carry_slip(order: int, unit: float, sign: float, groups: Any, along: Any, rows: Any, linear: Linear,
+               pulsation: Pulsation, stribeck: Stribeck, sigma: float | None, tanh: float, sech: float) -> None:
+    """Coefficients of all changes over a step in slip, or near v = 0; `stribeck` and `sigma` as in `changed_motion`.
+
+    along : record of ALONG, whose sines are filled
+    """
+    factor, law, slopes = 0.0, along.law, along.slopes
+    if stribeck is not None:
+        factor = math.exp(-stribeck[1] * sign * rows[SLIP, 0])
+    if along.shaped != 0:
+        expand_law(order, rows, law, slopes, True, sign, pulsation, stribeck, factor, sigma, tanh, sech)
+    else:
+        expand_law(order, rows, law, slopes, None, sign, pulsation, stribeck, factor, sigma, tanh, sech)
+    for i in range(groups.shape[0]):
+        group = groups[i]
+        if group.forced != 0:
+            expand_changes(order, rows, group.rows, group.now, group.by, along.sines, law, slopes, unit, linear, sign,
+                           pulsation, stribeck, sigma)
+        else:
+            expand_changes(order, rows, group.rows, group.now, None, along.sines, law, slopes, unit, linear, sign,
+                           pulsation, stribeck, sigma)
 
 
 @fast
@@ -173,18 +268,6 @@ def changed_at(group: Any, row: int, lane: int, order: int, degree: int, x: floa
     if group.by[of.LOG_FREQUENCY, lane] != 0.0:
         out -= group.by[of.LOG_FREQUENCY, lane] * x * polynomial.value_and_slope(rows, row, degree, x)[1]
     return float(out)
-
-
-@fast
-def end_changes(group: Any, order: int, x: float) -> None:
-    """The changes of the state at x of a step, at constant time."""
-    now, changes = group.now, group.rows
-    for c in range(3):
-        for lane in range(LANES):
-            now[c, lane] = changes[c, order, lane]
-        for k in range(order - 1, -1, -1):
-            for lane in range(LANES):
-                now[c, lane] = now[c, lane] * x + changes[c, k, lane]
 
 
 @fast

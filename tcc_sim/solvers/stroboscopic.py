@@ -13,7 +13,15 @@ import numpy as np
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers.changes import LANES
 from tcc_sim.solvers.compiling.compiled import fast
-from tcc_sim.solvers.key_derivatives import EXCESS_RATIO, LOAD_AMPLITUDE, NUMBERS, TORQUE_AMPLITUDE, key_derivatives
+from tcc_sim.solvers.key_derivatives import (
+    DECAY,
+    EXCESS_RATIO,
+    LOAD_AMPLITUDE,
+    NUMBERS,
+    SMOOTHING,
+    TORQUE_AMPLITUDE,
+    key_derivatives,
+)
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.trajectory import NO_ORBITS, Floats, Orbits
 
@@ -65,6 +73,8 @@ class Prepared(ABC):
     changes : (len(NUMBERS), P) `key_derivatives`
     terms : the scene's, and those that it has not but that there are derivatives by
     by : (groups, len(NUMBERS), LANES) `changes`, columns in lanes behind those of the state
+    forced : (groups,) a bit for every lane of a key
+    shaped : whether alpha or sigma changes with a key
     period, count : engine cycle, s; columns of the derivatives
     fastest : rate of the fastest sine by whose amplitude there are derivatives, rad/s, 0 for none: no step is longer
         than its series hold, for the motion need not show it
@@ -86,6 +96,8 @@ class Prepared(ABC):
         self.by = np.zeros((-(-self.count // LANES), len(NUMBERS), LANES))
         for k in range(3, self.count):
             self.by[k // LANES, :, k % LANES] = self.changes[:, k - 3]
+        self.forced = [(1 << self.count) - 8 >> LANES * k & (1 << LANES) - 1 for k in range(len(self.by))]
+        self.shaped = bool(self.changes[[DECAY, SMOOTHING]].any())
 
     def over(self, state: Floats, start: float, end: float, margins: bool = False) -> Stroboscopic:
         """From the phase `start` to the phase `end`, in engine cycles; see `stroboscopic_map`."""

@@ -80,6 +80,23 @@ class Name:
     __rmul__ = __mul__
 
 
+class Shares(dict[int, Any]):
+    """A number for each of the causes that count: a row of changes whose other lanes are empty; 0 may be added."""
+
+    def __add__(self, other: Any) -> Shares:
+        if not isinstance(other, Shares):
+            return self
+        return Shares({**self, **other, **{cause: self[cause] + other[cause] for cause in self.keys() & other.keys()}})
+
+    def __mul__(self, number: Any) -> Shares:
+        return Shares({cause: number * share for cause, share in self.items()})
+
+    def __neg__(self) -> Shares:
+        return Shares({cause: -share for cause, share in self.items()})
+
+    __radd__ = __add__
+
+
 class Changing:
     """A number and a row of what it changes by, one lane for each cause; no row where it does not change.
 

@@ -8,13 +8,12 @@ since mubar(0+) = mu_s/mu_k.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import Any
 
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
-from tcc_sim.solvers.changes import LANES, Rows, expand_changes, linear_of
+from tcc_sim.solvers.changes import LANES, Rows, carry_slip, changing, linear_of
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.compiling.unrolled import Changing, unrolled
 from tcc_sim.solvers.event_driven.step import Step, stuck
@@ -32,9 +31,9 @@ SMALL = 0.02
 
 def changed_stick(rows: Any, changes: Any, now: Any, by: Any, sines: Any, unit: Any, linear: Linear, ratio: Any,
                   pulsation: Any) -> Iterator[int]:
-    """`step.stuck` and what changes in it; text for `unrolled`."""
+    """`step.stuck` and what changes in it; staged function."""
     yield from stuck(Rows(rows, changes, now, by, sines, unit, pulsation), Changing(unit), linear_of(linear, by),
-                     Changing(ratio, by.row(EXCESS_RATIO)), pulsation)
+                     changing(ratio, by, EXCESS_RATIO), pulsation)
 
 
 expand_stick_changes = unrolled(changed_stick)
@@ -56,22 +55,22 @@ def unresolved(step: Step, mode: int, stribeck: Stribeck, rows: Any, room: Any) 
 
 
 @fast
-def carry(mode: int, falls: bool, step: Step, ratio: float, terms: Terms, group: Any, sines: Any, rows: Any,
+def carry(mode: int, falls: bool, step: Step, ratio: float, terms: Terms, groups: Any, along: Any, rows: Any,
           pulsation: Pulsation, stribeck: Stribeck) -> None:
-    """Coefficients of a group of changes over a step."""
+    """Coefficients of all changes over a step; `along` is a record of ALONG, whose sines are filled."""
     order, unit, sign = step.degree, step.unit, 0.0 if mode == FREE else float(mode)
-    changes, now, by, linear = group.rows, group.now, group.by, terms.linear
     if mode == STICK:
-        for k in range(order + 1):
-            for lane in range(LANES):
-                changes[SLIP, k, lane] = 0.0
-        expand_stick_changes(order, rows, changes, now, by, sines, unit, linear, ratio, pulsation)
+        for i in range(groups.shape[0]):
+            group = groups[i]
+            for k in range(order + 1):
+                for lane in range(LANES):
+                    group.rows[SLIP, k, lane] = 0.0
+            expand_stick_changes(order, rows, group.rows, group.now, group.by, along.sines, unit, terms.linear, ratio,
+                                 pulsation)
     elif stribeck is None or not falls:
-        expand_changes(order, rows, changes, now, by, sines, unit, linear, sign, pulsation, None, None, None, None,
-                       None, None)
+        carry_slip(order, unit, sign, groups, along, rows, terms.linear, pulsation, None, None, 0.0, 0.0)
     else:
-        expand_changes(order, rows, changes, now, by, sines, unit, linear, sign, pulsation, stribeck[1], stribeck[0],
-                       math.exp(-stribeck[1] * sign * rows[SLIP, 0]), None, None, None)
+        carry_slip(order, unit, sign, groups, along, rows, terms.linear, pulsation, stribeck, None, 0.0, 0.0)
 
 
 @fast

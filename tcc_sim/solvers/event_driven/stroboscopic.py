@@ -8,6 +8,7 @@ ever inverted or solved backwards: stick forgets the slip speed, so one multipli
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -19,8 +20,8 @@ from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.bernstein import WORKSPACE
-from tcc_sim.solvers.changes import CHANGES, LANES, changed_at, end_changes, expand_sines, hold_phase
-from tcc_sim.solvers.compiling.compiled import compiled, fast
+from tcc_sim.solvers.changes import ALONG, CHANGES, LANES, changed_at, end_changes, expand_sines, hold_phase
+from tcc_sim.solvers.compiling.compiled import Partial, compiled, fast
 from tcc_sim.solvers.event_driven.integrate import begin, finish, step_on
 from tcc_sim.solvers.event_driven.margins import (
     GRADIENT,
@@ -36,7 +37,7 @@ from tcc_sim.solvers.event_driven.step import FALLING_ORDER, SHAPE, Step, monoto
 from tcc_sim.solvers.excitation import DRIVE, load_phase, waves_of
 from tcc_sim.solvers.kept import DONE, EVENT_LIMIT, MOVE, NOT_FINITE, OUTPUT, STEP_LIMIT, note_move
 from tcc_sim.solvers.key_derivatives import DECAY, EXCESS_RATIO
-from tcc_sim.solvers.series import COLUMNS, SLIP
+from tcc_sim.solvers.series import SLIP
 from tcc_sim.solvers.stroboscopic import Prepared, Stroboscopic
 from tcc_sim.solvers.terms import Terms
 from tcc_sim.trajectory import FREE, STICK, Floats, event_sequence
@@ -59,20 +60,25 @@ SLOWEST = 1e-30
 
 
 class Disturbed(NamedTuple):
-    """Disturbances of a motion.
+    """A motion and its disturbances: work space and results, used again by the next motion.
 
-    groups : array of CHANGES
-    sines, room : those of `changes.expand_sines`, and room for `margins.note_arrival`
-    fastest : `stroboscopic.Prepared.fastest`
+    memory : of the engine
+    moves : (m,) array of MOVE
+    groups, along : array of CHANGES, and record of ALONG
     heights, climbs : (n,), (n, groups, LANES) the largest |slip speed| of every cycle, and how it changes
+    least : (3, GRADIENT + groups * LANES) smallest margins
+    places, room : (3,) and (LANES,) arrays to work in
     """
 
+    memory: Memory
+    moves: Any
     groups: Any
-    sines: Any
-    room: Any
-    fastest: float
+    along: Any
     heights: Any
     climbs: Any
+    least: Any
+    places: Any
+    room: Any
 
 
 @fast
@@ -142,16 +148,16 @@ def resolved_step(until: float, setup: Setup, fastest: float, memory: Memory,
 
 
 @compiled
-def integrate_disturbed(first: int, passes: int, tail: float, setup: Setup, memory: Memory, moves: Any,
-                        disturbed: Disturbed, wanted: bool, least: Any, places: Any) -> int:
+def integrate_disturbed(disturbed: Disturbed, setup: Setup, first: int, passes: int, tail: float, fastest: float,
+                        wanted: bool) -> int:
     """From `state.tau` seconds into cycle `first` over `passes` ends of cycles to `tail` seconds behind the last one.
 
-    wanted, least : whether margins are looked for, and where they are kept
-    places : an array (3) to work in
+    fastest : `stroboscopic.Prepared.fastest`
+    wanted : whether margins are looked for
     """
+    memory, moves, groups, along, heights, climbs, least, places, room = disturbed
     bounds, terms, waves, ratio, _ = setup
     state, drive, counters, output, (rows, workspace, _, _) = memory
-    groups, sines, room, fastest, heights, climbs = disturbed
     period, n = bounds.period, 0
     total = passes + (1 if tail > 0.0 else 0)
     state.shift = load_phase(ratio, terms.pulsation, first)
@@ -163,7 +169,7 @@ def integrate_disturbed(first: int, passes: int, tail: float, setup: Setup, memo
     note_start(0, state.slip_speed, groups, heights, climbs)
     while n < total:
         until, mode = period if n < passes else tail, state.mode
-        step, goal, falls = resolved_step(until, setup, fastest, memory, sines[0])
+        step, goal, falls = resolved_step(until, setup, fastest, memory, along.sines[0])
         length, degree = step.x * step.unit, step.degree
         if not step.x >= 0.0:
             return NOT_FINITE
@@ -174,16 +180,16 @@ def integrate_disturbed(first: int, passes: int, tail: float, setup: Setup, memo
             heights[n], peak, side = note_height(mode, step, rows, heights[n], workspace)
             if mode == STICK:
                 output.stick_time += length
-            expand_sines(sines, degree + 1, step.unit, waves, terms.pulsation, drive)
+            expand_sines(along.sines, degree + 1, step.unit, waves, terms.pulsation, drive)
+            carry(mode, falls, step, bounds.ratio, terms, groups, along, rows, terms.pulsation, terms.stribeck)
             for block in range(groups.shape[0]):
                 group = groups[block]
-                carry(mode, falls, step, bounds.ratio, terms, group, sines, rows, terms.pulsation, terms.stribeck)
                 if peak > 0.0:
                     for lane in range(LANES):
                         climbs[n, block, lane] = side * changed_at(group, SLIP, lane, degree, degree, peak, rows)
                 if found:
                     note_gradient(mode, degree, block, group, rows, least, places)
-                end_changes(group, degree, step.x)
+                end_changes(degree, group.now, group.rows, step.x)
                 hold_phase(group, degree, step.x, rows)
         event = finish(bounds, terms, waves, step, goal, state, drive, rows, None)
         if not abs(state.slip_speed) + abs(state.plate_angle) + abs(state.plate_speed) < math.inf:
@@ -194,7 +200,7 @@ def integrate_disturbed(first: int, passes: int, tail: float, setup: Setup, memo
                 return EVENT_LIMIT
             if mode != STICK and mode != FREE and state.mode != FREE and length > 0.0:
                 if wanted:
-                    note_arrival(mode, step, state, drive, terms.linear, bounds.ratio, groups, sines,
+                    note_arrival(mode, step, state, drive, terms.linear, bounds.ratio, groups, along.sines,
                                  terms.pulsation, room, least)
                 if not land(mode, state.mode, state, drive, bounds.ratio, terms.linear, groups):
                     return DEGENERATE
@@ -239,28 +245,47 @@ class SetValued(Prepared):
         first, last = math.floor(start), math.floor(end)
         tail = (end - last) * self.period
         n = last - first + (1 if tail > 0.0 else 0)
-        groups = np.zeros(len(self.by), CHANGES)
-        groups["by"], groups["now"][0, :, :3] = self.by, np.eye(3)
-        at, drive, counters, output = (np.zeros(1, kind) for kind in (STATE, DRIVE, COUNTERS, OUTPUT))
+        room, start_of, solve = room_of(len(self.by), n)
+        memory, moves, groups, along, heights, climbs, least, _, _ = room
+        groups["by"], groups["forced"], groups["now"] = self.by, self.forced, 0.0
+        groups["now"][0, :, :3], along["shaped"] = np.eye(3), self.shaped
+        at, counters, output = start_of
         at[0] = (state[0], state[1], state[2], 0.0, UNKNOWN, (start - first) * self.period, 0.0, math.inf, 0, UNKNOWN,
                  0.0)
-        moves, least = np.zeros(EVENTS_PER_CYCLE * n, MOVE), np.zeros((3, GRADIENT + len(groups) * LANES))
-        least[:, VALUE] = np.inf
-        heights, climbs = np.zeros(n), np.zeros((n, len(groups), LANES))
-        memory = Memory(at[0], drive[0], counters[0], output[0], Work(np.zeros(SHAPE), np.zeros(WORKSPACE), None, None))
-        disturbed = Disturbed(groups, np.zeros((2, COLUMNS)), np.zeros(LANES), self.fastest, heights, climbs)
-        ended = integrate_disturbed(first, last - first, tail, self.setup, memory, moves, disturbed, margins, least,
-                                    np.zeros(3))
+        counters[0], output[0] = NO_COUNTS, NOTHING
+        least[:], least[:, VALUE] = 0.0, np.inf
+        ended = solve(self.setup, first, last - first, tail, self.fastest, margins)
         if ended != DONE:
             raise NumericalFailure(f"event_driven: {WHY[ended]}")
-        last_state, seen = at[0], moves[:int(output[0]["moves"])]
-        derivative, peaks = groups["now"].transpose(1, 0, 2).reshape(3, -1), climbs.reshape(n, -1)
+        last_state, derivative = memory.state, groups["now"].transpose(1, 0, 2).reshape(3, -1).copy()
+        seen = moves[:int(memory.output["moves"])]
         return Stroboscopic(
             np.array([last_state["slip_speed"], last_state["plate_angle"], last_state["plate_speed"]]),
             derivative[:, :self.count],
-            event_sequence([*seen["before"][:1], *seen["after"]] or [last_state["first_mode"]]), heights,
-            peaks[:, :self.count], float(output[0]["stick_time"]), seen.tolist(),
-            least[:, :GRADIENT + self.count] if margins else None)
+            event_sequence([*seen["before"][:1], *seen["after"]] or [last_state["first_mode"]]), heights.copy(),
+            climbs.reshape(n, -1)[:, :self.count].copy(), float(memory.output["stick_time"]), seen.tolist(),
+            least[:, :GRADIENT + self.count].copy() if margins else None)
+
+
+_rooms = threading.local()
+NO_COUNTS, NOTHING = np.zeros((), COUNTERS), np.zeros((), OUTPUT)
+
+
+def room_of(groups: int, cycles: int) -> tuple[Disturbed, Sequence[Any], Partial]:
+    """Room of this thread for so many groups of lanes and cycles; its state, counters and output as arrays; the kernel
+    with it.
+    """
+    known: dict[tuple[int, int], tuple[Disturbed, Sequence[Any], Partial]] = _rooms.__dict__.setdefault("known", {})
+    found = known.get((groups, cycles))
+    if found is None:
+        work = Work(np.zeros(SHAPE), np.zeros(WORKSPACE), None, None)
+        state, drive, counters, output = (np.zeros(1, kind) for kind in (STATE, DRIVE, COUNTERS, OUTPUT))
+        room = Disturbed(Memory(state[0], drive[0], counters[0], output[0], work),
+                         np.zeros(EVENTS_PER_CYCLE * cycles, MOVE), np.zeros(groups, CHANGES), np.zeros(1, ALONG)[0],
+                         np.zeros(cycles), np.zeros((cycles, groups, LANES)),
+                         np.zeros((3, GRADIENT + groups * LANES)), np.zeros(3), np.zeros(LANES))
+        found = known[groups, cycles] = room, (state, counters, output), Partial(integrate_disturbed, room)
+    return found
 
 
 def exact_bounds(terms: Terms, system: System, rtol: float, numbers: Floats) -> Bounds:

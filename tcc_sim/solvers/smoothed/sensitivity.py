@@ -305,6 +305,6 @@ def carry(tangent: Any, method: int, place: Place, friction: LocalFriction, step
         end_collocation(tangent, level, x, whole, limits, tables)
     for i in range(tangent.groups.shape[0]):
         if series:
-            end_changes(tangent.groups[i], order, x)
+            end_changes(order, tangent.groups[i].now, tangent.groups[i].rows, x)
         if tangent.groups[i].forced != 0:
             hold_phase(tangent.groups[i], degree, x, rows)

@@ -2,39 +2,39 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.model.friction import Stribeck
-from tcc_sim.solvers.changes import expand_changes, expand_sines
+from tcc_sim.solvers.changes import carry_slip, expand_sines
 from tcc_sim.solvers.collocation import NODES, TERMS
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.excitation import Pulsation
-from tcc_sim.solvers.series import COLUMNS, SLIP
+from tcc_sim.solvers.series import SLIP
 from tcc_sim.solvers.smoothed.series_step import LocalFriction
 from tcc_sim.solvers.smoothed.setup import Limits, Step
 from tcc_sim.solvers.stages import LAYER, SLIDING, Place
 from tcc_sim.solvers.terms import Terms
 
-SHARED = np.dtype([("sines", np.float64, (2, COLUMNS)), ("basis", np.float64, TERMS), ("slip", np.float64, NODES + 1),
-                   ("angle", np.float64, NODES), ("speed", np.float64, NODES), ("peak", np.float64),
-                   ("averaged", np.int64), ("slopes", np.float64, 3), ("reach", np.float64)])
-"""Room that the lanes share: sines of `changes`; Chebyshev polynomials where a step is asked, and what the slip speeds
+SHARED = np.dtype([("basis", np.float64, TERMS), ("slip", np.float64, NODES + 1), ("angle", np.float64, NODES),
+                   ("speed", np.float64, NODES), ("peak", np.float64), ("averaged", np.int64),
+                   ("slopes", np.float64, 3), ("reach", np.float64)])
+"""Room that the lanes share: Chebyshev polynomials where a step is asked, and what the slip speeds
 at its nodes add there to slip speed (that at the start first), plate angle and plate speed + kappa slip speed; the
 largest |slip speed| of the cycle so far; whether the integrals of `sensitivity.add_slopes` are asked for, and
 they; the longest series step that shows a sine by whose amplitude there are derivatives, s.
 """
 
+
 class Tangent(NamedTuple):
-    """What the kernel carries along: an array of CHANGES (groups,), SHARED, the torque's share in a collocation step
-    (`collocation.Response.torque`), and per cycle the change of the largest |slip speed|, (cycles, groups,
-    LANES).
+    """What the kernel carries along: an array of CHANGES (groups,), ALONG, SHARED, the torque's share in a collocation
+    step (`collocation.Response.torque`), and per cycle the change of the largest |slip speed|, (cycles, groups, LANES).
     """
 
     groups: NDArray[Any]
+    along: Any
     shared: Any
     torque: NDArray[np.float64]
     peaks: NDArray[np.float64]
@@ -64,34 +64,15 @@ def resolved(step: Step, place: Place, friction: LocalFriction, rows: Any, strib
 
 
 @fast
-def expand_region_changes(order: int, rows: Any, group: Any, sines: Any, unit: float, terms: Terms, place: Place,
-                          friction: LocalFriction, loaded: bool, sigma: float, pulsation: Pulsation,
-                          stribeck: Stribeck) -> None:
-    """`series_step.expand_region` of the changes of a group."""
-    sign, changes, now, by, linear = place.sign, group.rows, group.now, group.by, terms.linear
-    if place.region == LAYER and loaded:
-        if stribeck is None:
-            expand_changes(order, rows, changes, now, by, sines, unit, linear, sign, pulsation, None, None, None,
-                           sigma, friction.tanh, friction.sech)
-        else:
-            expand_changes(order, rows, changes, now, by, sines, unit, linear, sign, pulsation, stribeck[1],
-                           stribeck[0], math.exp(-stribeck[1] * sign * rows[SLIP, 0]), sigma, friction.tanh,
-                           friction.sech)
-    elif place.region == SLIDING or not loaded:
-        expand_changes(order, rows, changes, now, by, sines, unit, linear, sign, pulsation, None, None, None, None,
-                       None, None)
-    elif stribeck is not None:
-        expand_changes(order, rows, changes, now, by, sines, unit, linear, sign, pulsation, stribeck[1], stribeck[0],
-                       math.exp(-stribeck[1] * sign * rows[SLIP, 0]), None, None, None)
-
-
-@fast
 def carry_series(tangent: Any, place: Place, friction: LocalFriction, step: Step, loaded: bool, limits: Limits,
                  terms: Terms, waves: Any, drive: Any, rows: Any, pulsation: Pulsation, stribeck: Stribeck) -> None:
-    """Coefficients of all changes over a series step."""
-    order, unit, sines = step.degree, step.unit, tangent.shared.sines
-    expand_sines(sines, order, unit, waves, pulsation, drive)
-    for i in range(tangent.groups.shape[0]):
-        group = tangent.groups[i]
-        expand_region_changes(order, rows, group, sines, unit, terms, place, friction, loaded, limits.sigma, pulsation,
-                              stribeck)
+    """Coefficients of all changes over a series step; the law varies as in `series_step.expand_region`."""
+    order, unit, sign, groups, along = step.degree, step.unit, place.sign, tangent.groups, tangent.along
+    expand_sines(along.sines, order, unit, waves, pulsation, drive)
+    if place.region == LAYER and loaded:
+        carry_slip(order, unit, sign, groups, along, rows, terms.linear, pulsation, stribeck, limits.sigma,
+                   friction.tanh, friction.sech)
+    elif place.region == SLIDING or not loaded or stribeck is None:
+        carry_slip(order, unit, sign, groups, along, rows, terms.linear, pulsation, None, None, 0.0, 0.0)
+    else:
+        carry_slip(order, unit, sign, groups, along, rows, terms.linear, pulsation, stribeck, None, 0.0, 0.0)

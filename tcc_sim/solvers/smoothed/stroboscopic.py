@@ -17,7 +17,7 @@ import numpy as np
 from tcc_sim.errors import NumericalFailure
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import collocation
-from tcc_sim.solvers.changes import CHANGES, LANES
+from tcc_sim.solvers.changes import ALONG, CHANGES, LANES
 from tcc_sim.solvers.compiling.compiled import Partial, fast
 from tcc_sim.solvers.kept import CYCLE, DONE, MOVE, STATUSES, Store
 from tcc_sim.solvers.key_derivatives import EXCESS_RATIO
@@ -72,7 +72,7 @@ class Room(NamedTuple):
     ends : (m, groups, 3, LANES) array, the tangents at their ends
     heights, climbs : (m, n), (m, n, groups, LANES) arrays, the largest |slip speed| of every cycle or part of one, and
         what it changes by
-    groups, shared, peaks : as in `Tangent`
+    groups, along, shared, peaks : as in `Tangent`
     """
 
     parts: Any
@@ -81,6 +81,7 @@ class Room(NamedTuple):
     heights: Any
     climbs: Any
     groups: Any
+    along: Any
     shared: Any
     peaks: Any
     memory: Memory
@@ -90,8 +91,8 @@ class Room(NamedTuple):
 @fast
 def integrate_parts(room: Room, setup: Setup, torque: Any) -> None:
     """Solve all parts; `torque` is that of `Tangent`."""
-    parts, modes, ends, heights, climbs, groups, shared, peaks, memory, store = room
-    tangent = Tangent(groups, shared, torque, peaks)
+    parts, modes, ends, heights, climbs, groups, along, shared, peaks, memory, store = room
+    tangent = Tangent(groups, along, shared, torque, peaks)
     state, output, cycles, moves = memory.state, memory.output, store.cycles, store.moves
     for k in range(parts.shape[0]):
         part = parts[k]
@@ -151,9 +152,8 @@ class Smoothed(Prepared):
         self.setup = setup_of(system, terms, rtol, 1.0 if changes[EXCESS_RATIO].any() else 0.0)
         ladder = collocation.ladder_of(self.setup.limits.fastest, self.period)
         self.torque = collocation.response(terms.linear, *ladder).torque
-        limits, groups = self.setup.limits, len(self.by)
+        limits = self.setup.limits
         self.reach = SINE * limits.resolved / self.fastest if self.fastest > 0.0 else math.inf
-        self.forced = [(1 << self.count) - 8 >> LANES * k & (1 << LANES) - 1 for k in range(groups)]
 
     def each(self, states: Floats, starts: Sequence[float], ends: Sequence[float],
              margins: bool = False) -> list[Stroboscopic]:
@@ -163,6 +163,7 @@ class Smoothed(Prepared):
         most = max([last - first for first, last, _, _ in spans]) + 1
         room, solve = room_of(groups, most, count)
         room.groups["by"], room.groups["forced"], room.shared["reach"] = self.by, self.forced, self.reach
+        room.along["shaped"] = self.shaped
         for k, (first, last, start, end) in enumerate(spans):
             room.parts[k] = (first, last - first, (start - first) * period, (end - last) * period, states[k], DONE, 0,
                              0.0)
@@ -191,7 +192,7 @@ def room_of(groups: int, most: int, count: int) -> tuple[Room, Partial]:
     if found is None:
         room = Room(np.zeros(count, PART), np.empty((count, MOVES + 1), np.int8), np.empty((count, groups, 3, LANES)),
                     np.empty((count, most)), np.empty((count, most, groups, LANES)), np.zeros(groups, CHANGES),
-                    np.zeros(1, SHARED)[0], np.zeros((most, groups, LANES)),
+                    np.zeros(1, ALONG)[0], np.zeros(1, SHARED)[0], np.zeros((most, groups, LANES)),
                     Memory(*(np.zeros(1, kind)[0] for kind in KINDS)),
                     Store(np.zeros(most + 1, CYCLE), np.empty((0, 3)), 0, np.zeros(MOVES, MOVE)))
         found = known[groups, most, count] = room, Partial(integrate_parts, room)
