@@ -1,6 +1,6 @@
 """What changes over a Taylor step, by the start of the step and by numbers of the scene: the same for both engines.
 
-The equations are run on numbers that know what they change by (`unrolled.Changing`), so that no derivative is written
+The equations are run on numbers that know what they change by (`compiling.changing`), so that no derivative is written
 out: the coefficients of a change are the derivatives of the coefficients of the motion. Changes are kept in lanes, four
 at a time: those of slip speed, plate angle and plate speed first, then those by the scene's keys.
 
@@ -21,8 +21,9 @@ from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers import key_derivatives as of
 from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.collocation import NODES
+from tcc_sim.solvers.compiling.changing import Changing, Shares
 from tcc_sim.solvers.compiling.compiled import fast
-from tcc_sim.solvers.compiling.unrolled import Changing, Shares, unrolled
+from tcc_sim.solvers.compiling.unrolled import unrolled
 from tcc_sim.solvers.excitation import Pulsation
 from tcc_sim.solvers.key_derivatives import DECAY, EXCESS_RATIO, NUMBERS, SMOOTHING
 from tcc_sim.solvers.series import (

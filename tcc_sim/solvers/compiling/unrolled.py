@@ -44,10 +44,10 @@ class Name:
         return Name(self.builder, getattr(self.builder, operation)(left, right, flags=FUSED))
 
     def __add__(self, other: Any) -> Name:
-        return self if _is(other, 0.0) else self._with("fadd", self.value, self._operand(other))
+        return self if is_known(other, 0.0) else self._with("fadd", self.value, self._operand(other))
 
     def __sub__(self, other: Any) -> Name:
-        return self if _is(other, 0.0) else self._with("fsub", self.value, self._operand(other))
+        return self if is_known(other, 0.0) else self._with("fsub", self.value, self._operand(other))
 
     def __mul__(self, other: Any) -> Any:
         if not isinstance(self.value.type, ir.VectorType):
@@ -56,9 +56,9 @@ class Name:
             if isinstance(other, np.ndarray):
                 shape = ir.VectorType(REAL, len(other))
                 return Name(self.builder, _spread(self.builder, self.value, shape)) * other
-        if _is(other, 0.0):
+        if is_known(other, 0.0):
             return 0.0
-        return self if _is(other, 1.0) else self._with("fmul", self.value, self._operand(other))
+        return self if is_known(other, 1.0) else self._with("fmul", self.value, self._operand(other))
 
     def __truediv__(self, other: Any) -> Name:
         return self._with("fdiv", self.value, self._operand(other))
@@ -67,7 +67,7 @@ class Name:
         return self._with("fdiv", self._operand(other), self.value)
 
     def __rsub__(self, other: Any) -> Name:
-        return -self if _is(other, 0.0) else self._with("fsub", self._operand(other), self.value)
+        return -self if is_known(other, 0.0) else self._with("fsub", self._operand(other), self.value)
 
     def __neg__(self) -> Name:
         return Name(self.builder, self.builder.fneg(self.value))
@@ -78,74 +78,6 @@ class Name:
 
     __radd__ = __add__
     __rmul__ = __mul__
-
-
-class Shares(dict[int, Any]):
-    """A number for each of the causes that count: a row of changes whose other lanes are empty; 0 may be added."""
-
-    def __add__(self, other: Any) -> Shares:
-        if not isinstance(other, Shares):
-            return self
-        return Shares({**self, **other, **{cause: self[cause] + other[cause] for cause in self.keys() & other.keys()}})
-
-    def __mul__(self, number: Any) -> Shares:
-        return Shares({cause: number * share for cause, share in self.items()})
-
-    def __neg__(self) -> Shares:
-        return Shares({cause: -share for cause, share in self.items()})
-
-    __radd__ = __add__
-
-
-class Changing:
-    """A number and a row of what it changes by, one lane for each cause; no row where it does not change.
-
-    A text run on such numbers is differentiated by running it: the rules are those of sums, products and quotients
-    (forward mode; A. Griewank and A. Walther, Evaluating Derivatives, SIAM 2008, Section 3.1).
-    """
-
-    def __init__(self, value: Any, change: Any = None) -> None:
-        self.value, self.change = value, change
-
-    def __add__(self, other: Any) -> Any:
-        if not isinstance(other, Changing):
-            return self if _is(other, 0.0) else Changing(self.value + other, self.change)
-        return Changing(self.value + other.value, _both(self.change, other.change))
-
-    def __mul__(self, other: Any) -> Any:
-        if _is(other, 0.0):
-            return 0.0
-        if not isinstance(other, Changing):
-            other = Changing(other)
-        return Changing(self.value * other.value,
-                        _both(None if self.change is None else self.change * other.value,
-                              None if other.change is None else other.change * self.value))
-
-    def __neg__(self) -> Changing:
-        return Changing(-self.value, None if self.change is None else -self.change)
-
-    def __sub__(self, other: Any) -> Any:
-        return self + -other
-
-    def __rsub__(self, other: Any) -> Any:
-        return -self + other
-
-    def __rtruediv__(self, other: Any) -> Any:
-        inverse = 1.0 / self.value
-        return Changing(inverse, None if self.change is None else self.change * -(inverse * inverse)) * other
-
-    def __truediv__(self, other: Any) -> Any:
-        return self * (1.0 / other)
-
-    __radd__ = __add__
-    __rmul__ = __mul__
-
-
-def _both(one: Any, other: Any) -> Any:
-    """The sum of two changes."""
-    if one is None or other is None:
-        return other if one is None else one
-    return one + other
 
 
 class Storage:
@@ -286,7 +218,7 @@ def _called(function: str, x: Name, *others: Any) -> Name:
     return Name(x.builder, x.builder.call(made, operands))
 
 
-def _is(other: Any, number: float) -> bool:
+def is_known(other: Any, number: float) -> bool:
     """Whether an operand is this very number, known while compiling."""
     return isinstance(other, (int, float)) and other == number  # An array of known numbers is neither.
 

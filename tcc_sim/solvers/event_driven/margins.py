@@ -23,8 +23,9 @@ from tcc_sim.solvers.bernstein import (
     to_bernstein,
 )
 from tcc_sim.solvers.changes import LANES, OF_ENGINE, OF_LOAD, changed_at, linear_of
+from tcc_sim.solvers.compiling.changing import Changing
 from tcc_sim.solvers.compiling.compiled import fast
-from tcc_sim.solvers.compiling.unrolled import Changing, unrolled
+from tcc_sim.solvers.compiling.unrolled import unrolled
 from tcc_sim.solvers.event_driven.step import DOWNWARD, UPWARD, Step
 from tcc_sim.solvers.excitation import Pulsation
 from tcc_sim.solvers.series import SLIP

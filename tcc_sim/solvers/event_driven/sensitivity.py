@@ -14,8 +14,9 @@ from typing import Any
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers.changes import LANES, Rows, carry_slip, changing, linear_of
+from tcc_sim.solvers.compiling.changing import Changing
 from tcc_sim.solvers.compiling.compiled import fast
-from tcc_sim.solvers.compiling.unrolled import Changing, unrolled
+from tcc_sim.solvers.compiling.unrolled import unrolled
 from tcc_sim.solvers.event_driven.step import Step, stuck
 from tcc_sim.solvers.excitation import Pulsation
 from tcc_sim.solvers.key_derivatives import EXCESS_RATIO

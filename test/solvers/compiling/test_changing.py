@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tcc_sim.solvers.compiling.unrolled import Changing, Shares
+from tcc_sim.solvers.compiling.changing import Changing, Shares
 
 
 def test_numbers_that_change_are_differentiated_by_rule() -> None:
