@@ -21,9 +21,9 @@ from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers import key_derivatives as of
 from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.collocation import NODES
-from tcc_sim.solvers.compiling.changing import Changing, Shares
+from tcc_sim.solvers.compiling.changing import Causes, Changing
 from tcc_sim.solvers.compiling.compiled import fast
-from tcc_sim.solvers.compiling.unrolled import unrolled
+from tcc_sim.solvers.compiling.unrolled import row_of, unrolled
 from tcc_sim.solvers.excitation import Pulsation
 from tcc_sim.solvers.key_derivatives import DECAY, EXCESS_RATIO, NUMBERS, SMOOTHING
 from tcc_sim.solvers.series import (
@@ -59,14 +59,12 @@ peak : of the largest |slip speed| of the cycle
 
 OF_ENGINE, OF_LOAD = range(2)
 """Rows of the sines whose amplitudes are changed: the first of Te, and that of Ts."""
-COEFFICIENT, FRICTION = range(2)
-"""Rows of `law`: mubar and Ts mubar."""
-OF_SLIP, OF_EXCESS, OF_DECAY, OF_SMOOTHING = range(4)
-"""Columns of `slopes`: what the law changes by."""
+FRICTION, OF_SLIP, OF_EXCESS, OF_DECAY, OF_SMOOTHING = range(5)
+"""Columns of `law`: Ts mubar, and what it changes by."""
 NUMBERS_OF_LAW = {OF_EXCESS: EXCESS_RATIO, OF_DECAY: DECAY, OF_SMOOTHING: SMOOTHING}
 
-ALONG = np.dtype([("sines", np.float64, (2, COLUMNS)), ("law", np.float64, (2, COLUMNS)),
-                  ("slopes", np.float64, (COLUMNS, 4)), ("shaped", np.int64)])
+ALONG = np.dtype([("sines", np.float64, (2, COLUMNS)), ("mubar", np.float64, COLUMNS),
+                  ("law", np.float64, (COLUMNS, 8)), ("shaped", np.int64)])
 """What all lanes share over a Taylor step: coefficients of `expand_sines` and of `law_along`; whether alpha or sigma
 changes.
 """
@@ -76,11 +74,12 @@ class Rows:
     """Rows of coefficients with what they change by, given those of the state now, `now`, and of numbers, `by`.
 
     The code writes the change alone: the values are there. Te and Ts change at constant time. No number changes where
-    `by` is None.
+    `by` is None; rows of margins are written unless `margins` is None.
     """
 
-    def __init__(self, rows: Any, changes: Any, now: Any, by: Any, sines: Any, unit: Any, pulsation: Any) -> None:
-        self.rows, self.changes, self.by, self.sines = rows, changes, by, sines
+    def __init__(self, rows: Any, changes: Any, now: Any, by: Any, sines: Any, unit: Any, pulsation: Any,
+                 margins: Any = None) -> None:
+        self.rows, self.changes, self.by, self.sines, self.margins = rows, changes, by, sines, margins
         self.turn = None if pulsation is None else pulsation[0] / (pulsation[1] * unit)
         self.known: dict[tuple[int, int], Any] = {}
         for row in (SLIP, ANGLE, SPEED):
@@ -93,7 +92,8 @@ class Rows:
 
     def __setitem__(self, key: tuple[int, int], number: Changing) -> None:
         self.known[key] = number.change
-        self.changes.set_row(number.change, *key)
+        if key[0] < ROWS or self.margins is not None:
+            self.changes.set_row(number.change, *key)
 
     def _driven(self, row: int, k: int) -> Any:
         by = self.by
@@ -119,8 +119,8 @@ def linear_of(linear: Linear, by: Any) -> tuple[Changing, ...]:
     return tuple(changing(number, by, i) for i, number in enumerate(linear))
 
 
-def law_along(rows: Any, law: Any, slopes: Any, shaped: Any, sign: Any, pulsation: Any, stribeck: Any, factor: Any,
-              sigma: Any, tanh: Any, sech: Any) -> Iterator[int]:
+def law_along(rows: Any, coefficients: Any, law: Any, shaped: Any, sign: Any, pulsation: Any, stribeck: Any,
+              factor: Any, sigma: Any, tanh: Any, sech: Any) -> Iterator[int]:
     """Coefficients of mubar and of Ts mubar along a motion, and what the latter changes by; staged function.
 
     A function of the slip speed changes by the series of its derivative times that of v: dF = F d(-alpha |v|),
@@ -128,25 +128,27 @@ def law_along(rows: Any, law: Any, slopes: Any, shaped: Any, sign: Any, pulsatio
 
     Parameters
     ----------
-    rows, law : the motion's coefficients, and rows COEFFICIENT and FRICTION
-    slopes : (COLUMNS, 4) columns OF_...; those of alpha and sigma are 0 where `shaped` is None
+    rows, coefficients : the motion's coefficients, and those of mubar
+    law : (COLUMNS, 8) columns FRICTION to OF_SMOOTHING; those of alpha and sigma are 0 where `shaped` is None
     sign : of the slip speed
     stribeck, factor : (r - 1, alpha) and F = exp(-alpha |v|); None where it does not vary
     sigma, tanh, sech : sigma, T = tanh(sigma v) and 1 - T^2; None where it does not vary
     """
     if stribeck is None and sigma is None:
         return
-    decays, sharpens = (None, None) if shaped is None else (Shares({OF_DECAY: 1.0}), Shares({OF_SMOOTHING: 1.0}))
+    decays, sharpens = (None, None) if shaped is None else (Causes({OF_DECAY: 1.0}), Causes({OF_SMOOTHING: 1.0}))
     weighted, f, t, s, side = [0.0], [factor], [tanh], [sech], Changing(sign)
     bent, turned, fallen, load = ([] for _ in range(4))
+    causes = range(OF_SLIP, OF_DECAY + 1 if shaped is None else 8)
     rising: list[Any] = []
     mubar: list[Any] = []
+    side_by_side: list[Any] = []
     if stribeck is not None:
-        share, rate = Changing(stribeck[0], Shares({OF_EXCESS: 1.0})), Changing(stribeck[1], decays) * -side
+        share, rate = Changing(stribeck[0], Causes({OF_EXCESS: 1.0})), Changing(stribeck[1], decays) * -side
     if sigma is not None:
         sharpness = Changing(sigma, sharpens)
     for k in range(FRICTION_ORDER_MAXIMUM):
-        v = Changing(rows[SLIP, k], Shares({OF_SLIP: 1.0} if k == 0 else {}))
+        v = Changing(rows[SLIP, k], Causes({OF_SLIP: 1.0} if k == 0 else {}))
         if k > 0:
             weighted.append(float(k) * v.value)
         if sigma is None:
@@ -164,22 +166,23 @@ def law_along(rows: Any, law: Any, slopes: Any, shaped: Any, sign: Any, pulsatio
             fallen.append(Changing(f[k], product(bent, f, k)))
             mubar[k] = mubar[k] + product(fallen, rising, k) * share
         load.append(rows[LOAD, k] if k == 0 or pulsation is not None else 0.0)
-        friction: Any = product(mubar, load, k)
-        law[COEFFICIENT, k], law[FRICTION, k] = mubar[k].value, friction.value
-        for cause in range(4):
-            slopes[k, cause] = friction.change.get(cause, 0.0)
+        coefficients[k,] = mubar[k].value
+        side_by_side.append(row_of([mubar[k].value, *(mubar[k].change.get(cause, 0.0) for cause in causes)]))
+        law.set_row(product(side_by_side, load, k), k)
+        if shaped is None:
+            law[k, OF_SMOOTHING] = 0.0
         if k % 2 == 1 and k >= 7:
             yield k + 1
 
 
-def changed_motion(rows: Any, changes: Any, now: Any, by: Any, sines: Any, law: Any, slopes: Any, unit: Any,
-                   linear: Linear, sign: Any, pulsation: Any, stribeck: Any, sigma: Any) -> Iterator[int]:
+def changed_motion(rows: Any, changes: Any, now: Any, by: Any, sines: Any, coefficients: Any, law: Any,
+                   unit: Any, linear: Linear, sign: Any, pulsation: Any, stribeck: Any, sigma: Any) -> Iterator[int]:
     """The change of `series.motion`: equations (2), with the values of `rows`; staged function.
 
     Parameters
     ----------
     rows, changes, now, by, sines : the motion's coefficients, `rows`, `now` and `by` of CHANGES, `expand_sines`
-    law, slopes : see `law_along`
+    coefficients, law : see `law_along`
     stribeck, sigma : None where the exponential, or tanh, does not vary; mubar is `sign` where both are None
     """
     moving, time = Rows(rows, changes, now, by, sines, unit, pulsation), Changing(unit)
@@ -191,15 +194,15 @@ def changed_motion(rows: Any, changes: Any, now: Any, by: Any, sines: Any, law: 
         x, u = moving[ANGLE, k], moving[SPEED, k]
         load.append(moving[LOAD, k] if k == 0 or pulsation is not None else Changing(0.0))
         if varies:
-            slope.append(slopes[k, 0])
+            slope.append(law[k, OF_SLIP])
             slip.append(moving[SLIP, k].change)
-            mubar.append(law[COEFFICIENT, k])
+            mubar.append(coefficients[k,])
             change = product(slope, slip, k)
             if by is not None:
                 change = change + product(mubar, [0.0 if p.change is None else p.change for p in load], k)
                 for cause, number in NUMBERS_OF_LAW.items():
-                    change = change + by.row(number) * slopes[k, cause]
-            friction = Changing(law[FRICTION, k], change)
+                    change = change + by.row(number) * law[k, cause]
+            friction = Changing(law[k, FRICTION], change)
         else:
             friction = load[k] * sign
         part, pull = 1.0 / (k + 1), friction - damping * u - stiffness * x
@@ -232,20 +235,20 @@ def carry_slip(order: int, unit: float, sign: float, groups: Any, along: Any, ro
 
     along : record of ALONG, whose sines are filled
     """
-    factor, law, slopes = 0.0, along.law, along.slopes
+    factor, mubar, law = 0.0, along.mubar, along.law
     if stribeck is not None:
         factor = math.exp(-stribeck[1] * sign * rows[SLIP, 0])
     if along.shaped != 0:
-        expand_law(order, rows, law, slopes, True, sign, pulsation, stribeck, factor, sigma, tanh, sech)
+        expand_law(order, rows, mubar, law, True, sign, pulsation, stribeck, factor, sigma, tanh, sech)
     else:
-        expand_law(order, rows, law, slopes, None, sign, pulsation, stribeck, factor, sigma, tanh, sech)
+        expand_law(order, rows, mubar, law, None, sign, pulsation, stribeck, factor, sigma, tanh, sech)
     for i in range(groups.shape[0]):
         group = groups[i]
         if group.forced != 0:
-            expand_changes(order, rows, group.rows, group.now, group.by, along.sines, law, slopes, unit, linear, sign,
+            expand_changes(order, rows, group.rows, group.now, group.by, along.sines, mubar, law, unit, linear, sign,
                            pulsation, stribeck, sigma)
         else:
-            expand_changes(order, rows, group.rows, group.now, None, along.sines, law, slopes, unit, linear, sign,
+            expand_changes(order, rows, group.rows, group.now, None, along.sines, mubar, law, unit, linear, sign,
                            pulsation, stribeck, sigma)
 
 

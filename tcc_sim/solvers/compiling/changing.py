@@ -7,19 +7,19 @@ from typing import Any
 from tcc_sim.solvers.compiling.unrolled import is_known
 
 
-class Shares(dict[int, Any]):
+class Causes(dict[int, Any]):
     """A number for each of the causes that count: a row of changes whose other lanes are empty; 0 may be added."""
 
-    def __add__(self, other: Any) -> Shares:
-        if not isinstance(other, Shares):
+    def __add__(self, other: Any) -> Causes:
+        if not isinstance(other, Causes):
             return self
-        return Shares({**self, **other, **{cause: self[cause] + other[cause] for cause in self.keys() & other.keys()}})
+        return Causes({**self, **other, **{cause: self[cause] + other[cause] for cause in self.keys() & other.keys()}})
 
-    def __mul__(self, number: Any) -> Shares:
-        return Shares({cause: number * share for cause, share in self.items()})
+    def __mul__(self, number: Any) -> Causes:
+        return Causes({cause: number * share for cause, share in self.items()})
 
-    def __neg__(self) -> Shares:
-        return Shares({cause: -share for cause, share in self.items()})
+    def __neg__(self) -> Causes:
+        return Causes({cause: -share for cause, share in self.items()})
 
     __radd__ = __add__
 

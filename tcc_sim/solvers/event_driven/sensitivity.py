@@ -31,10 +31,10 @@ SMALL = 0.02
 
 
 def changed_stick(rows: Any, changes: Any, now: Any, by: Any, sines: Any, unit: Any, linear: Linear, ratio: Any,
-                  pulsation: Any) -> Iterator[int]:
+                  pulsation: Any, margins: Any) -> Iterator[int]:
     """`step.stuck` and what changes in it; staged function."""
-    yield from stuck(Rows(rows, changes, now, by, sines, unit, pulsation), Changing(unit), linear_of(linear, by),
-                     changing(ratio, by, EXCESS_RATIO), pulsation)
+    yield from stuck(Rows(rows, changes, now, by, sines, unit, pulsation, margins), Changing(unit),
+                     linear_of(linear, by), changing(ratio, by, EXCESS_RATIO), pulsation)
 
 
 expand_stick_changes = unrolled(changed_stick)
@@ -57,8 +57,10 @@ def unresolved(step: Step, mode: int, stribeck: Stribeck, rows: Any, room: Any) 
 
 @fast
 def carry(mode: int, falls: bool, step: Step, ratio: float, terms: Terms, groups: Any, along: Any, rows: Any,
-          pulsation: Pulsation, stribeck: Stribeck) -> None:
-    """Coefficients of all changes over a step; `along` is a record of ALONG, whose sines are filled."""
+          pulsation: Pulsation, stribeck: Stribeck, margins: bool) -> None:
+    """Coefficients of all changes over a step, and in stick of the margins to breakaway where they are asked for;
+    `along` is a record of ALONG, whose sines are filled.
+    """
     order, unit, sign = step.degree, step.unit, 0.0 if mode == FREE else float(mode)
     if mode == STICK:
         for i in range(groups.shape[0]):
@@ -66,8 +68,12 @@ def carry(mode: int, falls: bool, step: Step, ratio: float, terms: Terms, groups
             for k in range(order + 1):
                 for lane in range(LANES):
                     group.rows[SLIP, k, lane] = 0.0
-            expand_stick_changes(order, rows, group.rows, group.now, group.by, along.sines, unit, terms.linear, ratio,
-                                 pulsation)
+            if margins:
+                expand_stick_changes(order, rows, group.rows, group.now, group.by, along.sines, unit, terms.linear,
+                                     ratio, pulsation, True)
+            else:
+                expand_stick_changes(order, rows, group.rows, group.now, group.by, along.sines, unit, terms.linear,
+                                     ratio, pulsation, None)
     elif stribeck is None or not falls:
         carry_slip(order, unit, sign, groups, along, rows, terms.linear, pulsation, None, None, 0.0, 0.0)
     else:

@@ -181,7 +181,7 @@ def integrate_disturbed(disturbed: Disturbed, setup: Setup, first: int, passes: 
             if mode == STICK:
                 output.stick_time += length
             expand_sines(along.sines, degree + 1, step.unit, waves, terms.pulsation, drive)
-            carry(mode, falls, step, bounds.ratio, terms, groups, along, rows, terms.pulsation, terms.stribeck)
+            carry(mode, falls, step, bounds.ratio, terms, groups, along, rows, terms.pulsation, terms.stribeck, found)
             for block in range(groups.shape[0]):
                 group = groups[block]
                 if peak > 0.0:

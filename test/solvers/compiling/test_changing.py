@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tcc_sim.solvers.compiling.changing import Changing, Shares
+from tcc_sim.solvers.compiling.changing import Causes, Changing
 
 
 def test_numbers_that_change_are_differentiated_by_rule() -> None:
-    """Against differences with complex steps, by two causes; those that are left out of `Shares` change nothing."""
+    """Against differences with complex steps, by two causes; those that are left out of `Causes` change nothing."""
     def quotient(x: Any, y: Any) -> Any:
         return 3.0 * x / (y - 2.0 * x) - x * x + 1.0 / y - (-x) + (1.0 - y)
 
@@ -20,5 +20,5 @@ def test_numbers_that_change_are_differentiated_by_rule() -> None:
     both = quotient(Changing(x, np.array([1.0, 0.0])), Changing(y, np.array([0.0, 1.0])))
     assert both.value == quotient(x, y)
     assert both.change == pytest.approx([dx, dy], rel=1e-14)
-    shares = quotient(Changing(x, Shares({4: 1.0})), Changing(y))
-    assert shares.change == {4: pytest.approx(dx, rel=1e-14)}
+    by_causes = quotient(Changing(x, Causes({4: 1.0})), Changing(y))
+    assert by_causes.change == {4: pytest.approx(dx, rel=1e-14)}
