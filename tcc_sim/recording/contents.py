@@ -8,20 +8,20 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
+from mcap.opcode import Opcode
+
 from tcc_sim.errors import one_line
 from tcc_sim.parameter_file import LARGEST_FILE
 from tcc_sim.recording import records
 from tcc_sim.recording.announcements import SceneRecord
 from tcc_sim.recording.mcap_file import PUBLISHER_KEY, RECOVERY_RECORD, RESULT_RECORD, SCENE_RECORD, digest
-from tcc_sim.recording.records import DamagedChunk, McapRecord
+from tcc_sim.recording.records import DamagedChunk, McapRecord, decoded
 
 MOST_TOPICS = 4096
 """Channels, and types, that a recording may describe; records of more are passed over."""
 _UNCHUNKED = 1 << 20
-_LONGEST_NAME, _LONGEST_DEFINITION, _LONGEST_RESULT = 4096, 1 << 20, 1 << 18
-MOST_BYTES = 4
-"""Of a character in UTF-8."""
-_MOST_PAIRS, _MOST_SENTENCES, _DIGITS = 1000, 20, 19
+_LONGEST_RESULT = 1 << 18
+_MOST_SENTENCES, _DIGITS = 20, 19
 _T = TypeVar("_T")
 
 
@@ -69,21 +69,18 @@ class Contents:
     def add(self, opcode: int, body: bytes, checked: bool = False) -> None:
         """Take in one record; a damaged one is noted. What a chunk's checksum covers outranks what stands elsewhere."""
         try:
-            if opcode == records.SCHEMA:
-                name, position = _string(body, 2)
-                _, position = _string(body, position)
-                text = _string(body, position, _LONGEST_DEFINITION)[0]
-                self._keep(self.schemas, body, Schema(name, text), checked)
-            elif opcode == records.CHANNEL:
-                topic, position = _string(body, 4)
-                _, position = _string(body, position)
-                schema = self.schemas.get(struct.unpack_from("<H", body, 2)[0], Schema("", ""))
-                self._keep(self.channels, body, Channel(topic, schema, _pairs(body, position)), checked)
-            elif opcode == records.STATISTICS:
-                self.expected = dict(struct.iter_unpack("<HQ", body[46:]))
-            elif opcode == records.METADATA and not checked:
-                self._metadata(body)
-        except (struct.error, UnicodeDecodeError, KeyError, ValueError, RecursionError):
+            if opcode == Opcode.METADATA and not checked:
+                self._metadata(decoded(opcode, body))
+            elif opcode == Opcode.STATISTICS:
+                self.expected = decoded(opcode, body).channel_message_counts
+            elif opcode == Opcode.SCHEMA:
+                schema = decoded(opcode, body)
+                self._keep(self.schemas, schema.id, Schema(schema.name, schema.data.decode()), checked)
+            elif opcode == Opcode.CHANNEL:
+                channel = decoded(opcode, body)
+                schema = self.schemas.get(channel.schema_id, Schema("", ""))
+                self._keep(self.channels, channel.id, Channel(channel.topic, schema, channel.metadata), checked)
+        except (KeyError, ValueError, RecursionError):
             self.damaged += 1
 
     def warnings(self) -> list[str]:
@@ -96,20 +93,18 @@ class Contents:
         return found + self.recovered
 
     @staticmethod
-    def _keep(table: dict[int, _T], body: bytes, value: _T, checked: bool) -> None:
-        """Enter a value under the number that its record starts with."""
-        number = struct.unpack_from("<H", body)[0]
+    def _keep(table: dict[int, _T], number: int, value: _T, checked: bool) -> None:
+        """Enter a value under its number."""
         if number not in table and len(table) >= MOST_TOPICS:
             raise ValueError("too many topics")
         if checked or number not in table:
             table[number] = value
 
-    def _metadata(self, body: bytes) -> None:
+    def _metadata(self, record: Any) -> None:
         """A metadata record of this package; others are of no interest."""
-        name, position = _string(body, 0)
+        name, values = record.name, record.metadata
         if name not in (SCENE_RECORD, RESULT_RECORD, RECOVERY_RECORD):
             return
-        values = _pairs(body, position, MOST_BYTES * LARGEST_FILE)
         if name == SCENE_RECORD:
             version, scene, log_time = values["version"], values["scene"], values["log_time"]
             if (len(scene) > LARGEST_FILE or len(log_time) > _DIGITS
@@ -131,28 +126,6 @@ class Contents:
             raise ValueError(name)
 
 
-def _string(body: bytes, position: int, longest: int = _LONGEST_NAME) -> tuple[str, int]:
-    """A length-prefixed string of at most `longest` bytes, and where it ends."""
-    length = struct.unpack_from("<I", body, position)[0]
-    end = position + 4 + length
-    if end > len(body) or length > longest:
-        raise ValueError("a string is too long for its record or for what it says")
-    return body[position + 4:end].decode(), end
-
-
-def _pairs(body: bytes, position: int, longest: int = _LONGEST_DEFINITION) -> dict[str, str]:
-    """A length-prefixed map of strings."""
-    end = position + 4 + struct.unpack_from("<I", body, position)[0]
-    values: dict[str, str] = {}
-    position += 4
-    while position < end:
-        if len(values) >= _MOST_PAIRS:
-            raise ValueError("a map has too many entries")
-        key, position = _string(body, position)
-        values[key], position = _string(body, position, longest)
-    return values
-
-
 def chunks(stream: Iterable[McapRecord], contents: Contents) -> Iterator[tuple[McapRecord, list[bytes]]]:
     """Chunks with their index records; everything else goes into `contents`.
 
@@ -162,25 +135,25 @@ def chunks(stream: Iterable[McapRecord], contents: Contents) -> Iterator[tuple[M
     indexes: list[bytes] = []
     loose = bytearray()
     for record in stream:
-        if record.opcode == records.MESSAGE_INDEX:
+        if record.opcode == Opcode.MESSAGE_INDEX:
             indexes.append(record.body)
             continue
         if chunk is not None:
             yield chunk, indexes
             chunk, indexes = None, []
-        if record.opcode == records.CHUNK:
+        if record.opcode == Opcode.CHUNK:
             chunk = record
-        elif record.opcode == records.MESSAGE:
+        elif record.opcode == Opcode.MESSAGE:
             loose += struct.pack("<BQ", record.opcode, len(record.body)) + record.body
             if len(loose) > _UNCHUNKED:
-                yield McapRecord(records.MESSAGE, record.offset, bytes(loose)), []
+                yield McapRecord(Opcode.MESSAGE, record.offset, bytes(loose)), []
                 loose.clear()
         else:
             contents.add(record.opcode, record.body)
     if chunk is not None:
         yield chunk, indexes
     if loose:
-        yield McapRecord(records.MESSAGE, 0, bytes(loose)), []
+        yield McapRecord(Opcode.MESSAGE, 0, bytes(loose)), []
 
 
 def unpack(chunk: McapRecord, indexes: list[bytes], contents: Contents,
@@ -192,10 +165,10 @@ def unpack(chunk: McapRecord, indexes: list[bytes], contents: Contents,
     DamagedChunk
         The chunk cannot be used.
     """
-    data = chunk.body if chunk.opcode == records.MESSAGE else records.unpack_chunk(chunk.body, expansion)
+    data = chunk.body if chunk.opcode == Opcode.MESSAGE else records.unpack_chunk(chunk.body, expansion)
     messages = records.find_messages(data, indexes)
     for opcode, offset, length in messages.others:
-        if opcode in (records.SCHEMA, records.CHANNEL):
+        if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
             contents.add(opcode, data[offset:offset + length], checked=True)
     return data, messages
 

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
+from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
 from tcc_sim.errors import RecordingError, counted, one_line
 from tcc_sim.messages import cdr
-from tcc_sim.recording import records
 from tcc_sim.recording.announcements import SceneRecord
 from tcc_sim.recording.batches import JointStates, PressureJoin, joint_states, layout_of, merged_batches, pressures
 from tcc_sim.recording.contents import Channel, Contents, chunks, first_channels, together, unpack
@@ -184,7 +184,7 @@ class Run:
                 except DamagedChunk as error:
                     self.warnings.place(f"the chunk at byte {chunk.offset} is left out: {error}")
                     continue
-                unchecked = unchecked or chunk.opcode == records.MESSAGE or chunk.body[24:28] == bytes(4)
+                unchecked = unchecked or chunk.opcode == Opcode.MESSAGE or chunk.body[24:28] == bytes(4)
                 if len(messages.channel):
                     counts = np.bincount(messages.channel)
                     seen.update({channel: int(counts[channel]) for channel in np.flatnonzero(counts).tolist()})

@@ -1,4 +1,4 @@
-"""The records of an MCAP file, read so that damage costs the damaged part only.
+"""The records of an MCAP file, read so that damage costs the damaged part only; the mcap package decodes their fields.
 
 Layout (MCAP 0): magic, then records of one opcode byte, eight length bytes and a body; messages sit in compressed
 chunks, each followed by one index record per channel.
@@ -6,25 +6,29 @@ chunks, each followed by one index record per channel.
 
 from __future__ import annotations
 
-import re
+import io
 import struct
 import zlib
 from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import BinaryIO, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import lz4.frame
 import numpy as np
 import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, Metadata, Schema, Statistics
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tcc_sim.errors import RecordingError, counted
 
 MAGIC = b"\x89MCAP0\r\n"
-HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX = 1, 2, 3, 4, 5, 6, 7
-STATISTICS, METADATA, DATA_END = 0x0B, 0x0C, 0x0F
+DECODERS: dict[int, Any] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel, Opcode.CHUNK: Chunk,
+                            Opcode.STATISTICS: Statistics, Opcode.METADATA: Metadata}
 LARGEST_CHUNK = 64 << 20
 """A chunk that claims more bytes than this, packed or unpacked, is refused."""
 LARGEST_EXPANSION = 100
@@ -36,12 +40,10 @@ MOST_DESCRIPTIONS = 20_000
 MOST_SENTENCES = 20
 """Damaged places that are named one by one."""
 _LARGEST_RECORD = 16 << 20
-_SKIPPED = {9, 10, 8, 13, 14}
-_PIECE, _FIRST_PIECE = 1 << 20, 1 << 12
+_OF_MESSAGES = {Opcode.CHUNK, Opcode.MESSAGE, Opcode.MESSAGE_INDEX}
+_WANTED = {*DECODERS, *_OF_MESSAGES}
 _RECORD = struct.Struct("<BQ")
-_CHUNK_HEAD = struct.Struct("<QQQII")
 _MESSAGE_HEAD = np.dtype([("opcode", "u1"), ("length", "<u8"), ("channel", "<u2")])
-_COMPRESSION = re.compile(rb"\x04\0\0\0zstd|\x03\0\0\0lz4")
 
 
 class DamagedChunk(Exception):
@@ -114,54 +116,39 @@ class RecordStream:
         size = self.file.seek(0, 2)
         self.file.seek(0)
         if self.file.read(len(MAGIC)) != MAGIC:
-            if self._next_chunk(0, size) is None:
-                raise RecordingError("it is not an MCAP file, or nothing in it can be read")
-            self.warnings.append("the start of the file is damaged")
+            raise RecordingError("it is not an MCAP file, or its start is damaged")
         position = len(MAGIC)
         while position + _RECORD.size <= size:
             self.file.seek(position)
             opcode, length = _RECORD.unpack(self.file.read(_RECORD.size))
             end = position + _RECORD.size + length
-            if not 1 <= opcode <= DATA_END or end > size or length > (LARGEST_CHUNK if opcode == CHUNK
-                                                                      else _LARGEST_RECORD):
-                found = self._next_chunk(position + 1, size)
-                if found is None:
-                    if not (1 <= opcode <= DATA_END and end > size):
-                        self.warnings.append(f"nothing can be read from byte {position} on")
-                    return
-                self.warnings.place(f"bytes {position} to {found} are damaged and were passed over")
-                position = found
-                continue
-            wanted = opcode not in _SKIPPED and (self.chunks or opcode not in (CHUNK, MESSAGE_INDEX, MESSAGE))
+            believable = 1 <= opcode <= Opcode.DATA_END
+            if not believable or length > (LARGEST_CHUNK if opcode == Opcode.CHUNK else _LARGEST_RECORD):
+                self.warnings.append(f"nothing can be read from byte {position} on")
+                return
+            if end > size:
+                return
+            wanted = opcode in _WANTED and (self.chunks or opcode not in _OF_MESSAGES)
             yield McapRecord(opcode, position, self.file.read(length) if wanted else b"")
-            if opcode == FOOTER:
+            if opcode == Opcode.FOOTER:
                 self.file.seek(end)
                 self.complete = self.file.read(len(MAGIC)) == MAGIC
                 return
             position = end
 
-    def _next_chunk(self, start: int, size: int) -> int | None:
-        """Where the next believable chunk record starts at or after `start`, found by its compression name."""
-        position, length = start, _FIRST_PIECE
-        while position < size:
-            self.file.seek(position)
-            for match in _COMPRESSION.finditer(self.file.read(length + 64)):
-                found = position + match.start() - _RECORD.size - 28
-                if found >= start and self._is_chunk(found, match.end() - match.start() - 4, size):
-                    return found
-            position, length = position + length, min(2 * length, _PIECE)
-        return None
 
-    def _is_chunk(self, position: int, width: int, size: int) -> bool:
-        """Whether the lengths of a chunk record at `position` agree with each other and with the file."""
-        self.file.seek(position)
-        head = self.file.read(_RECORD.size + 40 + width)
-        if len(head) < _RECORD.size + 40 + width:
-            return False
-        opcode, length = _RECORD.unpack_from(head)
-        packed = struct.unpack_from("<Q", head, _RECORD.size + 32 + width)[0]
-        return bool(opcode == CHUNK and length == 40 + width + packed and position + _RECORD.size + length <= size
-                    and length <= LARGEST_CHUNK)
+def decoded(opcode: int, body: bytes) -> Any:
+    """The fields of a record of one of DECODERS.
+
+    Raises
+    ------
+    ValueError
+        They do not fit into it.
+    """
+    try:
+        return DECODERS[opcode].read(ReadDataStream(io.BytesIO(body)))
+    except (McapError, struct.error, OverflowError):
+        raise ValueError("its fields do not fit into it") from None
 
 
 def unpack_chunk(body: bytes, expansion: Expansion) -> bytes:
@@ -172,17 +159,16 @@ def unpack_chunk(body: bytes, expansion: Expansion) -> bytes:
     DamagedChunk
         Lengths that disagree, a size beyond the limit, broken compression or a wrong checksum.
     """
-    if len(body) < 40:
-        raise DamagedChunk("it is too short")
-    _, _, unpacked, checksum, width = _CHUNK_HEAD.unpack_from(body)
+    try:
+        chunk = decoded(Opcode.CHUNK, body)
+    except ValueError as error:
+        raise DamagedChunk(str(error)) from None
+    unpacked, checksum = chunk.uncompressed_size, chunk.uncompressed_crc
     if unpacked > LARGEST_CHUNK:
         raise DamagedChunk(f"it claims {unpacked} bytes; at most {LARGEST_CHUNK} are accepted")
-    if width > 16 or len(body) < 40 + width or struct.unpack_from("<Q", body, 32 + width)[0] != len(body) - 40 - width:
-        raise DamagedChunk("its lengths disagree")
     expansion.take(unpacked)
-    compression, packed = body[32:32 + width], memoryview(body)[40 + width:]
     try:
-        data = _unpack(compression, packed, unpacked)
+        data = _unpack(chunk.compression, chunk.data, unpacked)
     except (zstandard.ZstdError, RuntimeError, MemoryError, EOFError) as error:
         raise DamagedChunk(f"it does not unpack ({error})") from None
     if len(data) != unpacked:
@@ -192,19 +178,19 @@ def unpack_chunk(body: bytes, expansion: Expansion) -> bytes:
     return data
 
 
-def _unpack(compression: bytes, packed: memoryview, size: int) -> bytes:
+def _unpack(compression: str, packed: bytes, size: int) -> bytes:
     """Decompress without ever holding more than `size` bytes."""
-    if compression == b"zstd":
+    if compression == "zstd":
         if size == 0:
             return b""
         claimed = zstandard.frame_content_size(packed)
         if claimed not in (-1, size):
             raise DamagedChunk(f"it claims {claimed} bytes in one place and {size} in another")
         return zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
-    if compression == b"lz4":
+    if compression == "lz4":
         return bytes(lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size + 1))
-    if compression == b"":
-        return bytes(packed)
+    if not compression:
+        return packed
     raise DamagedChunk(f"its compression {compression!r} is unknown")
 
 
@@ -249,9 +235,9 @@ def _walk(data: bytes, start: int, end: int, rows: array[int], others: list[tupl
         opcode, length = unpack(data, position)
         body = position + _RECORD.size
         position = body + length
-        if position > end or (opcode == MESSAGE and length < 22):
+        if position > end or (opcode == Opcode.MESSAGE and length < 22):
             raise DamagedChunk("its records do not fit into it")
-        if opcode == MESSAGE:
+        if opcode == Opcode.MESSAGE:
             rows.extend((body, length, message_head(data, body)[0]))
         elif len(others) < MOST_DESCRIPTIONS:
             others.append((opcode, body, length))
@@ -267,7 +253,7 @@ def _tiled(data: bytes, starts: NDArray[np.uint64]) -> Messages | None:
         return None
     offset = starts.astype(np.int64)
     heads = sliding_window_view(np.frombuffer(data, dtype=np.uint8), 11)[offset].view(_MESSAGE_HEAD)[:, 0]
-    if not ((heads["opcode"] == MESSAGE) & (heads["length"] >= 22) & (heads["length"] <= size)).all():
+    if not ((heads["opcode"] == Opcode.MESSAGE) & (heads["length"] >= 22) & (heads["length"] <= size)).all():
         return None
     length = heads["length"].astype(np.int64)
     ends = offset + _RECORD.size + length

@@ -3,6 +3,7 @@
 import struct
 
 import pytest
+from mcap.opcode import Opcode
 from test_bag_round_trip import TICK, columns, write
 
 pytest.importorskip("hypothesis")
@@ -11,7 +12,6 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from tcc_sim.errors import RecordingError
-from tcc_sim.recording import records
 from tcc_sim.recording.reader import open_run
 from tcc_sim.recording.recovery import recover
 
@@ -81,8 +81,8 @@ def test_any_bytes(tmp_path_factory, data, magic):
 
 @FUZZ
 @given(st.lists(record(), max_size=8), st.booleans())
-@example([struct.pack("<BQ", records.CHUNK, 1 << 62)], False)
-@example([struct.pack("<BQ", records.METADATA, 8) + string("tcc_sim", 0xFFFFFFFF)[:8]], True)
+@example([struct.pack("<BQ", Opcode.CHUNK, 1 << 62)], False)
+@example([struct.pack("<BQ", Opcode.METADATA, 8) + string("tcc_sim", 0xFFFFFFFF)[:8]], True)
 def test_any_records(tmp_path_factory, found, closed):
     read_or_refused(tmp_path_factory.mktemp("x"), MAGIC + b"".join(found) + (MAGIC if closed else b""))
 
