@@ -55,8 +55,7 @@ GROWING = ["analysis.stream.RunCycles", "benchmarks.precision_report.StudiedScen
            "continuation.motions.Motions", "continuation.palc.StepSize", "nodes.loop_requests.Request",
            "paper.evidence.Evidence", "paper.stable_motions.StableMotions", "recording.contents.Contents",
            "recording.mcap_file.FileSummary",
-           "recording.records.RecordStream", "recording.stamps._Run", "recording.stamps.StampCounter",
-           "replay.segments._Open"]
+           "recording.records.RecordStream", "recording.stamps._Run", "recording.stamps.StampCounter"]
 """Dataclasses that are not frozen."""
 PROTOCOLS = {"add_arguments", "into", "main", "run", "Settings", "solve"}
 """Names that every module of a kind has: verbs, pictures, programs, solvers, the settings of a room."""

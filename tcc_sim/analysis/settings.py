@@ -101,7 +101,7 @@ class Settings:
                                    "is interpolated from its equations")
     most_samples: int = quantity(131072, "the same at most")
 
-    # Control (`control.py`, `replay/control_log.py`).
+    # Control (`control.py`, `replay/control.py`).
     most_steps: int = quantity(200_000, "most values of a held signal that are kept for a picture; the earliest go "
                                "first")
     settled: float = quantity(0.02, "part of the step, or of the target where that is larger, within which the cycle "

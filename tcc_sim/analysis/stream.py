@@ -14,6 +14,7 @@ from tcc_sim.analysis.summary import Summary, dropped_of, spans_of, summarise_cy
 from tcc_sim.errors import InputError
 from tcc_sim.model import equations
 from tcc_sim.model.parameters import System
+from tcc_sim.recording.columns import JointStates
 from tcc_sim.recording.stamps import Break, StampCounter, Stamps
 from tcc_sim.solvers.per_cycle import STAMP, cycles_from_samples
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
@@ -161,6 +162,11 @@ class CycleStream:
                 self._waiting = []
             found += self._take(rows[:, piece], run)
         return found
+
+    def feed_states(self, states: JointStates) -> list[CyclePiece]:
+        """Take the next states of a recording, as `feed` does."""
+        return self.feed(states.stamp_ns, states.flywheel_speed - states.plate_speed, states.plate_angle,
+                         states.plate_speed, states.engine_torque, states.friction_torque, states.run)
 
     def longest(self) -> tuple[int, RunCycles]:
         """The run with the most whole cycles, the last of several, and its number.

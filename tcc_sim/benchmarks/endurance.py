@@ -93,10 +93,9 @@ def figures_of(recording: Path) -> RecordedFigures:
     run = open_run(recording)
     first: tuple[int, int] | None = None
     last = (0, 0)
-    for batch in run.batches():
-        if len(batch):
-            first = first or (int(batch.stamp_ns[0]), int(batch.log_ns[0]))
-            last = (int(batch.stamp_ns[-1]), int(batch.log_ns[-1]))
+    for states in run.states():
+        first = first or (int(states.stamp_ns[0]), int(states.log_ns[0]))
+        last = (int(states.stamp_ns[-1]), int(states.log_ns[-1]))
     begin = first or last
     drift = ((last[1] - begin[1]) - (last[0] - begin[0])) * 1e-9
     result = run.result or {}

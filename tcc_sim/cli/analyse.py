@@ -53,23 +53,23 @@ def run(arguments: argparse.Namespace) -> int:
     """Check the outputs, read, write what was asked for, and print the figures."""
     from tcc_sim.output.samples import write_samples
     from tcc_sim.output.tables import order_lines
-    from tcc_sim.replay.recorded import Window, read
+    from tcc_sim.recording.window import Window
+    from tcc_sim.replay.recorded import read
     from tcc_sim.replay.replay import replay
 
     window = Window(arguments.run, arguments.start, arguments.end)
     check_outputs(arguments, (".csv", ".npz"), arguments.rrd)
     if arguments.rrd is not None or arguments.spawn or arguments.connect is not None:
         require("rerun", "Rerun")
-    found = replay(arguments.recording, rrd=arguments.rrd, spawn=arguments.spawn, connect=arguments.connect,
-                   discard=arguments.discard, frequency=arguments.frequency, scene=arguments.scene,
-                   verify=arguments.verify, damping=arguments.damping, window=window,
-                   joints=arguments.joints, progress=True)
+    recording = read(arguments.recording, arguments.scene, arguments.joints)
+    found = replay(recording, rrd=arguments.rrd, spawn=arguments.spawn, connect=arguments.connect,
+                   discard=arguments.discard, frequency=arguments.frequency,
+                   verify=arguments.verify, damping=arguments.damping, window=window, progress=True)
     lines, results = found.lines(), found.json()
     drawn: object = found
     # Of a manoeuvre the whole is drawn, as `simulate --plot` does; of anything else its last cycles and its maxima.
     whole = arguments.plot is not None and found.scene.system.profile is not None
     if arguments.out is not None or arguments.orders or whole:
-        recording = read(arguments.recording, arguments.scene, arguments.joints)
         samples = recording.trajectory(found.run, arguments.start, arguments.end)
         drawn = samples if whole else found
     if arguments.orders:

@@ -10,7 +10,6 @@ import numpy as np
 
 from tcc_sim.errors import InputError
 from tcc_sim.estimation.settings import DEFAULTS
-from tcc_sim.recording.batches import JointStates
 from tcc_sim.recording.table import CHANNELS, TIME, read_columns
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.topics import INPUTS
@@ -95,27 +94,19 @@ def read_recording(path: Path) -> tuple[Measurement, Scene]:
     from tcc_sim.recording.reader import open_run
 
     recorded = open_run(path)
-    runs: dict[int, list[JointStates]] = {}
-    for batch in recorded.batches():
-        runs.setdefault(batch.run, []).append(batch)
+    states = max(recorded.states(), key=len)
     if recorded.scene_text is None:
         raise InputError(f"{path} holds no scene; give --scene and a table instead")
     if len({scene.text for scene in recorded.scenes}) > 1:
         raise InputError(f"{path}: the scene changed while it ran; identification needs one scene")
     scene = parse_scene(recorded.scene_text, str(path))
-    parts = max(runs.values(), key=lambda batches: sum(map(len, batches)))
-
-    def column(name: str) -> Floats:
-        return np.concatenate([getattr(part, name) for part in parts])
-
-    plate = column("plate_speed")
     inputs = {}
     if scene.system.engine.source == "topic":
-        inputs["engine_torque"] = _held(column("engine_torque"))
-    if scene.system.pressure.source == "topic" and parts[0].applied_pressure is not None:
-        inputs["actuation_pressure"] = _held(column("applied_pressure"))
-    channels = {"slip_speed": column("flywheel_speed") - plate, "plate_speed": plate}
-    return Measurement(column("stamp_ns") * 1e-9, channels, inputs, str(path)), scene
+        inputs["engine_torque"] = _held(states.engine_torque)
+    if scene.system.pressure.source == "topic" and states.applied_pressure is not None:
+        inputs["actuation_pressure"] = _held(states.applied_pressure)
+    channels = {"slip_speed": states.flywheel_speed - states.plate_speed, "plate_speed": states.plate_speed}
+    return Measurement(states.stamp_ns.astype(np.float64) * 1e-9, channels, inputs, str(path)), scene
 
 
 def _held(applied: Floats) -> Floats:

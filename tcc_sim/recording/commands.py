@@ -3,60 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from tcc_sim.recording.announcements import read_source
-from tcc_sim.recording.batches import JointStates
+from tcc_sim.recording.announcements import HEAD, LONGEST, MOST_SOURCES, InputSource, read_source
+from tcc_sim.recording.columns import JointStates
 from tcc_sim.recording.contents import Channel
 from tcc_sim.recording.records import Messages
 from tcc_sim.topics import FLOAT64, FLUID_PRESSURE, HEADER
 
-TARGET = "target_slip_speed"
+TARGET, SOURCE = "target_slip_speed", "input_source"
 COMMANDS = {"engine_torque": FLOAT64, "actuation_pressure": FLUID_PRESSURE, TARGET: FLOAT64}
 """Topics that tell the driveline or its controller what to do, with their types."""
-
-SOURCE = "input_source"
-"""Topic that says which inputs a command holds; it stands among the signals as a sum of SOURCE_BITS."""
-SOURCE_BITS = {name: 1 << place for place, name in enumerate(COMMANDS) if name != TARGET}
 SET_BACK = 50_000_000
-"""A sender's clock that goes back by more than this, ns, was set."""
-LONGEST_WAIT = 4
-"""Chunks after which a command is placed whatever the clocks say: a recorder drains all topics several times a second.
-"""
+"""A clock that goes back by more than this, ns, was set."""
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 Rows = NDArray[np.int64]
 
 
-class _Waiting(NamedTuple):
-    """Commands of one topic that no state has come after yet, (n,) arrays: time (ns by the recorder's clock), value,
-    whether their sender's clock was set back just before, and the chunk they came in.
+class _Sent(NamedTuple):
+    """Commands of one topic in one chunk, (n,) arrays: time (ns by the recorder's clock) and value; and how many states
+    came before the chunk and up to its end.
     """
 
     times: Stamps
     values: Floats
-    back: NDArray[np.bool_]
-    chunk: Stamps
-
-    def part(self, which: Any) -> _Waiting:
-        """Some of them."""
-        return _Waiting(*(column[which] for column in self))
-
-    @staticmethod
-    def joined(parts: Sequence[_Waiting]) -> _Waiting:
-        """One after the other."""
-        return _Waiting(*(np.concatenate(columns) for columns in zip(*parts)))
-
-
-_NONE = _Waiting(np.empty(0, np.int64), np.empty(0), np.empty(0, np.bool_), np.empty(0, np.int64))
+    before: int
+    until: int
 
 
 class Commands:
-    """Takes the commands of every chunk (`take` is a `reader.Tap`) and gives them beside the joint_states.
+    """Takes the commands and the announced sources of the inputs chunk by chunk, and gives them beside the states.
 
     Commands and states are put in order by when they were sent. A reliable middleware hands over what it had to ask
     for again up to seconds late, so that times of receipt go back and forth on a busy machine; those of sending go back
@@ -70,20 +51,19 @@ class Commands:
     def __init__(self, joint_states_topic: str) -> None:
         space = joint_states_topic.rpartition("/")[0]
         self._names = {f"{space}/{name}": name for name in (*COMMANDS, SOURCE)}
-        self._waiting = dict.fromkeys(self._names.values(), _NONE)
-        self._last_sent: dict[tuple[str, int], int] = {}
-        self._last_state = -(2**62)
-        self._last_ns = -(2**62)
-        self._chunk = 0
+        self._sent: dict[str, list[_Sent]] = {name: [] for name in COMMANDS}
+        self._sources: dict[InputSource, None] = {}
 
-    def has_target(self, topics: Mapping[str, str]) -> bool:
-        """Whether a recording with these topics holds what a slip controller was asked for."""
-        return any(self._names.get(topic) == TARGET for topic in topics)
+    @property
+    def sources(self) -> tuple[InputSource, ...]:
+        """What the driveline said of its inputs, each message once though a recorder that subscribed again got what is
+        latched again.
+        """
+        return tuple(self._sources)
 
-    def take(self, data: bytes, messages: Messages, channels: Mapping[int, Channel]) -> None:
-        """Take the commands of one chunk."""
-        self._chunk += 1
-        found: dict[str, list[tuple[Stamps, _Waiting]]] = {}
+    def take(self, data: bytes, messages: Messages, channels: Mapping[int, Channel], before: int, until: int) -> None:
+        """Take one chunk; so many states came before it and up to its end."""
+        found: dict[str, list[tuple[Stamps, Stamps, Floats]]] = {}
         for number, row in channels.items():
             name = self._names.get(row.topic)
             if name is None or row.type != COMMANDS.get(name, HEADER):
@@ -91,73 +71,81 @@ class Commands:
             mine = messages.channel == number
             if not mine.any():
                 continue
-            offset, log, sent, values = (_sources if name == SOURCE else _decoded)(
-                np.frombuffer(data, dtype=np.uint8), messages.offset[mine], messages.length[mine], row.type)
+            offset, length = messages.offset[mine], messages.length[mine]
+            if name == SOURCE:
+                self._announced(data, offset.tolist(), length.tolist())
+                continue
+            offset, log, sent, values = _decoded(np.frombuffer(data, dtype=np.uint8), offset, length, row.type)
             if len(offset):
-                back = np.diff(sent, prepend=self._last_sent.get((name, number), int(sent[0]))) < -SET_BACK
-                self._last_sent[name, number] = int(sent[-1])
-                found.setdefault(name, []).append((offset, _Waiting(
-                    sent + (log - sent).min(), values, back, np.full(len(offset), self._chunk))))
+                found.setdefault(name, []).append((offset, sent + (log - sent).min(), values))
         for name, parts in found.items():
-            fresh = _Waiting.joined([part for _, part in parts])
-            key = np.concatenate([offset for offset, _ in parts]) if fresh.back.any() else fresh.times
-            self._waiting[name] = _Waiting.joined([self._waiting[name], fresh.part(np.argsort(key, kind="stable"))])
+            offset, times, values = (np.concatenate(columns) for columns in zip(*parts))
+            order = np.argsort(offset if (np.diff(times) < -SET_BACK).any() else times, kind="stable")
+            self._sent[name].append(_Sent(times[order], values[order], before, until))
 
-    def until(self, batch: JointStates) -> dict[str, tuple[Rows, Floats]]:
-        """The commands that were sent by the end of a batch, (n,) arrays: row of the first state that came after each,
-        not descending, and value in the unit of its topic.
+    def _announced(self, data: bytes, offsets: Sequence[int], lengths: Sequence[int]) -> None:
+        """Take messages that say which inputs a command holds."""
+        for offset, length in zip(offsets, lengths):
+            source = read_source(data[offset:offset + length]) if HEAD < length <= LONGEST else None
+            if source is not None and len(self._sources) < MOST_SOURCES:
+                self._sources.setdefault(source)
 
-        A clock that is set back does so for the states and for the commands; what lies between two such steps of the
-        one belongs to what lies between the same two of the other.
+    def beside(self, runs: Sequence[JointStates], parts: Rows) -> dict[str, tuple[Rows, Floats]]:
+        """The commands, (n,) arrays by name: index of the first state that came after each, not descending, and value
+        in the unit of its topic.
+
+        Parameters
+        ----------
+        runs : all states
+        parts : (n,) index of the first state of each chunk and run
         """
-        if not len(batch):
+        wanted = {name: sent for name, sent in self._sent.items() if sent}
+        if not wanted or not runs:
             return {}
-        sent = batch.sent_ns
-        times = sent + (batch.log_ns - sent).min()
-        cuts = (1 + np.flatnonzero(np.diff(sent) < -SET_BACK)).tolist()
-        stepped, before = int(sent[0]) < self._last_state - SET_BACK, self._last_ns
-        self._last_state, self._last_ns = int(sent[-1]), int(times[-1])
-        found = {}
-        for name in self._waiting:
-            late = self._overdue(name)
-            places, values = [np.zeros(len(late), np.int64)], [late]
-            if stepped:
-                taken = self._taken(name, before, set_back=True)
-                places.append(np.zeros(len(taken.times), np.int64))
-                values.append(taken.values)
-            for first, end in zip([0, *cuts], [*cuts, len(sent)]):
-                piece = np.maximum.accumulate(times[first:end])
-                taken = self._taken(name, int(piece[-1]), set_back=end < len(sent))
-                row = np.searchsorted(piece, np.maximum.accumulate(taken.times), side="left").clip(max=len(piece) - 1)
-                places.append(first + row)
-                values.append(taken.values)
-            place = np.concatenate(places)
-            if len(place):
-                found[name] = place, np.concatenate(values)
-        return found
+        clock = _Clock(runs, parts)
+        return {name: clock.rows(sent) for name, sent in wanted.items()}
 
-    def _overdue(self, name: str) -> Floats:
-        """Take the commands that wait for a step of the states' clock that does not come."""
-        waiting = self._waiting[name]
-        count = int(np.count_nonzero(waiting.chunk <= self._chunk - LONGEST_WAIT))
-        self._waiting[name] = waiting.part(slice(count, None))
-        return waiting.values[:count]
 
-    def _taken(self, name: str, until_ns: int, set_back: bool) -> _Waiting:
-        """The commands that wait, up to a time; with `set_back` all that were sent before the clock was set."""
-        waiting = self._waiting[name]
-        steps = np.flatnonzero(waiting.back)
-        count = int(steps[0]) if len(steps) else len(waiting.back)
-        if not set_back or not len(steps):
-            limit = until_ns + SET_BACK if set_back else until_ns
-            count = int(np.searchsorted(np.maximum.accumulate(waiting.times[:count]), limit, side="right"))
-        taken, rest = waiting.part(slice(None, count)), waiting.part(slice(count, None))
-        if set_back and len(steps):
-            rest.back[0] = False
-        elif set_back:  # The next command, whose step this is, may come in a later chunk.
-            self._last_sent = {key: sent for key, sent in self._last_sent.items() if key[0] != name}
-        self._waiting[name] = rest
-        return taken
+class _Clock:
+    """The time at which each state was sent, by a clock that is never set back.
+
+    A clock that is set back does so for the states and for the commands. Each step of it is added to all that was sent
+    later; where the file leaves it open on which side of a step a command was sent, the states beside it in the file
+    decide.
+    """
+
+    def __init__(self, runs: Sequence[JointStates], parts: Rows) -> None:
+        times = np.concatenate([states.sent_ns for states in runs])
+        delay = np.concatenate([states.log_ns for states in runs])
+        delay -= times
+        times += np.repeat(np.minimum.reduceat(delay, parts), np.diff(parts, append=len(times)))
+        steps = np.diff(times)
+        self._cuts = 1 + np.flatnonzero(steps < -SET_BACK)
+        self._shift = np.zeros(len(self._cuts) + 1, np.int64)
+        if len(self._cuts):
+            tick = int(np.median(steps[steps > 0])) if (steps > 0).any() else 0
+            np.cumsum(tick - steps[self._cuts - 1], out=self._shift[1:])
+            times += np.repeat(self._shift, np.diff(self._cuts, prepend=0, append=len(times)))
+        self._times: Stamps = np.maximum.accumulate(times)
+
+    def rows(self, sent: Sequence[_Sent]) -> tuple[Rows, Floats]:
+        """The states that came after commands, and their values; what came after all states is left out."""
+        times = np.concatenate([self._unrolled(one) if len(self._cuts) else one.times for one in sent])
+        values = np.concatenate([one.values for one in sent])
+        rows = np.searchsorted(self._times, np.maximum.accumulate(times), side="left")
+        inside = rows < len(self._times)
+        return rows[inside].astype(np.int64), values[inside]
+
+    def _unrolled(self, sent: _Sent) -> Stamps:
+        """The times of commands with the step of the clock that fits best to the states beside them in the file."""
+        last = len(self._times) - 1
+        low, high = self._times[min(max(sent.before - 1, 0), last)], self._times[min(sent.until, last)]
+        first, end = np.searchsorted(self._cuts, [sent.before - 1, sent.until], side="right").tolist()
+        shifts = self._shift[max(first - 1, 0):end + 2]
+        own = np.cumsum(np.diff(sent.times, prepend=sent.times[0]) < -SET_BACK)  # Steps that the commands show.
+        moved = sent.times + shifts[np.minimum(own + np.arange(len(shifts))[:, None], len(shifts) - 1)]
+        apart = np.maximum(low - moved, 0) + np.maximum(moved - high, 0)
+        return np.asarray(moved[apart.sum(axis=1, dtype=np.float64).argmin()])
 
 
 def _decoded(array: NDArray[np.uint8], offset: NDArray[np.int64], length: NDArray[np.int64],
@@ -181,16 +169,6 @@ def _decoded(array: NDArray[np.uint8], offset: NDArray[np.int64], length: NDArra
     values = sliding_window_view(array, 8)[place].copy().view("<f8")[:, 0]
     finite = np.isfinite(values)
     return offset[finite].astype(np.int64), *_times(array, offset[finite]), values[finite].astype(np.float64)
-
-
-def _sources(array: NDArray[np.uint8], offset: NDArray[np.int64], length: NDArray[np.int64],
-             kind: str) -> tuple[Stamps, Stamps, Stamps, Floats]:
-    """The same of what says which inputs a command holds, as sums of SOURCE_BITS."""
-    said = [(place, source) for place, size in zip(offset.tolist(), length.tolist())
-            if (source := read_source(array[place:place + size].tobytes())) is not None]
-    places = np.array([place for place, _ in said], dtype=np.int64)
-    values = [float(sum(bit for name, bit in SOURCE_BITS.items() if name in source.commanded)) for _, source in said]
-    return places, *_times(array, places), np.array(values)
 
 
 def _times(array: NDArray[np.uint8], offset: Stamps) -> tuple[Stamps, Stamps]:

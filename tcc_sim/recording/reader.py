@@ -1,40 +1,58 @@
-"""Reading: a bag or an MCAP file, complete, cut short or damaged, as columns in bounded memory."""
+"""Reading: a bag or an MCAP file, complete, cut short or damaged, as columns."""
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from tcc_sim.errors import RecordingError, counted, one_line
+from tcc_sim.errors import InputError, RecordingError, counted, one_line
 from tcc_sim.messages import cdr
 from tcc_sim.recording.announcements import SceneRecord
-from tcc_sim.recording.batches import JointStates, PressureJoin, joint_states, layout_of, merged_batches, pressures
+from tcc_sim.recording.columns import (
+    Columns,
+    GrowingStates,
+    JointStates,
+    Pressures,
+    joint_states,
+    layout_of,
+    pressures,
+)
+from tcc_sim.recording.commands import TARGET, Commands
 from tcc_sim.recording.contents import Channel, Contents, chunks, first_channels, together, unpack
-from tcc_sim.recording.records import DamagedChunk, Expansion, McapRecord, Messages, RecordStream, Warnings
+from tcc_sim.recording.parts import missing_parts, open_file, part_number, parts_of, records_of
+from tcc_sim.recording.records import DamagedChunk, Expansion, Messages, RecordStream, Warnings
 from tcc_sim.recording.stamps import Break, StampCounter
+from tcc_sim.recording.window import Window
 from tcc_sim.topics import FLUID_PRESSURE, JOINT_NAMES, JOINT_STATE
 
-_MOST_NAMED, _LARGEST_COUNT, _MOST_PARTS = 50, 10**18, 100_000
+BYTES_A_STATE = 110
+"""Memory that a state takes, with what is worked out of it."""
+_MOST_NAMED, _LARGEST_COUNT = 50, 10**18
 
 Tap = Callable[[bytes, Messages, Mapping[int, Channel]], None]
 """Takes the bytes of an unpacked chunk, where its messages are, and the channels known so far."""
 
 
+class TooManyStates(InputError):
+    """A recording that takes more memory than it may."""
+
+
 class Run:
-    """A recording of one or several files. Made by `open_run`; iterate over `batches()`, then ask what was missing.
+    """A recording of one or several files. Made by `open_run`; ask for its `states()`, then for what was missing.
 
     topics : message type by topic
     complete : the recording was closed properly; False where it was cut short
     result : what the recorder said at the end (lost messages by topic), of all files together; None where it did not
-    warnings : one sentence per damage, complete after `batches()`
-    messages : messages read by topic, complete after `batches()`
+    warnings : one sentence per damage, complete after `states()`
+    messages : messages read by topic, complete after `states()`
     size : bytes of all files
     """
 
@@ -59,7 +77,7 @@ class Run:
                 if len(paths) == 1:
                     raise
                 self._left_out.append(f"left out: {error}")
-                self.complete &= _number(name) is None
+                self.complete &= part_number(name) is None
         if not self._contents:
             raise RecordingError(self._left_out[0].removeprefix("left out: "))
         self.paths = list(self._contents)
@@ -90,62 +108,93 @@ class Run:
         return self.scenes[0].text if self.scenes else None
 
     @property
+    def controlled(self) -> bool:
+        """Whether a target slip speed was recorded."""
+        return f"{self.joint_states_topic.rpartition('/')[0]}/{TARGET}" in self.topics
+
+    @property
+    def solver(self) -> str:
+        """The name of the solver, where whoever wrote it says it, else the driveline's."""
+        said = (self.result or {}).get("solver")
+        return said if isinstance(said, str) else "fixed_step"
+
+    @property
     def lost_messages(self) -> int:
         """joint_states messages that are missing between those read, by their stamps."""
         return self.stamps.lost
 
-    def batches(self, tap: Tap | None = None) -> Iterator[JointStates]:
-        """The joint_states in the order of the recording, about one batch per chunk; `tap` sees every chunk.
+    def states(self) -> tuple[JointStates, ...]:
+        """The joint_states of every run; errors are those of `columns`."""
+        return self.columns().runs
+
+    def columns(self, window: Window | None = None) -> Columns:
+        """Everything in it, or the states in a window, as columns; the recording is read once.
 
         Raises
         ------
         RecordingError
             Nothing can be read, there are no joint_states, or several publishers are mixed in them with nothing to tell
             them apart.
+        TooManyStates
+            They would take more than half of the machine's memory.
         """
-        count = 0
-        for batch in self.read(tap):
-            yield replace(batch, index=count)
-            count += len(batch)
+        found = self.read(window=window)
         if not self.stamps.messages:
             raise RecordingError(f"{self.paths[0]}: no {self.joint_states_topic} can be read" +
                                  (f" ({self.warnings[0]})" if self.warnings else ""))
+        return found
 
-    def longest(self) -> JointStates:
-        """All states of the run that has most of them; errors are those of `batches`."""
-        runs: dict[int, list[JointStates]] = {}
-        for batch in self.batches():
-            runs.setdefault(batch.run, []).append(batch)
-        return merged_batches(max(runs.values(), key=lambda batches: sum(map(len, batches))))
-
-    def read(self, tap: Tap | None = None) -> Iterator[JointStates]:
-        """As `batches`, for recordings that may hold no joint_states; `tap` sees every chunk that can be read."""
+    def read(self, tap: Tap | None = None, window: Window | None = None) -> Columns:
+        """As `columns`, for recordings that may hold no joint_states. With a `tap`, which sees every chunk that can be
+        read, no states are kept.
+        """
         self.warnings, self.messages, self.stamps = Warnings(), dict.fromkeys(self.topics, 0), StampCounter()
         self._began = Break.START
+        if window is None and tap is None:
+            self._check_memory(sum(count for contents in self._contents.values()
+                                   for number, count in contents.expected.items()
+                                   if number in contents.channels
+                                   and contents.channels[number].topic == self.joint_states_topic))
         pressure = self.joint_states_topic.rpartition("/")[0] + "/applied_pressure"
-        join = PressureJoin() if self.topics.get(pressure) == FLUID_PRESSURE else None
-        refused: Counter[str] = Counter()
+        pressed = self.topics.get(pressure) == FLUID_PRESSURE
+        join, stamps, pressed_run = dict[int, list[Pressures]](), StampCounter(), -1
+        refused = Counter[str]()
+        states, commands = GrowingStates(), Commands(self.joint_states_topic)
         for path in self.paths:
             for data, messages, channels in self._chunks(path):
                 if tap is not None:
                     tap(data, messages, channels)
-                array = np.frombuffer(data, dtype=np.uint8)
+                array, before = np.frombuffer(data, dtype=np.uint8), states.count
                 here = np.flatnonzero(np.bincount(messages.channel)).tolist() if len(messages.channel) else []
-                if join is not None and (found := _of(channels, here, pressure, FLUID_PRESSURE)):
-                    stamps, values, heads, left_out = pressures(array, messages, found)
+                if pressed and (found := _of(channels, here, pressure, FLUID_PRESSURE)):
+                    at, values, heads, left_out = pressures(array, messages, found)
                     refused[pressure] += left_out
-                    join.add_pressures(stamps, values, self._publisher(heads, channels), heads["number"])
+                    for piece, preceded in stamps.pieces(at, self._publisher(heads, channels), heads["number"]):
+                        pressed_run += preceded.begins_a_run
+                        join.setdefault(pressed_run, []).append(Pressures(at[piece], values[piece]))
                 if found := _of(channels, here, self.joint_states_topic, JOINT_STATE):
                     self._layout = self._layout or layout_of(data, messages, found, self._joints)
                     batch, heads, left_out = joint_states(array, messages, found, self._layout)
                     refused[self.joint_states_topic] += left_out
                     for part in self._runs(batch, self._publisher(heads, channels), heads["number"]):
-                        yield from (part,) if join is None else join.add(part)
-        if join is not None:
-            yield from join.finish()
-            if join.missing:
-                self.warnings.append(f"the applied pressure is missing at {counted(join.missing, 'tick')}")
+                        rows = window.rows(part) if window is not None else slice(0, len(part))
+                        if tap is None and rows.stop > rows.start:
+                            states.add(part[rows])
+                    self._check_memory(states.count)
+                commands.take(data, messages, channels, before, states.count)
+        runs, parts, missing = states.runs(join if pressed else None)
+        if missing:
+            self.warnings.append(f"the applied pressure is missing at {counted(missing, 'tick')}")
         self._conclude(refused)
+        return Columns(runs, parts, commands.beside(runs, parts), commands.sources)
+
+    def _check_memory(self, count: int) -> None:
+        """Raise TooManyStates where so many states take more than half of the machine's memory."""
+        memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+        if count * BYTES_A_STATE > memory // 2:
+            raise TooManyStates(f"{self.path}: its {count} states take {count * BYTES_A_STATE / 1e9:.3g} GB, "
+                                f"more than half of the {memory / 1e9:.3g} GB of this machine; ask for a window: "
+                                "--from and --to (simulation time, s), or start and end in Python")
 
     def _publisher(self, heads: NDArray[np.void], channels: Mapping[int, Channel]) -> NDArray[np.int64]:
         """A number for whoever published each message; 0 where the recording does not say."""
@@ -211,7 +260,7 @@ class Run:
         self.warnings.extend(self._left_out)
         if not self.complete and not self._left_out:
             self.warnings.append("the recording was cut short: what came after the last flush is missing")
-        if missing := _missing_parts(self._given):
+        if missing := missing_parts(self._given):
             self.warnings.append(f"part {missing[0]} is missing" if len(missing) == 1 else
                                  f"{len(missing)} parts are missing, the first is part {missing[0]}")
         stamps = self.stamps
@@ -255,54 +304,13 @@ def open_run(path: Path | str, topic: str | None = None, joints: Mapping[str, st
         No recording there, or nothing in it can be read.
     """
     path = Path(path)
-    paths = [path]
-    if path.is_dir():
-        paths = sorted(path.glob("*.mcap"), key=lambda part: (_number(part) or 0, part.name))
-    if path.suffix == ".db3" or (not paths and any(path.glob("*.db3"))):
-        bag = path.parent if path.suffix == ".db3" else path
-        raise RecordingError(f"{bag} is a bag in SQLite, which is not read; rosbags-convert --src {bag} --dst "
-                             f"{bag}_mcap --dst-storage mcap (from pip install rosbags) makes one that is")
-    if not paths:
-        raise RecordingError(f"{path} holds no .mcap file")
-    return Run(path, paths, topic, joints)
-
-
-def _number(path: Path) -> int | None:
-    """The number that rosbag2 puts last in the name of a part of a bag, None where there is none."""
-    digits = path.stem.rpartition("_")[2]
-    return int(digits) if digits.isdecimal() and digits.isascii() and len(digits) < 19 else None
-
-
-def _missing_parts(paths: list[Path]) -> list[int]:
-    """Numbers that are left out between those of the parts of a split recording, and before the first."""
-    numbers = {_number(path) or 0 for path in paths}
-    return [n for n in range(min(max(numbers), _MOST_PARTS)) if n not in numbers] if len(paths) > 1 else []
+    return Run(path, parts_of(path), topic, joints)
 
 
 def _of(channels: Mapping[int, Channel], here: list[int], topic: str, type_name: str) -> list[int]:
     """Which of the channels that a chunk has messages of are of this topic and type."""
     return [number for number in here if number in channels
             and (channels[number].topic, channels[number].type) == (topic, type_name)]
-
-
-def open_file(path: Path) -> BinaryIO:
-    """Open a regular file for reading; a pipe would keep its reader waiting."""
-    try:
-        if path.exists() and not path.is_file():
-            raise RecordingError(f"{path} is not a regular file")
-        return path.open("rb")
-    except OSError as error:
-        raise RecordingError(f"{path} cannot be read: {error.strerror}") from None
-
-
-def records_of(path: Path, stream: RecordStream) -> Iterator[McapRecord]:
-    """The stream's records; errors name the file."""
-    try:
-        yield from stream
-    except RecordingError as error:
-        raise RecordingError(f"{path}: {error}") from None
-    except OSError as error:
-        raise RecordingError(f"{path} cannot be read: {error.strerror}") from None
 
 
 def _choose(topics: dict[str, str]) -> str:

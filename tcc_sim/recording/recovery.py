@@ -57,8 +57,7 @@ def recover(run: Run, directory: Path) -> Recovery:
     """
     copy = _Copy(run, directory)
     try:
-        for _ in run.read(copy):
-            pass
+        run.read(copy)
         if copy.bag is None:
             reason = f" ({run.warnings[0]})" if run.warnings else ""
             raise RecordingError(f"{run.paths[0]}: nothing in it can be recovered{reason}")

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from typing import Any
@@ -19,12 +19,11 @@ from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.analysis.summary import Summary, default_discard
 from tcc_sim.errors import InputError, counted
 from tcc_sim.model.parameters import values_of
-from tcc_sim.recording.announcements import ScenePlace, SceneRecord
-from tcc_sim.recording.batches import JointStates
-from tcc_sim.recording.commands import TARGET, Rows
+from tcc_sim.recording.columns import JointStates
+from tcc_sim.recording.commands import TARGET
+from tcc_sim.replay.timeline import Timeline, slip_between_gaps
 from tcc_sim.result import json_of
-from tcc_sim.scene import Scene, parse_scene
-from tcc_sim.trajectory import Floats
+from tcc_sim.scene import Scene
 
 MOST_SEGMENTS = 1000
 """Segments that are told one by one; the others are counted."""
@@ -75,145 +74,88 @@ class Segment:
         return out
 
 
-@dataclass
-class _Open:
-    """The segment at hand."""
+@dataclass(frozen=True)
+class Cut:
+    """A segment before its figures are worked out: states of one run, what began it, and the target that was said in it
+    first: index of a state, and value.
+    """
 
+    states: JointStates
     began_by: str
-    changes: dict[str, object]
-    stream: CycleStream
-    run: int | None
-    start_ns: int
-    end_ns: int = 0
-    means: MeansOfCycles | None = None
-    target: float = math.nan
+    changes: Mapping[str, object]
+    scene: Scene
+    target: tuple[int, float] | None
 
 
-class SegmentLog:
-    """Cuts a recording into segments while it is read, and works out the figures of each.
+def cuts_of(line: Timeline) -> list[Cut]:
+    """Cut a recording into segments."""
+    rows, values = line.commands.get(TARGET, (np.empty(0, np.int64), np.empty(0)))
+    targets, changes = deque(zip(rows.tolist(), values.tolist())), deque(line.changes)
+    found: list[Cut] = []
+    scene, target = line.scene, None
+    for states in line.runs:
+        opened: Cut | None = None
+        inside = {index for index, _ in (*changes, *targets) if states.index < index < states.index + len(states)}
+        for index in [states.index, *sorted(inside)]:
+            before, aim = dict(values_of(scene.system)), target
+            while changes and changes[0][0] <= index:
+                scene = changes.popleft()[1]
+            while targets and targets[0][0] <= index:
+                target = targets.popleft()[1]
+            changed: dict[str, object] = {key: value for key, value in values_of(scene.system) if value != before[key]}
+            if aim is not None and target != aim:
+                changed[TARGET] = target
+            if opened is None or changed:
+                if opened is not None:
+                    found.append(replace(opened, states=opened.states[:index - opened.states.index]))
+                opened = Cut(states[index - states.index:], "parameters" if opened else states.began.value, changed,
+                             scene, None)
+            if opened.target is None and target is not None:
+                opened = replace(opened, target=(index, target))
+        if opened is not None:
+            found.append(opened)
+    return found
+
+
+def segments_of(line: Timeline, clock: EngineClock | None, discard: int | None, *, controlled: bool, solver: str,
+                elapsed_s: float = 0.0, stream: CycleStream | None = None) -> tuple[tuple[Segment, ...], int]:
+    """Work out the figures of the first MOST_SEGMENTS segments; and how many there are.
 
     Parameters
     ----------
-    scene : the first
-    scenes, places : all that the recording holds, and from which state on they hold
     clock : when engine cycles start, in every segment; None takes each scene's own frequency
-    controlled : a target slip speed was recorded
-    stream : the whole recording's, which has each batch before this: where every segment is a run, its cycles serve
     discard : engine cycles dropped from each segment; None for the default
+    controlled : a target slip speed was recorded
+    solver, elapsed_s : as their summaries say it
+    stream : cycles of the whole recording, which serve where every segment is a run
     """
+    cuts = cuts_of(line)
+    shared = stream if not line.changes and not controlled else None
+    found = [_judged(cut, clock, shared, discard) for cut in cuts[:MOST_SEGMENTS]]
+    return tuple(s if s.summary is None else replace(s, summary=replace(s.summary, solver=solver, elapsed_s=elapsed_s))
+                 for s in found), len(cuts)
 
-    def __init__(self, scene: Scene, scenes: Sequence[SceneRecord], places: Sequence[ScenePlace],
-                 clock: EngineClock | None,
-                 controlled: bool, stream: CycleStream, discard: int | None) -> None:
-        self.segments: list[Segment] = []
-        self.count = 0
-        self._scene, self._scenes, self._clock, self._discard = scene, scenes, clock, discard
-        self._places = deque(place for place in places if place.number)
-        self._targets: deque[tuple[int, float]] = deque()
-        self._shared = None if self._places or controlled else stream
-        self._target: float | None = None
-        self._run = -1
-        self._open: _Open | None = None
 
-    def feed(self, batch: JointStates, slip_speed: Floats, targets: tuple[Rows, Floats] | None = None) -> None:
-        """Take the next states, all of one run, and the targets that came with them: the row of the first state after
-        each, and its value.
-        """
-        begin = 0
-        if targets is not None:
-            said = self._target
-            for row, value in zip(targets[0].tolist(), targets[1].tolist()):
-                if value != said:
-                    self._targets.append((row, value))
-                    said = value
-        while begin < len(batch):
-            self._enter(batch, begin)
-            end = self._next_cut(batch, begin)
-            self._take(batch[begin:end], slip_speed[begin:end])
-            begin = end
-        self._targets.clear()
-
-    def finish(self, solver: str, elapsed_s: float) -> list[Segment]:
-        """All segments."""
-        self._close()
-        return [s if s.summary is None else replace(s, summary=replace(s.summary, solver=solver, elapsed_s=elapsed_s))
-                for s in self.segments]
-
-    def _enter(self, batch: JointStates, row: int) -> None:
-        """Begin a segment where there is a reason to at this state."""
-        before, target = dict(values_of(self._scene.system)), self._target
-        while self._places and self._places[0].index <= batch.index + row:
-            record = self._scenes[self._places.popleft().number]
-            with suppress(InputError):  # Whoever solves it again says what is wrong with it.
-                self._scene = parse_scene(record.parameters, self._scene.name)
-        while self._targets and self._targets[0][0] <= row:
-            self._target = self._targets.popleft()[1]
-        changes: dict[str, object] = {key: value for key, value in values_of(self._scene.system)
-                                      if value != before[key]}
-        if target is not None and self._target != target:
-            changes[TARGET] = self._target
-        fresh = batch.run != self._run
-        if fresh or changes:
-            self._close()
-            self._run = batch.run
-            self._open = self._opened(batch.began.value if fresh else "parameters", changes, int(batch.stamp_ns[row]))
-        if self._target is not None and self._open is not None and self._open.means is None:
-            self._open.means, self._open.target = MeansOfCycles(self._open.stream.clock), self._target
-
-    def _opened(self, began_by: str, changes: dict[str, object], stamp_ns: int) -> _Open | None:
-        """A new segment, or None where there are too many."""
-        self.count += 1
-        if self.count > MOST_SEGMENTS:
-            return None
-        if self._shared is not None:
-            return _Open(began_by, changes, self._shared, self._run, stamp_ns)
-        return _Open(began_by, changes, CycleStream(self._scene.system, self._clock), None, stamp_ns)
-
-    def _next_cut(self, batch: JointStates, row: int) -> int:
-        """The next state at which something may have changed."""
-        end = len(batch)
-        if self.count > MOST_SEGMENTS:
-            return end
-        if self._places:
-            end = min(end, max(self._places[0].index - batch.index, row + 1))
-        if self._targets:
-            end = min(end, self._targets[0][0])
-        return end
-
-    def _take(self, batch: JointStates, slip_speed: Floats) -> None:
-        """Add states to the segment at hand."""
-        now = self._open
-        if now is None:
-            return
-        if now.run is None:
-            now.stream.feed(batch.stamp_ns, slip_speed, batch.plate_angle, batch.plate_speed, batch.engine_torque,
-                            batch.friction_torque, batch.run)
-        if now.means is not None:
-            stamps, tick = batch.stamp_ns[np.isfinite(slip_speed)], now.stream.continuity.tick
-            slip_speed = slip_speed[np.isfinite(slip_speed)]
-            gaps = np.flatnonzero(2 * np.diff(stamps, prepend=now.end_ns) > 3 * tick).tolist() if tick else []
-            for begin, end in zip([0, *gaps], [*gaps, len(stamps)]):
-                if begin in gaps:
-                    now.means.interrupt()
-                if end > begin:
-                    now.means.feed(stamps[begin:end].astype(np.float64) * 1e-9, slip_speed[begin:end],
-                                   batch.run)
-        now.end_ns = int(batch.stamp_ns[-1])
-
-    def _close(self) -> None:
-        """End the segment at hand."""
-        now, self._open = self._open, None
-        if now is None:
-            return
-        summary: Summary | None = None
-        if now.run is None or now.run in now.stream.numbers:
-            with suppress(InputError):
-                number = now.stream.numbers[now.run] if now.run is not None else None
-                summary = now.stream.summary(self._discard, number=number)
-        judged = None
-        if now.means is not None:
-            means = now.means.means()
-            dropped = default_discard(len(means)) if self._discard is None else self._discard
-            judged = tracking(now.target, means, now.stream.clock.cycle, dropped)
-        self.segments.append(Segment(now.start_ns * 1e-9, now.end_ns * 1e-9, now.began_by, now.changes, summary,
-                                     judged))
+def _judged(cut: Cut, clock: EngineClock | None, shared: CycleStream | None, discard: int | None) -> Segment:
+    """The figures of one segment."""
+    states, stream = cut.states, shared or CycleStream(cut.scene.system, clock)
+    if shared is None:
+        for block in states.blocks():
+            stream.feed_states(block)
+    summary: Summary | None = None
+    if states.run in stream.numbers:
+        with suppress(InputError):
+            summary = stream.summary(discard, number=stream.numbers[states.run])
+    judged = None
+    if cut.target is not None:
+        first, target = cut.target
+        running = MeansOfCycles(stream.clock)
+        for after_gap, t, slip in slip_between_gaps(states[first - states.index:], stream.continuity.tick):
+            if after_gap:
+                running.interrupt()
+            running.feed(t, slip, states.run)
+        means = running.means()
+        dropped = default_discard(len(means)) if discard is None else discard
+        judged = tracking(target, means, stream.clock.cycle, dropped)
+    return Segment(int(states.stamp_ns[0]) * 1e-9, int(states.stamp_ns[-1]) * 1e-9, cut.began_by, cut.changes, summary,
+                   judged)

@@ -7,11 +7,14 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+import numpy as np
+
 from tcc_sim.analysis.engine_clock import EngineClock, Uniform, clock_of_scene
 from tcc_sim.analysis.torque_phase import PhaseTracker, clock_of
 from tcc_sim.errors import InputError
-from tcc_sim.recording.batches import JointStates
+from tcc_sim.recording.columns import JointStates
 from tcc_sim.recording.reader import Run
+from tcc_sim.replay.timeline import Timeline
 from tcc_sim.scene import Scene, load_scene, parse_scene
 
 SOURCES = {"given": "as given", "scene": "as the scene says", "found": "found in the recorded engine torque"}
@@ -40,6 +43,11 @@ class Timing:
     note: str = ""
 
     @property
+    def segment_clock(self) -> EngineClock | None:
+        """That of every segment; None where each takes its scene's own frequency."""
+        return None if self.source == "scene" else self.clock
+
+    @property
     def frequency(self) -> float:
         """That of a typical cycle, rad/s; NaN where there is none."""
         if not self.clock.told:
@@ -55,13 +63,13 @@ class Timing:
         return f"{self.low:.6g} to {self.high:.6g} rad/s, {SOURCES[self.source]}"
 
 
-def timing_of(scene: Scene, given: float | None, batches: Iterable[JointStates], changed: bool = False) -> Timing:
+def timing_of(scene: Scene, given: float | None, runs: Iterable[JointStates], changed: bool = False) -> Timing:
     """How the cycles of a recording of this scene are counted.
 
     Parameters
     ----------
     given : angular frequency of the engine torque, rad/s, or None
-    batches : the recording, which is read only where the torque came from a topic or its frequency was changed
+    runs : its states, which are looked at only where the torque came from a topic or its frequency was changed
     changed : the frequency was changed while running, so that the phase went on at another pace
 
     Raises
@@ -78,11 +86,12 @@ def timing_of(scene: Scene, given: float | None, batches: Iterable[JointStates],
         said = engine.frequency_values or (engine.frequency,)
         return Timing(clock_of_scene(scene.system), "scene", min(said), max(said))
     tracker = PhaseTracker()
-    for batch in batches:
-        tracker.feed(batch.stamp_ns, batch.engine_torque, batch.run)
-    runs = tracker.runs()
-    clock = clock_of(runs)
-    longest = runs[tracker.longest()] if runs else None
+    for states in runs:
+        for block in states.blocks():
+            tracker.feed(block.stamp_ns, block.engine_torque, block.run)
+    phases = tracker.runs()
+    clock = clock_of(phases)
+    longest = phases[tracker.longest()] if phases else None
     if clock is None or longest is None:
         why = longest.why if longest is not None else "there are no samples"
         return Timing(Uniform(max(SLICE, TICKS * tracker.tick), told=False), "none", math.nan, math.nan,
@@ -91,8 +100,17 @@ def timing_of(scene: Scene, given: float | None, batches: Iterable[JointStates],
     if longest.known and longest.known < COMPLETE:
         note = (f"engine cycles are told in {100.0 * longest.known:.0f} % of the longest run: elsewhere no oscillation "
                 "of the engine torque can be followed")
-    found = longest if not longest.why else max(runs.values(), key=lambda run: len(run.starts))
+    found = longest if not longest.why else max(phases.values(), key=lambda run: len(run.starts))
     return Timing(clock, "found", found.low, found.high, note)
+
+
+def default_of(discard: int | None, timing: Timing, scene: Scene) -> int | None:
+    """Engine cycles to be dropped: none of a scene with profiles where nothing is given, as no part of a manoeuvre is a
+    transient.
+    """
+    if discard is None and timing.source == "scene" and scene.system.profile is not None:
+        return 0
+    return discard
 
 
 def frequency_changes(run: Run) -> bool:
@@ -119,26 +137,18 @@ def recorded_scene(run: Run, given: str | None = None) -> Scene:
     return scene
 
 
-class Pace:
-    """Simulated time against the real time at which messages were received; resets and restarts count from anew.
+def pace_of(line: Timeline) -> float:
+    """Simulated time against the real time at which messages were received, resets and restarts apart; NaN where no
+    real time passed, as in a recording that was not made live.
 
-    The first batch of a run only sets the start: its messages may have waited for the recorder to be discovered.
+    The first chunk of a run only sets the start: its messages may have waited for the recorder to be discovered. One in
+    which the clock was set back counts for nothing.
     """
-
-    def __init__(self) -> None:
-        self._simulated = self._real = 0.0
-        self._last: tuple[int, int, int] | None = None
-
-    def add(self, batch: JointStates) -> None:
-        """Take the next messages, all of one run."""
-        if len(batch):
-            before, self._last = self._last, (batch.run, int(batch.stamp_ns[-1]), int(batch.log_ns[-1]))
-            begin = before if before is not None and before[0] == batch.run else self._last
-            if self._last[2] < begin[2]:
-                return  # The clock was set back: this batch says nothing.
-            self._simulated += self._last[1] - begin[1]
-            self._real += self._last[2] - begin[2]
-
-    def factor(self) -> float:
-        """Simulated over real time; NaN where no real time passed, as in a recording that was not made live."""
-        return self._simulated / self._real if self._real > 0.0 else math.nan
+    simulated = real = 0
+    for states in line.runs:
+        starts = line.starts[(line.starts > states.index) & (line.starts < states.index + len(states))] - states.index
+        ends = np.append(starts, len(states)) - 1
+        stamps, received = np.diff(states.stamp_ns[ends]), np.diff(states.log_ns[ends])
+        simulated += int(stamps[received >= 0].sum())
+        real += int(received[received >= 0].sum())
+    return simulated / real if real > 0 else math.nan

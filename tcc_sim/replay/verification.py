@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.errors import InputError, counted
 from tcc_sim.model.profile import START
-from tcc_sim.recording.announcements import ScenePlace, SceneRecord
-from tcc_sim.recording.batches import JointStates
-from tcc_sim.scene import Scene, parse_scene
+from tcc_sim.recording.columns import JointStates
+from tcc_sim.replay.timeline import Timeline
+from tcc_sim.scene import parse_scene
 from tcc_sim.solvers.fixed_step import Stepper
 from tcc_sim.solvers.terms import Terms, general_terms, holding, terms_from
 from tcc_sim.topics import INPUTS
@@ -61,8 +61,8 @@ class Verification:
         return f"not verified: {self.detail}"
 
 
-class Verifier:
-    """Compares batches with the solution of their scene, one tick after the other.
+def verify(line: Timeline, size: int, progress: Callable[[int], Any] | None = None) -> Verification:
+    """Compare a recording with the solution of its scene, one tick after the other.
 
     A run that starts at stamp 0 is solved from the scene's initial state and goes on exactly across gaps, as long as no
     input comes from a topic. Otherwise each tick is solved from the recorded state before it.
@@ -72,28 +72,33 @@ class Verifier:
     trace.
 
     An input that a command held is the constant that the message says. One that fell back to the scene's harmonics
-    varies within the tick, so `sources` tells which it was. In a recording without them every input counts as
-    commanded.
+    varies within the tick, so the driveline's announcements tell which it was. In a recording without them every input
+    counts as commanded.
 
     Parameters
     ----------
-    scenes, places : of the recording, and the states from which on they hold (`Places`)
-    fallback : scene of a recording that holds none
     size : bytes of the recording, with which the work that it may cause grows
-    sources : what the driveline said on input_source, in its order: index of a state, and the inputs that a command
-        held from there on
+    progress : takes the number of states that were compared last
     """
+    verifier = _Verifier(line, size)
+    for states in line.runs:
+        for block in states.blocks():
+            verifier.feed(block)
+            if progress is not None:
+                progress(len(block))
+    return verifier.result()
 
-    def __init__(self, scenes: Sequence[SceneRecord], places: Sequence[ScenePlace], fallback: Scene, size: int,
-                 sources: Sequence[tuple[int, frozenset[str]]] = ()) -> None:
-        self._scenes, self._places = scenes, deque(places)
-        self._sources = deque(sources)
-        self._commanded = self._sources[0][1] if self._sources else frozenset(INPUTS)
-        self._told_sources = bool(self._sources)
-        self._place = -1
+
+class _Verifier:
+    """The comparison under way: the solver, what it was given, and the differences so far."""
+
+    def __init__(self, line: Timeline, size: int) -> None:
+        self._scenes, self._places, self._place = line.scenes, line.places, -1
+        self._sources, self._commanded = line.sources, line.sources[0][1] if line.sources else frozenset(INPUTS)
+        self._next_place = self._next_source = 0
         self._work = self._work_limit = SMALLEST_WORK + WORK_PER_BYTE * size
         self._leapt = 0
-        self._scene, self._general, self._origin = fallback, False, START
+        self._scene, self._general, self._origin = line.scene, False, START
         self._run = -1
         self._harmonic = False, False
         self._stepper: Stepper
@@ -144,7 +149,7 @@ class Verifier:
             detail = (f"the message of {self._first * 1e-9:.9g} s is the first that differs; the largest difference is "
                       f"{largest:.3g} of its signal's maximum (a changed value, a scene that is missing, or another "
                       "version or machine)")
-            if any(self._harmonic) and not self._told_sources:
+            if any(self._harmonic) and not self._sources:
                 detail += "; the topic input_source was not recorded, so every input counts as commanded"
         return Verification(self._first is None, largest, self._compared, self._exactly, self._first, detail)
 
@@ -173,9 +178,10 @@ class Verifier:
         the state of `stamp_ns`; whether there was one.
         """
         latest = None
-        while self._places and self._places[0].index <= index and (
-                self._scenes[self._places[0].number].first_stamp_ns <= stamp_ns or self._places[0].index < index):
-            latest = self._places.popleft().number
+        for at, number in self._places[self._next_place:]:
+            if at > index or (self._scenes[number].first_stamp_ns > stamp_ns and at == index):
+                break
+            latest, self._next_place = number, self._next_place + 1
         if latest is None:
             return False
         self._take_scene(latest)
@@ -219,7 +225,7 @@ class Verifier:
             known = False
         solved = row
         for tick in range(begin + 1 if known else end, end + 1):
-            if self._places and self._take_over(index, round(tick * self._stamp_step)):
+            if self._next_place < len(self._places) and self._take_over(index, round(tick * self._stamp_step)):
                 self._use_scene()
             self._follow_sources(index)
             self._apply(row[4], pressure)
@@ -271,8 +277,9 @@ class Verifier:
 
     def _follow_sources(self, index: int) -> None:
         """Go on to what the driveline said of its inputs up to the state with this index."""
-        while self._sources and self._sources[0][0] <= index:
-            self._commanded = self._sources.popleft()[1]
+        while self._next_source < len(self._sources) and self._sources[self._next_source][0] <= index:
+            self._commanded = self._sources[self._next_source][1]
+            self._next_source += 1
 
     def _compare(self, batch: JointStates, recorded: Floats, solved: Floats, exact: NDArray[np.bool_]) -> None:
         """Take the differences of a batch into account."""

@@ -74,7 +74,7 @@ def test_mcap_is_a_recording_that_holds_its_scene(tmp_path):
     words = ["fig02", "--set", "engine.mean_torque=501", "--cycles", "3", "--samples", "50", "--out", str(path)]
     assert main(["simulate", *words]) == 0
     run = open_run(path)
-    assert sum(map(len, run.batches())) == 151
+    assert sum(map(len, run.states())) == 151
     assert "501.0" in run.scene_text
 
 

@@ -320,7 +320,7 @@ def test_in_real_time_what_was_not_sent_is_counted_and_the_count_is_recorded(ben
     assert f"0 lost, {publisher.refused} never sent" in recorder.close()
     recorder.node.destroy_node()
     run = open_run(tmp_path / "run")
-    stamps = list(itertools.chain.from_iterable(batch.stamp_ns.tolist() for batch in run.batches()))
+    stamps = list(itertools.chain.from_iterable(batch.stamp_ns.tolist() for batch in run.states()))
     assert stamps == publisher.taken[:len(stamps)]
     assert run.result is not None
     assert (run.result["unsent"], run.lost_messages) == ({"/joint_states": publisher.refused}, publisher.refused)

@@ -19,7 +19,6 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 from child_output import without_compiling
 
 from tcc_sim.cli import main
-from tcc_sim.recording.announcements import input_sources
 from tcc_sim.recording.reader import open_run
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
@@ -87,7 +86,7 @@ def test_demo_of_a_controlled_scene_runs_the_controller_too(tmp_path: Path,
     recorded = open_run(made / "recording")
     for topic in ("/target_slip_speed", "/actuation_pressure", "/applied_pressure", "/input_source"):
         assert topic in recorded.topics
-    assert any(source.commanded == {"actuation_pressure"} for source in input_sources(recorded))
+    assert any(source.commanded == {"actuation_pressure"} for source in recorded.columns().sources)
     assert main(["analyse", str(made / "recording"), "--verify", "--json", "-"]) == 0
     verified = json.loads(capsys.readouterr().out)
     assert (verified["verified"], verified["largest_difference"]) == (True, 0.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +21,9 @@ from test_live_changes import Recorded, exactly
 from tcc_sim.messages import cdr
 from tcc_sim.nodes.driveline import DrivelineNode
 from tcc_sim.nodes.middleware import COMMANDS
-from tcc_sim.recording.announcements import ScenePlace, input_sources
 from tcc_sim.recording.reader import open_run
-from tcc_sim.replay.verification import Verifier
+from tcc_sim.replay.timeline import timeline_of
+from tcc_sim.replay.verification import verify
 from tcc_sim.scene import load_scene, parse_scene
 
 
@@ -53,7 +54,7 @@ def test_without_arguments_it_subscribes_to_both_and_moves_as_its_scene_says(ben
     assert [command.name for command in chain.loop.commands] == ["engine_torque", "actuation_pressure"]
     chain.run(200)
     exactly(chain.close(), runs=1)
-    batches = list(open_run(tmp_path / "run").batches())
+    batches = list(open_run(tmp_path / "run").states())
     t = np.concatenate([b.stamp_ns for b in batches]) * 1e-9
     engine = np.concatenate([b.engine_torque for b in batches])
     pressure = np.concatenate([b.applied_pressure for b in batches])
@@ -83,7 +84,7 @@ def test_commands_time_outs_changes_and_resets_are_verified_to_the_last_bit(benc
     assert chain.loop.plant.general
     chain.run(300)
     exactly(chain.close(), runs=2)
-    sources = [source.commanded for source in input_sources(open_run(tmp_path / "run"))]
+    sources = [source.commanded for source in open_run(tmp_path / "run").columns().sources]
     assert sources[0] == frozenset()
     assert sources[1] == {"engine_torque"}
     assert {"engine_torque", "actuation_pressure"} in sources
@@ -95,7 +96,7 @@ def test_one_input_may_fall_back_to_its_mean_and_the_other_to_its_harmonics(benc
     chain.send(torque=310.0, pressure=2.1e5)
     chain.run(300)
     exactly(chain.close(), runs=1)
-    engine = np.concatenate([b.engine_torque for b in open_run(tmp_path / "run").batches()])
+    engine = np.concatenate([b.engine_torque for b in open_run(tmp_path / "run").states()])
     assert set(engine.tolist()) == {300.0, 310.0}
 
 
@@ -108,15 +109,12 @@ def test_the_recorded_source_decides_not_the_value(bench: Any, tmp_path: Path) -
     chain.run(100)
     exactly(chain.close(), runs=1)
     run = open_run(tmp_path / "run")
-    scene, sources = parse_scene(run.scene_text or "", "run"), input_sources(run)
-    stamps = np.concatenate([batch.stamp_ns for batch in run.batches()])
-    held = [(int(np.searchsorted(stamps, source.first_stamp_ns)), source.commanded) for source in sources]
-    for said, why in (((), "input_source was not recorded"), (held[:1], "is the first that differs"), (held, "")):
-        verifier = Verifier(run.scenes, [ScenePlace(0, 0)], scene, run.size, said)
-        for batch in run.batches():
-            verifier.feed(batch)
-        assert verifier.result().verified == (not why)
-        assert why in verifier.result().detail
+    line = timeline_of(run, parse_scene(run.scene_text or "", "run"))
+    for said, why in (((), "input_source was not recorded"), (line.sources[:1], "is the first that differs"),
+                      (line.sources, "")):
+        found = verify(replace(line, sources=said), run.size)
+        assert found.verified == (not why)
+        assert why in found.detail
 
 
 def test_a_scene_file_is_that_scene_and_not_a_change_of_the_default(bench: Any) -> None:

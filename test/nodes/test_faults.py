@@ -36,7 +36,7 @@ def recorded(output: Path) -> Run | None:
     """The recording so far; None while there is nothing to read."""
     try:
         run = open_run(output)
-        list(run.batches())
+        list(run.states())
     except RecordingError:
         return None
     return run
@@ -85,7 +85,7 @@ def test_a_driveline_that_was_stopped_counts_missed_ticks_and_goes_on_without_a_
     until(messages_in(output, now.messages["/joint_states"] + 300))
     assert driveline.stop() == recorder.stop() == 0
     run = open_run(output)
-    batches = list(run.batches())
+    batches = list(run.states())
     stamps = np.concatenate([b.stamp_ns for b in batches])
     log = np.concatenate([b.log_ns for b in batches])
     assert stamps.tolist() == [k * 10**9 // RATE for k in range(len(stamps))]
@@ -120,7 +120,7 @@ def test_a_killed_driveline_is_told_and_one_started_again_is_a_run_of_its_own(
     run = open_run(output)
     by_run: dict[int, list[int]] = {}
     first_speed: dict[int, float] = {}
-    for batch in run.batches():
+    for batch in run.states():
         first_speed.setdefault(batch.run, float(batch.flywheel_speed[0]))
         by_run.setdefault(batch.run, []).extend(batch.stamp_ns.tolist())
     assert list(by_run) == [0, 1]
@@ -134,7 +134,7 @@ def test_a_killed_driveline_is_told_and_one_started_again_is_a_run_of_its_own(
     assert run.warnings == ["simulation time started again 1 time (0 resets, 1 restart): these are "
                             "separate runs"]
     # Each run is known to be of its own scene.
-    batches = list(run.batches())
+    batches = list(run.states())
     change = [batch.run for batch in batches].index(1)
     assert run.scenes[0].log_ns <= batches[0].log_ns[0]
     assert batches[change - 1].log_ns[-1] < run.scenes[1].log_ns <= batches[change].log_ns[0]
@@ -174,7 +174,7 @@ def test_a_scene_belongs_to_the_states_that_arrive_with_it(tmp_path: Path, bench
             recorder.tracks["/joint_states"].messages == b + 2 and recorder.bag.scene_text == text))
     recorder.close()
     run = open_run(tmp_path / "run")
-    batches = list(run.batches())
+    batches = list(run.states())
     assert [scene.text for scene in run.scenes] == ["first", "second"]
     starts = [int(batch.log_ns[0]) for batch in batches if batch.stamp_ns[0] == 0]
     assert run.scenes[0].log_ns <= starts[0] < run.scenes[1].log_ns <= starts[1]

@@ -200,6 +200,6 @@ def test_eight_drivelines_in_namespaces_keep_apart(bench: Any, tmp_path: Path) -
     recorder.close()
     run = open_run(tmp_path / "run")
     assert set(run.topics) == {"/d3/scene", "/d3/joint_states", "/d3/engine_torque"}
-    batches = list(run.batches())
+    batches = list(run.states())
     assert {float(x) for batch in batches for x in batch.engine_torque} <= {300.0, 103.0}
     assert [scene.text.count("slip_speed: 13.0") for scene in run.scenes] == [1]

@@ -69,7 +69,7 @@ def test_every_topic_of_the_table_is_recorded_in_the_namespace_of_the_node(conte
     assert f"{len(TOPICS)} messages" in found.close()
     run = open_run(tmp_path / "run")
     assert run.topics == {node.resolve_topic_name(row.name): row.type for row in TOPICS}
-    assert sum(map(len, run.batches())) == 1
+    assert sum(map(len, run.states())) == 1
     assert run.scene_text == SCENE
     assert run.result["lost"] == dict.fromkeys(run.topics, 0)
 
@@ -84,7 +84,7 @@ def test_a_burst_is_recorded_whole_with_times_and_numbers(context, tmp_path):
     found.look()
     found.close()
     run = open_run(tmp_path / "run")
-    batches = list(run.batches())
+    batches = list(run.states())
     assert np.concatenate([batch.stamp_ns for batch in batches]).tolist() == [n * TICK for n in range(5000)]
     assert (np.diff(np.concatenate([batch.log_ns for batch in batches])) >= 0).all()
     assert (run.complete, run.lost_messages, run.result["lost"], run.result["missing_stamps"]) == (
@@ -197,7 +197,7 @@ def test_the_scene_of_every_driveline_that_appears_is_recorded(context, tmp_path
     found.close()
     run = open_run(tmp_path / "run")
     assert [scene.text for scene in run.scenes] == [SCENE + "# 1\n", SCENE + "# 2\n"]
-    assert sorted({batch.run for batch in run.batches()}) == [0, 1]
+    assert sorted({batch.run for batch in run.states()}) == [0, 1]
 
 
 def test_a_parameter_of_an_unknown_type_does_not_end_it(context, tmp_path, capfd):
@@ -221,7 +221,7 @@ def test_a_parameter_of_an_unknown_type_does_not_end_it(context, tmp_path, capfd
     publisher.publish(joint_state(0))
     until(lambda: found.tracks["/joint_states"].messages == 1, step=found.drain)
     found.close()
-    assert sum(map(len, open_run(tmp_path / "run").batches())) == 1
+    assert sum(map(len, open_run(tmp_path / "run").states())) == 1
 
 
 def test_messages_that_a_publisher_counted_and_nobody_received_are_counted_as_lost(context):

@@ -43,12 +43,12 @@ def test_a_recording_in_parts_has_the_scene_and_figures_of_its_own_in_each(conte
     stamps, counted = [], 0
     for path in parts:
         run = open_run(path)
-        stamps += np.concatenate([batch.stamp_ns for batch in run.batches()]).tolist()
+        stamps += np.concatenate([batch.stamp_ns for batch in run.states()]).tolist()
         assert (run.scene_text, run.complete) == (SCENE, True)
         counted += run.result["messages"]["/joint_states"]
     assert stamps == [n * TICK for n in range(2000)]
     whole = open_run(tmp_path / "run")
-    assert sum(map(len, whole.batches())) == counted == whole.result["messages"]["/joint_states"] == 2000
+    assert sum(map(len, whole.states())) == counted == whole.result["messages"]["/joint_states"] == 2000
     assert (whole.result["lost"], whole.result["unsent"]) == ({"/joint_states": 0, "/scene": 0}, {"/joint_states": 3})
 
 
@@ -71,7 +71,7 @@ def test_every_publisher_has_a_channel_of_its_own(context, tmp_path):
         node.destroy_node()
     found.close()
     run = open_run(tmp_path / "run")
-    assert sum(map(len, run.batches())) == 100
+    assert sum(map(len, run.states())) == 100
     assert (run.stamps.restarts, run.stamps.resets, run.messages) == (1, 0, {"/joint_states": 100})
 
 
@@ -88,7 +88,7 @@ def test_what_the_recorder_keeps_of_publishers_and_scenes_is_bounded(context, tm
     assert found.bag.scene_text == SCENE + "# 1000\n"
     found.close()
     run = open_run(tmp_path / "run")
-    assert (sum(map(len, run.batches())), len(run.scenes)) == (MOST_PUBLISHERS + 20, 41)
+    assert (sum(map(len, run.states())), len(run.scenes)) == (MOST_PUBLISHERS + 20, 41)
 
 
 def test_a_publisher_is_forgotten_after_a_thousand_others(context):

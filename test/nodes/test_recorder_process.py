@@ -54,7 +54,7 @@ def process(tmp_path, monkeypatch, domain):
 def readable(output):
     """How many joint_states can be read now."""
     try:
-        return sum(map(len, open_run(output).batches()))
+        return sum(map(len, open_run(output).states()))
     except RecordingError:
         return 0
 
@@ -86,7 +86,7 @@ def test_a_signal_ends_it_with_a_complete_bag_and_status_0(process, number):
     assert child.returncode == 0, err
     assert "Traceback" not in err
     run = open_run(output)
-    stamps = np.concatenate([batch.stamp_ns for batch in run.batches()])
+    stamps = np.concatenate([batch.stamp_ns for batch in run.states()])
     assert len(stamps) > 700
     assert stamps.tolist() == [n * TICK for n in range(known + 700 - len(stamps), known + 700)]
     assert out == f"recorded {len(stamps)} messages in {output}, 0 lost\n"
@@ -177,7 +177,7 @@ def test_a_file_size_limit_ends_the_recorder_with_one_line_and_the_driveline_goe
     until(lambda: readable(tmp_path / "second") > 100)
     assert second.stop() == driveline.stop() == 0
     run = open_run(tmp_path / "second")
-    list(run.batches())
+    list(run.states())
     assert run.complete
     assert len(run.scenes) >= 1
 

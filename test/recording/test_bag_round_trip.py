@@ -14,7 +14,6 @@ from tcc_sim.messages import cdr
 from tcc_sim.messages.definitions import CARRIED, definition, installed_text
 from tcc_sim.output.samples import write_trajectory
 from tcc_sim.recording.bag import BagWriter
-from tcc_sim.recording.batches import PressureJoin
 from tcc_sim.recording.reader import open_run
 from tcc_sim.topics import topic
 
@@ -55,7 +54,7 @@ def write(directory, rows, stamps, *, pressures=None, close=True, flush_every=50
 
 def read(path, topic=None):
     run = open_run(path, topic)
-    batches = list(run.batches())
+    batches = list(run.states())
     names = ("flywheel_angle", "plate_angle", "flywheel_speed", "plate_speed", "engine_torque", "friction_torque")
     table = np.column_stack([np.concatenate([getattr(batch, name) for batch in batches]) for name in names])
     return run, batches, np.concatenate([batch.stamp_ns for batch in batches]), table
@@ -131,7 +130,7 @@ def test_what_is_no_recording_is_refused_in_one_line(tmp_path, content):
     (tmp_path / "x.mcap").write_bytes(content)
     for path in (tmp_path, tmp_path / "x.mcap"):
         with pytest.raises(RecordingError) as caught:
-            list(open_run(path).batches())
+            list(open_run(path).states())
         assert "\n" not in str(caught.value)
     for path in (tmp_path / "none", tmp_path / "none.mcap"):
         with pytest.raises(RecordingError, match="cannot be read"):
@@ -221,15 +220,3 @@ def test_carried_definitions_are_those_of_the_installed_ros(tmp_path, monkeypatc
             definition(wrong)
     if not compared:
         pytest.skip("no ROS 2 here to compare with")
-
-
-def test_states_are_given_out_as_soon_as_their_pressures_are_known(tmp_path):
-    rows = columns(100)
-    _, (batch, *_), _, _ = read(write(tmp_path / "one", rows, [n * TICK for n in range(100)]))
-    join, numbers = PressureJoin(), np.arange(40)
-    join.add_pressures(batch.stamp_ns[:40], np.full(40, 2e5), np.zeros(40, np.int64), numbers)
-    (known,) = join.add(batch)
-    assert (len(known), known.applied_pressure.tolist()) == (40, [2e5] * 40)
-    (rest,) = join.finish()
-    assert len(rest) == len(batch) - 40
-    assert np.isnan(rest.applied_pressure).all()

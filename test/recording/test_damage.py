@@ -123,7 +123,7 @@ def test_the_verb_recovers_beside_the_original_and_says_what_is_missing(tmp_path
     run = open_run(tmp_path / "run_recovered")
     assert run.complete
     assert run.scene_text == SCENE
-    assert 0 < sum(map(len, run.batches())) < COUNT
+    assert 0 < sum(map(len, run.states())) < COUNT
     assert main(["recover", str(directory)]) == 2
     assert "exists already" in capsys.readouterr().err
     assert main(["recover", str(tmp_path / "nothing")]) == 2

@@ -68,7 +68,7 @@ def foreign(path, names, places, frame="base_link", scene="slip"):
 def test_joints_stand_where_their_names_do(tmp_path, names, places, joints):
     rows = np.array(foreign(tmp_path / "run", names, places))
     run = open_run(tmp_path / "run", joints=joints)
-    (batch,) = run.batches()
+    (batch,) = run.states()
     for name, column in (("flywheel_angle", 1), ("plate_angle", 2), ("flywheel_speed", 3), ("plate_speed", 4),
                          ("engine_torque", 5), ("friction_torque", 6)):
         assert np.array_equal(getattr(batch, name), rows[:, column])

@@ -64,7 +64,7 @@ def read_or_refused(folder, data):
     path.write_bytes(data)
     try:
         run = open_run(path)
-        for batch in run.batches():
+        for batch in run.states():
             assert len(batch)
         recover(run, folder / "saved")
     except RecordingError as error:

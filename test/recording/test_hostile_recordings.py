@@ -89,7 +89,7 @@ def cost(path: Path) -> tuple[str, int]:
     tracemalloc.start()
     try:
         run = open_run(path)
-        said = f"{sum(map(len, run.batches()))} read; {'; '.join(run.warnings)}"
+        said = f"{sum(map(len, run.states()))} read; {'; '.join(run.warnings)}"
     except RecordingError as error:
         said = str(error)
     finally:
@@ -121,7 +121,7 @@ def test_more_topics_than_any_recording_has_are_passed_over(tmp_path: Path) -> N
     many = b"".join(channel(n, f"/{n}/joint_states") for n in range(15_000))
     small = [chunk(message(n, TICK)) for n in range(300)]
     run = open_run(written(tmp_path / "x.mcap", chunk(schema() + many), *small))
-    list(run.batches())
+    list(run.states())
     assert len(run.topics) == MOST_TOPICS
 
 
@@ -170,7 +170,7 @@ def test_damaged_places_are_named_up_to_a_number(tmp_path: Path) -> None:
     broken = bytearray(chunk(message(1, 0)))
     broken[-3] ^= 1
     run = open_run(written(tmp_path / "x.mcap", schema(), channel(1), chunk(message(1, TICK)), bytes(broken) * 500))
-    assert sum(map(len, run.batches())) == 1
+    assert sum(map(len, run.states())) == 1
     assert sum("is left out" in sentence for sentence in run.warnings) == records.MOST_SENTENCES
     assert f"{500 - records.MOST_SENTENCES} more places damaged" in run.warnings
 
@@ -199,7 +199,7 @@ def test_what_a_recovery_lists_is_bounded_too(tmp_path: Path) -> None:
     path = written(tmp_path / "x.mcap", result(RECOVERY_RECORD, ["\x1b[2J" * 1000] * 500), schema(), channel(1),
                    chunk(message(1, TICK)))
     run = open_run(path)
-    list(run.batches())
+    list(run.states())
     assert len(run.warnings) < 30
     assert all(len(sentence) < LONGEST_SENTENCE * 5 and sentence.isprintable() for sentence in run.warnings)
 
@@ -216,7 +216,7 @@ def test_states_in_single_chunks_and_runs_take_time_in_proportion(tmp_path: Path
         output.flush()
     output.close()
     run = open_run(path)
-    assert sum(map(len, run.batches())) == 600
+    assert sum(map(len, run.states())) == 600
     assert run.stamps.resets > 500
 
 
@@ -241,13 +241,13 @@ def test_a_part_that_cannot_be_read_does_not_cost_the_others(tmp_path: Path, con
     (path / name).write_bytes(content)
     lost = 300 * (name == "run_1.mcap")
     run = open_run(path)
-    assert sum(map(len, run.batches())) == 900 - lost
+    assert sum(map(len, run.states())) == 900 - lost
     assert [text for text in run.warnings if name in text and text.startswith("left out")]
     assert run.complete is (name == "notes.mcap")
     assert main(["analyse", str(path)]) == 0
     assert name in capsys.readouterr().out
     assert main(["recover", str(path)]) == 0
-    assert sum(map(len, open_run(tmp_path / "run_recovered").batches())) == 900 - lost
+    assert sum(map(len, open_run(tmp_path / "run_recovered").states())) == 900 - lost
 
 
 def test_nothing_but_parts_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
@@ -290,6 +290,6 @@ def test_a_scene_is_as_long_for_the_writer_as_for_the_reader(tmp_path: Path) -> 
     output.close()
     assert open_run(path).scene_text == text
     longer = open_run(written(tmp_path / "y.mcap", scene(text + "#"), schema(), channel(1), chunk(message(1, TICK))))
-    list(longer.batches())
+    list(longer.states())
     assert longer.scene_text is None
     assert "a record that describes the recording is damaged and was passed over" in longer.warnings

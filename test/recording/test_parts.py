@@ -32,7 +32,7 @@ def test_the_parts_together_are_the_recording(tmp_path):
     path, rows = split(tmp_path, max_duration=0.3)
     assert sorted(p.name for p in path.iterdir()) == ["metadata.yaml", *(f"run_{n}.mcap" for n in range(4))]
     run = open_run(path)
-    found = np.concatenate([batch.stamp_ns for batch in run.batches()])
+    found = np.concatenate([batch.stamp_ns for batch in run.states()])
     assert found.tolist() == [row[0] for row in rows]
     assert (run.complete, run.warnings, len(run.scenes), run.messages) == (True, [], 2, {"/joint_states": 1000})
     verification = replay(path, verify=True).verification
@@ -43,7 +43,7 @@ def test_each_part_is_read_by_itself(tmp_path):
     path, rows = split(tmp_path, max_duration=0.3)
     for n in range(4):
         run = open_run(path / f"run_{n}.mcap")
-        stamps = np.concatenate([batch.stamp_ns for batch in run.batches()])
+        stamps = np.concatenate([batch.stamp_ns for batch in run.states()])
         assert stamps.tolist() == [row[0] for row in rows[300 * n:300 * n + 300]]
         assert run.complete
         found = replay(path / f"run_{n}.mcap", discard=0, verify=True)
@@ -92,7 +92,7 @@ def test_parts_by_size(tmp_path):
 def test_a_part_ends_where_its_index_would_take_too_much_memory(tmp_path):
     path, _ = split(tmp_path, max_chunks=3)
     assert len(list(path.glob("*.mcap"))) == 4  # Ten flushes of a chunk each.
-    assert len(np.concatenate([batch.stamp_ns for batch in open_run(path).batches()])) == 1000
+    assert len(np.concatenate([batch.stamp_ns for batch in open_run(path).states()])) == 1000
 
 
 def test_results_of_the_parts_are_added(tmp_path):
@@ -108,7 +108,7 @@ def test_results_of_the_parts_are_added(tmp_path):
         writer.write(joints, n * TICK, n * TICK, cdr.joint_state(n * TICK, *[0.0] * 6), n)
     writer.close({"lost": {"/slip_speed": 10, "/x": 1}, "solver": "fixed_step", "unsent": {"/joint_states": 64}})
     run = open_run(tmp_path / "run")
-    list(run.batches())
+    list(run.states())
     assert run.result == {"lost": {"/slip_speed": 13, "/x": 1}, "messages": {"/slip_speed": 20}, "solver": "fixed_step",
                           "unsent": {"/joint_states": 64}}
     assert "13 messages of /slip_speed lost while recording" in run.warnings
@@ -118,14 +118,14 @@ def test_results_of_the_parts_are_added(tmp_path):
 def test_killed_while_it_writes_a_later_part_and_a_part_that_is_gone(tmp_path, capsys):
     path, _ = split(tmp_path, max_duration=0.3, cut=True)
     run = open_run(path)
-    assert len(np.concatenate([batch.stamp_ns for batch in run.batches()])) == 1000
+    assert len(np.concatenate([batch.stamp_ns for batch in run.states()])) == 1000
     assert not run.complete
     assert main(["recover", str(path)]) == 0
     assert "cut short" in capsys.readouterr().out
     assert open_run(tmp_path / "run_recovered").complete
     (path / "run_1.mcap").unlink()
     run = open_run(path)
-    assert len(np.concatenate([batch.stamp_ns for batch in run.batches()])) == 700
+    assert len(np.concatenate([batch.stamp_ns for batch in run.states()])) == 700
     assert (run.lost_messages, "part 1 is missing" in run.warnings) == (300, True)
 
 
@@ -147,7 +147,7 @@ def test_parts_are_synchronised_where_that_is_asked_for(tmp_path, monkeypatch):
     synced.clear()
     writer.file.sync()
     assert [os.path.basename(name) for name in synced] == ["safe_1.mcap"]
-    assert sum(map(len, open_run(tmp_path / "safe" / "safe_1.mcap").batches())) == 200
+    assert sum(map(len, open_run(tmp_path / "safe" / "safe_1.mcap").states())) == 200
     synced.clear()
     writer.close()
     assert [os.path.basename(name)[:5] for name in synced] == ["safe_", synced[1].rsplit("/", 1)[1][:5], "safe"]
@@ -187,7 +187,7 @@ def filled(writer, numbers):
 
 
 def stamps_of(path):
-    return (np.concatenate([batch.stamp_ns for batch in open_run(path).batches()]) // TICK).tolist()
+    return (np.concatenate([batch.stamp_ns for batch in open_run(path).states()]) // TICK).tolist()
 
 
 def test_a_bag_whose_directory_is_renamed_shares_nothing_with_one_made_under_its_name(tmp_path):

@@ -39,7 +39,7 @@ def test_a_restart_is_known_by_its_publisher_though_its_stamps_are_later(tmp_pat
     rows = ticked(MINIMAL, 500)
     path = bag(tmp_path / "run", rows[:200] + rows[260:], MINIMAL, publishers=[(0, "a1"), (200, "b2")])
     run = open_run(path)
-    batches = list(run.batches())
+    batches = list(run.states())
     assert (run.stamps.restarts, run.stamps.resets, run.lost_messages) == (1, 0, 0)
     assert {b.began for b in batches if b.run == 1} == {Break.RESTART}
     assert sum(len(b) for b in batches if b.run == 1) == 240
@@ -48,7 +48,7 @@ def test_a_restart_is_known_by_its_publisher_though_its_stamps_are_later(tmp_pat
 def test_the_one_that_took_over_is_read_and_the_other_left_out_with_a_sentence(tmp_path):
     path = two(tmp_path, "a" * 100 + "ab" * 100 + "b" * 150)
     run = open_run(path)
-    kept = np.concatenate([batch.stamp_ns for batch in run.batches()])
+    kept = np.concatenate([batch.stamp_ns for batch in run.states()])
     assert kept.tolist() == [n * TICK for n in range(101)] + [n * TICK for n in range(250)]
     assert any("99 messages of /joint_states left out" in sentence and "several drivelines ran at once" in sentence
                for sentence in run.warnings)
@@ -59,7 +59,7 @@ def test_where_nothing_tells_them_apart_they_are_refused(tmp_path):
     rows = ticked(MINIMAL, 900)
     mixed = [row for pair in zip(rows[500:800], rows[:300]) for row in pair]
     with pytest.raises(RecordingError, match="several publishers are mixed"):
-        list(open_run(bag(tmp_path / "run", mixed, MINIMAL)).batches())
+        list(open_run(bag(tmp_path / "run", mixed, MINIMAL)).states())
 
 
 def test_pressures_follow_their_own_publisher(tmp_path):
@@ -67,7 +67,7 @@ def test_pressures_follow_their_own_publisher(tmp_path):
     rows = [(stamp, *rest[:-1], 1e5 + n) for n, (stamp, *rest) in enumerate(solved)]
     path = bag(tmp_path / "run", rows[:150] + rows[200:], COMMANDS, publishers=[(0, "a1"), (150, "b2")])
     run = open_run(path)
-    found = np.concatenate([batch.applied_pressure for batch in run.batches()])
+    found = np.concatenate([batch.applied_pressure for batch in run.states()])
     assert found.tolist() == [row[-1] for row in rows[:150] + rows[200:]]
     assert not any("pressure is missing" in sentence for sentence in run.warnings)
 
@@ -91,7 +91,7 @@ def test_missing_pressures_are_counted_and_nan(tmp_path, left_out):
             output.write(numbers[channel.topic], message.log_time, message.publish_time, message.data, message.sequence)
     output.close()
     run = open_run(tmp_path / "less.mcap")
-    found = np.concatenate([batch.applied_pressure for batch in run.batches()])
+    found = np.concatenate([batch.applied_pressure for batch in run.states()])
     assert np.flatnonzero(np.isnan(found)).tolist() == list(left_out)
     assert f"the applied pressure is missing at {len(left_out)} ticks" in run.warnings
 
@@ -101,7 +101,7 @@ def test_recovery_keeps_who_published(tmp_path):
     recovered = recover(open_run(path), tmp_path / "saved")
     assert recovered.messages["/joint_states"] == 300
     again = open_run(tmp_path / "saved")
-    list(again.batches())
+    list(again.states())
     assert again.stamps.restarts == 1
 
 
@@ -119,7 +119,7 @@ def test_a_cut_recording_in_a_namespace_is_read(tmp_path):
     writer.abandon()
     run = open_run(tmp_path / "run")
     assert run.joint_states_topic == "/left/driveline/joint_states"
-    assert sum(map(len, run.batches())) == 300
+    assert sum(map(len, run.states())) == 300
     assert not run.complete
 
 

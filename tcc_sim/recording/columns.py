@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -13,13 +12,16 @@ from numpy.typing import NDArray
 
 from tcc_sim.errors import RecordingError
 from tcc_sim.messages import cdr
+from tcc_sim.recording.announcements import InputSource
 from tcc_sim.recording.records import Messages
-from tcc_sim.recording.stamps import Break, StampCounter
+from tcc_sim.recording.stamps import Break
 from tcc_sim.topics import topic
 
 Floats = NDArray[np.float64]
-_MOST_WAITING = 1 << 18
 _MOST_NAMED = 20
+BLOCK = 1 << 16
+"""States that are worked on at once where that takes memory for each."""
+_COLUMNS = ("stamp_ns", "log_ns", "sent_ns", *topic("joint_states").fields)
 HEAD = np.dtype([("channel", "<u2"), ("number", "<u4"), ("log_ns", "<i8"), ("sent_ns", "<i8")])
 """What stands before the bytes of a message: channel, number at the publisher, times (ns)."""
 
@@ -49,6 +51,11 @@ class JointStates:
     def __len__(self) -> int:
         return len(self.stamp_ns)
 
+    def blocks(self, rows: int = BLOCK) -> Iterator[JointStates]:
+        """The same, so many rows at a time: for what needs memory for each row."""
+        for begin in range(0, len(self), rows):
+            yield self[begin:begin + rows]
+
     def __getitem__(self, kept: slice | NDArray[np.bool_]) -> JointStates:
         """Some of the rows."""
         columns: dict[str, Any] = {name: column[kept] for name,
@@ -57,12 +64,81 @@ class JointStates:
         return replace(self, index=self.index + first, **columns)
 
 
-def merged_batches(batches: Sequence[JointStates]) -> JointStates:
-    """Batches of one run one after the other; no applied pressure unless all of them have it."""
-    columns: dict[str, Any] = {name: np.concatenate([getattr(batch, name) for batch in batches])
-                               for name, column in vars(batches[0]).items() if isinstance(column, np.ndarray)
-                               and all(getattr(batch, name) is not None for batch in batches)}
-    return replace(batches[0], **{"applied_pressure": None, **columns})
+@dataclass(frozen=True)
+class Columns:
+    """What a recording holds of one driveline.
+
+    runs : the states of each run, views of one set of columns
+    parts : (n,) index of the first state of each chunk and run
+    commands : what was commanded, by the name of its topic: (n,) index of the first state that came after each, not
+        descending, and value in the unit of the topic
+    sources : what the driveline said of its inputs, in its order
+    """
+
+    runs: tuple[JointStates, ...]
+    parts: NDArray[np.int64]
+    commands: Mapping[str, tuple[NDArray[np.int64], Floats]]
+    sources: tuple[InputSource, ...]
+
+
+class GrowingStates:
+    """The states of a recording while it is read; memory grows in place."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._columns = {name: np.empty(0, np.int64 if name.endswith("_ns") else np.float64) for name in _COLUMNS}
+        self._parts: list[int] = []
+        self._runs: list[tuple[int, Break, int]] = []
+
+    def add(self, part: JointStates) -> None:
+        """Take consecutive states of one run."""
+        first, self.count = self.count, self.count + len(part)
+        for name, column in self._columns.items():
+            if self.count > len(column):
+                column.resize(max(self.count, len(column) * 5 // 4, BLOCK), refcheck=False)
+            column[first:self.count] = getattr(part, name)
+        self._parts.append(first)
+        if not self._runs or self._runs[-1][0] != part.run:
+            self._runs.append((part.run, part.began, first))
+
+    def runs(self, pressures: Mapping[int, Sequence[Pressures]] | None) -> Found:
+        """The states of every run, where each part of them begins, and how many of them have no applied pressure;
+        `pressures` by run, None where none were recorded.
+        """
+        for column in self._columns.values():
+            column.resize(self.count, refcheck=False)
+        columns: dict[str, Any] = dict(self._columns)
+        if pressures is not None:
+            columns["applied_pressure"] = np.full(self.count, np.nan)
+        found, missing = [], 0
+        for (run, began, first), end in zip(self._runs, [*(first for *_, first in self._runs[1:]), self.count]):
+            states = JointStates(**{name: column[first:end] for name, column in columns.items()}, run=run, began=began,
+                                 index=first)
+            if states.applied_pressure is not None:
+                _join(pressures.get(run, ()) if pressures else (), states.stamp_ns, states.applied_pressure)
+                missing += int(np.isnan(states.applied_pressure).sum())
+            found.append(states)
+        return tuple(found), np.array(self._parts, dtype=np.int64), missing
+
+
+Found = tuple[tuple[JointStates, ...], NDArray[np.int64], int]
+
+
+class Pressures(NamedTuple):
+    """Applied pressures that follow each other: stamps (ns), values (Pa)."""
+
+    stamps: NDArray[np.int64]
+    values: Floats
+
+
+def _join(pressures: Sequence[Pressures], stamps: NDArray[np.int64], into: Floats) -> None:
+    """Put the pressures of one run beside the states of the same stamps."""
+    if not pressures:
+        return
+    known, values = (np.concatenate(columns) for columns in list(zip(*pressures)))
+    place = np.searchsorted(known, stamps).clip(max=len(known) - 1)
+    same = known[place] == stamps
+    into[same] = values[place[same]]
 
 
 def joint_states(data: NDArray[np.uint8], messages: Messages, channels: list[int],
@@ -122,66 +198,3 @@ def _records(data: NDArray[np.uint8], messages: Messages, channels: list[int],
         rows, offset, refused = rows[~wrong], offset[~wrong], refused + int(wrong.sum())
     heads = sliding_window_view(data, HEAD.itemsize)[offset].view(HEAD)[:, 0]
     return heads, rows.view(layout.record)[:, 0], refused
-
-
-class PressureJoin:
-    """Puts the applied pressure beside the joint_states of the same stamp, though the two arrive in blocks of their
-    own.
-    """
-
-    def __init__(self) -> None:
-        self.missing = 0
-        self._waiting: deque[JointStates] = deque()
-        self._held = 0
-        self._known: deque[tuple[int, NDArray[np.int64], Floats]] = deque()
-        self._stamps = StampCounter()
-        self._run = -1
-
-    def add_pressures(self, stamps: NDArray[np.int64], values: Floats, publisher: NDArray[np.int64],
-                      numbers: NDArray[np.int64]) -> None:
-        """Add applied pressures in the order of the recording; `publisher` and `numbers` as in StampCounter.pieces."""
-        for piece, preceded in self._stamps.pieces(stamps, publisher, numbers):
-            self._run += preceded.begins_a_run
-            self._known.append((self._run, stamps[piece], values[piece]))
-
-    def add(self, batch: JointStates) -> Iterator[JointStates]:
-        """Add joint_states; gives those whose pressure is known by now."""
-        self._waiting.append(batch)
-        self._held += len(batch)
-        return self._ready(finished=False)
-
-    def finish(self) -> Iterator[JointStates]:
-        """The rest: what has no pressure gets NaN."""
-        return self._ready(finished=True)
-
-    def _ready(self, finished: bool) -> Iterator[JointStates]:
-        """Batches, or their first parts, up to the last pressure that is known."""
-        while self._waiting:
-            batch = self._waiting[0]
-            late = finished or batch.run < self._run or self._held > _MOST_WAITING
-            count = len(batch)
-            if not late:
-                known = self._stamps.last if self._stamps.last is not None and batch.run == self._run else None
-                count = int(np.searchsorted(batch.stamp_ns, known, side="right")) if known is not None else 0
-            self._held -= count
-            if count:
-                yield self._joined(batch[:count])
-            if count < len(batch):
-                self._waiting[0] = batch[count:]
-                return
-            self._waiting.popleft()
-
-    def _joined(self, batch: JointStates) -> JointStates:
-        """The batch with its pressures; forgets those that came before it."""
-        first, last = int(batch.stamp_ns[0]), int(batch.stamp_ns[-1])
-        while self._known and (self._known[0][0], int(self._known[0][1][-1])) < (batch.run, first):
-            self._known.popleft()
-        pressure = np.full(len(batch), np.nan)
-        for run, stamps, values in self._known:
-            if run > batch.run or stamps[0] > last:
-                break
-            place = np.searchsorted(stamps, batch.stamp_ns).clip(max=len(stamps) - 1)
-            same = stamps[place] == batch.stamp_ns
-            pressure[same] = values[place[same]]
-        self.missing += int(np.isnan(pressure).sum())
-        return replace(batch, applied_pressure=pressure)

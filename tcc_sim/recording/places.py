@@ -1,0 +1,80 @@
+"""The state at which each announcement of the driveline comes into force, whatever the clock did meanwhile.
+
+A driveline says all of it in one order, but on several topics. The file keeps of that order: the order within each
+topic, the stamp from which on each message holds, and by the driveline's clock when everything was sent. A clock may be
+set back, so it only decides where the rest leaves a choice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tcc_sim.recording.announcements import InputSource, SceneRecord
+from tcc_sim.recording.columns import JointStates
+
+MOST_CANDIDATES = 1_000_000
+"""States at which a message may have come into force that are weighed, beside those that the clock is sure of."""
+
+
+@dataclass(frozen=True)
+class ScenePlace:
+    """The message with this number holds from the state with this index on (counted over the whole recording)."""
+
+    index: int
+    number: int
+
+
+def places_of(said: Sequence[SceneRecord | InputSource], runs: Iterable[JointStates]) -> list[ScenePlace]:
+    """Return from which states on the messages of one kind, in the order of the recording, hold.
+
+    A message that never came into force has no place.
+    """
+    if len(said) < 2:
+        return [ScenePlace(0, 0)] if said else []
+    sent_at = np.array([min(one.log_ns, 2**63 - 1) for one in said], dtype=np.int64)
+    stamps = np.array([min(one.first_stamp_ns, 2**63 - 1) for one in said], dtype=np.int64)
+    order = np.argsort(stamps, kind="stable")
+    stamps = stamps[order]
+    sure, likely, possible = ([list[int]() for _ in said] for _ in range(3))
+    weighed = last = 0
+    last_sent = -(2**63)
+    for states in runs:
+        numbers = order[:np.searchsorted(stamps, states.stamp_ns[-1], side="right")]
+        rows = np.searchsorted(states.stamp_ns, stamps[:len(numbers)])
+        at, sent = sent_at[numbers], states.sent_ns[rows]
+        earlier = np.where(rows > 0, states.sent_ns[rows - 1], last_sent)
+        between, set_back = (earlier <= at) & (at <= sent), sent < earlier
+        certain = between | (set_back & ((at <= sent) | (at >= earlier)))
+        for number, row in zip(numbers[certain].tolist(), rows[certain].tolist()):
+            sure[number].append(states.index + row)
+        others = np.flatnonzero(~certain)[:MOST_CANDIDATES - weighed]
+        weighed += len(others)
+        for number, row, before_it in zip(numbers[others].tolist(), rows[others].tolist(),
+                                          (at <= sent)[others].tolist()):
+            (likely if before_it else possible)[number].append(states.index + row)
+        last, last_sent = states.index + len(states), int(states.sent_ns[-1])
+    return _chosen(sure, likely, possible, last)
+
+
+def _chosen(sure: list[list[int]], likely: list[list[int]], possible: list[list[int]], end: int) -> list[ScenePlace]:
+    """Choose one state for each message from those that come into question, in the order of the messages."""
+    found: list[int | None] = []
+    last = 0
+    for candidates in sure:
+        where = next((index for index in candidates if index >= last), None)
+        found.append(where)
+        last = last if where is None else where
+    ends = []
+    for where in reversed(found):
+        end = end if where is None else where
+        ends.append(end)
+    last = 0
+    for number, end in enumerate(reversed(ends)):
+        if found[number] is None:
+            others = sorted(likely[number]) or sorted(possible[number])
+            found[number] = next((index for index in others if last <= index <= end), None)
+        last = found[number] or last
+    return [ScenePlace(index, number) for number, index in enumerate(found) if index is not None]

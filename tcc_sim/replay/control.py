@@ -1,0 +1,129 @@
+"""A controller's signals and events in one run of a recording: for pictures and Rerun."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tcc_sim.analysis.control import Control, CycleMeans, Event, Steps, joined_means
+from tcc_sim.analysis.engine_clock import EngineClock
+from tcc_sim.analysis.settings import DEFAULTS
+from tcc_sim.model.parameters import values_of
+from tcc_sim.recording.columns import JointStates
+from tcc_sim.recording.commands import TARGET
+from tcc_sim.replay.timeline import Timeline, slip_between_gaps
+from tcc_sim.scene import Scene
+from tcc_sim.trajectory import Floats
+
+INPUTS = {"engine_torque": ("engine", "engine torque"), "actuation_pressure": ("pressure", "pressure")}
+"""Command topics with the group of the scene that says whether they are used, and what they command."""
+PER_CYCLE = 50
+"""Values of a signal kept in each engine cycle, for a picture."""
+AT_A_RESET = 0.01
+"""Seconds before the end of a run in which an input falls back because of the reset, and not for want of commands."""
+Signal = tuple[NDArray[np.int64], Floats]
+
+
+class RunSignals(NamedTuple):
+    """Signals by name, (stamps in ns, values), events at simulation time, and the reset or restart at its end."""
+
+    signals: dict[str, Signal]
+    events: list[Event]
+    ended: Event | None
+
+    def control(self, cycle: float) -> Control:
+        """The same thinned out for a picture: of each PER_CYCLE-th part of an engine cycle (s) the last value."""
+        steps = {name: _thinned(signal, cycle) for name, signal in self.signals.items()}
+        events = [*self.events, *([self.ended] if self.ended is not None else [])]
+        means, none = steps.get("mean_slip", Steps.none()), Steps.none()
+        return Control(means.t, means.values, steps.get(TARGET, none), steps.get("actuation_pressure", none),
+                       steps.get("applied_pressure", none), tuple(sorted(events, key=lambda event: event.t)))
+
+
+def signals_of(line: Timeline, states: JointStates, clock: EngineClock, tick: int) -> RunSignals:
+    """Gather cycle means, target, pressures and events of a run.
+
+    Parameters
+    ----------
+    line : the recording
+    states : of the run, or of a part of it
+    clock : when engine cycles start
+    tick : distance of stamps, ns
+    """
+    signals: dict[str, Signal] = {}
+    means, found = CycleMeans(clock), []
+    for after_gap, t, slip_speed in slip_between_gaps(states, tick):
+        if after_gap:
+            means.restart()
+        found += means.feed(t, slip_speed, states.run)
+    if found:
+        signals["mean_slip"] = joined_means(found)
+    end = states.index + len(states)
+    for name, (rows, values) in line.commands.items():
+        low, high = np.searchsorted(rows, [states.index, end])
+        if high > low:
+            signals[name] = states.stamp_ns[rows[low:high] - states.index], values[low:high]
+    stamps, values = signals.get(TARGET, (np.empty(0, np.int64), np.empty(0)))
+    target = line.target_before(states.index)
+    if target is not None and not (len(stamps) and stamps[0] == states.stamp_ns[0]):
+        # The target of the run before holds until another is said.
+        signals[TARGET] = np.append(states.stamp_ns[0], stamps), np.append(target, values)
+    if states.applied_pressure is not None:
+        change = np.flatnonzero(np.diff(states.applied_pressure, prepend=np.nan) != 0.0)
+        signals["applied_pressure"] = states.stamp_ns[change], states.applied_pressure[change]
+    last = float(states.stamp_ns[-1]) * 1e-9
+    events, followed = list(_changes(line, states)), any(run.index >= end for run in line.runs)
+    fallen = [*(_told(line, states) if line.sources else _untold(line.scene_at(states.index), signals, last))]
+    events += [event for event in fallen if not followed or last - event.t >= AT_A_RESET]
+    return RunSignals(signals, events, Event(last, "reset or restart") if followed else None)
+
+
+def _thinned(signal: Signal, cycle: float) -> Steps:
+    """The last value in each part of an engine cycle, and `Settings.most_steps` of these."""
+    stamps, values = signal
+    part = stamps // max(round(cycle * 1e9 / PER_CYCLE), 1)
+    last = np.flatnonzero(np.diff(part, append=-1))[-DEFAULTS.most_steps:]
+    return Steps(stamps[last].astype(np.float64) * 1e-9, values[last])
+
+
+def _changes(line: Timeline, states: JointStates) -> Iterator[Event]:
+    """Parameters that were changed while the run was under way."""
+    scene = line.scene_at(states.index)
+    for index, after in line.changes:
+        if states.index < index < states.index + len(states):
+            before = dict(values_of(scene.system))
+            changed = [f"{key} = {value:g}" if isinstance(value, float) else f"{key} = {value}"
+                       for key, value in values_of(after.system) if value != before[key]]
+            scene = after
+            if changed:
+                yield Event(int(states.stamp_ns[index - states.index]) * 1e-9, ", ".join(changed))
+
+
+def _fallback(t: float, what: str, limit: float) -> Event:
+    """An input without a command."""
+    return Event(t, f"{what} falls back: no command for {limit:g} s")
+
+
+def _told(line: Timeline, states: JointStates) -> Iterator[Event]:
+    """Inputs that fell back as the driveline said it; what a run begins with is no event of it."""
+    held = next((held for index, held in reversed(line.sources) if index <= states.index), frozenset[str]())
+    for index, commanded in line.sources:
+        if states.index < index < states.index + len(states):
+            limit = line.scene_at(index).operation.command_timeout
+            for name, (_, what) in INPUTS.items():
+                if name in held and name not in commanded:
+                    yield _fallback(float(states.stamp_ns[index - states.index]) * 1e-9, what, limit)
+            held = commanded
+
+
+def _untold(scene: Scene, signals: dict[str, Signal], end: float) -> Iterator[Event]:
+    """Inputs that fell back since no command came for command_timeout, where the driveline did not say so."""
+    limit = scene.operation.command_timeout
+    for name, (group, what) in INPUTS.items():
+        if limit > 0.0 and getattr(scene.system, group).source == "topic" and name in signals:
+            times = np.append(signals[name][0] * 1e-9, end)
+            for t in times[:-1][np.diff(times) > limit + 1e-9].tolist():
+                yield _fallback(t + limit, what, limit)
