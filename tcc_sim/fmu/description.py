@@ -22,6 +22,8 @@ TYPES = {"rad/s": "AngularVelocity", "rad": "Angle", "N m": "Torque", "Pa": "Pre
          "N m s/rad": "Damping", "N m/rad": "Stiffness", "s/rad": "Slowness", "m^2": "Area", "m": "Length",
          "s": "Time", "": "Number"}
 """Declared types by unit."""
+UNPRINTABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+"""What XML has no character for: control characters, and bytes of a file's name that are no UTF-8."""
 SOURCES = {2: "fmi2.c", 3: "fmi3.c"}
 """The one file that is compiled; it includes the others."""
 TEXT = ("The clutch driveline {name} of tcc_sim in its real-time ticks of {step:g} s: {description}. The friction law "
@@ -170,8 +172,8 @@ def model_description(version: int, scene: Scene, rows: list[Variable], identifi
     identifier, token : of the model, and what an importer instantiates it with
     step : a tick, s
     """
-    text = TEXT.format(name=scene.name, step=step, description=scene.description or scene.name,
-                       law=scene.system.friction.law)
+    text = UNPRINTABLE.sub("\ufffd", TEXT.format(name=scene.name, step=step, law=scene.system.friction.law,
+                                                 description=scene.description or scene.name))
     root = ET.Element("fmiModelDescription", {
         "fmiVersion": f"{version}.0", "modelName": identifier, "guid" if version == 2 else "instantiationToken": token,
         "description": text, "generationTool": f"tcc_sim {__version__}", "license": "Apache-2.0",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -15,6 +17,7 @@ import fmpy
 from fmpy.validation import validate_fmu
 from fmus import needs_compiler
 
+from tcc_sim.cli import main
 from tcc_sim.fmu.export import compiler, export, fmu_of
 from tcc_sim.scene import bundled_scenes, load_scene
 from tcc_sim.solvers.fixed_step import Stepper
@@ -52,6 +55,22 @@ def test_its_description_is_valid_and_says_what_the_keys_say(name: str, version:
     outputs = {row for row in rows if rows[row].causality == "output"}
     assert outputs == {"slip_speed", "friction_torque", "stick_slip_state", "flywheel_angle", "flywheel_speed",
                        "plate_angle", "plate_speed", "applied_engine_torque", "applied_pressure", "shaft_torque"}
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("name", [b"a\x01b.yaml", b"caf\xe9.yaml", "ol\u00e9 \uffff.yaml".encode()])
+def test_a_scene_whose_name_is_no_text_makes_a_valid_description(
+        name: bytes, version: int, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / os.fsdecode(name)).write_text(load_scene("fig02").text(), encoding="utf-8")
+    assert main(["fmu", os.fsdecode(name), "--sources-only", "--fmi", str(version)]) == 0
+    said = capsys.readouterr()
+    assert (said.out.count("\n"), said.err) == (1, "")
+    path, = tmp_path.glob("*.fmu")
+    shutil.copy(path, "copy.fmu")
+    assert validate_fmu("copy.fmu") == []
+    assert re.fullmatch(r"tcc_sim_\w+", fmpy.read_model_description("copy.fmu").modelName, re.ASCII)
 
 
 def solved(seconds: float) -> np.ndarray:

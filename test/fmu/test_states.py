@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import math
+import re
+import struct
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -84,3 +88,91 @@ def test_a_start_elsewhere_shifts_the_time_and_fixed_values_hold_from_the_start(
     if version == 3:
         assert driven.get("time") == [3.125]
     assert not driven.said
+
+
+@needs_compiler
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("start", [0.0, 1e5, 1.7e9])
+def test_times_that_an_importer_adds_up_are_followed(version: int, start: float, tmp_path: Path) -> None:
+    """At 1.7e9 s neighbouring times are 2.4e-7 s apart, and a sum of milliseconds drifts by 7e-8 s each time."""
+    driven = Driven(written(tmp_path, load_scene("fig02"), version)).begin(start)
+    for _ in range(1000):
+        driven.go()
+    for k in range(1000):  # Times that are multiples, and steps that are their differences.
+        after = start + (1001 + k) * driven.step
+        driven.slave.doStep(driven.time, after - driven.time if k else driven.step)
+        driven.time = after
+    stepper = Stepper(load_scene("fig02").system, 1e-3)
+    for _ in range(2000):
+        stepper.advance()
+    assert driven.get("slip_speed") == [stepper.state[0]]
+    with pytest.raises(FMICallException):
+        driven.slave.doStep(driven.time + 0.5 * driven.step, driven.step)
+    wrong, right = re.findall(r"[0-9.e+-]*[0-9]", driven.said[-1][1])
+    assert float(wrong) - float(right) == pytest.approx(0.5 * driven.step, rel=1e-3)
+
+
+@needs_compiler
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("length", [1e9, 1e300, math.inf, math.nan])
+def test_a_step_that_would_run_for_ever_is_refused(version: int, length: float, tmp_path: Path) -> None:
+    driven = Driven(written(tmp_path, load_scene("fig02"), version)).begin()
+    with pytest.raises(FMICallException):
+        driven.slave.doStep(0.0, length)
+    assert driven.said[-1][0] == DISCARD
+    driven.go(100_000)
+    assert driven.get("plate_speed")[0] != 0.0
+
+
+HEAD = 48
+"""Bytes before the model in a kept state: the token and the sum over what follows."""
+TERMS_END = -56
+"""Origin (3 numbers), frequency and ratio, and four integers are the last that a model holds."""
+
+
+def forged(data: bytes, place: int, values: bytes) -> bytes:
+    """A kept state with other bytes at a place of its model, and the sum that fits them."""
+    model = bytearray(data[HEAD:])
+    place %= len(model)
+    model[place:place + len(values)] = values
+    total = 14695981039346656037
+    for byte in model:
+        total = (total ^ byte) * 1099511628211 % 2**64
+    return data[:HEAD - 8] + total.to_bytes(8, sys.byteorder) + bytes(model)
+
+
+@needs_compiler
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_forged_state_is_refused_or_worked_out_anew(version: int, tmp_path: Path) -> None:
+    """Rows, harmonics and sub-steps that a state holds are never used; every number that is used is checked."""
+    scene = load_scene("commands").with_values({"engine.mean_torque_times": [0.0, 0.1, 0.2],
+                                                "engine.mean_torque_values": [200.0, 300.0, 250.0]})
+    driven = Driven(written(tmp_path, scene, version)).begin()
+    driven.put({"pressure.frequency_ratio": 0.5})
+    driven.go(50)
+    slave = driven.slave
+    serialise, deserialise = ((slave.serializeFMUstate, slave.deSerializeFMUstate) if version == 2 else
+                              (slave.serializeFMUState, slave.deserializeFMUState))
+    data, time = bytes(serialise(slave.getFMUState())), driven.time
+    driven.go(50)
+    expected, after = driven.get("slip_speed", "plate_angle"), driven.time
+    numbers = 8 * (max(driven.references.values()) + 1 + (version == 2 and "time" in driven.references))
+    tick = numbers + 8 * 7
+    assert struct.unpack_from("q", data, HEAD + tick) == (50,)
+    terms = len(data) - HEAD + TERMS_END - tick - 8
+    for place, values in ((tick + 8, bytes([255]) * terms), (tick + 8, bytes([127]) * terms), (-16, b"\x7f" * 4)):
+        driven.slave.setFMUState(deserialise(forged(data, place, values)))
+        driven.time = time
+        driven.go(50)
+        assert driven.get("slip_speed", "plate_angle") == expected
+    number = 8 * driven.references["pressure.mean"]
+    wrong = [(tick, struct.pack("q", n)) for n in (-1, 2**62)] + [(-12, struct.pack("i", n)) for n in (-1, 4)]
+    wrong += [(place, struct.pack("d", x)) for place in (number, numbers + 32, numbers + 48, -56, -48, -40, -24)
+              for x in (math.nan, -math.inf)]
+    wrong += [(-56, struct.pack("d", -1.0)), (number, struct.pack("d", 1e9))]
+    for place, values in wrong:
+        with pytest.raises(FMICallException):
+            driven.slave.setFMUState(deserialise(forged(data, place, values)))
+        assert driven.said[-1][1].startswith("that state of this FMU holds a value"), place
+    assert (driven.get("slip_speed", "plate_angle"), driven.time) == (expected, after)
+    driven.go(50)

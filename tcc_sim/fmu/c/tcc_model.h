@@ -29,6 +29,10 @@
 #include "tcc_variables.h"
 #include "tcc_kernel.h"
 
+/* Sub-steps of one communication step, some ten seconds of a processor, and ticks in all: time is still exact there. */
+#define TCC_MOST_SUBSTEPS 1e8
+#define TCC_MOST_TICKS 9000000000000000LL
+
 typedef enum { TCC_OK, TCC_DISCARD, TCC_ERROR } tcc_answer;
 typedef enum { TCC_INSTANTIATED, TCC_INITIALIZATION, TCC_STEP_MODE, TCC_TERMINATED } tcc_mode;
 
@@ -40,6 +44,7 @@ typedef struct {
     double x[TCC_VARIABLES];       /* every variable, by its reference */
     double state[4];               /* slip speed, plate angle, plate speed, flywheel angle */
     double start_time, stick_speed;
+    double expected;               /* the communication point that comes next, as the importer counts */
     long long tick;
     Terms terms;
     tcc_origin origin;
@@ -105,8 +110,8 @@ static int tcc_merge(double *sorted, int count, const double *times, int n)
     return count;
 }
 
-/* The profile of the profiles from an origin on; its loads are pressures. A profile of the frequency counts from 0. */
-static void tcc_course(const double *x, double frequency, tcc_origin origin, Terms *t)
+/* The profiles of the scene's keys as one, from an origin on; its loads are pressures. A profile of the frequency counts from 0. */
+static void tcc_profile_of(const double *x, double frequency, tcc_origin origin, Terms *t)
 {
     double times[TCC_MOST_PIECES + 1] = {0.0}, gained = 0.0;
     int n = 1, late;
@@ -145,7 +150,7 @@ static tcc_origin tcc_moved(const tcc_model *m, Terms *room)
     double phase;
     if (TCC_FREQUENCY_POINTS > 0) frequency = m->frequency;
     if (m->mode != TCC_STEP_MODE || (frequency == m->frequency && ratio == m->ratio)) return origin;
-    tcc_course(m->x, m->frequency, origin, room);
+    tcc_profile_of(m->x, m->frequency, origin, room);
     phase = tcc_reached(now, room->profile.at[tcc_piece_at(&room->profile, now)])._0;
     origin.lead += (m->ratio - ratio) * phase;
     if (frequency != m->frequency) {
@@ -195,7 +200,7 @@ static void tcc_terms_of(const double *x, int profile, tcc_origin origin, Terms 
         t->stribeck._1 = x[at_friction_decay];
     }
     if (!profile) return;
-    tcc_course(x, x[at_engine_frequency], origin, t);
+    tcc_profile_of(x, x[at_engine_frequency], origin, t);
     for (int k = 0; k < t->profile.rows; k++) {
         t->profile.at[k][TCC_LOAD] *= per_pressure;
         t->profile.at[k][TCC_LOAD_RATE] *= per_pressure;
@@ -391,7 +396,7 @@ static tcc_answer tcc_enter_initialization(tcc_plant *p, double start_time)
 {
     if (p->model.mode != TCC_INSTANTIATED) return tcc_say(p, TCC_ERROR, "initialisation begins once, after a reset");
     if (!isfinite(start_time)) return tcc_say(p, TCC_DISCARD, "the start time is %g; it must be a number", start_time);
-    p->model.start_time = start_time;
+    p->model.start_time = p->model.expected = start_time;
     p->model.mode = TCC_INITIALIZATION;
     return TCC_OK;
 }
@@ -432,6 +437,14 @@ static tcc_answer tcc_readable(tcc_plant *p, const unsigned *references, size_t 
     return answer;
 }
 
+/* Whether a value is within the range of a variable. */
+static tcc_answer tcc_allowed(tcc_plant *p, const tcc_variable *v, double value)
+{
+    if (v->role == TCC_CALCULATED || (v->low <= value && value <= v->high && !(v->above && value == v->low))) return TCC_OK;
+    return tcc_say(p, TCC_DISCARD, "%s is %g; it must be %s%g to %g", v->name, value, v->above ? "above " : "", v->low,
+                   v->high);
+}
+
 /* Whether one variable may have a value now. */
 static tcc_answer tcc_settable(tcc_plant *p, unsigned reference, double value)
 {
@@ -441,10 +454,7 @@ static tcc_answer tcc_settable(tcc_plant *p, unsigned reference, double value)
     if (mode == TCC_TERMINATED) return tcc_say(p, TCC_ERROR, "%s cannot be set after the end", v->name);
     if (mode == TCC_STEP_MODE && v->role == TCC_FIXED)
         return tcc_say(p, TCC_ERROR, "%s is fixed; it can be set until the simulation runs", v->name);
-    if (!(v->low <= value && value <= v->high) || (v->above && value == v->low))
-        return tcc_say(p, TCC_DISCARD, "%s is %g; it must be %s%g to %g", v->name, value, v->above ? "above " : "",
-                       v->low, v->high);
-    return TCC_OK;
+    return tcc_allowed(p, v, value);
 }
 
 /* Set values, all or none. */
@@ -462,20 +472,25 @@ static tcc_answer tcc_set(tcc_plant *p, const unsigned *references, size_t n, co
 
 static double tcc_time(const tcc_model *m) { return m->start_time + (double)m->tick * TCC_STEP; }
 
-/* A communication step of whole ticks; one that is refused leaves everything as it was. */
+/* A communication step of whole ticks; one that is refused leaves everything as it was. Importers add up their times, and
+   late ones have few digits left: a point is right where the ticks put it, or where the one before and its step do, to the
+   rounding of a time of this size. */
 static tcc_answer tcc_do_step(tcc_plant *p, double now, double length)
 {
     tcc_model *m = &p->model;
-    double ticks = floor(length / TCC_STEP + 0.5), before[4];
+    double ticks = floor(length / TCC_STEP + 0.5), before[4], rounding = 4.0 * (nextafter(fabs(now), INFINITY) - fabs(now));
     tcc_answer answer;
     if (m->mode != TCC_STEP_MODE) return tcc_say(p, TCC_ERROR, "a step needs a simulation that runs");
-    if (!(ticks >= 1.0 && ticks <= 9e15) || fabs(length - ticks * TCC_STEP) > 1e-4 * TCC_STEP)
+    if (!(ticks >= 1.0) || !(fabs(length - ticks * TCC_STEP) <= fmin(fmax(1e-4 * TCC_STEP, rounding), 0.25 * TCC_STEP)))
         return tcc_say(p, TCC_DISCARD, "the communication step is %.12g s; it must be a whole number of ticks of %g s",
                        length, TCC_STEP);
-    if (!(fabs(now - tcc_time(m)) <= 0.01 * TCC_STEP))
-        return tcc_say(p, TCC_ERROR, "the communication point is %.12g s; the step before ended at %.12g s", now, tcc_time(m));
+    if (!(fabs(now - m->expected) <= rounding || fabs(now - tcc_time(m)) <= 0.01 * TCC_STEP))
+        return tcc_say(p, TCC_ERROR, "the communication point is %.17g s; the step before ended at %.17g s", now, m->expected);
     answer = tcc_prepare(p);
     if (answer != TCC_OK) return answer;
+    if (!(ticks * m->substeps <= TCC_MOST_SUBSTEPS) || m->tick > TCC_MOST_TICKS)
+        return tcc_say(p, TCC_DISCARD, "the communication step is %.12g s, %.0f sub-steps; at most %.0f are allowed", length,
+                       ticks * m->substeps, TCC_MOST_SUBSTEPS);
     memcpy(before, m->state, sizeof before);
     for (long long k = 0; k < (long long)ticks; k++)
         tcc_advance(m->state, (double)(m->tick + k) * TCC_STEP, TCC_STEP / m->substeps, m->substeps, &m->terms);
@@ -484,6 +499,7 @@ static tcc_answer tcc_do_step(tcc_plant *p, double now, double length)
         return tcc_say(p, TCC_DISCARD, "the state would no longer be finite");
     }
     m->tick += (long long)ticks;
+    m->expected = now + length;
     tcc_outputs(m);
     return TCC_OK;
 }
@@ -519,11 +535,26 @@ static tcc_answer tcc_whole(tcc_plant *p, const tcc_kept *kept)
     return TCC_OK;
 }
 
+/* A state may come from a file, and its sum is no secret: numbers must be in their ranges, and what follows from them is
+   worked out anew, to the same bits. */
 static tcc_answer tcc_restore(tcc_plant *p, const void *kept)
 {
+    const tcc_model *m = kept ? &((const tcc_kept *)kept)->model : NULL;
     tcc_answer answer = tcc_whole(p, kept);
-    if (answer == TCC_OK) memcpy(&p->model, &((const tcc_kept *)kept)->model, sizeof p->model);
-    return answer;
+    if (answer != TCC_OK) return answer;
+    for (int k = 0; answer == TCC_OK && k < TCC_VARIABLES; k++) answer = tcc_allowed(p, &tcc_variables[k], m->x[k]);
+    if (answer == TCC_OK && m->mode == TCC_STEP_MODE) {
+        answer = tcc_allowed(p, &tcc_variables[at_pressure_frequency_ratio], m->ratio);
+        if (answer == TCC_OK && TCC_FREQUENCY_POINTS == 0)
+            answer = tcc_allowed(p, &tcc_variables[at_engine_frequency], m->frequency);
+    }
+    if (answer != TCC_OK || m->mode < TCC_INSTANTIATED || m->mode > TCC_TERMINATED || m->tick < 0 || m->tick > TCC_MOST_TICKS
+        || !isfinite(m->start_time) || !isfinite(m->expected) || !(m->origin.time >= 0.0)
+        || !isfinite(m->origin.time + m->origin.phase + m->origin.lead) || !(fabs(m->x[at_stick_slip_state]) <= 1.0))
+        return tcc_say(p, TCC_ERROR, "that state of this FMU holds a value that is not allowed");
+    memcpy(&p->model, m, sizeof p->model);
+    p->model.changed = 1;
+    return TCC_OK;
 }
 
 static tcc_answer tcc_serialise(tcc_plant *p, const void *kept, void *bytes, size_t n)
