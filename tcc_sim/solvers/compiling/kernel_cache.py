@@ -4,7 +4,9 @@ The key is made function by function: two kernels in one file have keys of their
 a kernel calls nothing of leaves its compiled code as it is. Comments, docstrings and the places of lines do not count.
 
 Loading compiled code runs it, so every file has a checksum, and the directory is used only if nobody else can write to
-it. Whatever is wrong with it means one line on standard error and a kernel that is compiled without it.
+it or put another one in its place: every folder from the root on belongs to root or to the user, and no group and
+nobody else may write to it. Whatever is wrong with it means one line on standard error and a kernel that is compiled
+without it.
 """
 
 from __future__ import annotations
@@ -139,11 +141,14 @@ def directory() -> Path | None:
     It is `tcc_sim` in NUMBA_CACHE_DIR, else in XDG_CACHE_HOME, else in ~/.cache, and is made with mode 0700.
     """
     try:
-        place = _base().resolve() / "tcc_sim"
-        place.parent.mkdir(parents=True, exist_ok=True)
-        with suppress(FileExistsError):
-            place.mkdir(mode=0o700)
-        reason = _distrust(place)
+        base = _base()
+        place = base.resolve() / "tcc_sim"
+        reason = _distrust_parents(place) if base.is_absolute() else f"it is given as {base}, which is not absolute"
+        if not reason:
+            for folder in (*reversed(place.parents), place):
+                with suppress(FileExistsError):
+                    folder.mkdir(mode=0o700)
+            reason = _distrust_parents(place) or _distrust(place)
         if not reason:
             if stat.S_IMODE(place.stat().st_mode) != 0o700:
                 place.chmod(0o700)
@@ -170,10 +175,28 @@ def _distrust(place: Path) -> str:
         return "it belongs to somebody else"
     if found.st_mode & 0o022:
         return "others can write to it; remove it, or make it mode 0700 if you trust what is in it"
+    return ""
+
+
+def _distrust_parents(place: Path) -> str:
+    """Why somebody else might put another folder in the place of one that leads to `place`; empty where nobody can.
+
+    In a sticky folder others can rename or remove only their own.
+    """
+    own, below = os.geteuid(), place
     for parent in place.parents:
-        mode = parent.stat().st_mode
-        if mode & stat.S_IWOTH and not mode & stat.S_ISVTX:
-            return f"others can write to {parent}"
+        if not os.path.lexists(parent):
+            continue
+        found = parent.lstat()
+        if not stat.S_ISDIR(found.st_mode):
+            return f"{parent} is not a directory"
+        if found.st_uid not in (0, own):
+            return f"{parent} belongs to somebody else"
+        if found.st_mode & 0o022:
+            whose = below.lstat().st_uid if os.path.lexists(below) else own
+            if not (found.st_mode & stat.S_ISVTX and whose == own):
+                return f"others can write to {parent}"
+        below = parent
     return ""
 
 
@@ -229,7 +252,7 @@ def announce(size: int, how_often: str) -> None:
 
 def _write(path: Path, content: bytes) -> None:
     """Write a file of one's own, all of it or nothing."""
-    descriptor, unfinished = tempfile.mkstemp(dir=path.parent)
+    descriptor, unfinished = tempfile.mkstemp(prefix="tmp", dir=path.parent)
     try:
         with open(descriptor, "wb") as file:
             file.write(content)
@@ -240,11 +263,14 @@ def _write(path: Path, content: bytes) -> None:
 
 
 def remove_unused(place: Path, now: float) -> None:
-    """Remove the files of a cache that were last used more than UNUSED_AFTER before `now`, s since 1970."""
-    for path in place.glob("*-*"):
-        with suppress(OSError):
-            if now - path.lstat().st_mtime > UNUSED_AFTER:
-                path.unlink()
+    """Remove the files of a cache that were last used more than UNUSED_AFTER before `now`, s since 1970, and what was
+    left of writes that were killed more than a day before.
+    """
+    for pattern, age in (("*-*", UNUSED_AFTER), ("tmp*", DAY)):
+        for path in place.glob(pattern):
+            with suppress(OSError):
+                if now - path.lstat().st_mtime > age:
+                    path.unlink()
 
 
 def _reason(error: BaseException) -> str:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import importlib
 import os
+import signal
 import stat
+import subprocess
 import sys
 import time
 from contextlib import nullcontext
@@ -178,6 +180,97 @@ def test_neither_is_one_below_a_folder_that_anybody_can_write_to(cache, tmp_path
     cache.parent.chmod(0o1777)
     kernel_cache.directory.cache_clear()
     assert kernel_cache.directory() == cache
+
+
+@pytest.mark.parametrize("mode", [0o770, 0o775, 0o777])
+def test_no_folder_above_it_may_be_renamed_by_others(cache, tmp_path, capsys, mode):
+    """A group or anybody may move the folder away and put one with other code there."""
+    modules(tmp_path, name=f"above_{mode}")(3.0)
+    plant(cache, tmp_path)
+    cache.parent.chmod(mode)
+    kernel_cache.directory.cache_clear()
+    assert modules(tmp_path, name=f"above_{mode}")(3.0) == 7.0
+    assert capsys.readouterr().err == f"tcc-sim: kernels are compiled without a cache: {cache}: others can write to " \
+                                      f"{cache.parent}\n"
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may give folders away")
+@pytest.mark.parametrize("place", ["parent", "in a sticky folder"])
+def test_no_folder_above_it_belongs_to_somebody_else(cache, tmp_path, monkeypatch, capsys, place):
+    base = cache.parent
+    if place == "in a sticky folder":
+        base.mkdir()
+        base.chmod(0o1777)
+        base = base / "theirs"
+        monkeypatch.setenv("XDG_CACHE_HOME", str(base))
+    base.mkdir()
+    os.chown(base, 12345, 12345)
+    assert kernel_cache.directory() is None
+    assert str(base if place == "parent" else cache.parent) in capsys.readouterr().err
+    assert not (base / "tcc_sim").exists()
+
+
+def test_a_relative_folder_is_not_used(cache, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "numba")
+    kernel_cache.directory.cache_clear()
+    assert modules(tmp_path)(3.0) == 7.0
+    assert modules(tmp_path)(3.0) == 7.0
+    err = capsys.readouterr().err
+    assert "which is not absolute" in err
+    assert err.count("\n") == 1
+    assert not (tmp_path / "numba").exists()
+
+
+ALONE = """
+import os, signal, sys
+sys.path.insert(0, {folder!r})
+from tcc_sim.solvers.compiling import kernel_cache
+import {name}
+if {killed}:
+    os.replace = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
+else:
+    print(flush=True)
+    sys.stdin.readline()
+assert {name}.kernel(3.0) == 7.0
+"""
+
+
+def alone(folder, name, killed=False):
+    """A process that calls the kernel of a module once a line has come."""
+    return subprocess.Popen([sys.executable, "-c", ALONE.format(folder=str(folder), name=name, killed=killed)],
+                            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+
+def test_two_processes_keep_one_kernel_at_once(cache, tmp_path):
+    modules(tmp_path, name="twice")
+    both = [alone(tmp_path, "twice_caller") for _ in range(2)]
+    for process in both:
+        process.stdout.readline()
+    for process in both:
+        process.stdin.write("\n")
+        process.stdin.flush()
+    for process in both:
+        process.communicate()
+    assert [process.returncode for process in both] == [0, 0]
+    assert len(list(cache.iterdir())) == 1
+
+
+def test_a_process_killed_while_it_writes_leaves_nothing_that_is_loaded(cache, tmp_path):
+    modules(tmp_path, name="killed")
+    process = alone(tmp_path, "killed_caller", killed=True)
+    process.communicate()
+    assert process.returncode == -signal.SIGKILL
+    (left,) = cache.iterdir()
+    kernel = modules(tmp_path, name="killed")
+    assert (kernel(3.0), hits(kernel)) == (7.0, 0)
+    made_in = left.stat().st_mtime
+    kernel_cache.remove_unused(cache, made_in + 0.9 * 86400.0)
+    assert left.exists()
+    kernel_cache.remove_unused(cache, made_in + 1.1 * 86400.0)
+    assert not left.exists()
+    kernel = modules(tmp_path, name="killed")
+    assert (kernel(3.0), hits(kernel)) == (7.0, 1)
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root may give files away")
