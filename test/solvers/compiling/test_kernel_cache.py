@@ -2,81 +2,19 @@
 
 from __future__ import annotations
 
-import importlib
 import os
-import signal
 import stat
-import subprocess
-import sys
 import time
 from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 from full_disk import full_disk
+from kernels_on_disk import CALLEE, CALLER, hits, modules
 
-from tcc_sim.solvers.compiling import kernel_cache, linked
+from tcc_sim.solvers.compiling import kernel_cache
 from tcc_sim.solvers.compiling.compiled import compiled
 from tcc_sim.solvers.compiling.kernel_cache import Dependencies
-
-CALLEE = """
-'''A module that a kernel calls.'''
-from tcc_sim.solvers.compiling.compiled import compiled
-GAIN = 2.0
-UNUSED = 1.0
-@compiled
-def scaled(x):
-    '''x times the gain.'''
-    return GAIN * x
-@compiled
-def other(x):
-    return x + 1.0
-"""
-CALLER = """
-import {callee} as callee
-from tcc_sim.solvers.compiling.compiled import compiled
-@compiled
-def kernel(x):
-    return callee.scaled(x) + 1.0
-"""
-numbers = iter(range(1000))
-made = []
-
-
-@pytest.fixture
-def cache(tmp_path, monkeypatch):
-    """An empty folder for caches that the package has not looked at yet; what it says is told again."""
-    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "caches"))
-    said = set(kernel_cache.announced)
-    kernel_cache.announced.clear()
-    monkeypatch.syspath_prepend(str(tmp_path))
-    kernel_cache.directory.cache_clear()
-    code = linked.machine_code
-    monkeypatch.setattr(linked, "machine_code", lambda part, arguments: made.append(part) or code(part, arguments))
-    yield tmp_path / "caches" / "tcc_sim"
-    kernel_cache.directory.cache_clear()
-    kernel_cache.announced.clear()
-    kernel_cache.announced.update(said)
-
-
-def modules(folder, callee=CALLEE, caller=CALLER, name=""):
-    """A kernel and what it calls, in fresh modules of the same names as before where `name` says so."""
-    name = name or f"kernels_{next(numbers)}"
-    for suffix, text in (("callee", callee), ("caller", caller.format(callee=f"{name}_callee"))):
-        (folder / f"{name}_{suffix}.py").write_text(text)
-        sys.modules.pop(f"{name}_{suffix}", None)
-    importlib.invalidate_caches()
-    sys.dont_write_bytecode, before = True, sys.dont_write_bytecode
-    try:
-        return importlib.import_module(f"{name}_caller").kernel
-    finally:
-        sys.dont_write_bytecode = before
-
-
-def hits(kernel):
-    """Kinds of arguments for which a kernel's code was found."""
-    return len(kernel.entries) - made.count(kernel.part)
 
 
 def test_the_second_process_finds_what_the_first_compiled(cache, tmp_path, capsys):
@@ -220,57 +158,6 @@ def test_a_relative_folder_is_not_used(cache, tmp_path, monkeypatch, capsys):
     assert "which is not absolute" in err
     assert err.count("\n") == 1
     assert not (tmp_path / "numba").exists()
-
-
-ALONE = """
-import os, signal, sys
-sys.path.insert(0, {folder!r})
-from tcc_sim.solvers.compiling import kernel_cache
-import {name}
-if {killed}:
-    os.replace = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
-else:
-    print(flush=True)
-    sys.stdin.readline()
-assert {name}.kernel(3.0) == 7.0
-"""
-
-
-def alone(folder, name, killed=False):
-    """A process that calls the kernel of a module once a line has come."""
-    return subprocess.Popen([sys.executable, "-c", ALONE.format(folder=str(folder), name=name, killed=killed)],
-                            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-
-
-def test_two_processes_keep_one_kernel_at_once(cache, tmp_path):
-    modules(tmp_path, name="twice")
-    both = [alone(tmp_path, "twice_caller") for _ in range(2)]
-    for process in both:
-        process.stdout.readline()
-    for process in both:
-        process.stdin.write("\n")
-        process.stdin.flush()
-    for process in both:
-        process.communicate()
-    assert [process.returncode for process in both] == [0, 0]
-    assert len(list(cache.iterdir())) == 1
-
-
-def test_a_process_killed_while_it_writes_leaves_nothing_that_is_loaded(cache, tmp_path):
-    modules(tmp_path, name="killed")
-    process = alone(tmp_path, "killed_caller", killed=True)
-    process.communicate()
-    assert process.returncode == -signal.SIGKILL
-    (left,) = cache.iterdir()
-    kernel = modules(tmp_path, name="killed")
-    assert (kernel(3.0), hits(kernel)) == (7.0, 0)
-    made_in = left.stat().st_mtime
-    kernel_cache.remove_unused(cache, made_in + 0.9 * 86400.0)
-    assert left.exists()
-    kernel_cache.remove_unused(cache, made_in + 1.1 * 86400.0)
-    assert not left.exists()
-    kernel = modules(tmp_path, name="killed")
-    assert (kernel(3.0), hits(kernel)) == (7.0, 1)
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root may give files away")

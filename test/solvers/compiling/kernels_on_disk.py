@@ -1,0 +1,46 @@
+"""Modules of kernels that are written, changed and imported again, and whether their code was found on disk."""
+
+import importlib
+import sys
+
+CALLEE = """
+'''A module that a kernel calls.'''
+from tcc_sim.solvers.compiling.compiled import compiled
+GAIN = 2.0
+UNUSED = 1.0
+@compiled
+def scaled(x):
+    '''x times the gain.'''
+    return GAIN * x
+@compiled
+def other(x):
+    return x + 1.0
+"""
+CALLER = """
+import {callee} as callee
+from tcc_sim.solvers.compiling.compiled import compiled
+@compiled
+def kernel(x):
+    return callee.scaled(x) + 1.0
+"""
+numbers = iter(range(1000))
+made = []
+
+
+def modules(folder, callee=CALLEE, caller=CALLER, name=""):
+    """A kernel and what it calls, in fresh modules of the same names as before where `name` says so."""
+    name = name or f"kernels_{next(numbers)}"
+    for suffix, text in (("callee", callee), ("caller", caller.format(callee=f"{name}_callee"))):
+        (folder / f"{name}_{suffix}.py").write_text(text)
+        sys.modules.pop(f"{name}_{suffix}", None)
+    importlib.invalidate_caches()
+    sys.dont_write_bytecode, before = True, sys.dont_write_bytecode
+    try:
+        return importlib.import_module(f"{name}_caller").kernel
+    finally:
+        sys.dont_write_bytecode = before
+
+
+def hits(kernel):
+    """Kinds of arguments for which a kernel's code was found."""
+    return len(kernel.entries) - made.count(kernel.part)
