@@ -5,12 +5,15 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
+import shlex
+import shutil
 import time
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tcc_sim.cli.arguments import number
+from tcc_sim.errors import InputError
 from tcc_sim.output.files import new_directory
 from tcc_sim.output.terminal import say, seconds_bar
 
@@ -19,6 +22,8 @@ if TYPE_CHECKING:
 
 TARGET = 20.0
 """What the slip controller holds in scenes that take the pressure from one, rad/s."""
+CONTROLLED = "controlled"
+"""The scene that a controller of the user's is tried on."""
 STEP = 0.1
 """Seconds between two looks at the nodes."""
 
@@ -27,6 +32,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Scene, duration and directory."""
     parser.add_argument("--scene", metavar="S", help="name of a bundled scene, or a file (default: "
                         "commands, with a node beside that publishes both commands)")
+    parser.add_argument("--controller", metavar="COMMAND", help="a command that starts your controller, such as "
+                        "'python my_node.py', in the place of the example; the scene is then controlled unless --scene "
+                        "names another")
     parser.add_argument("--duration", type=number(0.5, 86400.0, "s"), default=10.0, metavar="SECONDS",
                         help="seconds recorded (10)")
     parser.add_argument("--out", type=Path, metavar="DIR", help="directory to create (default: tcc_demo_ and the time)")
@@ -37,8 +45,9 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.nodes.children import require_ros
     from tcc_sim.scene import NODE_SCENE, load_scene
 
-    name = arguments.scene or NODE_SCENE
+    name = arguments.scene or (CONTROLLED if arguments.controller is not None else NODE_SCENE)
     scene = load_scene(name)
+    controller = controller_of(scene) if arguments.controller is None else _words(arguments.controller, scene)
     require_ros()
     directory = new_directory(arguments.out or Path(f"tcc_demo_{datetime.now():%Y%m%d_%H%M%S}"))
     missing = [name for name in ("rerun", "matplotlib") if importlib.util.find_spec(name) is None]
@@ -47,19 +56,38 @@ def run(arguments: argparse.Namespace) -> int:
             f"{' and no overview.png' if len(missing) == 2 else ''}; pip install 'tcc_sim[view]' brings them")
     directory.mkdir()
     recording = directory / "recording"
-    _record(scene, name, recording, arguments.duration, commanded=arguments.scene is None)
+    _record(scene, name, recording, arguments.duration, controller,
+            commanded=arguments.scene is None and controller is None)
     return _analyse(scene, recording, directory, missing, arguments.words)
 
 
-def _record(scene: Scene, name: str, recording: Path, duration: float, *, commanded: bool) -> None:
-    """Driveline and recorder as processes of their own, and what commands them, for `duration` seconds of real time;
-    Ctrl-C ends it sooner.
+def _words(command: str, scene: Scene) -> list[str]:
+    """The words of a command that starts a controller, which a shell would split alike."""
+    try:
+        words = shlex.split(command)
+    except ValueError as error:
+        raise InputError(f"--controller {command!r}: {str(error).lower()}") from None
+    if not words or shutil.which(words[0]) is None:
+        raise InputError(f"--controller {command!r}: there is no program {words[0] if words else ''!r}")
+    system = scene.system
+    if "topic" not in (system.engine.source, system.pressure.source):
+        raise InputError(f"scene {scene.name} takes no commands: engine.source and pressure.source are harmonic; "
+                         f"--controller needs topic for one of them, as in scene {CONTROLLED}")
+    return words
+
+
+def _record(scene: Scene, name: str, recording: Path, duration: float,
+            controller: dict[str, object] | list[str] | None, *, commanded: bool) -> None:
+    """Run driveline, recorder and their controller or commander as processes for `duration` seconds of real time.
+
+    Ctrl-C ends them sooner.
     """
     from tcc_sim.nodes.children import SENDING, NodeProcess, Session
 
     say(f"scene {scene.name}: {scene.description}")
-    controller = controller_of(scene)
-    if controller is not None:
+    if isinstance(controller, list):
+        say(f"controller: {shlex.join(controller)}")
+    elif controller is not None:
         say(f"slip controller: holds a mean slip speed of {TARGET:g} rad/s")
     session = Session(recording, {"scene": name}, controller)
     sender = NodeProcess("commander", {"rate": scene.operation.rate}, session.environment) if commanded else None

@@ -18,7 +18,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from tcc_sim.errors import MissingPackage, TccError
+from tcc_sim.errors import InputError, MissingPackage, TccError
 
 _LIBC = ctypes.CDLL(None)
 _PR_SET_PDEATHSIG = 1
@@ -110,16 +110,15 @@ class OwnEnvironment:
             self._domain.close()
 
 
-class NodeProcess(subprocess.Popen[str]):
-    """One node of this package in a process of its own; what it says on standard error is kept."""
+class ChildProcess(subprocess.Popen[str]):
+    """A command in a process of its own, whose lines on standard error are kept."""
 
-    def __init__(self, module: str, parameters: dict[str, object], environment: dict[str, str]) -> None:
-        self.name = module
-        words = [word for key, value in parameters.items() for word in ("-p", f"{key}:={_word(value)}")]
-        # A session of its own: Ctrl-C on the terminal reaches the command, which ends its nodes in order.
-        super().__init__([sys.executable, "-m", f"tcc_sim.nodes.{module}", "--ros-args", *words], env=environment,
-                         stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
-                         start_new_session=True, preexec_fn=_end_with_parent)
+    def __init__(self, name: str, command: Sequence[str], environment: dict[str, str]) -> None:
+        self.name = name
+        # A session of its own: Ctrl-C on the terminal reaches the parent, which ends its children in order.
+        super().__init__(command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+                         stderr=subprocess.PIPE, text=True, errors="replace", start_new_session=True,
+                         preexec_fn=_end_with_parent)
         self.lines: list[str] = []
         self._said = threading.Condition()
         self._reader = threading.Thread(target=self._read, daemon=True)
@@ -179,6 +178,14 @@ class NodeProcess(subprocess.Popen[str]):
         return status
 
 
+class NodeProcess(ChildProcess):
+    """One node of this package in a process of its own."""
+
+    def __init__(self, module: str, parameters: dict[str, object], environment: dict[str, str]) -> None:
+        words = [word for key, value in parameters.items() for word in ("-p", f"{key}:={_word(value)}")]
+        super().__init__(module, [sys.executable, "-m", f"tcc_sim.nodes.{module}", "--ros-args", *words], environment)
+
+
 class Session:
     """A driveline node with a recorder node, started so that the recording holds the first message.
 
@@ -186,7 +193,8 @@ class Session:
     ----------
     recording : directory that the recorder creates
     driveline : parameters of the driveline node
-    controller : parameters of a slip controller node beside it; None: there is none
+    controller : parameters of a slip controller node beside it, or the words of a command that starts a controller;
+        None without one. The driveline waits until the controller subscribes to joint_states.
 
     Raises
     ------
@@ -197,12 +205,16 @@ class Session:
     """
 
     def __init__(self, recording: Path, driveline: dict[str, object],
-                 controller: dict[str, object] | None = None) -> None:
+                 controller: dict[str, object] | Sequence[str] | None = None) -> None:
         require_ros()
         self._own = OwnEnvironment()
         self.environment = self._own.values
+        self.beside: list[ChildProcess] = []
+        if isinstance(controller, dict):
+            self.beside.append(NodeProcess("slip_controller", controller, self.environment))
+        elif controller is not None:
+            self.beside.append(_started(controller, self.environment))
         self.recorder = NodeProcess("recorder", {"output": str(recording)}, self.environment)
-        self.beside = [] if controller is None else [NodeProcess("slip_controller", controller, self.environment)]
         subscribers = 1 + len(self.beside)
         self.driveline = NodeProcess("driveline", {**driveline, "wait_for_subscribers": subscribers}, self.environment)
         try:
@@ -234,13 +246,22 @@ class Session:
                 compiling = next((line for line in self.driveline.lines if line.startswith("tcc-sim: ")), "")
                 sys.stderr.write(f"{compiling}\n" if compiling else "")
             if time.monotonic() > end:
-                raise TccError(f"the nodes did not start within {START_LIMIT:g} s")
+                waits = "; no controller subscribes to joint_states" if self.beside else ""
+                raise TccError(f"the driveline's first tick did not come within {START_LIMIT:g} s{waits}")
             time.sleep(0.05)
 
     def _check(self) -> None:
         """Raise TccError with its last words where a node has ended."""
         for process in (self.recorder, *self.beside, self.driveline):
             process.check()
+
+
+def _started(command: Sequence[str], environment: dict[str, str]) -> ChildProcess:
+    """Start a command of the user's; InputError where it cannot be started."""
+    try:
+        return ChildProcess(" ".join(command), command, environment)
+    except OSError as error:
+        raise InputError(f"{command[0]}: {error.strerror}") from None
 
 
 def _end_with_parent() -> None:

@@ -18,6 +18,7 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from child_output import without_compiling
 
+import tcc_sim
 from tcc_sim.cli import main
 from tcc_sim.recording.reader import open_run
 from tcc_sim.scene import load_scene
@@ -90,6 +91,57 @@ def test_demo_of_a_controlled_scene_runs_the_controller_too(tmp_path: Path,
     assert main(["analyse", str(made / "recording"), "--verify", "--json", "-"]) == 0
     verified = json.loads(capsys.readouterr().out)
     assert (verified["verified"], verified["largest_difference"]) == (True, 0.0)
+
+
+OWN_CONTROLLER = """
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from sensor_msgs.msg import FluidPressure, JointState
+
+with rclpy.init():
+    node = rclpy.create_node("own")
+    command = node.create_publisher(FluidPressure, "actuation_pressure", 100)
+    def answer(state):
+        message = FluidPressure(fluid_pressure=123456.0)
+        message.header.stamp = state.header.stamp
+        command.publish(message)
+    node.create_subscription(JointState, "joint_states", answer, 100)
+    try:
+        rclpy.spin(node)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+"""
+
+
+def test_demo_starts_a_controller_of_the_users(tmp_path: Path) -> None:
+    (tmp_path / "own.py").write_text(OWN_CONTROLLER)
+    ended = command("demo", "--controller", f"{sys.executable} own.py", "--duration", "2", "--out", "made",
+                    folder=tmp_path)
+    assert ended.returncode == 0, ended.stderr
+    assert "controller: " in ended.stdout
+    found = json.loads((tmp_path / "made" / "analysis.json").read_text())
+    assert found["scene"]["pressure.source"] == "topic"
+    pressures = tcc_sim.read(tmp_path / "made" / "recording").commands["actuation_pressure"]
+    assert {float(value) for value in pressures.value} == {123456.0}
+
+
+@pytest.mark.parametrize(("words", "sentence"), [
+    (["--controller", "no_such_program"], "there is no program 'no_such_program'"),
+    (["--controller", "python '"], "no closing quotation"),
+    (["--controller", sys.executable, "--scene", "fig02"], "scene fig02 takes no commands"),
+])
+def test_a_controller_that_cannot_run_is_refused_before_anything_starts(words: list[str], sentence: str, tmp_path: Path,
+                                                                        capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["demo", "--out", str(tmp_path / "made"), *words]) == 2
+    assert sentence in capsys.readouterr().err
+    assert not (tmp_path / "made").exists()
+
+
+def test_demo_names_the_last_words_of_a_controller_that_ends(tmp_path: Path) -> None:
+    (tmp_path / "own.py").write_text("raise SystemExit('no such sensor')")
+    ended = command("demo", "--controller", f"{sys.executable} own.py", "--out", "made", folder=tmp_path)
+    assert ended.returncode == 1
+    assert "own.py ended with status 1: no such sensor" in ended.stderr
 
 
 def test_demo_stopped_by_ctrl_c_keeps_what_it_has(tmp_path: Path) -> None:
