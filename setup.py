@@ -54,6 +54,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
         (f"share/{NAME}/config", sorted(glob("config/*.yaml"))),
+        (f"share/{NAME}/launch", sorted(glob("config/*.launch.py"))),
     ],
     python_requires=">=3.10",
     install_requires=INSTALL,
