@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Mapping
 
 import rclpy
+from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ShutdownException, SingleThreadedExecutor, TimeoutException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float64
 
-from tcc_sim.errors import InputError
+from tcc_sim.errors import InputError, one_line
 from tcc_sim.messages import cdr
 from tcc_sim.nodes.driveline import DrivelineNode
 from tcc_sim.nodes.loop_topics import CommandedInput
@@ -59,13 +61,17 @@ class Rig:
         wanted = as_scene(scene).with_values({**(changes or {}), "rate": rate, "pacing": "lockstep"})
         self._patience = patience
         self._lines = {name: Line(name, Faults.of(faults)) for name in INPUTS}
-        self._node = DrivelineNode(wanted)
+        try:
+            self._node = DrivelineNode(wanted)
+        except RuntimeError as error:
+            raise InputError(f"ROS 2 refuses the driveline: {one_line(str(error))}; a node that is there already may "
+                             "publish one of its topics with another type") from None
         self._loop, self._plant = self._node.loop, self._node.loop.plant
         self._executor = SingleThreadedExecutor(context=self._node.context)
         self._requests = SingleThreadedExecutor(context=self._node.context)
         self._requests.add_node(self._node)
         self._target_topic = subscribe(self._node, Float64, "target_slip_speed", LATCHED)
-        self._under_test: list[Node] = []
+        self._under_test: dict[Node, str] = {}
         self._target: float | None = None
         self._worker = Worker()
         self._closed = False
@@ -81,7 +87,7 @@ class Rig:
         if node.context is not self._node.context:
             raise InputError(f"{node.get_name()} has a context of its own; make it with the default one")
         self._executor.add_node(node)
-        self._under_test.append(node)
+        self._under_test[node] = node.get_name()
         return node
 
     def run(self, seconds: float | None = None, ticks: int | None = None, target: float | None = None) -> LockstepRun:
@@ -225,15 +231,30 @@ class Rig:
         except TimeoutException:
             return False
         except ShutdownException:
-            raise ControllerFailed(f"ROS 2 was shut down at {self._now()}") from None
+            raise ControllerFailed(f"{self._names()} shut ROS 2 down at {self._now()}") from None
         self._worker.beat()
-        callback()
+        try:
+            callback()
+        except SystemExit as error:
+            raise ControllerFailed(f"{self._names()} called sys.exit({error.code!r}) at {self._now()}") from error
         self._worker.beat()
         error = callback.exception()
+        self._check_alive()
         if error is not None:
             raise ControllerFailed(f"{self._names()} died at {self._now()}: {type(error).__name__}: "
                                    f"{error}") from error
         return True
+
+    def _check_alive(self) -> None:
+        """Raise ControllerFailed where a callback has shut ROS 2 down or destroyed its node."""
+        if not self._node.context.ok():
+            raise ControllerFailed(f"{self._names()} shut ROS 2 down at {self._now()}")
+        for node, name in self._under_test.items():
+            try:
+                with node.handle:
+                    pass
+            except InvalidHandle:
+                raise ControllerFailed(f"{name} destroyed itself at {self._now()}") from None
 
     def _settle(self) -> None:
         """Let the nodes under test do what is left to do."""
@@ -259,7 +280,7 @@ class Rig:
 
     def _names(self) -> str:
         """Who is under test."""
-        return " or ".join(node.get_name() for node in self._under_test) or "no node"
+        return " or ".join(self._under_test.values()) or "no node"
 
     def _no_answer(self, name: str, others: int) -> str:
         """The sentence for a state that nobody answers."""
@@ -281,6 +302,15 @@ def _answers(name: str, data: bytes, stamp: int) -> bool:
         return cdr.read_fluid_pressure(data)[0] in (0, stamp)
     except ValueError:
         return True
+
+
+def alone() -> None:
+    """Raise InputError where rclpy was initialised so that other processes are seen: commands would reach their nodes.
+    """
+    if rclpy.ok() and os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE") != "OFF":
+        raise InputError("rclpy.init() was called before the fixture driveline, so this test would hear and command "
+                         "nodes of other processes: leave rclpy.init() to the fixture, or set "
+                         "ROS_AUTOMATIC_DISCOVERY_RANGE=OFF before it")
 
 
 def initialise() -> bool:

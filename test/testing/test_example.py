@@ -82,6 +82,36 @@ def test_a_test_leaves_nothing_behind_and_fails_with_the_sentence(tmp_path: Path
     assert sentence in ended.stdout
 
 
+FIRST = """
+import pytest
+import rclpy
+
+
+@pytest.fixture(autouse=True)
+def mine():
+    rclpy.init()
+    yield
+    rclpy.shutdown()
+
+
+def test_one(mine, driveline):
+    driveline("fig02").run(ticks=3)
+"""
+
+
+@installed
+@pytest.mark.parametrize(("discovery", "passed"), [("SUBNET", False), ("LOCALHOST", False), ("OFF", True)])
+def test_where_a_test_has_initialised_ros_others_must_be_unseen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                                                discovery: str, passed: bool) -> None:
+    pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", discovery)
+    monkeypatch.setenv("ROS_DOMAIN_ID", "93")
+    (tmp_path / "test_mine.py").write_text(FIRST)
+    ended = outside(tmp_path)
+    assert ("1 passed" if passed else "1 error") in ended.stdout
+    assert ("leave rclpy.init() to the fixture, or set ROS_AUTOMATIC_DISCOVERY_RANGE=OFF" in ended.stdout) != passed
+
+
 @installed
 def test_without_ros_the_plugin_is_silent(tmp_path: Path) -> None:
     (tmp_path / "conftest.py").write_text("import sys\nsys.modules['rclpy'] = None\n")

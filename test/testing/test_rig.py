@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -12,6 +13,7 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
+import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
 from sensor_msgs.msg import FluidPressure, JointState
@@ -180,7 +182,22 @@ def falls_silent(state: JointState) -> float | None:
     return None if state.header.stamp.nanosec == 7_000_000 else 1e5
 
 
+def exits(state: JointState) -> float:
+    if state.header.stamp.nanosec == 7_000_000:
+        sys.exit(3)
+    return 1e5
+
+
+def shuts_ros_down(state: JointState) -> float | None:
+    if state.header.stamp.nanosec == 7_000_000:
+        rclpy.shutdown()
+        return None
+    return 1e5
+
+
 @pytest.mark.parametrize(("answer", "sentence"), [
+    (exits, r"my_controller called sys.exit\(3\) at 0.007 s of simulated time"),
+    (shuts_ros_down, "my_controller shut ROS 2 down at 0.007 s of simulated time"),
     (dies, "my_controller died at 0.007 s of simulated time: ValueError: no such gear"),
     (never_comes_back, r"my_controller hangs at 0.007 s of simulated time: for 0.5 s it has not come back from "
                        r"never_comes_back \(test_rig.py:\d+\)"),
@@ -194,6 +211,28 @@ def test_a_controller_that_fails_fails_the_test_with_that_sentence(driveline: An
     plant.add(Controller(answer))
     with pytest.raises(ControllerFailed, match=sentence):
         plant.run(seconds=1.0)
+
+
+def test_a_node_that_destroys_itself_and_one_of_another_type_are_one_sentence(driveline: Any) -> None:
+    plant = driveline("controlled", patience=10.0)
+    controller = plant.add(Controller(lambda state: 1e5))
+
+    def gone(state: JointState) -> float | None:
+        if state.header.stamp.nanosec == 3_000_000:
+            controller.destroy_node()
+            return None
+        return 1e5
+
+    controller.answer = gone
+    with pytest.raises(ControllerFailed, match=r"my_controller destroyed itself at 0\.003 s of simulated time"):
+        plant.run(seconds=1.0)
+    plant.close()
+    stranger = Node("stranger")
+    stranger.create_publisher(Float64, "actuation_pressure", 10)
+    with pytest.raises(InputError, match=r"ROS 2 refuses the driveline: .*; a node that is there already may publish "
+                                         "one of its topics with another type"):
+        driveline("controlled")
+    stranger.destroy_node()
 
 
 def test_what_cannot_be_waited_for_is_said(driveline: Any) -> None:
