@@ -62,7 +62,7 @@ setup(
                     "all": [*ROS, *VIEW, *CLUSTER, *TABLE],
                     "test": [*TEST, f'libcosimpy; {LINUX} and python_version >= "3.11"']},
     entry_points={"console_scripts": [
-        "tcc-sim = tcc_sim.cli:main",
+        "tcc-sim = tcc_sim.__main__:main",
         "driveline_node = tcc_sim.nodes.executables:driveline_node",
         "recorder_node = tcc_sim.nodes.executables:recorder_node",
         "slip_controller_node = tcc_sim.nodes.executables:slip_controller_node",

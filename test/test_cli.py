@@ -1,12 +1,14 @@
 """The frame of the command: exit statuses, one line for wrong input, and nothing written then."""
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from child_output import without_compiling
 
 from tcc_sim import __version__, cli
 from tcc_sim.cli.arguments import bounds_of_range, values_of_range
@@ -211,3 +213,48 @@ def test_ranges_are_even_logarithmic_or_lists() -> None:
         bounds_of_range("a=3:3", "--over")
     with pytest.raises(InputError, match=r"START:STOP:COUNT$"):
         values_of_range("a=3,1", "--plane", even=True)
+
+
+EARLY = """
+import os, runpy, signal, sys
+
+class Look:
+    def find_spec(self, name, path=None, target=None):
+        if name == "tcc_sim.output.terminal":
+            os.kill(os.getpid(), signal.SIGINT)
+
+sys.meta_path.insert(0, Look())
+sys.argv = ["tcc-sim", "scenes"]
+{start}
+"""
+
+
+@pytest.mark.parametrize("start", ["runpy.run_module('tcc_sim', run_name='__main__', alter_sys=True)",
+                                   "from tcc_sim.__main__ import main; sys.exit(main())"])
+def test_ctrl_c_while_the_program_is_loaded_prints_nothing(start: str) -> None:
+    ended = subprocess.run([sys.executable, "-c", EARLY.format(start=start)], capture_output=True, check=False,
+                           env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})
+    assert (ended.returncode, ended.stdout, ended.stderr) == (-signal.SIGINT, b"", b"")
+
+
+def test_ctrl_c_does_not_wait_for_the_compiler(tmp_path: Path) -> None:
+    code = ("import os, signal, sys, threading\n"
+            "from tcc_sim.solvers.compiling import linked\n"
+            "def compiler(part, arguments):\n"
+            "    os.kill(os.getpid(), signal.SIGINT)\n"
+            "    threading.Event().wait()\n"
+            "linked.machine_code = compiler\n"
+            "from tcc_sim.__main__ import main\n"
+            "sys.argv = ['tcc-sim', 'figure', '2', '--quick', '--out', 'pictures']\n"
+            "main()\n")
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=tmp_path,
+                           env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path),
+                                "XDG_CACHE_HOME": str(tmp_path / "empty")})
+    assert (ended.returncode, without_compiling(ended.stderr)) == (130, "tcc-sim: interrupted\n")
+
+
+def test_a_value_beside_its_profile_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["simulate", "fig02", "--set", "pressure.mean=1e5", "--profile", "pressure.mean=0:1e5,1:2e5"]
+    assert cli.main(words) == 2
+    assert capsys.readouterr().err == ("tcc-sim: --set pressure.mean beside --profile pressure.mean: the profile takes "
+                                       "its place; leave one of them out\n")

@@ -18,7 +18,7 @@ from tcc_sim.scene import Operation, bundled_scenes, load_scene, parse_scene
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "tcc_sim"
 MODULES = sorted(PACKAGE.rglob("*.py"))
-ORDER = ["errors", "topics", "result", "model", "trajectory", "parameter_file", "scene", "messages",
+ORDER = ["errors", "background", "topics", "result", "model", "trajectory", "parameter_file", "scene", "messages",
          "solvers", "plant", "recording", "analysis", "sweeps", "continuation", "basins", "estimation", "output", "fmu",
          "views", "nodes", "testing", "replay", "paper", "benchmarks", "cli", "__main__"]
 """A part imports only from itself and from parts before it."""

@@ -11,6 +11,7 @@ import argparse
 import difflib
 import errno
 import os
+import signal
 import sys
 from contextlib import suppress
 from importlib import import_module
@@ -100,6 +101,8 @@ def _check_verb(words: list[str]) -> str:
 def main(argv: list[str] | None = None) -> int:
     """Run one verb and give the exit status; as a program of its own it ends here where it is interrupted."""
     open_streams()
+    if argv is None and signal.getsignal(signal.SIGINT) is signal.SIG_DFL:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     status = _status_of(sys.argv[1:] if argv is None else argv)
     if argv is None and status == 130:
         with suppress(OSError):

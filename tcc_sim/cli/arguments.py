@@ -154,7 +154,11 @@ def scene_of(arguments: argparse.Namespace, more: Mapping[str, Any] | None = Non
     """The scene that SCENE names, with the changes of --set and `more`."""
     from tcc_sim.scene import load_scene, parse_assignments
 
-    return load_scene(arguments.scene).with_values({**parse_assignments(arguments.set), **(more or {})})
+    given = parse_assignments(arguments.set)
+    for key in given:
+        if f"{key}_times" in (more or {}):
+            raise InputError(f"--set {key} beside --profile {key}: the profile takes its place; leave one of them out")
+    return load_scene(arguments.scene).with_values({**given, **(more or {})})
 
 
 def refuse_swept(assignments: list[str], keys: Sequence[str]) -> None:

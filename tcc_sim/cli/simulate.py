@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
+from tcc_sim.background import awaited
 from tcc_sim.cli import arguments as common
 from tcc_sim.errors import InputError, counted
 
@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
     shorter = duration is not None and duration < cycle * (1.0 - 1e-12)
     sampled = shorter or arguments.orders or arguments.inputs is not None
     samples = arguments.samples if arguments.out is not None else SAMPLES if sampled else 0
-    found = _awaited(lambda: simulate(
+    found = awaited(lambda: simulate(
         scene, plan, duration=duration, samples_per_cycle=samples,
         flywheel_angle=arguments.out is not None and arguments.out.suffix == ".mcap")).raise_for_status()
     lines, results = simulation_lines(scene.name, found), found.as_json()
@@ -94,13 +94,3 @@ def _check_samples(arguments: argparse.Namespace, cycles: float) -> None:
     samples = cycles * arguments.samples
     if arguments.out is not None and samples > LARGEST_OUTPUT:
         raise InputError(f"--out would hold {samples:.3g} samples; it must be at most {LARGEST_OUTPUT:g}")
-
-
-def _awaited(work: Callable[[], Result]) -> Result:
-    """What `work` gives, done in a thread: compiled code cannot be interrupted, waiting for it can."""
-    from tcc_sim.sweeps.executors import begun
-
-    found, thread = begun(work)
-    while thread.is_alive():
-        thread.join(0.2)
-    return found.result()

@@ -25,6 +25,7 @@ from concurrent.futures import (
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
+from tcc_sim.background import begun
 from tcc_sim.errors import InputError, WorkersLost, counted, require
 from tcc_sim.sweeps.settings import DEFAULTS
 
@@ -179,25 +180,6 @@ def cluster(address: str, connect: float = DEFAULTS.connect_timeout) -> Iterator
             yield executor, there
         finally:
             executor.shutdown(wait=False)
-
-
-def begun(work: Callable[[], Done], name: str = "background") -> tuple[Future[Done], threading.Thread]:
-    """What `work` will give, and the daemon thread that does it, which no end of the process waits for.
-
-    The future holds the result or whatever `work` raised. The executors of `concurrent.futures` wait for their
-    threads when the process ends, and so cannot leave one behind.
-    """
-    found: Future[Done] = Future()
-
-    def body() -> None:
-        try:
-            found.set_result(work())
-        except BaseException as error:
-            found.set_exception(error)
-
-    thread = threading.Thread(target=body, name=name, daemon=True)
-    thread.start()
-    return found, thread
 
 
 def in_time(deadline: float, function: Callable[[], Any]) -> Any:

@@ -238,11 +238,11 @@ class Rig:
         except SystemExit as error:
             raise ControllerFailed(f"{self._names()} called sys.exit({error.code!r}) at {self._now()}") from error
         self._worker.beat()
-        error = callback.exception()
+        failure = callback.exception()
         self._check_alive()
-        if error is not None:
-            raise ControllerFailed(f"{self._names()} died at {self._now()}: {type(error).__name__}: "
-                                   f"{error}") from error
+        if failure is not None:
+            raise ControllerFailed(f"{self._names()} died at {self._now()}: {type(failure).__name__}: "
+                                   f"{failure}") from failure
         return True
 
     def _check_alive(self) -> None:

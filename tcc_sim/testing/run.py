@@ -18,9 +18,9 @@ from typing import TypeVar
 from tcc_sim.analysis.control import MeansOfCycles, Tracking, tracking
 from tcc_sim.analysis.engine_clock import Uniform, clock_of_scene
 from tcc_sim.analysis.summary import default_discard
+from tcc_sim.background import begun
 from tcc_sim.errors import InputError, TccError
 from tcc_sim.plant.closed_loop import ControlledRun
-from tcc_sim.sweeps.executors import begun
 
 Result = TypeVar("Result")
 LOOK = 0.05

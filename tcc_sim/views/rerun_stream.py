@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.analysis.control import Event
+from tcc_sim.background import begun
 from tcc_sim.errors import InputError, TccError
-from tcc_sim.sweeps.executors import begun
 from tcc_sim.trajectory import Cycles, Floats
 from tcc_sim.views import rerun_layout as layout
 from tcc_sim.views import style

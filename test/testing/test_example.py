@@ -10,6 +10,7 @@ import os
 import re
 import subprocess
 import sys
+import textwrap
 from importlib.metadata import entry_points
 from pathlib import Path
 
@@ -110,6 +111,32 @@ def test_where_a_test_has_initialised_ros_others_must_be_unseen(tmp_path: Path, 
     ended = outside(tmp_path)
     assert ("1 passed" if passed else "1 error") in ended.stdout
     assert ("leave rclpy.init() to the fixture, or set ROS_AUTOMATIC_DISCOVERY_RANGE=OFF" in ended.stdout) != passed
+
+
+INTERRUPTED = """
+import os, signal, rclpy
+spin = rclpy.spin
+
+def interrupted(node):
+    node.create_timer(0.001, lambda: os.kill(os.getpid(), signal.{number}))
+    spin(node)
+
+rclpy.spin = interrupted
+{code}
+"""
+
+
+@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])
+@pytest.mark.parametrize("page", ["testing", "nodes"])
+def test_a_node_of_the_pages_ends_by_a_signal_without_a_traceback(page: str, number: str) -> None:
+    pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+    text = (PAGE.parent / "nodes.md").read_text()
+    code = "from my_clutch.node import main; main()" if page == "testing" else textwrap.dedent(
+        re.findall(r"python - <<'END'\n(.*?)\n    END", text, re.DOTALL)[0])
+    ended = subprocess.run([sys.executable, "-c", INTERRUPTED.format(number=number, code=code)], check=False,
+                           capture_output=True, text=True, cwd=EXAMPLE, timeout=60,
+                           env={**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"})
+    assert (ended.returncode, ended.stderr) == (0, "")
 
 
 @installed

@@ -24,6 +24,7 @@ import llvmlite
 import numpy as np
 from llvmlite import binding
 
+from tcc_sim.background import awaited
 from tcc_sim.model import equations, friction, profile
 from tcc_sim.solvers.compiling import kernel_cache
 from tcc_sim.solvers.compiling.kernel_cache import Dependencies
@@ -109,7 +110,7 @@ class Kernel:
                 which = hashlib.sha256(repr(kind).encode()).hexdigest()[:16]
                 self.entries[kind] = kernel_cache.load_or_build(
                     f"{safe}-{self.dependencies.digest[:24]}-{which}", self.dependencies.size,
-                    lambda: self.part.machine_code(arguments), lambda content: loaded(content, words))
+                    lambda: awaited(lambda: self.part.machine_code(arguments)), lambda content: loaded(content, words))
             return self.entries[kind]
 
 

@@ -1,4 +1,5 @@
 import rclpy
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from sensor_msgs.msg import FluidPressure, JointState
 
@@ -22,5 +23,8 @@ class Controller(Node):
 
 
 def main() -> None:
-    with rclpy.init():
-        rclpy.spin(Controller())
+    try:
+        with rclpy.init():
+            rclpy.spin(Controller())
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass  # Ctrl-C or SIGTERM.
