@@ -84,4 +84,4 @@ def _lines(found: Motions) -> Iterator[str]:
         ends = "; ".join(dict.fromkeys(map(str, curve.ended)))
         yield f"curve of {curve.kind}: {counted(len(curve.values), 'point')}; {ends}"
         for point in curve.special:
-            yield f"{point.kind:>22}  {point.value:.9g}  {point.second:.9g}"
+            yield str(point)

@@ -10,7 +10,6 @@ derivatives are symmetric, so one difference of the Jacobian along v gives all o
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, ClassVar
 
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 
 from tcc_sim.continuation.newton import multipliers_of
 from tcc_sim.continuation.problem import FAILURES, Floats
-from tcc_sim.continuation.shooting import Linearised, Shooting
+from tcc_sim.continuation.shooting import Linearised, ParameterRange, Shooting
 
 Vectors = NDArray[Any]
 """Real or complex, (m, n): one for every segment."""
@@ -48,10 +47,27 @@ class MinimallyAugmented:
         self.settings = replace(given, correct_tolerance=given.curve_tolerance, residual=given.curve_tolerance,
                                 regrowth=given.curve_regrowth, largest_step=min(given.largest_step, given.curve_step))
         self.turning = kind == "neimark_sacker"
+        self.bend = 0.0
+        """Largest change of the segments' derivatives per unit along the null vector, of the last linearisation."""
         found = shooting.linearise(z)
         self.start = np.append(z, angle_of(found.blocks)) if self.turning else z
         left, _, right = np.linalg.svd(cyclic(found.blocks, self.multiplier(self.start)))
         self.b, self.c = left[:, -1], right[-1]
+
+    @property
+    def coarse(self) -> MinimallyAugmented:
+        """These equations: there are none that cost less."""
+        return self
+
+    @property
+    def ranges(self) -> tuple[ParameterRange, ...]:
+        """The free parameters."""
+        return self.shooting.ranges
+
+    @property
+    def first_parameter(self) -> int:
+        """Number of the unknown that is the first parameter."""
+        return self.shooting.size
 
     @property
     def unknowns(self) -> int:
@@ -60,8 +76,12 @@ class MinimallyAugmented:
 
     @property
     def doubled(self) -> bool:
-        """Whether the orbits may come to be those of half the period: only a fold does, in a generalised doubling."""
+        """Whether the orbits may become those of half the period: only a fold does, in a generalised doubling."""
         return self.kind == "fold" and self.shooting.period % (2 * self.shooting.map.forcing_period) == 0
+
+    def outer(self, vector: Floats) -> Floats:
+        """The part of a vector of unknowns that single shooting has too: the first node, and what is no node."""
+        return self.shooting.outer(vector)
 
     def between_halves(self, u: Floats) -> Floats:
         """How far the first half of the orbit goes, in natural sizes."""
@@ -87,17 +107,25 @@ class MinimallyAugmented:
         shape = blocks.shape[:2]
         return right[:d].reshape(shape), left[:d].reshape(shape), right[d]
 
-    def update_borders(self, u: Floats, found: Linearised) -> None:
-        """Take the borders from the null vectors at a point, the best there; their signs go on."""
+    def update_borders(self, u: Floats, found: Linearised, like: MinimallyAugmented | None = None) -> None:
+        """Take the borders from the null vectors at a point, the best there, with the signs of those before, or of
+        those that the equations `like` these in other segments have: first nodes and last residuals are the same.
+        """
         v, w, _ = self.null_vectors(found.blocks, self.multiplier(u))
-        self.b, self.c = (x.conj().ravel() / np.linalg.norm(x) for x in (w, v))
+        n, signs = self.shooting.map.dimension, (1.0, 1.0)
+        if like is not None and not self.turning:
+            signs = (-1.0 if float(w[-1] @ like.b[-n:]) < 0.0 else 1.0, -1.0 if float(v[0] @ like.c[:n]) < 0.0 else 1.0)
+        self.b, self.c = (sign * x.conj().ravel() / np.linalg.norm(x) for sign, x in zip(signs, (w, v)))
 
-    def linearise(self, u: Floats) -> Linearised:
-        """The orbit's equations and g, with derivatives."""
+    def linearise(self, u: Floats, longer: float = 1.0) -> Linearised:
+        """The orbit's equations and g, with derivatives.
+
+        longer : the step of their differences, relative to the usual one
+        """
         z, mu = u[:self.unknowns], self.multiplier(u)
         found = self.shooting.linearise(z)
         v, w, g = self.null_vectors(found.blocks, mu)
-        gradient = -sum(factor * self._along(z, found, part, w) for factor, part in _parts(v))
+        gradient = -sum(factor * self._along(z, found, part, w, longer) for factor, part in _parts(v))
         if self.turning:
             gradient = np.append(gradient, 1j * mu * (w[-1] @ v[0]))
         rows = np.array([gradient.real, gradient.imag] if self.turning else [gradient])
@@ -108,76 +136,66 @@ class MinimallyAugmented:
         return Linearised(np.append(found.residual, values / size), np.vstack([orbit, rows / size]), found.blocks,
                           found.seen)
 
-    def _along(self, z: Floats, found: Linearised, direction: Floats, w: Vectors) -> Vectors:
+    def _along(self, z: Floats, found: Linearised, direction: Floats, w: Vectors, longer: float) -> Vectors:
         """w . (derivative of the Jacobian along nodes' changes): by the nodes and the parameters."""
-        changed, sign = self._moved(z, direction)
-        step = sign * self.settings.difference
-        blocks = (changed.blocks - found.blocks) / step
-        size = self.shooting.size
-        by = (changed.jacobian[:, size:] - found.jacobian[:, size:]) / step
-        return np.concatenate([np.einsum("ki,kij->kj", w, blocks).ravel(), w.ravel() @ by])
-
-    def _moved(self, z: Floats, direction: Floats) -> tuple[Linearised, float]:
-        """The orbit's equations a step along nodes' changes, or against them where the map ends, and its sign."""
+        size, step = self.shooting.size, longer * self.settings.difference
         away = np.zeros(len(z))
-        away[:self.shooting.size] = self.settings.difference * direction.ravel()
+        away[:size] = step * direction.ravel()
         try:
-            return self.shooting.linearise(z + away), 1.0
-        except FAILURES:
-            return self.shooting.linearise(z - away), -1.0
+            changed = self.shooting.linearise(z + away)
+        except FAILURES:  # The map ends there.
+            changed, step = self.shooting.linearise(z - away), -step
+        blocks = (changed.blocks - found.blocks) / step
+        self.bend = float(np.abs(blocks).max() / max(np.linalg.norm(direction), 1e-300))
+        parameters = (changed.jacobian[:, size:] - found.jacobian[:, size:]) / step
+        return np.concatenate([np.einsum("ki,kij->kj", w, blocks).ravel(), w.ravel() @ parameters])
 
-    def tests(self, u: Floats, found: Linearised) -> dict[str, Callable[[], float]]:
-        """Functions that change their sign where the curve of this bifurcation has a special point, by its name.
+    def tests(self, u: Floats, found: Linearised, longer: float = 0.0) -> dict[str, float]:
+        """Smooth functions with a simple root where the curve of this bifurcation has a special point, by its name.
 
-        found : from `linearise`
+        None of them has a pole: the normal form's coefficient of a doubling is multiplied by the tests of fold-flip and
+        of 1:2, at which it has one each.
+
+        found : from `linearise`, at u or near it
+        longer : the step of differences, relative to the usual one, to fourth order; 0 for the usual one, to second
         """
-        mu = self.multiplier(u)
-        v, w, _ = self.null_vectors(found.blocks, mu)
         if self.turning:
             angle = float(u[-1])
-            return {"resonance_1_1": lambda: float(np.sin(angle)) if angle < 0.5 * np.pi else 1.0,
-                    "resonance_1_2": lambda: float(np.sin(angle)) if angle > 0.5 * np.pi else 1.0,
-                    "resonance_1_3": lambda: angle - 2.0 * np.pi / 3.0, "resonance_1_4": lambda: angle - 0.5 * np.pi,
-                    "chenciner": lambda: self._cubic(u, found, v, w)}
-
-        def flip() -> float:
-            m = multipliers_of(*found.blocks)
-            others = m[np.argsort(np.abs(m - mu))[1:]]
-            return float(np.prod((others + mu) / (1.0 + np.abs(others))).real)
-
-        def simple() -> float:
-            return float(w[-1] @ v[0]) / float(np.linalg.norm(w) * np.linalg.norm(v))
-
+            return {"resonance_1_1": float(np.sin(angle)) if angle < 0.5 * np.pi else 1.0,
+                    "resonance_1_2": float(np.sin(angle)) if angle > 0.5 * np.pi else 1.0,
+                    "resonance_1_3": angle - 2.0 * np.pi / 3.0, "resonance_1_4": angle - 0.5 * np.pi}
+        mu = self.multiplier(u).real
+        v, w, _ = self.null_vectors(found.blocks, mu)
+        q, p, m = v / np.linalg.norm(v), w / np.linalg.norm(w), multipliers_of(*found.blocks)
+        others = m[np.argsort(np.abs(m - mu))[1:]]
+        simple, flip = float(p[-1] @ q[0]), float(np.prod((others + mu) / (1.0 + np.abs(others))).real)
         if self.kind == "fold":
-            bend = found.jacobian[-1, :self.shooting.size] @ v.ravel()
-            return {"cusp": lambda: float(bend) / float(np.linalg.norm(v)), "resonance_1_1": simple, "fold_flip": flip}
-        # At a fold-flip the coefficient has a pole.
-        return {"generalised_doubling": lambda: self._cubic(u, found, v, w) * flip(), "resonance_1_2": simple,
-                "fold_flip": flip}
+            bend = float(found.jacobian[-1, :self.shooting.size] @ v.ravel()) / float(np.linalg.norm(v))
+            return {"cusp": bend, "resonance_1_1": simple, "fold_flip": flip}
+        out = {"resonance_1_2": simple, "fold_flip": flip}
+        try:
+            return out | {"generalised_doubling": flip * self._cubic(u, q, p, longer)}
+        except FAILURES:
+            return out
 
-    def _cubic(self, u: Floats, found: Linearised, v: Vectors, w: Vectors) -> float:
-        """The coefficient of third order of the normal form: whether what branches off is stable, by its sign."""
-        # Re conj(mu) w . (C(q, q, q')/2 + B(q, h) + B(q', k)/2) / (w . E q) with L(1) h = -B(q, q'), L(mu^2) k = -B(q,
-        # q) and q' the conjugate of q (Kuznetsov, Sections 4.7 and 9.6); E q is what mu stands at in L.
-        z, mu, blocks = u[:self.unknowns], self.multiplier(u), found.blocks
-        q = v / np.linalg.norm(v)
-        first, second = np.zeros(blocks.shape, dtype=q.dtype), np.zeros(blocks.shape)
-        for factor, part in _parts(q):
-            changed, _ = self._moved(z, part)
-            bend = float(np.abs(changed.blocks - blocks).max()) / self.settings.difference
-            step = self.settings.bend / max(bend, 1.0)
-            away = step * np.pad(part.ravel(), (0, len(z) - part.size))
-            ahead, behind = (self.shooting.linearise(z + s * away).blocks for s in (1.0, -1.0))
-            first = first + factor * (ahead - behind) / (2.0 * step)
-            second += (ahead - 2.0 * blocks + behind) / step**2
+    def _cubic(self, u: Floats, q: Floats, p: Floats, longer: float) -> float:
+        """The normal form's coefficient of third order at a doubling times p . E q: its sign, but for that of p . E q,
+        says whether the doubled motions are stable.
+        """
+        # p . (C(q, q, q) + 3 B(q, h))/2 with L(1) h = -B(q, q) (Kuznetsov, Section 5.4.2; E q is what mu stands at in
+        # L). The second difference needs all three Jacobians at u itself.
+        step = (longer or 1.0) * self.settings.bend / max(self.bend, 1.0)
+        z, unit = u[:self.unknowns], np.pad(q.ravel(), (0, self.unknowns - q.size))
+        blocks = self.shooting.linearise(z).blocks
 
-        def b(x: Vectors, y: Vectors) -> Vectors:
-            return (x @ y[:, :, None])[:, :, 0]
+        def differences(step: float) -> Floats:
+            ahead, behind = (self.shooting.linearise(z + s * step * unit).blocks for s in (1.0, -1.0))
+            return np.array([(ahead - behind) / (2.0 * step), (ahead - 2.0 * blocks + behind) / step**2])
 
-        h = np.linalg.solve(cyclic(blocks, 1.0), -b(first, q.conj()).ravel()).reshape(q.shape)
-        k = np.linalg.solve(cyclic(blocks, mu**2), -b(first, q).ravel()).reshape(q.shape)
-        cubic = 0.5 * b(second, q) + b(first, h) + 0.5 * b(first.conj(), k)
-        return float(np.real(np.conj(mu) * np.sum(w * cubic) / (w[-1] @ q[0])))
+        first, second = (4.0 * differences(step) - differences(2.0 * step)) / 3.0 if longer else differences(step)
+        b, c = (np.einsum("kij,kj->ki", x, q) for x in (first, second))
+        h = np.linalg.solve(cyclic(blocks, 1.0), -b.ravel()).reshape(q.shape)
+        return float(0.5 * np.sum(p * (c + 3.0 * np.einsum("kij,kj->ki", first, h))))
 
 
 def _parts(v: Vectors) -> list[tuple[complex, Floats]]:

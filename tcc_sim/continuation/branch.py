@@ -13,6 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tcc_sim.continuation.bracket import Bracket
+from tcc_sim.continuation.branch_track import BranchTrack
 from tcc_sim.continuation.detection import End, StopReason
 from tcc_sim.continuation.follow import follow
 from tcc_sim.continuation.newton import Orbit, shifts
@@ -20,7 +22,7 @@ from tcc_sim.continuation.palc import corrector, null_direction, solution_at
 from tcc_sim.continuation.problem import Floats
 from tcc_sim.continuation.settings import DEFAULTS
 from tcc_sim.continuation.shooting import Shooting
-from tcc_sim.continuation.special_points import Bifurcation, Bracket, ContinuationPoint, point_at, turned
+from tcc_sim.continuation.special_points import Bifurcation, ContinuationPoint, point_at, turned
 from tcc_sim.result import Described
 
 Tick = Callable[[ContinuationPoint], None]
@@ -87,7 +89,7 @@ class _Way:
 
     def run(self, tick: Tick | None) -> None:
         """Collect the stream of points."""
-        stream = follow(self.points[0])
+        stream = follow(BranchTrack(self.points[0]))
         while True:
             try:
                 step = next(stream)

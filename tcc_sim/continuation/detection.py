@@ -1,31 +1,21 @@
-"""What lies between two neighbouring points of a branch: special points, its end at a doubling, its first point again.
+"""Bifurcations between two neighbouring points of a branch, its end at a period doubling, and why branches end.
 
-Told from two points alone; who follows the branch is none of its affair. Why a branch or a curve ends is a value with
-its sentence, as `Status` is one.
+Both are found from the two points alone. The reason for an end is a value with its sentence, as `Status` is one.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
 
 from tcc_sim.continuation.augmented import locate_bifurcation
-from tcc_sim.continuation.newton import shifts
+from tcc_sim.continuation.bracket import Bracket, turned_round
 from tcc_sim.continuation.palc import solution_at
-from tcc_sim.continuation.problem import Floats
-from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.shooting import Shooting
 from tcc_sim.continuation.sliding import differ, sliding_bifurcation
-from tcc_sim.continuation.special_points import (
-    Bifurcation,
-    Bracket,
-    ContinuationPoint,
-    point_at,
-    smooth_bifurcations,
-    turned_round,
-)
+from tcc_sim.continuation.special_points import Bifurcation, ContinuationPoint, point_at, smooth_bifurcations
 
 
 class StopReason(Enum):
@@ -107,57 +97,5 @@ def period_doubling_end(here: ContinuationPoint, new: ContinuationPoint) -> Cont
             if z is None or not np.abs(z - near).max() < shooting.settings.halves_reach:
                 return here
             whole = Shooting.single(of, period, *shooting.ranges, settings=shooting.settings)
-            tangent = _of_single_shooting(here, here.solution.tangent)
-            return point_at(whole, solution_at(z, whole.linearise(z), tangent))
+            return point_at(whole, solution_at(z, whole.linearise(z), shooting.outer(here.solution.tangent)))
     return None
-
-
-def _of_single_shooting(point: ContinuationPoint, vector: Floats) -> Floats:
-    """The part of a vector of unknowns that single shooting has: the first node and the parameters."""
-    return np.concatenate([vector[:point.shooting.map.dimension], vector[point.shooting.size:]])
-
-
-@dataclass
-class ClosedBranch:
-    """Tells whether a branch comes back to its first point, or to the same orbit some cycles later.
-
-    ends : unknowns and tangent of single shooting there, for every shift of the first orbit
-    """
-
-    first: ContinuationPoint
-    ends: list[tuple[Floats, Floats]] = field(init=False)
-
-    def __post_init__(self) -> None:
-        shooting, solution = self.first.shooting, self.first.solution
-        of, size = shooting.map, shooting.size
-        n, scales, z, t = of.dimension, of.scales, solution.z, solution.tangent
-        x, values = shooting.nodes(z)[0], shooting.values(z)
-        self.ends = [(_of_single_shooting(self.first, z), _of_single_shooting(self.first, t))]
-        sizes = np.concatenate([scales, [w.width(float(u)) for w, u in zip(shooting.ranges, z[size:])]])
-        for k, shifted in enumerate(shifts(of, x, values, shooting.period)[1:], 1):
-            image = of.evaluate(x, values, 0, k * of.forcing_period)
-            along = image.derivatives @ (sizes * np.concatenate([t[:n], t[size:]])) / scales
-            tangent = np.concatenate([along, t[size:]])
-            self.ends.append((np.concatenate([shifted / scales, z[size:]]), tangent / float(np.linalg.norm(tangent))))
-
-    def between(self, here: ContinuationPoint, new: ContinuationPoint) -> bool:
-        """Whether the step from `here` to `new` passes the first point."""
-        p, q = (_of_single_shooting(s, s.solution.z) for s in (here, new))
-        settings = self.first.shooting.settings
-        for z, tangent in self.ends:
-            part = passing(z, tangent, p, q, settings)
-            middle = None if part is None else Bracket(here, new).at(part)
-            if middle is not None and np.linalg.norm(_of_single_shooting(middle, middle.solution.z) - z) <= max(
-                    settings.passed * float(np.linalg.norm(q - p)), settings.same):
-                return True
-        return False
-
-
-def passing(z: Floats, tangent: Floats, p: Floats, q: Floats, settings: Settings) -> float | None:
-    """The part of the step from p to q at which it passes z along the tangent there; None where it does not."""
-    ahead, behind, step = float(tangent @ (q - z)), float(tangent @ (p - z)), q - p
-    if not (behind < 0.0 <= ahead and float(step @ tangent) > 0.0):
-        return None
-    part = -behind / max(ahead - behind, 1e-300)
-    near = np.linalg.norm(p + part * step - z) <= settings.passing * np.linalg.norm(step)
-    return part if near else None

@@ -1,289 +1,267 @@
-"""A branch as a stream: its points one way from a first one, each with the special points on the way to it.
+"""A curve of solutions as a stream: its points one way from a first one, each with the special points on the way to it.
 
-`follow` predicts, corrects and adapts the step; what is found between two points is told by `detection`, which knows no
-loop, and what is to become of the points is their reader's affair. After the iterator of BifurcationKit.jl.
+`follow` predicts, corrects and adapts the step. A `Continuation` is the state of a curve on its way: `BranchTrack` is
+one of periodic orbits along a parameter, `CurveTrack` one of their bifurcations in two. Readers of the stream decide
+what becomes of its points. After the iterator of BifurcationKit.jl.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Generator
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import ClassVar, Generic, TypeVar
 
 import numpy as np
 
-from tcc_sim.continuation.detection import ClosedBranch, End, StopReason, period_doubling_end, special_points_between
-from tcc_sim.continuation.newton import newton
+from tcc_sim.continuation.bracket import Bracket, P
+from tcc_sim.continuation.detection import End, StopReason
 from tcc_sim.continuation.palc import (
     FLAT,
     Solution,
     StepSize,
     corrector,
     next_solution,
-    null_direction,
-    oriented,
     predictor,
     predictor_nodes,
-    solution_at,
-    tangent_of,
 )
 from tcc_sim.continuation.problem import FAILURES, Floats
-from tcc_sim.continuation.shooting import Linearised
-from tcc_sim.continuation.sliding import differ
-from tcc_sim.continuation.special_points import Bifurcation, ContinuationPoint, point_at
+from tcc_sim.continuation.settings import Settings
+from tcc_sim.continuation.shooting import Shooting
+
+S = TypeVar("S")
+"""Kind of special point."""
+Bounds = tuple[tuple[int, float, float], ...]
+"""(number of a parameter, low, high) of every parameter that is bounded, scaled."""
+UNIT: Bounds = ((0, 0.0, 1.0),)
 
 
-class BranchStep(NamedTuple):
-    """A point of a branch, and what is special since the one before; or the last point `again`, in other segments."""
+@dataclass(frozen=True)
+class CurveStep(Generic[P, S]):
+    """A point of a curve, and the special points since the one before; or the last point `again`, in other segments."""
 
-    point: ContinuationPoint
-    special: list[Bifurcation]
+    point: P
+    special: list[S]
     again: bool = False
 
 
-@dataclass
-class ContinuationState:
-    """A continuation on its way.
+class Continuation(Generic[P, S]):
+    """One direction of a curve on its way.
 
     points : all until now
-    before : solutions behind the last point, from which the next one is predicted
+    bounds : of the parameters
     step_size : its control
-    remeshed : number of points when the orbit was last cut anew for want of a step
-    longest : next step, after one that has left the range or left out a piece of the branch
+    before : solutions behind the last point, from which the next one is predicted
+    longest : next step, after one that has left the range or left out a piece of the curve
+    named : number of the parameter that names the ends
     """
 
-    points: list[ContinuationPoint]
-    step_size: StepSize
-    before: list[Solution] = field(default_factory=list)
-    remeshed: int = 0
-    longest: float = np.inf
+    named: ClassVar[int] = 0
+
+    def __init__(self, first: P, bounds: Bounds = UNIT, step_size: StepSize | None = None) -> None:
+        self.points, self.bounds = [first], bounds
+        self.settings: Settings = first.equations.settings
+        self.step_size = step_size or StepSize(self.settings)
+        self.before: list[Solution] = []
+        self.longest = math.inf
+        self.starts = self.first_again()
 
     @property
-    def here(self) -> ContinuationPoint:
+    def here(self) -> P:
         """The last point."""
         return self.points[-1]
 
+    def end(self, reason: StopReason, point: P | None = None, limit: float = 0.0, number: int | None = None) -> End:
+        """An end at a point, the last one if none is given, named by the parameter of this number."""
+        number, at = self.named if number is None else number, self.here if point is None else point
+        span = at.equations.ranges[number]
+        return End(reason, span.name, span.value(float(at.solution.z[at.equations.first_parameter + number])), limit)
 
-def follow(first: ContinuationPoint) -> Generator[BranchStep, None, End]:
-    """The points behind `first` along its tangent, until the branch ends; the settings are those of its equations.
+    def onward(self) -> P | None:
+        """The next point; where steps with the amplitudes as further coordinates fail, by the unknowns alone."""
+        here, step_size = self.here, self.step_size
+        for by_amplitude in (True, False):
+            if not by_amplitude:
+                if not len(here.solution.found.amplitudes):
+                    return None
+                step_size.length = min(step_size.settings.flat_step, self.longest)
+            try:
+                moved = next_solution(here.equations, here.solution, self.before, step_size, by_amplitude,
+                                      here.equations.coarse)
+                if moved is not None:
+                    return self.reached(moved, by_amplitude)
+            except FAILURES:
+                continue
+        return None
+
+    def within(self, new: P) -> bool:
+        """Whether a point lies within the bounds."""
+        first = new.equations.first_parameter
+        return all(low <= new.solution.z[first + k] <= high for k, low, high in self.bounds)
+
+    def shorten(self, refused: P) -> None:
+        """Halve the step that led to a point which is not the next one."""
+        way = float(np.linalg.norm(refused.solution.z - self.here.solution.z))
+        self.longest = 0.5 * min(way, self.longest)
+
+    def passes_start(self, new: P) -> bool:
+        """Whether the step to `new` passes the first point."""
+        p, q = (s.equations.outer(s.solution.z) for s in (self.here, new))
+        for z, tangent in self.starts if len(self.points) > 3 else []:
+            part = passing(z, tangent, p, q, self.settings)
+            middle = None if part is None else Bracket(self.here, new).at(part)
+            if middle is not None and np.linalg.norm(middle.equations.outer(middle.solution.z) - z) <= max(
+                    self.settings.passed * float(np.linalg.norm(q - p)), self.settings.same):
+                return True
+        return False
+
+    def went_on(self, before: P, corner: bool) -> None:
+        """Take note of a new last point, behind a `corner` of the curve or on one smooth piece with that before it."""
+        self.before = [] if corner else [*self.before[1 - self.settings.nodes:], before.solution]
+
+    # What is different from one kind of curve to another.
+
+    def first_again(self) -> list[tuple[Floats, Floats]]:
+        """Unknowns and tangent, whatever the segments, in which the first point may come back."""
+        first = self.here
+        return [(first.equations.outer(first.solution.z), first.equations.outer(first.solution.tangent))]
+
+    def reached(self, solution: Solution, by_amplitude: bool = True) -> P:
+        """The point of a solution behind the last one."""
+        raise NotImplementedError
+
+    def beyond_corner(self) -> P | None:
+        """The next point beyond a corner of the curve at the last one; None where there is none."""
+        return None
+
+    def unresolved(self, new: P) -> End | None:
+        """The end where double precision does not resolve a point."""
+        raise NotImplementedError
+
+    def special_between(self, new: P) -> list[S] | None:
+        """The special points up to `new`; None where the step has left out a piece of the curve."""
+        raise NotImplementedError
+
+    def ended_by(self, new: P, special: list[S], stop: End | None) -> tuple[P, list[S], End | None]:
+        """The last point, its special ones and the end where the curve ends up to `new`; else as they are given."""
+        raise NotImplementedError
+
+    def stuck(self) -> End | None:
+        """The end at a last point around which the curve does not go on."""
+        return None
+
+    def cut_anew(self) -> bool:
+        """Go on in other segments for want of a step; whether there are any."""
+        raise NotImplementedError
+
+    def lost(self) -> tuple[list[S], End]:
+        """The end where no step is found, and the special point there."""
+        return [], self.end(StopReason.STEP, limit=self.settings.residual)
+
+
+def follow(track: Continuation[P, S]) -> Generator[CurveStep[P, S], None, End]:
+    """The points behind the first one of a track along its tangent, until the curve ends.
 
     Returns
     -------
     Why it ended, as the value of the generator.
     """
-    settings = first.shooting.settings
-    state, closed = ContinuationState([first], StepSize(settings)), ClosedBranch(first)
     while True:
-        here = state.here
-        stop = _exhausted(state)
+        here, stop = track.here, _exhausted(track)
         if stop is not None:
             return stop
-        state.step_size.length = min(state.step_size.length, state.longest)
-        edge = _at_the_end_of_the_range(state)
+        track.step_size.length = min(track.step_size.length, track.longest)
+        edge, bound = _at_a_bound(track) or (None, 0)
         if edge is here:
-            return _end(StopReason.RANGE, here)
-        new = _onward(state) if edge is None else edge
-        turned_at_corner = new is None and (new := beyond_corner(here, state.step_size)) is not None
+            return track.end(StopReason.RANGE, number=bound)
+        new = track.onward() if edge is None else edge
+        corner = new is None and (new := track.beyond_corner()) is not None
         if new is None:
-            if not _remesh_for_want_of_a_step(state):
-                return _end(StopReason.STEP, here, settings.residual)
-            yield BranchStep(state.here, [], True)
-            continue
-        if edge is None and not turned_at_corner and not 0.0 <= new.solution.z[new.shooting.size] <= 1.0:
-            _shorten(state, new)
-            continue
-        if not turned_at_corner and not abs(new.orbit.multipliers[0]) <= settings.canard:
-            return _end(StopReason.CANARD, here, settings.canard)
-        special = special_points_between(here, new) if settings.detect else []
-        if special is None:
-            if not turned_at_corner:
-                _shorten(state, new)
+            if track.cut_anew():
+                yield CurveStep(track.here, [], True)
                 continue
-            special = []
-        state.longest = np.inf
-        stop = None if edge is None else _end(StopReason.RANGE, edge)
-        shorter = period_doubling_end(here, new) if here.solution.sign != new.solution.sign else None
-        if shorter is not None:
-            # Beyond it the branch is its own shift, and what was found on the way to there is that end itself.
-            new, special = shorter, [f for f in special if f.kind not in ("branch_point", "fold")]
-            stop = stop or _end(StopReason.DOUBLING, new)
-        if len(state.points) > 3 and shorter is None and closed.between(here, new):
-            new, stop = first, stop or _end(StopReason.CLOSED, first)
-        state.points.append(new)
-        if stop is None and not turned_at_corner and _in_family(state.points):
-            stop = _end(StopReason.FAMILY, new)
-        if stop is not None:
-            yield BranchStep(new, special)
+            special, stop = track.lost()
+            if special:
+                yield CurveStep(track.here, special, True)
             return stop
-        corner = here.shooting.map.piecewise and differ(here.orbit.seen.events, new.orbit.seen.events)
-        state.before = [] if corner or turned_at_corner else [*state.before[1 - settings.nodes:], here.solution]
-        finer = None if turned_at_corner else remeshed(new, len(state.points))
-        if finer is not None:
-            state.points[-1], state.before = finer, []
-        yield BranchStep(state.here, special)
+        if edge is None and not corner and not track.within(new):
+            track.shorten(new)
+            continue
+        stop = None if corner else track.unresolved(new)
+        if stop is not None:
+            return stop
+        found = track.special_between(new)
+        if found is None and not corner:
+            track.shorten(new)
+            continue
+        track.longest = math.inf
+        stop = None if edge is None else track.end(StopReason.RANGE, edge, number=bound)
+        new, special, stop = track.ended_by(new, found or [], stop)
+        track.points.append(new)
+        stop = track.stuck() if stop is None and not corner else stop
+        if stop is not None:
+            yield CurveStep(new, special)
+            return stop
+        track.went_on(here, corner)
+        yield CurveStep(track.here, special)
 
 
-def _end(reason: StopReason, point: ContinuationPoint, limit: float = 0.0) -> End:
-    """An end at a point."""
-    return End(reason, point.shooting.ranges[0].name, point.value, limit)
-
-
-def _shorten(state: ContinuationState, refused: ContinuationPoint) -> None:
-    """Halve the step that led to a point which is not the next one."""
-    way = float(np.linalg.norm(refused.solution.z - state.here.solution.z))
-    state.longest = 0.5 * min(way, state.longest)
-
-
-def _exhausted(state: ContinuationState) -> End | None:
+def _exhausted(track: Continuation[P, S]) -> End | None:
     """The end where as many points or tries as are allowed have been made."""
-    settings = state.here.shooting.settings
-    if len(state.points) > settings.max_points:
-        return _end(StopReason.POINTS, state.here, settings.max_points)
-    if state.step_size.tried > settings.max_tries:
-        return _end(StopReason.TRIES, state.here, state.step_size.tried)
+    if len(track.points) > track.settings.max_points:
+        return track.end(StopReason.POINTS, limit=track.settings.max_points)
+    if track.step_size.tried > track.settings.max_tries:
+        return track.end(StopReason.TRIES, limit=track.step_size.tried)
     return None
 
 
-def _onward(state: ContinuationState) -> ContinuationPoint | None:
-    """The next point; where steps with the amplitudes as further coordinates fail, by the unknowns alone."""
-    here, step_size = state.here, state.step_size
-    for by_amplitude in (True, False):
-        if not by_amplitude:
-            if not len(here.solution.found.amplitudes):
-                return None
-            step_size.length = min(step_size.settings.flat_step, state.longest)
-        try:
-            moved = next_solution(here.shooting, here.solution, state.before, step_size, by_amplitude,
-                                  here.shooting.coarse)
-            if moved is not None:
-                return point_at(here.shooting, moved, by_amplitude)
-        except FAILURES:
-            continue
-    return None
+def _at_a_bound(track: Continuation[P, S]) -> tuple[P, int] | None:
+    """The point on a bound that the next step would pass, and the parameter's number; None where it passes none.
 
-
-def _at_the_end_of_the_range(state: ContinuationState) -> ContinuationPoint | None:
-    """The point at the end of the range where the next step would pass it; the step is shortened until one is found."""
-    here, step_size, solution = state.here, state.step_size, state.here.solution
-    size, slope, settings = here.shooting.size, here.slope, step_size.settings
-    while step_size.length > step_size.smallest:
-        bound = 1.0 if slope > 0.0 else 0.0
-        room = bound - float(solution.z[size])
-        if abs(step_size.length * slope) <= abs(room):
-            return None
-        if room == 0.0 and len(state.points) == 1:
-            return here
-        row = np.zeros(len(solution.z))
-        row[size] = 1.0
-        known, way = predictor_nodes(solution, state.before, FLAT.weights, settings.nodes), room / slope
-        for _ in range(2):
-            way += (room - float(predictor(known, way)[size])) / slope
-        guess = solution.z + predictor(known, way)
-        guess[size] = bound
-        farthest = settings.farthest * step_size.length
-        found = corrector(here.shooting, guess, row, farthest=farthest,
-                          first=here.shooting.coarse if step_size.missed > settings.missed else None)
-        if found is not None and found.distance <= farthest:
-            new = found.facing(solution.tangent)
-            if float(new.tangent @ solution.tangent) > settings.turn and new.sign == solution.sign:
-                return point_at(here.shooting, new)
-        step_size.length *= settings.shorter
-    return None
-
-
-def beyond_corner(here: ContinuationPoint, step_size: StepSize) -> ContinuationPoint | None:
-    """The next point beyond a change of the event sequence at which the branch has a corner; None where there is none.
-
-    An end of slip that passes phase 0 makes one too: of motions that stick there none has a slip speed.
+    The step is shortened until such a point is found. A curve that begins on a bound and leaves the range ends there.
     """
-    shooting = here.shooting
-    if not shooting.map.piecewise:
-        return None
-    for beside in shooting.settings.beside:
-        try:
-            found = shooting.linearise(here.solution.z + beside * here.solution.tangent)
-            along = oriented(solution_at(here.solution.z, found, null_direction(found)), here.solution.sign).tangent
-            z = here.solution.z + beside * along
-            events = shooting.map.observe(shooting.nodes(z)[0], shooting.values(z), 0, shooting.period).events
-        except FAILURES:
-            continue
-        new = None if events == here.orbit.seen.events else _beyond(here, found, along, beside, step_size)
-        if new is not None:
-            return new
+    here, step_size = track.here, track.step_size
+    solution, settings = here.solution, step_size.settings
+    for number, low, high in track.bounds:
+        k = here.equations.first_parameter + number
+        slope = float(solution.tangent[k])
+        bound = high if slope > 0.0 else low
+        room = bound - float(solution.z[k])
+        while step_size.length > step_size.smallest and abs(step_size.length * slope) > abs(room):
+            if room == 0.0 and len(track.points) == 1:
+                return here, number
+            row = np.zeros(len(solution.z))
+            row[k] = 1.0
+            nodes, way = predictor_nodes(solution, track.before, FLAT.weights, settings.nodes), room / slope
+            for _ in range(2):
+                way += (room - float(predictor(nodes, way)[k])) / slope
+            guess = solution.z + predictor(nodes, way)
+            guess[k] = bound
+            farthest = settings.farthest * step_size.length
+            found = corrector(here.equations, guess, row, farthest=farthest,
+                              first=here.equations.coarse if step_size.missed > settings.missed else None)
+            if found is not None and found.distance <= farthest:
+                new = found.facing(solution.tangent)
+                if float(new.tangent @ solution.tangent) > settings.turn and new.sign == solution.sign:
+                    return track.reached(new), number
+            step_size.length *= settings.shorter
     return None
 
 
-def _beyond(here: ContinuationPoint, found: Linearised, along: Floats, beside: float,
-            step_size: StepSize) -> ContinuationPoint | None:
-    """The next point on the other piece of a branch that has a corner at `here`; None where none is found."""
-    # found : derivative `beside` the corner; where it is neither piece's, that along the other one is taken
-    shooting, z = here.shooting, here.solution.z
-    for known in (found, None):
-        short = StepSize(shooting.settings, length=beside, smallest=shooting.settings.corner_step)
-        try:
-            start = known or shooting.linearise(z + beside * along)
-            moved = next_solution(shooting, solution_at(z, start, tangent_of(start, along)), [], short, False)
-            new = None if moved is None else point_at(shooting, moved, False)
-        except FAILURES:
-            continue
-        if new is not None and new.orbit.seen.events != here.orbit.seen.events:
-            step_size.length = short.length
-            return new
-    return None
+def passing(z: Floats, tangent: Floats, p: Floats, q: Floats, settings: Settings) -> float | None:
+    """The part of the step from p to q at which it passes z along the tangent there; None where it does not."""
+    ahead, behind, step = float(tangent @ (q - z)), float(tangent @ (p - z)), q - p
+    if not (behind < 0.0 <= ahead and float(step @ tangent) > 0.0):
+        return None
+    part = -behind / max(ahead - behind, 1e-300)
+    near = np.linalg.norm(p + part * step - z) <= settings.passing * np.linalg.norm(step)
+    return part if near else None
 
 
-def _remesh_for_want_of_a_step(state: ContinuationState) -> bool:
-    """Go on in other segments where no step is possible in these: one of them may start where slip does, and Newton's
-    method then goes to and fro between two event sequences. Whether there are other ones.
+def segments_fit(shooting: Shooting, blocks: Floats, settings: Settings, anew: bool) -> bool:
+    """Whether an orbit stays in its segments: growth over each is bounded, or other ones there are not.
 
-    That is why segments are cut by growth and no node is put at an onset of slip: the onset moves along a branch, and a
-    node on it would be in the way at every step, not at one. The canards behind both folds of period two are passed so
-    with either law.
+    anew : whether it does not for another reason
     """
-    if state.remeshed == len(state.points):
-        return False
-    state.remeshed, here = len(state.points), state.here
-    other = remeshed(here, len(state.points), anew=True)
-    if other is None or other.shooting.segments == here.shooting.segments:
-        return False
-    state.points[-1], state.step_size.length, state.before = other, here.shooting.settings.flat_step, []
-    return True
-
-
-def remeshed(point: ContinuationPoint, count: int, anew: bool = False) -> ContinuationPoint | None:
-    """The point in other segments, where the growth over one of them is large or fewer may do, or `anew`; None where
-    these stay.
-
-    count : of points until now; fewer segments are tried now and then
-    """
-    shooting, settings = point.shooting, point.shooting.settings
-    large = float(np.abs(point.solution.found.blocks).max()) > settings.regrowth * settings.growth
-    if not shooting.map.divisible and (shooting.period == 1 or len(shooting.segments) == shooting.period):
-        return None
-    fewer = len(shooting.segments) > 1 and count % settings.fewer_after == 0
-    if not (large or fewer or anew):
-        return None
-    finer, z = shooting.cut(point.solution.z)
-    if len(finer.segments) == len(shooting.segments) and not (large or anew):
-        return None
-    polished = newton(finer, z)
-    if polished is None:
-        return None
-    found = finer.linearise(polished)
-    along, n = np.zeros(len(z)), shooting.map.dimension
-    along[:n], along[-1] = point.solution.tangent[:n], point.solution.tangent[-1]
-    return point_at(finer, solution_at(polished, found, tangent_of(found, along)))
-
-
-def _in_family(points: list[ContinuationPoint]) -> bool:
-    """Whether a branch has run for some length through motions with a multiplier of exactly 1 at one parameter."""
-    # Two points alone tell nothing: beside a doubling, where the parameter goes as the square of the way, it stands
-    # still and a multiplier is 1 as well.
-    last, settings = points[-1], points[-1].shooting.settings
-    for point in reversed(points):
-        if abs(point.slope) > settings.family or np.abs(point.orbit.multipliers - 1.0).min() > settings.family:
-            return False
-        away = (last.orbit.section - point.orbit.section) / last.shooting.map.scales
-        if float(np.linalg.norm(away)) >= settings.family_length:
-            return True
-    return False
+    large = float(np.abs(blocks).max()) > settings.regrowth * settings.growth
+    return not (large or anew) or (not shooting.map.divisible and len(shooting.segments) == shooting.period)

@@ -19,7 +19,7 @@ import numpy as np
 
 from tcc_sim.continuation.problem import FAILURES, Floats
 from tcc_sim.continuation.settings import DEFAULTS, Settings
-from tcc_sim.continuation.shooting import Linearised
+from tcc_sim.continuation.shooting import Linearised, ParameterRange
 
 
 class Equations(Protocol):
@@ -30,6 +30,21 @@ class Equations(Protocol):
     @property
     def settings(self) -> Settings:
         """Tolerances of the corrector."""
+
+    @property
+    def coarse(self) -> Equations:
+        """Equations that cost less and are good enough for a first step; these where there are no other ones."""
+
+    @property
+    def ranges(self) -> tuple[ParameterRange, ...]:
+        """The free parameters."""
+
+    @property
+    def first_parameter(self) -> int:
+        """Number of the unknown that is the first parameter."""
+
+    def outer(self, vector: Floats) -> Floats:
+        """The part of a vector of unknowns that is there whatever the segments: the first node, and what is no node."""
 
     def linearise(self, z: Floats) -> Linearised:
         """Residual and Jacobian."""

@@ -15,7 +15,7 @@ from tcc_sim.model.quantity import quantity
 class Settings:
     """How orbits are solved for, followed and told apart."""
 
-    # The driveline's map, and how a motion is cut into segments (`driveline.py`, `shooting.py`, `follow.py`).
+    # The driveline's map, and how a motion is cut into segments (`driveline.py`, `shooting.py`, `branch_track.py`).
     solver_tolerance: float = quantity(1e-12, "relative tolerance of the driveline's map: what a step leaves is some "
                                        "1e-13 then, and the derivatives are good to 2e-7")
     coarse_tolerance: float = quantity(1e-9, "the same for the first step of a corrector that has far to go")
@@ -77,7 +77,7 @@ class Settings:
     max_points: int = quantity(3000, "most points in one direction of a branch")
     max_tries: int = quantity(6000, "most steps tried, halved ones too, in one direction")
 
-    # Where a branch ends, or is closed (`follow.py`, `detection.py`, `branch.py`, `diagram.py`).
+    # Where a branch ends, or is closed (`branch_track.py`, `detection.py`, `branch.py`, `diagram.py`).
     canard: float = quantity(1e10, "modulus of a multiplier above which a branch ends: an orbit known to 1e-12 closes "
                              "to no better than 1e-2 over its period, and neither value nor sign of such a multiplier "
                              "can be trusted. Motions along the falling branch of friction get there")
@@ -93,8 +93,7 @@ class Settings:
     passed: float = quantity(0.02, "distance from the first point, relative to the step, within which the branch is at "
                              "that point")
 
-    # Special points: told and located (`follow.py`, `detection.py`, `special_points.py`, `augmented.py`,
-    # `follow_curve.py`).
+    # Special points: found and located (`detection.py`, `special_points.py`, `bracket.py`, `augmented.py`).
     detect: bool = quantity(True, "whether special points are looked for")
     root: float = quantity(1e-13, "width of a bracket, relative to the step, at which a root counts as found")
     enough: float = quantity(1e-11, "residual at which a root counts as found, however wide the bracket is")
@@ -121,7 +120,7 @@ class Settings:
     halves_reach: float = quantity(0.1, "how far a doubling in which such a branch ends may be from where its halves "
                                    "look the same")
 
-    # Sliding bifurcations, where the event sequence changes (`sliding.py`, `detection.py`, `follow.py`).
+    # Sliding bifurcations, where the event sequence changes (`sliding.py`, `detection.py`, `branch_track.py`).
     most_borders: int = quantity(6, "changes of the event sequence that are looked for in one step")
     corner_step: float = quantity(1e-10, "smallest step beyond a corner")
     beside: tuple[float, ...] = quantity((1e-8, 1e-7, 1e-6, 1e-5), "how far beyond a change of the event sequence its "
@@ -170,22 +169,28 @@ class Settings:
                                 "that chord climbs")
     on_chord: float = quantity(1e-3, "the same where the chord does not climb")
 
-    # Curves of bifurcations in two keys (`codim2.py`, `follow_curve.py`, `augmented.py`).
+    # Curves of bifurcations in two keys (`curve_track.py`, `codim2_points.py`, `augmented.py`).
     curve_step: float = quantity(0.03, "longest step, of which a picture shows every corner")
     curve_regrowth: float = quantity(2.0, "`regrowth` along a curve")
     finer_growths: tuple[float, ...] = quantity(
         (10.0, 3.0), "growths over a segment, in order, with which orbits are cut anew, thoroughly, for want of a step")
     curve_tolerance: float = quantity(1e-8, "last step and residual with which a point of a curve is one")
     curve_root: float = quantity(1e-9, "width of the bracket of a point of codimension two, relative to the step")
+    curve_slope: float = quantity(1e-2, "distance from it at which the slope of its test function is taken, relative "
+                                  "to the bracket")
+    resolved: float = quantity(3.0, "changes of a test function by other difference steps and one more Newton step "
+                               "that it must exceed on both sides of such a point")
+    curve_exact: float = quantity(1e-11, "least error of a point of codimension two, relative to the ranges")
+    singular_apart: float = quantity(0.05, "least distance from a singular end of a curve at which it is extrapolated")
     curve_jump: float = quantity(1e-2, "part of the larger end value above which its test function jumps there")
     difference: float = quantity(1e-8, "step along null vectors of length one for first derivatives of the Jacobian. "
                                  "Beside canards motions bend within 1e-7, and the Jacobian's own noise is some 1e-14: "
                                  "measured by halving, the derivative is good to four digits in both cases")
-    bend: float = quantity(1e-3, "the same for second derivatives, relative to the length within which the Jacobian "
+    bend: float = quantity(8e-3, "the same for second derivatives, relative to the length within which the Jacobian "
                            "changes by one")
     margin_step: float = quantity(1e-6, "step of differences of a margin by the two parameters")
 
-    # Where a bifurcation goes as the smoothing goes to none (`codim2.py`).
+    # Where a bifurcation goes as the smoothing goes to none (`limits.py`).
     limit_landings: tuple[float, ...] = quantity((8e-3, 4e-3, 2e-3, 1e-3), "smoothing of the scene over those at which "
                                                  "a trace over the smoothing has points, the last one its end")
     limit_steps: tuple[float, float] = quantity((0.02, 1e-7), "first and smallest step of that trace")

@@ -105,6 +105,15 @@ class Shooting:
         """Number of equations."""
         return len(self.segments) * self.map.dimension
 
+    @property
+    def first_parameter(self) -> int:
+        """Number of the unknown that is the first parameter."""
+        return self.size
+
+    def outer(self, vector: Floats) -> Floats:
+        """The part of a vector of unknowns that single shooting has too: the first node, and what is no node."""
+        return np.concatenate([vector[:self.map.dimension], vector[self.size:]])
+
     def values(self, z: Floats) -> Values:
         """The free parameters of a point."""
         return tuple([w.value(u) for w, u in zip(self.ranges, z[self.size:].tolist())])

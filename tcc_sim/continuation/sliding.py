@@ -16,11 +16,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tcc_sim.continuation.bracket import Bracket
 from tcc_sim.continuation.palc import solution_at, tangent_of
 from tcc_sim.continuation.problem import FAILURES, Floats, Margins
 from tcc_sim.continuation.settings import DEFAULTS
 from tcc_sim.continuation.shooting import Linearised, Shooting
-from tcc_sim.continuation.special_points import Bifurcation, Bracket, ContinuationPoint, point_at
+from tcc_sim.continuation.special_points import Bifurcation, ContinuationPoint, point_at
 
 
 def ring(events: str) -> str:
@@ -99,7 +100,8 @@ def differ(one: str, two: str) -> bool:
     return ring(one) != ring(two)
 
 
-def sliding_bifurcation(bracket: Bracket) -> tuple[ContinuationPoint, ContinuationPoint, Bifurcation | None]:
+def sliding_bifurcation(
+        bracket: Bracket[ContinuationPoint]) -> tuple[ContinuationPoint, ContinuationPoint, Bifurcation | None]:
     """The points on both sides of a change of the event sequence, and the bifurcation there.
 
     None where the change is none of friction (the pressure meeting 0), or where no margin vanishes.

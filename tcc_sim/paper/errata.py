@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tcc_sim.analysis.damping import damping_of_cycles
-from tcc_sim.continuation.special_points import chandrupatla
+from tcc_sim.continuation.bracket import chandrupatla
 from tcc_sim.model import pure_slip, pure_stick
 from tcc_sim.model.harmonic_balance import harmonic_balance, mean_friction_torque
 from tcc_sim.output.tables import escape, markdown_table

@@ -8,14 +8,16 @@ import numpy as np
 import pytest
 from textbook_maps import Step, TextbookMap, delayed_logistic, henon, isola, logistic
 
+from tcc_sim.continuation.bracket import Bracket
 from tcc_sim.continuation.branch import Branch, BranchOrigin, branch_through, first_point, orbits_at
-from tcc_sim.continuation.detection import ClosedBranch, StopReason
+from tcc_sim.continuation.branch_track import BranchTrack
+from tcc_sim.continuation.detection import StopReason
 from tcc_sim.continuation.diagram import switch
 from tcc_sim.continuation.newton import find_orbit
 from tcc_sim.continuation.palc import corrector, predictor
 from tcc_sim.continuation.settings import DEFAULTS, Settings
 from tcc_sim.continuation.shooting import ParameterRange, Shooting
-from tcc_sim.continuation.special_points import Bifurcation, Bracket
+from tcc_sim.continuation.special_points import Bifurcation
 
 
 def branch_of(step: Step, dimension: int, low: float, high: float, value: float, guess: list[float],
@@ -141,10 +143,10 @@ def test_a_branch_that_comes_back_some_cycles_later_is_met_in_its_own_direction(
     here, there = branch.points[2:4]
     middle = Bracket(here, there).at(0.5)
     assert middle is not None
-    shifted, tangent = ClosedBranch(middle).ends[1]
+    shifted, tangent = BranchTrack(middle).starts[1]
     z, ways = middle.solution.z, []
     for point in (here, there):
-        end, _ = ClosedBranch(point).ends[1]
+        end, _ = BranchTrack(point).starts[1]
         ways.append(end - shifted)
     assert shifted[:2] == pytest.approx(henon(z[:2], (middle.value,))[0])
     assert np.linalg.norm(tangent) == pytest.approx(1.0)

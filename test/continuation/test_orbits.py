@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from textbook_maps import TextbookMap, henon, logistic
 
+from tcc_sim.continuation.bracket import chandrupatla
 from tcc_sim.continuation.newton import find_orbit, minimal_period, multipliers_of, newton, orbit_at
 from tcc_sim.continuation.shooting import ParameterRange, Shooting, greedy
-from tcc_sim.continuation.special_points import chandrupatla, torus
+from tcc_sim.continuation.special_points import torus
 from tcc_sim.errors import InputError
 
 

@@ -1,0 +1,168 @@
+"""Branches of periodic orbits as they are followed: corners, segments, families, and where a branch ends."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tcc_sim.continuation.detection import End, StopReason, period_doubling_end, special_points_between
+from tcc_sim.continuation.follow import Continuation, segments_fit
+from tcc_sim.continuation.newton import newton, shifts
+from tcc_sim.continuation.palc import (
+    Solution,
+    StepSize,
+    next_solution,
+    null_direction,
+    oriented,
+    solution_at,
+    tangent_of,
+)
+from tcc_sim.continuation.problem import FAILURES, Floats
+from tcc_sim.continuation.shooting import Linearised
+from tcc_sim.continuation.sliding import differ
+from tcc_sim.continuation.special_points import Bifurcation, ContinuationPoint, point_at
+
+
+class BranchTrack(Continuation[ContinuationPoint, Bifurcation]):
+    """One direction of a branch of periodic orbits along one parameter."""
+
+    cut_at = 0
+    """Number of points when the orbit was last cut anew for want of a step."""
+
+    def first_again(self) -> list[tuple[Floats, Floats]]:
+        """Unknowns and tangent of single shooting at the first orbit, for every cycle in which it may be taken up."""
+        out, first = super().first_again(), self.here
+        shooting, z = first.shooting, first.solution.z
+        of, size, tangent = shooting.map, shooting.size, shooting.outer(first.solution.tangent)
+        x, values = shooting.nodes(z)[0], shooting.values(z)
+        sizes = np.concatenate([of.scales, [w.width(float(u)) for w, u in zip(shooting.ranges, z[size:])]])
+        for k, shifted in enumerate(shifts(of, x, values, shooting.period)[1:], 1):
+            image = of.evaluate(x, values, 0, k * of.forcing_period)
+            way = np.concatenate([image.derivatives @ (sizes * tangent) / of.scales, tangent[of.dimension:]])
+            out.append((np.concatenate([shifted / of.scales, z[size:]]), way / float(np.linalg.norm(way))))
+        return out
+
+    def reached(self, solution: Solution, by_amplitude: bool = True) -> ContinuationPoint:
+        """The point of a solution behind the last one."""
+        return point_at(self.here.shooting, solution, by_amplitude)
+
+    def unresolved(self, new: ContinuationPoint) -> End | None:
+        """The end before a point with a multiplier that double precision does not resolve."""
+        if abs(new.orbit.multipliers[0]) <= self.settings.canard:
+            return None
+        return self.end(StopReason.CANARD, limit=self.settings.canard)
+
+    def special_between(self, new: ContinuationPoint) -> list[Bifurcation] | None:
+        """The bifurcations up to `new`; None where the step has left out a piece of the branch."""
+        return special_points_between(self.here, new) if self.settings.detect else []
+
+    def ended_by(self, new: ContinuationPoint, special: list[Bifurcation],
+                 stop: End | None) -> tuple[ContinuationPoint, list[Bifurcation], End | None]:
+        """The point at which the orbit is one of a shorter period, or the first one again, where the branch ends."""
+        shorter = period_doubling_end(self.here, new) if self.here.solution.sign != new.solution.sign else None
+        if shorter is not None:
+            # Beyond it the branch is its own shift, and what was found on the way to there is that end itself.
+            special = [f for f in special if f.kind not in ("branch_point", "fold")]
+            return shorter, special, stop or self.end(StopReason.DOUBLING, shorter)
+        if self.passes_start(new):
+            return self.points[0], special, stop or self.end(StopReason.CLOSED, self.points[0])
+        return new, special, stop
+
+    def stuck(self) -> End | None:
+        """The end where the branch has run for some length through motions with a multiplier of 1 at one parameter."""
+        # Two points alone do not show it: beside a doubling, where the parameter goes as the square of the way, it
+        # stands still and a multiplier is 1 as well.
+        last, settings = self.here, self.settings
+        for point in reversed(self.points):
+            if abs(point.slope) > settings.family or np.abs(point.orbit.multipliers - 1.0).min() > settings.family:
+                return None
+            away = (last.orbit.section - point.orbit.section) / last.shooting.map.scales
+            if float(np.linalg.norm(away)) >= settings.family_length:
+                return self.end(StopReason.FAMILY)
+        return None
+
+    def went_on(self, before: ContinuationPoint, corner: bool) -> None:
+        """Take note of a new last point, and cut its orbit anew where that is due."""
+        here = self.here
+        super().went_on(before, corner or (before.shooting.map.piecewise
+                                           and differ(before.orbit.seen.events, here.orbit.seen.events)))
+        finer = None if corner else remeshed(here, len(self.points))
+        if finer is not None:
+            self.points[-1], self.before = finer, []
+
+    def cut_anew(self) -> bool:
+        """Go on in other segments where no step is possible in these; whether there are any.
+
+        One segment may start where slip does, and Newton's method then goes to and fro between two event sequences.
+        That is why segments are cut by growth and no node is put at an onset of slip: the onset moves along a branch,
+        and a node on it would be in the way at every step. With either law the canards behind both folds of period two
+        are passed so.
+        """
+        if self.cut_at == len(self.points):
+            return False
+        self.cut_at, here = len(self.points), self.here
+        other = remeshed(here, len(self.points), anew=True)
+        if other is None or other.shooting.segments == here.shooting.segments:
+            return False
+        self.points[-1], self.step_size.length, self.before = other, here.shooting.settings.flat_step, []
+        return True
+
+    def beyond_corner(self) -> ContinuationPoint | None:
+        """The next point beyond a change of the event sequence at which the branch has a corner; None without one.
+
+        An end of slip that passes phase 0 makes one too: of motions that stick there none has a slip speed.
+        """
+        here, shooting = self.here, self.here.shooting
+        if not shooting.map.piecewise:
+            return None
+        for beside in self.settings.beside:
+            try:
+                found = shooting.linearise(here.solution.z + beside * here.solution.tangent)
+                along = oriented(solution_at(here.solution.z, found, null_direction(found)), here.solution.sign).tangent
+                z = here.solution.z + beside * along
+                events = shooting.map.observe(shooting.nodes(z)[0], shooting.values(z), 0, shooting.period).events
+            except FAILURES:
+                continue
+            new = None if events == here.orbit.seen.events else self._beyond(found, along, beside)
+            if new is not None:
+                return new
+        return None
+
+    def _beyond(self, found: Linearised, along: Floats, beside: float) -> ContinuationPoint | None:
+        """The next point on the other piece of a branch that has a corner at the last one; None where none is found."""
+        # found : derivative `beside` the corner; where it is neither piece's, that along the other one is taken
+        here, shooting, z = self.here, self.here.shooting, self.here.solution.z
+        for known in (found, None):
+            short = StepSize(shooting.settings, length=beside, smallest=shooting.settings.corner_step)
+            try:
+                start = known or shooting.linearise(z + beside * along)
+                moved = next_solution(shooting, solution_at(z, start, tangent_of(start, along)), [], short, False)
+                new = None if moved is None else point_at(shooting, moved, False)
+            except FAILURES:
+                continue
+            if new is not None and new.orbit.seen.events != here.orbit.seen.events:
+                self.step_size.length = short.length
+                return new
+        return None
+
+
+def remeshed(point: ContinuationPoint, count: int, anew: bool = False) -> ContinuationPoint | None:
+    """The point in other segments, where the growth over one of them is large or fewer may do, or `anew`; None where
+    these stay.
+
+    count : of points until now; fewer segments are tried now and then
+    """
+    shooting, blocks = point.shooting, point.solution.found.blocks
+    fewer = len(shooting.segments) > 1 and count % shooting.settings.fewer_after == 0
+    if segments_fit(shooting, blocks, shooting.settings, fewer or anew):
+        return None
+    finer, z = shooting.cut(point.solution.z)
+    if len(finer.segments) == len(shooting.segments) and (
+            not anew and segments_fit(shooting, blocks, shooting.settings, False)):
+        return None
+    polished = newton(finer, z)
+    if polished is None:
+        return None
+    found = finer.linearise(polished)
+    along, n = np.zeros(len(z)), shooting.map.dimension
+    along[:n], along[-1] = point.solution.tangent[:n], point.solution.tangent[-1]
+    return point_at(finer, solution_at(polished, found, tangent_of(found, along)))

@@ -1,0 +1,177 @@
+"""Where a bifurcation of the smoothed law goes as sigma goes to infinity.
+
+It is traced in 1/sigma, from the scene's sigma towards 0: that is the evidence of where it goes, or that it is one of
+the smoothing, and its extrapolation says how near to that it must be. The value is the set-valued law's own: a branch
+of that law through the motion there, on which its own detection finds a bifurcation of the same kind within the error
+of the extrapolation; the extrapolated value stands where it finds none.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tcc_sim.continuation.augmented import MinimallyAugmented
+from tcc_sim.continuation.bracket import CurvePoint
+from tcc_sim.continuation.branch import branch_through, first_point
+from tcc_sim.continuation.codim2 import TRACED, with_error
+from tcc_sim.continuation.curve_track import CurveTrack, facing, start_of_curve
+from tcc_sim.continuation.detection import End, StopReason
+from tcc_sim.continuation.follow import follow
+from tcc_sim.continuation.palc import StepSize, corrector
+from tcc_sim.continuation.problem import FAILURES, Floats, ParameterMap
+from tcc_sim.continuation.settings import Settings
+from tcc_sim.continuation.shooting import ParameterRange, Shooting
+from tcc_sim.continuation.special_points import Bifurcation
+
+
+@dataclass(frozen=True)
+class Limit:
+    """The value of the parameter as sigma goes to infinity.
+
+    value, error : and how exact it is; both None where there is none, or none was found
+    why : empty; or that the bifurcation is one of the smoothing, or why its limit was not found
+    """
+
+    value: float | None
+    error: float | None = None
+    why: str = ""
+
+    def as_json(self) -> dict[str, Any]:
+        """The keys of an entry of `bifurcations`."""
+        return {"limit": self.value, "limit_error": self.error, "limit_why": self.why}
+
+    def __str__(self) -> str:
+        """In words."""
+        return self.why if self.value is None or self.error is None else f"limit {with_error(self.value, self.error)}"
+
+
+class Trace(NamedTuple):
+    """A curve of a bifurcation over the smoothing.
+
+    smoothness : (K,) smoothing factor of the scene over that of each point
+    places : (K, 1 + n) parameter, and state at phase 0 in natural sizes
+    last, shooting : the last point, and the equations of its orbit
+    end : why it ended
+    """
+
+    smoothness: Floats
+    places: Floats
+    last: CurvePoint
+    shooting: Shooting
+    end: End
+
+
+def limit_of(found: Bifurcation, smoothed: ParameterMap, set_valued: ParameterMap, span: ParameterRange,
+             sigma: float) -> Limit:
+    """The limit of a bifurcation of the smoothed law.
+
+    Parameters
+    ----------
+    smoothed : the map with the parameter and friction.smoothing free
+    set_valued : the map with the set-valued law and the parameter free
+    span : range of the parameter
+    sigma : the scene's smoothing factor, s/rad
+    """
+    if found.kind not in TRACED:
+        return Limit(None, why=f"not found: the smoothing is not followed for a {found.kind}")
+    settings = found.point.shooting.settings
+    trace = _traced(found, smoothed, span, sigma)
+    if trace is None:
+        return Limit(None, why="not found: the curve of the bifurcation over the smoothing cannot be set up")
+    reached = float(trace.smoothness.min())
+    most = f"sigma = {sigma / reached:.6g}"
+    if trace.end.reason is StopReason.RANGE and trace.end.name == span.name:
+        return Limit(None, why=f"not found: it is {settings.limit_farthest:g} ranges away at {most}")
+    if trace.end.reason is StopReason.SPECIAL or (trace.end.reason is StopReason.RANGE and trace.smoothness[-1] > 0.5):
+        return Limit(None, why=f"of the smoothing: there is none beyond {most}")
+    extrapolated = _extrapolated(trace.smoothness, trace.places, settings)
+    if extrapolated is None:
+        return Limit(None, why=f"not found: the curve of the bifurcation was lost at {most}")
+    limits, errors = extrapolated
+    width = span.high - span.low
+    limit, error = float(limits[0]), max(float(errors[0]), settings.limit_solved * width)
+    own = _set_valued(found.kind, trace, limits, error, set_valued, width)
+    return Limit(limit, error) if own is None else Limit(own, settings.limit_solved * width)
+
+
+def _traced(found: Bifurcation, smoothed: ParameterMap, span: ParameterRange, sigma: float) -> Trace | None:
+    """The curve of a bifurcation towards a smoothing of none; None where it cannot be set up."""
+    ranges = span, ParameterRange(sigma, np.inf, inverse=True, name="friction.smoothing")
+    shooting, orbit = replace(found.point.shooting, map=smoothed, ranges=ranges), found.point.orbit
+    rows, bound = list[Floats](), (0, -shooting.settings.limit_farthest, shooting.settings.limit_farthest)
+    try:
+        shooting, z = shooting.cut(shooting.unknowns(orbit.nodes, (orbit.values[0], sigma)))
+        equations = MinimallyAugmented(found.kind, shooting, z)
+        last = start_of_curve(equations, equations.start)
+    except FAILURES:
+        return None
+    end = End(StopReason.STEP, span.name, found.value)
+    try:
+        for smallest in shooting.settings.limit_landings:
+            track = CurveTrack(facing(last, False), ((1, smallest, 1.0), bound),
+                               StepSize(shooting.settings, *shooting.settings.limit_steps))
+            stream, again = follow(track), False
+            while True:
+                last = track.here
+                u, n = last.solution.z, last.equations.first_parameter
+                rows[len(rows) - again:] = [np.array([u[n + 1], span.value(float(u[n])), *u[:smoothed.dimension]])]
+                try:
+                    again = next(stream).again
+                except StopIteration as stopped:
+                    end = stopped.value
+                    break
+            if end.reason is not StopReason.RANGE or end.name == span.name or rows[-1][0] > smallest:
+                break
+    except FAILURES:
+        end = replace(end, reason=StopReason.STEP)
+    assert isinstance(last.equations, MinimallyAugmented)
+    table = np.array(rows)
+    return Trace(table[:, 0], table[:, 1:], last, last.equations.shooting, end)
+
+
+def _extrapolated(smoothness: Floats, places: Floats, settings: Settings) -> tuple[Floats, Floats] | None:
+    """Where places go as the smoothness goes to 0, and the errors of that; None for a trace that does not tell."""
+    # A motion leaves stick after a time that goes as log(sigma)/sigma, so a + b e + c e log(e) is put through three of
+    # four points at about equal ratios; the other three, and a straight line, tell its error.
+    ratio = min(2.0, float(smoothness.max() / smoothness[-1]) ** (1.0 / 3.0))
+    chosen = [int(np.abs(np.log(smoothness / (smoothness[-1] * ratio**k))).argmin()) for k in range(4)]
+    if smoothness[-1] > min(settings.limit_least, *smoothness[:-1]) or len(set(chosen)) < 4:
+        return None
+    e, y = smoothness[chosen], places[chosen]
+    terms = np.stack([np.ones(4), e, e * np.log(e)], axis=1)
+    near, far = (np.linalg.solve(terms[k:k + 3], y[k:k + 3])[0] for k in (0, 1))
+    straight = y[0] - e[0] * (y[1] - y[0]) / (e[1] - e[0])
+    return near, settings.limit_safety * np.maximum(np.abs(near - far), settings.limit_gain * np.abs(near - straight))
+
+
+def _set_valued(kind: str, trace: Trace, limits: Floats, error: float, of: ParameterMap, width: float) -> float | None:
+    """The bifurcation of a kind that the set-valued law has within the error of an extrapolation, the nearest to it."""
+    # A branch is begun at the extrapolated motion, or at the last one of the trace, with a corrector that leaves the
+    # parameter as free as it is on the smoothed law's branch; first between these two, where steps are as fine as the
+    # bend of a canard, then in the whole width of the range.
+    old, settings, last = trace.shooting, trace.shooting.settings, trace.places[-1]
+    along = np.linalg.svd(trace.last.solution.found.jacobian[:old.size, :old.size + 1])[2][-1]
+    for half in (2.0 * max(error, abs(last[0] - limits[0])), 0.5 * width):
+        span = ParameterRange(limits[0] - half, limits[0] + half, name=old.ranges[0].name)
+        shooting = Shooting.single(of, old.period, span, settings=settings)
+        for place in (limits, last):
+            z = np.append(place[1:], span.scaled(place[0]))
+            if of.piecewise and abs(z[0]) < settings.limit_stuck:
+                z[0] = 0.0
+            try:
+                finer, z = shooting.cut(z)
+                row = np.zeros(len(z))
+                row[:of.dimension], row[-1] = along[:of.dimension], along[-1] * 2.0 * half / width
+                started = corrector(finer, z, row / float(np.linalg.norm(row)))
+                if started is None or not 0.0 <= started.z[-1] <= 1.0:
+                    continue
+                found = branch_through(first_point(finer, started.z)).bifurcations
+            except FAILURES:
+                continue
+            away = {abs(f.value - limits[0]): f.value for f in found if f.kind == kind}
+            if away and min(away) <= error:
+                return away[min(away)]
+    return None

@@ -1,0 +1,41 @@
+"""Special points of a map whose derivatives are known to some digits only: resolved ones alone are listed."""
+
+import math
+
+import numpy as np
+import pytest
+from test_codim2 import curve_of, quintic
+
+from tcc_sim.continuation.shooting import ParameterRange
+
+
+def with_noise(size: float):
+    """`quintic` with a derivative that is off by up to `size`, differently at every state."""
+    def noisy(x, p):
+        value, by_state, by_parameters = quintic(x, p)
+        return value, by_state + size * math.sin(1e15 * (x[0] + 0.1 * p[1])), by_parameters
+
+    return noisy
+
+
+SPAN = ParameterRange(-0.5, 0.5)
+
+
+@pytest.mark.parametrize("size", [1e-14, 1e-12, 1e-10])
+@pytest.mark.parametrize("second", [0.6, -0.7, 0.05])
+def test_a_special_point_lies_within_its_error_wherever_the_curve_begins(size: float, second: float) -> None:
+    curve, _ = curve_of(with_noise(size), 1, "period_doubling", (-0.2, second), [0.0], first=SPAN)
+    (found,) = curve.special
+    assert (found.kind, found.located) == ("generalised_doubling", True)
+    assert abs(found.second) <= found.second_error < 1e6 * size + 1e-7
+
+
+def test_a_test_function_that_is_all_noise_has_no_special_point() -> None:
+    """A cubic coefficient that is 1e-9 of the bend of the map, with either sign."""
+    def flat(x, p):
+        value, by_state, by_parameters = with_noise(1e-10)(x, (p[0], 1e-9 * p[1]))
+        return value, by_state, by_parameters * np.array([1.0, 1e-9])
+
+    curve, _ = curve_of(flat, 1, "period_doubling", (-0.2, 0.6), [0.0], first=SPAN)
+    assert len(curve.values) > 20
+    assert [s for s in curve.special if s.located] == []
