@@ -12,6 +12,8 @@ from tcc_sim.errors import InputError, counted
 
 Result = TypeVar("Result")
 CYCLES, SAMPLES, LARGEST_OUTPUT = 150, 200, 50_000_000
+HOLDS = ("previous", "linear", "next")
+"""As `recording.table` has them, which is not loaded for this."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,6 +33,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--inputs", metavar="RUN|FILE.csv", type=Path,
                         help="torque and pressure from a recording, or from the columns t, engine_torque and "
                         "actuation_pressure of a table; --plot draws the simulation beside what was recorded")
+    parser.add_argument("--hold", choices=HOLDS, help="how the inputs of a table go on between two rows: as the row "
+                        "before says, along a straight line, or as the row after says (default: what the table says, "
+                        "else previous)")
     parser.add_argument("--orders", action="store_true",
                         help="work out orders, transmissibility and judder too; --plot then draws the order map")
     parser.add_argument("--samples", metavar="N", type=int, default=SAMPLES,
@@ -48,7 +53,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.inputs is not None:
         from tcc_sim.replay.given_inputs import driven_by
 
-        scene = driven_by(scene, arguments.inputs)
+        scene = driven_by(scene, arguments.inputs, arguments.hold)
+    elif arguments.hold is not None:
+        raise InputError("--hold says how the inputs of a table hold; give the table with --inputs")
     cycle, duration = scene.system.cycle, arguments.duration
     if arguments.cycles is None and duration is None:
         duration = scene.system.span or None
@@ -65,8 +72,11 @@ def run(arguments: argparse.Namespace) -> int:
     lines, results = simulation_lines(scene.name, found), found.as_json()
     drawn: object = found
     if arguments.inputs is not None:
-        from tcc_sim.replay.given_inputs import twin_of
+        from tcc_sim.replay.given_inputs import smooth_inputs, twin_of
 
+        if arguments.hold is None and (smooth := smooth_inputs(arguments.inputs)):
+            lines.append(f"note: {' and '.join(smooth)} of {arguments.inputs.name} changes smoothly from row to row "
+                         "but is held through each; --hold linear joins the rows")
         twin = twin_of(arguments.inputs, found.trajectory)
         if twin is not None:
             drawn = twin

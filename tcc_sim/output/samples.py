@@ -11,7 +11,8 @@ import numpy as np
 from tcc_sim.errors import check_suffix
 from tcc_sim.messages import cdr
 from tcc_sim.output.files import draft
-from tcc_sim.topics import topic
+from tcc_sim.recording.table import hold_line
+from tcc_sim.topics import INPUTS, topic
 from tcc_sim.trajectory import Trajectory, integral
 
 if TYPE_CHECKING:
@@ -25,7 +26,8 @@ def write_samples(path: Path, trajectory: Trajectory, scene_text: str, *, record
 
     A .npz holds the units too, in the order of its arrays, and the scene (YAML), as a .mcap does. A .csv keeps every
     digit. What was `recorded` under a commanded pressure has that too, Pa, where it is known throughout; and before the
-    columns of its .csv stand the units and the scene, in lines that begin with #.
+    columns of its .csv stand the units, the scene, and how the inputs hold between two rows, in lines that begin
+    with #.
 
     Raises
     ------
@@ -47,9 +49,17 @@ def write_samples(path: Path, trajectory: Trajectory, scene_text: str, *, record
             rows = zip(*(values.tolist() for values in columns.values()))
             with part.open("w", encoding="utf-8", newline="\n") as file:
                 if recorded:
-                    file.writelines(f"# {line}\n" for line in (named, *scene_text.splitlines()))
+                    said = "# " + hold_line(_holds(trajectory))
+                    file.writelines(f"# {line}\n" for line in (named, *scene_text.splitlines(), said))
                 file.write(",".join(columns) + "\n")
                 file.writelines(",".join(map(repr, row)) + "\n" for row in rows)
+
+
+def _holds(recorded: Trajectory) -> dict[str, str]:
+    """How the inputs of recorded samples hold between two of them: a command through the tick that ends at a state."""
+    system = recorded.system
+    commanded = [] if system is None else [system.engine.source == "topic", system.pressure.source == "topic"]
+    return {name: "next" if held else "linear" for name, held in zip(INPUTS, commanded)}
 
 
 def write_trajectory(path: Path, trajectory: Trajectory, scene_text: str | None = None) -> None:

@@ -1,11 +1,15 @@
-"""Measurements in a table: the columns of a CSV file, as numbers."""
+"""Measurements in a table: the columns of a CSV file, as numbers, and how they hold between its rows."""
 
 from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Sequence
+import re
+from array import array
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 
@@ -17,10 +21,43 @@ from tcc_sim.trajectory import Floats, Trajectory
 TIME = "t"
 CHANNELS = {"slip_speed": "rad/s", "plate_speed": "rad/s", "plate_angle": "rad"}
 """Columns of what a driveline did, with their units; beside them the time, s, and INPUTS, which drove it."""
+HOLDS = ("previous", "linear", "next")
+"""How an input goes on between two rows: as the row before says, along a straight line, as the row after says."""
+LARGEST_TABLE = 1 << 30
+"""Bytes of a table that are read at most."""
+SMOOTH = 0.5
+"""Second differences of a column are below this part of its first ones (rms) where something smooth was sampled."""
+_HOLD, _SAID = "hold: ", re.compile(r"(\w+) (previous|linear|next)")
+_LONGEST_LINE = 1 << 16
 
 
-def read_columns(path: Path, needed: Sequence[str] = (), most: int = 2_000_000) -> dict[str, Floats]:
-    """The columns t, INPUTS and CHANNELS of a table, (n,) arrays of finite numbers, by name.
+@dataclass(frozen=True)
+class HeldColumns:
+    """Columns of a CSV file, and how they hold between its rows.
+
+    columns : (n,) arrays of finite numbers by name: t, INPUTS and CHANNELS
+    hold : how an input goes on between two rows, one of HOLDS by the column's name, where the file says it
+    """
+
+    columns: Mapping[str, Floats]
+    hold: Mapping[str, str] = field(default_factory=dict)
+
+
+def hold_line(hold: Mapping[str, str]) -> str:
+    """The line of a table that says how its columns hold, without the # in front of it."""
+    return _HOLD + ", ".join(f"{name} {how}" for name, how in hold.items())
+
+
+def looks_smooth(values: Floats) -> bool:
+    """Whether a column looks sampled from something smooth, and not held from step to step."""
+    first, second = np.diff(values), np.diff(values, 2)
+    if len(second) < 8 or 2 * np.count_nonzero(first) < len(first):
+        return False
+    return bool(np.sqrt(np.mean(second**2)) < SMOOTH * np.sqrt(np.mean(first**2)))
+
+
+def table_of(path: Path, needed: Sequence[str] = (), most: int = 2_000_000) -> HeldColumns:
+    """Read a table.
 
     Lines that begin with # are passed over before the header, so that what `analyse --out` writes is read; of its
     columns those that nobody measures are left out.
@@ -34,17 +71,71 @@ def read_columns(path: Path, needed: Sequence[str] = (), most: int = 2_000_000) 
     Raises
     ------
     InputError
-        A file that cannot be read, a column that is unknown, missing or there twice, a line without its numbers, or
-        too many rows.
+        What is no regular file, is too large or cannot be read, a column that is unknown, missing or there twice, a
+        line without its numbers, or too many rows.
     """
     try:
+        if path.exists() and not path.is_file():
+            raise InputError(f"{path} is not a regular file")
+        if (size := path.stat().st_size) > LARGEST_TABLE:
+            raise InputError(f"{path} has {size} bytes; a table has at most {LARGEST_TABLE}")
         with path.open(newline="", encoding="utf-8-sig") as stream:
-            lines = [(number, row) for number, row in enumerate(csv.reader(stream), 1) if row]
+            return _read(path, stream, needed, most)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path}: {getattr(error, 'strerror', None) or 'not a table of text in UTF-8'}") from None
-    while lines and lines[0][1][0].startswith("#"):
-        del lines[0]
-    names = [name.strip() for name in lines[0][1]] if lines else []
+
+
+def read_columns(path: Path, needed: Sequence[str] = (), most: int = 2_000_000) -> dict[str, Floats]:
+    """The columns of a table, as `table_of` has them."""
+    return dict(table_of(path, needed, most).columns)
+
+
+def _lines(path: Path, stream: TextIO) -> Iterator[str]:
+    """The lines of a file, each of a bounded length."""
+    while line := stream.readline(_LONGEST_LINE + 1):
+        if len(line) > _LONGEST_LINE:
+            raise InputError(f"{path}: it has a line of more than {_LONGEST_LINE} characters")
+        yield line
+
+
+def _read(path: Path, stream: TextIO, needed: Sequence[str], most: int) -> HeldColumns:
+    """The table in an open file."""
+    rows = ((number, row) for number, row in enumerate(csv.reader(_lines(path, stream)), 1) if row)
+    hold: dict[str, str] = {}
+    names: list[str] = []
+    for _, row in rows:
+        if not row[0].startswith("#"):
+            names = [name.strip() for name in row]
+            break
+        text = ",".join(row).lstrip("# ")
+        if text.startswith(_HOLD):
+            hold = {name: how for name, how in _SAID.findall(text) if name in INPUTS}
+    _check_names(path, names, needed)
+    places = {name: place for place, name in enumerate(names) if name in (TIME, *INPUTS, *CHANNELS)}
+    columns = {name: array("d") for name in places}
+    for count, (number, row) in enumerate(rows):
+        if count >= most:
+            raise InputError(f"{path}: it has more than {most} rows; it must have at most {most}")
+        if len(row) != len(names):
+            raise InputError(f"{path}: line {number} has {len(row)} values; the first line names {len(names)}")
+        for name, column in columns.items():
+            value = _number(row[places[name]])
+            if not math.isfinite(value):
+                raise InputError(f"{path}: line {number} has no number in column {name}")
+            column.append(value)
+    return HeldColumns({name: np.array(column) for name, column in columns.items()}, hold)
+
+
+def _number(text: str) -> float:
+    """A number; NaN for anything else."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
+
+
+def _check_names(path: Path, names: Sequence[str], needed: Sequence[str]) -> None:
+    """Raise InputError where the names of the columns are not those of a table."""
     known = (TIME, *INPUTS, *CHANNELS)
     for name in names:
         if name not in known and name not in Trajectory.UNITS:
@@ -55,23 +146,3 @@ def read_columns(path: Path, needed: Sequence[str] = (), most: int = 2_000_000) 
             raise InputError(f"{path}: there is no column {name} in its first line")
     if len(set(names)) < len(names):
         raise InputError(f"{path} has a column twice")
-    rows = lines[1:]
-    if len(rows) > most:
-        raise InputError(f"{path}: it has {len(rows)} rows; it must have at most {most}")
-    for number, row in rows:
-        if len(row) != len(names):
-            raise InputError(f"{path}: line {number} has {len(row)} values; the first line names {len(names)}")
-    return {name: _numbers(path, rows, place, name) for place, name in enumerate(names) if name in known}
-
-
-def _numbers(path: Path, rows: Sequence[tuple[int, list[str]]], place: int, name: str) -> Floats:
-    """A column of finite numbers."""
-    found = np.empty(len(rows))
-    for k, (number, row) in enumerate(rows):
-        try:
-            found[k] = float(row[place])
-        except ValueError:
-            found[k] = math.nan
-        if not math.isfinite(found[k]):
-            raise InputError(f"{path}: line {number} has no number in column {name}")
-    return found

@@ -9,30 +9,38 @@ from pathlib import Path
 
 import numpy as np
 
-from tcc_sim.errors import InputError, counted
+from tcc_sim.errors import InputError, counted, printable
 from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.model.profile import Inputs, held_lines, joined_lines
-from tcc_sim.recording.table import TIME, read_columns
+from tcc_sim.recording.table import HOLDS, TIME, looks_smooth, read_columns, table_of
 from tcc_sim.replay.recorded import read
 from tcc_sim.scene import Scene
 from tcc_sim.topics import INPUTS, topic
 from tcc_sim.trajectory import Floats, Trajectory
 
 
-def driven_by(scene: Scene, path: Path) -> Scene:
+def driven_by(scene: Scene, path: Path, hold: str | None = None) -> Scene:
     """`scene` with the torque and the pressure of a recording's first run, or of a table's columns, in the place of its
     own; what these do not tell stays the scene's.
 
     What a command held in a recording is held through the tick that applied it; what the driveline made by itself is
     joined by straight lines. A table (CSV) has the column t, s, and engine_torque, N m, or actuation_pressure, Pa, or
-    both, each held from one row to the next.
+    both.
+
+    Parameters
+    ----------
+    path : the recording or the table
+    hold : how a table's inputs go on between two rows, one of `recording.table.HOLDS`; None takes what the file says,
+        else `previous`
 
     Raises
     ------
     InputError
-        A file that cannot be read, or values that are no inputs.
+        A file that cannot be read, values that are no inputs, or `hold` of a recording.
     """
-    inputs = of_table(path) if path.suffix == ".csv" else of_recording(path)
+    if path.suffix != ".csv" and hold is not None:
+        raise InputError(f"--hold is for tables; {path} is a recording, which tells by itself how its inputs held")
+    inputs = of_table(path, hold) if path.suffix == ".csv" else of_recording(path)
     return replace(scene, system=replace(scene.system, inputs=inputs))
 
 
@@ -46,17 +54,34 @@ def of_recording(path: Path) -> Inputs:
     lines: list[Floats | None] = []
     for values, source in ((run.engine_torque, system.engine.source), (pressure, system.pressure.source)):
         # A command was held through the tick before the state that tells it.
-        times, values, line = (t[:-1], values[1:], held_lines) if source == "topic" else (t, values, joined_lines)
-        known = np.isfinite(values)
-        lines.append(line(times[known], values[known]) if known.any() else None)
+        lines.append(_lines(t, values, "next" if source == "topic" else "linear"))
     if all(line is None for line in lines):
         raise InputError(f"{path}: neither torque nor pressure was recorded")
     return Inputs(lines[0], lines[1], float(t[-1]))
 
 
-def of_table(path: Path) -> Inputs:
+def _lines(t: Floats, values: Floats, hold: str) -> Floats | None:
+    """Values as lines, of those that are known; None where there are none."""
+    if hold == "next":
+        t, values = t[:-1], values[1:]
+    known = np.isfinite(values)
+    line = joined_lines if hold == "linear" else held_lines
+    return line(t[known], values[known]) if known.any() else None
+
+
+def smooth_inputs(path: Path) -> list[str]:
+    """The inputs of a table that are held though they look sampled from something smooth, where it does not say how."""
+    if path.suffix != ".csv":
+        return []
+    table = table_of(path)
+    return [name for name in INPUTS if name in table.columns and name not in table.hold
+            and looks_smooth(table.columns[name])]
+
+
+def of_table(path: Path, hold: str | None = None) -> Inputs:
     """The inputs in the columns of a CSV file."""
-    columns = {name: values for name, values in read_columns(path, (TIME,)).items() if name in (TIME, *INPUTS)}
+    table = table_of(path, (TIME,))
+    columns = {name: values for name, values in table.columns.items() if name in (TIME, *INPUTS)}
     t = columns.pop(TIME)
     if not columns:
         raise InputError(f"{path}: the first line must name the column {' or '.join(INPUTS)}")
@@ -70,7 +95,8 @@ def of_table(path: Path) -> Inputs:
         if len(wrong):
             raise InputError(f"{path}: {name} is {values[wrong[0]]:g} {meant.unit} at {t[wrong[0]]:g} s; it must be "
                              f"{meant.interval()}")
-    torque, pressure = (held_lines(t, columns[name]) if name in columns else None for name in INPUTS)
+    torque, pressure = (_lines(t, columns[name], hold or table.hold.get(name, HOLDS[0])) if name in columns else None
+                        for name in INPUTS)
     return Inputs(torque, pressure, float(t[-1]))
 
 
@@ -116,4 +142,4 @@ def twin_of(path: Path, trajectory: Trajectory) -> Twin | None:
         run = read(path).trajectory(0)
         t, slip = run.t - run.t[0], run.slip_speed
     within = (t >= trajectory.t[0]) & (t <= trajectory.t[-1])
-    return Twin(trajectory, t[within], slip[within], path.name) if np.count_nonzero(within) > 1 else None
+    return Twin(trajectory, t[within], slip[within], printable(path.name)) if np.count_nonzero(within) > 1 else None

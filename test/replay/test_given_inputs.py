@@ -2,6 +2,7 @@
 
 import csv
 import math
+import os
 
 import numpy as np
 import pytest
@@ -11,9 +12,11 @@ from tcc_sim.cli import main
 from tcc_sim.errors import InputError
 from tcc_sim.output.samples import write_samples, write_trajectory
 from tcc_sim.plant.driveline import Plant
+from tcc_sim.recording import table as reading
 from tcc_sim.replay.given_inputs import driven_by
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
+from tcc_sim.solvers.terms import terms_of, torques_at
 
 STEPS = 120
 
@@ -113,7 +116,48 @@ def test_what_analyse_writes_of_a_commanded_pressure_drives_as_the_recording_doe
                                         pressure=lambda k: 2e5 + 5e4 * math.cos(0.07 * k)), scene)
     assert main(["analyse", str(path), "--out", str(tmp_path / "run.csv")]) == 0
     inputs, recorded = (driven_by(scene, it).system.inputs for it in (tmp_path / "run.csv", path))
-    assert inputs.pressure[1:, 1] == pytest.approx(recorded.pressure[:, 1])
-    assert inputs.torque[1:, 1] == pytest.approx(recorded.torque[:, 1])
+    assert inputs.pressure == pytest.approx(recorded.pressure, rel=1e-12)
+    assert inputs.torque == pytest.approx(recorded.torque, rel=1e-12)
     with (tmp_path / "run.csv").open() as lines:
         assert next(lines).endswith("actuation_pressure (Pa)\n")
+    slip = [solve(driven_by(scene, it), solver="fixed_step", step=1e-3, duration=0.399).slip_speed
+            for it in (tmp_path / "run.csv", path)]
+    assert np.abs(slip[0] - slip[1]).max() < 1e-9
+
+
+@pytest.mark.parametrize(("hold", "torque"), [(None, 250.0), ("previous", 250.0), ("linear", 275.0), ("next", 300.0)])
+def test_a_table_holds_as_it_was_told(tmp_path, hold, torque):
+    path = table(tmp_path / "in.csv", t=[0.0, 0.1, 0.2], engine_torque=[200.0, 250.0, 300.0])
+    driven = driven_by(load_scene("commands"), path, hold)
+    assert float(torques_at(terms_of(driven.system), np.array([0.15]))[0][0]) == pytest.approx(torque)
+
+
+def test_a_table_that_looks_smooth_is_hinted_at_and_one_of_steps_is_not(tmp_path, capsys):
+    t = np.arange(0.0, 0.2, 1e-3)
+    smooth = table(tmp_path / "smooth.csv", t=t, engine_torque=300.0 + 200.0 * np.sin(150.0 * t))
+    stepped = table(tmp_path / "stepped.csv", t=t, engine_torque=300.0 + 50.0 * np.floor(t / 0.02))
+    for path, words, hinted in ((smooth, [], True), (smooth, ["--hold", "previous"], False), (stepped, [], False)):
+        assert main(["simulate", "commands", "--inputs", str(path), *words]) == 0
+        assert ("--hold linear joins the rows" in capsys.readouterr().out) is hinted
+    assert main(["simulate", "commands", "--hold", "linear"]) == 2
+    assert main(["simulate", "commands", "--hold", "linear", "--inputs", str(tmp_path)]) == 2
+    capsys.readouterr()
+
+
+def test_what_is_no_file_of_a_bounded_size_is_refused_unread(tmp_path, capsys, monkeypatch):
+    os.mkfifo(tmp_path / "pipe.csv")
+    (tmp_path / "zero.csv").symlink_to("/dev/zero")
+    with (tmp_path / "sparse.csv").open("wb") as file:
+        file.truncate(5 << 30)
+    (tmp_path / "line.csv").write_bytes(b"t,engine_torque\n" + bytes(1 << 20))
+    for name, why in (("pipe", "is not a regular file"), ("zero", "is not a regular file"),
+                      ("sparse", "a table has at most"), ("line", "a line of more than 65536 characters")):
+        assert main(["simulate", "commands", "--inputs", str(tmp_path / f"{name}.csv")]) == 2
+        assert why in capsys.readouterr().err
+    rows = iter(range(10**9))
+    monkeypatch.setattr(reading, "_number", lambda text: float(next(rows)))
+    with pytest.raises(InputError, match="it has more than 3 rows"):
+        reading.table_of(table(tmp_path / "long.csv", t=range(5000), engine_torque=[1.0] * 5000), most=3)
+    assert next(rows) == 6  # The rest was not looked at.
+    assert main(["simulate", "commands", "--inputs", "/proc/self/mem"]) == 2
+    assert "/proc/self/mem cannot be read" in capsys.readouterr().err
