@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tcc_sim.errors import InputError, check_folder, check_suffix, require
+from tcc_sim.errors import InputError, check_folder, check_suffix, printable, require
 from tcc_sim.output.files import STANDARD_OUTPUT, check_name, draft, replaceable, write_json
 from tcc_sim.output.terminal import say
 
@@ -240,7 +240,7 @@ def plot_result(arguments: argparse.Namespace, result: Any, title: str = "") -> 
         from tcc_sim.views.plots import plot
 
         with draft(arguments.plot) as part:
-            plot(result, part, arguments.width, title=title)
+            plot(result, part, arguments.width, title=printable(title))
 
 
 def present(arguments: argparse.Namespace, scene: Scene | System, values: Callable[[], Mapping[str, Any]],

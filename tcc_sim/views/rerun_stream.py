@@ -283,9 +283,12 @@ class RerunStream:
 def _create(file: Path) -> None:
     """Create the file, so that a wrong path is known before anything is read."""
     try:
+        str(file).encode()
         file.open("xb").close()
     except FileExistsError:
         raise InputError(f"{file} exists already and is not overwritten") from None
+    except UnicodeEncodeError:
+        raise InputError(f"{file} is not a name in UTF-8, which Rerun needs") from None
     except OSError as error:
         raise InputError(f"{file} cannot be written: {error.strerror}") from None
 

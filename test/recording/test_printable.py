@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import pytest
-from driveline_bags import TICK
+from driveline_bags import TICK, bag, ticked
 
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError, one_line, printable
@@ -25,22 +26,22 @@ TURNED = "\u202egnp\u2066\u200b"
 def recording(tmp_path: Path, cut: bool) -> Path:
     """Every text in it is evil: scene description, topics, types, recorder's figures, what a recovery said."""
     text = load_scene("slip").text().split("\n", 1)[1]
-    bag = BagWriter(tmp_path / "run", f"# a scene {TURNED}\n{text}")
-    states = bag.channel(f"/{EVIL}/joint_states", JOINT_STATE)
-    pressure = bag.channel(f"/{EVIL}/applied_pressure", FLUID_PRESSURE)
-    other = bag.channel(EVIL, EVIL, schema=Definition(EVIL, EVIL))
-    bag.file.note(RECOVERY_RECORD, [EVIL, EVIL * 1000])
+    writer = BagWriter(tmp_path / "run", f"# a scene {TURNED}\n{text}")
+    states = writer.channel(f"/{EVIL}/joint_states", JOINT_STATE)
+    pressure = writer.channel(f"/{EVIL}/applied_pressure", FLUID_PRESSURE)
+    other = writer.channel(EVIL, EVIL, schema=Definition(EVIL, EVIL))
+    writer.file.note(RECOVERY_RECORD, [EVIL, EVIL * 1000])
     for n in range(400):
-        bag.write(states, n, n, cdr.joint_state(n * TICK, 0.1, 0.1, 50.0, 0.0, 300.0, 300.0 if n != 100 else 0.0), n)
+        writer.write(states, n, n, cdr.joint_state(n * TICK, 0.1, 0.1, 50.0, 0.0, 300.0, 300.0 if n != 100 else 0.0), n)
         if n % 7:
-            bag.write(pressure, n, n, cdr.fluid_pressure(n * TICK, 2e5), n)
-        bag.write(other, n, n, b"\0\1\0\0")
-    bag.write(states, 400, 400, b"\0\1\0\0 not of this layout")
-    bag.file.flush()
+            writer.write(pressure, n, n, cdr.fluid_pressure(n * TICK, 2e5), n)
+        writer.write(other, n, n, b"\0\1\0\0")
+    writer.write(states, 400, 400, b"\0\1\0\0 not of this layout")
+    writer.file.flush()
     if cut:
-        bag.abandon()
+        writer.abandon()
     else:
-        bag.close({"lost": {EVIL: 1, EVIL * 100: 2}, "unsent": {EVIL: 3}, "solver": EVIL})
+        writer.close({"lost": {EVIL: 1, EVIL * 100: 2}, "unsent": {EVIL: 3}, "solver": EVIL})
     return tmp_path / "run"
 
 
@@ -82,3 +83,20 @@ def test_the_one_function() -> None:
     assert printable("\ud800") == "\\ud800"
     assert one_line("x" * 5000).count("x") == 1000
     assert str(InputError(EVIL)).isprintable()
+
+
+def test_names_that_are_not_utf_8_are_drawn_escaped_and_refused_where_rerun_cannot_take_them(tmp_path, capsys):
+    pytest.importorskip("matplotlib")
+    name = os.fsdecode(bytes(tmp_path) + b"/r\xff")
+    run = bag(Path(name), ticked(load_scene("fig02"), 900), "fig02")
+    (tmp_path / "scene.yaml").write_text(load_scene("slip").text())
+    os.rename(tmp_path / "scene.yaml", name + ".yaml")
+    assert main(["analyse", str(run), "--plot", name + ".png"]) == 0
+    assert main(["simulate", name + ".yaml", "--cycles", "60", "--plot", str(tmp_path / "a.png")]) == 0
+    assert main(["simulate", "slip", "--inputs", name, "--plot", str(tmp_path / "b.png")]) == 0
+    assert (tmp_path / "a.png").stat().st_size > 10_000
+    capsys.readouterr()
+    pytest.importorskip("rerun")
+    assert main(["analyse", str(run), "--rrd", str(tmp_path / "a.rrd")]) == 0
+    assert main(["analyse", str(run), "--rrd", name + ".rrd"]) == 2
+    assert "is not a name in UTF-8, which Rerun needs" in capsys.readouterr().err
