@@ -82,4 +82,4 @@ def run(arguments: argparse.Namespace) -> int:
         write_samples(arguments.out, samples, recording.scene.text(), recorded=True)
     plot_result(arguments, drawn, arguments.recording.name)
     present(arguments, found.scene, lambda: results, lines)
-    return 0
+    return 1 if found.verification is not None and found.verification.undecided else 0

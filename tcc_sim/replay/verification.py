@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tcc_sim.errors import InputError, counted
 from tcc_sim.model.profile import START
 from tcc_sim.recording.columns import JointStates
+from tcc_sim.recording.stamps import Break
 from tcc_sim.replay.timeline import Timeline
 from tcc_sim.scene import parse_scene
 from tcc_sim.solvers.fixed_step import Stepper
@@ -36,9 +37,10 @@ class Verification:
     """How a recording compares with its own solution.
 
     verified : every recorded value is the one solved again: to the last bit where a run is there from its start, within
-        STEP_TOLERANCE where it is not
+        STEP_TOLERANCE where it is not; and no state was left out for want of an input
     largest_difference : of any value, relative to its signal's maximum; inf where one is not finite
     compared : messages compared
+    solved : of these, those that were solved; a state that a run or a gap leaves without one before it is not
     exact : of these, those that had to agree to the last bit
     first_difference_ns : stamp of the first message that differs by more than it may
     detail : why nothing was compared, or what the first difference may mean
@@ -47,17 +49,25 @@ class Verification:
     verified: bool
     largest_difference: float
     compared: int
+    solved: int
     exact: int
     first_difference_ns: int | None
     detail: str
+
+    @property
+    def undecided(self) -> bool:
+        """Whether nothing differs, and yet not every state could be checked."""
+        return self.compared > 0 and not self.verified and self.first_difference_ns is None
 
     def sentence(self) -> str:
         """The result for people."""
         if self.verified:
             how = "to the last bit" if self.exact == self.compared else (
                 f"within {STEP_TOLERANCE:g} (exactly for {self.exact})")
-            agree = f"{counted(self.compared, 'message')} agree{'s' if self.compared == 1 else ''}"
-            return f"verified: {agree} {how} with the solution from the recording alone{self.detail}"
+            agree = f"{counted(self.solved, 'message')} agree{'s' if self.solved == 1 else ''}"
+            rest = self.compared - self.solved
+            left = f"; {counted(rest, 'message')} with no state before to solve from" if rest else ""
+            return f"verified: {agree} {how} with the solution from the recording alone{left}{self.detail}"
         return f"not verified: {self.detail}"
 
 
@@ -105,7 +115,8 @@ class _Verifier:
         self._exact = False
         self._largest = np.zeros(len(COLUMNS))
         self._size = np.zeros(len(COLUMNS))
-        self._compared = self._exactly = 0
+        self._compared = self._exactly = self._solved = self._unknown = 0
+        self._broken: float | None = None
         self._first: int | None = None
         self._refusal = ""
 
@@ -125,6 +136,7 @@ class _Verifier:
                 begin = 1
                 self._follow_sources(batch.index)
                 solved[0], exact[0] = self._now(recorded[0], pressure[0]), self._exact
+                self._solved += self._exact
                 if not self._exact:
                     solved[0] = recorded[0]
             rows = recorded.tolist()
@@ -139,7 +151,7 @@ class _Verifier:
     def result(self) -> Verification:
         """The verdict on all batches."""
         if self._refusal or not self._compared:
-            return Verification(False, math.inf, 0, 0, None, self._refusal or "the recording holds no joint_states")
+            return Verification(False, math.inf, 0, 0, 0, None, self._refusal or "the recording holds no joint_states")
         ratio = np.divide(self._largest, self._size, out=self._largest.copy(), where=self._size > 0.0)
         largest, detail = float(ratio.max()), ""
         if self._leapt:
@@ -151,7 +163,15 @@ class _Verifier:
                       "version or machine)")
             if any(self._harmonic) and not self._sources:
                 detail += "; the topic input_source was not recorded, so every input counts as commanded"
-        return Verification(self._first is None, largest, self._compared, self._exactly, self._first, detail)
+        elif self._unknown:
+            detail = f"{self._unknown} of {counted(self._compared, 'state')} have no known input"
+        elif self._broken is not None:
+            detail = (f"a run begins at {self._broken:.9g} s after a reset, which leads to 0: messages are missing or "
+                      "mixed up")
+        elif not self._solved:
+            detail = "there is no state before any of them to solve from"
+        verified = self._first is None and self._solved > 0 and not self._unknown and self._broken is None
+        return Verification(verified, largest, self._compared, self._solved, self._exactly, self._first, detail)
 
     def _begin(self, batch: JointStates) -> None:
         """Start on a new run with the scene in force."""
@@ -170,6 +190,8 @@ class _Verifier:
         self._use_scene()
         stepper.tick = self._tick(stamp)
         self._exact = stepper.tick == 0
+        if batch.began is Break.RESET and stepper.tick and self._broken is None:
+            self._broken = stamp * 1e-9
         if not self._exact:
             self._take(batch, 0)
 
@@ -178,7 +200,8 @@ class _Verifier:
         the state of `stamp_ns`; whether there was one.
         """
         latest = None
-        for at, number in self._places[self._next_place:]:
+        while self._next_place < len(self._places):
+            at, number = self._places[self._next_place]
             if at > index or (self._scenes[number].first_stamp_ns > stamp_ns and at == index):
                 break
             latest, self._next_place = number, self._next_place + 1
@@ -220,17 +243,20 @@ class _Verifier:
         begin, end = stepper.tick, self._tick(stamp)
         if end <= begin:
             raise InputError(f"stamp {stamp * 1e-9:.9g} s comes twice")
-        known = (end == begin + 1 or not any(self._topics)) and self._applied_is_known(row[4], pressure)
+        self._follow_sources(index)
+        given = self._applied_is_known(row[4], pressure)
+        self._unknown += not given
+        known = given and (end == begin + 1 or not any(self._topics))
         if known and not self._afford(end - begin):
             known = False
         solved = row
         for tick in range(begin + 1 if known else end, end + 1):
             if self._next_place < len(self._places) and self._take_over(index, round(tick * self._stamp_step)):
                 self._use_scene()
-            self._follow_sources(index)
             self._apply(row[4], pressure)
             if known:
                 solved = _values(*stepper.advance())
+        self._solved += known
         if not known:
             self._exact, stepper.tick = False, end
         if not self._exact:
@@ -252,7 +278,8 @@ class _Verifier:
     def _applied_is_known(self, engine: float, pressure: float) -> bool:
         """Whether the recording holds the inputs of this tick."""
         return not (self._topics[0] and math.isnan(engine)) and not (
-            self._topics[1] and math.isnan(pressure) and not self._harmonic[1])
+            self._topics[1] and math.isnan(pressure)
+            and not (self._harmonic[1] and "actuation_pressure" not in self._commanded))
 
     def _now(self, row: Floats, pressure: float) -> list[float]:
         """What the message of the state as it is should hold."""

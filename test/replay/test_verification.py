@@ -5,6 +5,7 @@ import math
 import pytest
 from driveline_bags import TICK, bag, ticked
 
+from tcc_sim.cli import main
 from tcc_sim.replay.replay import replay
 from tcc_sim.replay.verification import STEP_TOLERANCE
 from tcc_sim.scene import load_scene
@@ -168,3 +169,34 @@ def test_what_the_node_did_not_make_is_said(tmp_path):
     found = verified(tmp_path / "other", ticked(SCENES["fig02"], 200), set_valued)
     assert not found.verified
     assert "set_valued" in found.sentence()
+
+
+def test_states_without_a_known_input_are_not_verified(tmp_path, capsys):
+    rows = ticked(SCENES["commands"], 400, torque=torque, pressure=pressure)
+    unknown = [row if k < 200 else (*row[:-1], math.nan) for k, row in enumerate(rows)]
+    path = bag(tmp_path / "run", [*unknown[:-1], rows[-1]], SCENES["commands"])
+    found = replay(path, verify=True, frequency=150.0)
+    assert not found.verification.verified
+    assert found.verification.sentence() == "not verified: 199 of 400 states have no known input"
+    assert (found.json()["states"], found.json()["solved"]) == (400, 201)
+    assert main(["analyse", str(path), "--verify", "--frequency", "150"]) == 1
+    assert "199 of 400 states have no known input" in capsys.readouterr().out
+
+
+def test_messages_in_the_wrong_order_are_not_verified(tmp_path):
+    """Two that are swapped begin a run, where a difference that lasts would not show."""
+    rows = ticked(SCENES["fig02"], 600)
+    shifted = [(*row[:3], row[3] + 777.0, *row[4:]) if 201 <= k < 300 else row for k, row in enumerate(rows)]
+    for name, given in (("clean", rows), ("shifted", shifted)):
+        mixed = [*given[:200], given[300], *given[201:300], given[200], *given[301:]]
+        found = verified(tmp_path / name, mixed, SCENES["fig02"])
+        assert not found.verified
+        assert name == "shifted" or "begins at 0.201 s after a reset, which leads to 0" in found.sentence()
+
+
+def test_a_reset_with_both_inputs_commanded_is_one_event(tmp_path):
+    sources = []
+    rows = ticked(SCENES["commands"], 900, torque=torque, pressure=pressure, resets=(500,), sources=sources)
+    sources.append((500, 500 * TICK, "engine_torque: fallback, actuation_pressure: fallback"))
+    path = bag(tmp_path / "run", rows, SCENES["commands"], sources=sorted(sources))
+    assert [event.text for event in replay(path, discard=0).control.events] == ["reset or restart"]
