@@ -246,6 +246,35 @@ def read_joint_names(data: bytes) -> tuple[str, list[str]]:
     return frame_id, names
 
 
+def read_diagnostics(data: bytes) -> dict[str, str]:
+    """The values of all statuses of a serialised DiagnosticArray, by key.
+
+    Raises
+    ------
+    ValueError
+        Not a little-endian DiagnosticArray.
+    """
+    kind, found = topics.DIAGNOSTIC_ARRAY, dict[str, str]()
+    _, position = _text_at(data, 12, kind, "replace")
+    statuses, position = _count_at(data, position, kind)
+    for _ in range(statuses):
+        position += 4  # The level, filled up to where the name starts.
+        for _ in range(3):
+            _, position = _text_at(data, position, kind, "replace")
+        values, position = _count_at(data, position, kind)
+        for _ in range(values):
+            key, position = _text_at(data, position, kind, "replace")
+            found[key], position = _text_at(data, position, kind, "replace")
+    return found
+
+
+def _count_at(data: bytes, position: int, kind: str) -> tuple[int, int]:
+    """The length of a sequence, and where it starts."""
+    if len(data) < position + 4:
+        raise ValueError(f"not a little-endian {kind}")
+    return int(_LENGTH.unpack_from(data, position)[0]), position + 4
+
+
 def _text_at(data: bytes, position: int, kind: str, errors: str = "strict") -> tuple[str, int]:
     """A string at a place in a message of this type, and where what follows on a 4-byte boundary starts."""
     if len(data) >= position + 4 and data[1] == HEADER[1]:

@@ -64,21 +64,46 @@ class JointStates:
         return replace(self, index=self.index + first, **columns)
 
 
+class Commanded(NamedTuple):
+    """What was commanded on one topic, (n,) arrays.
+
+    rows : index of the first state that came after each, not descending
+    values : in the unit of the topic
+    answers : stamp of the state that each answers, ns; below 0 where it does not say one
+    """
+
+    rows: NDArray[np.int64]
+    values: Floats
+    answers: NDArray[np.int64]
+
+    def part(self, which: slice) -> Commanded:
+        """Some of them."""
+        return Commanded(self.rows[which], self.values[which], self.answers[which])
+
+    @staticmethod
+    def none() -> Commanded:
+        """Nothing was said."""
+        return Commanded(np.empty(0, np.int64), np.empty(0), np.empty(0, np.int64))
+
+
 @dataclass(frozen=True)
 class Columns:
     """What a recording holds of one driveline.
 
     runs : the states of each run, views of one set of columns
     parts : (n,) index of the first state of each chunk and run
-    commands : what was commanded, by the name of its topic: (n,) index of the first state that came after each, not
-        descending, and value in the unit of the topic
+    commands : what was commanded, by the name of its topic
     sources : what the driveline said of its inputs, in its order
+    publishers : number of those who commanded, by topic
+    counts : what the driveline's diagnostics counted, by key
     """
 
     runs: tuple[JointStates, ...]
     parts: NDArray[np.int64]
-    commands: Mapping[str, tuple[NDArray[np.int64], Floats]]
+    commands: Mapping[str, Commanded]
     sources: tuple[InputSource, ...]
+    publishers: Mapping[str, int]
+    counts: Mapping[str, int]
 
 
 class GrowingStates:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -9,15 +10,20 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from tcc_sim.messages import cdr
 from tcc_sim.recording.announcements import HEAD, LONGEST, MOST_SOURCES, InputSource, read_source
-from tcc_sim.recording.columns import JointStates
+from tcc_sim.recording.columns import Commanded, JointStates
 from tcc_sim.recording.contents import Channel
 from tcc_sim.recording.records import Messages
-from tcc_sim.topics import FLOAT64, FLUID_PRESSURE, HEADER
+from tcc_sim.topics import DIAGNOSTIC_ARRAY, FLOAT64, FLUID_PRESSURE, HEADER
 
 TARGET, SOURCE = "target_slip_speed", "input_source"
 COMMANDS = {"engine_torque": FLOAT64, "actuation_pressure": FLUID_PRESSURE, TARGET: FLOAT64}
 """Topics that tell the driveline or its controller what to do, with their types."""
+_LATEST, _DIGITS = 1 << 31, 19
+DIAGNOSTICS = "/diagnostics"
+COUNTED = ("missed ticks",)
+"""Counts of the driveline's diagnostics, beside those of refused commands."""
 SET_BACK = 50_000_000
 """A clock that goes back by more than this, ns, was set."""
 Floats = NDArray[np.float64]
@@ -26,12 +32,13 @@ Rows = NDArray[np.int64]
 
 
 class _Sent(NamedTuple):
-    """Commands of one topic in one chunk, (n,) arrays: time (ns by the recorder's clock) and value; and how many states
-    came before the chunk and up to its end.
+    """Commands of one topic in one chunk, (n,) arrays: time (ns by the recorder's clock), value, and stamp of the state
+    that each answers (ns); and how many states came before the chunk and up to its end.
     """
 
     times: Stamps
     values: Floats
+    answers: Stamps
     before: int
     until: int
 
@@ -53,6 +60,11 @@ class Commands:
         self._names = {f"{space}/{name}": name for name in (*COMMANDS, SOURCE)}
         self._sent: dict[str, list[_Sent]] = {name: [] for name in COMMANDS}
         self._sources: dict[InputSource, None] = {}
+        self.publishers: dict[str, set[str]] = {}
+        """Who commanded, by topic."""
+        self.counts = Counter[str]()
+        """What drivelines counted, by the keys of their diagnostics that are whole numbers: totals of all of them."""
+        self._counted: dict[str, int] = {}
 
     @property
     def sources(self) -> tuple[InputSource, ...]:
@@ -63,8 +75,11 @@ class Commands:
 
     def take(self, data: bytes, messages: Messages, channels: Mapping[int, Channel], before: int, until: int) -> None:
         """Take one chunk; so many states came before it and up to its end."""
-        found: dict[str, list[tuple[Stamps, Stamps, Floats]]] = {}
+        found: dict[str, list[tuple[Stamps, Stamps, Floats, Stamps]]] = {}
         for number, row in channels.items():
+            if (row.topic, row.type) == (DIAGNOSTICS, DIAGNOSTIC_ARRAY):
+                mine = messages.channel == number
+                self._count(data, messages.offset[mine].tolist(), messages.length[mine].tolist())
             name = self._names.get(row.topic)
             if name is None or row.type != COMMANDS.get(name, HEADER):
                 continue
@@ -75,13 +90,14 @@ class Commands:
             if name == SOURCE:
                 self._announced(data, offset.tolist(), length.tolist())
                 continue
-            offset, log, sent, values = _decoded(np.frombuffer(data, dtype=np.uint8), offset, length, row.type)
+            offset, log, sent, values, answers = _decoded(np.frombuffer(data, dtype=np.uint8), offset, length, row.type)
             if len(offset):
-                found.setdefault(name, []).append((offset, sent + (log - sent).min(), values))
+                self.publishers.setdefault(name, set()).add(row.publisher)
+                found.setdefault(name, []).append((offset, sent + (log - sent).min(), values, answers))
         for name, parts in found.items():
-            offset, times, values = (np.concatenate(columns) for columns in zip(*parts))
+            offset, times, values, answers = (np.concatenate(columns) for columns in zip(*parts))
             order = np.argsort(offset if (np.diff(times) < -SET_BACK).any() else times, kind="stable")
-            self._sent[name].append(_Sent(times[order], values[order], before, until))
+            self._sent[name].append(_Sent(times[order], values[order], answers[order], before, until))
 
     def _announced(self, data: bytes, offsets: Sequence[int], lengths: Sequence[int]) -> None:
         """Take messages that say which inputs a command holds."""
@@ -90,9 +106,22 @@ class Commands:
             if source is not None and len(self._sources) < MOST_SOURCES:
                 self._sources.setdefault(source)
 
-    def beside(self, runs: Sequence[JointStates], parts: Rows) -> dict[str, tuple[Rows, Floats]]:
-        """The commands, (n,) arrays by name: index of the first state that came after each, not descending, and value
-        in the unit of its topic.
+    def _count(self, data: bytes, offsets: Sequence[int], lengths: Sequence[int]) -> None:
+        """Take diagnostics. A count that falls is that of another driveline, which began at 0."""
+        for offset, length in zip(offsets, lengths):
+            try:
+                values = cdr.read_diagnostics(data[offset + HEAD:offset + length])
+            except ValueError:
+                continue
+            for key in (*COUNTED, *(f"{name} refused" for name in COMMANDS)):
+                text = values.get(key, "")
+                if text.isdecimal() and text.isascii() and len(text) < _DIGITS:
+                    before = self._counted.get(key, 0)
+                    self._counted[key] = int(text)
+                    self.counts[key] += int(text) - (before if int(text) >= before else 0)
+
+    def beside(self, runs: Sequence[JointStates], parts: Rows) -> dict[str, Commanded]:
+        """The commands by the name of their topic.
 
         Parameters
         ----------
@@ -128,13 +157,13 @@ class _Clock:
             times += np.repeat(self._shift, np.diff(self._cuts, prepend=0, append=len(times)))
         self._times: Stamps = np.maximum.accumulate(times)
 
-    def rows(self, sent: Sequence[_Sent]) -> tuple[Rows, Floats]:
-        """The states that came after commands, and their values; what came after all states is left out."""
+    def rows(self, sent: Sequence[_Sent]) -> Commanded:
+        """The states that came after commands; what came after all states is left out."""
         times = np.concatenate([self._unrolled(one) if len(self._cuts) else one.times for one in sent])
-        values = np.concatenate([one.values for one in sent])
+        values, answers = (np.concatenate(columns) for columns in zip(*((one.values, one.answers) for one in sent)))
         rows = np.searchsorted(self._times, np.maximum.accumulate(times), side="left")
         inside = rows < len(self._times)
-        return rows[inside].astype(np.int64), values[inside]
+        return Commanded(rows[inside].astype(np.int64), values[inside], answers[inside])
 
     def _unrolled(self, sent: _Sent) -> Stamps:
         """The times of commands with the step of the clock that fits best to the states beside them in the file."""
@@ -149,9 +178,9 @@ class _Clock:
 
 
 def _decoded(array: NDArray[np.uint8], offset: NDArray[np.int64], length: NDArray[np.int64],
-             kind: str) -> tuple[Stamps, Stamps, Stamps, Floats]:
-    """Places in the chunk, times of receipt and of sending (ns) and finite values of messages of one type; others are
-    passed over.
+             kind: str) -> tuple[Stamps, Stamps, Stamps, Floats, Stamps]:
+    """Places in the chunk, times of receipt and of sending (ns), finite values and stamps (ns; -1 for none) of messages
+    of one type; others are passed over.
     """
     if kind == FLOAT64:
         place = offset + 22 + 4
@@ -168,7 +197,12 @@ def _decoded(array: NDArray[np.uint8], offset: NDArray[np.int64], length: NDArra
     offset, place = offset[little], place[little]
     values = sliding_window_view(array, 8)[place].copy().view("<f8")[:, 0]
     finite = np.isfinite(values)
-    return offset[finite].astype(np.int64), *_times(array, offset[finite]), values[finite].astype(np.float64)
+    offset = offset[finite].astype(np.int64)
+    stamps = np.full(len(offset), -1)
+    if kind != FLOAT64:
+        seconds, rest = sliding_window_view(array, 8)[offset + 26].copy().view("<u4").T.astype(np.int64)
+        stamps = np.where(seconds < _LATEST, seconds * 1_000_000_000 + rest, -1)
+    return offset, *_times(array, offset), values[finite].astype(np.float64), stamps
 
 
 def _times(array: NDArray[np.uint8], offset: Stamps) -> tuple[Stamps, Stamps]:

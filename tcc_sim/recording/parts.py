@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from tcc_sim.errors import RecordingError
+from tcc_sim.errors import RecordingError, counted
 from tcc_sim.recording.records import McapRecord, RecordStream
 
-_MOST_PARTS = 100_000
+_MOST_PARTS, _LONGEST_METADATA = 100_000, 1 << 22
 
 
 def parts_of(path: Path) -> list[Path]:
@@ -28,7 +28,12 @@ def parts_of(path: Path) -> list[Path]:
         raise RecordingError(f"{bag} is a bag in SQLite, which is not read; rosbags-convert --src {bag} --dst "
                              f"{bag}_mcap --dst-storage mcap (from pip install rosbags) makes one that is")
     if not paths:
-        raise RecordingError(f"{path} holds no .mcap file")
+        inside = sorted({part.parent for part in path.glob("*/*.mcap")})
+        if len(inside) == 1:
+            return parts_of(inside[0])
+        where = (f": there are some in {inside[0]} and {counted(len(inside) - 1, 'more folder')}; name one of them"
+                 if inside else "")
+        raise RecordingError(f"{path} holds no .mcap file{where}")
     return paths
 
 
@@ -38,10 +43,32 @@ def part_number(path: Path) -> int | None:
     return int(digits) if digits.isdecimal() and digits.isascii() and len(digits) < 19 else None
 
 
-def missing_parts(paths: list[Path]) -> list[int]:
-    """Numbers that are left out between those of the parts of a split recording, and before the first."""
-    numbers = {part_number(path) or 0 for path in paths}
-    return [n for n in range(min(max(numbers), _MOST_PARTS)) if n not in numbers] if len(paths) > 1 else []
+def missing_parts(path: Path, paths: list[Path]) -> list[int]:
+    """Numbers of parts that are left out between those of a split recording and before the first, or that its
+    metadata.yaml names and are not there.
+    """
+    there = {part_number(part) or 0 for part in paths}
+    last = min(max(there), _MOST_PARTS) if len(paths) > 1 else 0
+    listed = {part_number(Path(name)) or 0 for name in _listed(paths[0].parent if path.is_dir() else path)}
+    return sorted((set(range(last)) | listed) - there)
+
+
+def unlisted_parts(path: Path, paths: list[Path]) -> list[str]:
+    """Names of the files that the recording's metadata.yaml does not name; none where there is none."""
+    listed = _listed(paths[0].parent if path.is_dir() else path)
+    return [part.name for part in paths if part.name not in listed] if listed else []
+
+
+def _listed(path: Path) -> set[str]:
+    """The names of the parts that metadata.yaml in a bag directory has."""
+    try:
+        file = path / "metadata.yaml"
+        if file.stat().st_size > _LONGEST_METADATA:
+            return set()
+        lines = file.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError):
+        return set()
+    return {line.strip()[2:].strip("'\"") for line in lines if line.strip().startswith("- ") and line.endswith(".mcap")}
 
 
 def open_file(path: Path) -> BinaryIO:

@@ -27,7 +27,7 @@ from tcc_sim.recording.columns import (
 )
 from tcc_sim.recording.commands import TARGET, Commands
 from tcc_sim.recording.contents import Channel, Contents, chunks, first_channels, together, unpack
-from tcc_sim.recording.parts import missing_parts, open_file, part_number, parts_of, records_of
+from tcc_sim.recording.parts import missing_parts, open_file, part_number, parts_of, records_of, unlisted_parts
 from tcc_sim.recording.records import DamagedChunk, Expansion, Messages, RecordStream, Warnings
 from tcc_sim.recording.stamps import Break, StampCounter
 from tcc_sim.recording.window import Window
@@ -78,6 +78,8 @@ class Run:
                     raise
                 self._left_out.append(f"left out: {error}")
                 self.complete &= part_number(name) is None
+        self._missing = missing_parts(path, paths)
+        self.complete &= not self._missing
         if not self._contents:
             raise RecordingError(self._left_out[0].removeprefix("left out: "))
         self.paths = list(self._contents)
@@ -90,7 +92,7 @@ class Run:
         """Read what a file says of itself."""
         contents = Contents()
         with open_file(path) as file:
-            size = file.seek(0, 2)
+            size = os.fstat(file.fileno()).st_size
             first_channels(records_of(path, RecordStream(file)), contents, JOINT_STATE, Expansion(size))
             stream = RecordStream(file, chunks=False)
             for record in records_of(path, stream):
@@ -186,7 +188,8 @@ class Run:
         if missing:
             self.warnings.append(f"the applied pressure is missing at {counted(missing, 'tick')}")
         self._conclude(refused)
-        return Columns(runs, parts, commands.beside(runs, parts), commands.sources)
+        return Columns(runs, parts, commands.beside(runs, parts), commands.sources,
+                       {name: len(who) for name, who in commands.publishers.items()}, commands.counts)
 
     def _check_memory(self, count: int) -> None:
         """Raise TooManyStates where so many states take more than half of the machine's memory."""
@@ -226,7 +229,7 @@ class Run:
         contents = Contents(channels=dict(known.channels), schemas=dict(known.schemas))
         seen, unchecked = Counter[int](), False
         with open_file(path) as file:
-            stream, expansion = RecordStream(file, warnings=self.warnings), Expansion(file.seek(0, 2))
+            stream, expansion = RecordStream(file, warnings=self.warnings), Expansion(os.fstat(file.fileno()).st_size)
             for chunk, indexes in chunks(records_of(path, stream), contents):
                 try:
                     data, messages = unpack(chunk, indexes, contents, expansion)
@@ -258,9 +261,11 @@ class Run:
             if count:
                 self.warnings.append(f"{counted(count, 'message')} of {topic} with another layout left out")
         self.warnings.extend(self._left_out)
-        if not self.complete and not self._left_out:
+        if not self.complete and not self._left_out and not self._missing:
             self.warnings.append("the recording was cut short: what came after the last flush is missing")
-        if missing := missing_parts(self._given):
+        for name in unlisted_parts(self.path, self._given):
+            self.warnings.append(f"part {one_line(name)} is not one that metadata.yaml names")
+        if missing := self._missing:
             self.warnings.append(f"part {missing[0]} is missing" if len(missing) == 1 else
                                  f"{len(missing)} parts are missing, the first is part {missing[0]}")
         stamps = self.stamps

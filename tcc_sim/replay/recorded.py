@@ -120,7 +120,7 @@ class Recording(Result):
         """What was commanded, by topic: engine_torque (N m), actuation_pressure (Pa), target_slip_speed (rad/s)."""
         runs, found = self.line().runs, {}
         firsts = [states.index for states in runs]
-        for name, (rows, values) in self.line().commands.items():
+        for name, (rows, values, _) in self.line().commands.items():
             number = np.searchsorted(firsts, rows, side="right") - 1
             t = np.concatenate([np.empty(0), *(states.stamp_ns[rows[number == k] - states.index] * 1e-9
                                                for k, states in enumerate(runs))])

@@ -15,13 +15,14 @@ from tcc_sim.analysis.damping import damping_of_cycles
 from tcc_sim.analysis.periodicity import enough_after_a_gap
 from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.analysis.stream import CyclePiece, CycleStream
-from tcc_sim.errors import InputError
+from tcc_sim.errors import InputError, counted, printable
 from tcc_sim.model.parameters import System
 from tcc_sim.output.files import draft
 from tcc_sim.recording.announcements import MOST_SCENES, MOST_SOURCES
 from tcc_sim.recording.columns import JointStates
 from tcc_sim.recording.window import Window
 from tcc_sim.replay.control import signals_of
+from tcc_sim.replay.inputs import command_age, held_inputs
 from tcc_sim.replay.recorded import Recording
 from tcc_sim.replay.result import Replay
 from tcc_sim.replay.segments import MOST_SEGMENTS, segments_of
@@ -92,7 +93,7 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
             part.refuse(run.stamps.runs)
         timing = timing_of(own, frequency, line.runs, frequency_changes(run))
         where = (rrd, spawn, connect) if rrd is not None or spawn or connect is not None else None
-        view = _view(stack, recording.path.name, timing, own, where, run.controlled) if where else None
+        view = _view(stack, printable(recording.path.name), timing, own, where, run.controlled) if where else None
         found = _analysed(recording, line, timing, default_of(discard, timing, own), damping, view, bar, began)
         if verify:
             bar.begin("solving")
@@ -163,7 +164,14 @@ def _analysed(recording: Recording, line: Timeline, timing: Timing, discard: int
                                   elapsed_s=elapsed, stream=stream)
     if count > MOST_SEGMENTS:
         warnings.append(f"only the first {MOST_SEGMENTS} of {count} segments have figures of their own")
+    age = command_age(line, run.stamps.tick)
+    if age is not None and run.stamps.tick and age.median >= run.stamps.tick * 1e-9 and any(
+            segment.tracking is not None for segment in segments):
+        warnings.append(f"commands acted {age.median:.4g} s (median) after the state that they answer, "
+                        f"{counted(round(age.median * 1e9 / run.stamps.tick), 'tick')} late: this delay is a reason of "
+                        "the tracking error")
     return Replay(
+        inputs=held_inputs(line), command_age=age, missed_ticks=line.counts.get("missed ticks"),
         path=recording.path, scene=scene, summary=summary,
         trajectory=trajectory_of(_end_of(states, clock.cycle), system, clock, run.solver), cycles=cycles,
         first_cycle=first, timing=timing, continuity=run.stamps, messages=run.stamps.messages,

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from tcc_sim.analysis.summary import Summary
 from tcc_sim.errors import counted, printable
 from tcc_sim.output.tables import aligned, damping_row, summary_rows
 from tcc_sim.recording.stamps import StampCounter
+from tcc_sim.replay.inputs import CommandAge, HeldInput
 from tcc_sim.replay.segments import Segment
 from tcc_sim.replay.timing import Timing
 from tcc_sim.replay.verification import Verification
@@ -41,6 +43,9 @@ class Replay(Result):
     run : number of that run, counted from 0
     segments : the figures from each start, reset, restart or change of parameters to the next
     verification, damping : where they were asked for
+    inputs : who held each input, by topic
+    command_age : how late commands acted; None where nobody knows
+    missed_ticks : those that the driveline missed in real time; None where no diagnostics were recorded
     """
 
     path: Path
@@ -61,6 +66,9 @@ class Replay(Result):
     segments: tuple[Segment, ...] = ()
     verification: Verification | None = None
     damping: Damping | None = None
+    inputs: Mapping[str, HeldInput] = field(default_factory=dict)
+    command_age: CommandAge | None = None
+    missed_ticks: int | None = None
 
     def __repr__(self) -> str:
         found, ended = self.summary, "complete" if self.complete else "cut short"
@@ -97,10 +105,13 @@ class Replay(Result):
                      tick_s=self.continuity.tick * 1e-9, runs=self.continuity.runs,
                      real_time_factor=json_of(self.pace),
                      segments=[segment.as_json() for segment in self.segments])
+        found.update(inputs={name: json_of(held) for name, held in self.inputs.items()},
+                     command_age=json_of(self.command_age), missed_ticks=self.missed_ticks)
         if self.damping is not None:
             found.update(damping_as_json(self.damping))
         if self.verification is not None:
-            found.update(verified=self.verification.verified,
+            found.update(verified=self.verification.verified, states=self.verification.compared,
+                         solved=self.verification.solved,
                          largest_difference=json_of(self.verification.largest_difference),
                          verification=self.verification.sentence())
         return found
@@ -114,11 +125,17 @@ class Replay(Result):
             stamps += f", {self.continuity.uneven} of them uneven"
         if self.continuity.runs > 1:
             stamps += f"; {self.continuity.runs} runs, the figures are those of the longest"
-        table = [("recording", "complete" if self.complete else "cut short; what was flushed is read"),
+        table = [("recording", self._ended()),
                  ("messages", f"{self.messages} of joint_states, {self.lost_messages} lost"), ("stamps", stamps),
                  *self._pace(),
                  ("frequency", self.timing.sentence()),
                  *summary_rows(self.summary)]
+        for name, held in self.inputs.items():
+            table.append((name.replace("_", " "), f"held {held.sentence()}"))
+        if self.command_age is not None:
+            table.append(("command age", self.command_age.sentence()))
+        if self.missed_ticks:
+            table.append(("missed ticks", f"{self.missed_ticks} in real time"))
         if self.damping is not None:
             table.append(damping_row(self.damping))
         if self.verification is not None:
@@ -132,6 +149,13 @@ class Replay(Result):
         lines = [f"{self.path}: {self.scene.description or self.scene.name}", *aligned(table), *notes]
         return [printable(line) for line in lines]
 
+    def _ended(self) -> str:
+        """Whether all of it is there."""
+        if not self.complete:
+            parts = any(text.endswith(" is missing") or "parts are missing" in text for text in self.warnings)
+            return "not complete: a part is missing" if parts else "cut short; what was flushed is read"
+        return f"closed in order; {counted(self.lost_messages, 'message')} lost" if self.lost_messages else "complete"
+
     def _pace(self) -> list[tuple[str, str]]:
         """The rate that was reached, where real time was recorded."""
         if not math.isfinite(self.pace) or not self.continuity.tick:
@@ -142,4 +166,4 @@ class Replay(Result):
         """The result as a Markdown table."""
         cells = [line.strip().split("  ", 1) for line in self.lines()[1:]]
         table = [f"| {cell[0]} | {cell[1].strip()} |" if len(cell) > 1 else f"| | {cell[0]} |" for cell in cells]
-        return "\n".join([f"# {self.path.name}", "", "| | |", "|---|---|", *table, ""])
+        return "\n".join([f"# {printable(self.path.name)}", "", "| | |", "|---|---|", *table, ""])

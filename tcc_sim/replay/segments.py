@@ -11,15 +11,13 @@ from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-import numpy as np
-
 from tcc_sim.analysis.control import MeansOfCycles, Tracking, tracking
 from tcc_sim.analysis.engine_clock import EngineClock
 from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.analysis.summary import Summary, default_discard
 from tcc_sim.errors import InputError, counted
 from tcc_sim.model.parameters import values_of
-from tcc_sim.recording.columns import JointStates
+from tcc_sim.recording.columns import Commanded, JointStates
 from tcc_sim.recording.commands import TARGET
 from tcc_sim.replay.timeline import Timeline, slip_between_gaps
 from tcc_sim.result import json_of
@@ -69,6 +67,8 @@ class Segment:
         if self.tracking is not None:
             t = self.tracking
             settled = f"settled after {t.settling_time:.4g} s" if math.isfinite(t.settling_time) else "not settled"
+            if not math.isfinite(t.mean_slip):
+                return [*out, ("", f"target {t.target:g} rad/s: no whole engine cycle to judge it by")]
             out.append(("", f"target {t.target:g} rad/s: mean {t.mean_slip:.6g}, rms error {t.rms_error:.4g}, largest "
                             f"{t.largest_error:.4g}, overshoot {t.overshoot:.4g} rad/s, {settled}"))
         return out
@@ -89,7 +89,7 @@ class Cut:
 
 def cuts_of(line: Timeline) -> list[Cut]:
     """Cut a recording into segments."""
-    rows, values = line.commands.get(TARGET, (np.empty(0, np.int64), np.empty(0)))
+    rows, values, _ = line.commands.get(TARGET, Commanded.none())
     targets, changes = deque(zip(rows.tolist(), values.tolist())), deque(line.changes)
     found: list[Cut] = []
     scene, target = line.scene, None

@@ -13,7 +13,7 @@ from tcc_sim.analysis.engine_clock import EngineClock
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
 from tcc_sim.recording.announcements import MOST_SCENES, SceneRecord
-from tcc_sim.recording.columns import JointStates
+from tcc_sim.recording.columns import Commanded, JointStates
 from tcc_sim.recording.commands import TARGET, Rows
 from tcc_sim.recording.places import places_of
 from tcc_sim.recording.reader import Run
@@ -33,25 +33,29 @@ class Timeline:
     scene : the first
     scenes : all that the recording holds
     places : (index of a state, number of the scene that holds from it on), not descending
-    commands : by topic, (n,) index of the first state that came after each and value
+    commands : by topic
     sources : index of a state, and the inputs that a command held from there on
     starts : (n,) index of the first state of each chunk and run
+    publishers : number of those who commanded, by topic
+    counts : what the driveline's diagnostics counted, by key; of the whole recording
     """
 
     runs: tuple[JointStates, ...]
     scene: Scene
     scenes: Sequence[SceneRecord]
     places: tuple[tuple[int, int], ...]
-    commands: Mapping[str, tuple[Rows, Floats]]
+    commands: Mapping[str, Commanded]
     sources: Held
     starts: Rows
+    publishers: Mapping[str, int]
+    counts: Mapping[str, int]
 
     def within(self, window: Window) -> Timeline:
         """The part of it that lies in a window; what was commanded before it holds from its first state on."""
         if window.all:
             return self
         runs = tuple(states[rows] for states in self.runs for rows in [window.rows(states)] if rows.stop > rows.start)
-        return replace(self, runs=runs, commands={name: _within(runs, *said) for name, said in self.commands.items()})
+        return replace(self, runs=runs, commands={name: _within(runs, said) for name, said in self.commands.items()})
 
     @cached_property
     def changes(self) -> list[tuple[int, Scene]]:
@@ -71,23 +75,21 @@ class Timeline:
 
     def target_before(self, index: int) -> float | None:
         """The target slip speed that was said last before a state."""
-        rows, values = self.commands.get(TARGET, (np.empty(0, np.int64), np.empty(0)))
+        rows, values, _ = self.commands.get(TARGET, Commanded.none())
         count = int(np.searchsorted(rows, index))
         return float(values[count - 1]) if count else None
 
 
-def _within(runs: Sequence[JointStates], rows: Rows, values: Floats) -> tuple[Rows, Floats]:
+def _within(runs: Sequence[JointStates], said: Commanded) -> Commanded:
     """The commands beside states; of those before each stretch of them the last, at its first state."""
-    places, found, done = [np.empty(0, np.int64)], [np.empty(0)], 0
+    found, done, rows = [Commanded.none()], 0, said.rows
     for states in runs:
         begin, end = np.searchsorted(rows, [states.index + 1, states.index + len(states)]).tolist()
         if begin > done:
-            places.append(np.array([states.index]))
-            found.append(values[begin - 1:begin])
-        places.append(rows[begin:end])
-        found.append(values[begin:end])
+            found.append(said.part(slice(begin - 1, begin))._replace(rows=np.array([states.index])))
+        found.append(said.part(slice(begin, end)))
         done = end
-    return np.concatenate(places), np.concatenate(found)
+    return Commanded(*(np.concatenate(columns) for columns in zip(*found)))
 
 
 def timeline_of(run: Run, scene: Scene, window: Window | None = None) -> Timeline:
@@ -102,7 +104,7 @@ def timeline_of(run: Run, scene: Scene, window: Window | None = None) -> Timelin
     places, sources = places_of(run.scenes[:MOST_SCENES], found.runs), places_of(found.sources, found.runs)
     held = tuple((place.index, found.sources[place.number].commanded) for place in sources)
     line = Timeline(found.runs, scene, run.scenes, tuple((place.index, place.number) for place in places),
-                    found.commands, held, found.parts)
+                    found.commands, held, found.parts, found.publishers, found.counts)
     return line if window is None else line.within(window)
 
 

@@ -13,6 +13,7 @@ from tcc_sim.cli import main
 from tcc_sim.errors import RecordingError
 from tcc_sim.messages import cdr
 from tcc_sim.recording.bag import BagWriter
+from tcc_sim.recording.parts import part_number
 from tcc_sim.recording.reader import open_run
 from tcc_sim.replay.replay import replay
 from tcc_sim.scene import load_scene
@@ -246,3 +247,28 @@ def test_a_scene_longer_than_the_limit_of_a_part_does_not_fill_it(tmp_path):
     filled(writer, range(100))
     writer.close()
     assert [path.name for path in (tmp_path / "run").glob("*.mcap")] == ["run_0.mcap"]
+
+
+def test_a_missing_middle_part_and_one_that_nobody_listed_are_said(tmp_path, capsys):
+    path = bag(tmp_path / "run", ticked(load_scene("fig02"), 900), "fig02", max_duration=0.3)
+    shutil.copy(path / "run_0.mcap", path / "foreign_7.mcap")
+    (path / "run_1.mcap").unlink()
+    run = open_run(path)
+    run.states()
+    assert not run.complete
+    assert "part foreign_7.mcap is not one that metadata.yaml names" in run.warnings
+    (path / "foreign_7.mcap").unlink()
+    (path / f"run_{max(part_number(part) for part in path.glob('*.mcap'))}.mcap").unlink()
+    run = open_run(path)
+    run.states()
+    assert "2 parts are missing, the first is part 1" in run.warnings
+    assert not run.complete
+
+
+def test_a_bag_in_the_folder_is_taken_and_of_several_one_is_to_be_named(tmp_path, capsys):
+    bag(tmp_path / "out" / "recording", ticked(load_scene("fig02"), 900), "fig02")
+    assert main(["analyse", str(tmp_path / "out")]) == 0
+    bag(tmp_path / "out" / "second", ticked(load_scene("fig02"), 10), "fig02")
+    capsys.readouterr()
+    assert main(["analyse", str(tmp_path / "out")]) == 2
+    assert "there are some in" in capsys.readouterr().err
