@@ -132,9 +132,12 @@ def _advance(starts: Floats, first: float, step: float, n: int, terms: Terms, pr
         _keep(state, room, states[j, 0], derivatives[j, 0])
         for k in range(width):
             tick = j * width + k
-            applied = _over(terms, profile, held[tick, 0], held[tick, 1])
             for i in range(n):
                 start, left = first + tick * step + i * h, h
+                # An input that is linear over the tick is held over each sub-step at its value in the middle.
+                share = (i + 0.5) / n
+                applied = _over(terms, profile, held[tick, 0, 0] + share * (held[tick, 1, 0] - held[tick, 0, 0]),
+                                held[tick, 0, 1] + share * (held[tick, 1, 1] - held[tick, 0, 1]))
                 part = break_after(profile, start, left)
                 while part < left:
                     _sub_step(state, start, part, plate_of(part * GAMMA, terms.linear), applied, by, room)
@@ -156,8 +159,8 @@ def advance_windows(starts: Floats, first: float, step: float, width: int, n: in
     first, step : time of the first window's start and length of a tick, s
     n : sub-steps of a tick
     terms : of the smoothed law
-    held : (m width, 2) engine torque and saturation torque, N m, held over each tick beside those of `terms`, whose
-        sum with the latter is at least 0; None where there are none
+    held : (m width, 2, 2) engine torque and saturation torque, N m, at the start and at the end of each tick, linear
+        between, beside those of `terms`, whose sum with the latter is at least 0; None where there are none
     by : (ROWS, P) derivatives of the numbers of the equations by the keys: `key_derivatives`, then LOAD_SCALE
 
     Returns
@@ -168,7 +171,7 @@ def advance_windows(starts: Floats, first: float, step: float, width: int, n: in
     states, derivatives, columns = np.empty(shape), np.empty((*shape, count)), np.zeros((ROWS, count))
     columns[:, 3:] = by
     if held is None:
-        held = np.zeros((len(starts) * width, 2))
+        held = np.zeros((len(starts) * width, 2, 2))
     _advance(starts, first, step, n, terms, None if terms.profile is None else terms.profile.copy(), held, columns,
              states, derivatives, np.empty(3), np.empty((3, 3, count)))
     return states, derivatives

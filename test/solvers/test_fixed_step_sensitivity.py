@@ -36,7 +36,8 @@ def columns(system: System) -> np.ndarray:
 def swept(system: System, held: np.ndarray | None = None,
           by: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     terms = terms_of(system) if held is None else holding(terms_of(system), 0.0, 0.0)
-    return advance_windows(STARTS, 0.7, STEP, WIDTH, substeps(terms_of(FIG02), STEP) + 3, terms, held,
+    return advance_windows(STARTS, 0.7, STEP, WIDTH, substeps(terms_of(FIG02), STEP) + 3, terms,
+                           None if held is None else np.repeat(held[:, None], 2, axis=1),
                            columns(system) if by is None else by)
 
 
