@@ -15,6 +15,9 @@ from tcc_sim.errors import InputError, counted
 if TYPE_CHECKING:
     from tcc_sim.estimation.identify import Identification
 
+WORDS = {"previous": "held from each sample on (--hold previous)", "linear": "linear between samples (--hold linear)",
+         "next": "held up to each sample (--hold next)"}
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What was measured, what is free, and where the results go."""
@@ -29,6 +32,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of the scene")
     parser.add_argument("--noise", metavar="CHANNEL=S,...",
                         help="standard deviations, such as slip_speed=0.1,plate_speed=0.1 (default: estimated)")
+    parser.add_argument("--hold", choices=list(WORDS),
+                        help="what a measured input is between two samples: the value of the previous one, linear, or "
+                        "the value of the next one (default: what fits best)")
     parser.add_argument("--likelihood", metavar="KEY", help="work out the profile likelihood of a free key too")
     add_outputs(parser, "everything that was found", "the scene with the values found", "SCENE.yaml")
 
@@ -53,7 +59,8 @@ def run(arguments: argparse.Namespace) -> int:
                  for k, v in (_assigned("--noise", word) for word in arguments.noise.split(","))}
     check_outputs(arguments, [".yaml"])
     with progress_bar("iteration") as bar:
-        found = identify(measured, free, scene=scene, noise=noise, likelihood=arguments.likelihood, tick=bar.update)
+        found = identify(measured, free, scene=scene, noise=noise, hold=arguments.hold,
+                         likelihood=arguments.likelihood, tick=bar.update)
     plot_result(arguments, found, scene.name)
     present(arguments, scene, found.as_json, _lines(found))
     if not found.accepted:
@@ -69,6 +76,8 @@ def _lines(found: Identification) -> Iterator[str]:
     """The verdicts."""
     yield (f"{counted(len(found.measurement.t), 'sample')} of {', '.join(found.noise)}; chi-square a degree of freedom "
            f"{found.chi2_per_dof:.4g}, {counted(found.starts, 'start')}, {found.seconds:.3g} s")
+    if found.hold is not None:
+        yield f"measured inputs fit best as {WORDS[found.hold]}"
     for p in found.parameters:
         yield f"{p.key:>31}  {p.value:<11.6g} +- {p.standard_error:<9.2g} {p.verdict}: {p.why}"
 

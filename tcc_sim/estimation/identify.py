@@ -15,30 +15,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from tcc_sim.errors import InputError, NumericalFailure
-from tcc_sim.estimation.measurement import Measurement, noise_of, read_recording, read_table
+from tcc_sim.estimation.likelihood import Likelihood, profile_likelihood
+from tcc_sim.estimation.measurement import HOLDS, Measurement, noise_of, read_recording, read_table
 from tcc_sim.estimation.multiple_shooting import Fit, fit
+from tcc_sim.estimation.residuals import Whiteness, judge_residuals
 from tcc_sim.estimation.settings import DEFAULTS, FitSettings, Gates
-from tcc_sim.estimation.verdicts import Parameter, judged, why_not
-from tcc_sim.estimation.windows import KINETIC, OFFSETS, STATIC, Model, check_key
+from tcc_sim.estimation.units import check_units
+from tcc_sim.estimation.verdicts import Parameter, judged, why_no_noise, why_not
+from tcc_sim.estimation.windows import KINETIC, OFFSETS, STATIC, Model, apart, check_key
 from tcc_sim.model.parameters import QUANTITIES, values_of
-from tcc_sim.model.parameters import replace as changed
 from tcc_sim.recording.table import CHANNELS
 from tcc_sim.result import Result, json_of
 from tcc_sim.scene import Scene, SceneLike, as_scene
 from tcc_sim.trajectory import Floats
-
-
-@dataclass(frozen=True)
-class Likelihood:
-    """The profile likelihood of one parameter: the least chi-square, over that of the fit, while it is held."""
-
-    key: str
-    values: Floats
-    excess: Floats
 
 
 @dataclass(frozen=True, repr=False)
@@ -47,7 +39,9 @@ class Identification(Result):
 
     parameters : in the order that they were asked for
     correlations : (P, P)
-    chi2_per_dof : of the residuals over the noise
+    chi2_per_dof : of the residuals over the noise, as it was given or as the signals show it
+    whiteness : whether the residuals are noise, white or coloured
+    hold : what a measured input is between two samples: the value of the previous one, linear, or that of the next one
     accepted : whether that is a fit
     why : what speaks against it, empty where it is one
     noise : standard deviation by channel, in its unit
@@ -70,6 +64,8 @@ class Identification(Result):
     scene: Scene
     measurement: Measurement
     residuals: dict[str, Floats]
+    whiteness: Whiteness
+    hold: str | None
     likelihood: Likelihood | None = None
 
     def __repr__(self) -> str:
@@ -82,14 +78,14 @@ class Identification(Result):
 
     def as_json(self) -> dict[str, Any]:
         """The JSON values of `identify --json`."""
-        names = ("parameters", "correlations", "chi2_per_dof", "accepted", "why", "noise", "windows", "starts",
-                 "seconds", "likelihood")
+        names = ("parameters", "correlations", "chi2_per_dof", "accepted", "why", "whiteness", "noise", "hold",
+                 "windows", "starts", "seconds", "likelihood")
         return {name: json_of(found) for name in names if (found := getattr(self, name)) is not None}
 
 
 def identify(measured: Measurement | str | Path, free: Mapping[str, float | None] | Sequence[str], *,
-             scene: SceneLike | None = None, noise: Mapping[str, float] | None = None, likelihood: str | None = None,
-             settings: FitSettings | None = None, gates: Gates | None = None,
+             scene: SceneLike | None = None, noise: Mapping[str, float] | None = None, hold: str | None = None,
+             likelihood: str | None = None, settings: FitSettings | None = None, gates: Gates | None = None,
              tick: Callable[[], None] | None = None) -> Identification:
     """Free parameters of a scene from a measurement.
 
@@ -99,6 +95,8 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
     free : keys of `windows.FREE`, each with its start (None: the scene's value; 0 for an offset)
     scene : scene, system, name or file: what is not free, and what inputs were not measured; a recording has its own
     noise : standard deviation by channel, rad/s or rad; what is absent is estimated from the signal
+    hold : of `measurement.HOLDS`, what a measured input is between two samples; None takes what the measurement says of
+        itself, or the one that fits best
     likelihood : key whose profile likelihood is wanted
     tick : called after every iteration
 
@@ -127,25 +125,34 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
     keys = tuple(starts)
     _check(scene, keys, likelihood)
     levels = _noise(measured, noise)
-    model = Model(scene.system, keys, measured)
     begin = np.array(list(starts.values()))
-    limit = gates.known if noise and set(noise) >= set(levels) else gates.estimated
-    best, tried = _best(model, levels, begin, limit, settings, gates, tick)
-    joined = best.gap <= gates.gap
-    if limit == gates.estimated and best.chi2 < limit and joined:   # Residuals tell the noise better than the signal.
-        levels = _noise_of_residuals(measured, best)
+    limits = _limits(measured, levels, noise, gates)
+    holds = _holds(measured, hold)
+    check_units(Model(scene.system, keys, replace(measured, hold=holds[0])), begin, settings)
+    best, model, tried = _best_held([Model(scene.system, keys, replace(measured, hold=each)) for each in holds], levels,
+                                    begin, limits, settings, gates, tick)
+    measured = model.measured
+    chi2, joined, exact = best.chi2, best.gap <= gates.gap, False
+    limit = limits(best)
+    if chi2 < limit and joined and not _all_given(levels, noise):   # Residuals tell the noise better than the signal.
+        levels, exact = _noise_of_residuals(measured, best)
         best = fit(model, levels, best.values, settings, settings.stages[-1:], best.starts, tick)
-    accepted = best.chi2 < limit and joined
-    errors = np.sqrt(np.maximum(np.diag(best.covariance), 0.0))
-    correlations = best.covariance / np.outer(errors, errors)
+    white, covariance = judge_residuals(model, levels, best, settings, exact)
+    why = why_not(best, model, begin, levels, chi2, limit, gates) if chi2 >= limit or not joined \
+        else why_no_noise(white, gates)
+    accepted = not why
+    errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    correlations = covariance / np.outer(errors, errors)
     named = {k: float(v) for k, v in zip(keys, best.values) if k not in OFFSETS}
+    profile = None
+    if likelihood is not None and accepted:
+        profile = profile_likelihood(model, levels, settings, best, likelihood, errors)
     return Identification(
-        tuple(judged(keys, i, float(begin[i]), best, errors, correlations, accepted, gates, measured.step)
-              for i in range(len(keys))),
-        correlations, best.chi2, accepted, "" if accepted else why_not(best, model, begin, levels, limit, gates),
-        levels, len(best.starts), tried, time.perf_counter() - began,
-        scene.with_values(named) if accepted else scene, measured, best.residuals,
-        _profile(model, levels, settings, best, likelihood, errors) if likelihood is not None and accepted else None)
+        tuple(judged(model, i, float(begin[i]), best, errors, correlations, accepted, gates,
+                     white.hidden.get(keys[i])) for i in range(len(keys))),
+        correlations, chi2, accepted, why, levels, len(best.starts), tried, time.perf_counter() - began,
+        scene.with_values(named) if accepted else scene, measured, best.residuals, white, measured.hold,
+        profile)
 
 
 def _check(scene: Scene, keys: tuple[str, ...], likelihood: str | None) -> None:
@@ -157,10 +164,24 @@ def _check(scene: Scene, keys: tuple[str, ...], likelihood: str | None) -> None:
                          "limit for a large friction.smoothing it is")
 
 
-def _noise_of_residuals(measured: Measurement, best: Fit) -> dict[str, float]:
-    """Standard deviation of what a fit leaves, by channel: no less than what counts as exact."""
+def _all_given(levels: Mapping[str, float], noise: Mapping[str, float] | None) -> bool:
+    """Whether the noise of every channel was given."""
+    return set(noise or ()) >= set(levels)
+
+
+def _limits(measured: Measurement, levels: Mapping[str, float], noise: Mapping[str, float] | None,
+            gates: Gates) -> Callable[[Fit], float]:
+    """The largest chi-square a degree of freedom of a fit: its distribution's, and that of an estimate of the noise."""
+    samples = len(measured.t) * len(levels)
+    guessed = 0.0 if _all_given(levels, noise) else gates.guessed**2 / samples
+    return lambda found: 1.0 + gates.beyond * math.sqrt(2.0 / found.freedom + guessed)
+
+
+def _noise_of_residuals(measured: Measurement, best: Fit) -> tuple[dict[str, float], bool]:
+    """Standard deviation of what a fit leaves, by channel: at least what counts as exact; and whether all are."""
     least = {name: DEFAULTS.exact * float(np.abs(column).max()) for name, column in measured.channels.items()}
-    return {name: max(float(np.sqrt(np.mean(column**2))), least[name]) for name, column in best.residuals.items()}
+    left = {name: float(np.sqrt(np.mean(column**2))) for name, column in best.residuals.items()}
+    return {name: max(left[name], least[name]) for name in left}, all(left[name] <= least[name] for name in left)
 
 
 def given(measured: Measurement | str | Path, scene: Scene | None = None) -> tuple[Measurement, Scene]:
@@ -201,7 +222,7 @@ def _starts(scene: Scene, free: Mapping[str, float | None] | Sequence[str]) -> d
             raise InputError(f"{key} begins at {out[key]:g} {QUANTITIES[key].unit}; the start must be above 0")
     kinetic = out.get(KINETIC, values[KINETIC])
     if STATIC in out:
-        out[STATIC] = max(out[STATIC], float(kinetic) * DEFAULTS.least_ratio)  # type: ignore[arg-type]
+        out[STATIC] = apart(out[STATIC], float(kinetic), DEFAULTS.least_ratio)  # type: ignore[arg-type]
     scene.with_values({k: v for k, v in out.items() if k not in OFFSETS})
     return out
 
@@ -216,11 +237,39 @@ def _noise(measured: Measurement, given: Mapping[str, float] | None) -> dict[str
     return {name: float((given or {}).get(name, 0.0)) or noise_of(column) for name, column in measured.channels.items()}
 
 
-def _best(model: Model, levels: dict[str, float], begin: Floats, limit: float, settings: FitSettings, gates: Gates,
-          tick: Callable[[], None] | None) -> tuple[Fit, int]:
+def _holds(measured: Measurement, hold: str | None) -> tuple[str | None, ...]:
+    """What a measured input may be between two samples, as told; all that it could be where nothing is."""
+    if hold is not None and hold not in HOLDS:
+        raise InputError(f"hold is {hold!r}; it must be {', '.join(HOLDS[:-1])} or {HOLDS[-1]}")
+    if not measured.inputs:
+        return (None,)
+    known = hold or measured.hold
+    return HOLDS if known is None else (known,)
+
+
+def _best_held(models: list[Model], levels: dict[str, float], begin: Floats, limits: Callable[[Fit], float],
+               settings: FitSettings, gates: Gates, tick: Callable[[], None] | None) -> tuple[Fit, Model, int]:
+    """The best fit of the first model, and of the others from there; its model, and how many starts were tried."""
+    best, tried = _best(models[0], levels, begin, limits, settings, gates, tick)
+    out = best, models[0], tried
+    for model in models[1:]:
+        try:
+            if best.gap <= gates.gap:
+                found = fit(model, levels, best.values, settings, settings.stages[-1:], best.starts, tick)
+            else:
+                found = fit(model, levels, begin, settings, tick=tick)
+        except (NumericalFailure, RuntimeError):
+            continue
+        if (found.gap > gates.gap, found.chi2) < (out[0].gap > gates.gap, out[0].chi2):
+            out = found, model, tried
+    return out
+
+
+def _best(model: Model, levels: dict[str, float], begin: Floats, limits: Callable[[Fit], float], settings: FitSettings,
+          gates: Gates, tick: Callable[[], None] | None) -> tuple[Fit, int]:
     """The best of the fits from starts around `begin`, up to the first one below the limit, and how many were tried."""
     best: Fit | None = None
-    tried = 0
+    tried, work = 0, 0.0
     for values in _around(model.keys, begin, gates):
         tried += 1
         try:
@@ -229,7 +278,8 @@ def _best(model: Model, levels: dict[str, float], begin: Floats, limit: float, s
             continue
         if best is None or (found.gap > gates.gap, found.chi2) < (best.gap > gates.gap, best.chi2):
             best = found
-        if found.chi2 < limit and found.gap <= gates.gap:
+        work += found.work
+        if (found.chi2 < limits(found) and found.gap <= gates.gap) or work > gates.work:
             break
     if best is None:
         raise InputError("the scene cannot be solved from what was measured; is it the right scene?")
@@ -244,34 +294,7 @@ def _around(keys: tuple[str, ...], begin: Floats, gates: Gates) -> list[Floats]:
         values = np.where([k in OFFSETS for k in keys], begin, begin * (1.0 + gates.spread * (2.0 * point - 1.0)))
         if STATIC in keys and KINETIC in keys:
             at = keys.index(STATIC)
-            values[at] = max(values[at], values[keys.index(KINETIC)] * 1.02)
+            other = keys.index(KINETIC)
+            values[at] = apart(values[at], values[other], 1.02, falls=begin[at] >= begin[other])
         out.append(values)
     return out
-
-
-def _profile(model: Model, noise: dict[str, float], settings: FitSettings, found: Fit, key: str,
-             errors: Floats) -> Likelihood:
-    """The least chi-square while `key` is held at values around its own, the others being fitted again."""
-    at = model.keys.index(key)
-    held = [k for k in model.keys if k != key]
-    values = found.values[at] + errors[at] * np.linspace(-3.0, 3.0, 13)
-    excess: NDArray[np.float64] = np.full(len(values), np.nan)
-    samples = sum(len(r) for r in found.residuals.values())
-    least = found.chi2 * max(samples - len(model.keys) - 3, 1)
-    for i, value in enumerate(values):
-        try:
-            fixed = {key: float(value)}
-            if key in OFFSETS:
-                name = OFFSETS[key]
-                inputs = {**model.measured.inputs}
-                if name not in inputs:
-                    continue
-                inputs[name] = inputs[name] - value
-                other = Model(model.system, tuple(held), replace(model.measured, inputs=inputs))
-            else:
-                other = Model(changed(model.system, fixed), tuple(held), model.measured)
-            again = fit(other, noise, np.delete(found.values, at), settings, settings.stages[-1:], found.starts)
-        except (NumericalFailure, InputError, RuntimeError):
-            continue
-        excess[i] = again.chi2 * max(samples - len(held) - 3, 1) - least
-    return Likelihood(key, values, excess)

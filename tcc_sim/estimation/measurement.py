@@ -15,6 +15,9 @@ from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.topics import INPUTS
 from tcc_sim.trajectory import Floats
 
+HOLDS = ("previous", "linear", "next")
+"""What an input is between two samples: the value of the previous one, linear, or the value of the next one."""
+
 
 @dataclass(frozen=True)
 class Measurement:
@@ -22,8 +25,9 @@ class Measurement:
 
     t : (n,) s, of simulation time: the engine torque of a scene is at its phase there
     channels : (n,) arrays by name of CHANNELS; slip_speed is always there
-    inputs : (n,) arrays by name of INPUTS, each value held from its sample to the next; what is absent comes from the
-        scene
+    inputs : (n,) arrays by name of INPUTS; what is absent comes from the scene
+    hold : of HOLDS, between two samples an input has the value of the previous one, of the next one, or is linear; None
+        where that is not known
     source : where it is from, for sentences
     """
 
@@ -31,6 +35,7 @@ class Measurement:
     channels: dict[str, Floats]
     inputs: dict[str, Floats] = field(default_factory=dict)
     source: str = "the measurement"
+    hold: str | None = None
 
     @property
     def step(self) -> float:
@@ -106,7 +111,7 @@ def read_recording(path: Path) -> tuple[Measurement, Scene]:
     if scene.system.pressure.source == "topic" and states.applied_pressure is not None:
         inputs["actuation_pressure"] = _held(states.applied_pressure)
     channels = {"slip_speed": states.flywheel_speed - states.plate_speed, "plate_speed": states.plate_speed}
-    return Measurement(states.stamp_ns.astype(np.float64) * 1e-9, channels, inputs, str(path)), scene
+    return Measurement(states.stamp_ns.astype(np.float64) * 1e-9, channels, inputs, str(path), HOLDS[0]), scene
 
 
 def _held(applied: Floats) -> Floats:

@@ -16,14 +16,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solveh_banded
 
 from tcc_sim.errors import NumericalFailure
+from tcc_sim.estimation.normal_equations import Normal
 from tcc_sim.estimation.settings import DEFAULTS, FitSettings, Stage
 from tcc_sim.estimation.windows import (
     KINETIC,
@@ -31,6 +31,7 @@ from tcc_sim.estimation.windows import (
     STATIC,
     Model,
     Sensitivities,
+    apart,
     sensitivities,
     states_of,
 )
@@ -49,6 +50,8 @@ class Fit:
     starts : (m, 3) of the windows
     residuals : by channel (n,), in its unit
     chi2 : sum of squared residuals over the noise, a degree of freedom
+    freedom : number of these degrees
+    work : sub-steps times derivatives that were worked out
     gap : largest gap between windows, by the root of its weight: above some units the windows are not one motion
     """
 
@@ -58,6 +61,8 @@ class Fit:
     residuals: dict[str, Floats]
     chi2: float
     gap: float
+    freedom: int
+    work: float = 0.0
 
 
 def fit(model: Model, noise: dict[str, float], values: Floats, settings: FitSettings, stages: tuple[Stage, ...] = (),
@@ -77,7 +82,7 @@ def fit(model: Model, noise: dict[str, float], values: Floats, settings: FitSett
     NumericalFailure
         The solution cannot be computed at the start.
     """
-    width = 0
+    width, work = 0, 0.0
     for stage in stages or settings.stages:
         problem = MultipleShooting(model, noise, settings, stage.window)
         if starts is None:
@@ -86,15 +91,16 @@ def fit(model: Model, noise: dict[str, float], values: Floats, settings: FitSett
             starts = problem.regrouped(starts, width, values)
         width = problem.width
         values, starts = problem.descend(values, starts, stage, tick)
+        work += problem.work
     assert starts is not None
-    return problem.result(values, starts, stage.weight)
+    return replace(problem.result(values, starts, stage.weight), work=work)
 
 
 class MultipleShooting:
     """The least-squares problem of one measurement in windows of one length, s."""
 
     def __init__(self, model: Model, noise: dict[str, float], settings: FitSettings, window: float) -> None:
-        self.model, self.settings = model, settings
+        self.model, self.settings, self.work = model, settings, 0.0
         measured = model.measured
         self.width = min(max(4, round(window / measured.step)), len(measured.t) // 2)
         self.count = len(measured.t) // self.width
@@ -144,11 +150,12 @@ class MultipleShooting:
             rows = self._rows(found.states, starts, stage.weight)
             limit = stage.robust * max(1.0, float(np.median(np.mean(rows**2, axis=1))))
             cost, gain = self._cost(rows, limit), 0.0
-            normal = self._normal(rows, found, values, stage.weight, limit)
+            normal = self._normal(rows, self._scaled(found, values), stage.weight, limit)
             while damping < 1e8:
                 try:
                     by_start, by_key, _ = normal.solved(damping)
                     tried, moved = self._moved(values, by_key), starts + by_start * self.scales
+                    self.work += n * self.count * self.width * (3.0 + len(values))
                     there = sensitivities(self.model, moved, self.width, tried, n)
                     now = self._cost(self._rows(there.states, moved, stage.weight), limit)
                 except (NumericalFailure, np.linalg.LinAlgError):
@@ -176,16 +183,21 @@ class MultipleShooting:
         return np.where((there < own)[:, None], ends, starts)
 
     def _moved(self, values: Floats, step: Floats) -> Floats:
-        """The parameters after a step: of their logarithms, but for offsets; mu_s stays above mu_k."""
+        """The parameters after a step: of their logarithms, but for offsets; mu_s stays on its side of mu_k."""
         limited = np.clip(step, -self.settings.largest_step, self.settings.largest_step)
         out: Floats = np.where(self.logarithmic, values * np.exp(limited), values + step)
-        keys = self.model.keys
+        keys, friction = self.model.keys, self.model.system.friction
+
+        def coefficient(key: str, fixed: float, of: Floats) -> float:
+            return float(of[keys.index(key)]) if key in keys else fixed
+
+        before, after = ((coefficient(STATIC, friction.static_coefficient, of),
+                            coefficient(KINETIC, friction.kinetic_coefficient, of)) for of in (values, out))
+        falls = before[0] >= before[1]
         if STATIC in keys:
-            kinetic = out[keys.index(KINETIC)] if KINETIC in keys else self.model.system.friction.kinetic_coefficient
-            out[keys.index(STATIC)] = max(out[keys.index(STATIC)], kinetic * DEFAULTS.least_ratio)
+            out[keys.index(STATIC)] = apart(after[0], after[1], DEFAULTS.least_ratio, falls)
         elif KINETIC in keys:
-            out[keys.index(KINETIC)] = min(out[keys.index(KINETIC)],
-                                           self.model.system.friction.static_coefficient / DEFAULTS.least_ratio)
+            out[keys.index(KINETIC)] = apart(after[1], after[0], DEFAULTS.least_ratio, not falls)
         return out
 
     def _fitted(self, states: Floats) -> Floats:
@@ -213,10 +225,14 @@ class MultipleShooting:
         bound = limit * rows.shape[1]
         return float(np.sum(squares if math.isinf(bound) else bound * np.log1p(squares / bound)))
 
-    def _normal(self, rows: Floats, found: Sensitivities, values: Floats, weight: float, limit: float) -> Normal:
-        """The normal equations by all starts, in their scales, and all parameters: logarithms, but for offsets."""
-        m, size, root = self.count, len(values), math.sqrt(weight)
-        by = np.concatenate([found.by_start * self.scales, found.by_key * np.where(self.logarithmic, values, 1.0)], 3)
+    def _scaled(self, found: Sensitivities, values: Floats) -> Floats:
+        """(m, W + 1, 3, 3 + P) by the starts, in their scales, and by logarithms of keys, but for offsets."""
+        scale = np.where(self.logarithmic, values, 1.0)
+        return np.concatenate([found.by_start * self.scales, found.by_key * scale], 3)
+
+    def _normal(self, rows: Floats, by: Floats, weight: float, limit: float) -> Normal:
+        """The normal equations by all starts and all parameters, from the derivatives that `_scaled` gives."""
+        m, size, root = self.count, by.shape[-1] - 3, math.sqrt(weight)
         fitted = (by[:, :-1][:, :, self.columns] / self.noise[:, None]).reshape(m, -1, 3 + size)
         others = np.zeros((m, 4, 3 + size))
         others[:-1, :3] = by[:-1, -1] * (root / self.scales[:, None])
@@ -241,68 +257,38 @@ class MultipleShooting:
         found = sensitivities(self.model, starts, self.width, values, self.model.substeps(values))
         rows = self._rows(found.states, starts, weight)
         scale = np.where(self.logarithmic, values, 1.0)
-        covariance = self._normal(rows, found, values, weight, math.inf).covariance() * np.outer(scale, scale)
+        covariance = self._normal(rows, self._scaled(found, values), weight, math.inf).covariance()
         fitted = self._fitted(found.states).reshape(-1, len(self.channels))
-        return Fit(values, covariance, starts,
+        freedom = max(fitted.size - len(values) - 3, 1)
+        return Fit(values, covariance * np.outer(scale, scale), starts,
                    {name: fitted[:, i] * self.noise[i] for i, name in enumerate(self.channels)},
-                   float(np.sum(fitted**2)) / max(fitted.size - len(values) - 3, 1),
-                   float(np.abs(rows[:, -4:-1]).max()))
+                   float(np.sum(fitted**2)) / freedom, float(np.abs(rows[:, -4:-1]).max()), freedom)
+
+    def explained(self, values: Floats, starts: Floats, weight: float) -> Explained:
+        """The residuals of a fit beside what changes of the keys, and of the channels, would do to them."""
+        found = sensitivities(self.model, starts, self.width, values, self.model.substeps(values))
+        rows, size = self._rows(found.states, starts, weight), len(self.channels)
+        seen = np.zeros((*found.states.shape, 3 * size))
+        for i, column in enumerate(self.columns):   # The last sample is the gap's, which no channel sees.
+            signal = found.states[:, :, column]
+            rate = np.gradient(signal, self.model.measured.step, axis=1)
+            seen[:, :-1, column, 3 * i:3 * i + 3] = np.stack([np.ones_like(signal), signal, -rate], 2)[:, :-1]
+        by = np.concatenate([self._scaled(found, values), seen], 3)
+        normal = self._normal(rows, by, weight, math.inf)
+        solved = normal.by_starts(0.0)
+        columns = by[:, :-1][:, :, self.columns] / self.noise[:, None]
+        total = columns[..., 3:] - columns[..., :3] @ solved[:, None, :, :-1]
+        return Explained(self._fitted(found.states).reshape(-1, size), total.reshape(-1, size, total.shape[-1]),
+                         *normal.by_keys(solved, 0.0))
 
 
-class Normal(NamedTuple):
-    """Normal equations of m windows, each of which knows its own start, the next one's, and the P parameters.
-
-    own : (m, 3, 3) of the starts
-    following : (m - 1, 3, 3) of a start (rows) and the next one (columns)
-    border : (m, 3, P) of the starts and the parameters
-    corner : (P, P) of the parameters
-    slope, slope_by_key : (m, 3), (P,) right-hand sides
+class Explained(NamedTuple):
+    """Residuals over the noise, (n, C), with their total derivatives, (n, C, Q), the starts following; and the normal
+    equations (Q, Q), (Q,) of the Q columns: keys, in logarithms but for offsets, then offset, scale and delay (s) of
+    every channel.
     """
 
-    own: Floats
-    following: Floats
-    border: Floats
-    corner: Floats
+    residuals: Floats
+    derivatives: Floats
+    squares: Floats
     slope: Floats
-    slope_by_key: Floats
-
-    def solved(self, damping: float) -> tuple[Floats, Floats, Floats]:
-        """Steps of the starts and of the parameters with Levenberg's damping, and the parameters' covariance.
-
-        Raises
-        ------
-        numpy.linalg.LinAlgError
-            The equations are singular.
-        """
-        m, size = len(self.own), len(self.corner)
-        banded = np.zeros((6, 3 * m))   # as SciPy's solveh_banded takes it: the diagonal is the last row
-        for i in range(3):
-            for j in range(3):
-                if j >= i:
-                    banded[5 + i - j, j::3] = self.own[:, i, j]
-                banded[2 + i - j, 3 + j::3] = self.following[:, i, j]
-        banded[5] *= 1.0 + damping
-        banded[5] += 1e-300
-        right = np.concatenate([self.border.reshape(3 * m, size), self.slope.reshape(3 * m, 1)], axis=1)
-        found = solveh_banded(banded, right)
-        corner = self.corner + damping * np.diag(np.diag(self.corner))
-        both = right[:, :size].T @ found
-        covariance = np.linalg.inv(corner - both[:, :size])
-        by_key = -covariance @ (self.slope_by_key - both[:, size])
-        by_start = -found[:, size] - found[:, :size] @ by_key
-        return by_start.reshape(m, 3), by_key, 0.5 * (covariance + covariance.T)
-
-    def covariance(self) -> Floats:
-        """(P, P) of the parameters; with a little damping where rounding leaves the equations no inverse.
-
-        Raises
-        ------
-        NumericalFailure
-            The equations are singular.
-        """
-        for damping in (0.0, 1e-13, 1e-11, 1e-9):
-            try:
-                return self.solved(damping)[2]
-            except np.linalg.LinAlgError:
-                continue
-        raise NumericalFailure("the parameters' covariance cannot be worked out")

@@ -15,14 +15,18 @@ from tcc_sim.model.quantity import quantity
 class Settings:
     """How a measurement is checked, a motion is found, and its response is worked out and simulated."""
 
-    parts: int = quantity(512, "parts of an engine cycle; even, for Simpson's rule. An input is held over each, which "
-                          "costs (omega h)^2/24")
+    parts: int = quantity(512, "fewest parts of an engine cycle; even, for Simpson's rule")
+    most_parts: int = quantity(65536, "most parts of a motion, over each of which an input is held")
+    turn: float = quantity(0.4, "most of a period of the input in one part", "rad")
+    still_slip: float = quantity(1e-9, "slip speed of a section of the set-valued law that counts as stick", "rad/s")
+    within: float = quantity(0.01, "largest relative error of a response")
+    pressures: tuple[float, float, int] = (0.95, 2.0, 16)
     rtol: float = quantity(1e-10, "relative tolerance of the engine")
     closed: float = quantity(1e-8, "largest residual of a periodic motion", "natural sizes")
     iterations: int = quantity(40, "most iterations of Newton's method")
     cycles: int = quantity(400, "longest run from the initial state where no slip speed is asked for", "engine cycles")
     lowest: float = quantity(2.0, "lowest frequency given unless others are asked for", "rad/s")
-    count: int = quantity(240, "how many are given from there to the slipping mode, evenly in logarithm")
+    count: int = quantity(240, "how many are given from there to three times the slipping mode, evenly in logarithm")
     most_frequencies: int = quantity(100_000, "most frequencies that may be asked for")
     amplitude: float = quantity(2e-3, "amplitude of the simulated sine, relative to the mean of the input")
     rate: float = quantity(4000.0, "least rate of the ticks that solve it", "Hz")
@@ -37,8 +41,18 @@ class Settings:
     still: float = quantity(1e-12, "a channel whose spread is below this part of its size is dead")
     exact: float = quantity(1e-4, "what the real-time solver promises, relative to a signal's largest value: no "
                             "smaller noise is estimated")
-    least_ratio: float = quantity(1.0005, "least ratio mu_s/mu_k while both are free: at 1 the law has no decay that "
+    least_ratio: float = quantity(1.0005, "least ratio of mu_s and mu_k while one is free: at 1 there is no decay that "
                                   "could be told")
+    orders: int = quantity(4, "longest autoregression of residuals", "samples")
+    memory: int = quantity(200, "longest correlation of the noise", "samples")
+    lags: int = quantity(20, "correlations of what the autoregression leaves that are judged together", "samples")
+    lines: int = quantity(12, "multiples of the engine's frequency that are looked for in it")
+    shown: float = quantity(4.0, "shortest measurement for that", "engine cycles")
+    explained: float = quantity(0.02, "mean square of short windows' residuals, over that of the signals, up to which "
+                                "a scene explains the motion")
+    unseen: float = quantity(4.0, "standard errors up to which residuals do not show that a fixed key is wrong")
+    moved: float = quantity(2.0, "standard errors by which such a key must move a free one to be named")
+    looked_at: int = quantity(2000, "samples in which wrong units are looked for")
     spare: float = quantity(1.25, "sub-steps over those that the values need")
 
 
@@ -87,13 +101,17 @@ class FitSettings:
 class Gates:
     """What a fit must keep to count as one, and a parameter to count as identified."""
 
-    known: float = quantity(1.2, "largest chi-square a degree of freedom where the noise was given")
-    estimated: float = quantity(1.5, "largest chi-square a degree of freedom where the noise was estimated")
+    beyond: float = quantity(4.0, "largest chi-square a degree of freedom, over 1, in its standard deviations")
+    guessed: float = quantity(3.5, "relative standard deviation of a variance of noise that was estimated from a "
+                              "signal, by the root of the samples")
+    explained: float = quantity(4.0, "standard errors by which something held must not differ from what residuals say")
+    white: float = quantity(1e-4, "least probability of the residuals, if they were noise")
     gap: float = quantity(4.0, "largest gap between windows, see `multiple_shooting.Fit`")
     relative: float = quantity(0.15, "largest standard error of an identified parameter, relative to its value")
     correlated: float = quantity(0.99, "largest correlation with another free parameter of an identified one")
     starts: int = quantity(5, "fits that are tried, the first from the given values, the others from a Sobol set "
                            "around them")
+    work: float = quantity(1.5e8, "sub-steps times derivatives after which no other start is tried: about 15 s")
     spread: float = quantity(0.15, "spread of that set, relative")
     drift: float = quantity(0.15, "largest difference between the phases of the data's first and last quarter and the "
                             "scene's", "rad")

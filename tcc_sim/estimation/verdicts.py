@@ -10,6 +10,7 @@ import numpy as np
 from tcc_sim.errors import NumericalFailure
 from tcc_sim.estimation.measurement import Measurement
 from tcc_sim.estimation.multiple_shooting import INDEX, Fit
+from tcc_sim.estimation.residuals import HIDDEN, Whiteness
 from tcc_sim.estimation.settings import DEFAULTS, Gates
 from tcc_sim.estimation.windows import KINETIC, OFFSETS, STATIC, Model, states_of
 from tcc_sim.model.parameters import QUANTITIES, System
@@ -38,9 +39,10 @@ class Parameter:
     why: str
 
 
-def judged(keys: tuple[str, ...], i: int, start: float, found: Fit, errors: Floats, correlations: Floats,
-            accepted: bool, gates: Gates, step: float) -> Parameter:
-    """The verdict on one parameter, by samples `step` s apart."""
+def judged(model: Model, i: int, start: float, found: Fit, errors: Floats, correlations: Floats, accepted: bool,
+           gates: Gates, hidden: tuple[str, float] | None = None) -> Parameter:
+    """The verdict on one parameter; `hidden` is a fixed key that it hangs on, see `residuals.Whiteness`."""
+    keys, step = model.keys, model.measured.step
     key, value, error = keys[i], float(found.values[i]), float(errors[i])
     low, high = value - WITHIN * error, value + WITHIN * error
     others = np.abs(correlations[i]).copy()
@@ -52,8 +54,10 @@ def judged(keys: tuple[str, ...], i: int, start: float, found: Fit, errors: Floa
         relative, why = 0.0, "an offset, with its 95 % interval"
     if not accepted:
         verdict, why = "not identifiable", "the fit is refused, so that its value says nothing"
-    elif _at_bound(keys, i, found.values):
+    elif _at_bound(model, i, found.values):
         verdict, why = "at its bound", "the fit ends at the largest or smallest value that is allowed"
+        if key in (STATIC, KINETIC):
+            why += "; where mu_s and mu_k meet, a start with the larger one of them smaller leads to the other side"
     elif not math.isfinite(error) or relative > gates.relative or others[most] > gates.correlated:
         verdict = "not identifiable"
         why = f"its standard error is {100.0 * relative:.3g} %"
@@ -61,6 +65,9 @@ def judged(keys: tuple[str, ...], i: int, start: float, found: Fit, errors: Floa
             why += f", and it goes with {keys[most]} (correlation {correlations[i, most]:.3f})"
         told_by = TOLD_BY if step > BREAKAWAY else TOLD_BY_FAST
         why += "; " + told_by.get(key, "a longer measurement would tell, or one with more of the motion in it")
+    elif hidden is not None:
+        why += (f", if {hidden[0]} is right: {100.0 * HIDDEN:g} % of that would go unseen and move this by "
+                f"{hidden[1]:.2g} standard errors")
     return Parameter(key, start, value, error, low, high, verdict, why)
 
 
@@ -78,24 +85,42 @@ BREAKAWAY = 1.5e-4
 """Time between samples, s, up to which they see the fall of friction just after breakaway."""
 
 
-def _at_bound(keys: tuple[str, ...], i: int, values: Floats) -> bool:
-    """Whether a value is at an end of its range."""
-    key, value = keys[i], float(values[i])
+def _at_bound(model: Model, i: int, values: Floats) -> bool:
+    """Whether a value is at an end of its range; mu_s and mu_k, free or not, bound each other."""
+    key, value = model.keys[i], float(values[i])
     if key in OFFSETS:
         return False
-    if key in (STATIC, KINETIC) and STATIC in keys and KINETIC in keys \
-            and values[keys.index(STATIC)] <= values[keys.index(KINETIC)] * DEFAULTS.least_ratio * (1.0 + 1e-9):
+    named = dict(zip(model.keys, values))
+    friction = model.system.friction
+    ratio = named.get(STATIC, friction.static_coefficient) / named.get(KINETIC, friction.kinetic_coefficient)
+    if key in (STATIC, KINETIC) and max(ratio, 1.0 / ratio) <= DEFAULTS.least_ratio * (1.0 + 1e-9):
         return True
     quantity = QUANTITIES[key]
     return value <= quantity.low * (1.0 + 1e-9) or value >= quantity.high * (1.0 - 1e-9)
 
 
-def why_not(found: Fit, model: Model, start: Floats, noise: dict[str, float], limit: float, gates: Gates) -> str:
-    """What speaks against a fit, in sentences."""
-    if found.chi2 < limit:
+def why_no_noise(white: Whiteness, gates: Gates) -> str:
+    """Why the residuals of a fit are not noise, in a sentence; empty where they are."""
+    what = white.explanation
+    if what is not None and abs(what.errors) > gates.explained:
+        by = f"{100.0 * what.amount:.3g} %" if what.unit == "%" else f"{what.amount:.3g} {what.unit}".rstrip()
+        do = "mend the measurement" if " of " in what.what else "free it, or give its true value"
+        return (f"the residuals are not noise: a change of {what.what} by {by} would explain them "
+                f"({abs(what.errors):.3g} standard errors); {do}")
+    least = min(white.p_value, key=lambda name: white.p_value[name])
+    if white.p_value[least] >= gates.white:
+        return ""
+    return (f"the residuals of {least} are not noise (their probability is {white.p_value[least]:.2g}): the scene does "
+            "not explain the measurement")
+
+
+def why_not(found: Fit, model: Model, start: Floats, noise: dict[str, float], chi2: float, limit: float,
+            gates: Gates) -> str:
+    """What speaks against a fit whose chi-square is above its limit or whose windows do not join, in sentences."""
+    if chi2 < limit:
         return ("the windows fit, but do not join to one motion: a fit that did not converge; try other starts, or a "
                 "part of the measurement.")
-    out = (f"chi-square a degree of freedom is {found.chi2:.3g}, above {limit:g}: the scene does not explain the "
+    out = (f"chi-square a degree of freedom is {chi2:.3g}, above {limit:.3g}: the scene does not explain the "
            "measurement.")
     rest = model.system.engine.mean_torque / model.system.driveline.stiffness
     begin, n = np.array([[model.measured.channels["slip_speed"][0], rest, 0.0]]), len(model.measured.t) - 1
@@ -113,12 +138,12 @@ def why_not(found: Fit, model: Model, start: Floats, noise: dict[str, float], li
 
 
 def _drift(measured: Measurement, system: System, gates: Gates) -> str:
-    """A sentence where the motion drifts against the scene's engine: another frequency, or another clock."""
-    engine = system.engine
-    if "engine_torque" in measured.inputs or engine.source == "topic" or engine.torque_amplitude == 0.0 \
+    """A sentence where the phase of the engine's torque, or else of the motion, drifts against the scene's engine."""
+    engine, torque = system.engine, measured.inputs.get("engine_torque")
+    if (torque is None and (engine.source == "topic" or engine.torque_amplitude == 0.0)) \
             or measured.t[-1] - measured.t[0] < 8.0 * system.cycle:
         return ""
-    signal = measured.channels.get("plate_speed", measured.channels["slip_speed"])
+    signal = measured.channels.get("plate_speed", measured.channels["slip_speed"]) if torque is None else torque
     wave = (signal - signal.mean()) * np.exp(-1j * engine.frequency * measured.t)
     quarter = max(int(len(wave) // 4 * measured.step / system.cycle), 1) * system.cycle
     part = min(round(quarter / measured.step), len(wave))
@@ -129,6 +154,9 @@ def _drift(measured: Measurement, system: System, gates: Gates) -> str:
     span = float(measured.t[-part:].mean() - measured.t[:part].mean())
     if abs(turned) <= gates.drift:
         return ""
-    return (f" The motion's phase drifts by {turned:.3g} rad against engine.frequency within {span:.3g} s: the engine "
-            f"ran at about {engine.frequency + turned / span:.6g} rad/s, the scene says {engine.frequency:.6g} rad/s, "
-            "or the clocks differ.")
+    if torque is None:   # A motion's phase drifts while it settles, or under wrong parameters: no engine speed.
+        return (f" The motion's phase drifts by {turned:.3g} rad against engine.frequency, {engine.frequency:.6g} "
+                f"rad/s, within {span:.3g} s: the engine ran at another speed, the clocks differ, or the motion had "
+                "not settled.")
+    return (f" The measured torque's phase drifts by {turned:.3g} rad within {span:.3g} s: the engine ran at about "
+            f"{engine.frequency + turned / span:.6g} rad/s, the scene says {engine.frequency:.6g} rad/s.")

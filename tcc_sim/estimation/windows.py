@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tcc_sim.errors import InputError, NumericalFailure
-from tcc_sim.estimation.measurement import Measurement
+from tcc_sim.estimation.measurement import HOLDS, Measurement
 from tcc_sim.estimation.settings import DEFAULTS
 from tcc_sim.model.parameters import DEFAULTS as SCENE_KEYS
 from tcc_sim.model.parameters import System, replace, unknown_key
@@ -32,6 +32,12 @@ FREE = ("friction.static_coefficient", "friction.kinetic_coefficient", "friction
 STATIC, KINETIC = "friction.static_coefficient", "friction.kinetic_coefficient"
 
 
+def apart(value: float, other: float, ratio: float, falls: bool | None = None) -> float:
+    """A coefficient at least `ratio` above another one, where friction `falls` as it is, else as much below it."""
+    above = value >= other if falls is None else falls
+    return max(value, other * ratio) if above else min(value, other / ratio)
+
+
 def check_key(key: str) -> None:
     """Raise InputError unless a key can be identified."""
     if key not in FREE:
@@ -44,7 +50,8 @@ class Drive(NamedTuple):
     """What drives the windows, for values of the free keys.
 
     terms : of the scene; inputs that were measured are 0 in them
-    held : (n, 2) engine torque and saturation torque over each sample beside those of `terms`, N m; None for none
+    held : (n, 2, 2) engine torque and saturation torque at the start and end of each sample's step, beside those of
+        `terms`, N m; None for none
     by : (ROWS, P) derivatives of the numbers of the equations by the keys
     """
 
@@ -91,7 +98,10 @@ class Model:
         torque, pressure = (inputs.get(name, np.zeros(len(self.measured.t))) - offsets.get(name, 0.0)
                             for name in INPUTS)
         load = np.maximum(per_pressure * pressure, -least_mean_load(terms))
-        return Drive(terms, np.column_stack([torque, load]), by)
+        begin = np.column_stack([torque, load])
+        after = np.concatenate([begin[1:], begin[-1:]])
+        ends = {"previous": (begin, begin), "linear": (begin, after), "next": (after, after)}
+        return Drive(terms, np.stack(ends[self.measured.hold or HOLDS[0]], axis=1), by)
 
     def substeps(self, values: Floats) -> int:
         """Sub-steps of a sample, with room for values somewhat different.
@@ -102,7 +112,7 @@ class Model:
             Values out of their ranges, or that need too many sub-steps.
         """
         drive = self.drive(values)
-        held = 0.0 if drive.held is None else float(drive.held[:, 1].max())
+        held = 0.0 if drive.held is None else float(drive.held[..., 1].max())
         try:
             return math.ceil(DEFAULTS.spare * substeps(drive.terms, self.measured.step, held))
         except InputError as error:

@@ -5,12 +5,11 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
 from documents import valid
-from scipy.integrate import solve_ivp
+from fig02_measured import BEGAN, FIG02, KEYS, ONCE, measured, moved
 
 import tcc_sim
 from tcc_sim import cli
@@ -18,50 +17,10 @@ from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.estimation.identify import identify
 from tcc_sim.estimation.measurement import Measurement, noise_of, read_table
 from tcc_sim.estimation.multiple_shooting import Fit, fit
-from tcc_sim.estimation.settings import DEFAULTS, FitSettings, Gates
+from tcc_sim.estimation.settings import DEFAULTS, Gates
 from tcc_sim.estimation.verdicts import judged
 from tcc_sim.estimation.windows import Model
 from tcc_sim.scene import load_scene
-
-KEYS = {"friction.static_coefficient": 0.3, "friction.kinetic_coefficient": 0.24, "driveline.damping": 0.6,
-        "driveline.stiffness": 3000.0, "driveline.plate_inertia": 0.02}
-FIG02 = load_scene("fig02")
-BEGAN, ONCE = 1.0, Gates(starts=1)
-
-
-@cache
-def moved(seconds: float = 0.5, rate: float = 1000.0, held: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times, states (n, 3) and engine torque of scene fig02 from `BEGAN` on, by SciPy on equations (1) to (7).
-
-    held : the torque is that of the sample before
-    """
-    system = FIG02.system
-    engine, pressure = system.engine, system.pressure
-    ratio = 0.3 / 0.24
-
-    def torque(t: float) -> float:
-        t = math.floor(t * rate * (1.0 + 1e-12)) / rate if held else t
-        return engine.mean_torque + engine.torque_amplitude * math.sin(engine.frequency * t)
-
-    def rates(t: float, x: np.ndarray) -> list[float]:
-        load = 0.24 * 0.08 * 0.1 * (pressure.mean + pressure.amplitude * math.sin(engine.frequency * t))
-        friction = (1.0 + (ratio - 1.0) * math.exp(-2.0 * abs(x[0]))) * math.tanh(50.0 * x[0]) * load
-        plate = (friction - 0.6 * x[2] - 3000.0 * x[1]) / 0.02
-        return [(torque(t) - friction) / 0.2 - plate, x[2], plate]
-
-    t = BEGAN + np.arange(round(seconds * rate)) / rate
-    step = 1.0 / rate if held else math.inf
-    run = solve_ivp(rates, (0.0, t[-1]), [150.0, 0.0, 0.0], "LSODA", t, rtol=1e-9, atol=1e-10, max_step=step)
-    return t, run.y.T, np.array([torque(x) for x in t])
-
-
-def measured(seed: int = 0, seconds: float = 0.5, **changes: object) -> tuple[Measurement, dict[str, float]]:
-    """Slip and plate speed with noise of 1 % of their spread, and that noise."""
-    t, states, _ = moved(seconds)
-    noise = 0.01 * states.std(axis=0)
-    seen = states + noise * np.random.default_rng(seed).standard_normal(states.shape)
-    channels = {"slip_speed": seen[:, 0], "plate_speed": seen[:, 2]}
-    return Measurement(t, channels | dict(changes)), {"slip_speed": noise[0], "plate_speed": noise[2]}
 
 
 def starts(seed: int) -> dict[str, float]:
@@ -81,20 +40,52 @@ def test_parameters_are_found_from_starts_ten_percent_off() -> None:
             assert p.standard_error < 0.05 * p.value, p
 
 
-def test_intervals_cover_the_truth() -> None:
-    """The last stage from the truth on, for 10 draws of the noise: squared errors are their variances.
+@pytest.mark.parametrize("hold", ["previous", "linear", "next"])
+def test_how_an_input_holds_is_found(hold: str) -> None:
+    """Samples of a smooth torque are linear between; with `next` a row has what acted in the step that ended there."""
+    t, states, torque = moved(0.2, 1000.0, held=hold != "linear")
+    if hold == "next":
+        torque = np.append(torque[:1], torque[:-1])
+    rng, level = np.random.default_rng(5), 0.2 if hold == "linear" else 0.05   # A line misses 0.2 % of the sine.
+    channels = {"slip_speed": states[:, 0] + level * rng.standard_normal(len(t)),
+                "plate_speed": states[:, 2] + level * rng.standard_normal(len(t))}
+    data, noise = Measurement(t, channels, {"engine_torque": torque}), {"slip_speed": level, "plate_speed": level}
+    found = identify(data, {"driveline.stiffness": 3150.0}, scene=FIG02, noise=noise)
+    assert (found.accepted, found.hold) == (True, hold), found.why
+    assert found.chi2_per_dof == pytest.approx(1.0, abs=0.15)
+    assert abs(found.parameters[0].value - 3000.0) < 4.0 * found.parameters[0].standard_error
+    wrong = "previous" if hold == "linear" else "linear"
+    told = identify(data, {"driveline.stiffness": 3150.0}, scene=FIG02, noise=noise, hold=wrong, gates=ONCE)
+    assert (told.accepted, told.hold) == (False, wrong)
+    with pytest.raises(InputError, match="hold is 'cubic'"):
+        identify(data, {"driveline.stiffness": 3150.0}, scene=FIG02, hold="cubic")
 
-    Fifty numbers, of which five go together: where the counts of sub-steps were not held this was above 50.
-    """
-    _, states, _ = moved(0.3)
-    truth, settings, squares = np.array(list(KEYS.values())), FitSettings(), []
-    for seed in range(10):
-        data, noise = measured(100 + seed, 0.3)
-        model = Model(FIG02.system, tuple(KEYS), data)
-        found = fit(model, noise, truth, settings, settings.stages[-1:], states[::100].copy())
-        squares.append((found.values - truth) ** 2 / np.diag(found.covariance))
-    assert 0.4 < np.mean(squares) < 2.0
-    assert np.mean(np.array(squares) < 1.96**2) >= 0.88
+
+@pytest.mark.parametrize(("names", "unit", "factor"), [
+    (("slip_speed",), "rpm", 30.0 / math.pi), (("slip_speed", "plate_speed"), "rpm", 30.0 / math.pi),
+    (("plate_angle",), "degrees", 180.0 / math.pi), (("actuation_pressure",), "bar", 1e-5),
+    (("actuation_pressure",), "kPa", 1e-3)])
+def test_wrong_units_are_said_before_anything_is_fitted(monkeypatch: pytest.MonkeyPatch, names: tuple[str, ...],
+                                                        unit: str, factor: float) -> None:
+    data, _ = measured(7)
+    pressure = FIG02.system.pressure
+    wave = np.sin(FIG02.system.engine.frequency * data.t)
+    columns = {**data.channels, "plate_angle": moved()[1][:, 1]}
+    inputs = {"actuation_pressure": pressure.mean + pressure.amplitude * wave}
+    monkeypatch.setattr("tcc_sim.estimation.identify.fit", None)
+    for each in names:
+        of = columns if each in columns else inputs
+        of[each] = of[each] * factor
+    with pytest.raises(InputError, match=f"{' and '.join(names)} looks? as if in {unit}: times "):
+        identify(Measurement(data.t, columns, inputs), starts(1), scene=FIG02)
+
+
+def test_a_refused_fit_tries_no_more_starts_than_it_has_work_for() -> None:
+    data, noise = measured()
+    wrong = FIG02.with_values({"engine.torque_amplitude": 200.0})
+    tried = [identify(data, {"driveline.stiffness": 3100.0}, scene=wrong, noise=noise,
+                      gates=Gates(starts=3, work=work)).starts for work in (1.0, 1e9)]
+    assert tried == [1, 3]
 
 
 def test_what_one_kilohertz_does_not_tell_is_said() -> None:
@@ -158,15 +149,25 @@ def test_a_wrong_scene_is_said() -> None:
 
 
 def test_clock_drift_is_said() -> None:
-    """0.3 % between two clocks; a transient, whose phase moves by itself, is no such thing and is fitted."""
+    """0.3 % between two clocks; a transient, whose phase moves by itself, is no such thing and is fitted. Only the
+    torque's own phase tells the engine's speed: that of the motion said 149.6 rad/s where the engine ran at 150.
+    """
     t = moved()[0]
-    refused({}, "or the clocks differ", BEGAN + (t - BEGAN) * 1.003)
+    refused({}, "the clocks differ", BEGAN + (t - BEGAN) * 1.003)
     run = tcc_sim.closed_loop("fig02", lambda reading: None, seconds=0.4)
     assert np.abs(run.slip_speed).max() > 149.0
-    found = identify(Measurement(run.t, {"slip_speed": run.slip_speed, "plate_speed": run.plate_speed}),
-                     {"driveline.stiffness": 3100.0}, scene=FIG02)
+    data = Measurement(run.t, {"slip_speed": run.slip_speed, "plate_speed": run.plate_speed})
+    found = identify(data, {"driveline.stiffness": 3100.0}, scene=FIG02)
     assert found.accepted
     assert found.parameters[0].value == pytest.approx(3000.0, rel=1e-4)
+    wrong = identify(data, {"driveline.stiffness": 3100.0}, gates=ONCE,
+                     scene=FIG02.with_values({"friction.static_coefficient": 0.5, "friction.kinetic_coefficient": 0.4}))
+    assert "phase drifts" in wrong.why
+    assert "ran at about" not in wrong.why
+    torque = 300.0 + 250.0 * np.sin(149.0 * run.t)
+    wrong = identify(replace(data, inputs={"engine_torque": torque}), {"driveline.stiffness": 3100.0}, gates=ONCE,
+                     scene=FIG02)
+    assert "the engine ran at about 149" in wrong.why
 
 
 def test_gaps_and_uneven_samples_are_said() -> None:
@@ -209,7 +210,8 @@ def test_a_profile_is_what_fits_with_the_key_held_come_to() -> None:
     samples = sum(map(len, found.residuals.values()))
     for k in (1, 8):
         held = FIG02.with_values({"driveline.stiffness": float(values[k])})
-        by_hand = identify(data, {"driveline.damping": 0.61}, scene=held, noise=noise, gates=replace(ONCE, known=9.0))
+        open_gates = replace(ONCE, beyond=1e3, explained=1e3, white=0.0)
+        by_hand = identify(data, {"driveline.damping": 0.61}, scene=held, noise=noise, gates=open_gates)
         rise = by_hand.chi2_per_dof * (samples - 4) - found.chi2_per_dof * (samples - 5)
         assert excess[k] == pytest.approx(rise, abs=0.05)
         # And that of a parabola: k is (k - 6)/2 standard errors from the best value.
@@ -218,19 +220,26 @@ def test_a_profile_is_what_fits_with_the_key_held_come_to() -> None:
 
 def test_verdicts() -> None:
     """At a bound, told, and not told because of another parameter, by the numbers of a fit."""
-    keys, none = ("friction.static_coefficient", "friction.kinetic_coefficient", "driveline.damping"), np.zeros(3)
+    keys = ("friction.static_coefficient", "friction.kinetic_coefficient", "driveline.damping")
     values, errors = np.array([0.24 * DEFAULTS.least_ratio, 0.24, 0.6]), np.array([1e-3, 1e-3, 0.01])
-    fitted = Fit(values, np.diag(errors**2), np.zeros((1, 3)), {}, 1.0, 0.0)
+    fitted = Fit(values, np.diag(errors**2), np.zeros((1, 3)), {}, 1.0, 0.0, 1000)
     alone, together = np.eye(3), np.eye(3) + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -0.995], [0.0, -0.995, 0.0]])
-    told = [judged(keys, i, none[i], fitted, errors, alone, True, Gates(), 1e-3) for i in range(3)]
+    model = Model(FIG02.system, keys, measured()[0])
+    told = [judged(model, i, 0.0, fitted, errors, alone, True, Gates()) for i in range(3)]
     assert [p.verdict for p in told] == ["at its bound", "at its bound", "identified"]
-    damping = judged(keys, 2, 0.6, fitted, errors, together, True, Gates(), 1e-3)
+    for key, value in zip(keys, (0.24 * DEFAULTS.least_ratio, 0.3 / DEFAULTS.least_ratio)):   # The other one is fixed.
+        lone = Model(FIG02.system, (key,), measured()[0])
+        for factor, verdict in ((1.0, "at its bound"), (1.01 if value < 0.25 else 0.99, "identified")):
+            one = replace(fitted, values=np.array([value * factor]))
+            assert judged(lone, 0, value, one, np.array([1e-3]), np.eye(1), True, Gates()).verdict == verdict
+    damping = judged(model, 2, 0.6, fitted, errors, together, True, Gates())
     assert damping.verdict == "not identifiable"
     assert "friction.kinetic_coefficient (correlation -0.995)" in damping.why
-    wide = judged(keys, 2, 0.6, fitted, 20.0 * errors, alone, True, Gates(), 1e-3)
+    wide = judged(model, 2, 0.6, fitted, 20.0 * errors, alone, True, Gates())
     assert (wide.verdict, wide.high - wide.low) == ("not identifiable", pytest.approx(2.0 * 1.96 * 0.2, rel=1e-3))
     fitted = replace(fitted, values=np.array([0.3, 0.24, 0.6]))
-    slow, fast = (judged(keys, 0, 0.3, fitted, 100.0 * errors, alone, True, Gates(), step) for step in (1e-3, 1e-4))
+    slow, fast = (judged(replace(model, measured=replace(model.measured, t=model.measured.t * scale)), 0, 0.3, fitted,
+                         100.0 * errors, alone, True, Gates()) for scale in (1.0, 0.1))
     assert "10 kHz" in slow.why
     assert "10 kHz" not in fast.why
     assert "more breakaways" in fast.why
@@ -269,6 +278,7 @@ def test_the_command_writes_the_scene_that_it_found(tmp_path, capsys) -> None:
     assert "identified" in capsys.readouterr().out
     found = valid("identify", json.loads((tmp_path / "found.json").read_text()))
     assert found["accepted"]
+    assert set(found["whiteness"]["p_value"]) == {"slip_speed", "plate_speed"}
     stiffness = found["parameters"][0]
     assert load_scene(str(out)).system.driveline.stiffness == pytest.approx(stiffness["value"])
     profile = found["likelihood"]

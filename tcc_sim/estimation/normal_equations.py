@@ -1,0 +1,85 @@
+"""Normal equations of multiple shooting: a band of the windows' starts with a border of the parameters."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import solveh_banded
+
+from tcc_sim.errors import NumericalFailure
+from tcc_sim.trajectory import Floats
+
+
+class Normal(NamedTuple):
+    """Normal equations of m windows, each of which knows its own start, the next one's, and the P parameters.
+
+    own : (m, 3, 3) of the starts
+    following : (m - 1, 3, 3) of a start (rows) and the next one (columns)
+    border : (m, 3, P) of the starts and the parameters
+    corner : (P, P) of the parameters
+    slope, slope_by_key : (m, 3), (P,) right-hand sides
+    """
+
+    own: Floats
+    following: Floats
+    border: Floats
+    corner: Floats
+    slope: Floats
+    slope_by_key: Floats
+
+    def solved(self, damping: float) -> tuple[Floats, Floats, Floats]:
+        """Steps of the starts and of the parameters with Levenberg's damping, and the parameters' covariance.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            The equations are singular.
+        """
+        found = self.by_starts(damping)
+        squares, slope = self.by_keys(found, damping)
+        covariance = np.linalg.inv(squares)
+        by_key = -covariance @ slope
+        return -found[..., -1] - found[..., :-1] @ by_key, by_key, 0.5 * (covariance + covariance.T)
+
+    def by_starts(self, damping: float) -> Floats:
+        """(m, 3, P + 1) solutions of the starts' equations for the columns of the parameters and for the slope.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            The equations are singular.
+        """
+        m, size = len(self.own), len(self.corner)
+        banded = np.zeros((6, 3 * m))   # as SciPy's solveh_banded takes it: the diagonal is the last row
+        for i in range(3):
+            for j in range(3):
+                if j >= i:
+                    banded[5 + i - j, j::3] = self.own[:, i, j]
+                banded[2 + i - j, 3 + j::3] = self.following[:, i, j]
+        banded[5] *= 1.0 + damping
+        banded[5] += 1e-300
+        right = np.concatenate([self.border.reshape(3 * m, size), self.slope.reshape(3 * m, 1)], axis=1)
+        return np.asarray(solveh_banded(banded, right)).reshape(m, 3, size + 1)
+
+    def by_keys(self, solved: Floats, damping: float) -> tuple[Floats, Floats]:
+        """The (P, P) equations of the parameters and their (P,) right-hand side, once `by_starts` are eliminated."""
+        size = len(self.corner)
+        both = self.border.reshape(-1, size).T @ solved.reshape(-1, size + 1)
+        corner = self.corner + damping * np.diag(np.diag(self.corner))
+        return corner - both[:, :size], self.slope_by_key - both[:, size]
+
+    def covariance(self) -> Floats:
+        """(P, P) of the parameters; with a little damping where rounding leaves the equations no inverse.
+
+        Raises
+        ------
+        NumericalFailure
+            The equations are singular.
+        """
+        for damping in (0.0, 1e-13, 1e-11, 1e-9):
+            try:
+                return self.solved(damping)[2]
+            except np.linalg.LinAlgError:
+                continue
+        raise NumericalFailure("the parameters' covariance cannot be worked out")

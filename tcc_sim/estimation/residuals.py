@@ -1,0 +1,201 @@
+"""Whether the residuals of a fit are noise, and what the noise makes of the parameters' errors.
+
+Noise may be coloured: an autoregression of each channel's residuals (G. E. P. Box, G. M. Jenkins and G. C. Reinsel,
+Time Series Analysis, 2008, Chapter 7) gives their correlations, and these the parameters' covariance, which is that of
+least squares for noise that is not white (H. White, Econometrica 48, 1980). What the autoregression leaves must be
+white: without correlation up to some lags (G. M. Ljung and G. E. P. Box, Biometrika 65, 1978) and without lines at
+multiples of the engine's frequency. And no change of what was held, such as a fixed key or a sensor's scale, may
+explain what is left: a score test (C. R. Rao, 1948) for each.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import solve_toeplitz
+from scipy.signal import lfilter
+from scipy.stats import chi2
+
+from tcc_sim.estimation.multiple_shooting import Fit, MultipleShooting
+from tcc_sim.estimation.settings import DEFAULTS, FitSettings
+from tcc_sim.estimation.windows import FREE, OFFSETS, Model
+from tcc_sim.model.parameters import QUANTITIES, values_of
+from tcc_sim.recording.table import CHANNELS
+from tcc_sim.trajectory import Floats
+
+UNITS = {"engine_torque.offset": "N m", "actuation_pressure.offset": "Pa"}
+HIDDEN = 0.2
+"""Relative error of a fixed key that residuals should show."""
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A change of something held that would explain residuals.
+
+    what : a key, or the offset, scale or delay of a channel
+    amount, unit : of the change; relative where the unit is %
+    errors : the change over its standard error
+    """
+
+    what: str
+    amount: float
+    unit: str
+    errors: float
+
+
+@dataclass(frozen=True)
+class Whiteness:
+    """Whether residuals are noise.
+
+    correlation : of each channel's residuals with those one sample later
+    p_value : least probability of what each channel's residuals show after their autoregression, if they were noise
+    explanation : the change of something held that explains most, in its standard errors
+    hidden : by free key the fixed key that it hangs on most, and by how many of its standard errors a change of the
+        latter by HIDDEN moves it; only where the residuals would not show that change
+    exact : whether the residuals are below what the real-time solver promises, and tell nothing
+    """
+
+    correlation: dict[str, float]
+    p_value: dict[str, float]
+    explanation: Explanation | None
+    hidden: dict[str, tuple[str, float]]
+    exact: bool
+
+
+def judge_residuals(model: Model, levels: dict[str, float], found: Fit, settings: FitSettings,
+                    exact: bool) -> tuple[Whiteness, Floats]:
+    """Whether the residuals of a fit are noise, and the covariance of the parameters for the noise that they are.
+
+    Parameters
+    ----------
+    levels : standard deviation of the noise by channel, as the fit had it
+    exact : whether the measurement has no noise but what the real-time solver promises. Such errors do not average
+        out: the covariance is then that of errors which all go together.
+    """
+    others = [key for key in FREE if key not in model.keys]
+    fixed = dict(values_of(model.system)) | dict.fromkeys(OFFSETS, 0.0)
+    values = np.append(found.values, [float(fixed[key]) for key in others])   # type: ignore[arg-type]
+    last = settings.stages[-1]
+    problem = MultipleShooting(replace(model, keys=(*model.keys, *others)), levels, settings, last.window)
+    of = problem.explained(values, found.starts, last.weight)
+    size, count = len(model.keys), len(of.residuals)
+    names = [*((key, UNITS.get(key) or QUANTITIES[key].unit) for key in others),
+             *((f"the {kind} of {name}", unit or CHANNELS[name]) for name in problem.channels
+               for kind, unit in (("offset", ""), ("scale", "%"), ("delay", "s")))]
+    noise = [autoregression(of.residuals[:, i]) for i in range(len(problem.channels))]
+    spread = sum((_spread(of.derivatives[:, i], each) for i, each in enumerate(noise)), np.zeros_like(of.squares))
+    scale = np.where([key in OFFSETS for key in model.keys], 1.0, found.values)
+    inverse = np.linalg.pinv(of.squares[:size, :size], rcond=1e-15, hermitian=True)
+    if exact:
+        return (Whiteness(dict.fromkeys(problem.channels, 0.0), dict.fromkeys(problem.channels, 1.0), None, {}, True),
+                count * inverse * np.outer(scale, scale))
+    explanation = _explanation(of.squares, of.slope, spread, size, names, values)
+    series = dict(zip(problem.channels, of.residuals.T))
+    white = Whiteness({name: float(_correlations(each, 1)[1]) for name, each in series.items()},
+                      {name: probability_of(each, by, model) for (name, each), by in zip(series.items(), noise)},
+                      explanation, _hidden(of.squares, spread, model.keys, others), False)
+    return white, inverse @ spread[:size, :size] @ inverse * np.outer(scale, scale)
+
+
+def _correlations(series: Floats, lags: int) -> Floats:
+    """(lags + 1,) of a series with itself, later."""
+    series = series - series.mean()
+    out = np.array([series[:len(series) - k] @ series[k:] for k in range(lags + 1)])
+    return np.asarray(out / max(out[0], 1e-300))
+
+
+def autoregression(series: Floats) -> Floats:
+    """The coefficients of a series by its values before: as many as Bayes' criterion wants, none for white noise."""
+    n, correlations = len(series), _correlations(series, DEFAULTS.orders)
+    best, least = np.empty(0), 0.0
+    for order in range(1, DEFAULTS.orders + 1):
+        found = solve_toeplitz(correlations[:order], correlations[1:order + 1])
+        left = 1.0 - float(found @ correlations[1:order + 1])
+        if left > 0.0 and n * math.log(left) + order * math.log(n) < least:
+            best, least = found, n * math.log(left) + order * math.log(n)
+    return best
+
+
+def _spread(derivatives: Floats, noise: Floats) -> Floats:
+    """(Q, Q) variance of the slope of a sum of squares, (n, Q) derivatives, for an autoregression of unit variance."""
+    answer = lfilter([1.0], np.append(1.0, -noise), np.eye(1, DEFAULTS.memory)[0])
+    covariances = np.correlate(answer, answer, "full")[len(answer) - 1:]
+    covariances /= covariances[0]
+    out = derivatives.T @ derivatives
+    for lag in range(1, min(len(derivatives), DEFAULTS.memory)):
+        if abs(covariances[lag:]).max() < 1e-4:
+            break
+        shifted = covariances[lag] * derivatives[lag:].T @ derivatives[:-lag]
+        out = out + shifted + shifted.T
+    return np.asarray(out)
+
+
+def probability_of(residuals: Floats, noise: Floats, model: Model) -> float:
+    """The least of the probabilities that noise has so much correlation, and so much of the engine's frequencies."""
+    left = lfilter(np.append(1.0, -noise), [1.0], residuals)[len(noise):]
+    n, lags = len(left), min(DEFAULTS.lags, len(left) // 4)
+    correlations = _correlations(left, lags)[1:]
+    portmanteau = n * (n + 2.0) * float(np.sum(correlations**2 / (n - np.arange(1.0, lags + 1.0))))
+    least = float(chi2.sf(portmanteau, max(lags - len(noise), 1)))
+    base, step = model.system.engine.frequency, model.measured.step
+    orders = np.arange(1.0, min(0.5 * math.pi / step / base, DEFAULTS.lines) + 0.5)
+    if len(orders) and n * step > DEFAULTS.shown * model.system.cycle:
+        waves = np.exp(-1j * np.outer(orders * base, step * np.arange(n)))
+        power = np.abs(waves @ left) ** 2 / (0.5 * n * float(np.mean(left**2)))
+        least = min(least, float(chi2.sf(power.sum(), 2 * len(orders))))
+    return least
+
+
+def _explanation(squares: Floats, slope: Floats, spread: Floats, size: int, names: list[tuple[str, str]],
+                 values: Floats) -> Explanation | None:
+    """The change of something held that goes furthest beyond its standard error, by one step of Gauss and Newton."""
+    best: Explanation | None = None
+    for place, (name, unit) in enumerate(names, size):
+        of = np.ix_(which := [*range(size), place], which)
+        sizes = np.diag(squares)[which]
+        if not (sizes > 0.0).all():
+            continue
+        root = np.sqrt(sizes)
+        inverse, rank = _inverse(squares[of] / np.outer(root, root))
+        if rank <= size:   # What is free already does all that it would.
+            continue
+        change = -inverse @ (slope[which] / root)
+        error = math.sqrt(float((inverse @ (spread[of] / np.outer(root, root)) @ inverse)[-1, -1]))
+        amount = float(change[-1] / root[-1])
+        if place < len(values) and name not in OFFSETS:
+            amount *= float(values[place])
+        if best is None or abs(change[-1]) / error > abs(best.errors):
+            best = Explanation(name, amount, unit, float(change[-1] / error))
+    return best
+
+
+def _hidden(squares: Floats, spread: Floats, keys: tuple[str, ...], others: list[str]) -> dict[str, tuple[str, float]]:
+    """See `Whiteness`: fixed keys whose change by HIDDEN stays within DEFAULTS.unseen of their own standard errors."""
+    size, out = len(keys), dict.fromkeys(keys, ("", DEFAULTS.moved))
+    root = np.sqrt(np.diag(squares)[:size])
+    if not (root > 0.0).all():
+        return {}
+    inverse = _inverse(squares[:size, :size] / np.outer(root, root))[0] / np.outer(root, root)
+    errors = np.sqrt(np.diag(inverse @ spread[:size, :size] @ inverse))
+    for place, name in enumerate(others, size):
+        if name in OFFSETS:
+            continue
+        follow = -inverse @ squares[:size, place]
+        alone = np.append(follow, 1.0)   # What is left of the key's effect once the free ones follow it.
+        which = np.ix_(near := [*range(size), place], near)
+        left = float(alone @ squares[which] @ alone)
+        if HIDDEN * left > DEFAULTS.unseen * math.sqrt(max(float(alone @ spread[which] @ alone), 0.0)):
+            continue
+        for key, shift, error in zip(keys, follow, errors):
+            if HIDDEN * abs(shift) > out[key][1] * error:
+                out[key] = (name, float(HIDDEN * abs(shift) / error))
+    return {key: found for key, found in out.items() if found[0]}
+
+
+def _inverse(matrix: Floats) -> tuple[Floats, int]:
+    """The inverse of a scaled symmetric matrix, and its rank."""
+    sizes, vectors = np.linalg.eigh(matrix)
+    kept = sizes > 1e-9 * sizes[-1]
+    return vectors[:, kept] / sizes[kept] @ vectors[:, kept].T, int(kept.sum())
