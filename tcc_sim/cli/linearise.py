@@ -29,7 +29,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="mean slip speed, rad/s; the pressure that gives it is found (default: the scene's "
                         "pressure)")
     parser.add_argument("--frequencies", metavar="START:STOP:COUNT",
-                        help="rad/s, evenly in logarithm (default: 240 from 2 to the slipping mode)")
+                        help="rad/s, evenly in logarithm (default: 240 from 2 to three times the slipping mode)")
+    parser.add_argument("--mean", action="store_true",
+                        help="leave out the excitation: torque and pressure are their means, and A, B, C, D continuous")
     parser.add_argument("--check", metavar="N", type=int, default=0,
                         help="find the response by simulation at N of the frequencies too")
     add_outputs(parser, "everything that was found", "the arrays: .npz")
@@ -46,7 +48,8 @@ def run(arguments: argparse.Namespace) -> int:
     check_outputs(arguments, [".npz"])
     with progress_bar("point", arguments.check or None) as bar:
         found = linearise(scene, input=arguments.input, output=arguments.output, slip=arguments.slip,
-                          frequencies=frequencies, check=arguments.check, tick=bar.update)
+                          frequencies=frequencies, check=arguments.check, mean=arguments.mean,
+                          tick=bar.update)
     if arguments.out is not None:
         with draft(arguments.out) as part, open(part, "wb") as file:
             np.savez(file, **found.arrays())  # type: ignore[arg-type]
@@ -63,6 +66,8 @@ def _lines(found: Linearisation) -> Iterator[str]:
         kind = f"constant {found.kind}"
     yield (f"{found.output} by {found.input} about {kind}: mean slip {found.mean_slip:.6g} rad/s, pressure "
            f"{found.pressure:.8g} Pa, engine torque {found.engine_torque:.6g} N m")
+    yield ("A, B, C, D are continuous" if found.dt == 0.0 else
+           f"A, B, C, D are those of one period, dt {found.dt:.6g} s; the output is the mean over it")
     words = ", ".join(f"{z.real:.4g}{f'{z.imag:+.4g}i' if abs(z.imag) > 1e-12 else ''}" for z in found.multipliers)
     yield f"multipliers {words}"
     for k in np.unique(np.round(np.linspace(0, len(found.frequencies) - 1, SHOWN)).astype(int)):

@@ -25,7 +25,7 @@ from tcc_sim.estimation.residuals import Whiteness, judge_residuals
 from tcc_sim.estimation.settings import DEFAULTS, FitSettings, Gates
 from tcc_sim.estimation.units import check_units
 from tcc_sim.estimation.verdicts import Parameter, judged, why_no_noise, why_not
-from tcc_sim.estimation.windows import KINETIC, OFFSETS, STATIC, Model, apart, check_key
+from tcc_sim.estimation.windows import KINETIC, OFFSETS, STATIC, Model, check_key, on_its_side
 from tcc_sim.model.parameters import QUANTITIES, values_of
 from tcc_sim.recording.table import CHANNELS
 from tcc_sim.result import Result, json_of
@@ -222,7 +222,7 @@ def _starts(scene: Scene, free: Mapping[str, float | None] | Sequence[str]) -> d
             raise InputError(f"{key} begins at {out[key]:g} {QUANTITIES[key].unit}; the start must be above 0")
     kinetic = out.get(KINETIC, values[KINETIC])
     if STATIC in out:
-        out[STATIC] = apart(out[STATIC], float(kinetic), DEFAULTS.least_ratio)  # type: ignore[arg-type]
+        out[STATIC] = on_its_side(out[STATIC], float(kinetic), DEFAULTS.least_ratio)  # type: ignore[arg-type]
     scene.with_values({k: v for k, v in out.items() if k not in OFFSETS})
     return out
 
@@ -295,6 +295,6 @@ def _around(keys: tuple[str, ...], begin: Floats, gates: Gates) -> list[Floats]:
         if STATIC in keys and KINETIC in keys:
             at = keys.index(STATIC)
             other = keys.index(KINETIC)
-            values[at] = apart(values[at], values[other], 1.02, falls=begin[at] >= begin[other])
+            values[at] = on_its_side(values[at], values[other], 1.02, falls=begin[at] >= begin[other])
         out.append(values)
     return out

@@ -6,6 +6,10 @@ Analysis and Control of Linear Periodically Time Varying Systems, MIT 1991): the
 others being left out. It comes from the exact derivatives of the parts of the motion. The matrices are then those of
 the cycle-rate model, x[k+1] = A x[k] + B u[k], whose output is the mean over the cycle; it holds well below half the
 cycles' rate.
+
+An input is held over each part and an output is a mean of its ends, both of which cost the square of the angle that the
+input turns by in a part. The parts are as many as the frequency needs, and the response of half as many says whether
+they were enough.
 """
 
 from __future__ import annotations
@@ -20,9 +24,17 @@ from numpy.typing import NDArray
 
 from tcc_sim.continuation.newton import largest_first, multipliers_of
 from tcc_sim.errors import InputError, counted
-from tcc_sim.estimation.operating_point import Constant, Periodic, mean_rows, operating_point, stuck_parts
+from tcc_sim.estimation.operating_point import (
+    Constant,
+    Periodic,
+    halved,
+    mean_rows,
+    operating_point,
+    refined,
+    stuck_parts,
+)
 from tcc_sim.estimation.settings import DEFAULTS
-from tcc_sim.model.parameters import System
+from tcc_sim.model.parameters import System, replace
 from tcc_sim.result import Result, json_of
 from tcc_sim.scene import SceneLike, system_of
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
@@ -31,6 +43,8 @@ from tcc_sim.trajectory import Floats
 Complex = NDArray[np.complex128]
 
 INPUTS = {"actuation_pressure": "Pa", "engine_torque": "N m"}
+UNEXCITED = {"engine.torque_amplitude": 0.0, "engine.harmonic_amplitudes": (), "engine.harmonic_phases": (),
+             "pressure.amplitude": 0.0}
 OUTPUTS = {"slip_speed": "rad/s", "friction_torque": "N m", "shaft_torque": "N m"}
 """What may be asked for, with its unit."""
 
@@ -117,7 +131,7 @@ class Linearisation(Result):
 
 
 def linearise(scene: SceneLike, *, input: str = "actuation_pressure", output: str = "slip_speed",
-              slip: float | None = None, frequencies: Sequence[float] | None = None, check: int = 0,
+              slip: float | None = None, frequencies: Sequence[float] | None = None, check: int = 0, mean: bool = False,
               tick: Callable[[], None] | None = None) -> Linearisation:
     """The transfer function from an input to an output about a settled motion.
 
@@ -126,14 +140,16 @@ def linearise(scene: SceneLike, *, input: str = "actuation_pressure", output: st
     scene : scene, system, or the name or file of a scene
     input, output : names of INPUTS and OUTPUTS
     slip : mean slip speed, rad/s, for which the pressure is found; None takes the scene's pressure
-    frequencies : rad/s, above 0; by default 240 from 2 rad/s to sqrt(K23/I2), evenly in logarithm
+    frequencies : rad/s, above 0; by default 240 from 2 rad/s to 3 sqrt(K23/I2), evenly in logarithm
+    mean : whether the excitation is left out: torque and pressure are their means, and the matrices continuous
     check : number of the frequencies at which the response is found by simulation too
     tick : called after every simulated point
 
     Raises
     ------
     InputError
-        A name, frequency or slip speed that is not allowed, or a scene that settles in no periodic motion.
+        A name, frequency or slip speed that is not allowed, a scene that settles in no periodic motion, or a frequency
+        so high that the response would be more than 1 % off.
     NumericalFailure
         Newton's method does not close the motion.
 
@@ -151,6 +167,8 @@ def linearise(scene: SceneLike, *, input: str = "actuation_pressure", output: st
             raise InputError(f"{name} is {asked_for!r}; it must be {' or '.join(known)}")
     system = system_of(scene)
     system.check_repeats("a transfer function")
+    if mean:
+        system = replace(system, UNEXCITED)
     asked = _frequencies(system, frequencies)
     if not 0 <= check <= len(asked):
         raise InputError(f"check is {check}; it must be 0 to the number of frequencies, {len(asked)}")
@@ -176,7 +194,7 @@ def linearise(scene: SceneLike, *, input: str = "actuation_pressure", output: st
 def _frequencies(system: System, asked: Sequence[float] | None) -> Floats:
     """The frequencies, checked."""
     if asked is None:
-        return np.geomspace(DEFAULTS.lowest, max(system.natural_frequency, 2.0 * DEFAULTS.lowest), DEFAULTS.count)
+        return np.geomspace(DEFAULTS.lowest, 3.0 * max(system.natural_frequency, DEFAULTS.lowest), DEFAULTS.count)
     out = np.asarray(asked, dtype=np.float64).ravel()
     if not 1 <= len(out) <= DEFAULTS.most_frequencies:
         raise InputError(f"there are {len(out)} frequencies; 1 to {DEFAULTS.most_frequencies} are allowed")
@@ -225,7 +243,7 @@ def _about_periodic(motion: Periodic, inputs: str, output: str, omegas: Floats) 
     return Linearisation(inputs, output, "periodic", motion.mean_slip, s.pressure.mean, s.engine.mean_torque,
                          motion.period, multipliers_of(a), a, b[:, [column]], c,
                          d[:, [column]], ("slip_speed", "plate_angle", "plate_speed"), motion.seconds, omegas,
-                         harmonic_transfer(motion, inputs, output, omegas))
+                         response_of(motion, inputs, output, omegas))
 
 
 def _cycle_rows(motion: Periodic, output: str) -> tuple[Floats, Floats]:
@@ -239,6 +257,35 @@ def _cycle_rows(motion: Periodic, output: str) -> tuple[Floats, Floats]:
         c = c + d.plate_inertia * (motion.carried.by_state[-1][[2]] - np.eye(3)[[2]]) / motion.seconds
         through = through + d.plate_inertia * motion.carried.by_input[-1][[2]] / motion.seconds
     return c, through
+
+
+def response_of(motion: Periodic, inputs: str, output: str, omegas: Floats) -> Complex:
+    """The harmonic transfer function within DEFAULTS.within, from as many parts as each frequency needs.
+
+    Raises
+    ------
+    InputError
+        A frequency that would need more than DEFAULTS.most_parts.
+    """
+    out, count = np.zeros(len(omegas), np.complex128), DEFAULTS.parts
+    left = np.arange(len(omegas))
+    while len(left):
+        if count * motion.period > DEFAULTS.most_parts:
+            raise InputError(f"a response at {omegas[left].min():g} rad/s needs more than {DEFAULTS.most_parts} parts "
+                             f"of a motion of {motion.seconds:.4g} s to be right within {100.0 * DEFAULTS.within:g} %; "
+                             "ask for lower frequencies")
+        turn = omegas[left] * motion.system.cycle / count
+        ready = left[turn <= DEFAULTS.turn]
+        if len(ready):
+            if count * motion.period > len(motion.parts):
+                motion = refined(motion, count)
+            out[ready] = harmonic_transfer(motion, inputs, output, omegas[ready])
+            half = harmonic_transfer(halved(motion), inputs, output, omegas[ready])
+            # The error is of second order in the length of the parts, a third of the difference; taken as half of it.
+            good = np.abs(out[ready] - half) <= 2.0 * DEFAULTS.within * np.abs(out[ready])
+            left = np.setdiff1d(left, ready[good])
+        count *= 2
+    return out
 
 
 def harmonic_transfer(motion: Periodic, inputs: str, output: str, omegas: Floats) -> Complex:

@@ -31,7 +31,7 @@ from tcc_sim.estimation.windows import (
     STATIC,
     Model,
     Sensitivities,
-    apart,
+    on_its_side,
     sensitivities,
     states_of,
 )
@@ -195,9 +195,9 @@ class MultipleShooting:
                             coefficient(KINETIC, friction.kinetic_coefficient, of)) for of in (values, out))
         falls = before[0] >= before[1]
         if STATIC in keys:
-            out[keys.index(STATIC)] = apart(after[0], after[1], DEFAULTS.least_ratio, falls)
+            out[keys.index(STATIC)] = on_its_side(after[0], after[1], DEFAULTS.least_ratio, falls)
         elif KINETIC in keys:
-            out[keys.index(KINETIC)] = apart(after[1], after[0], DEFAULTS.least_ratio, not falls)
+            out[keys.index(KINETIC)] = on_its_side(after[1], after[0], DEFAULTS.least_ratio, not falls)
         return out
 
     def _fitted(self, states: Floats) -> Floats:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from dataclasses import replace as dataclass_replace
 from typing import NamedTuple
 
 import numpy as np
@@ -114,7 +115,30 @@ def operating_point(system: System, slip: float | None) -> Constant | Periodic:
         raise InputError("engine.mean_torque is 0 N m; no pressure then holds a mean slip speed")
     begun = replace(system, {PRESSURE: min(pressure, 1e7)})
     start = np.array([slip, system.engine.mean_torque / system.driveline.stiffness, 0.0])
-    return _closed(begun, common_cycles(system), start, slip)
+    try:
+        return _closed(begun, common_cycles(system), start, slip)
+    except NumericalFailure as error:
+        return _from_settled(system, pressure, slip, error)
+
+
+def _from_settled(system: System, pressure: float, slip: float, failed: NumericalFailure) -> Periodic:
+    """The motion whose slip speed has the mean `slip`, from those that the scene settles in at pressures around one.
+
+    Newton's method crosses no change of the sequence of stick and slip; of many pressures one has the sequence.
+    """
+    motions = []
+    for factor in np.geomspace(*DEFAULTS.pressures):
+        try:
+            load = replace(system, {PRESSURE: min(float(factor) * pressure, 1e7)})
+            motions.append(_closed(load, *_settled(load), None))
+        except (InputError, NumericalFailure):
+            continue
+    for near in sorted(motions, key=lambda motion: abs(motion.mean_slip - slip)):
+        try:
+            return _closed(near.system, near.period, near.parts[0].state, slip)
+        except NumericalFailure:
+            continue
+    raise failed
 
 
 def _constant(system: System, slip: float | None) -> Constant:
@@ -187,6 +211,8 @@ def _closed(system: System, period: int, state: Floats, slip: float | None) -> P
     sizes = np.append(SCALES, max(abs(system.engine.mean_torque) / system.torque_per_pressure, 1e3))
     for _ in range(DEFAULTS.iterations):
         trial, load = state + damping * step[:3], pressure + damping * float(step[3])
+        if system.friction.law == "set_valued" and abs(trial[0]) < DEFAULTS.still_slip:
+            trial[0] = 0.0
         try:
             if not 0.0 < load <= 1e7:
                 raise NumericalFailure("the pressure is out of its range")
@@ -198,7 +224,8 @@ def _closed(system: System, period: int, state: Floats, slip: float | None) -> P
         except NumericalFailure:
             norm = math.inf
         if norm < DEFAULTS.closed:
-            return Periodic(replace(system, {PRESSURE: load}), period, parts, carried, mean)
+            parts[0] = _landed(system, parts[0])
+            return Periodic(replace(system, {PRESSURE: load}), period, parts, _carried(parts), mean)
         if norm >= least:
             damping *= 0.5
             if damping < 1e-4:
@@ -228,10 +255,38 @@ def _carried(parts: list[Part]) -> Carried:
     return Carried(np.array(by_state), np.array(by_input))
 
 
-def _parts(system: System, period: int, state: Floats) -> tuple[list[Part], Floats]:
-    """The parts from `state` on, and the state at their end."""
+def _landed(system: System, part: Part) -> Part:
+    """A part that begins in stick of the set-valued law, with its derivative by a slip speed before it.
+
+    The engine projects such a start on v = 0. Slip ends at once, and the angular momentum I1 v + (I1 + I2) theta2' is
+    kept, so that v acts as a plate speed of I1/(I1 + I2) v.
+    """
+    if part.by_state[:, 0].any():
+        return part
+    d = system.driveline
+    by_state = part.by_state.copy()
+    by_state[:, 0] = d.flywheel_inertia / (d.flywheel_inertia + d.plate_inertia) * by_state[:, 2]
+    return part._replace(by_state=by_state)
+
+
+def refined(motion: Periodic, count: int) -> Periodic:
+    """The same motion in `count` parts a cycle."""
+    parts, _ = _parts(motion.system, motion.period, motion.parts[0].state, count)
+    return dataclass_replace(motion, parts=parts, carried=_carried(parts))
+
+
+def halved(motion: Periodic) -> Periodic:
+    """The same motion in half as many parts: two by two."""
+    first, second = motion.parts[::2], motion.parts[1::2]
+    parts = [Part(a.state, b.by_state @ a.by_state, b.by_state @ a.by_input + b.by_input)
+             for a, b in zip(first, second)]
+    return dataclass_replace(motion, parts=parts, carried=_carried(parts))
+
+
+def _parts(system: System, period: int, state: Floats, count: int = DEFAULTS.parts) -> tuple[list[Part], Floats]:
+    """The parts from `state` on, so many a cycle, and the state at their end."""
     of = prepared(system, (PRESSURE, TORQUE), DEFAULTS.rtol)
-    parts, count = [], DEFAULTS.parts
+    parts = []
     for cycle in range(period):
         for i in range(count):
             found = of.over(state, cycle + i / count, cycle + (i + 1) / count)

@@ -32,7 +32,7 @@ FREE = ("friction.static_coefficient", "friction.kinetic_coefficient", "friction
 STATIC, KINETIC = "friction.static_coefficient", "friction.kinetic_coefficient"
 
 
-def apart(value: float, other: float, ratio: float, falls: bool | None = None) -> float:
+def on_its_side(value: float, other: float, ratio: float, falls: bool | None = None) -> float:
     """A coefficient at least `ratio` above another one, where friction `falls` as it is, else as much below it."""
     above = value >= other if falls is None else falls
     return max(value, other * ratio) if above else min(value, other / ratio)
