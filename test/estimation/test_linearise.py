@@ -16,8 +16,9 @@ import tcc_sim
 from tcc_sim import cli
 from tcc_sim.errors import InputError
 from tcc_sim.estimation.linearise import INPUTS, OUTPUTS, harmonic_transfer, linearise
-from tcc_sim.estimation.lock_in import simulated
+from tcc_sim.estimation.lock_in import _fitted, simulated
 from tcc_sim.estimation.operating_point import mean_rows, operating_point
+from tcc_sim.estimation.settings import DEFAULTS
 from tcc_sim.model.parameters import replace as changed
 from tcc_sim.plant.driveline import Reading
 from tcc_sim.plant.slip_control import CycleMean, SlipController, Tuning
@@ -41,12 +42,14 @@ def slip_rates(x: np.ndarray, pressure: float, torque: float) -> tuple[float, fl
     return (torque - friction) / 0.2 - plate, x[2], plate, friction, spring
 
 
+@pytest.mark.parametrize("law", ["smoothed", "set_valued"])
 @pytest.mark.parametrize("output", OUTPUTS)
 @pytest.mark.parametrize("inputs", INPUTS)
-def test_constant_slip_is_the_linear_model_of_the_equations(inputs: str, output: str) -> None:
-    """Differences of the equations, written out here."""
+def test_constant_slip_is_the_linear_model_of_the_equations(inputs: str, output: str, law: str) -> None:
+    """Differences of the equations, written out here; at this slip tanh(50 v) is 1, so that both laws are one."""
     v, which = 0.8, list(INPUTS).index(inputs)
-    found = linearise(CONTROLLED.with_values(CONSTANT), slip=v, input=inputs, output=output, frequencies=[3.0, 400.0])
+    found = linearise(CONTROLLED.with_values(CONSTANT | {"friction.law": law}), slip=v, input=inputs, output=output,
+                      frequencies=[3.0, 400.0])
     assert (found.kind, found.dt) == ("slip", 0.0)
 
     def motion(x: np.ndarray, u: np.ndarray) -> np.ndarray:
@@ -181,6 +184,16 @@ def test_a_simulated_response_is_that_of_an_independent_integrator() -> None:
     columns = np.column_stack([np.sin(omega * t), np.cos(omega * t), np.ones_like(t), t])
     in_phase, ahead = np.linalg.lstsq(columns, run.y[0], rcond=None)[0][:2]
     assert found == pytest.approx(complex(in_phase, ahead) / (height * mean), rel=1e-3)
+
+
+def test_side_bands_are_told_from_the_answer() -> None:
+    """A length that is no multiple of any period: what lies beside omega would leak into it."""
+    base, omega = 75.0, 110.0
+    t = np.arange(1.0, 1500.0) * 2.5e-4
+    bands = [(0, 2.0 - 1.0j), (1, 0.7j), (-1, 0.4), (-5, -0.3j), (DEFAULTS.bands, 0.2)]
+    answer = sum(size * np.exp(1j * (omega + n * base) * t) for n, size in bands) + 0.5 + 0.1 * t
+    found = _fitted(t, np.column_stack([answer, 2.0 * answer, 0.0 * answer]), omega, base)
+    assert found == pytest.approx(np.array([2.0 - 1.0j, 4.0 - 2.0j, 0.0]), abs=1e-9)
 
 
 class Raised:
