@@ -65,7 +65,7 @@ def missed_ticks(run: Run) -> list[tuple[int, int]]:
                 log_ns, = struct.unpack_from("<Q", data, offset + 6)
                 found.extend((log_ns, int(item.value)) for item in status.values if item.key == "missed ticks")
 
-    list(run.read(tap))
+    run.read(tap)
     return found
 
 
