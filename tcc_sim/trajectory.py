@@ -119,6 +119,11 @@ class Cycles:
                       self.stick_time[first:last], loads, None if self.starts is None else self.starts[ends])
 
 
+def split_cycles(cycles: Cycles, whole: int) -> tuple[Cycles, Cycles | None]:
+    """The first `whole` cycles, and the part of one more that follows them, if any."""
+    return cycles[:whole], cycles[whole:] if len(cycles) > whole else None
+
+
 def no_cycles() -> Cycles:
     """None at all, as where nobody knows when they start."""
     nothing = np.empty(0)
@@ -193,8 +198,9 @@ class Trajectory(Result):
 
     Arrays are (n,): t (s), slip_speed (rad/s), plate_angle (rad), plate_speed (rad/s), engine_torque,
     saturation_torque, friction_torque (N m), state (-1 negative slip, 0 stick, 1 positive slip). `flywheel_angle` (rad)
-    is there for those who asked. `cycles` comes from solvers that work it out on the way;
-    `analysis.summary.cycles_of` derives it from samples otherwise.
+    is there for those who asked. `cycles` comes from solvers that work it out on the way, and `rest`, a single one that
+    ends with the run, from those that end within a cycle; `analysis.summary.parts_of` derives both from samples
+    otherwise.
 
     Examples
     --------
@@ -217,6 +223,7 @@ class Trajectory(Result):
     system: System | None = None
     flywheel_angle: Floats | None = None
     cycles: Cycles | None = None
+    rest: Cycles | None = None
     transitions: Transitions = field(default_factory=Transitions.none)
     status: Status = Status.DONE
     detail: str = ""

@@ -76,6 +76,23 @@ def periodicity(cycles: Cycles, tolerance: float = DEFAULTS.tolerance,
     return Periodicity(0, False, float(changes[0]))
 
 
+def cycles_drift(cycles: Cycles) -> bool:
+    """Whether the largest slip speeds of the cycles, without a period, still grow or decay.
+
+    The means over their quarters change in one direction, by `DEFAULTS.drift` standard errors in all, which a torus or
+    chaos does by chance only; and by more than the tolerance. Too few cycles for quarters leave it open, as a drift.
+    """
+    largest = cycles.largest[np.isfinite(cycles.largest)]
+    width = len(largest) // 4
+    if width < 2:
+        return True
+    quarters = largest[len(largest) - 4 * width:].reshape(4, width)
+    means, error = quarters.mean(axis=1), math.sqrt(float(quarters.var(axis=1).mean()) * 2.0 / width)
+    change = np.diff(means)
+    return bool(abs(change.sum()) > max(DEFAULTS.drift * error, DEFAULTS.tolerance * largest.max())
+                and (np.all(change > 0.0) or np.all(change < 0.0)))
+
+
 def enough_after_a_gap(cycles: Cycles) -> bool:
     """Whether the cycles after the last gap are enough for a period; fewer look like one by chance."""
     first = _after_gap(cycles)

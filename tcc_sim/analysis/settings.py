@@ -41,6 +41,9 @@ class Settings:
 
     # The figures of a steady state (`summary.py`).
     discard: int = quantity(50, "length dropped as transient: the paper's rule", "engine cycles")
+    rounding: float = quantity(1e-12, "share of time in stick that counts as none, and as all where it is missing")
+    drift: float = quantity(4.0, "change of the largest slip speeds over a run without period, in standard errors, "
+                            "from which on it is a transient")
     passing: float = quantity(5e-3, "a stick fraction up to here is slip that passes through v = 0: the smoothed law "
                               "counts the passage through its layer")
 

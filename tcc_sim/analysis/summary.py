@@ -7,36 +7,42 @@ period, stick, regime.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 
-from tcc_sim.analysis.periodicity import periodicity
+from tcc_sim.analysis.periodicity import cycles_drift, periodicity
 from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.errors import InputError
 from tcc_sim.model import equations
 from tcc_sim.model.parameters import System
 from tcc_sim.model.profile import TIME
 from tcc_sim.result import Result, json_of
-from tcc_sim.solvers.per_cycle import cycles_from_samples, starts_of
+from tcc_sim.solvers.per_cycle import STAMP, cycles_from_samples, starts_of
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
-from tcc_sim.trajectory import Cycles, Floats, Trajectory
+from tcc_sim.trajectory import Cycles, Floats, Trajectory, concatenated, split_cycles
 
 
 def cycles_of(trajectory: Trajectory) -> Cycles:
-    """The engine cycles of a trajectory: those its solver worked out, or those between its samples.
+    """The whole engine cycles of a trajectory: those its solver worked out, or those between its samples."""
+    return parts_of(trajectory)[1]
 
-    From samples, slip speed and plate angle are interpolated with the accelerations that (2a) and (2b) give for the
-    sampled torques.
+
+def parts_of(trajectory: Trajectory) -> tuple[Cycles | None, Cycles, Cycles | None]:
+    """The whole engine cycles of a trajectory, between the parts of cycles before and behind them; None for no part.
+
+    They are those that its solver worked out, or those between its samples. There, slip speed and plate angle are
+    interpolated with the accelerations that (2a) and (2b) give for the sampled torques.
 
     Raises
     ------
     InputError
-        Samples without the system they belong to, or too few of them for one cycle.
+        Samples without the system they belong to, or too few of them.
     """
     if trajectory.cycles is not None:
-        return trajectory.cycles
+        return None, trajectory.cycles, trajectory.rest
     if trajectory.system is None:
         raise InputError("the trajectory has neither per-cycle results nor the system to work them out with")
     if len(trajectory.t) < 2:
@@ -44,10 +50,20 @@ def cycles_of(trajectory: Trajectory) -> Cycles:
     terms = terms_of(trajectory.system)
     slip, plate = equations.accelerations(trajectory.plate_angle, trajectory.plate_speed, trajectory.engine_torque,
                                           trajectory.friction_torque, terms.linear)
-    starts = starts_of(varying(trajectory), first_cycle_of(trajectory), float(trajectory.t[-1]), trajectory.cycle)
-    return cycles_from_samples(trajectory.t, trajectory.slip_speed, slip, trajectory.plate_angle,
-                               trajectory.plate_speed, plate, starts=starts, stick_speed=stick_speed_of(terms),
-                               linear=terms.linear)
+    begin, end = float(trajectory.t[0]), float(trajectory.t[-1])
+    starts = starts_of(varying(trajectory), first_cycle_of(trajectory), end, trajectory.cycle)
+    near = STAMP + 1e-8 * trajectory.cycle
+    if starts[0] > end - near:
+        starts = starts[:0]
+    early = int(not len(starts) or starts[0] > begin + near)
+    late = int(not len(starts) or starts[-1] < end - near)
+    cuts = np.concatenate([[begin] * early, starts, [end] * late])
+    found = replace(cycles_from_samples(trajectory.t, trajectory.slip_speed, slip, trajectory.plate_angle,
+                                        trajectory.plate_speed, plate, starts=cuts, stick_speed=stick_speed_of(terms),
+                                        linear=terms.linear), starts=cuts)
+    if not len(starts):
+        return None, found[:0], found
+    return found[:1] if early else None, *split_cycles(found[early:], len(starts) - 1)
 
 
 def first_cycle_of(trajectory: Trajectory) -> int:
@@ -63,11 +79,14 @@ def varying(trajectory: Trajectory) -> System | None:
 
 def spans_of(system: System | None, cycle: float, first: int, count: int) -> dict[str, Any]:
     """What `summarise_cycles` is to know of `count` engine cycles from number `first` on: `cycle`, how long they last,
-    s, and `varied`, in how many of them the excitation still changes. Without a system all last `cycle`.
+    `since`, when they start, s, and `varied`, in how many of them the excitation still changes. Without a system all
+    last `cycle`.
     """
     if system is None or system.profile is None:
-        return {"cycle": cycle if system is None else system.cycle}
-    return {"cycle": np.diff(system.cycle_start(first + np.arange(count + 1))),
+        cycle = cycle if system is None else system.cycle
+        return {"cycle": cycle, "since": first * cycle}
+    starts = system.cycle_start(first + np.arange(count + 1))
+    return {"cycle": np.diff(starts), "since": float(starts[0]),
             "varied": max(math.ceil(system.cycles_until(float(system.profile[-1, TIME])) - 1e-9) - first, 0)}
 
 
@@ -96,7 +115,7 @@ def dropped_of(cycles: int, discard: int | None) -> int:
 
 @dataclass(frozen=True, repr=False, slots=True)
 class Summary(Result):
-    """What the kept cycles come to; the fields are the JSON keys of `simulate` and `analyse`.
+    """What a run comes to after the dropped cycles; the fields are the JSON keys of `simulate` and `analyse`.
 
     max_slip_speed : largest |v|, rad/s
     min_slip_speed : smallest v, signed, rad/s
@@ -113,8 +132,11 @@ class Summary(Result):
     elapsed_s : s of computing time
     runaway : whether slip grows and never sticks, as where the friction torque is below the mean engine torque; such a
         motion has no period and is neither settled nor quasi-periodic
-    clutch_energy : work of the friction torque over the kept cycles, integral of Tf v, J; NaN where it was not asked
-        for
+    transient : whether the motion is still on its way: its period is that of a limit, or its cycles still grow or decay
+    covers : from when to when extremes, stick, energies, powers, torques and breakaways are taken, s: all that was
+        solved and not dropped; period and section are those of the whole cycles in it
+    clutch_energy : work of the friction torque, integral of Tf v, J; NaN where it was not asked for
+    mean_power : the same over its time, W
     peak_power : largest Tf v, W
     max_shaft_torque, min_shaft_torque : of the torque in the shaft, C23 theta2' + K23 theta2, N m
     breakaways : changes from stick to slip
@@ -142,7 +164,10 @@ class Summary(Result):
     solver: str
     elapsed_s: float
     runaway: bool = False
+    transient: bool = False
+    covers: tuple[float, float] = (math.nan, math.nan)
     clutch_energy: float = math.nan
+    mean_power: float = math.nan
     peak_power: float = math.nan
     max_shaft_torque: float = math.nan
     min_shaft_torque: float = math.nan
@@ -155,8 +180,9 @@ class Summary(Result):
                 f"largest |slip speed| {self.max_slip_speed:.6g} rad/s>")
 
     def columns(self) -> dict[str, list[Any]]:
-        """The fields less the section as a table of a row, as ``pandas.DataFrame`` and ``polars.DataFrame`` take it."""
-        return {item.name: [getattr(self, item.name)] for item in fields(self) if item.name != "section"}
+        """The fields less those that are lists, as ``pandas.DataFrame`` and ``polars.DataFrame`` take a row."""
+        listed = "section", "covers"
+        return {item.name: [getattr(self, item.name)] for item in fields(self) if item.name not in listed}
 
     def as_json(self) -> dict[str, Any]:
         """The fields as JSON values; a number that is not finite becomes null."""
@@ -177,62 +203,77 @@ def summarise(trajectory: Trajectory, discard: int | None = None, *, tolerance: 
     InputError
         A discard that leaves no cycle, or a trajectory without cycles.
     """
-    cycles = cycles_of(trajectory)
-    dropped = dropped_of(len(cycles), discard)
+    before, cycles, behind = parts_of(trajectory)
+    dropped = dropped_of(len(cycles), discard) if len(cycles) or behind is None or discard else 0
     first = first_cycle_of(trajectory) + dropped
     return summarise_cycles(cycles[dropped:], first=first, tolerance=tolerance, dropped=dropped, by=trajectory,
+                            beside=[part for part in (before if not dropped else None, behind) if part is not None],
                             **spans_of(varying(trajectory), trajectory.cycle, first, len(cycles) - dropped))
 
 
 def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, tolerance: float = DEFAULTS.tolerance,
-                     varied: int = 0, dropped: int = 0, by: Trajectory | None = None) -> Summary:
+                     varied: int = 0, dropped: int = 0, since: float = 0.0, beside: Sequence[Cycles] = (),
+                     by: Trajectory | None = None) -> Summary:
     """The summary of consecutive cycles, all of them kept; NaN marks those that were not observed.
 
     Parameters
     ----------
-    cycles : what was kept
+    cycles : the whole cycles that were kept
     cycle : engine cycle, s; one for each where they differ
     first : number of the first of them, which sets where the section of a period starts
     tolerance : of the period, relative to the size of the motion
     varied : of these, the first ones in which the excitation still changed; only those behind can have a period
     dropped : cycles before them that were observed
+    since : when they start, s
+    beside : parts of cycles before and behind them, with their `starts`; period and section leave them out
     by : whose solver and time the summary names
 
     Raises
     ------
     InputError
-        No observed cycle at all.
+        Nothing was observed at all.
     """
     observed = np.isfinite(cycles.highest) & np.isfinite(cycles.lowest) & np.isfinite(cycles.stick_time)
     count = int(observed.sum())
-    if not count:
+    if not (count or beside):
         raise InputError("there is no whole engine cycle to summarise")
-    seen = observed if count < len(cycles) else slice(None)
-    highest, lowest = float(cycles.highest[seen].max()), float(cycles.lowest[seen].min())
     steady = cycles[min(varied, len(cycles)):] if varied else cycles
     runaway = slip_grows(steady)
     found = periodicity(steady, tolerance)
     if runaway:
         found = replace(found, period=0, settled=False)
+    transient = not runaway and not found.settled and (bool(found.period) or cycles_drift(steady))
     points = cycles.section[1:]
     if found.period:
         past = (first + len(points) + 1) % found.period
         points = points[len(points) - past - found.period:len(points) - past]
     points = points[np.isfinite(points).all(axis=1)]
-    seconds = float(cycle[seen].sum()) if isinstance(cycle, np.ndarray) else count * cycle
-    fraction = min(max(float(cycles.stick_time[seen].sum()) / seconds, 0.0), 1.0)
+    lengths = cycle if isinstance(cycle, np.ndarray) else np.full(len(cycles), cycle)
+    seconds = float(lengths[observed].sum()) if isinstance(cycle, np.ndarray) else count * cycle
+    begin, end = since, since + (float(lengths.sum()) if isinstance(cycle, np.ndarray) else len(cycles) * cycle)
+    for part in beside:
+        assert part.starts is not None
+        seconds += float(part.starts[-1] - part.starts[0])
+        begin, end = min(begin, float(part.starts[0])), max(end, float(part.starts[-1]))
+    covered = concatenated([cycles, *beside]) if beside else cycles
+    seen = np.concatenate([observed, np.full(len(covered) - len(cycles), True)]) if count < len(cycles) else slice(None)
+    highest, lowest = float(covered.highest[seen].max()), float(covered.lowest[seen].min())
+    fraction = min(max(float(covered.stick_time[seen].sum()) / seconds, 0.0), 1.0)
+    fraction = round(fraction) if min(fraction, 1.0 - fraction) < DEFAULTS.rounding else fraction
     loads: dict[str, Any] = {}
-    if cycles.loads is not None:
-        energy, power, high, low, breakaways = (column[seen] for column in cycles.loads.columns())
-        loads = {"clutch_energy": float(energy.sum()), "peak_power": float(power.max()),
+    if covered.loads is not None:
+        energy, power, high, low, breakaways = (column[seen] for column in covered.loads.columns())
+        loads = {"clutch_energy": float(energy.sum()), "mean_power": float(energy.sum()) / seconds,
+                 "peak_power": float(power.max()),
                  "max_shaft_torque": float(high.max()), "min_shaft_torque": float(low.min()),
                  "breakaways": int(breakaways.sum()) if np.isfinite(breakaways).all() else None}
     return Summary(
         max_slip_speed=max(abs(highest), abs(lowest)), min_slip_speed=lowest, period=found.period,
-        section=[(angle, v) for v, angle, _ in points.tolist()], stick_fraction=fraction, regime=regime_of(fraction),
-        cycles=len(cycles) + dropped, discarded=dropped, settled=found.settled, section_change=found.change,
-        solver=by.solver if by is not None else "", elapsed_s=by.statistics.seconds if by is not None else 0.0,
-        runaway=runaway, **loads)
+        section=[(angle, v) for v, angle, _ in points.tolist()], stick_fraction=float(fraction),
+        regime=regime_of(fraction), cycles=len(cycles) + dropped, discarded=dropped, settled=found.settled,
+        section_change=found.change, solver=by.solver if by is not None else "",
+        elapsed_s=by.statistics.seconds if by is not None else 0.0, runaway=runaway,
+        transient=transient, covers=(begin, end), **loads)
 
 
 def slip_grows(cycles: Cycles) -> bool:
@@ -266,17 +307,6 @@ def runaway_cause(system: System) -> str:
         return f"the clutch carries {carried:.6g} N m in slip, but not at the instants at which the engine asks for it"
     return (f"mean torque {torque:.6g} N m exceeds what the clutch carries in slip, {carried:.6g} N m at a mean "
             f"pressure of {system.pressure.mean:.6g} Pa")
-
-
-def summarise_samples(trajectory: Trajectory) -> Summary:
-    """The summary of a run shorter than an engine cycle: extremes of its samples, no section and no period."""
-    v, t = trajectory.slip_speed, trajectory.t
-    stuck = (trajectory.state == 0).astype(np.float64)
-    fraction = float(np.sum(0.5 * (stuck[1:] + stuck[:-1]) * np.diff(t))) / float(t[-1] - t[0])
-    return Summary(
-        max_slip_speed=float(np.abs(v).max()), min_slip_speed=float(v.min()), period=0, section=[],
-        stick_fraction=fraction, regime=regime_of(fraction), cycles=0, discarded=0, settled=False,
-        section_change=math.nan, solver=trajectory.solver, elapsed_s=trajectory.statistics.seconds)
 
 
 def regime_of(stick_fraction: float) -> str:

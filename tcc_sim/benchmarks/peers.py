@@ -23,8 +23,9 @@ from scipy.integrate import solve_ivp
 from tcc_sim.benchmarks.references import Floats, error_scales
 from tcc_sim.fmu.export import compiler
 from tcc_sim.model.parameters import System
-from tcc_sim.solvers.comparison.scipy_methods import jacobian, rates_along, rates_of
+from tcc_sim.solvers.comparison.scipy_methods import jacobian, rates_of
 from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples
+from tcc_sim.solvers.problem import rates_along
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.trajectory import State
 

@@ -15,6 +15,7 @@ from tcc_sim.output.terminal import say
 if TYPE_CHECKING:
     from tcc_sim.model.parameters import System
     from tcc_sim.scene import Scene
+    from tcc_sim.sweeps.simulation import Plan
 
 
 def number(low: float, high: float, unit: str = "", kind: type[float] | type[int] = float) -> Callable[[str], Any]:
@@ -188,6 +189,26 @@ def add_solver(parser: argparse.ArgumentParser) -> None:
 def solver_options(arguments: argparse.Namespace) -> dict[str, Any]:
     """What `add_solver` asks for, as `Plan` takes it."""
     return {name: getattr(arguments, name) for name in ("solver", "rtol", "step", "damping", "lyapunov")}
+
+
+def plan_of(arguments: argparse.Namespace, **more: Any) -> Plan:
+    """How a motion is solved, from --cycles, --duration, --discard and what `add_solver` asks for.
+
+    Raises
+    ------
+    InputError
+        A value out of its range.
+    """
+    from tcc_sim.sweeps.simulation import Plan
+
+    discard = arguments.discard
+    if discard is not None and discard != "auto":
+        try:
+            discard = int(discard)
+        except ValueError:
+            raise InputError(f"--discard is {discard!r}; it must be a number of cycles or auto") from None
+    return Plan(cycles=arguments.cycles, duration=arguments.duration, discard=discard, **solver_options(arguments),
+                **more)
 
 
 def add_outputs(parser: argparse.ArgumentParser, json: str, out: str = "", metavar: str = "FILE",

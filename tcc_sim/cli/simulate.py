@@ -11,7 +11,7 @@ from tcc_sim.cli import arguments as common
 from tcc_sim.errors import InputError, counted
 
 Result = TypeVar("Result")
-CYCLES, SAMPLES, LARGEST_OUTPUT = 150, 200, 50_000_000
+SAMPLES, LARGEST_OUTPUT = 200, 50_000_000
 HOLDS = ("previous", "linear", "next")
 """As `recording.table` has them, which is not loaded for this."""
 
@@ -22,12 +22,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--profile", metavar="KEY=T:V,T:V", action="append", default=[],
                         help="engine.frequency, engine.mean_torque or pressure.mean linear between points in time, s")
     span = parser.add_mutually_exclusive_group()
-    span.add_argument("--cycles", metavar="N", type=int, help=f"engine cycles solved (default {CYCLES})")
+    span.add_argument("--cycles", metavar="N", type=int, help="engine cycles solved (default 150)")
     span.add_argument("--duration", metavar="S", type=float,
                       help="seconds solved instead (a scene with profiles: up to their last point)")
-    parser.add_argument("--discard", metavar="N", type=int,
-                        help="cycles dropped from the summary at the start (default 50, but "
-                        "at most half of --cycles, and at most a third of the whole cycles in --duration)")
+    parser.add_argument("--discard", metavar="N|auto",
+                        help="cycles dropped from the summary at the start (default 50, but at most half of --cycles, "
+                        "at most a third of the whole cycles in --duration, and none of a scene with profiles); auto "
+                        "drops those until the section has settled, and solves no more")
     common.add_solver(parser)
     common.add_outputs(parser, "the summary", "the samples: .npz, .csv or .mcap")
     parser.add_argument("--inputs", metavar="RUN|FILE.csv", type=Path,
@@ -47,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.output.samples import SUFFIXES, write_samples
     from tcc_sim.output.tables import order_lines, simulation_lines
     from tcc_sim.scene import parse_profiles
-    from tcc_sim.sweeps.simulation import Plan, simulate
+    from tcc_sim.sweeps.simulation import simulate
 
     scene = common.scene_of(arguments, parse_profiles(arguments.profile))
     if arguments.inputs is not None:
@@ -56,18 +57,15 @@ def run(arguments: argparse.Namespace) -> int:
         scene = driven_by(scene, arguments.inputs, arguments.hold)
     elif arguments.hold is not None:
         raise InputError("--hold says how the inputs of a table hold; give the table with --inputs")
-    cycle, duration = scene.system.cycle, arguments.duration
-    if arguments.cycles is None and duration is None:
-        duration = scene.system.span or None
-    plan = Plan(cycles=CYCLES if arguments.cycles is None else arguments.cycles, discard=arguments.discard,
-                **common.solver_options(arguments))
+    plan = common.plan_of(arguments)
+    cycle, duration = scene.system.cycle, plan.seconds(scene.system)
     common.check_outputs(arguments, SUFFIXES)
-    _check_samples(arguments, plan.cycles if duration is None else duration / cycle)
-    shorter = duration is not None and duration < cycle * (1.0 - 1e-12)
-    sampled = shorter or arguments.orders or arguments.inputs is not None
+    _check_samples(arguments, plan.most if duration is None else duration / cycle)
+    sampled = arguments.orders or arguments.inputs is not None or (
+        duration is not None and duration < cycle * (1.0 - 1e-12))
     samples = arguments.samples if arguments.out is not None else SAMPLES if sampled else 0
     found = awaited(lambda: simulate(
-        scene, plan, duration=duration, samples_per_cycle=samples,
+        scene, plan, samples_per_cycle=samples,
         flywheel_angle=arguments.out is not None and arguments.out.suffix == ".mcap")).raise_for_status()
     lines, results = simulation_lines(scene.name, found), found.as_json()
     drawn: object = found

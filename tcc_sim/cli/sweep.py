@@ -26,8 +26,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="scene key and the bounds of its tolerance; samples give quantiles of every result")
     parser.add_argument("--samples", metavar="N", type=int, help="of the scattered keys; a power of 2 is best")
     parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the samples (default 0)")
-    parser.add_argument("--cycles", metavar="N", type=int, default=150,
-                        help="engine cycles solved per value (default 150)")
+    parser.add_argument("--every-sample", action="store_true",
+                        help="take quantiles over every sample, also over those that ran away or have not settled")
+    span = parser.add_mutually_exclusive_group()
+    span.add_argument("--cycles", metavar="N", type=int, help="engine cycles solved per value (default 150)")
+    span.add_argument("--duration", metavar="S", type=float,
+                      help="seconds solved instead (a scene with profiles: up to their last point)")
     parser.add_argument("--discard", metavar="N|auto", default=None,
                         help="cycles dropped (default 50); auto drops those until the section has settled, and solves "
                              "no more")
@@ -44,13 +48,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Sweep, write what was asked for, and print a table where no file was."""
     from tcc_sim.output.provenance import said
-    from tcc_sim.output.tables import quantile_lines, sweep_lines
+    from tcc_sim.output.tables import quantile_lines, sweep_lines, unsettled_lines
     from tcc_sim.sweeps.scatter import Scattered
-    from tcc_sim.sweeps.sweep import Grid, Plan, sweep_curves
+    from tcc_sim.sweeps.sweep import Grid, sweep_curves
 
     scene = common.scene_of(arguments)
-    plan = Plan(cycles=arguments.cycles, discard=_discard(arguments.discard), direction=arguments.direction,
-                **common.solver_options(arguments))
+    plan = common.plan_of(arguments, direction=arguments.direction)
     common.check_outputs(arguments)
     curves, gather = _work(arguments, scene.system)
     ended = ""
@@ -65,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
         points = [p for s in sweeps for p in s.points]
         failed = sum(p is not None and p.summary is None for p in points)
         lines = [f"{sum(p is not None for p in points)} of {counted(len(points), 'value')} in {sweeps[0].seconds:.3g} s"
-                 + (f"; {failed} failed" if failed else "")]
+                 + (f"; {failed} failed" if failed else ""), *unsettled_lines(sweeps)]
     elif isinstance(found, Scattered):
         lines = quantile_lines(found)
     else:
@@ -97,7 +100,10 @@ def _work(arguments: argparse.Namespace, system: System) -> tuple[list[Curve], C
         if arguments.samples is None:
             raise InputError("--scatter needs --samples N, the number of samples")
         told, (key, values) = Tolerances(bounds, arguments.samples, arguments.seed), (*over, ("", []))[0]
-        return scattered_curves(system, told, key, values), lambda sweeps: Scattered(told, key, sweeps)
+        every = arguments.every_sample
+        return scattered_curves(system, told, key, values), lambda sweeps: Scattered(told, key, sweeps, every)
+    if arguments.every_sample:
+        raise InputError("--every-sample needs --scatter KEY=LOW:HIGH, whose quantiles it is about")
     if arguments.samples is not None:
         raise InputError("--samples needs --scatter KEY=LOW:HIGH, the tolerance that is sampled")
     if not 1 <= len(over) <= 2:
@@ -109,12 +115,3 @@ def _work(arguments: argparse.Namespace, system: System) -> tuple[list[Curve], C
                 lambda sweeps: Grid(key_two, tuple(values_two), sweeps))
     return [Curve(system, key, tuple(values))], lambda sweeps: sweeps[0]
 
-
-def _discard(text: str | None) -> int | str | None:
-    """A number of cycles, auto, or None where nothing was said."""
-    if text is None or text == "auto":
-        return text
-    try:
-        return int(text)
-    except ValueError:
-        raise InputError(f"--discard is {text!r}; it must be a number of cycles or auto") from None

@@ -54,6 +54,8 @@ def simulation_lines(name: str, found: Simulation) -> list[str]:
     lines = [f"{name}: {run.t[-1]:.6g} s, solved by {run.solver} in {counted(run.statistics.steps, 'step')} in "
              f"{run.statistics.seconds:.3g} s"]
     pairs = summary_rows(found.summary) if found.summary is not None else [("status", found.status)]
+    if found.summary is not None:
+        pairs += covers_row(found.summary, 0.0, float(run.t[-1]))
     if found.summary is not None and found.summary.runaway and run.system is not None:
         pairs.append(("runaway", runaway_cause(run.system)))
     if found.damping is not None:
@@ -84,24 +86,34 @@ def summary_rows(summary: Summary) -> list[tuple[str, str]]:
         period += (", settled" if summary.settled else
                    f", still converging: it changes by {summary.section_change:.1e} of it")
     else:
-        period = f"none up to {DEFAULTS.maximum_period} engine cycles, as far as can be told yet"
+        period = f"none up to {DEFAULTS.maximum_period} engine cycles" + (
+            "; the motion has not settled: raise --cycles" if summary.transient else "")
     out = [("largest |slip speed|", f"{summary.max_slip_speed:.9g} rad/s"),
            ("smallest slip speed", f"{summary.min_slip_speed:.9g} rad/s"),
            ("regime", f"{summary.regime}, in stick for {100.0 * summary.stick_fraction:.2f} % of the time")]
-    if not summary.cycles:
-        return out
-    out.append(("period", period))
+    if summary.cycles:
+        out.append(("period", period))
     for number, (angle, speed) in enumerate(summary.section[:SECTION_LINES] if summary.period else []):
         out.append(("section: plate angle, slip speed" if number == 0 else "", f"{angle:.9g} rad, {speed:.9g} rad/s"))
     if not summary.period and summary.section:
         out.append(("section", counted(len(summary.section), "point")))
     if not math.isnan(summary.clutch_energy):
-        out += [("clutch", f"{summary.clutch_energy:.6g} J turned into heat, at most {summary.peak_power:.6g} W"
+        out += [("clutch", f"{summary.clutch_energy:.6g} J turned into heat, {summary.mean_power:.6g} W on average, at "
+                 f"most {summary.peak_power:.6g} W"
                  + (f"; {counted(summary.breakaways, 'breakaway')}" if summary.breakaways is not None else "")),
                 ("shaft torque", f"{summary.min_shaft_torque:.6g} to {summary.max_shaft_torque:.6g} N m")]
     dropped = f"the first {summary.discarded}" if summary.discarded else "none"
     out.append(("engine cycles", f"{summary.cycles}, {dropped} dropped"))
     return out
+
+
+def covers_row(summary: Summary, begin: float, end: float) -> list[tuple[str, str]]:
+    """From when to when the figures of a run from `begin` to `end`, s, are taken, where that is not all of it."""
+    first, last = summary.covers
+    near = 1e-9 * (end - begin)
+    if first <= begin + near and last >= end - near:
+        return []
+    return [("figures cover", f"{first:.6g} to {last:.6g} s of {begin:.6g} to {end:.6g} s")]
 
 
 def damping_row(found: Damping) -> tuple[str, str]:
@@ -143,8 +155,15 @@ def sweep_lines(sweeps: Sequence[Sweep], second_key: str = "", second_values: Se
                 lines.append(f"{values}  {record['status'] if record is not None else 'not solved'}")
             else:
                 lines.append(values + "".join(f"  {text(record):>{wide}}" for _, wide, text in table))
-    settling = any(record is not None and record["period"] and not record["settled"] for _, record in rows)
-    return [*lines, "* still settling"] if settling else lines
+    return lines + unsettled_lines(sweeps, "* ")
+
+
+def unsettled_lines(sweeps: Sequence[Sweep], mark: str = "") -> list[str]:
+    """How many motions have not settled, and what to do; nothing where all have."""
+    count, values = sum(s.not_settled for s in sweeps), sum(len(s.points) for s in sweeps)
+    return [f"{mark}{count} of {counted(values, 'point')} {'has' if count == 1 else 'have'} not settled; raise --cycles"
+            ] if count else []
+
 
 def quantile_lines(found: Scattered) -> list[str]:
     """Quantiles of the main results over the samples, per value where there is another key."""
@@ -153,6 +172,10 @@ def quantile_lines(found: Scattered) -> list[str]:
     values = found.sweeps[0].curve.values if found.over else ()
     lines = [f"{counted(found.tolerances.samples, 'sample')} of "
              + ", ".join(f"{key} {low:g} to {high:g}" for key, low, high in found.tolerances.bounds)]
+    left_out = found.left_out
+    if any(left_out.values()):
+        lines.append(f"quantiles leave out {counted(left_out['runaway'], 'result')} that ran away and "
+                     f"{left_out['not_settled']} that have not settled; raise --cycles, or take --every-sample")
     for name, told, unit, scale in QUANTILES:
         lines.append(f"{told} ({unit})" + "".join(f"  {100.0 * p:g} %" for p in PROBABILITIES))
         for k, row in enumerate(scale * found.quantiles(name)):
@@ -176,7 +199,7 @@ def _period(record: Row) -> str:
     """The period in engine cycles, with a star where it has not settled; runaway, or none."""
     if record["runaway"]:
         return "runaway"
-    return f"{record['period']}{'' if record['settled'] else '*'}" if record["period"] else "none"
+    return f"{record['period'] or 'none'}{'*' if record['transient'] else ''}"
 
 
 def _number(value: float | None) -> str:

@@ -114,7 +114,7 @@ def _curves(row: PaperFigure, options: FigureOptions, curves: Sequence[results.M
             threshold: float | None = None) -> results.Curves:
     """Curves over the figure's axis."""
     name, ratios, unit = _axis(row, options)
-    return results.Curves(axis=name, x=ratios.tolist(), unit=unit, cycles=_plan(options).cycles, discarded=50,
+    return results.Curves(axis=name, x=ratios.tolist(), unit=unit, cycles=_plan(options).most, discarded=50,
                           threshold=threshold, curves=curves)
 
 

@@ -161,7 +161,7 @@ def expand_varying(rows: Any, count: int, unit: float, tau: float, loaded: bool,
 def load_phase(ratio: float, pulsation: Pulsation, cycle: int) -> float:
     """The load's phase at the start of an engine cycle, rad: whole turns are taken off before anything is rounded.
 
-    The ratio of the frequencies is parted by T. J. Dekker's method (Numerische Mathematik 18, 1971), so that the
+    The ratio of the frequencies is split_cycles by T. J. Dekker's method (Numerische Mathematik 18, 1971), so that the
     product of its greater part and the number of the cycle is exact.
     """
     if pulsation is None:

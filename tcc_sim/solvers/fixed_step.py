@@ -12,21 +12,21 @@ limits the step, not the smoothing), and h max(omega_n, omega) <= RESOLUTION res
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from tcc_sim.errors import InputError
-from tcc_sim.model import equations, friction
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers.compiling.compiled import Call, compiled, smoothed, timed
 from tcc_sim.solvers.excitation import break_after, piece_at, torques_now
-from tcc_sim.solvers.per_cycle import cycles_from_samples, hermite, starts_of
-from tcc_sim.solvers.problem import Problem, assemble
+from tcc_sim.solvers.per_cycle import STAMP, cycles_of_states, hermite
+from tcc_sim.solvers.problem import Problem, assemble, rates_along
 from tcc_sim.solvers.scalar import ITERATION_BOUND, scalar_root
-from tcc_sim.solvers.terms import Terms, same_but_means, stick_speed_of, substeps, terms_of, torques_at
-from tcc_sim.trajectory import Floats, Statistics, Status, Trajectory, concatenated
+from tcc_sim.solvers.terms import Terms, same_but_means, substeps, terms_of
+from tcc_sim.trajectory import Floats, Statistics, Status, Trajectory, concatenated, split_cycles
 
 BATCH = 400_000
 """Sub-steps kept in memory at a time by an offline solve."""
@@ -272,9 +272,9 @@ def solve(problem: Problem) -> Trajectory:
     except InputError as error:
         return assemble(problem, "fixed_step", t, states, status=Status.REFUSED, detail=str(error))
     ticks = math.ceil((problem.end - problem.start) / step * (1.0 - 1e-13))
-    times, system = problem.sample_times(), problem.system
-    samples, cycles = [states[:0]], []
-    kept, first, done, total, most, status, seconds = 0, problem.start_cycle, 0, 0, 0, Status.DONE, 0.0
+    times = problem.sample_times()
+    samples, cycles, ends = [states[:0]], [], problem.cycle_starts()
+    kept, first, done, total, most, status, seconds = 0, 0, 0, 0, 0, Status.DONE, 0.0
     while done < ticks:
         block = min(ticks - done, max(1, BATCH // n))
         out = np.empty((block * n, len(state)))
@@ -287,29 +287,18 @@ def solve(problem: Problem) -> Trajectory:
         if not np.all(np.isfinite(out)):
             status = Status.NOT_FINITE
             break
-        rates = _rates(t, states, terms)
+        rates = rates_along(t, states, terms)
         due = len(times) if done == ticks else int(np.searchsorted(times, t[-1], side="right"))
         samples.append(np.stack([hermite(times[kept:due], t, states[:, i], rates[:, i]) for i in range(len(state))],
                                 axis=1))
         kept = due
-        cycles.append(cycles_from_samples(t, states[:, 0], rates[:, 0], states[:, 1], states[:, 2], rates[:, 2],
-                                          starts=starts_of(system, first, t[-1]), stick_speed=stick_speed_of(terms),
-                                          linear=terms.linear))
+        starts = ends[first:] if done == ticks else ends[first:np.searchsorted(ends, t[-1] + STAMP, side="right")]
+        cycles.append(replace(cycles_of_states(t, states, terms, starts), starts=starts))
         first += len(cycles[-1])
-        keep = max(int(np.searchsorted(t, min(system.cycle_start(first), t[-1]), side="right")) - 2, 0)
+        keep = max(int(np.searchsorted(t, min(ends[first], t[-1]), side="right")) - 2, 0)
         t, states = t[keep:], states[keep:]
     statistics = Statistics(steps=done * n, iterations=total, iterations_max=most, iterations_bound=ITERATION_BOUND,
                             seconds=seconds)
-    return assemble(problem, "fixed_step", times[:kept], np.concatenate(samples),
-                    cycles=concatenated(cycles)[:problem.whole_cycles] if cycles else None, status=status,
-                    statistics=statistics)
-
-
-def _rates(t: Floats, states: Floats, terms: Terms) -> Floats:
-    """Time derivatives of the states, (n, 3 or 4), from the equations of motion."""
-    assert terms.smoothing is not None
-    v, angle, speed = states[:, 0], states[:, 1], states[:, 2]
-    engine, load = torques_at(terms, t)
-    torque = load * friction.smoothed(v, terms.smoothing, terms.stribeck)
-    slip, plate = equations.accelerations(angle, speed, engine, torque, terms.linear)
-    return np.stack([slip, speed, plate, v + speed][:states.shape[1]], axis=1)
+    whole, rest = split_cycles(concatenated(cycles), problem.whole_cycles) if cycles else (None, None)
+    return assemble(problem, "fixed_step", times[:kept], np.concatenate(samples), cycles=whole, rest=rest,
+                    status=status, statistics=statistics)

@@ -20,7 +20,7 @@ from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.bernstein import BERNSTEIN, HIGH, LOW, later_part, to_bernstein
 from tcc_sim.solvers.compiling.compiled import fast, timed
 from tcc_sim.solvers.loads import keep_breakaway, loads_of, room_for_loads
-from tcc_sim.solvers.problem import Problem, assemble
+from tcc_sim.solvers.problem import LEAST_REST, Problem, assemble
 from tcc_sim.solvers.series import ANGLE, FLYWHEEL, SLIP, SPEED
 from tcc_sim.trajectory import Cycles, Floats, Statistics, Status, Trajectory, Transitions
 
@@ -286,13 +286,21 @@ class Kept:
         reached = float(problem.system.cycle_start(problem.start_cycle + whole)) + tau
         t, samples = self._sampled(first, last, status, reached)
         transitions = transitions_of(self.moves)
-        highest, lowest, stick_time = self.cycles[:whole, 3:].T.copy()
-        cycles = Cycles(self.cycles[:whole + 1, :3].copy(), highest, lowest, stick_time,
-                        loads_of(self.loads, problem, whole))
+        cycles = self._cycles(0, whole, self.cycles[:whole + 1, :3].copy())
+        begun, rest = reached - tau, None
+        if tau > LEAST_REST * (float(problem.system.cycle_start(problem.start_cycle + whole + 1)) - begun):
+            self.cycles[whole, 3:] = self.output[["highest", "lowest", "stick_time"]].item()
+            rest = dataclasses.replace(self._cycles(whole, whole + 1, np.array([self.cycles[whole, :3], last[:3]])),
+                                       starts=np.array([begun, problem.end if status is Status.DONE else reached]))
         states = samples[:, :len(problem.first)]
         return assemble(problem, solver, t, states, modes=samples[:, 4].astype(np.int8) if modes else None,
-                        cycles=cycles, transitions=transitions, status=status, detail=detail,
+                        cycles=cycles, rest=rest, transitions=transitions, status=status, detail=detail,
                         statistics=dataclasses.replace(statistics, seconds=self.seconds))
+
+    def _cycles(self, first: int, end: int, section: Floats) -> Cycles:
+        """What was kept of the cycles `first` to `end`."""
+        highest, lowest, stick_time = self.cycles[first:end, 3:].T.copy()
+        return Cycles(section, highest, lowest, stick_time, loads_of(self.loads, self.problem, first, end))
 
     def _sampled(self, first: tuple[float, ...], last: tuple[float, ...], status: Status,
                  reached: float) -> tuple[Floats, Floats]:

@@ -49,12 +49,12 @@ def room_for_loads(problem: Problem) -> NDArray[Any] | None:
     return out
 
 
-def loads_of(records: NDArray[Any] | None, problem: Problem, whole: int) -> Loads | None:
-    """The loads of the first `whole` cycles of a run, from their records."""
-    if records is None:
+def loads_of(records: NDArray[Any] | None, problem: Problem, first: int, end: int) -> Loads | None:
+    """The loads of the cycles `first` to `end` of a run, from their records."""
+    if records is None or problem.loads_from is None:
         return None
-    columns = records[:whole].view(np.float64).reshape(whole, LOADS.itemsize // 8)[:, :-1].T.copy()
-    columns[:, :problem.loads_from] = math.nan
+    columns = records[first:end].view(np.float64).reshape(end - first, LOADS.itemsize // 8)[:, :-1].T.copy()
+    columns[:, :max(problem.loads_from - first, 0)] = math.nan
     return Loads(*columns)
 
 

@@ -11,10 +11,16 @@ from numpy.typing import NDArray
 from tcc_sim.errors import InputError
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.parameters import System
+from tcc_sim.model.profile import TIME
+from tcc_sim.solvers.jumps import slopes_between_jumps, with_peaks
+from tcc_sim.solvers.problem import rates_along
+from tcc_sim.solvers.terms import Terms, stick_speed_of
 from tcc_sim.trajectory import Cycles, Floats, Loads
 
 STAMP = 1e-9
 """What the rounding of a stamp to whole nanoseconds may take from a cycle, s."""
+ROUNDING = 1e-12
+"""Times this close to each other are one but for rounding, s."""
 LAYER = 7.0
 """Half width of the layer in which the smoothed law is stiff, in stick speeds: tanh is 1 to rounding beyond it."""
 
@@ -33,6 +39,40 @@ def starts_of(system: System | None, first: int, end: float, cycle: float = 0.0)
         return cycle_starts(first, end, cycle if system is None else system.cycle)
     count = max(int(np.floor(system.cycles_until(end) + 1e-9)) - first, 0)
     return np.asarray(system.cycle_start(first + np.arange(count + 1)), dtype=np.float64)
+
+
+def cycles_of_states(t: Floats, states: Floats, terms: Terms, starts: Floats) -> Cycles:
+    """`cycles_from_samples` of states (n, 3 or 4) of the smoothed law, cut where the excitation has a corner or a jump.
+
+    Every such time between the samples gets two: one just before it, with the rates that hold until then, and one with
+    those that hold from then on, so that no interpolation crosses it. A state that was not solved there is
+    extrapolated from both sides.
+
+    Parameters
+    ----------
+    t, starts : (n,) and (m + 1,) times, s, as `cycles_from_samples` takes them
+    """
+    states = states[:, :3]
+    if terms.profile is not None:
+        breaks = terms.profile[:, TIME]
+        breaks = breaks[(breaks > t[0]) & (breaks < t[-1])]
+        near = np.clip(np.searchsorted(t, breaks - ROUNDING), 0, len(t) - 1)
+        new = breaks[np.abs(t[near] - breaks) > ROUNDING]
+        if len(new):
+            right = np.searchsorted(t, new)
+            rates = rates_along(t, states, terms)
+            share = ((new - t[right - 1]) / (t[right] - t[right - 1]))[:, None]
+            from_left = states[right - 1] + (new - t[right - 1])[:, None] * rates[right - 1]
+            from_right = states[right] + (new - t[right])[:, None] * rates[right]
+            t, states = np.insert(t, right, new), np.insert(
+                states, right, (1.0 - share) * from_left + share * from_right, axis=0)
+        at = np.searchsorted(t, breaks - ROUNDING)
+        t = np.array(t)
+        t[at] = breaks
+        t, states = np.insert(t, at, np.nextafter(breaks, -np.inf)), np.insert(states, at, states[at], axis=0)
+    slip, _, plate = rates_along(t, states, terms).T
+    return cycles_from_samples(t, states[:, 0], slip, states[:, 1], states[:, 2], plate, starts=starts,
+                               stick_speed=stick_speed_of(terms), linear=terms.linear)
 
 
 def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats, plate_angle: Floats,
@@ -145,14 +185,13 @@ def _loads(grid: _Grid, v: Floats, slip: Floats, angle: Floats, speed: Floats, p
     friction = i2 * plate + shaft
     engine = friction + i1 * (slip + plate)
     net = engine * (v + speed) - damping * speed**2
-    change = (np.gradient(engine, t, edge_order=2 if len(t) > 2 else 1) * (v + speed) + engine * (slip + plate)
-              - 2.0 * damping * speed * plate)
+    change = slopes_between_jumps(t, engine) * (v + speed) + engine * (slip + plate) - 2.0 * damping * speed * plate
     parts = h * (0.5 * (net[:-1] + net[1:]) + h / 12.0 * (change[:-1] - change[1:]))
     total = np.concatenate([[0.0], np.cumsum(parts)])
     stored = 0.5 * (i1 * (section[:, 0] + section[:, 2]) ** 2 + i2 * section[:, 2] ** 2
                     + stiffness * section[:, 1] ** 2)
     power = friction * v
-    power = np.insert(_with_peaks(t, power), place, np.interp(starts, t, power))[place[0]:place[-1] + len(starts)]
+    power = np.insert(with_peaks(t, power), place, np.interp(starts, t, power))[place[0]:place[-1] + len(starts)]
     p, dp, q, dq = _cut(grid, shaft, rise[:-1], rise[1:])
     torques = _cubic(_turning_points(p, dp, q, dq), p[:, None], dp[:, None], q[:, None], dq[:, None])
     stuck = np.abs(v) <= stick_speed
@@ -181,21 +220,6 @@ def _cut(grid: _Grid, y: Floats, leaving: Floats, arriving: Floats) -> tuple[Flo
     values = np.insert(y, grid.place, _cubic(grid.u, *own))[first:last]
     return (values[:-1], grid.width * np.insert(leaving, grid.left + 1, slope)[first:last - 1],
             values[1:], grid.width * np.insert(arriving, grid.left, slope)[first:last - 1])
-
-
-def _with_peaks(t: Floats, y: Floats) -> Floats:
-    """Samples, those that are larger than both neighbours raised to the vertex of the parabola through the three."""
-    out: Floats = np.array(y)
-    if len(y) < 3:
-        return out
-    h = np.diff(t)
-    slope = np.diff(y) / h
-    left, right = slope[:-1], slope[1:]
-    bend = (right - left) / (h[:-1] + h[1:])
-    tilt = (left * h[1:] + right * h[:-1]) / (h[:-1] + h[1:])
-    top = (left >= 0.0) & (right <= 0.0) & (bend < 0.0)
-    out[1:-1] += np.where(top, tilt**2 / np.where(top, -4.0 * bend, 1.0), 0.0)
-    return out
 
 
 def _without_overshoot(t: Floats, v: Floats, a: Floats, stick_speed: float) -> tuple[Floats, Floats]:

@@ -9,7 +9,7 @@ import numpy as np
 from tcc_sim.model import equations, friction
 from tcc_sim.model.parameters import System
 from tcc_sim.model.profile import TIME
-from tcc_sim.solvers.terms import stick_speed_of, terms_of, torques_at
+from tcc_sim.solvers.terms import Terms, stick_speed_of, terms_of, torques_at
 from tcc_sim.trajectory import (
     FREE,
     STICK,
@@ -25,6 +25,8 @@ from tcc_sim.trajectory import (
 )
 
 NOTHING_SPENT = Statistics()
+LEAST_REST = 1e-9
+"""What follows the whole cycles of a run counts where it is longer, in cycles; less is rounding."""
 
 
 @dataclass(frozen=True)
@@ -87,9 +89,10 @@ class Problem:
         return rest if rest >= 1e-12 * self.system.cycle else 0.0
 
     def cycle_starts(self) -> Floats:
-        """When the whole cycles start, and the end of the last one, s."""
-        starts: Floats = self.system.cycle_start(self.start_cycle + np.arange(self.whole_cycles + 1))
-        return starts
+        """When the whole cycles start, the end of the last one and, where the run goes on, the end of the run, s."""
+        starts: Floats = self.system.cycle_start(self.start_cycle + np.arange(self.whole_cycles + 2))
+        begun = self.end - starts[-2] > LEAST_REST * (starts[-1] - starts[-2])
+        return np.append(starts[:-1], self.end) if begun else starts[:-1]
 
     def breaks(self) -> Floats:
         """Start and end, and between them the times at which the excitation's profile has a corner or a jump, s."""
@@ -119,9 +122,19 @@ class Problem:
         return times
 
 
+def rates_along(t: Floats, states: Floats, terms: Terms) -> Floats:
+    """Time derivatives of states (n, 3 or 4) of the smoothed law at the times t, (n,), from the equations of motion."""
+    assert terms.smoothing is not None
+    v, angle, speed = states[:, 0], states[:, 1], states[:, 2]
+    engine, load = torques_at(terms, t)
+    torque = load * friction.smoothed(v, terms.smoothing, terms.stribeck)
+    slip, plate = equations.accelerations(angle, speed, engine, torque, terms.linear)
+    return np.stack([slip, speed, plate, v + speed][:states.shape[1]], axis=1)
+
+
 def assemble(problem: Problem, solver: str, t: Floats, states: Floats, *, modes: Modes | None = None,
-             cycles: Cycles | None = None, transitions: Transitions | None = None, status: Status = Status.DONE,
-             detail: str = "", statistics: Statistics = NOTHING_SPENT) -> Trajectory:
+             cycles: Cycles | None = None, rest: Cycles | None = None, transitions: Transitions | None = None,
+             status: Status = Status.DONE, detail: str = "", statistics: Statistics = NOTHING_SPENT) -> Trajectory:
     """A Trajectory from times (n,) and states (n, 3 or 4): slip speed, plate angle, plate speed and, if there, theta1.
 
     The smoothed law gives the friction torque from the state, the set-valued one from `modes` (n,) too: (6) in slip,
@@ -141,5 +154,5 @@ def assemble(problem: Problem, solver: str, t: Floats, states: Floats, *, modes:
         t=t, slip_speed=v, plate_angle=states[:, 1], plate_speed=states[:, 2], engine_torque=engine,
         saturation_torque=load, friction_torque=np.asarray(torque), state=state,
         cycle=problem.system.cycle, solver=solver, system=problem.system,
-        flywheel_angle=states[:, 3] if states.shape[1] > 3 else None, cycles=cycles,
+        flywheel_angle=states[:, 3] if states.shape[1] > 3 else None, cycles=cycles, rest=rest,
         transitions=transitions or Transitions.none(), status=status, detail=detail, statistics=statistics)

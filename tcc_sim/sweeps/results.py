@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -21,21 +21,19 @@ from tcc_sim.sweeps.simulation import Plan
 from tcc_sim.sweeps.steady_state import Start
 from tcc_sim.trajectory import Floats, State
 
-SUMMARY_KEYS = ("max_slip_speed", "min_slip_speed", "section", "period", "stick_fraction", "regime", "cycles",
-                "discarded", "settled", "section_change", "solver", "elapsed_s", "runaway",
-                "clutch_energy", "peak_power", "max_shaft_torque", "min_shaft_torque", "breakaways")
+SUMMARY_KEYS = tuple(item.name for item in fields(Summary))
 """Keys of `simulate --json` that a sweep has per value."""
-MAY_BE_NAN = ("section_change", "clutch_energy", "peak_power", "max_shaft_torque", "min_shaft_torque")
+MAY_BE_NAN = ("section_change", *(item.name for item in fields(Summary)
+                                  if item.type == "float" and item.default is not MISSING))
 NOT_SOLVED = "not solved: the sweep was interrupted"
 EXTRAS = ("theta2", "equivalent_damping", "negative_slope_mean", "lyapunov")
 """Keys per value that are there where they were asked for."""
+EMPTY: dict[str, float | int | bool | str] = {"float": np.nan, "int": -1, "int | None": -1, "bool": False, "str": ""}
+"""What stands in a column where there is nothing, by the type of its field."""
 COLUMNS: dict[str, float | int | bool | str] = {
-    "max_slip_speed": np.nan, "min_slip_speed": np.nan, "period": -1, "settled": False, "confirmed": False,
-    "runaway": False, "section_change": np.nan, "stick_fraction": np.nan, "regime": "", "cycles": -1, "discarded": -1,
-    "clutch_energy": np.nan, "peak_power": np.nan, "max_shaft_torque": np.nan, "min_shaft_torque": np.nan,
-    "breakaways": -1, "equivalent_damping": np.nan, "negative_slope_mean": np.nan,
-    "lyapunov_exponent": np.nan, "lyapunov_low": np.nan,
-    "lyapunov_high": np.nan, "lyapunov_diagnosis": "", "elapsed_s": np.nan, "status": ""}
+    **{item.name: EMPTY[str(item.type)] for item in fields(Summary) if item.type in EMPTY}, "confirmed": False,
+    "equivalent_damping": np.nan, "negative_slope_mean": np.nan,
+    **{f"lyapunov_{item.name}": EMPTY[str(item.type)] for item in fields(Lyapunov) if item.type in EMPTY}, "status": ""}
 """Columns of a table with a line per value, and what stands where there is nothing."""
 
 
@@ -93,7 +91,7 @@ class Point:
         if record["max_slip_speed"] is not None:
             numbers = {name: record[name] for name in SUMMARY_KEYS}
             unknown = {name: math.nan for name in MAY_BE_NAN if numbers[name] is None}
-            summary = Summary(**{**numbers, "section": [], **unknown})
+            summary = Summary(**{**numbers, "section": [], "covers": tuple(numbers["covers"]), **unknown})
             if not all(isinstance(getattr(summary, name), (int, float)) for name in (
                     "max_slip_speed", "min_slip_speed", "period", "stick_fraction", *MAY_BE_NAN)):
                 raise TypeError("not a number")
@@ -206,7 +204,14 @@ class Sweep(Result):
         """How this sweep, and those of the same call, were done."""
         plan = self.plan
         return {"direction": plan.direction, "discard": "default" if plan.discard is None else plan.discard,
-                "complete": all(s.complete for s in sweeps), "seconds": self.seconds}
+                "duration": plan.seconds(self.curve.system), "varying": self.curve.system.varying,
+                "complete": all(s.complete for s in sweeps), "not_settled": sum(s.not_settled for s in sweeps),
+                "seconds": self.seconds}
+
+    @property
+    def not_settled(self) -> int:
+        """How many values have a motion that is still a transient."""
+        return sum(p is not None and p.summary is not None and p.summary.transient for p in self.points)
 
     def lists(self, extras: Sequence[str] | None = None) -> dict[str, list[Any]]:
         """Per key of `simulate --json` a list in value order; `extras` are those of EXTRAS to be there whatever."""

@@ -21,8 +21,11 @@ from tcc_sim.sweeps.simulation import Plan, with_plan_fields
 from tcc_sim.sweeps.sweep import Curve, sweep_curves
 
 PROBABILITIES = (0.05, 0.5, 0.95)
-NUMBERS = ("max_slip_speed", "min_slip_speed", "stick_fraction", "period", "runaway", "clutch_energy", "peak_power",
-           "max_shaft_torque", "min_shaft_torque", "breakaways", "equivalent_damping", "negative_slope_mean")
+COUNTED = ("runaway", "not_settled")
+"""Why a sample is left out of quantiles."""
+NUMBERS = ("max_slip_speed", "min_slip_speed", "stick_fraction", "period", "runaway", "clutch_energy", "mean_power",
+           "peak_power", "max_shaft_torque", "min_shaft_torque", "breakaways", "equivalent_damping",
+           "negative_slope_mean")
 """Results that have quantiles; a truth counts as 0 or 1."""
 
 
@@ -74,11 +77,13 @@ class Scattered(Result):
     tolerances : what was scattered
     over : key that every sample is swept over; empty for none
     sweeps : one for each sample, in their order
+    every : whether quantiles are over every sample, also over those that ran away or have not settled
     """
 
     tolerances: Tolerances
     over: str
     sweeps: list[Sweep]
+    every: bool = False
 
     def __repr__(self) -> str:
         keys = ", ".join(key for key, _, _ in self.tolerances.bounds)
@@ -89,11 +94,27 @@ class Scattered(Result):
         """(samples, values) numbers of one result, NaN where there is none."""
         return np.array([sweep.column(name) for sweep in self.sweeps])
 
+    @property
+    def left_out(self) -> dict[str, int]:
+        """How many results quantiles leave out because slip ran away, and because the motion had not settled."""
+        return dict(zip(COUNTED, (0 if self.every else int(mask.sum()) for mask in self._unsteady())))
+
+    def _unsteady(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """(samples, values) which results are those of a runaway, and of a transient."""
+        return self.result("runaway") == 1.0, self.result("transient") == 1.0
+
     def quantiles(self, name: str) -> NDArray[np.float64]:
-        """(values, 3) quantiles 0.05, 0.5 and 0.95 of one result over the samples that have it, NaN where none has."""
+        """(values, 3) quantiles 0.05, 0.5 and 0.95 of one result over the samples that have it, NaN where none has.
+
+        Those whose slip ran away, and those that have not settled, are left out unless `every` is asked for; how many
+        ran away is one of all samples.
+        """
+        found = self.result(name)
+        if not self.every and name != "runaway":
+            found = np.where(np.logical_or(*self._unsteady()), np.nan, found)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # It warns where no sample has the result.
-            return np.asarray(np.nanquantile(self.result(name), PROBABILITIES, axis=0).T)
+            return np.asarray(np.nanquantile(found, PROBABILITIES, axis=0).T)
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """The columns of `Sweep` for all samples below each other, the scattered keys first."""
@@ -115,6 +136,7 @@ class Scattered(Result):
         out: dict[str, Any] = {
             "scatter": {key: [low, high] for key, low, high in told.bounds}, "samples": told.samples,
             "seed": told.seed, "probabilities": list(PROBABILITIES),
+            "left_out": self.left_out,
             "quantiles": {name: rows_[0] if single else rows_ for name, rows_ in quantiles.items()},
             "sampled": {key: values.tolist() for key, values in told.values().items()}}
         if not single:
@@ -149,8 +171,8 @@ def scattered_curves(system: System, tolerances: Tolerances, over: str = "",
 
 @with_plan_fields
 def scatter(scene: Scene | System | str, bounds: Mapping[str, tuple[float, float]], samples: int, *, seed: int = 0,
-            over: str = "", values: Sequence[float] = (), plan: Plan | None = None, jobs: int | None = None,
-            dask: str | None = None, **settings: Any) -> Scattered:
+            over: str = "", values: Sequence[float] = (), every: bool = False, plan: Plan | None = None,
+            jobs: int | None = None, dask: str | None = None, **settings: Any) -> Scattered:
     """Solve a scene with some keys scattered within bounds.
 
     Parameters
@@ -159,6 +181,7 @@ def scatter(scene: Scene | System | str, bounds: Mapping[str, tuple[float, float
     bounds : lowest and highest value by key
     samples, seed : how many, and which
     over, values : another key that every sample is swept over
+    every : whether quantiles are over every sample, also over those that ran away or have not settled
     plan, jobs, dask : as `sweep` takes them
 
     Raises
@@ -176,4 +199,4 @@ def scatter(scene: Scene | System | str, bounds: Mapping[str, tuple[float, float
     """
     told = Tolerances(tuple((key, float(low), float(high)) for key, (low, high) in bounds.items()), samples, seed)
     curves = scattered_curves(system_of(scene), told, over, sequence_of_numbers(over, values))
-    return Scattered(told, over, sweep_curves(curves, Plan.of(plan, settings), jobs=jobs, dask=dask))
+    return Scattered(told, over, sweep_curves(curves, Plan.of(plan, settings), jobs=jobs, dask=dask), every)

@@ -11,6 +11,8 @@ from tcc_sim.model.quantity import quantity
 class Settings:
     """How points of a sweep are solved, exponents worked out, and tasks given to others."""
 
+    cycles: int = quantity(150, "length of a solve where nothing is said", "engine cycles")
+
     # The points of a sweep and their file (`sweep.py`, `file.py`).
     rtol: float = quantity(1e-6, "relative tolerance of a sweep that is given none: sections are good to that (fig02: "
                            "4e-8, set-valued 2e-7), and over the curves of Figs. 4 to 18, 57 values each, the period "

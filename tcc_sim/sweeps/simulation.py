@@ -24,7 +24,6 @@ from tcc_sim.analysis.summary import (
     default_discard,
     spans_of,
     summarise_cycles,
-    summarise_samples,
 )
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
@@ -44,9 +43,11 @@ Called = TypeVar("Called", bound=Callable[..., Any])
 class Plan:
     """How a motion is solved and what is worked out of it.
 
-    cycles : engine cycles solved; with discard "auto" the most that are
-    discard : cycles dropped; None drops 50, or half of them where there are fewer than 100; "auto" drops those before
-        the section has settled
+    cycles : engine cycles solved, 150 by default; with discard "auto" the most that are
+    duration : s solved instead of whole cycles; where neither is given, profiles are solved to their last point
+    discard : cycles dropped; None drops 50, or half of them where there are fewer than 100, at most a third of those in
+        a duration, and none of a scene with profiles; "auto" drops those before the section has settled, and half of
+        all or more where it has not
     direction : of a sweep: cold starts every point from the scene's initial state; up and down go on from the
         neighbour's last state, from the lowest value or from the highest
     solver, rtol, step : as `solvers.solve` takes them; a sweep without rtol is solved at `settings.Settings.rtol`
@@ -61,7 +62,8 @@ class Plan:
         A value out of its range.
     """
 
-    cycles: int = 150
+    cycles: int | None = None
+    duration: float | None = None
     discard: int | str | None = None
     direction: str = "cold"
     solver: str = "auto"
@@ -78,8 +80,11 @@ class Plan:
         for name in ("cycles", "discard"):
             if isinstance(getattr(self, name), Integral):
                 object.__setattr__(self, name, int(getattr(self, name)))  # NumPy's are none for JSON.
-        if not (isinstance(self.cycles, int) and 1 <= self.cycles <= 10_000_000):
+        if self.cycles is not None and not (isinstance(self.cycles, int) and 1 <= self.cycles <= 10_000_000):
             raise InputError(f"cycles is {self.cycles}; it must be a whole number, 1 to 10000000")
+        if self.duration is not None and (self.cycles is not None or self.discard == "auto"):
+            beside = "discard auto" if self.cycles is None else "cycles"
+            raise InputError(f"duration is {self.duration:g} s beside {beside}; give one of the two")
         if self.discard != "auto" and not (self.discard is None or isinstance(self.discard, int)):
             raise InputError(f"discard is {self.discard!r}; it must be a number of cycles or auto")
         if isinstance(self.discard, int) and self.discard < 0:
@@ -104,6 +109,17 @@ class Plan:
         if unknown:
             raise InputError(f"{unknown[0]} is not a setting; the settings are {', '.join(Plan.__dataclass_fields__)}")
         return Plan(**settings)
+
+    @property
+    def most(self) -> int:
+        """Engine cycles solved where no duration is."""
+        return DEFAULTS.cycles if self.cycles is None else self.cycles
+
+    def seconds(self, system: System) -> float | None:
+        """The duration that is solved, s; None where whole cycles are."""
+        if self.duration is None and self.cycles is None:
+            return system.span or None
+        return self.duration
 
     def dropped(self, cycles: int, default: int) -> int:
         """The cycles to drop of so many, given or by default.
@@ -202,17 +218,14 @@ def with_plan_fields(function: Called) -> Called:
 
 
 @with_plan_fields
-def simulate(scene: Scene | System | str | Path, plan: Plan | None = None, *, duration: float | None = None,
-             samples_per_cycle: int = 0, flywheel_angle: bool = False, start: Start | None = None,
-             **settings: Any) -> Simulation:
+def simulate(scene: Scene | System | str | Path, plan: Plan | None = None, *, samples_per_cycle: int = 0,
+             flywheel_angle: bool = False, start: Start | None = None, **settings: Any) -> Simulation:
     """Solve a motion and work out its summary and whatever else the plan asks for.
 
     Parameters
     ----------
     scene : a scene, its name or file, or a system
     plan : how; the fields of `Plan` can be given one by one instead, such as ``simulate("fig02", damping=True)``
-    duration : s solved instead of whole cycles; a third of the whole cycles is dropped at most where nothing is said.
-        Where cycles are not given either, profiles are solved to their last point, and nothing is dropped
     samples_per_cycle, flywheel_angle : as `solvers.solve` takes them; a duration below one cycle needs samples
     start : where the run starts; the system's own initial state at cycle 0 by default
 
@@ -232,21 +245,19 @@ def simulate(scene: Scene | System | str | Path, plan: Plan | None = None, *, du
     (1, True)
     """
     system = system_of(scene)
-    if duration is None and plan is None and "cycles" not in settings:
-        duration = system.span or None
     plan = Plan.of(plan, settings)
     plan.check(system)
     if start is None:
         i = system.initial
         start = Start(State(i.slip_speed, i.plate_angle, i.plate_speed, i.plate_angle), 0)
-    if duration is not None:
-        run, cycles, discarded = _timed_run(system, plan, start, duration, samples_per_cycle, flywheel_angle)
+    kept = {"samples_per_cycle": samples_per_cycle, "flywheel_angle": flywheel_angle}
+    if (duration := plan.seconds(system)) is not None:
+        run, cycles, discarded = _timed_run(system, plan, start, duration, kept)
     elif plan.discard == "auto":
-        run, cycles, discarded = _settled_run(system, plan, start)
+        run, cycles, discarded = _settled_run(system, plan, start, kept)
     else:
-        discarded = plan.dropped(plan.cycles, default_discard(plan.cycles) if system.profile is None else 0)
-        run = _solve(system, plan, start, cycles=plan.cycles, samples_per_cycle=samples_per_cycle,
-                     flywheel_angle=flywheel_angle, loads_from=discarded)
+        discarded = plan.dropped(plan.most, default_discard(plan.most) if system.profile is None else 0)
+        run = _solve(system, plan, start, cycles=plan.most, loads_from=discarded, **kept)
         cycles = run.cycles
     return _judged(system, plan, start, run, cycles, discarded)
 
@@ -257,23 +268,27 @@ def _solve(system: System, plan: Plan, start: Start, **span: Any) -> Trajectory:
                  **span)
 
 
-def _timed_run(system: System, plan: Plan, start: Start, duration: float, samples: int,
-               flywheel_angle: bool) -> tuple[Trajectory, Cycles | None, int]:
+def _timed_run(system: System, plan: Plan, start: Start, duration: float,
+               kept: dict[str, Any]) -> tuple[Trajectory, Cycles | None, int]:
     """A duration in one solve."""
     check_duration(system, duration, start.cycle)
     whole = system.whole_cycles(start.cycle, duration)
     discarded = plan.dropped(whole, min(ANALYSIS.discard, whole // 3) if system.profile is None else 0)
-    run = _solve(system, plan, start, duration=duration, samples_per_cycle=samples, flywheel_angle=flywheel_angle,
-                 loads_from=discarded)
+    run = _solve(system, plan, start, duration=duration, loads_from=discarded, **kept)
     return run, run.cycles, discarded
 
 
-def _settled_run(system: System, plan: Plan, start: Start) -> tuple[Trajectory, Cycles | None, int]:
-    """Cycles until the section repeats, and after how many it does; the paper's 50 where it never does."""
-    found = solve_to_steady_state(system, start, plan.cycles, solver=plan.solver, rtol=plan.rtol, step=plan.step,
+def _settled_run(system: System, plan: Plan, start: Start,
+                 kept: dict[str, Any]) -> tuple[Trajectory, Cycles | None, int]:
+    """Cycles until the section repeats, and after how many it does; half of them or more where it never does."""
+    found = solve_to_steady_state(system, start, plan.most, solver=plan.solver, rtol=plan.rtol, step=plan.step,
                                   loads_from=0)
-    after = found.after if found.cycles is None or found.after is not None else default_discard(len(found.cycles))
-    return found.run, found.cycles, after or 0
+    if found.cycles is None:
+        return found.run, None, 0
+    count = len(found.cycles)
+    after = min(max(ANALYSIS.discard, (count + 1) // 2), count - 1) if found.after is None else found.after
+    run = _solve(system, plan, start, cycles=count, loads_from=after, **kept) if any(kept.values()) else found.run
+    return run, run.cycles if any(kept.values()) else found.cycles, after
 
 
 def _judged(system: System, plan: Plan, start: Start, run: Trajectory, cycles: Cycles | None,
@@ -286,12 +301,13 @@ def _judged(system: System, plan: Plan, start: Start, run: Trajectory, cycles: C
     if not all(map(math.isfinite, (final.slip_speed, final.plate_angle, final.plate_speed))):
         return replace(failed, trajectory=replace(run, status=Status.NOT_FINITE))
     cycles = cycles if cycles is not None else cycles_of(run)
-    if not len(cycles):
-        kept, summary, end = cycles, summarise_samples(run), start
-    else:
-        kept, end = cycles[discarded:], Start(State(*cycles.section[-1].tolist()), start.cycle + len(cycles))
-        summary = summarise_cycles(kept, first=start.cycle + discarded, dropped=discarded, by=run,
-                                   **spans_of(system, 0.0, start.cycle + discarded, len(kept)))
+    kept = cycles[discarded:]
+    end = Start(State(*cycles.section[-1].tolist()), start.cycle + len(cycles)) if len(cycles) else start
+    summary = summarise_cycles(kept, first=start.cycle + discarded, dropped=discarded, by=run,
+                               beside=[run.rest] if run.rest is not None else [],
+                               **spans_of(system, 0.0, start.cycle + discarded, len(kept)))
+    if plan.discard == "auto" and not (summary.settled or summary.runaway):
+        summary = replace(summary, transient=True)
     angles = kept.section[max(len(kept) + 1 - plan.section_points, 1):, 1] if plan.section_points else np.empty(0)
     return Simulation(
         run, summary, _confirmed(system, plan, kept, summary, end), angles.copy(),

@@ -124,8 +124,8 @@ def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | Non
     """
     for curve in curves:
         plan.check(curve.system)
-    if isinstance(plan.discard, int):
-        plan.dropped(plan.cycles, 0)
+        if plan.seconds(curve.system) is None:
+            plan.dropped(plan.most, 0)
     began = time.perf_counter()
     points: Points = [[None] * len(curve.values) for curve in curves]
 

@@ -8,7 +8,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from tcc_sim.analysis.summary import Summary, cycles_of, first_cycle_of, summarise, summarise_samples
+from tcc_sim.analysis.summary import Summary, cycles_of, first_cycle_of, summarise
 from tcc_sim.errors import InputError, check_suffix, require
 from tcc_sim.output.files import replaceable
 from tcc_sim.trajectory import Trajectory, no_cycles
@@ -163,7 +163,7 @@ def plot_run(solved: Trajectory, path: Path, width: str = "page", *, summary: Su
         solved = replace(solved, cycles=cycles_of(solved))
         whole = solved.cycles is not None and len(solved.cycles) > 0
     if summary is None:
-        summary = summarise(solved) if whole else summarise_samples(solved)
+        summary = summarise(solved)
     tail = last_cycles(solved, max(summary.period or ORBIT_CYCLES, HISTORY_CYCLES))
     cycles = solved.cycles if solved.cycles is not None else no_cycles()
     return overview(path, tail, cycles, first_cycle_of(solved) if whole else 0, summary, title, width=width)

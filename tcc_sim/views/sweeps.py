@@ -41,14 +41,20 @@ def draw_sweep(path: Path, found: Any, title: str = "", width: float = style.PAG
         x = numbers(values["values"])
         draw_maxima(maxima, values)
         maxima.set(xlabel="", ylabel="max |slip speed|\n(rad/s)")
-        _orbit(orbit, x, values)
+        if values.get("varying"):  # A manoeuvre is on no orbit.
+            orbit.plot(*parted(x, numbers(values["clutch_energy"])), color=style.BLUE, marker="o",
+                       markersize=_size(len(x)), markeredgewidth=0.0, linewidth=0.9)
+            orbit.set_ylabel("clutch energy\n(J)")
+        else:
+            _orbit(orbit, x, values)
         share = numbers(values["stick_fraction"])
         stick.plot(*parted(x, 100.0 * share), color=style.BLUE, marker="o", markersize=_size(len(x)),
                    markeredgewidth=0.0, linewidth=0.9)
         stick.set(ylabel="stick (%)", ylim=(-4.0, 104.0), xlabel=label_of(values["over"]))
         if len(x) > 1:
             stick.set_xlim(np.nanmin(x), np.nanmax(x))
-        style.panel_titles((maxima, orbit, stick), ["Maxima", "Orbit diagram", "Time in stick"])
+        style.panel_titles((maxima, orbit, stick), [
+            "Maxima", "Heat" if values.get("varying") else "Orbit diagram", "Time in stick"])
         return style.save(drawn, path)
 
 
@@ -62,11 +68,13 @@ def draw_maxima(axis: Any, found: Any) -> None:
     bounded = np.where(away, np.nan, largest)
     top = float(np.nanmax(bounded, initial=0.0)) or 1.0
     axis.plot(*parted(x, bounded), color=style.GREY, linewidth=0.6, zorder=1)
+    open_ = transients(values["regime"], values.get("transient"))
     for regime, (colour, mine) in regimes.items():
         # A runaway is as large as it was solved long: it stands at the edge, and the scale is that of the others.
         axis.plot(x[mine], np.full(int(mine.sum()), 1.08 * top) if regime == "runaway" else largest[mine],
                     linestyle="none", marker="^" if regime == "runaway" else "o", color=colour, label=regime,
                     markeredgewidth=0.0, markersize=_size(len(x)) * (1.6 if regime == "runaway" else 1.0))
+    draw_open(axis, x, largest, open_, _size(len(x)))
     wrong = ~np.isfinite(largest)
     if wrong.any():
         axis.plot(x[wrong], np.zeros(int(wrong.sum())), linestyle="none", marker="x", color=style.RED, label="failed",
@@ -75,14 +83,29 @@ def draw_maxima(axis: Any, found: Any) -> None:
     axis.set_ylim(-0.03 * top, 1.13 * top if away.any() else None)
 
 
+def draw_open(axis: Any, x: Floats, y: Floats, which: Bools, size: float) -> None:
+    """Open the points of transients, which are no steady states."""
+    if which.any():
+        axis.plot(x[which], y[which], linestyle="none", marker="o", markersize=size, markerfacecolor="white",
+                  markeredgecolor=style.INK, markeredgewidth=0.6, label=f"not settled ({which.sum()})")
+
+
+def transients(regimes: Sequence[object], transient: Sequence[bool | None] | None) -> Bools:
+    """Which motions have not settled; none where a JSON does not say."""
+    return np.array([bool(x) for x in transient or [False] * len(regimes)], dtype=bool)
+
+
 def _orbit(axis: Any, x: Floats, values: Mapping[str, Any]) -> None:
     """The section points over the key: those of the period, in blue, or all that were kept where there is none."""
     periods = values["period"]
     away = values.get("runaway") or [False] * len(x)
-    for periodic, colour, name in ((True, style.BLUE, "periodic"), (False, style.RED, "no period up to 16")):
+    settling = transients(periods, values.get("transient"))
+    kinds = np.where(settling, 2, np.where(np.array(periods, dtype=object).astype(bool), 0, 1))
+    for kind, (colour, name) in enumerate(((style.BLUE, "periodic"), (style.RED, "no period up to 16"),
+                                           (style.GREY, "not settled"))):
         places, angles = [], []
-        for place, section, period, runs in zip(x, values["section"], periods, away):
-            if section and bool(period) == periodic and not runs:
+        for place, section, mine, runs in zip(x, values["section"], kinds, away):
+            if section and mine == kind and not runs:
                 places += [place] * len(section)
                 angles += [point[0] for point in section]
         if angles:
@@ -103,6 +126,8 @@ def draw_grid(path: Path, found: Any, title: str = "", width: float = style.PAGE
         x, y = numbers(values["values"]), numbers(values["second_values"])
         _period_map(drawn, periods, x, y, values)
         _over_two(periods, values)
+        hatch(maxima, x, y, values)
+        hatch(periods, x, y, values)
         (periods.set_ylabel if wide else maxima.set_xlabel)("")
         style.panel_titles((maxima, periods), ["Maxima", "Period"])
         return style.save(drawn, path)
@@ -120,6 +145,16 @@ def draw_largest(axis: Any, found: Any) -> None:
     if away.any():
         draw_cells(axis, x, y, np.where(away, 0.0, np.nan), [style.RUNAWAY])
     _over_two(axis, values)
+
+
+def hatch(axis: Any, x: Floats, y: Floats, values: Mapping[str, Any]) -> None:
+    """Hatch the cells of transients, which are no steady states."""
+    which = np.array([transients(row, values["transient"][k] if "transient" in values else None)
+                      for k, row in enumerate(values["regime"])])
+    if which.any():
+        axis.pcolor(edges(x), edges(y), np.ma.masked_where(~which, np.zeros(which.shape)), hatch="////", alpha=0.0,
+                    rasterized=True)
+        axis.set_title(f"hatched: {which.sum()} of {which.size} have not settled", loc="right", fontsize="small")
 
 
 def _over_two(axis: Any, values: Mapping[str, Any]) -> None:
@@ -191,6 +226,7 @@ def _samples(axis: Any, found: Scattered, name: str, key: str, scale: float) -> 
                                           [r.get("runaway") for r in records]).items():
         axis.plot(values[mine], y[mine], linestyle="none", marker="o", markersize=2.4, markeredgewidth=0.0,
                   color=colour, label=regime)
+    draw_open(axis, values, y, transients(records, [r.get("transient") for r in records]), 2.4)
     for level, line in zip(scale * found.quantiles(name)[0], (":", "-", ":")):
         axis.axhline(level, color=style.INK, linewidth=0.8, linestyle=line)
 

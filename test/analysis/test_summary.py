@@ -104,7 +104,7 @@ def test_a_trajectory_shorter_than_a_cycle_is_refused():
     with pytest.raises(InputError, match="no whole engine cycle"):
         summarise_cycles(Cycles(np.zeros((1, 3)), np.empty(0), np.empty(0), np.empty(0)), CYCLE)
     with pytest.raises(InputError, match="no whole engine cycle"):
-        summarise(part_of(trajectory_of(*sine(5.0, 20.0, 0.3), 1), 200), 0)
+        summarise(part_of(trajectory_of(*sine(5.0, 20.0, 0.3), 1), 200), 1)
 
 
 def test_the_paper_drops_fifty_cycles():

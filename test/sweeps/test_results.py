@@ -88,7 +88,7 @@ def test_a_motion_without_period_reads_none_and_one_that_settles_has_a_star() ->
     spiral = replace(load_scene("slip").system, {"driveline.damping": 0.1233})
     lines = sweep_lines([sweep(spiral, "engine.frequency", [1161.858217])])
     assert lines[2].split()[2] == "1*"
-    assert lines[-1] == "* still settling"
+    assert lines[-1] == "* 1 of 1 point has not settled; raise --cycles"
 
 
 def test_columns_have_a_line_per_value_and_say_what_is_missing() -> None:

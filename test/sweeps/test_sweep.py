@@ -127,7 +127,7 @@ def test_auto_stops_when_the_section_has_settled() -> None:
     aperiodic = system(0.36, **{KINETIC: 0.64 * 0.3})
     never = sweep(aperiodic, KINETIC, [0.64 * 0.3], Plan(cycles=120, discard="auto")).records[0]
     assert never is not None
-    assert (never["period"], never["cycles"], never["discarded"]) == (0, 120, 50)
+    assert (never["period"], never["cycles"], never["discarded"]) == (0, 120, 60)
 
 
 @pytest.mark.parametrize("direction", ["cold", "down"])

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import replace
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -21,10 +22,10 @@ from tcc_sim.solvers import SOLVERS
 from tcc_sim.solvers.compiling.compiled import accelerations, compiled
 from tcc_sim.solvers.compiling.compiled import smoothed as smoothed_coefficient
 from tcc_sim.solvers.excitation import piece_at, torques_now
-from tcc_sim.solvers.per_cycle import cycles_from_samples
+from tcc_sim.solvers.per_cycle import cycles_of_states
 from tcc_sim.solvers.problem import Problem, assemble
-from tcc_sim.solvers.terms import Terms, peak_load, piece_of, stick_speed_of, terms_of
-from tcc_sim.trajectory import Floats, Statistics, Status, Trajectory, concatenated
+from tcc_sim.solvers.terms import Terms, peak_load, piece_of, terms_of
+from tcc_sim.trajectory import Floats, Statistics, Status, Trajectory, concatenated, split_cycles
 
 STEPS = 2_000_000_000
 """Most steps of one solve."""
@@ -68,7 +69,6 @@ def rk4(problem: Problem) -> Trajectory:
         return assemble(problem, "rk4", samples[:1], y[None, :width], status=Status.REFUSED,
                         detail=f"{total:.3g} steps of {step:g} s are more than {STEPS:.3g}")
     ends, breaks = problem.cycle_starts(), problem.breaks()[1:-1]
-    stick_speed = stick_speed_of(terms)
     _advance(problem.start, step, 0, 1, y.copy(), terms, np.empty((1, 7)))
     began = time.perf_counter()
     kept, found, steps, status = [(samples[0], y.copy())], [], 0, Status.DONE
@@ -95,16 +95,14 @@ def rk4(problem: Problem) -> Trajectory:
         if status is not Status.DONE:
             break
         rows.append(out[used - 1:used])
-        if n + 1 < len(ends):
-            r = np.concatenate(rows)
-            found.append(cycles_from_samples(r[:, 0], r[:, 1], r[:, 4], r[:, 2], r[:, 3], r[:, 5],
-                                             starts=ends[n:n + 2], stick_speed=stick_speed,
-                                             linear=terms.linear))
+        r = np.concatenate(rows)
+        found.append(replace(cycles_of_states(r[:, 0], r[:, 1:4], terms, ends[n:n + 2]), starts=ends[n:n + 2]))
     wanted = np.isin([t for t, _ in kept], samples)
     wanted[-1] = True
     t = np.array([t for t, _ in kept])[wanted]
     states = np.array([row for _, row in kept])[wanted, :width]
-    return assemble(problem, "rk4", t, states, cycles=concatenated(found) if found else None, status=status,
+    whole, rest = split_cycles(concatenated(found), problem.whole_cycles) if found else (None, None)
+    return assemble(problem, "rk4", t, states, cycles=whole, rest=rest, status=status,
                     statistics=Statistics(steps=steps, seconds=time.perf_counter() - began))
 
 

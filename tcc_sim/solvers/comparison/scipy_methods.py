@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import time
 import warnings
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -15,10 +16,10 @@ from tcc_sim.solvers import SOLVERS
 from tcc_sim.solvers.comparison.runge_kutta import GOES_ON, march, prepare, rates
 from tcc_sim.solvers.compiling.compiled import compiled, smoothed_and_slope
 from tcc_sim.solvers.excitation import piece_at, torques_now
-from tcc_sim.solvers.per_cycle import cycles_from_samples, starts_of
+from tcc_sim.solvers.per_cycle import cycles_of_states
 from tcc_sim.solvers.problem import Problem, assemble
-from tcc_sim.solvers.terms import Terms, piece_of, stick_speed_of, terms_of
-from tcc_sim.trajectory import Floats, Statistics, Status, Trajectory
+from tcc_sim.solvers.terms import Terms, piece_of, terms_of
+from tcc_sim.trajectory import Floats, Statistics, Status, Trajectory, split_cycles
 
 STEPS = 10_000_000
 """Most steps of one solve."""
@@ -30,20 +31,6 @@ def rates_of(t: float, y: Floats, terms: Terms) -> Floats:
     """y' of (1), (2) with the smoothed law; y is (slip speed, plate angle, plate speed[, flywheel angle])."""
     out = np.empty_like(y)
     rates(t, y, terms, out)
-    return out
-
-
-@compiled
-def _rates_along(t: Floats, y: Floats, terms: Terms, out: Floats) -> None:
-    """See `rates_along`."""
-    for i in range(len(t)):
-        rates(t[i], y[i], terms, out[i])
-
-
-def rates_along(t: Floats, y: Floats, terms: Terms) -> Floats:
-    """`rates_of` at every time of (n,) for the states of (n, m)."""
-    out = np.empty_like(y)
-    _rates_along(t, y, terms, out)
     return out
 
 
@@ -110,13 +97,12 @@ def _solve(problem: Problem, name: str) -> Trajectory:
     seconds = time.perf_counter() - began
     kept = np.isin(times, samples)
     kept[-1] = True
-    cycles = None
+    cycles = rest = None
     if len(times) > 1:
-        slopes = rates_along(times, states, terms)
-        cycles = cycles_from_samples(times, states[:, 0], slopes[:, 0], states[:, 1], states[:, 2], slopes[:, 2],
-                                     starts=starts_of(problem.system, problem.start_cycle, times[-1]),
-                                     stick_speed=stick_speed_of(terms), linear=terms.linear)
-    return assemble(problem, name, times[kept], states[kept], cycles=cycles, status=status, detail=detail,
+        starts = ends[:np.searchsorted(ends, times[-1], side="right")]
+        cycles, rest = split_cycles(replace(cycles_of_states(times, states, terms, starts), starts=starts),
+                              problem.whole_cycles)
+    return assemble(problem, name, times[kept], states[kept], cycles=cycles, rest=rest, status=status, detail=detail,
                     statistics=Statistics(steps=steps, seconds=seconds))
 
 

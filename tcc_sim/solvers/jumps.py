@@ -1,0 +1,53 @@
+"""Samples that jumps part: derivatives and peaks that do not cross one. A jump has two samples a rounding apart."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tcc_sim.trajectory import Floats
+
+BENT = 4.0
+"""Ratio of second differences of power at neighbouring samples up to which they show a smooth top."""
+
+
+def _pieces(t: Floats) -> NDArray[np.int64]:
+    """Where samples are parted by a jump, (k + 1,): the first of each piece, and how many samples there are. A jump has
+    two samples that are a rounding apart.
+    """
+    return np.concatenate([[0], np.flatnonzero(np.diff(t) <= 2.0 * np.spacing(t[1:])) + 1, [len(t)]])
+
+
+def slopes_between_jumps(t: Floats, y: Floats) -> Floats:
+    """Derivatives of samples, of second order within each piece between jumps; 0 where a piece has a single sample."""
+    out: Floats = np.zeros(len(t))
+    pieces = _pieces(t)
+    for a, b in pairwise(pieces.tolist()):
+        if b - a > 1:
+            out[a:b] = np.gradient(y[a:b], t[a:b], edge_order=2 if b - a > 2 else 1)
+    return out
+
+
+def with_peaks(t: Floats, y: Floats) -> Floats:
+    """Samples, those that are larger than both neighbours raised to the vertex of the parabola through the three.
+
+    None is raised beside a jump, nor where the parabola is bent `BENT` times as much as one about a neighbour: between
+    samples that show no smooth top, the largest of them is all that is certain.
+    """
+    out: Floats = np.array(y)
+    if len(y) < 3:
+        return out
+    h = np.diff(t)
+    apart = h <= 2.0 * np.spacing(t[1:])
+    slope = np.diff(y) / h
+    left, right = slope[:-1], slope[1:]
+    bend = np.where(apart[:-1] | apart[1:], 0.0, (right - left) / (h[:-1] + h[1:]))
+    tilt = (left * h[1:] + right * h[:-1]) / (h[:-1] + h[1:])
+    beside = np.concatenate([bend[1:2], bend, bend[-2:-1]]) if len(bend) > 1 else np.tile(bend, 3)
+    # A neighbour beside a jump has no parabola of its own, and leaves the other one to say.
+    least = np.fmax(np.where(beside[:-2] == 0.0, np.nan, beside[:-2]), np.where(beside[2:] == 0.0, np.nan, beside[2:]))
+    top = (left >= 0.0) & (right <= 0.0) & (bend < 0.0) & (BENT * least <= bend)
+    out[1:-1] += np.where(top, tilt**2 / np.where(top, -4.0 * bend, 1.0), 0.0)
+    return out
