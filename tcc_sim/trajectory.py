@@ -199,7 +199,7 @@ class Trajectory(Result):
     Arrays are (n,): t (s), slip_speed (rad/s), plate_angle (rad), plate_speed (rad/s), engine_torque,
     saturation_torque, friction_torque (N m), state (-1 negative slip, 0 stick, 1 positive slip). `flywheel_angle` (rad)
     is there for those who asked. `cycles` comes from solvers that work it out on the way, and `rest`, a single one that
-    ends with the run, from those that end within a cycle; `analysis.summary.parts_of` derives both from samples
+    ends with the run, from those that end within a cycle; `analysis.summary.cycle_parts_of` derives both from samples
     otherwise.
 
     Examples

@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "tcc_sim"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 ORDER = ["errors", "background", "topics", "result", "model", "trajectory", "parameter_file", "scene", "messages",
-         "solvers", "plant", "recording", "analysis", "sweeps", "continuation", "basins", "estimation", "output", "fmu",
+         "solvers", "recording", "analysis", "plant", "sweeps", "continuation", "basins", "estimation", "output", "fmu",
          "views", "nodes", "testing", "replay", "paper", "benchmarks", "cli", "__main__"]
 """A part imports only from itself and from parts before it."""
 

@@ -6,14 +6,15 @@ The mean of a signal over each whole engine cycle comes from samples as they com
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.engine_clock import EngineClock
+from tcc_sim.analysis.engine_clock import EngineClock, Uniform, clock_of_scene
 from tcc_sim.analysis.settings import DEFAULTS
-from tcc_sim.trajectory import Floats, integral
+from tcc_sim.analysis.summary import cycle_parts_of, default_discard
+from tcc_sim.trajectory import Cycles, Floats, Trajectory, integral
 
 
 @dataclass(frozen=True)
@@ -68,12 +69,22 @@ class Control:
 
 @dataclass(frozen=True)
 class Tracking:
-    """The cycle mean of the slip speed against a target that was held; the fields are JSON keys of `analyse`.
+    """The slip speed against a target that was held; the fields are JSON keys of `analyse`. NaN is what was not seen.
 
     target, mean_slip : rad/s; the mean over the kept cycles
     rms_error, largest_error : of the cycle mean minus the target over the kept cycles, rad/s
-    overshoot : how far the cycle mean went beyond the target, seen from where it started, rad/s, in all cycles
-    settling_time : s until the cycle mean stays within `Settings.settled`; NaN where it does not
+    overshoot : how far the cycle mean went beyond the target in the direction of the step to it, rad/s, in all cycles;
+        where it began at the target there is no step, and this is how far it went to either side
+    settling_time : s until the cycle mean stays, for five cycles or more to the end, within 2 % of the step or of the
+        target, whichever is larger; NaN where it does not
+    peak_mean, peak_slip : largest deviation of the cycle mean, and of the slip speed itself, from the target in all
+        cycles, the transient included, rad/s
+    iae : integral of the cycle mean's |error| over all cycles, rad
+    ripple : rms of the slip speed about its mean over each cycle, rad/s
+    stick_fraction : time in stick over time
+    pressure_low, pressure_high : range of the applied pressure, Pa
+    pressure_rate : rms of its change, Pa/s
+    time_at_limit : share of time in which it is at a limit
     """
 
     target: float
@@ -82,6 +93,15 @@ class Tracking:
     largest_error: float
     overshoot: float
     settling_time: float
+    peak_mean: float = math.nan
+    peak_slip: float = math.nan
+    iae: float = math.nan
+    ripple: float = math.nan
+    stick_fraction: float = math.nan
+    pressure_low: float = math.nan
+    pressure_high: float = math.nan
+    pressure_rate: float = math.nan
+    time_at_limit: float = math.nan
 
 
 def tracking(target: float, means: Floats, cycle: float, discard: int) -> Tracking:
@@ -99,14 +119,59 @@ def tracking(target: float, means: Floats, cycle: float, discard: int) -> Tracki
     if not len(seen):
         return Tracking(target, *(math.nan,) * 5)
     start = float(seen[0])
-    beyond = -seen if start > 0.0 else seen
-    outside = np.flatnonzero(~(np.abs(error) <= DEFAULTS.settled * max(abs(start), abs(target))))
+    band = DEFAULTS.settled * max(abs(start), abs(target))
+    beyond = np.abs(seen) if abs(start) <= band else -seen if start > 0.0 else seen
+    outside = np.flatnonzero(~(np.abs(error) <= band))
     settled = int(outside[-1]) + 1 if len(outside) else 0
+    stays = len(error) - settled >= DEFAULTS.settled_cycles
     return Tracking(
         target=target, mean_slip=float(kept.mean()) + target if len(kept) else math.nan,
         rms_error=float(np.sqrt(np.mean(kept * kept))) if len(kept) else math.nan,
         largest_error=float(np.abs(kept).max()) if len(kept) else math.nan,
-        overshoot=max(float(beyond.max()), 0.0), settling_time=settled * cycle if settled < len(error) else math.nan)
+        overshoot=max(float(beyond.max()), 0.0), settling_time=settled * cycle if stays else math.nan,
+        peak_mean=float(np.abs(seen).max()), iae=float(np.abs(seen).sum()) * cycle)
+
+
+def tracking_of(run: Trajectory, target: float, pressure: Floats | None = None,
+                limits: tuple[float, float] = (0.0, math.inf)) -> Tracking:
+    """Judge how a run held a target from its first sample on.
+
+    Parameters
+    ----------
+    run : samples with their system; between them slip speed and time in stick are those of the cubics through the
+        samples with the rates of the equations
+    target : rad/s
+    pressure : (n,) applied pressure, Pa
+    limits : of the pressure, Pa
+    """
+    before, cycles, behind = cycle_parts_of(replace(run, cycles=None, rest=None))
+    running = MeansOfCycles(Uniform(run.cycle) if run.system is None else clock_of_scene(run.system))
+    running.feed(run.t, run.slip_speed)
+    means = running.means()
+    parts = [part for part in (before, cycles, behind) if part is not None]
+    highest, lowest, stick = (np.concatenate([getattr(part, name) for part in parts])
+                              for name in ("highest", "lowest", "stick_time"))
+    step = np.diff(run.t)
+    more = {}
+    if pressure is not None:
+        p = pressure[1:]  # A sample is what was held through the tick that led to it.
+        low, high = limits
+        more = {"pressure_low": float(p.min()), "pressure_high": float(p.max()),
+                "pressure_rate": math.sqrt(float(np.sum(np.diff(p) ** 2 / step[1:])) / float(step.sum())),
+                "time_at_limit": float(step[(p <= low) | (p >= high)].sum()) / float(step.sum())}
+    return replace(tracking(target, means, run.cycle, default_discard(len(means))),
+                   peak_slip=max(float(highest.max()) - target, target - float(lowest.min())),
+                   ripple=_ripple(run, cycles, means), stick_fraction=float(stick.sum()) / float(step.sum()), **more)
+
+
+def _ripple(run: Trajectory, cycles: Cycles, means: Floats) -> float:
+    """Rms of the slip speed about the mean over each whole cycle."""
+    if cycles.starts is None or not len(means) or len(means) != len(cycles):
+        return math.nan
+    number = np.searchsorted(cycles.starts, run.t, side="right") - 1
+    inside = (number >= 0) & (number < len(means))
+    apart = run.slip_speed[inside] - means[number[inside]]
+    return math.sqrt(float(np.mean(apart * apart)))
 
 
 class CycleMeans:

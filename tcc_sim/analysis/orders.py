@@ -25,6 +25,9 @@ from tcc_sim.solvers.per_cycle import hermite
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.trajectory import Floats, Trajectory, integral
 
+HANN_LOBE = 3
+"""Columns of a spectrum that the mean spreads over: half of the main lobe of Hann's window."""
+
 
 @dataclass(frozen=True, repr=False)
 class Orders(Result):
@@ -108,7 +111,7 @@ def orders_of(run: Trajectory) -> Orders:
     highest = min(float(DEFAULTS.highest_order), 0.25 * len(turns) / whole)
     order = np.arange(math.floor(highest * DEFAULTS.window) + 1) / DEFAULTS.window
     spectra = [_amplitudes(x, starts, length, len(order)) for x in (v, shaft, torque)]
-    driven = _driven(system)
+    driven = _driven(system, spectra[2], order)
     driven = driven[driven <= order[-1]]
     places = np.rint(driven * DEFAULTS.window).astype(int)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -168,11 +171,21 @@ def _amplitudes(values: Floats, starts: NDArray[np.int64], length: int, count: i
     return out
 
 
-def _driven(system: System) -> Floats:
-    """The orders that the engine torque has."""
+def _driven(system: System, torque: Floats, order: Floats) -> Floats:
+    """The orders that the engine torque has: those of the scene or, where it was commanded or comes from data, the
+    peaks of its amplitudes, (W, N), that reach `DEFAULTS.driven` of the largest in their window, most of the time.
+    """
     engine = system.engine
-    higher = [n for n, a in enumerate(engine.harmonic_amplitudes, 2) if a > 0.0]
-    return np.array(([1.0] if engine.torque_amplitude > 0.0 else []) + higher, dtype=np.float64)
+    if engine.source != "topic" and (system.inputs is None or system.inputs.torque is None):
+        higher = [n for n, a in enumerate(engine.harmonic_amplitudes, 2) if a > 0.0]
+        return np.array(([1.0] if engine.torque_amplitude > 0.0 else []) + higher, dtype=np.float64)
+    torque = torque.copy()
+    torque[:, :HANN_LOBE] = 0.0  # The mean's, and what Hann's window spreads of it.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.median(torque / torque.max(axis=1, keepdims=True), axis=0)
+    tops = (share[1:-1] > share[:-2]) & (share[1:-1] >= share[2:]) & (share[1:-1] >= DEFAULTS.driven)
+    found: Floats = order[1:-1][tops]
+    return found
 
 
 def _about_cycle_mean(v: Floats) -> Floats:

@@ -47,6 +47,10 @@ class Settings:
     passing: float = quantity(5e-3, "a stick fraction up to here is slip that passes through v = 0: the smoothed law "
                               "counts the passage through its layer")
 
+    # Orders of a torque that was commanded or comes from data (`orders.py`).
+    driven: float = quantity(0.05, "least amplitude of an order of the torque, relative to its largest: sidelobes of "
+                             "Hann's window reach 0.027")
+
     # Cycles of a recording while it is read (`stream.py`).
     recording_tolerance: float = quantity(2e-3, "`tolerance` of a recorded section: ticks do not fall on cycle ends, "
                                           "and fixed steps are coarse")
@@ -107,6 +111,8 @@ class Settings:
     # Control (`control.py`, `replay/control.py`).
     most_steps: int = quantity(200_000, "most values of a held signal that are kept for a picture; the earliest go "
                                "first")
+    settled_cycles: int = quantity(5, "least number of cycles to the end of a run that show that the mean stays",
+                                   "engine cycles")
     settled: float = quantity(0.02, "part of the step, or of the target where that is larger, within which the cycle "
                               "mean counts as settled")
 

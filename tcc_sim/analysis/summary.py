@@ -27,10 +27,10 @@ from tcc_sim.trajectory import Cycles, Floats, Trajectory, concatenated, split_c
 
 def cycles_of(trajectory: Trajectory) -> Cycles:
     """The whole engine cycles of a trajectory: those its solver worked out, or those between its samples."""
-    return parts_of(trajectory)[1]
+    return cycle_parts_of(trajectory)[1]
 
 
-def parts_of(trajectory: Trajectory) -> tuple[Cycles | None, Cycles, Cycles | None]:
+def cycle_parts_of(trajectory: Trajectory) -> tuple[Cycles | None, Cycles, Cycles | None]:
     """The whole engine cycles of a trajectory, between the parts of cycles before and behind them; None for no part.
 
     They are those that its solver worked out, or those between its samples. There, slip speed and plate angle are
@@ -203,7 +203,7 @@ def summarise(trajectory: Trajectory, discard: int | None = None, *, tolerance: 
     InputError
         A discard that leaves no cycle, or a trajectory without cycles.
     """
-    before, cycles, behind = parts_of(trajectory)
+    before, cycles, behind = cycle_parts_of(trajectory)
     dropped = dropped_of(len(cycles), discard) if len(cycles) or behind is None or discard else 0
     first = first_cycle_of(trajectory) + dropped
     return summarise_cycles(cycles[dropped:], first=first, tolerance=tolerance, dropped=dropped, by=trajectory,

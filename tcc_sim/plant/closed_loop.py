@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from tcc_sim.analysis.control import Tracking, tracking_of
 from tcc_sim.errors import InputError, counted
 from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.plant.driveline import Plant, Reading
@@ -58,6 +60,11 @@ class ControlledRun(Trajectory):
     applied_pressure: Floats = field(default_factory=lambda: np.empty(0))
     refused: int = 0
     refusal: str = ""
+
+    def tracking_of(self, target: float, since: int = 0, limits: tuple[float, float] = (0.0, math.inf)) -> Tracking:
+        """How well the slip speed held a target, rad/s, from the sample `since` on; `limits` of the pressure, Pa."""
+        part = replace(self, **{name: getattr(self, name)[since:] for name in self.UNITS})
+        return tracking_of(part, target, self.applied_pressure[since:], limits)
 
     def __repr__(self) -> str:
         said = f"; {counted(self.refused, 'command')} refused" if self.refused else ""

@@ -15,9 +15,7 @@ from pathlib import Path
 from types import FrameType
 from typing import TypeVar
 
-from tcc_sim.analysis.control import MeansOfCycles, Tracking, tracking
-from tcc_sim.analysis.engine_clock import Uniform, clock_of_scene
-from tcc_sim.analysis.summary import default_discard
+from tcc_sim.analysis.control import Tracking
 from tcc_sim.background import begun
 from tcc_sim.errors import InputError, TccError
 from tcc_sim.plant.closed_loop import ControlledRun
@@ -57,10 +55,7 @@ class LockstepRun(ControlledRun):
         if self.target is None:
             raise InputError("no target: no node published target_slip_speed, and run(target=...) was not given")
         target, since = self.target
-        means = MeansOfCycles(Uniform(self.cycle) if self.system is None else clock_of_scene(self.system))
-        means.feed(self.t[since:], self.slip_speed[since:])
-        found = means.means()
-        return tracking(target, found, self.cycle, default_discard(len(found)))
+        return self.tracking_of(target, since)
 
 
 class GivenUp(BaseException):

@@ -11,6 +11,7 @@ from tcc_sim.analysis.orders import orders_of, turns_at
 from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import replace
+from tcc_sim.replay.given_inputs import driven_by
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 from tcc_sim.sweeps.simulation import simulate
@@ -99,3 +100,18 @@ def test_a_recording_has_the_orders_of_the_run_that_it_holds(tmp_path):
     found, own = json.loads((tmp_path / "a.json").read_text())["orders"], orders_of(run)
     np.testing.assert_allclose(found["shaft_torque"], own.shaft_torque[:len(found["time"])], atol=1e-3)
     np.testing.assert_allclose(found["transmissibility"], own.transmissibility[:len(found["time"])], rtol=1e-4)
+
+
+def test_the_orders_are_those_of_the_torque_that_was_given(tmp_path):
+    """A table drives the second order alone, of a stuck clutch: the closed form at twice the engine's frequency."""
+    scene = load_scene("stick").with_values(HARDLY)
+    omega, t = scene.system.engine.frequency, np.arange(0.0, 4.0, 2e-4)
+    table = tmp_path / "second.csv"
+    rows = np.column_stack([t, 300.0 + 20.0 * np.sin(2.0 * omega * t)])
+    np.savetxt(table, rows, delimiter=",", header="t,engine_torque", comments="", fmt="%.17g")
+    found = orders_of(solve(driven_by(scene, table), duration=3.9, samples_per_cycle=64))
+    assert found.torque_order.tolist() == [2.0]
+    d = scene.system.driveline
+    inertia, spring = d.flywheel_inertia + d.plate_inertia, d.stiffness + 2j * omega * d.damping
+    exact = abs(spring / (spring - inertia * (2.0 * omega) ** 2))
+    np.testing.assert_allclose(found.transmissibility[-3:, 0], exact, rtol=5e-3)
