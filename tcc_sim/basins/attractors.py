@@ -164,6 +164,30 @@ def _same(one: Attractor, other: Attractor, scales: Floats, settings: Settings) 
     return bool(np.mean(there.query(here.data)[0] <= max(_spread(there), settings.same_cloud)) > settings.shared)
 
 
+def numbered(of: DynamicalSystem, before: Sequence[Sequence[Attractor]], found: Sequence[Attractor],
+             settings: Settings = DEFAULTS) -> tuple[Attractor, ...]:
+    """The attractors `found`, each with the number of the one at the last value that goes on in it, or a new number.
+
+    An orbit goes on in the attractor to which Newton's method leads from it, or else in the nearest one: its stable
+    motions may have another period now. Of several pairs the nearest comes first.
+    """
+    scales, pairs, numbers = of.map.scales, list[tuple[float, int, int]](), dict[int, int]()
+    unused = max((a.number + 1 for each in before for a in each), default=0)
+    for old in before[-1] if before else ():
+        shooting = Shooting.single(of.map, old.period) if old.period else None
+        z = None if shooting is None else newton(shooting, shooting.unknowns(old.section[:1], ()))
+        moved = old if shooting is None or z is None else replace(
+            old, section=section_points(of, shooting.nodes(z)[0], 0, old.period)[:-1])
+        pairs += [(_distance(moved, new, scales), k, old.number) for k, new in enumerate(found)]
+    for distance, k, number in sorted(pairs):
+        if distance <= settings.goes_on and k not in numbers and number not in numbers.values():
+            numbers[k] = number
+    for k in range(len(found)):
+        if k not in numbers:
+            numbers[k], unused = unused, unused + 1
+    return tuple(replace(attractor, number=numbers[k]) for k, attractor in enumerate(found))
+
+
 def _validated(of: DynamicalSystem, found: Sequence[Attractor], settings: Settings) -> list[Attractor]:
     """The attractors with radii: apart from each other, and such that motions from the sphere come back to each."""
     # Each radius is halved until all of the probes from its sphere end at the attractor.

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim import __version__
-from tcc_sim.basins.attractors import find_attractors
+from tcc_sim.basins.attractors import find_attractors, numbered
 from tcc_sim.basins.driveline import DrivelineMotion
 from tcc_sim.basins.proximity import RUNAWAY, UNDECIDED, Attractor, Counts, Labels, ProximityMapper, labelled
 from tcc_sim.basins.settings import DEFAULTS
@@ -58,8 +58,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class Boundary:
-    """How uncertain the final state is: the part of cells whose label differs a distance eps away grows as
-    eps^exponent.
+    """Uncertainty of the final state: the part of cells with another label a distance eps away grows as eps^exponent.
 
     exponent : uncertainty exponent, with the standard error of its fit
     dimension : of the boundary, 2 - exponent
@@ -105,10 +104,9 @@ class Basins(Result):
         return {
             "plane": [{"key": axis.key, "values": list(axis.values)} for axis in self.plane],
             "attractors": [{
-                "period": a.period, "max_slip_speed": a.largest,
+                "number": a.number, "period": a.period, "max_slip_speed": a.largest,
                 "section": [[float(p[1]), float(p[0])] for p in a.section],
-                "multipliers": None if a.multipliers is None else [[float(m.real),
-                                                                    float(m.imag)] for m in a.multipliers],
+                "multipliers": None if a.multipliers is None else [[m.real, m.imag] for m in a.multipliers.tolist()],
                 "fraction": self.fraction(k), "radius": a.radius,
                 "state": list(map(float, a.section[0])) if a.period else None} for k, a in enumerate(self.attractors)],
             "undecided": self.fraction(UNDECIDED), "runaway": self.fraction(RUNAWAY), "seconds": self.seconds}
@@ -131,7 +129,8 @@ class Basins(Result):
         """The plane, up to `most` of the attractors with their parts of it, and what came to none."""
         first, second = self.plane
         lines = [f"Basins in {first.key} ({len(first.values)}) and {second.key} ({len(second.values)})"]
-        lines += [f"  {100.0 * self.fraction(k):6.2f} %  {f'period {a.period}' if a.period else 'no period'}, "
+        said = [f"attractor {a.number}: " if self.over else "" for a in self.attractors]
+        lines += [f"  {100.0 * self.fraction(k):6.2f} %  {said[k]}{f'period {a.period}' if a.period else 'no period'}, "
                   f"largest slip speed {a.largest:.6g} rad/s" for k, a in enumerate(self.attractors[:most])]
         if most is not None and len(self.attractors) > most:
             lines.append(f"  {counted(len(self.attractors) - most, 'more attractor')}")
@@ -234,11 +233,11 @@ def basins(scene: Scene | System | str, plane: Sequence[Axis | tuple[str, Sequen
     scene : a scene, its name or file, or a system
     plane : two axes of initial.* keys, or these keys and their values
     cycles : most engine cycles that a cell is followed, 16 to 1000000
-    over : a scene key and its values, as an axis or these two; the plane is worked out for each
+    over : a scene key and its values, as an axis or these two, each with a plane; attractors keep their numbers
     jobs : threads; all available cores by default
     dask : address of a Dask scheduler whose workers do the work instead
     part : file that takes every row as it is done, and from which the same call goes on
-    said : what the first line of that file says besides, such as the command
+    said : further keys of that file's first line, such as the command
     progress : show a bar on a terminal
 
     Raises
@@ -274,7 +273,8 @@ def basins(scene: Scene | System | str, plane: Sequence[Axis | tuple[str, Sequen
                 mine = [(row, record) for i, row, record in stored if i == index]
                 found = _one(each, axes, cycles, mine, executor, there, partial(file.append, index), bar.update)
                 value = None if over is None else (over.key, over.values[index])
-                out.append(dataclasses.replace(found, over=value))
+                known = numbered(DrivelineMotion(each), [one.attractors for one in out], found.attractors)
+                out.append(dataclasses.replace(found, over=value, attractors=known))
     except KeyboardInterrupt:
         raise BasinsInterrupted from None
     return out

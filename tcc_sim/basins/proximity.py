@@ -57,6 +57,7 @@ class Attractor(Described):
     multipliers : (n,) Floquet multipliers, largest modulus first; None where it has no period
     largest : the largest size of the motion
     radius : capture radius, in the map's natural sizes
+    number : the same at every value of a key along which the attractor goes on
     """
 
     period: int
@@ -65,6 +66,7 @@ class Attractor(Described):
     multipliers: NDArray[np.complex128] | None
     largest: float
     radius: float = 0.0
+    number: int = 0
 
 
 class ProximityMapper:

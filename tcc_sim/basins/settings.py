@@ -29,6 +29,7 @@ class Settings:
                               "leaves, it was a transient")
     same: float = quantity(1e-6, "distance at which two orbits are one")
     same_cloud: float = quantity(1e-3, "distance at which two clouds' points are one")
+    goes_on: float = quantity(0.5, "largest distance of two attractors at neighbouring values of a key that are one")
     shared: float = quantity(0.9, "share of a cloud's points that must be so near")
 
     # When a motion has come to an attractor (`attractors.py`, `proximity.py`, `compute.py`).

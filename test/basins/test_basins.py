@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 from textbook_maps import TextbookMap
 
-from tcc_sim.basins.attractors import find_attractors
+from tcc_sim.basins.attractors import find_attractors, numbered
 from tcc_sim.basins.compute import Axis, basins, boundary_of, halton
 from tcc_sim.basins.driveline import DrivelineMotion, mean_load
 from tcc_sim.basins.proximity import RUNAWAY, UNDECIDED, Attractor, ProximityMapper, labelled, section_points
@@ -264,6 +265,33 @@ def test_fractions_along_a_key_are_those_of_each_value_alone(tmp_path: Path):
     assert one.fraction(0) == 1.0
     (alone,) = basins(COEXISTENCE, plane)
     np.testing.assert_array_equal(two.labels, alone.labels)
+    assert [a.number for a in two.attractors] == [0, 1]
+    goes_on = next(a for a in two.attractors if a.period == one.attractors[0].period)
+    assert one.attractors[0].number == goes_on.number
+
+
+def test_an_attractor_keeps_its_number_along_a_key():
+    """x' = p + 1.5 x - x^3/2: attractors at +-1 for p = 0; beyond p = 1/27^0.5 = 0.19 there is only the one above 0."""
+    def at(p: float) -> Iterated:
+        return Iterated(lambda x, _: (p + 1.5 * x - 0.5 * x**3, np.array([[1.5 - 1.5 * x[0] ** 2]]),
+                                      np.zeros((1, 0))), 1)
+
+    seeds = [np.array([x]) for x in (0.6, -0.6)]
+    known = []
+    for p, order in ((0.0, 1), (0.05, -1), (0.3, 1), (0.05, -1)):
+        known.append(numbered(at(p), known, find_attractors(at(p), seeds[::order])))
+    numbers = [{a.number: float(np.sign(a.section[0, 0])) for a in found} for found in known]
+    assert numbers == [{0: 1.0, 1: -1.0}, {0: 1.0, 1: -1.0}, {0: 1.0}, {0: 1.0, 2: -1.0}]
+
+
+def test_an_attractor_keeps_its_number_where_its_period_doubles():
+    def logistic_at(r: float) -> Iterated:
+        return Iterated(lambda x, _: (r * x * (1.0 - x), np.array([[r * (1.0 - 2.0 * x[0])]]), np.zeros((1, 0))), 1)
+
+    one, two = (find_attractors(logistic_at(r), [np.array([0.3])]) for r in (2.9, 3.1))
+    assert [a.period for a in (*one, *two)] == [1, 2]
+    before = [dataclasses.replace(a, number=7) for a in one]
+    assert [a.number for a in numbered(logistic_at(3.1), [before], two)] == [7]
 
 
 @pytest.mark.parametrize("axis", ["initial.slip_speed", ("initial.slip_speed",), 3.0])

@@ -197,7 +197,7 @@ def test_a_period_that_the_settled_motion_does_not_come_back_in() -> None:
 
 
 @pytest.mark.parametrize(("plan", "words"), [
-    (ContinuationPlan(MU_K, 0.2, 0.35), "at most"), (ContinuationPlan(MU_K, 0.2, 0.3, period=3), "multiple"),
+    (ContinuationPlan(MU_K, 0.2, 0.3, period=3), "multiple"),
     (ContinuationPlan(MU_K, 0.2, 0.3, second=("pressure.mean", 1e5, 2e5)), "include"),
 ])
 def test_plans_that_cannot_be_carried_out(plan: ContinuationPlan, words: str) -> None:
