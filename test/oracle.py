@@ -9,19 +9,29 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 
-def coefficient_and_slope(v, ratio, decay, sigma):
+def sliding_of(friction):
+    """Coefficient of fast slip, and pairs of amplitude over it and rate, of the exponentials beside it."""
+    if friction.slip_speeds:
+        curve = friction.curve
+        return curve.constant, [(c / curve.constant, a) for c, a in zip(curve.amplitudes, curve.rates)]
+    kinetic = friction.kinetic_coefficient
+    return kinetic, [(friction.static_coefficient / kinetic - 1.0, friction.decay)]
+
+
+def coefficient_and_slope(v, pairs, sigma):
     """(7) and its derivative."""
-    falling, step = (ratio - 1.0) * math.exp(-decay * abs(v)), math.tanh(sigma * v)
-    slope = (1.0 + falling) * sigma * (1.0 - step * step) - decay * math.copysign(falling, v) * step
-    return (1.0 + falling) * step, slope
+    parts = [(c * math.exp(-a * abs(v)), a) for c, a in pairs]
+    ratio, step = 1.0 + sum(part for part, _ in parts), math.tanh(sigma * v)
+    slope = ratio * sigma * (1.0 - step * step) - math.copysign(sum(a * part for part, a in parts), v) * step
+    return ratio * step, slope
 
 
 def equations(system):
     """(1) to (7): the derivatives of (v, theta2, theta2', theta1) at a time, and their Jacobian."""
     e, pr, f, d = system.engine, system.pressure, system.friction, system.driveline
     i1, i2 = d.flywheel_inertia, d.plate_inertia
-    ratio = f.static_coefficient / f.kinetic_coefficient
-    per_pressure = f.kinetic_coefficient * system.clutch.area * system.clutch.radius
+    kinetic, pairs = sliding_of(f)
+    per_pressure = kinetic * system.clutch.area * system.clutch.radius
 
     def load(t):
         phase = pr.frequency_ratio * e.frequency * t + pr.phase
@@ -31,12 +41,12 @@ def equations(system):
         te = e.mean_torque + e.torque_amplitude * math.sin(e.frequency * t)
         for n, (a, phase) in enumerate(zip(e.harmonic_amplitudes, e.harmonic_phases), 2):
             te += a * math.sin(n * e.frequency * t + phase)
-        tf = coefficient_and_slope(y[0], ratio, f.decay, f.smoothing)[0] * load(t)
+        tf = coefficient_and_slope(y[0], pairs, f.smoothing)[0] * load(t)
         plate = (tf - d.damping * y[2] - d.stiffness * y[1]) / i2
         return [(te - tf) / i1 - plate, y[2], plate, y[0] + y[2]]
 
     def jacobian(t, y):
-        g = coefficient_and_slope(y[0], ratio, f.decay, f.smoothing)[1] * load(t)
+        g = coefficient_and_slope(y[0], pairs, f.smoothing)[1] * load(t)
         return np.array([[-g / i1 - g / i2, d.stiffness / i2, d.damping / i2, 0.0], [0.0, 0.0, 1.0, 0.0],
                          [g / i2, -d.stiffness / i2, -d.damping / i2, 0.0], [1.0, 0.0, 1.0, 0.0]])
 

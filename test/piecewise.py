@@ -6,6 +6,7 @@ Slow and plain: modes 0 stick, +-1 slip, 2 free; nothing of the package's solver
 import math
 
 import numpy as np
+from oracle import sliding_of
 from scipy.integrate import solve_ivp
 
 
@@ -14,7 +15,8 @@ class Piecewise:
         self.s, self.rtol, self.atol = system, rtol, atol
         d = system.driveline
         self.i1, self.i2, self.c, self.k = d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness
-        self.ratio = system.friction_ratio
+        self.kinetic, self.pairs = sliding_of(system.friction)
+        self.ratio = 1.0 + sum(c for c, _ in self.pairs)
 
     def engine(self, t):
         e = self.s.engine
@@ -38,7 +40,7 @@ class Piecewise:
             return self.need(t, y)
         if mode == 2:
             return 0.0
-        law = 1.0 + (self.ratio - 1.0) * math.exp(-self.s.friction.decay * max(mode * y[0], 0.0))
+        law = 1.0 + sum(c * math.exp(-a * max(mode * y[0], 0.0)) for c, a in self.pairs)
         return mode * self.load(t) * law
 
     def rates(self, t, y, mode):

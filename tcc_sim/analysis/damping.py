@@ -81,7 +81,7 @@ def _integrated(system: System, section: Floats, number: int, integrals: Floats)
             return False
         return True
     terms = terms_of(system)
-    falling = terms.stribeck[0] * terms.stribeck[1] if terms.stribeck is not None else 0.0
+    falling = friction.steepest_fall(terms.stribeck)
     samples = math.ceil(system.cycle * system.inverse_inertia * peak_load(terms) * falling / DEFAULTS.growth_between)
     samples = min(max(samples, DEFAULTS.fewest_samples), DEFAULTS.most_samples)
     run = solve(system, cycles=1, samples_per_cycle=samples, start_cycle=number, state=State.of(section))
@@ -99,7 +99,6 @@ def integrals_of_arcs(run: Trajectory) -> Floats:
     """
     assert run.system is not None
     terms, changes = terms_of(run.system), run.transitions
-    excess, decay = terms.stribeck if terms.stribeck is not None else (0.0, 0.0)
     left, right, mode = _pieces(run)
     h = right - left
     ends = [_end(run, terms, at, np.where(mode == FREE, 1, mode), after)
@@ -112,7 +111,7 @@ def integrals_of_arcs(run: Trajectory) -> Floats:
         v = y * y * (p * (1.0 + 2.0 * x) + x * dp) + x * x * (q * (1.0 + 2.0 * y) - y * dq)
         v = np.where(mode == STICK, 0.0, v)
         load = equations.saturation_torque(left + x * h, terms.mean_load, terms.pulsation)
-        slope = np.where(mode == STICK, 0.0, -load * decay * excess * np.exp(-decay * np.abs(v)))
+        slope = np.where(mode == STICK, 0.0, load * friction.sliding_slope(v, terms.stribeck))
         part = weight * h
         total += [float(np.sum(part * slope * v * v)), float(np.sum(part * v * v)), float(np.sum(part * slope))]
     return total
@@ -165,7 +164,7 @@ def slope_of_friction(trajectory: Trajectory) -> Floats:
     if terms.smoothing is not None:
         slope = friction.smoothed_and_slope(v, terms.smoothing, terms.stribeck)[1]
     elif terms.stribeck is not None:
-        slope = np.where(v == 0.0, 0.0, -terms.stribeck[1] * terms.stribeck[0] * np.exp(-terms.stribeck[1] * np.abs(v)))
+        slope = np.where(v == 0.0, 0.0, friction.sliding_slope(v, terms.stribeck))
     else:
         slope = np.zeros_like(v)
     return cast(Floats, trajectory.saturation_torque * slope)

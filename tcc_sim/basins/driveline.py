@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from tcc_sim.basins.settings import DEFAULTS
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.problem import Floats, ParameterMap
+from tcc_sim.model.friction import exponentials
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.stroboscopic import sections
@@ -25,9 +26,10 @@ class DrivelineMotion:
         self.system, self._rtol = system, rtol
         self.map: ParameterMap = DrivelineMap(system, ())
         terms = terms_of(system)
-        self._constant = DEFAULTS.constant / terms.stribeck[1] if terms.stribeck and terms.stribeck[1] > 0.0 else 0.0
+        slowest = min([rate for _, rate in exponentials(terms.stribeck)], default=0.0)
+        self._constant = DEFAULTS.constant / slowest if slowest > 0.0 else 0.0
         self._drift = terms.mean_torque
-        self._drag = mean_load(system) * (system.friction_ratio if terms.stribeck and terms.stribeck[1] == 0.0 else 1.0)
+        self._drag = mean_load(system) * (system.friction_ratio if terms.stribeck and slowest == 0.0 else 1.0)
         torques = abs(terms.mean_torque) + system.engine.torque_amplitude + sum(system.engine.harmonic_amplitudes)
         torque = torques + system.largest_friction_ratio * peak_load(terms)
         plate_speed = torque / terms.linear[3] * system.natural_frequency

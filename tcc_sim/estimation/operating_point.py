@@ -182,9 +182,7 @@ def _law(terms: Terms, v: float) -> tuple[float, float]:
         coefficient, slope = friction.smoothed_and_slope(v, terms.smoothing, terms.stribeck)
         return float(coefficient), float(slope)
     sign = math.copysign(1.0, v)
-    excess, decay = terms.stribeck or (0.0, 0.0)
-    falling = excess * math.exp(-decay * abs(v))
-    return sign * (1.0 + falling), -decay * falling
+    return float(friction.sliding(v, sign, terms.stribeck)), float(friction.sliding_slope(v, terms.stribeck))
 
 
 def _settled(system: System) -> tuple[int, Floats]:

@@ -113,10 +113,24 @@ class Expressions:
             return f"{text}->at{where}", DOUBLE if len(places) == 2 else Row()
         if isinstance(kind, Row):
             return f"{text}[{self._place(node.slice)}]", DOUBLE
-        place = getattr(node.slice, "value", None)
+        place = self._known(node.slice)
         if isinstance(kind, Tuple) and isinstance(place, int):
             return f"{text}._{place}", kind.parts[place]
         raise self._refused(node)
+
+    def _known(self, node: ast.expr) -> int | None:
+        """A whole number that is known now; None for any other expression."""
+        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
+            left, right = self._known(node.left), self._known(node.right)
+            return None if left is None or right is None else left + right
+        if isinstance(node, ast.Call) and ast.unparse(node.func) == "len" and isinstance(node.args[0], ast.Name):
+            kind = self._kinds.get(node.args[0].id)
+            return len(kind.parts) if isinstance(kind, Tuple) else None
+        if isinstance(node, ast.Name):
+            kind = self._kinds.get(node.id)
+            return kind.value if isinstance(kind, Static) and isinstance(kind.value, int) else None
+        found = getattr(node, "value", None)
+        return found if isinstance(found, int) else None
 
     def _place(self, node: ast.expr) -> str:
         """A whole number that is a place in an array."""

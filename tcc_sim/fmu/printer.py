@@ -141,6 +141,11 @@ class Function(Expressions):
             self._nested(f"while ({self._number(node.test)[0]}) {{", node.body)
             self._put("}")
         elif isinstance(node, ast.For) and isinstance(node.target, ast.Name) and isinstance(node.iter, ast.Call) \
+                and None not in (bounds := [self._known(end) for end in node.iter.args]):
+            for place in range(*(bound for bound in bounds if bound is not None)):
+                self._kinds[node.target.id] = Static(place)
+                self._block(node.body)
+        elif isinstance(node, ast.For) and isinstance(node.target, ast.Name) and isinstance(node.iter, ast.Call) \
                 and ast.unparse(node.iter.func) == "range" and len(node.iter.args) == 1:
             end, name = self._place(node.iter.args[0]), word(node.target.id)
             self._declare(node.target.id, INT, node)

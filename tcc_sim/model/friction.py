@@ -1,7 +1,8 @@
 """Friction laws (6) and (7) of the paper, normalised by mu_k, their slope (20b), and where they peak.
 
 The functions take plain floats or arrays and are compiled for the solvers from this same text. `stribeck` is
-(mu_s/mu_k - 1, alpha), or None where mu_k = mu_s: then there is no exponential.
+(c_1, a_1, c_2, a_2, ...): the sliding coefficient over that of fast slip is 1 + sum over j of c_j exp(-a_j |v|). The
+law of the paper has one exponential, (mu_s/mu_k - 1, alpha); None stands for none, where mu_k = mu_s.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-Stribeck = tuple[float, float] | None
+Stribeck = tuple[float, ...] | None
 
 
 def smoothed(v: Any, sigma: float, stribeck: Stribeck) -> Any:
@@ -23,7 +24,7 @@ def smoothed(v: Any, sigma: float, stribeck: Stribeck) -> Any:
     ----------
     v : float or (n,) array, slip speed, rad/s
     sigma : smoothing factor, s/rad
-    stribeck : (r - 1, alpha in s/rad), or None where mu_k = mu_s
+    stribeck : amplitudes and rates, s/rad, in turn, or None where mu_k = mu_s
 
     Returns
     -------
@@ -32,7 +33,10 @@ def smoothed(v: Any, sigma: float, stribeck: Stribeck) -> Any:
     if stribeck is None:
         return np.tanh(sigma * v)
     else:
-        return (1.0 + stribeck[0] * np.exp(-stribeck[1] * np.abs(v))) * np.tanh(sigma * v)
+        ratio = 1.0 + stribeck[0] * np.exp(-stribeck[1] * np.abs(v))
+        for j in range(2, len(stribeck), 2):
+            ratio = ratio + stribeck[j] * np.exp(-stribeck[j + 1] * np.abs(v))
+        return ratio * np.tanh(sigma * v)
 
 
 def smoothed_and_slope(v: Any, sigma: float, stribeck: Stribeck, tanh: Any = None) -> Any:
@@ -45,7 +49,12 @@ def smoothed_and_slope(v: Any, sigma: float, stribeck: Stribeck, tanh: Any = Non
         return step, sigma * (1.0 - step * step)
     else:
         falling = stribeck[0] * np.exp(-stribeck[1] * np.abs(v))
-        slope = sigma * (1.0 + falling) * (1.0 - step * step) - stribeck[1] * falling * np.sign(v) * step
+        steep = stribeck[1] * falling
+        for j in range(2, len(stribeck), 2):
+            share = stribeck[j] * np.exp(-stribeck[j + 1] * np.abs(v))
+            falling = falling + share
+            steep = steep + stribeck[j + 1] * share
+        slope = sigma * (1.0 + falling) * (1.0 - step * step) - steep * np.sign(v) * step
         return (1.0 + falling) * step, slope
 
 
@@ -54,7 +63,32 @@ def sliding(v: Any, sign: Any, stribeck: Stribeck) -> Any:
     if stribeck is None:
         return sign
     else:
-        return sign * (1.0 + stribeck[0] * np.exp(-stribeck[1] * sign * v))
+        ratio = 1.0 + stribeck[0] * np.exp(-stribeck[1] * sign * v)
+        for j in range(2, len(stribeck), 2):
+            ratio = ratio + stribeck[j] * np.exp(-stribeck[j + 1] * sign * v)
+        return sign * ratio
+
+
+def sliding_slope(v: Any, stribeck: Stribeck) -> Any:
+    """Slope of the set-valued coefficient of (6) by |v|, s/rad, at v, a float or an array."""
+    if stribeck is None:
+        return 0.0 * v
+    return sum((-a * c * np.exp(-a * np.abs(v)) for c, a in exponentials(stribeck)), 0.0 * v)
+
+
+def steepest_fall(stribeck: Stribeck) -> float:
+    """Bound of how steeply the sliding coefficient over that of fast slip falls, s/rad."""
+    return sum(max(share, 0.0) * rate for share, rate in exponentials(stribeck))
+
+
+def largest_ratio(stribeck: Stribeck) -> float:
+    """Bound of the sliding coefficient over that of fast slip."""
+    return 1.0 + sum(max(share, 0.0) for share, _ in exponentials(stribeck))
+
+
+def exponentials(stribeck: Stribeck) -> list[tuple[float, float]]:
+    """Pairs of amplitude and rate, s/rad."""
+    return [] if stribeck is None else list(zip(stribeck[::2], stribeck[1::2]))
 
 
 @lru_cache(maxsize=256)
@@ -68,6 +102,8 @@ def peak(sigma: float, stribeck: Stribeck) -> tuple[float, float]:
     """
     if stribeck is None:
         return math.inf, 1.0
+    if len(stribeck) > 2:
+        return _peak_of_several(sigma, stribeck)
     excess, decay = stribeck
     if decay == 0.0:
         return math.inf, 1.0 + excess
@@ -100,6 +136,24 @@ def peak(sigma: float, stribeck: Stribeck) -> tuple[float, float]:
             return math.inf, 1.0
     v = _first(high, falls, *(_beside(fall, high, 2.0 * sigma) or _around(fall, 1e-3 / sigma, high)))
     return v, float(smoothed(v, sigma, stribeck))
+
+
+def _peak_of_several(sigma: float, stribeck: tuple[float, ...]) -> tuple[float, float]:
+    """`peak` of a law of several exponentials, by the first change of sign of the slope, (inf, 1) without one.
+
+    The slope is taken over 1 - tanh^2, so that it keeps its digits where tanh is nearly 1.
+    """
+    def fall(v: Any) -> Any:
+        """-mubar'/(sigma (1 - T^2)): above 0 where mubar falls."""
+        ratio = 1.0 + sum(c * np.exp(-a * v) for c, a in exponentials(stribeck))
+        return -sliding_slope(v, stribeck) * 0.5 * np.sinh(np.minimum(2.0 * sigma * v, 600.0)) / sigma - ratio
+
+    v = np.geomspace(1e-4 / sigma, 40.0 / sigma + 40.0 / min(stribeck[1::2]), 20000)
+    falls = np.flatnonzero(fall(v) > 0.0)
+    if len(falls) == 0:
+        return math.inf, 1.0
+    at = _first(float(v[falls[0]]), lambda x: bool(fall(x) > 0.0), float(v[falls[0] - 1]) if falls[0] else 0.0)
+    return at, float(smoothed(at, sigma, stribeck))
 
 
 def _beside(f: Callable[[float], float], at: float, slope: float) -> tuple[float, float] | None:

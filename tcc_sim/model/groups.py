@@ -8,6 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tcc_sim.errors import InputError
+from tcc_sim.model.friction import Stribeck
+from tcc_sim.model.friction_curve import FrictionCurve, fit_curve
 from tcc_sim.model.quantity import LATEST, Group, apart, quantity
 
 FIG02_PRESSURE = 500.0 / (0.24 * 0.08 * 0.1)
@@ -15,6 +17,9 @@ FIG02_PRESSURE = 500.0 / (0.24 * 0.08 * 0.1)
 PRESSURE_MAXIMUM, TORQUE_MAXIMUM = 1e7, 1e5
 LARGEST_RATIO = 20.0
 """Bound of mu_s/mu_k, and of mu_k/mu_s."""
+
+TABULATED = ("friction.static_coefficient", "friction.kinetic_coefficient", "friction.decay")
+"""Keys that a friction table takes the place of."""
 
 
 @dataclass(frozen=True)
@@ -38,9 +43,43 @@ class Friction(Group):
                                           above=True, live=True)
     decay: float = quantity(2.0, "decay alpha of the friction coefficient with slip speed", "s/rad", 0.0, 1e3)
     smoothing: float = quantity(50.0, "smoothing factor sigma of law (7)", "s/rad", 1.0, 1e12)
+    slip_speeds: tuple[float, ...] = quantity((), "slip speeds at which friction.coefficients were measured, the first "
+                                              "0", "rad/s", 0.0, 1e4)
+    coefficients: tuple[float, ...] = quantity((), "measured friction coefficients; friction.static_coefficient, "
+                                               "kinetic_coefficient and decay are then not used", "", 0.0, 2.0,
+                                               above=True)
+
+    @property
+    def curve(self) -> FrictionCurve | None:
+        """The fit of the measured coefficients; None where they are not given."""
+        return fit_curve(self.slip_speeds, self.coefficients) if self.slip_speeds or self.coefficients else None
+
+    @property
+    def static(self) -> float:
+        """mu_s, the coefficient at v = 0."""
+        curve = self.curve
+        return self.static_coefficient if curve is None else float(curve.at(0.0))
+
+    @property
+    def kinetic(self) -> float:
+        """mu_k, the coefficient that fast slip tends to."""
+        curve = self.curve
+        return self.kinetic_coefficient if curve is None else curve.constant
+
+    @property
+    def stribeck(self) -> Stribeck:
+        """The exponentials of mu(v)/mu_k, see `model.friction`; None where it is 1."""
+        curve = self.curve
+        if curve is not None:
+            pairs = zip(curve.amplitudes, curve.rates)
+            return tuple(number for c, a in pairs for number in (c / curve.constant, a)) or None
+        ratio = self.static_coefficient / self.kinetic_coefficient
+        return (ratio - 1.0, self.decay) if ratio != 1.0 else None
 
     def check_together(self) -> None:
-        """Raise InputError unless mu_s/mu_k is 1/20 to 20."""
+        """Raise InputError unless mu_s/mu_k is 1/20 to 20, or the table can be fitted."""
+        if self.curve is not None:
+            return
         low, high = self.static_coefficient / LARGEST_RATIO, self.static_coefficient * LARGEST_RATIO
         if not low <= self.kinetic_coefficient <= high:
             raise InputError(f"friction.kinetic_coefficient is {apart(self.kinetic_coefficient, low, high)}; it must "

@@ -110,8 +110,7 @@ def harmonic_balance(system: System, period: int, harmonics: int, iterations: in
     torque = project @ engine
     drive = _real_form(engine_share / mobility) @ torque
     drive[0] = torque[0]
-    ratio = system.friction_ratio
-    stribeck = (ratio - 1.0, system.friction.decay) if ratio != 1.0 else None
+    stribeck = system.friction.stribeck
 
     slip = np.zeros(2 * harmonics + 1)
     for part in LADDER:

@@ -16,7 +16,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from tcc_sim.errors import InputError
-from tcc_sim.model.groups import Clutch, Driveline, Engine, Friction, Initial, Pressure
+from tcc_sim.model.friction import largest_ratio
+from tcc_sim.model.groups import TABULATED, Clutch, Driveline, Engine, Friction, Initial, Pressure
 from tcc_sim.model.quantity import PROFILES, Group, Quantity, Value, number_of
 
 if TYPE_CHECKING:
@@ -95,17 +96,17 @@ class System:
     @property
     def friction_ratio(self) -> float:
         """mu_s/mu_k: above 1 where friction falls with slip speed, below 1 where it rises."""
-        return self.friction.static_coefficient / self.friction.kinetic_coefficient
+        return self.friction.static / self.friction.kinetic
 
     @property
     def largest_friction_ratio(self) -> float:
-        """The largest friction coefficient at any slip speed over mu_k, at least 1."""
-        return max(self.friction_ratio, 1.0)
+        """Bound of the friction coefficient at any slip speed over mu_k, at least 1."""
+        return largest_ratio(self.friction.stribeck)
 
     @property
     def torque_per_pressure(self) -> float:
         """mu_k A R of (5b), N m/Pa: saturation torque per pressure."""
-        return self.friction.kinetic_coefficient * self.clutch.area * self.clutch.radius
+        return self.friction.kinetic * self.clutch.area * self.clutch.radius
 
     @property
     def saturation_mean(self) -> float:
@@ -201,6 +202,9 @@ def replace(system: System, values: Mapping[str, object]) -> System:
         checked = coerce(key, value)
         if key in PROFILES and f"{key}_times" in system.varying and f"{key}_times" not in values:
             raise InputError(f"{key} is not used where {key}_times is given; change that profile instead")
+        if key in TABULATED and system.friction.slip_speeds and "friction.slip_speeds" not in values:
+            raise InputError(f"{key} is not used where friction.slip_speeds and friction.coefficients are given; "
+                             "change that table instead")
         group, name = key.split(".")
         changes.setdefault(group, {})[name] = checked
     out = object.__new__(System)  # Its fields are known to be right; a branch asks for one for every motion.

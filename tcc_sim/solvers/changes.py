@@ -23,7 +23,7 @@ from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.collocation import NODES
 from tcc_sim.solvers.compiling.changing import Causes, Changing
 from tcc_sim.solvers.compiling.compiled import fast
-from tcc_sim.solvers.compiling.unrolled import row_of, unrolled
+from tcc_sim.solvers.compiling.unrolled import exp, row_of, unrolled
 from tcc_sim.solvers.excitation import Pulsation
 from tcc_sim.solvers.key_derivatives import DECAY, EXCESS_RATIO, NUMBERS, SMOOTHING
 from tcc_sim.solvers.series import (
@@ -37,6 +37,7 @@ from tcc_sim.solvers.series import (
     SLIP,
     SPEED,
     add_sine,
+    added,
     exponential,
     hyperbolic,
     product,
@@ -119,6 +120,20 @@ def linear_of(linear: Linear, by: Any) -> tuple[Changing, ...]:
     return tuple(changing(number, by, i) for i, number in enumerate(linear))
 
 
+class Exponential:
+    """The series of F = exp(rate v), which starts with `factor`, and what it changes by: dF = F d(rate v)."""
+
+    def __init__(self, factor: Any, share: Changing, rate: Changing) -> None:
+        self.share, self.rate, self._factors, self._bent = share, rate, [factor], list[Any]()
+
+    def following(self, v: Changing, weighted: list[Any], k: int) -> Changing:
+        """Coefficient k, from that of v and from k v_k at the end of `weighted`."""
+        if k > 0:
+            exponential(self.rate.value, weighted, self._factors, k)
+        self._bent.append((v * self.rate).change)
+        return Changing(self._factors[k], product(self._bent, self._factors, k))
+
+
 def law_along(rows: Any, coefficients: Any, law: Any, shaped: Any, sign: Any, pulsation: Any, stribeck: Any,
               factor: Any, sigma: Any, tanh: Any, sech: Any) -> Iterator[int]:
     """Coefficients of mubar and of Ts mubar along a motion, and what the latter changes by; staged function.
@@ -131,20 +146,24 @@ def law_along(rows: Any, coefficients: Any, law: Any, shaped: Any, sign: Any, pu
     rows, coefficients : the motion's coefficients, and those of mubar
     law : (COLUMNS, 8) columns FRICTION to OF_SMOOTHING; those of alpha and sigma are 0 where `shaped` is None
     sign : of the slip speed
-    stribeck, factor : (r - 1, alpha) and F = exp(-alpha |v|); None where it does not vary
+    stribeck, factor : amplitudes and rates in turn, and F = exp(-a |v|) of the first one; None where they do not vary
     sigma, tanh, sech : sigma, T = tanh(sigma v) and 1 - T^2; None where it does not vary
     """
     if stribeck is None and sigma is None:
         return
     decays, sharpens = (None, None) if shaped is None else (Causes({OF_DECAY: 1.0}), Causes({OF_SMOOTHING: 1.0}))
-    weighted, f, t, s, side = [0.0], [factor], [tanh], [sech], Changing(sign)
-    bent, turned, fallen, load = ([] for _ in range(4))
+    weighted, t, s, side = [0.0], [tanh], [sech], Changing(sign)
+    turned, fallen, load = ([] for _ in range(3))
+    falls: list[Exponential] = []
     causes = range(OF_SLIP, OF_DECAY + 1 if shaped is None else 8)
     rising: list[Any] = []
     mubar: list[Any] = []
     side_by_side: list[Any] = []
     if stribeck is not None:
-        share, rate = Changing(stribeck[0], Causes({OF_EXCESS: 1.0})), Changing(stribeck[1], decays) * -side
+        falls.append(Exponential(factor, Changing(stribeck[0], Causes({OF_EXCESS: 1.0})),
+                                 Changing(stribeck[1], decays) * -side))
+        falls += [Exponential(exp(-stribeck[j + 1] * sign * rows[SLIP, 0]), Changing(stribeck[j]),
+                              Changing(stribeck[j + 1]) * -side) for j in range(2, len(stribeck), 2)]
     if sigma is not None:
         sharpness = Changing(sigma, sharpens)
     for k in range(FRICTION_ORDER_MAXIMUM):
@@ -160,11 +179,8 @@ def law_along(rows: Any, coefficients: Any, law: Any, shaped: Any, sign: Any, pu
             rising.append(Changing(t[k], product(turned, s, k)))
         mubar.append(rising[k])
         if stribeck is not None:
-            if k > 0:
-                exponential(rate.value, weighted, f, k)
-            bent.append((v * rate).change)
-            fallen.append(Changing(f[k], product(bent, f, k)))
-            mubar[k] = mubar[k] + product(fallen, rising, k) * share
+            fallen.append(added([one.share * one.following(v, weighted, k) for one in falls]))
+            mubar[k] = mubar[k] + product(fallen, rising, k)
         load.append(rows[LOAD, k] if k == 0 or pulsation is not None else 0.0)
         coefficients[k,] = mubar[k].value
         side_by_side.append(row_of([mubar[k].value, *(mubar[k].change.get(cause, 0.0) for cause in causes)]))

@@ -58,6 +58,8 @@ def _stage(weights: tuple[float, float], keep: float, rate: float, at: tuple[flo
         fade = np.exp(-stribeck[1] * np.abs(v))
         falling = stribeck[0] * fade
         by_excess, by_decay = fade * tanh, -np.abs(v) * falling * tanh
+        for j in range(2, len(stribeck), 2):
+            falling += stribeck[j] * np.exp(-stribeck[j + 1] * np.abs(v))
     by_smoothing = (1.0 + falling) * (1.0 - tanh * tanh) * v
     torque = load * value
     plate_rate = (torque - damping * omega - stiffness * theta) / inertia2

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tcc_sim.errors import InputError
+from tcc_sim.model.groups import TABULATED
 from tcc_sim.model.parameters import DEFAULTS, System, unknown_key
 from tcc_sim.trajectory import Floats
 
@@ -51,6 +52,8 @@ def _by(system: System, key: str) -> dict[int, float]:
     friction, clutch = system.friction, system.clutch
     # Tsm = mu_k Pm A R and Tsp = mu_k Pp A R of (5b).
     mean, amplitude = system.saturation_mean, system.saturation_amplitude
+    if friction.curve is not None and key in TABULATED:
+        raise InputError(f"{key} is not used where friction.slip_speeds and friction.coefficients are given")
     if key in OF_ITSELF:
         return {OF_ITSELF[key]: 1.0 if key != "engine.torque_amplitude" or system.engine.harmonic else 0.0}
     if key == "engine.frequency":

@@ -50,6 +50,8 @@ def scalar_root(w: float, a: float, guess: float, sigma: Any, stribeck: Stribeck
     ratio = 1.0
     if stribeck is not None:
         ratio = 1.0 + max(stribeck[0], 0.0)
+        for j in range(2, len(stribeck), 2):
+            ratio = ratio + max(stribeck[j], 0.0)
     elif (target - a) * sigma > SATURATED:
         # Slip with mu_k = mu_s: tanh is 1 to the last bit, and nothing is left to solve.
         return sign * (target - a), 0

@@ -9,7 +9,9 @@ scaled time x = t/unit, so that none of them overflows. `product`, `exponential`
 
 from __future__ import annotations
 
+import functools
 import math
+import operator
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -17,7 +19,7 @@ import numpy as np
 
 from tcc_sim.model.equations import Linear
 from tcc_sim.solvers.compiling.compiled import fast
-from tcc_sim.solvers.compiling.unrolled import row_of, unrolled
+from tcc_sim.solvers.compiling.unrolled import exp, row_of, unrolled
 
 SLIP, ANGLE, SPEED, FLYWHEEL, ENGINE, LOAD = range(6)
 """Rows of the coefficients: slip speed, plate angle, plate speed, flywheel angle; Te, Ts."""
@@ -100,7 +102,7 @@ def hyperbolic(rate: Any, weighted: Sequence[Any], tanh: list[Any], sech: list[A
     sech.append(-square(tanh, k))
 
 
-def motion(rows: Any, unit: Any, linear: Linear, sign: Any, pulsation: Any, decay: Any, excess: Any, sigma: Any,
+def motion(rows: Any, unit: Any, linear: Linear, sign: Any, pulsation: Any, stribeck: Any, excess: Any, sigma: Any,
            tanh: Any, sech: Any) -> Iterator[int]:
     """Coefficients of slip speed, plate angle and plate speed by equations (2), mubar by recurrence.
 
@@ -113,22 +115,26 @@ def motion(rows: Any, unit: Any, linear: Linear, sign: Any, pulsation: Any, deca
         only the first where `pulsation` is None), the others of SLIP, ANGLE and SPEED are filled
     unit : unit of time of the coefficients, s
     sign : value of T where it does not vary: the sign of v, or 0 without load
-    decay, excess : rate -alpha sgn(v) and value of (r - 1) exp(-alpha |v|); None where it does not vary
+    stribeck, excess : amplitudes and rates in turn, and value c exp(-a |v|) of the first one; None where they do not
+        vary
     sigma, tanh, sech : sigma, tanh(sigma v) and 1 - tanh^2; None where T does not vary
     """
     flywheel, plate = unit / linear[0], unit / linear[1]
     both, damping, stiffness = flywheel + plate, plate * linear[2], plate * linear[3]
     v, x, u = [rows[SLIP, 0]], [rows[ANGLE, 0]], [rows[SPEED, 0]]
-    e, t, s = [0.0 if decay is None else excess], [sign if tanh is None else tanh], [sech]
-    fallen = 0.0 if decay is None else decay * e[0]
+    rates = [] if stribeck is None else [-rate * sign for rate in stribeck[1::2]]
+    each = [[share] for share in excesses(stribeck, excess, sign, v[0])]
+    e, t, s = [added([one[0] for one in each])], [sign if tanh is None else tanh], [sech]
+    drops = [rate * one[0] for rate, one in zip(rates, each)]
+    fallen = added(drops)
     rising = 0.0 if tanh is None else sigma * sech
     slope = rising + (rising * e[0] + fallen * t[0])
     law, load, weighted = [t[0] + e[0] * t[0]], [rows[LOAD, 0]], [0.0]
     stiff = both * load[0] * slope
-    pairs = [None if decay is None else (weighted, e), None if tanh is None else (weighted, s),
-             None if decay is None or tanh is None else (e, t), None if pulsation is None else (law, load)]
+    pairs = [*((weighted, one) for one in each), None if tanh is None else (weighted, s),
+             None if stribeck is None or tanh is None else (e, t), None if pulsation is None else (law, load)]
     packed: list[Any] = []
-    for k in range(ORDER_MAXIMUM if decay is None and tanh is None else FRICTION_ORDER_MAXIMUM):
+    for k in range(ORDER_MAXIMUM if stribeck is None and tanh is None else FRICTION_ORDER_MAXIMUM):
         spring = damping * u[k] + stiffness * x[k]
         push = flywheel * rows[ENGINE, k] + spring
         if k == 0:
@@ -136,10 +142,13 @@ def motion(rows: Any, unit: Any, linear: Linear, sign: Any, pulsation: Any, deca
             speed = push - both * friction
         else:
             load.append(0.0 if pulsation is None else rows[LOAD, k])
-            by_e, by_t, by_both, by_load = side_by_side(pairs, packed, k)
-            e_early = 0.0 if decay is None else decay * (1.0 / k) * by_e
+            *by_each, by_t, by_both, by_load = side_by_side(pairs, packed, k)
+            parts = [rate * (1.0 / k) * by_e for rate, by_e in zip(rates, by_each)]
+            e_early = added(parts)
             t_early = 0.0 if tanh is None else sigma * (1.0 / k) * by_t
-            e.append(e_early + fallen * v[k])
+            for one, early_part, drop in zip(each, parts, drops):
+                one.append(early_part + drop * v[k])
+            e.append(added([one[k] for one in each]))
             t.append(t_early + rising * v[k])
             if tanh is not None:
                 s.append(-square(t, k))
@@ -156,6 +165,18 @@ def motion(rows: Any, unit: Any, linear: Linear, sign: Any, pulsation: Any, deca
         rows[SLIP, k + 1], rows[SPEED, k + 1], rows[ANGLE, k + 1] = v[k + 1], u[k + 1], x[k + 1]
         if k % 2 == 1 and k >= 7:
             yield k + 1
+
+
+def added(numbers: Sequence[Any]) -> Any:
+    """The sum of a few numbers, 0 of none."""
+    return functools.reduce(operator.add, numbers) if numbers else 0.0
+
+
+def excesses(stribeck: Any, first: Any, sign: Any, v: Any) -> list[Any]:
+    """Values c exp(-a |v|) of the exponentials, the first one given."""
+    if stribeck is None:
+        return []
+    return [first, *(stribeck[j] * exp(-stribeck[j + 1] * sign * v) for j in range(2, len(stribeck), 2))]
 
 
 expand = unrolled(motion)

@@ -26,7 +26,7 @@ from tcc_sim.solvers.compiling.unrolled import (
     unrolled,
     with_sign,
 )
-from tcc_sim.solvers.series import COLUMNS, ROWS
+from tcc_sim.solvers.series import COLUMNS, ROWS, added
 
 ITERATIONS_MAXIMUM = 20
 DOMINANT = 6.0
@@ -81,9 +81,9 @@ def law_text(slip: Any, law: Any, slope: Any, sign: Any, sigma: Any, stribeck: A
     """
     v = slip.row()
     if sigma is None:
-        excess = exp(limited(v * (-stribeck[1] * sign), -700.0, 1.0)) * stribeck[0]
-        law.set_row((1.0 + excess) * sign)
-        slope.set_row(excess * -stribeck[1])
+        each = excesses_at(v, sign, stribeck)
+        law.set_row((1.0 + added([excess for excess, _ in each])) * sign)
+        slope.set_row(added([excess * -rate for excess, rate in each]))
         return
     e = exp(magnitude(v) * (-2.0 * sigma))
     share = 1.0 / (1.0 + e)
@@ -93,9 +93,16 @@ def law_text(slip: Any, law: Any, slope: Any, sign: Any, sigma: Any, stribeck: A
         law.set_row(tanh)
         slope.set_row(rising)
     else:
-        excess = exp(limited(v * (-stribeck[1] * sign), -700.0, 1.0)) * stribeck[0]
-        law.set_row((1.0 + excess) * tanh)
-        slope.set_row(rising * (1.0 + excess) - excess * tanh * (stribeck[1] * sign))
+        each = excesses_at(v, sign, stribeck)
+        ratio = 1.0 + added([excess for excess, _ in each])
+        law.set_row(ratio * tanh)
+        slope.set_row(rising * ratio - added([excess * tanh * (rate * sign) for excess, rate in each]))
+
+
+def excesses_at(v: Any, sign: Any, stribeck: Any) -> list[tuple[Any, Any]]:
+    """Values c exp(-a sign v) of the exponentials at the nodes, and their rates."""
+    return [(exp(limited(v * (-rate * sign), -700.0, 1.0)) * share, rate)
+            for share, rate in zip(stribeck[::2], stribeck[1::2])]
 
 
 def guess_text(demand: Any, slip: Any, sign: Any, sigma: Any, stribeck: Any) -> None:
@@ -106,9 +113,10 @@ def guess_text(demand: Any, slip: Any, sign: Any, sigma: Any, stribeck: Any) -> 
     if stribeck is None:
         v = inverse_tanh(limited(asked, -0.98, 0.98))
     else:
-        v = inverse_tanh(limited(asked * (1.0 / (1.0 + stribeck[0])), -0.98, 0.98)) / sigma
-        fall = limited(v * (stribeck[1] * sign), -1.0, 1.0)
-        v = inverse_tanh(limited(asked / (1.0 + stribeck[0] * (1.0 - fall * (1.0 - 0.5 * fall))), -0.985, 0.985))
+        v = inverse_tanh(limited(asked * (1.0 / (1.0 + added(stribeck[::2]))), -0.98, 0.98)) / sigma
+        falls = [(share, limited(v * (rate * sign), -1.0, 1.0)) for share, rate in zip(stribeck[::2], stribeck[1::2])]
+        ratio = 1.0 + added([share * (1.0 - fall * (1.0 - 0.5 * fall)) for share, fall in falls])
+        v = inverse_tanh(limited(asked / ratio, -0.985, 0.985))
     slip.set_row(v / sigma)
 
 

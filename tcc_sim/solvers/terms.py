@@ -107,7 +107,6 @@ def _terms(system: System, profile: Floats | None, lead: float) -> Terms:
     pulsation = None
     if own_pressure and p.amplitude > 0.0:
         pulsation = (system.saturation_amplitude, p.frequency_ratio * omega, p.phase + lead)
-    ratio = system.friction_ratio
     return Terms(
         linear=(d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness),
         mean_torque=e.mean_torque,
@@ -116,7 +115,7 @@ def _terms(system: System, profile: Floats | None, lead: float) -> Terms:
         mean_load=system.saturation_mean,
         pulsation=pulsation,
         smoothing=f.smoothing if f.law == "smoothed" else None,
-        stribeck=(ratio - 1.0, f.decay) if ratio != 1.0 else None,
+        stribeck=f.stribeck,
         profile=None if profile is None else with_loads(profile, system.torque_per_pressure),
     )
 
@@ -269,7 +268,7 @@ def substeps(terms: Terms, step: float, held: float = 0.0) -> int:
     needed = step * fastest / RESOLUTION
     if terms.stribeck is not None:
         beta = 1.0 / terms.linear[0] + 1.0 / terms.linear[1]
-        needed = max(needed, 2.0 * step * beta * (peak_load(terms) + held) * terms.stribeck[0] * terms.stribeck[1])
+        needed = max(needed, 2.0 * step * beta * (peak_load(terms) + held) * friction.steepest_fall(terms.stribeck))
     if not needed <= SUBSTEP_LIMIT:
         raise InputError(f"a step of {step:g} s needs {needed:.0f} sub-steps; "
                          f"fixed_step allows at most {SUBSTEP_LIMIT}")

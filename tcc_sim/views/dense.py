@@ -138,7 +138,7 @@ def _friction(recorded: Trajectory, terms: Terms, states: Floats, engine: Floats
     law = np.asarray(friction.smoothed(states[..., 0], terms.smoothing, terms.stribeck)) * load
     stuck = np.abs(states[..., 0]) <= stick_speed_of(terms)
     needed = equations.interface_torque(states[..., 1], states[..., 2], engine, terms.linear)
-    most = (1.0 + (max(terms.stribeck[0], 0.0) if terms.stribeck is not None else 0.0)) * load
+    most = friction.largest_ratio(terms.stribeck) * load
     return np.where(stuck & (np.abs(needed) <= most), needed, np.where(np.isfinite(load), law, linear))
 
 

@@ -61,7 +61,7 @@ def test_the_smoothed_averages_agree_with_quadratures_along_scipys_solution(smoo
     def rates(t, y):
         """The motion with the three integrals of (20b) as further states."""
         load = 0.24 * 0.08 * 0.1 * (260e3 + 52e3 * math.sin(75.0 * t + 0.3))
-        v, slope = y[0], load * coefficient_and_slope(y[0], 1.25, 2.0, smoothing)[1]
+        v, slope = y[0], load * coefficient_and_slope(y[0], [(0.25, 2.0)], smoothing)[1]
         return [*motion(t, [*y[:3], 0.0])[:3], slope * v * v, v * v, min(slope, 0.0)]
 
     section, totals = [], []

@@ -40,7 +40,7 @@ def truth(slips: bool) -> np.ndarray:
         for n, (a, shift) in enumerate(zip(e.harmonic_amplitudes, e.harmonic_phases), 2):
             te += a * math.sin(n * phase + shift)
         load = np.interp(t, p.mean_times, p.mean_values) + p.amplitude * math.sin(p.frequency_ratio * phase + p.phase)
-        tf = coefficient_and_slope(v, ratio, f.decay, f.smoothing)[0] * per_pressure * max(load, 0.0)
+        tf = coefficient_and_slope(v, [(ratio - 1.0, f.decay)], f.smoothing)[0] * per_pressure * max(load, 0.0)
         plate = (tf - d.damping * speed - d.stiffness * angle) / d.plate_inertia
         return [(te - tf) / d.flywheel_inertia - plate, speed, plate,
                 np.interp(t, e.frequency_times, e.frequency_values)]

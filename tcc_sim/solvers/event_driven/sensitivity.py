@@ -45,7 +45,7 @@ def unresolved(step: Step, mode: int, stribeck: Stribeck, rows: Any, room: Any) 
     """Whether the last terms of exp(-alpha |v|) over a step count, where mu_s - mu_k is too small for the motion to
     show them; `room` takes them.
     """
-    if stribeck is None or abs(stribeck[0]) > SMALL:
+    if stribeck is None or len(stribeck) > 2 or abs(stribeck[0]) > SMALL:
         return False
     room[0], power = 1.0, 1.0
     for k in range(1, step.degree):

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tcc_sim.model.friction import exponentials, largest_ratio
 from tcc_sim.solvers.terms import Terms, excitation_frequency, peak_load, steps_allowed, torque_swing
 
 EXACT = 1e-16
@@ -64,15 +65,17 @@ class Bounds(NamedTuple):
 def bounds_of(terms: Terms, period: float, rtol: float) -> Bounds:
     """The constants of a system whose engine cycle is `period`, for a relative tolerance."""
     flywheel, plate, damping, stiffness = terms.linear
-    ratio = 1.0 + (terms.stribeck[0] if terms.stribeck is not None else 0.0)
-    torque = max(abs(terms.mean_torque) + torque_swing(terms) + max(ratio, 1.0) * peak_load(terms), 1e-300)
+    pairs = exponentials(terms.stribeck)
+    ratio = 1.0 + sum(share for share, _ in pairs)
+    friction = largest_ratio(terms.stribeck) * peak_load(terms)
+    torque = max(abs(terms.mean_torque) + torque_swing(terms) + friction, 1e-300)
     tolerance = 1e-12 * torque
     scale = torque / math.sqrt(stiffness * plate)
     excitation = excitation_frequency(terms)
     truncation, far = EXACT, 0.0
     if terms.stribeck is not None:
         truncation = max(SHARE * rtol, EXACT)
-        far = max(math.log(abs(terms.stribeck[0]) / (FAR_SHARE * rtol)), 1.0) / terms.stribeck[1]
+        far = max(max(math.log(abs(share) / (FAR_SHARE * rtol)), 1.0) / rate for share, rate in pairs)
 
     def stiff(inertia: float) -> bool:
         """Whether the fast part dies down long before the slow part and the excitation have changed."""

@@ -113,7 +113,13 @@ def slip_speeds(h: float, linear: Linear, sign: float, stribeck: Stribeck, v0: f
             at[SLOPE, i] = 0.0
             if stribeck is not None:
                 excess = stribeck[0] * math.exp(-stribeck[1] * max(sign * at[UNKNOWN_SLIP, i], -1.0 / stribeck[1]))
-                at[SLOPE, i] = -stribeck[1] * excess * at[LOAD_NODES, i] * abs(sign)
+                steep = stribeck[1] * excess
+                for j in range(2, len(stribeck), 2):
+                    rate = stribeck[j + 1]
+                    share = stribeck[j] * math.exp(-rate * max(sign * at[UNKNOWN_SLIP, i], -1.0 / rate))
+                    excess += share
+                    steep += rate * share
+                at[SLOPE, i] = -steep * at[LOAD_NODES, i] * abs(sign)
                 at[FRICTION, i] *= 1.0 + excess
         if not plate_speeds(h, linear[1], linear, x0, u0, at, m):
             return False

@@ -90,6 +90,8 @@ def longest_step(bounds: Bounds, linear: Linear, load: float, stribeck: Stribeck
     rate = max(math.sqrt(linear[3] / inertia) + linear[2] / inertia, fastest)
     if stribeck is not None and mode != STICK and mode != FREE and abs(state.slip_speed) <= 1.01 * bounds.far:
         fall = stribeck[1] * abs(stribeck[0]) * math.exp(-stribeck[1] * abs(state.slip_speed))
+        for j in range(2, len(stribeck), 2):
+            fall += stribeck[j + 1] * abs(stribeck[j]) * math.exp(-stribeck[j + 1] * abs(state.slip_speed))
         return FALLING_REACH / (rate + fall * load * (1.0 / linear[0] + 1.0 / linear[1]))
     return LINEAR_REACH / rate
 
@@ -221,7 +223,7 @@ class SetValued(Prepared):
         super().__init__(system, keys)
         terms, numbers = self.terms, self.changes
         if terms.stribeck is not None:
-            terms = terms._replace(stribeck=(terms.stribeck[0], max(terms.stribeck[1], SLOWEST)))
+            terms = terms._replace(stribeck=(terms.stribeck[0], max(terms.stribeck[1], SLOWEST), *terms.stribeck[2:]))
         bounds, waves = exact_bounds(terms, system, FINER * rtol, numbers), waves_of(terms)
         if bounds.stiff_slip and bounds.slip_rate * bounds.period > REACH * bounds.steps:
             raise InputError(f"driveline.damping is {system.driveline.damping:g} N m s/rad; over "
@@ -292,6 +294,6 @@ def exact_bounds(terms: Terms, system: System, rtol: float, numbers: Floats) -> 
     """The bounds of a run in which mubar and its derivatives by the keys are constant from `far` on."""
     if terms.stribeck is None or not (numbers[EXCESS_RATIO].any() or numbers[DECAY].any()):
         return bounds_of(terms, system.cycle, rtol)
-    excess, decay = terms.stribeck
+    excess, decay = terms.stribeck[:2]
     wide = bounds_of(terms._replace(stribeck=(max(abs(excess), 1.0), decay)), system.cycle, rtol)
     return wide._replace(ratio=1.0 + excess)

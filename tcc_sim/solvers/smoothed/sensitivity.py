@@ -67,8 +67,13 @@ def change_at_nodes(group: Any, lane: int, level: int, sign: float, loaded: bool
         v, law, rising, change = work.slip[n], work.law[n], work.slope[n], 0.0
         if stribeck is not None:
             factor = math.exp(-stribeck[1] * sign * v)
-            fallen = law * factor / (1.0 + stribeck[0] * factor)
-            rising += stribeck[1] * sign * stribeck[0] * fallen
+            ratio, steep = 1.0 + stribeck[0] * factor, stribeck[1] * stribeck[0] * factor
+            for j in range(2, len(stribeck), 2):
+                share = stribeck[j] * math.exp(-stribeck[j + 1] * sign * v)
+                ratio += share
+                steep += stribeck[j + 1] * share
+            fallen = law * factor / ratio
+            rising += sign * steep * law / ratio
             change += by[of.EXCESS_RATIO, lane] * fallen - by[of.DECAY, lane] * stribeck[0] * sign * v * fallen
         change += by[of.SMOOTHING, lane] * rising * v / limits.sigma
         plate_speed = polynomial.value(rows, SPEED, DEGREE, C[n])

@@ -24,7 +24,9 @@ SAFETY_SERIES = 0.905
 
 
 class LocalFriction(NamedTuple):
-    """Friction now: mubar, its slope (s/rad); (r - 1) exp(-alpha |v|), tanh(sigma v), 1 - tanh^2; v' (rad/s^2)."""
+    """Friction now: mubar, its slope (s/rad); value c exp(-a |v|) of the first exponential, tanh(sigma v), 1 - tanh^2;
+    v' (rad/s^2).
+    """
 
     law: float
     slope: float
@@ -49,8 +51,14 @@ def law_here(v: float, sign: float, region: int, sigma: float,
         return tanh, sigma * sech, 0.0, tanh, sech
     else:
         excess = stribeck[0] * math.exp(-stribeck[1] * sign * v) if region != SLIDING else 0.0
-        slope = sigma * sech * (1.0 + excess) - stribeck[1] * sign * excess * tanh
-        return (1.0 + excess) * tanh, slope, excess, tanh, sech
+        total, steep = excess, stribeck[1] * sign * excess
+        if region != SLIDING:
+            for j in range(2, len(stribeck), 2):
+                share = stribeck[j] * math.exp(-stribeck[j + 1] * sign * v)
+                total += share
+                steep += stribeck[j + 1] * sign * share
+        slope = sigma * sech * (1.0 + total) - steep * tanh
+        return (1.0 + total) * tanh, slope, excess, tanh, sech
 
 
 @fast
@@ -73,12 +81,12 @@ def expand_region(order: int, rows: Any, unit: float, terms: Terms, sigma: float
         if stribeck is None:
             expand(order, rows, unit, terms.linear, sign, pulsation, None, None, sigma, friction.tanh, friction.sech)
         else:
-            expand(order, rows, unit, terms.linear, sign, pulsation, -stribeck[1] * sign, friction.excess, sigma,
+            expand(order, rows, unit, terms.linear, sign, pulsation, stribeck, friction.excess, sigma,
                    friction.tanh, friction.sech)
     elif place.region == SLIDING:
         expand(order, rows, unit, terms.linear, sign, pulsation, None, None, None, None, None)
     elif stribeck is not None:
-        expand(order, rows, unit, terms.linear, sign, pulsation, -stribeck[1] * sign, friction.excess, None, None, None)
+        expand(order, rows, unit, terms.linear, sign, pulsation, stribeck, friction.excess, None, None, None)
 
 
 @fast
@@ -86,7 +94,16 @@ def rate_of_law(region: int, sigma: float, stribeck: Stribeck) -> float:
     """How fast mubar changes with v in a region, s/rad: the exponential's rate, and that of tanh."""
     rate = sigma if region == LAYER else 0.0
     if stribeck is not None and region != SLIDING:
-        rate += stribeck[1]
+        rate += fastest_of(stribeck)
+    return rate
+
+
+@fast
+def fastest_of(stribeck: tuple[float, ...]) -> float:
+    """The largest rate of the exponentials, s/rad."""
+    rate = stribeck[1]
+    for j in range(2, len(stribeck), 2):
+        rate = max(rate, stribeck[j + 1])
     return rate
 
 
@@ -131,8 +148,12 @@ def exponential_length(rows: Any, order: int, x: float, place: Place, v: float, 
                        stribeck: Stribeck) -> float:
     """`converging_length` for the exponential that varies most in the region."""
     if place.region == FALLING and stribeck is not None:
-        return float(converging_length(rows, order, x, place.sign, abs(stribeck[0]), stribeck[1], strength,
-                                       place.slip_tolerance))
+        x = converging_length(rows, order, x, place.sign, abs(stribeck[0]), stribeck[1], strength,
+                              place.slip_tolerance)
+        for j in range(2, len(stribeck), 2):
+            x = converging_length(rows, order, x, place.sign, abs(stribeck[j]), stribeck[j + 1], strength,
+                                  place.slip_tolerance)
+        return x
     if place.region == LAYER and sigma * abs(v) > TAIL_OF_TANH:
         return float(converging_length(rows, order, x, place.sign, 2.0, 2.0 * sigma, strength, place.slip_tolerance))
     return x

@@ -115,7 +115,9 @@ def limits_of(terms: Terms, own: Terms, period: float, rtol: float, excess: floa
         creep_speed = math.atanh(1.0 - FLAT_PEAK) / sigma
         peak = float(friction.smoothed(creep_speed, sigma, own.stribeck))
     layer = max(min(0.5 * math.log(2.0 / (TANH_LEFT_OUT * rtol)), 19.0) / sigma, 1.01 * stick_speed)
-    far = layer if stribeck is None else far_of(max(abs(stribeck[0]), excess), stribeck[1], rtol, layer)
+    pairs = friction.exponentials(stribeck)
+    far = max([layer, *(far_of(max(abs(share), excess), rate, rtol, layer) for share, rate in pairs)])
+    steepest = max([rate for _, rate in pairs], default=0.0)
     torques = largest_mean_torque(terms) + torque_swing(terms) + peak_load(terms)
     speed = torques / math.sqrt(stiffness * i2)
     beta = 1.0 / i1 + 1.0 / i2
@@ -125,7 +127,7 @@ def limits_of(terms: Terms, own: Terms, period: float, rtol: float, excess: floa
     return Limits(
         period=period, sigma=sigma, rtol=local, slip_floor=0.01 / sigma, speed_floor=1e-6 * speed + 1e-12,
         layer_tolerance=min(1e-3, 300.0 * local) / sigma,
-        falling_tolerance=FALLING_ERROR / stribeck[1] if stribeck is not None and stribeck[1] > 0.0 else math.inf,
+        falling_tolerance=FALLING_ERROR / steepest if steepest > 0.0 else math.inf,
         creep_tolerance=min(CREEP_ERROR * max(rtol, 1e-13), 1e-2) / sigma,
         layer=layer, far=far, nearly_zero=1e-7 / sigma, stick_speed=stick_speed, peak=peak,
         creep_speed=creep_speed, base_rate=base_rate, fastest=base_rate + strength * sigma * peak,

@@ -1,0 +1,120 @@
+"""Friction by a table: every engine against SciPy on the fitted law, its derivatives, and closed properties."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from differences import apart
+from oracle import smoothed_states
+from piecewise import Piecewise
+
+from tcc_sim.errors import InputError
+from tcc_sim.model import friction
+from tcc_sim.model.parameters import System, replace, values_of
+from tcc_sim.solvers import solve
+from tcc_sim.solvers.stroboscopic import stroboscopic_map
+from tcc_sim.solvers.terms import terms_of
+from tcc_sim.trajectory import State
+
+SPEEDS = tuple(map(float, np.round(np.linspace(0.0, 1.0, 25) ** 2 * 60.0, 6)))
+SHAPES = {
+    "rising": lambda v: 0.11 + 0.006 * np.log1p(v),
+    "falling": lambda v: 0.15 - 0.008 * np.log1p(v / 0.5),
+    "dip": lambda v: 0.14 * (1.0 - 0.12 * np.exp(-0.05 * v)) + 0.02 * np.exp(-1.5 * v),
+}
+SIZES = np.array([10.0, 0.1, 10.0])
+
+
+def scene(shape: str, seed: int, **changes: object) -> System:
+    """A scene with a table and random numbers; the load of every fourth one is clamped."""
+    draw = np.random.default_rng(seed)
+    pressure = float(draw.uniform(300e3, 600e3))
+    table = tuple(float(x) for x in SHAPES[shape](np.array(SPEEDS)))
+    return replace(System(), {
+        "friction.slip_speeds": SPEEDS, "friction.coefficients": table,
+        "friction.smoothing": float(10.0 ** draw.uniform(math.log10(50.0), 5.0)),
+        "engine.frequency": float(draw.uniform(100.0, 200.0)), "engine.mean_torque": float(draw.uniform(150.0, 300.0)),
+        "pressure.mean": pressure, "pressure.amplitude": pressure * (1.3 if seed % 4 == 0 else 0.2),
+        "pressure.phase": float(draw.uniform(0.0, 6.0)), "driveline.damping": float(draw.uniform(0.5, 3.0)), **changes})
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_the_smoothed_motion_is_that_of_lsoda(shape: str, seed: int) -> None:
+    system = scene(shape, seed)
+    found, i = solve(system, cycles=3, samples_per_cycle=8, rtol=1e-12), system.initial
+    states = smoothed_states(system, [i.slip_speed, i.plate_angle, i.plate_speed, 0.0], 3, 8)
+    own = np.column_stack([found.slip_speed, found.plate_angle, found.plate_speed])
+    assert np.abs((own - states[:, :3]) / SIZES).max() < 1e-8
+    ticks = solve(system, solver="fixed_step", cycles=1, samples_per_cycle=8, step=1e-5)
+    assert np.abs(ticks.slip_speed - found.slip_speed[:9]).max() < 1e-5 * np.abs(found.slip_speed).max()
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_the_set_valued_motion_is_that_of_filippov(shape: str) -> None:
+    system = scene(shape, 6, **{"friction.law": "set_valued"})
+    found = solve(system, cycles=3, samples_per_cycle=8, rtol=1e-11)
+    states = Piecewise(system).run(float(found.t[-1]), np.array(found.t))[0]
+    own = np.column_stack([found.slip_speed, found.plate_angle, found.plate_speed])
+    assert np.abs((own - states[:, :3]) / SIZES).max() < 1e-9
+
+
+@pytest.mark.parametrize("law", ["smoothed", "set_valued"])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_derivatives_are_those_of_differences(shape: str, law: str) -> None:
+    """Of the state behind two cycles by the state before, whose eigenvalues are Floquet's multipliers, and by keys."""
+    smoothing = {} if law == "set_valued" else {"friction.smoothing": 200.0}
+    system, start = scene(shape, 1, **{"friction.law": law, **smoothing}), np.array([3.0, 0.1, 2.0])
+    keys = ("pressure.mean", "engine.frequency", "driveline.stiffness", *smoothing)
+
+    def end(of: System, x: np.ndarray) -> np.ndarray:
+        cycles = solve(of, cycles=2, state=State(*map(float, x)), rtol=1e-12).cycles
+        assert cycles is not None
+        return cycles.section[-1]
+
+    found = stroboscopic_map(system, start, 2, parameters=keys)
+    for k, step in enumerate((1e-3, 1e-5, 1e-3)):
+        unit = np.eye(3)[k] * step
+        assert apart(found.derivative[:, k] * step, lambda d, u=unit: end(system, start + d * u), 1.0, SIZES,
+                     1e-4 * step / SIZES[k]) < 1e-6, k
+    for k, key in enumerate(keys):
+        value = float(dict(values_of(system))[key])  # type: ignore[arg-type]
+        assert apart(found.by_parameter[:, k] * 1e-5 * value, lambda d, key=key, v=value:
+                     end(replace(system, {key: v * (1.0 + 1e-5 * d)}), start), 1.0, SIZES, 1e-7) < 1e-6, key
+
+
+def test_a_table_takes_the_place_of_the_coefficients() -> None:
+    system = scene("dip", 1)
+    assert system.friction_ratio == pytest.approx(0.1432 / 0.14, rel=1e-9)
+    for key in ("friction.static_coefficient", "friction.kinetic_coefficient", "friction.decay"):
+        with pytest.raises(InputError, match=f"{key} is not used where friction.slip_speeds"):
+            replace(system, {key: 0.2})
+        with pytest.raises(InputError, match=f"{key} is not used where friction.slip_speeds"):
+            stroboscopic_map(system, np.zeros(3), 1, parameters=(key,))
+    with pytest.raises(InputError, match="as many as friction.slip_speeds"):
+        replace(System(), {"friction.slip_speeds": SPEEDS})
+
+
+def test_a_table_of_the_law_with_one_exponential_is_that_law() -> None:
+    speeds = tuple(map(float, np.linspace(0.0, 5.0, 30)))
+    table = tuple(float(0.24 + 0.06 * np.exp(-2.0 * v)) for v in speeds)
+    own = terms_of(replace(System(), {"friction.slip_speeds": speeds, "friction.coefficients": table}))
+    assert own.stribeck == pytest.approx(terms_of(System()).stribeck, rel=1e-8)
+    assert own.mean_load == pytest.approx(terms_of(System()).mean_load, rel=1e-9)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_the_peak_of_several_exponentials_is_the_first(shape: str) -> None:
+    pairs = terms_of(scene(shape, 1)).stribeck
+    for sigma in (50.0, 1e3, 1e6):
+        at, value = friction.peak(sigma, pairs)
+        v = np.geomspace(1e-3 / sigma, 100.0, 400001)
+        law = friction.smoothed(v, sigma, pairs)
+        falls = np.flatnonzero(np.diff(law) < -1e-15)
+        if not math.isfinite(at):
+            assert len(falls) == 0
+        else:
+            assert at == pytest.approx(v[falls[0]], rel=1e-2)
+            assert value == pytest.approx(law[falls[0]], rel=1e-9)
