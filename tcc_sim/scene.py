@@ -5,6 +5,7 @@ A scene file is a ROS 2 parameter file (`/**: ros__parameters: ...`), so `--ros-
 
 from __future__ import annotations
 
+import csv
 import dataclasses
 import difflib
 import sys
@@ -177,7 +178,7 @@ def load_scene(name_or_file: str | Path) -> Scene:
             content = stream.read(LARGEST_FILE + 1)
         if len(content) > LARGEST_FILE:
             raise InputError(f"the file is larger than {LARGEST_FILE} bytes, the largest allowed for a scene")
-        return parse_scene(content.decode("utf-8"), path.stem)
+        return parse_scene(content.decode("utf-8"), path.stem, path.parent)
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}") from None
     except UnicodeDecodeError:
@@ -214,8 +215,10 @@ def as_scene(scene: SceneLike) -> Scene:
     return scene if isinstance(scene, Scene) else load_scene(scene)
 
 
-def parse_scene(text: str, name: str) -> Scene:
+def parse_scene(text: str, name: str, folder: Path = Path()) -> Scene:
     """The scene in the text of a parameter file. Keys that the text leaves out keep their defaults.
+
+    `friction.table` names a CSV file relative to `folder` in the place of friction.slip_speeds and .coefficients.
 
     Raises
     ------
@@ -225,9 +228,26 @@ def parse_scene(text: str, name: str) -> Scene:
     if len(text) > LARGEST_FILE:
         raise InputError(f"the text is longer than {LARGEST_FILE} characters, the most allowed for a scene")
     values = read_parameters(text)
+    if "friction.table" in values:
+        values |= _table_of(values.pop("friction.table"), folder)
     first = text.lstrip().splitlines()[0] if text.strip() else ""
     description = first.lstrip("# ").strip() if first.startswith("#") else ""
     return Scene(name, System(), Operation(), description).with_values(values)
+
+
+def _table_of(name: object, folder: Path) -> dict[str, object]:
+    """The scene values of a friction table: a CSV file with the columns slip_speed (rad/s) and coefficient."""
+    path = folder / str(name)
+    try:
+        with path.open(newline="", encoding="utf-8") as stream:
+            rows = list(csv.DictReader(stream))
+        columns = {"friction.slip_speeds": "slip_speed", "friction.coefficients": "coefficient"}
+        return {key: [float(row[column]) for row in rows] for key, column in columns.items()}
+    except OSError as error:
+        raise InputError(f"friction.table: {path}: {error.strerror}") from None
+    except (KeyError, TypeError, ValueError):
+        raise InputError(f"friction.table: {path} must have the columns slip_speed (rad/s) and coefficient, and a "
+                         "number in each field") from None
 
 
 def meaning_of(key: str) -> Quantity:

@@ -23,7 +23,7 @@ def run(arguments: argparse.Namespace) -> int:
     scene = scene_of(arguments)
     if arguments.json is not None:
         new_file(arguments.json)
-    from tcc_sim.output.explanation import closed_form_lines, explain
+    from tcc_sim.output.explanation import closed_form_lines, explain, friction_line
 
     found = explain(scene, cost=arguments.cost)
     say(f"{found['scene']}: {found['description']}\nsolver offline: {found['solver']}")
@@ -31,6 +31,7 @@ def run(arguments: argparse.Namespace) -> int:
         say(f"{what}\n  held:     {', '.join(found[what]['held']) or 'none'}"
             f"\n  left out: {', '.join(found[what]['left_out']) or 'none'}")
     say("kernel arguments\n  " + "; ".join(f"{name}: {kind}" for name, kind in found["kernel"].items()))
+    say(friction_line(found["friction"]))
     step = found["step"]
     if step is None:
         say("real-time step: none, the real-time solver takes the smoothed law only")

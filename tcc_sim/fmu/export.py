@@ -64,10 +64,14 @@ def fmu_of(scene: Scene, version: int = 2, step: float | None = None) -> Fmu:
     Raises
     ------
     InputError
-        A scene that the real-time solver cannot run, or a version or a step that is not allowed.
+        A scene with a friction table or that the real-time solver cannot run, or a version or a step that is not
+        allowed.
     """
     if version not in SOURCES:
         raise InputError(f"FMI version {version} is not known; it must be 2 or 3")
+    if scene.system.friction.slip_speeds:
+        raise InputError("an FMU takes no friction table; give friction.static_coefficient, kinetic_coefficient and "
+                         "decay in its place")
     step = 1.0 / scene.operation.rate if step is None else step
     if not 1.0 / 20000.0 <= step <= 1.0:
         raise InputError(f"step is {step:g} s; it must be 5e-05 to 1 s")
@@ -129,7 +133,8 @@ def export(scene: Scene, path: Path, version: int = 2, step: float | None = None
     Raises
     ------
     InputError
-        A scene that the real-time solver cannot run, or a version or a step that is not allowed.
+        A scene with a friction table or that the real-time solver cannot run, or a version or a step that is not
+        allowed.
     TccError
         The compiler of this machine refuses the sources.
     """

@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.errors import InputError
+from tcc_sim.model.friction import exponentials
+from tcc_sim.model.friction_curve import DOUBTFUL
 from tcc_sim.model.parameters import System
 from tcc_sim.model.pure_slip import pure_slip
 from tcc_sim.model.pure_stick import plate_angle, stick_margin
@@ -64,7 +66,32 @@ def explain(scene: Scene, *, cost: bool = False) -> dict[str, Any]:
         "step": {"tick_s": TICK, "sub_steps": substeps(terms_of(scene.system), TICK), **(_cost(scene) if cost else {}),
                  **count_calls(scene.system)} if real_time else None,
         "closed_forms": closed_forms(scene.system),
+        "friction": friction_of(scene.system),
     }
+
+
+def friction_of(system: System) -> dict[str, Any]:
+    """Sliding coefficient mu(v) = constant + sum of amplitudes exp(-rates |v|), rates in s/rad; largest error of the
+    fit of a table relative to its largest coefficient, and the slip speed of that error (rad/s), None without a table.
+    """
+    own = system.friction
+    if own.curve is not None:
+        return {"constant": own.curve.constant, "amplitudes": list(own.curve.amplitudes),
+                "rates": list(own.curve.rates), "fit_error": own.curve.error, "fit_error_at": own.curve.worst}
+    pairs = exponentials(own.stribeck)
+    return {"constant": own.kinetic, "amplitudes": [c * own.kinetic for c, _ in pairs], "rates": [a for _, a in pairs],
+            "fit_error": None, "fit_error_at": None}
+
+
+def friction_line(found: dict[str, Any]) -> str:
+    """The sliding coefficient in words."""
+    parts = [f"{found['constant']:.6g}", *(f"{c:+.6g} exp(-{a:.4g} |v|)"
+                                           for c, a in zip(found["amplitudes"], found["rates"]))]
+    fit = "" if found["fit_error"] is None else (f"; the fit of the table is up to {found['fit_error']:.2%} of its "
+                                                 f"largest coefficient off, at {found['fit_error_at']:g} rad/s")
+    if found["fit_error"] is not None and found["fit_error"] > DOUBTFUL:
+        fit += f"; that is more than {DOUBTFUL:.0%}: smooth the table, or give more points where it bends"
+    return f"sliding friction: mu(v) = {' '.join(parts)}{fit}"
 
 
 def _kind(value: object) -> str:

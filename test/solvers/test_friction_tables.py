@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,8 +12,11 @@ from oracle import smoothed_states
 from piecewise import Piecewise
 
 from tcc_sim.errors import InputError
+from tcc_sim.fmu.export import export
 from tcc_sim.model import friction
 from tcc_sim.model.parameters import System, replace, values_of
+from tcc_sim.output.explanation import friction_line, friction_of
+from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.stroboscopic import stroboscopic_map
 from tcc_sim.solvers.terms import terms_of
@@ -118,3 +122,21 @@ def test_the_peak_of_several_exponentials_is_the_first(shape: str) -> None:
         else:
             assert at == pytest.approx(v[falls[0]], rel=1e-2)
             assert value == pytest.approx(law[falls[0]], rel=1e-9)
+
+
+def test_a_scene_file_may_name_a_table(tmp_path: Path) -> None:
+    rows = "\n".join(f"{v},{x}" for v, x in zip(SPEEDS, SHAPES["dip"](np.array(SPEEDS))))
+    (tmp_path / "lining.csv").write_text(f"slip_speed,coefficient\n{rows}\n")
+    file = tmp_path / "own.yaml"
+    file.write_text("/**:\n  ros__parameters:\n    friction:\n      table: lining.csv\n")
+    found = load_scene(file)
+    assert found.system.friction.slip_speeds == SPEEDS
+    assert "exp(-1.5 |v|)" in friction_line(friction_of(found.system))
+    (tmp_path / "lining.csv").write_text("slip_speed,mu\n0,0.1\n")
+    with pytest.raises(InputError, match="must have the columns slip_speed"):
+        load_scene(file)
+    (tmp_path / "lining.csv").unlink()
+    with pytest.raises(InputError, match="No such file"):
+        load_scene(file)
+    with pytest.raises(InputError, match="an FMU takes no friction table"):
+        export(found, tmp_path / "own.fmu")

@@ -68,12 +68,12 @@ def test_added_sines_are_their_taylor_series():
 
 
 @compiled
-def expand(order, rows, unit, sign, pulsation, decay, excess, sigma, tanh, sech):
-    series.expand(order, rows, unit, LINEAR, sign, pulsation, decay, excess, sigma, tanh, sech)
+def expand(order, rows, unit, sign, pulsation, stribeck, excess, sigma, tanh, sech):
+    series.expand(order, rows, unit, LINEAR, sign, pulsation, stribeck, excess, sigma, tanh, sech)
 
 
-CASES = {"sliding": (None, None, None, None, None), "falling": (-2.0, 0.22, None, None, None),
-         "layer": (-2.0, 0.22, 50.0, 0.98, 1.0 - 0.98**2),
+CASES = {"sliding": (None, None, None, None, None), "falling": ((0.25, 2.0), 0.22, None, None, None),
+         "layer": ((0.25, 2.0), 0.22, 50.0, 0.98, 1.0 - 0.98**2),
          "layer without stribeck": (None, None, 50.0, 0.98, 1.0 - 0.98**2)}
 
 
@@ -81,16 +81,16 @@ CASES = {"sliding": (None, None, None, None, None), "falling": (-2.0, 0.22, None
 @pytest.mark.parametrize("name", CASES)
 def test_motion_solves_the_equations(name, pulsation):
     """The coefficients give the derivatives that the equations of motion say, evaluated at a small x."""
-    decay, excess, sigma, tanh, sech = CASES[name]
+    stribeck, excess, sigma, tanh, sech = CASES[name]
     start = np.zeros((ROWS, COLUMNS))
     start[[SLIP, ANGLE, SPEED], 0] = [math.atanh(0.98) / 50.0, 0.1, -3.0]
     start[ENGINE, :3], start[LOAD, :3] = [300.0, 2.0, 0.1], [500.0, 1.0, -0.2]
     plain, unit, order = start.copy(), 1e-6, 14
-    text = series.motion(plain, unit, LINEAR, 1.0, pulsation, decay, excess, sigma, tanh, sech)
+    text = series.motion(plain, unit, LINEAR, 1.0, pulsation, stribeck, excess, sigma, tanh, sech)
     while next(text) < order:
         pass
     compiled = start.copy()
-    expand(order, compiled, unit, 1.0, pulsation, decay, excess, sigma, tanh, sech)
+    expand(order, compiled, unit, 1.0, pulsation, stribeck, excess, sigma, tanh, sech)
     np.testing.assert_allclose(compiled[[SLIP, ANGLE, SPEED], :order], plain[[SLIP, ANGLE, SPEED], :order], rtol=1e-9,
                                atol=1e-15)
     x = np.array([0.0, 0.2, 0.5])
@@ -98,8 +98,8 @@ def test_motion_solves_the_equations(name, pulsation):
     engine = np.polynomial.Polynomial(start[ENGINE, :3])(x)
     load = np.polynomial.Polynomial(start[LOAD, :3])(x) if pulsation else start[LOAD, 0]
     law = np.tanh(sigma * v(x)) if sigma else 1.0
-    if decay:
-        law = law * (1.0 + excess * np.exp(decay * (v(x) - v(0.0))))
+    if stribeck:
+        law = law * (1.0 + excess * np.exp(-stribeck[1] * (v(x) - v(0.0))))
     plate = (law * load - LINEAR[2] * speed(x) - LINEAR[3] * angle(x)) / LINEAR[1]
     np.testing.assert_allclose(speed.deriv()(x) / unit, plate, rtol=1e-10)
     np.testing.assert_allclose(v.deriv()(x) / unit, (engine - law * load) / LINEAR[0] - plate, rtol=1e-10)
