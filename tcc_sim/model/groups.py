@@ -6,11 +6,14 @@ Every field of a group is a scene key, `group.field`. SI units, angles in rad. T
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from tcc_sim.errors import InputError
-from tcc_sim.model.friction import Stribeck
-from tcc_sim.model.friction_curve import FrictionCurve, fit_curve
 from tcc_sim.model.quantity import LATEST, Group, apart, quantity
+
+if TYPE_CHECKING:
+    from tcc_sim.model.friction import Stribeck
+    from tcc_sim.model.friction_curve import FrictionCurve
 
 FIG02_PRESSURE = 500.0 / (0.24 * 0.08 * 0.1)
 """Mean pressure, Pa, at which Tsm = 500 N m with mu_k = 0.8 mu_s, as the caption of Fig. 2 states."""
@@ -52,7 +55,11 @@ class Friction(Group):
     @property
     def curve(self) -> FrictionCurve | None:
         """The fit of the measured coefficients; None where they are not given."""
-        return fit_curve(self.slip_speeds, self.coefficients) if self.slip_speeds or self.coefficients else None
+        if not (self.slip_speeds or self.coefficients):
+            return None
+        from tcc_sim.model.friction_curve import fit_curve
+
+        return fit_curve(self.slip_speeds, self.coefficients)
 
     @property
     def static(self) -> float:

@@ -16,7 +16,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from tcc_sim.errors import InputError
-from tcc_sim.model.friction import largest_ratio
 from tcc_sim.model.groups import TABULATED, Clutch, Driveline, Engine, Friction, Initial, Pressure
 from tcc_sim.model.quantity import PROFILES, Group, Quantity, Value, number_of
 
@@ -101,6 +100,8 @@ class System:
     @property
     def largest_friction_ratio(self) -> float:
         """Bound of the friction coefficient at any slip speed over mu_k, at least 1."""
+        from tcc_sim.model.friction import largest_ratio
+
         return largest_ratio(self.friction.stribeck)
 
     @property
