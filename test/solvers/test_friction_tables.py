@@ -97,7 +97,7 @@ def test_a_table_takes_the_place_of_the_coefficients() -> None:
             replace(system, {key: 0.2})
         with pytest.raises(InputError, match=f"{key} is not used where friction.slip_speeds"):
             stroboscopic_map(system, np.zeros(3), 1, parameters=(key,))
-    with pytest.raises(InputError, match="as many as friction.slip_speeds"):
+    with pytest.raises(InputError, match="as many as friction"):
         replace(System(), {"friction.slip_speeds": SPEEDS})
 
 
@@ -138,5 +138,5 @@ def test_a_scene_file_may_name_a_table(tmp_path: Path) -> None:
     (tmp_path / "lining.csv").unlink()
     with pytest.raises(InputError, match="No such file"):
         load_scene(file)
-    with pytest.raises(InputError, match="an FMU takes no friction table"):
+    with pytest.raises(InputError, match="takes no friction table"):
         export(found, tmp_path / "own.fmu")
