@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 
-from tcc_sim.cli import main
 from tcc_sim.cli.arguments import new_file
 from tcc_sim.errors import InputError
 from tcc_sim.output.files import draft, new_directory, write_json
@@ -51,18 +50,6 @@ def test_only_a_regular_file_is_ever_replaced(tmp_path: Path, force: bool) -> No
         assert (path.lstat().st_ino, path.lstat().st_mode) == (before.st_ino, before.st_mode)
     assert (tmp_path / "mine").read_text() == "mine"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["dangling", "folder", "link", "mine", "pipe", "socket"]
-
-
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root may make a device")
-def test_the_command_leaves_a_device_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    device = tmp_path / "null"
-    try:
-        os.mknod(device, 0o666 | stat.S_IFCHR, os.makedev(1, 3))
-    except PermissionError:
-        pytest.skip("no device can be made here")
-    assert main([*SIMULATE, "--json", str(device), "--force"]) == 2
-    assert stat.S_ISCHR(device.lstat().st_mode)
-    assert "is a device" in capsys.readouterr().err
 
 
 def test_a_link_put_in_the_way_is_neither_followed_nor_replaced(tmp_path: Path) -> None:
@@ -119,23 +106,6 @@ def test_what_fails_leaves_nothing_and_what_was_there(tmp_path: Path) -> None:
 def test_a_name_that_cannot_be_is_refused_at_once(tmp_path: Path, make, name: str, words: str) -> None:
     with pytest.raises(InputError, match=words):
         make(tmp_path / name)
-
-
-def test_the_longest_name_that_can_be_is_taken(tmp_path: Path) -> None:
-    path = tmp_path / ("x" * 250 + ".json")
-    write_json(new_file(path), {})
-    assert path.stat().st_size > 0
-    with pytest.raises(InputError, match="exists"):
-        new_directory(path)
-
-
-def test_a_name_over_the_limit_costs_no_solve(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for option, suffix in (("--json", ".json"), ("--out", ".npz")):
-        assert main([*SIMULATE, option, str(tmp_path / ("x" * 300 + suffix))]) == 2
-        captured = capsys.readouterr()
-        assert captured.out == ""
-        assert captured.err.count("\n") == 1
-    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])

@@ -213,25 +213,6 @@ def test_the_viewer_is_found_beside_python_and_one_that_does_not_start_is_one_li
     assert searched == [["/usr/bin", str(Path(sys.executable).parent)]]
 
 
-@pytest.mark.parametrize(("still", "kind", "said"), [
-    (True, OSError, "File too large"), (False, TccError, "the Rerun file was not written: F")])
-def test_a_file_that_takes_no_more_is_an_error_of_the_file(tmp_path, still, kind, said):
-    """Rerun says that its writer has ended, or now and then only that its time is over, and not why: whether the disk
-    is full still, or was.
-    """
-    with full_disk(200_000):
-        stream = RerunStream("run", CYCLE, 300.0, file=tmp_path / "run.rrd")
-        stream.samples(*batch(0, 20_000))
-        with pytest.raises(RuntimeError):
-            stream.recording.flush(timeout_sec=20.0)
-        if still:
-            with pytest.raises(kind, match=said):
-                stream.close()
-    if not still:
-        with pytest.raises(kind, match=said):
-            stream.close()
-
-
 def test_a_file_is_waited_for_as_long_as_it_grows(monkeypatch, tmp_path):
     stream, waits = RerunStream("run", CYCLE, 300.0, file=tmp_path / "run.rrd"), []
     stream.recording.flush(timeout_sec=20.0)
