@@ -83,9 +83,21 @@ def tables() -> dict[str, str]:
         "scenes": table(("scene", "what it shows"), [(f"`{n}`", load_scene(n).description) for n in bundled_scenes()]),
         "solvers": table(("solver", "what it is", "friction law", "setting"), [
             (f"`{n}`", s.description, " or ".join(s.laws), s.setting) for n, s in SOLVERS.items()]),
-        "sweep speed": report(".github/precision.md", "Engine cycles a second"),
         "verdicts": report(".github/claims.md", "The paper's claims"),
+        "refuted": judged("Not confirmed"), "in part": judged("Depends"),
     }
+
+
+def judged(verdict: str) -> str:
+    """The claims of a verdict on the page that `tcc-sim claims` wrote, each with its reason or first number."""
+    rows = []
+    for section in (ROOT / ".github" / "claims.md").read_text().split("\n## ")[1:]:
+        head, _, body = section.partition("\n")
+        criterion, *rest = body.strip().split("\n\n")
+        if criterion.startswith(f"**{verdict}**"):
+            figure, _, claim = head.partition(": ")
+            rows.append((figure, claim, rest[0].split("\n")[0].removeprefix("- ").rstrip(".")))
+    return table(("Fig. or equation", "the paper says", "reason"), rows)
 
 
 def report(page: str, heading: str) -> str:

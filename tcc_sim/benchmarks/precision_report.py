@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import platform
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib import metadata
+from pathlib import Path
 from typing import Any
 
 from tcc_sim.benchmarks.peers import TIMED
@@ -138,19 +141,13 @@ def took_part(records: Sequence[StudiedScene]) -> dict[str, str]:
 
 
 def precision_page(found: PrecisionReport, picture: str) -> str:
-    """The report: what came out, how it was made, the fastest settings, every run, and what was left out."""
+    """The report: results, method, the fastest settings, and what was left out; every run is in the JSON."""
     lines = ["# Error against run time", "", *_head(found), "", f"![error against run time]({picture})", "",
              *_method(found), ""]
     for record in found.scenes:
         lines += _summary(record, found.scenes)
-    lines += ["## Every run", ""]
     for record in found.scenes:
-        lines += [f"### {record.scene}", "", *_table(
-            ("solver", "setting", "final", "section", "maximum slip", "steady state", "time (ms)", "steps"),
-            [(code_name(r.solver), f"{r.setting:.3g}", f"{r.error_final:.1e}", f"{r.error_section:.1e}",
-              f"{r.error_max_slip:.1e}", _or_dash(r.error_steady), f"{1e3 * r.seconds:.3g}",
-              "" if r.steps is None else str(r.steps)) for r in record.results])]
-        lines += ["", *(_omitted(record) if record.omitted else [])]
+        lines += [f"### {record.scene}, omitted", "", *_omitted(record)] if record.omitted else []
     return "\n".join(lines).rstrip() + "\n"
 
 
@@ -178,13 +175,29 @@ def _head(found: PrecisionReport) -> list[str]:
                  f"{_range([1e3 * x for x in own])} ms on the {len(scenes)} scenes of its friction law."]
         names = dict.fromkeys(r.solver for record in scenes for r in record.results)
         others = [name for name in names if name != engine]
-        said += ["", "As many times as long take:", ""] if others else []
+        said += ["", f"Run time relative to {code_name(engine)}:", ""] if others else []
         for name in others:
             ratios = [row[name].seconds / row[engine].seconds for row in best if name in row and engine in row]
             where = f", on {len(ratios)} of {len(scenes)} scenes" if 0 < len(ratios) < len(scenes) else ""
             said.append(f"- {code_name(name)}{PAPERS if name == 'rk45' else ''}: " + (
                 f"{_range(ratios)}{where}" if ratios else f"does not come to {TARGET:g} with the settings below"))
     return said
+
+
+def machine() -> str:
+    """Name the processor and the versions that times depend on."""
+    cpu = next((line.split(":", 1)[1].strip() for line in _lines("/proc/cpuinfo") if line.startswith("model name")),
+               platform.processor() or platform.machine())
+    packages = ", ".join(f"{name} {metadata.version(name)}" for name in ("numpy", "scipy", "numba"))
+    return f"{cpu} (Python {platform.python_version()}, {packages})"
+
+
+def _lines(path: str) -> list[str]:
+    """The lines of a file; none where it cannot be read."""
+    try:
+        return Path(path).read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return []
 
 
 def _range(values: list[float]) -> str:
@@ -202,6 +215,7 @@ def _method(found: PrecisionReport) -> list[str]:
         "Errors are relative to each signal's maximum in the second half of the horizon, the largest over slip speed, "
         "plate angle and plate speed: of the final state, of all states at t = 2 pi n/omega (section), and of each "
         "cycle's largest slip speed.",
+        f"Measured on {machine()}.",
         f"The horizon is {cycles} engine cycles from the initial state, transient included: longer ones say nothing "
         "where the motion is chaotic.",
         "The steady state is that of a long run from the initial state; its error is that of the largest slip speed "
@@ -223,11 +237,6 @@ def _method(found: PrecisionReport) -> list[str]:
     return [line for text in out for line in (text, "")][:-1]
 
 
-def _or_dash(value: float | None) -> str:
-    """An error, or a dash where there is none."""
-    return "-" if value is None else f"{value:.1e}"
-
-
 def _summary(record: StudiedScene, scenes: Sequence[StudiedScene]) -> list[str]:
     """The steady state of a scene, and the fastest setting of each solver for some errors."""
     best = [fastest_results(record, target) for target in TARGETS]
@@ -236,12 +245,13 @@ def _summary(record: StudiedScene, scenes: Sequence[StudiedScene]) -> list[str]:
              f"{record.description}. References: {' and '.join(reference.solvers)}; floor "
              f"{reference.floor:.1e}.", "", comparison(record, scenes), ""]
     names = [n for n in dict.fromkeys(r.solver for r in record.results) if any(n in b for b in best)]
-    lines += _table(["time (ms) for all three errors at most", *(f"{t:g}" for t in TARGETS)],
-                    [[code_name(n), *(f"{1e3 * b[n].seconds:.3g}" if n in b else "-" for b in best)] for n in names])
+    lines += _table(["time of a cycle (us) for all three errors at most", *(f"{t:g}" for t in TARGETS)],
+                    [[code_name(n), *(f"{1e6 * b[n].seconds / record.cycles:.3g}" if n in b else "-" for b in best)]
+                     for n in names])
     if record.long_run:
-        lines += ["", *_table(("long run, at the setting for 1e-6", "cycles", "ms per 100 cycles"),
+        lines += ["", *_table(("long run, at the setting for 1e-6", "cycles", "us a cycle"),
                               [(f"{code_name(r.solver)} at {r.setting:g}", str(r.cycles),
-                                f"{1e3 * r.seconds_per_100_cycles:.4g}") for r in record.long_run])]
+                                f"{1e4 * r.seconds_per_100_cycles:.4g}") for r in record.long_run])]
     return [*lines, ""]
 
 
@@ -278,5 +288,4 @@ def scene_lines(record: StudiedScene) -> list[str]:
 
 def _omitted(record: StudiedScene) -> list[str]:
     """What failed and why."""
-    return ["Omitted:", "",
-            *(f"- {code_name(row.solver)} at {row.setting:.3g}: {row.why}" for row in record.omitted), ""]
+    return [*(f"- {code_name(row.solver)} at {row.setting:.3g}: {row.why}" for row in record.omitted), ""]

@@ -97,12 +97,13 @@ FULL = Effort(
     {"fixed_step": (1e-3, 1e-4, 5e-5, 2e-5, 1e-5, 5e-6, 2e-6),
      "smoothed": (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12),
      "event_driven": (1e-4, 1e-6, 1e-8, 1e-10, 1e-12),
-     "rk45": (1e-4, 1e-7, 1e-9), "dop853": (1e-8,), "radau": (1e-3, 1e-5, 1e-7, 1e-9), "bdf": (1e-3, 1e-5, 1e-7),
+     "rk45": (1e-4, 1e-7, 1e-9), "dop853": (1e-4, 1e-6, 1e-8), "radau": (1e-3, 1e-5, 1e-7, 1e-9),
+     "bdf": (1e-3, 1e-5, 1e-7, 1e-9, 1e-10),
      "lsoda": (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10), "rk4": (1.5, 0.9, 0.45, 0.225)},
     {"solve_ivp LSODA": (1e-4, 1e-6, 1e-7, 1e-8, 1e-10),
      "CVODE": (1e-4, 1e-6, 1e-8, 1e-10, 1e-12),
      "XPPAUT cvode": (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11),
-     "XPPAUT stiff": (1e-5, 1e-8), "XPPAUT gear": (1e-6,), "XPPAUT 2rb": (1e-5, 1e-8)}, 2000)
+     "XPPAUT stiff": (1e-5, 1e-8), "XPPAUT gear": (1e-6,), "XPPAUT 2rb": (1e-5, 1e-8, 1e-10, 1e-12)}, 2000)
 QUICK = Effort(
     4, 0.08, 2.8,
     {"smoothed": (("Radau", 1e-9), ("LSODA", 1e-13)), "set_valued": (("DOP853", 1e-13), ("LSODA", 1e-12))},

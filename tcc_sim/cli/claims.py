@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from tcc_sim.cli.arguments import check_outputs, present
+from tcc_sim.cli.arguments import check_outputs, number, present
 from tcc_sim.errors import InputError
 from tcc_sim.output.terminal import say
 
@@ -16,6 +16,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", metavar="FILE", type=Path, help="claims with numbers, criteria and verdicts")
     parser.add_argument("--markdown", metavar="FILE", type=Path, help="the same as a page")
     parser.add_argument("--errata", metavar="FILE", type=Path, help="the paper's errata as a page, with numbers")
+    parser.add_argument("--kept", metavar="FILE", type=Path,
+                        help="lines of what was judged; a run that was interrupted goes on from them")
+    parser.add_argument("--pressures", metavar="KPA", type=number(100.0, 1000.0, "kPa"), nargs="+",
+                        help="mean pressures of Figs. 4 to 18 to judge at (225 230 240)")
     parser.add_argument("--force", action="store_true", help="replace files that exist")
     parser.add_argument("--jobs", metavar="N", type=int, help="threads (default: all cores)")
 
@@ -25,10 +29,8 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.output.files import draft
     from tcc_sim.output.tables import text
     from tcc_sim.paper.catalogue import paper_system
-    from tcc_sim.paper.claims import TOLERANCE, Verdict, claims_page, counts_of, judge
+    from tcc_sim.paper.claims import PRESSURES, Verdict, claims_page, counts_of, judge
     from tcc_sim.paper.errata import errata_page
-    from tcc_sim.paper.evidence import Evidence
-    from tcc_sim.paper.mean_pressure import PressureTable, pressure_sentence, table
     from tcc_sim.result import json_of
 
     check_outputs(arguments, (), arguments.markdown, arguments.errata)
@@ -36,7 +38,6 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(f"jobs is {arguments.jobs}; it must be 1 or more")
 
     verdicts: list[Verdict] = []
-    pressures: PressureTable | None = None
     interrupted = False
 
     def show(verdict: Verdict) -> None:
@@ -47,15 +48,13 @@ def run(arguments: argparse.Namespace) -> int:
         for name, value in json_of(found.values).items():
             say(f"{'':<32}{name}: {text(value)}")
         for motion in found.motions:
-            say(f"{'':<32}{motion}")
+            say(f"{'':<32}{motion['words']}")
         if verdict.why:
             say(f"{'':<32}{verdict.why}", flush=True)
 
     try:
-        judge(jobs=arguments.jobs, progress=True, each=show)
-        pressures = table(Evidence(TOLERANCE, arguments.jobs, progress=True))
-        for row in pressures.rows:
-            say(f"mean pressure {row.pressure / 1e3:g} kPa: {row.count} of {len(row.found)} numbers of the text")
+        chosen = tuple(1e3 * p for p in arguments.pressures or ()) or PRESSURES
+        judge(pressures=chosen, kept=arguments.kept, jobs=arguments.jobs, progress=True, each=show)
         if arguments.errata is not None:
             with draft(arguments.errata) as part:
                 part.write_text(errata_page())
@@ -64,11 +63,10 @@ def run(arguments: argparse.Namespace) -> int:
         print("tcc-sim: interrupted; the claims judged so far are kept", file=sys.stderr)
     if not verdicts:
         return 130
-    say(counts_of(verdicts) + ("" if pressures is None else f"; {pressure_sentence(pressures)}"))
+    say(counts_of(verdicts))
     present(arguments, paper_system(), lambda: {
-        "claims": [v.as_json() for v in verdicts], "complete": not interrupted,
-        "mean_pressure": None if pressures is None else pressures.as_json()})
+        "claims": [v.as_json() for v in verdicts], "complete": not interrupted})
     if arguments.markdown is not None:
         with draft(arguments.markdown) as part:
-            part.write_text(claims_page(verdicts, pressures, complete=not interrupted))
+            part.write_text(claims_page(verdicts, complete=not interrupted))
     return 130 if interrupted else 0

@@ -60,9 +60,14 @@ def series(coefficients: Floats, base: float, t: Floats) -> Floats:
 
 
 def mean_friction_torque(system: System, coefficient: Floats, period: int, *, printed: bool = False) -> float:
-    """The mean of (31), N m: c0 Tsm and what the load's sine shares with the coefficient; printed, without c0."""
+    """Return the mean of (31), N m: c0 Tsm and what the load's sine shares with the coefficient.
+
+    printed : without c0, and with Tm + Tp sin(omega t/N) in the place of the load
+    """
     count, load = len(coefficient) // 2, load_series(system)
-    mean = 0.0 if printed else float(coefficient[0]) * load.mean
+    if printed:
+        return 0.5 * system.engine.torque_amplitude * float(coefficient[count + 1])
+    mean = float(coefficient[0]) * load.mean
     for frequency, amplitude, phase in zip(load.frequency, load.amplitude, load.phase):
         order = round(float(frequency) / (system.engine.frequency / period))
         if 1 <= order <= count:

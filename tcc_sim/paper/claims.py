@@ -1,11 +1,14 @@
-"""The paper's claims, each judged by a criterion in code, and again at a tighter tolerance; and the page of them."""
+"""The paper's claims, each judged by a criterion in code at several mean pressures and two tolerances; their page."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
+from tcc_sim.errors import counted
 from tcc_sim.output.tables import escape, markdown_table, text
 from tcc_sim.paper import (
     claims_figure4,
@@ -17,7 +20,6 @@ from tcc_sim.paper import (
 )
 from tcc_sim.paper.criteria import CONFIRMED, DEPENDS, NOT_CONFIRMED, Claim, Finding
 from tcc_sim.paper.evidence import LATER
-from tcc_sim.paper.mean_pressure import PressureTable, pressure_lines
 from tcc_sim.paper.stable_motions import StableMotions
 from tcc_sim.result import json_of
 
@@ -26,48 +28,89 @@ CLAIMS: tuple[Claim, ...] = tuple(row for module in MODULES for row in vars(modu
 """Every claim in the order of the paper."""
 TOLERANCE = 1e-9
 TIGHTER = 1e-11
-"""Relative tolerances of the smoothed engine; a verdict that differs between them depends."""
+"""Relative tolerances of the smoothed engine; a verdict that differs between them at the first pressure depends."""
+PRESSURES = (225e3, 230e3, 240e3)
+"""Mean pressures of Figs. 4 to 18, Pa. The paper does not print it; of 200 to 260 kPa these agree with all numbers of
+the text that depend on it. Values are shown at the first one.
+"""
+ORDER = {NOT_CONFIRMED: "Not confirmed", DEPENDS: "Depends", CONFIRMED: "Confirmed"}
+"""The verdicts in the order of the page."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """A claim judged at two tolerances.
+    """A claim judged at several mean pressures and at two tolerances.
 
-    finding : at the tighter one
-    looser : the verdict at the looser one
+    row : the claim
+    finding : at the first pressure and the tighter tolerance
+    judged : by mean pressure, Pa, the verdict at TOLERANCE, and at the first pressure that at TIGHTER
     """
 
+    row: Claim
     finding: Finding
-    looser: str
+    judged: Mapping[float, tuple[str, ...]]
+
+    @property
+    def pressures(self) -> dict[str, str]:
+        """The verdict at each mean pressure, kPa: the one at every tolerance, or depends."""
+        return {f"{p / 1e3:g}": v[0] if len(set(v)) == 1 else DEPENDS for p, v in self.judged.items()}
 
     @property
     def verdict(self) -> str:
-        """The verdict that holds at both, or depends."""
-        return self.finding.verdict if self.finding.verdict == self.looser else DEPENDS
+        """The verdict that holds at every pressure, or depends."""
+        return found.pop() if len(found := set(self.pressures.values())) == 1 else DEPENDS
 
     @property
     def why(self) -> str:
         """What explains the verdict."""
-        if self.finding.verdict == self.looser:
-            return self.finding.why
-        return f"the verdict changes with the tolerance; {self.finding.why}".rstrip("; ")
+        changes = ["the verdict changes with the tolerance"] * any(len(set(v)) > 1 for v in self.judged.values())
+        if len(set(self.pressures.values())) > 1:
+            changes.append("the verdict changes with the mean pressure: "
+                           + ", ".join(f"{v} at {p} kPa" for p, v in self.pressures.items()))
+        return "; ".join([*changes, *([self.finding.why] if self.finding.why else [])])
 
     def as_json(self) -> dict[str, Any]:
-        """figure, where, claim, values, criterion, verdict, why, motions, and the verdict at either tolerance."""
+        """figure, where, claim, criterion, values, verdict, why, motions, and the verdict at each pressure."""
         found = self.finding
+        at_first = dict(zip((f"{TOLERANCE:g}", f"{TIGHTER:g}"), next(iter(self.judged.values()))))
         return {"figure": found.figure, "where": found.where, "claim": found.claim, "criterion": found.criterion,
                 "values": json_of(found.values), "verdict": self.verdict, "why": self.why,
-                "motions": json_of([m.as_json() for m in found.motions]),
-                "verdicts": {f"{TOLERANCE:g}": self.looser, f"{TIGHTER:g}": found.verdict}}
+                "motions": list(found.motions), "verdicts": at_first,
+                "pressures": self.pressures,
+                "fitted": self.row.fitted}
 
 
-def judge(claims: Sequence[Claim] = (), *, jobs: int | None = None, progress: bool = False,
+class Kept:
+    """Findings in a file of lines, so that an interrupted run goes on; a changed criterion is judged anew."""
+
+    def __init__(self, path: Path | None) -> None:
+        self.path, self.found = path, dict[str, Finding]()
+        if path is not None and path.exists():
+            for line in path.read_text(encoding="utf-8").splitlines():
+                row = json.loads(line)
+                self.found[row["name"]] = Finding(**row["finding"])
+
+    def judged(self, row: Claim, evidence: StableMotions) -> Finding:
+        """Return the finding that is kept, or work it out and keep it."""
+        name = f"{row.name} at {evidence.pressure:g} Pa, rtol {evidence.rtol:g}: {row.criterion.words}"
+        if name not in self.found:
+            self.found[name] = row(evidence)
+            if self.path is not None:
+                with self.path.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps({"name": name, "finding": json_of(asdict(self.found[name]))}) + "\n")
+        return self.found[name]
+
+
+def judge(claims: Sequence[Claim] = (), *, pressures: Sequence[float] = PRESSURES, kept: Path | None = None,
+          jobs: int | None = None, progress: bool = False,
           each: Callable[[Verdict], None] = lambda verdict: None) -> list[Verdict]:
-    """Judge claims at both tolerances.
+    """Judge claims at every mean pressure, and at the first of them at both tolerances.
 
     Parameters
     ----------
     claims : which; all where empty
+    pressures : Pa; a claim that does not depend on it is judged once
+    kept : file of what was judged before, to go on from; each finding is added to it
     jobs : threads; all available cores by default
     progress : show a bar for every sweep on a terminal
     each : called with every verdict as it is reached
@@ -77,45 +120,54 @@ def judge(claims: Sequence[Claim] = (), *, jobs: int | None = None, progress: bo
     NumericalFailure
         A motion that a verdict rests on could not be solved.
     """
-    loose = StableMotions(TOLERANCE, jobs, progress)
-    tight = StableMotions(TIGHTER, jobs, progress, known=loose.known)
-    out = []
-    for claim in claims or CLAIMS:
-        verdict = Verdict(claim(tight), claim(loose).verdict)
+    first, before, out = pressures[0], Kept(kept), []
+    every = {p: [StableMotions(TOLERANCE, jobs, progress, p)] for p in pressures}
+    every[first].append(StableMotions(TIGHTER, jobs, progress, first, known=every[first][0].known))
+    for row in claims or CLAIMS:
+        findings = {p: [before.judged(row, evidence) for evidence in every[p]]
+                    for p in (pressures[:1] if row.alone else pressures)}
+        verdict = Verdict(row, findings[first][1], {p: tuple(f.verdict for f in at) for p, at in findings.items()})
         out.append(verdict)
         each(verdict)
     return out
 
 
-def claims_page(verdicts: list[Verdict], pressures: PressureTable | None, *, complete: bool = True) -> str:
-    """A summary, the tables of claims and of mean pressures where there is one, and every claim with its numbers."""
+def claims_page(verdicts: list[Verdict], *, complete: bool = True) -> str:
+    """A summary, a table of the claims by verdict, and every claim with its numbers."""
     lines = ["# The paper's claims", "", f"- {counts_of(verdicts)}.", "",
              "This page is generated: `tcc-sim claims --markdown FILE` writes it. Each claim of Duan and Singh is "
              "judged by the",
-             f"criterion printed with it, at the relative tolerances {TOLERANCE:g} and {TIGHTER:g}. \"Depends\": the "
-             "criterion says for what, such as",
-             "some of several numbers, or a weaker statement that holds; or the verdicts at the two tolerances differ. "
-             "The paper does not",
-             "print the mean pressure of Figs. 4 to 18; it is 225 kPa here. Frequencies are ratios omega/omega_n. A "
-             "motion that the paper's",
-             f"150 cycles leave before its section repeats goes on for {LATER} more before it counts as aperiodic; "
-             "slip that grows without end",
-             "is neither. Where motions coexist the stable ones found are listed: where each begins and ends, and to "
-             "which of them the",
-             "initial state (13) leads.", "",
-             *markdown_table(["Fig.", "Section", "claim", "verdict"], map(claim_row, verdicts))]
+             "criterion printed with it, at the mean pressures "
+             f"{', '.join(f'{p / 1e3:g}' for p in PRESSURES)} kPa with the relative tolerance {TOLERANCE:g}, at the "
+             f"first also with {TIGHTER:g}. The paper does not print",
+             "the mean pressure of Figs. 4 to 18; of 200 to 260 kPa these three agree with all numbers of the text "
+             "that depend on it, and the",
+             "claims on those numbers are marked as fitted. \"Depends\": the criterion says for what, such as some of "
+             "several numbers, or a weaker",
+             "statement that holds; or the verdicts differ between pressures or tolerances. Values are those at "
+             f"{PRESSURES[0] / 1e3:g} kPa. Frequencies are ratios",
+             f"omega/omega_n. Each motion has 150 cycles, the first 50 dropped; one whose section does not repeat by "
+             f"then goes on for {LATER} more",
+             "before it counts as aperiodic; slip that grows without end is neither. Where motions coexist the stable "
+             "ones found are listed: where",
+             "each begins and ends, and to which of them the initial state (13) leads.", ""]
+    found = [v for name in ORDER for v in verdicts if v.verdict == name]
+    lines += markdown_table(["Fig.", "Section", "claim", "verdict", "at 225, 230, 240 kPa"], map(claim_row, found))
     if not complete:
         lines += ["", "**Interrupted: not every claim was judged.**"]
-    if pressures is not None:
-        lines += ["", *pressure_lines(pressures)]
-    for v in verdicts:
+    for v in found:
         lines += ["", *claim_section(v)]
     return "\n".join(lines) + "\n"
 
 
+SHORT = {CONFIRMED: "yes", NOT_CONFIRMED: "no", DEPENDS: "depends"}
+"""Verdicts in a cell of the table."""
+
+
 def claim_row(v: Verdict) -> list[str]:
     """The cells of the table on one claim."""
-    return [v.finding.figure, v.finding.where, escape(v.finding.claim), v.verdict]
+    at = ", ".join(SHORT[x] for x in v.pressures.values()) if len(v.pressures) > 1 else "any"
+    return [v.finding.figure, v.finding.where, escape(v.finding.claim), v.verdict, at + " (fitted)" * v.row.fitted]
 
 
 def claim_section(v: Verdict) -> list[str]:
@@ -127,7 +179,8 @@ def claim_section(v: Verdict) -> list[str]:
         lines += ["", f"{escape(v.why[0].upper() + v.why[1:])}."]
     lines += listed_numbers(json_of(found.values))
     if found.motions:
-        lines += ["", "Stable motions:", "", *(f"- {escape(str(motion))}" for motion in found.motions)]
+        lines += ["", f"<details><summary>{counted(len(found.motions), 'stable motion')}</summary>", "",
+                  *(f"- {escape(str(motion['words']))}" for motion in found.motions), "", "</details>"]
     return lines
 
 

@@ -130,7 +130,8 @@ class Finding:
     """A claim with its verdict.
 
     figure, where, claim, criterion : of the row
-    values, why, motions : of `Measured`
+    values, why : of `Measured`
+    motions : of `Measured`, as JSON values
     """
 
     figure: str
@@ -140,7 +141,7 @@ class Finding:
     values: Mapping[str, Any]
     verdict: str
     why: str = ""
-    motions: tuple[Motion, ...] = ()
+    motions: Sequence[Mapping[str, Any]] = ()
 
 
 @dataclass(frozen=True)
@@ -153,6 +154,8 @@ class Claim:
     criterion : how it is judged
     measure : works out what is judged, from evidence and, where they are not its own, from what computes its numbers
     cheap : whether it takes less than about a second, so that the page is compared with it in every test run
+    fitted : whether its number chose the mean pressures that are judged
+    alone : whether it does not depend on the mean pressure of Figs. 4 to 18
     """
 
     figure: str
@@ -161,6 +164,8 @@ class Claim:
     criterion: Criterion
     measure: Callable[..., Measured] = field(compare=False)
     cheap: bool = False
+    fitted: bool = False
+    alone: bool = False
 
     @property
     def name(self) -> str:
@@ -171,10 +176,10 @@ class Claim:
         """Work the claim out and judge it; `computed` takes the place of what the measure computes its numbers with."""
         found = self.measure(evidence, **computed)
         return Finding(self.figure, self.where, self.sentence, self.criterion.words, found.values,
-                       self.criterion.verdict(found.judged), found.why, found.motions)
+                       self.criterion.verdict(found.judged), found.why, [m.as_json() for m in found.motions])
 
 
-def claim(figure: str, where: str, sentence: str, criterion: Criterion, *,
-          cheap: bool = False) -> Callable[[Callable[[Any], Measured]], Claim]:
+def claim(figure: str, where: str, sentence: str, criterion: Criterion, *, cheap: bool = False, fitted: bool = False,
+          alone: bool = False) -> Callable[[Callable[[Any], Measured]], Claim]:
     """Make a claim of the function that works its values out."""
-    return lambda measure: Claim(figure, where, sentence, criterion, measure, cheap)
+    return lambda measure: Claim(figure, where, sentence, criterion, measure, cheap, fitted, alone)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tcc_sim.analysis.summary import Summary, summarise_cycles
 from tcc_sim.model.parameters import System
 from tcc_sim.model.quantity import Value
-from tcc_sim.paper.catalogue import NORMALISED, OMEGA_N, STATIC, paper_system
+from tcc_sim.paper.catalogue import NORMALISED, OMEGA_N, PRESSURE, STATIC, paper_system
 from tcc_sim.solvers import SOLVERS, solve
 from tcc_sim.sweeps.executors import workers
 from tcc_sim.sweeps.exponents import Lyapunov, largest_lyapunov_exponent
@@ -59,32 +59,42 @@ class Evidence:
     rtol : tolerance of the smoothed engine
     jobs : threads; None takes all cores
     progress : show a bar for every sweep on a terminal
+    pressure : mean pressure of Figs. 4 to 18, Pa
     """
 
     rtol: float
     jobs: int | None = None
     progress: bool = False
+    pressure: float = PRESSURE
     _sweeps: dict[tuple[Curve, Plan], Sweep] = field(default_factory=dict)
     _motions: dict[tuple[System, bool], ColdStartMotion] = field(default_factory=dict)
     _settled: dict[tuple[Curve, Plan], NDArray[np.int64]] = field(default_factory=dict)
+
+    def system(self, row: Values) -> System:
+        """Return the system of a row at this mean pressure, unless the row states one of its own."""
+        if "pressure.mean" in row:
+            return paper_system(row)
+        amplitude = float(row.get("pressure.amplitude", 0.0))  # type: ignore[arg-type]
+        return paper_system({**row, "pressure.mean": self.pressure,
+                             "pressure.amplitude": amplitude * (self.pressure / PRESSURE)})
 
     def curves(self, rows: Sequence[Values], axis: Floats, *, over: str = FREQUENCY, direction: str = "cold",
                damping: bool = False) -> list[Sweep]:
         """A sweep for every row of scene keys, over omega/omega_n, mu_k/mu_s, or the values of another key."""
         scaled = axis * NORMALISED[over][1]
         values = tuple(float(x) for x in (np.minimum(scaled, STATIC) if over == KINETIC else scaled))
-        wanted = [Curve(paper_system(row), over, values) for row in rows]
+        wanted = [Curve(self.system(row), over, values) for row in rows]
         return swept(wanted, self.plan(rows[0], direction=direction, damping=damping), self._sweeps, self.jobs,
                      self.progress) if rows else []
 
     def plan(self, row: Values, *, direction: str = "cold", lyapunov: bool = False, damping: bool = False) -> Plan:
         """The paper's rule at this tolerance; the exact engine of the set-valued law has its own."""
-        return Plan(cycles=CYCLES, discard=DISCARD, direction=direction, rtol=self._rtol(paper_system(row)),
+        return Plan(cycles=CYCLES, discard=DISCARD, direction=direction, rtol=self._rtol(self.system(row)),
                     lyapunov=lyapunov, damping=damping)
 
     def motion(self, row: Values, *, lyapunov: bool = False) -> ColdStartMotion:
         """One motion from the initial state (13); its period is that of the settled motion."""
-        system = paper_system(row)
+        system = self.system(row)
         if (system, lyapunov) not in self._motions:
             point = solve_point(system, 0.0, self.plan(row, lyapunov=lyapunov))
             largest = math.nan if point.summary is None else point.summary.max_slip_speed
@@ -130,17 +140,17 @@ class Evidence:
 
     def largest_by_cycle(self, row: Values, cycles: int) -> Floats:
         """(cycles,) largest |slip speed| of every cycle from the initial state (13), rad/s."""
-        return self.run(paper_system(row), cycles).solved_cycles.largest
+        return self.run(self.system(row), cycles).solved_cycles.largest
 
     def last_cycles(self, row: Values, cycles: int, samples: int) -> Trajectory:
         """Some cycles with samples, after those of the paper's rule."""
-        system = paper_system(row)
+        system = self.system(row)
         before = self.run(system, CYCLES)
         return self.run(system, cycles, samples=samples, start_cycle=CYCLES, state=before.final)
 
     def exponent(self, row: Values, begin: int, cycles: int) -> Lyapunov:
         """The largest Lyapunov exponent over many cycles, after the first `begin` of them from (13)."""
-        system = paper_system(row)
+        system = self.system(row)
         return largest_lyapunov_exponent(system, self.run(system, begin).final, cycles=cycles, start_cycle=begin)
 
     def maximum(self, row: Values, ratio: float) -> float:

@@ -26,7 +26,7 @@ from tcc_sim.continuation.shooting import ParameterRange
 from tcc_sim.errors import counted
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.paper.branches_behind import RUNS, seen_in, surveyed
-from tcc_sim.paper.catalogue import NORMALISED, paper_system
+from tcc_sim.paper.catalogue import NORMALISED
 from tcc_sim.paper.evidence import CYCLES, FREQUENCY, LATER, Evidence, Values, share_where
 from tcc_sim.sweeps.executors import progress_bar, workers
 from tcc_sim.sweeps.sweep import Sweep
@@ -122,7 +122,7 @@ class StableMotions(Evidence):
         """Period and largest slip speed of every attractor found from (13) and from points spread over states."""
         name = json.dumps(sorted(row.items()))
         if name not in self.known.attractors:
-            system = paper_system(row)
+            system = self.system(row)
             starts = [np.array(State.at_start(system).numbers), *(LOWEST + (HIGHEST - LOWEST) * halton(SEEDS, 3))]
             found = find_attractors(DrivelineMotion(system), starts)
             self.known.attractors[name] = sorted((a.period, a.largest) for a in found)
@@ -145,10 +145,10 @@ class Motion:
     from_start: tuple[float, ...]
 
     def as_json(self) -> dict[str, Any]:
-        """Curve, period, both ends and `from_start` as JSON values."""
+        """Curve, period, both ends, `from_start` and the motion in words as JSON values."""
         return {"curve": self.curve, "over": self.over, "period": self.stretch.period,
                 "low": end_as_json(self.stretch.low), "high": end_as_json(self.stretch.high),
-                "from_start": list(self.from_start)}
+                "from_start": list(self.from_start), "words": str(self)}
 
     def __str__(self) -> str:
         """The motion in words."""

@@ -125,7 +125,9 @@ def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys):
     assert "<svg" in (folder / "precision.svg").read_text()[:500]
     assert (folder / "precision_section.png").read_bytes().startswith(b"\x89PNG")
     text = (folder / "precision.md").read_text()
-    assert "Omitted:" in text
+    assert "### fig02, omitted" in text
+    assert "Measured on " in text
+    assert "ms) for" not in text
     assert text.splitlines()[2] == "This page is generated: `tcc-sim precision --quick` writes it."
     assert "- `rk45`, the paper's method: " in text.split("![")[0]
     assert all(name in text for name in ("`smoothed`", "`event_driven`", "XPPAUT", "floor"))

@@ -7,6 +7,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -17,7 +18,7 @@ from documents import valid
 
 from tcc_sim.cli import main
 from tcc_sim.output.tables import escape, markdown_table
-from tcc_sim.paper import claims, claims_model, mean_pressure
+from tcc_sim.paper import claims, claims_model
 from tcc_sim.paper.catalogue import OMEGA_N, paper_system
 from tcc_sim.paper.criteria import CONFIRMED, DEPENDS, NOT_CONFIRMED, Claim, Finding, Holds, Measured
 from tcc_sim.paper.evidence import Evidence, share_where
@@ -46,15 +47,17 @@ def test_the_stick_limit_is_that_of_the_closed_form() -> None:
 
 
 def test_the_page_has_every_claim_with_the_criterion_in_force() -> None:
-    """What the page was judged by is what the rows say; its counts are those of its table."""
+    """Its criteria are those of the rows, its claims are sorted by verdict, and its counts are those of its table."""
     page = PAGE.read_text()
-    sections = [part.split("\n", 1) for part in page.split("\n## ")[1:] if not part.startswith("The mean pressure")]
-    assert [head for head, _ in sections] == [f"{c.figure}: {escape(c.sentence)}" for c in claims.CLAIMS]
-    for row, (_, text) in zip(claims.CLAIMS, sections):
+    sections = dict(part.split("\n", 1) for part in page.split("\n## ")[1:])
+    assert sorted(sections) == sorted(f"{c.figure}: {escape(c.sentence)}" for c in claims.CLAIMS)
+    for row in claims.CLAIMS:
+        text = sections[f"{row.figure}: {escape(row.sentence)}"]
         assert f"**. Criterion: {escape(row.criterion.words)}.\n" in text, row.name
-    verdicts = [text.split("**")[1].lower() for _, text in sections]
-    assert [line.split(" | ")[-1] for line in page.splitlines() if line.startswith("| ")][2:len(verdicts) + 2] == [
-        f"{v} |" for v in verdicts]
+    verdicts = [text.split("**")[1].lower() for text in sections.values()]
+    assert verdicts == sorted(verdicts, key=list(claims.ORDER).index)
+    rows = [line.split(" | ") for line in page.splitlines() if line.startswith("| ")][2:]
+    assert [cells[-2] for cells in rows] == verdicts
     counts = [verdicts.count(v) for v in (CONFIRMED, DEPENDS, NOT_CONFIRMED)]
     assert "Of {} claims: {} confirmed, {} depend, {} not confirmed.".format(len(verdicts), *counts) in page
 
@@ -91,13 +94,38 @@ def test_a_jump_is_told_from_a_steep_curve() -> None:
         assert [x for x, _ in Drawn(curve).jumps({}, axis)] == pytest.approx(expected, abs=1e-4)
 
 
-def test_a_verdict_that_changes_with_the_tolerance_depends() -> None:
-    finding = Finding("4", "5", "a claim", "a criterion", {"x": float("nan"), "n": np.int64(3)}, NOT_CONFIRMED)
-    row = claims.Verdict(finding, CONFIRMED).as_json()
-    assert row["verdict"] == DEPENDS
-    assert "tolerance" in row["why"]
-    assert json.loads(json.dumps(row, allow_nan=False))["values"] == {"x": None, "n": 3}
-    assert claims.Verdict(finding, NOT_CONFIRMED).as_json()["verdict"] == NOT_CONFIRMED
+@pytest.mark.parametrize(("judged", "verdict", "words"), [
+    ({225e3: (CONFIRMED, CONFIRMED), 240e3: (CONFIRMED,)}, CONFIRMED, ""),
+    ({225e3: (CONFIRMED, NOT_CONFIRMED)}, DEPENDS, "the verdict changes with the tolerance"),
+    ({225e3: (CONFIRMED, CONFIRMED), 240e3: (NOT_CONFIRMED,)}, DEPENDS,
+     "the verdict changes with the mean pressure: confirmed at 225 kPa, not confirmed at 240 kPa")])
+def test_a_verdict_is_that_of_every_pressure_and_tolerance(judged: Any, verdict: str, words: str) -> None:
+    finding = Finding("4", "5", "a claim", "a criterion", {"x": float("nan"), "n": np.int64(3)}, CONFIRMED)
+    found = claims.Verdict(claims_model.maximum_falls, finding, judged).as_json()
+    assert (found["verdict"], found["why"], found["fitted"]) == (verdict, words, False)
+    assert list(found["pressures"]) == [f"{p / 1e3:g}" for p in judged]
+    assert json.loads(json.dumps(found, allow_nan=False))["values"] == {"x": None, "n": 3}
+
+
+def test_a_run_goes_on_from_what_was_judged(tmp_path: Path) -> None:
+    """A claim at one pressure confirmed and at another not; what is kept is not worked out again."""
+    worked = []
+
+    def measure(evidence: StableMotions) -> Measured:
+        worked.append((evidence.pressure, evidence.rtol))
+        return Measured((evidence.pressure < 235e3,), {"x": 1.5}, "why")
+
+    row = Claim("4", "5", "a claim", Holds("it holds"), measure)
+    for count in (2, 3, 3):
+        found, = claims.judge([row], pressures=claims.PRESSURES[:count], kept=tmp_path / "kept.jsonl")
+    assert worked == [(225e3, claims.TOLERANCE), (225e3, claims.TIGHTER), (230e3, claims.TOLERANCE),
+                      (240e3, claims.TOLERANCE)]
+    assert (found.pressures, found.finding.values) == (
+        {"225": CONFIRMED, "230": CONFIRMED, "240": NOT_CONFIRMED}, {"x": 1.5})
+    alone, = claims.judge([replace(row, alone=True)], pressures=(240e3, 225e3))
+    assert alone.pressures == {"240": NOT_CONFIRMED}
+    claims.judge([replace(row, criterion=Holds("it does"))], kept=tmp_path / "kept.jsonl")
+    assert len(worked) == 4 + 2 + 4
 
 
 def test_the_command_writes_json_and_a_page(tmp_path, judge_only, capsys) -> None:  # type: ignore[no-untyped-def]
@@ -106,14 +134,10 @@ def test_the_command_writes_json_and_a_page(tmp_path, judge_only, capsys) -> Non
     found = valid("claims", json.loads((tmp_path / "c.json").read_text()))
     rows = found["claims"]
     assert found["complete"] is True
-    assert [row["pressure"] for row in found["mean_pressure"]["rows"]] == list(mean_pressure.PRESSURES)
-    assert [{"figure", "claim", "values", "criterion", "verdict", "why"} <= row.keys() for row in rows] == [True, True]
-    page = (tmp_path / "c.md").read_text()
-    assert page.count("## 3: ") == 2
-    assert page.count(" of 2 |") == len(mean_pressure.PRESSURES)
-    said = capsys.readouterr().out
-    assert "confirmed" in said
-    assert "mean pressure 225 kPa: 2 of 2 numbers of the text" in said
+    assert [{"figure", "claim", "values", "criterion", "verdict", "why", "pressures", "fitted"} <= row.keys()
+            for row in rows] == [True, True]
+    assert (tmp_path / "c.md").read_text().count("## 3: ") == 2
+    assert "confirmed" in capsys.readouterr().out
     assert main(["claims", "--json", str(tmp_path / "none" / "c.json")]) == 2
 
 
@@ -130,8 +154,7 @@ def test_an_interrupted_command_keeps_the_claims_that_were_judged(  # type: igno
         assert capsys.readouterr().err == "tcc-sim: interrupted; the claims judged so far are kept\n"
         assert rows.exists() == page.exists() == bool(kept)
     kept_rows = json.loads((tmp_path / "1.json").read_text())
-    assert (len(kept_rows["claims"]), kept_rows["mean_pressure"], kept_rows["complete"]) == (1, None, False)
-    assert "Of 1 claims: 1 confirmed, 0 depend, 0 not confirmed." in (tmp_path / "1.md").read_text()
+    assert (len(kept_rows["claims"]), kept_rows["complete"]) == (1, False)
     assert "Interrupted" in (tmp_path / "1.md").read_text()
 
 

@@ -11,7 +11,7 @@ from given import Given, record, stretch
 from oracle import smoothed_states
 
 from tcc_sim.paper.catalogue import FIGURES, paper_system
-from tcc_sim.paper.claims import Verdict, claims_page
+from tcc_sim.paper.claims import CLAIMS, Verdict, claims_page
 from tcc_sim.paper.claims_figures5to7 import AT_036, covered_down_to
 from tcc_sim.paper.criteria import Finding
 from tcc_sim.paper.evidence import KINETIC, with_kinetic
@@ -100,8 +100,9 @@ def test_motions_stand_on_the_page_in_words() -> None:
                                 "(5 values)")
     assert str(replace(motion, from_start=(0.9,))).endswith("leads to it at 0.9 (1 value)")
     assert str(replace(motion, curve="", from_start=())).endswith("cycles (13) leads to it nowhere")
-    verdict = Verdict(Finding("6", "5", "a claim", "a criterion", {}, "confirmed", "", (motion,)), "confirmed")
-    page = claims_page([verdict], None)
-    assert "Stable motions:\n\n- psi = 0: period 2, stable over mu\\_k/mu\\_s" in page
+    finding = Finding("6", "5", "a claim", "a criterion", {}, "confirmed", "", [motion.as_json()])
+    verdict = Verdict(CLAIMS[0], finding, {225e3: ("confirmed", "confirmed")})
+    page = claims_page([verdict])
+    assert "1 stable motion</summary>\n\n- psi = 0: period 2, stable over mu\\_k/mu\\_s" in page
     assert verdict.as_json()["motions"][0]["high"] == {"value": 0.918464, "kind": "fold", "residual": 1e-12,
                                                       "jumps": True}

@@ -17,6 +17,7 @@ from test_verdicts import (
     dual,
     ending,
     fig6,
+    growing,
     hills,
     lowest,
     orbit,
@@ -57,8 +58,9 @@ VALUES: list[tuple[Any, Given, dict[str, Any]]] = [
         "jumps": [6], "part of them": [0.5], "part of the ratios": [7 / 127] * 3}),
     (rows.stick_transition, Given(slips_to(lambda row: 0.4 + 0.1 * (1.0 - ratio_of(row)))), {
         "last slip": [0.4, 0.416, 0.424, 0.432]}),
-    (rows.jump_is_bifurcation, Given(jumps=lambda row: [0.2, 0.3, 0.45], stretches=ending(0.2005)), {
-        "part of the jumps": [0.5], "bifurcation at each": ["fold", "none"] * 3}),
+    (rows.jump_is_bifurcation, Given(period_at(lambda row, x: 1 + (x > 0.2)), lambda row: [0.2, 0.3, 0.45],
+                                     stretches=ending(0.2005)), {
+        "part of the jumps": [0.5], "bifurcation of a stable motion": ["fold", "none"] * 3}),
     (rows.jump_doubles_period, Given(period_at(lambda row, x: 1 + (x > 0.205)), lambda row: [0.205, 0.3]), {
         "periods around": [1, 2]}),
     (rows.doubling_to_chaos, Given(period_at(lambda row, x: 2 if x > 0.7 else 0), lambda row: [0.2]), {
@@ -91,7 +93,8 @@ VALUES: list[tuple[Any, Given, dict[str, Any]]] = [
     (rows.proof_is_whole, Given(period_at(lambda row, x: coprime(row) * (1 + (x > 0.4 and ratio_of(row) < 1.0)))), {
         "multiples of N": [4, 2, 2, 6, 6], "at mu_k = mu_s": []}),
     (rows.phase_with_falling_law, Given(lowest("pressure.phase", 0.0, place=0.22)), {
-        "best": [34 / 41], "not at": [0.22 + 0.005 * k for k in range(7)]}),
+        "best": [34 / 49], "mean maxima": [10.0 + (15 - 34) / 49, 10.0, 10.0],
+        "not at": [0.22 + 0.005 * k for k in range(15)]}),
     (rows.earlier_onset, Given(slips_from(lambda row: 0.15 if ratio_of(row) < 1.0 else 0.18)), {
         "lowest slip at": [0.18, 0.15]}),
     (rows.phase_reversed, Given(lowest("pressure.phase", 0.0, place=0.38), stretches=other_phase(10.5)), {
@@ -106,7 +109,7 @@ VALUES: list[tuple[Any, Given, dict[str, Any]]] = [
     (rows.more_with_steeper_law, Given(period_at(lambda row, x: 0 if x > ratio_of(row) - 0.3 else 1)), {
         "aperiodic part": [10 / 91] * 3 + [26 / 91] * 3, "changes of period": [1] * 6}),
     (rows.same_frequency_suppresses, Given(lowest("pressure.frequency_ratio", 1.0, place=0.22)), {
-        "lower": [34 / 41], "not at": [0.22 + 0.005 * k for k in range(7)]}),
+        "lower": [34 / 49], "not at": [0.22 + 0.005 * k for k in range(15)]}),
     (rows.half_frequency_jumps, Given(thirds), {"changes for": [2] * 3}),
     (rows.half_frequency_aperiodic, Given(period_at(lambda row, x: 0 if x < 0.4 else 2),
                                            periodic=lambda x: x > 0.3), {
@@ -119,7 +122,12 @@ VALUES: list[tuple[Any, Given, dict[str, Any]]] = [
         "pure stick": [0.0, 0.0, 1.0, 1.0], "no period": [0.0] * 4, "another period": [1.0] * 4}),
     (rows.amplitude_jumps, Given(stretches=ending(0.25)), {"stable motions end": [0.25] * 2}),
     (rows.amplitude_aperiodic, Given(period_at(lambda row, x: 0 if abs(x - 0.25) < 0.006 else 1)), {
-        "without": [0.245, 0.25, 0.255] * 2}),
+        "part without a period near": [1 / 3, 0.0]}),
+    (rows.amplitude_enlarges, Given(by_amplitude((1.0, 1.0)), growing), {
+        "largest jump there": [10.0, 11.0, 12.0, 13.0], "largest slip speed": [10.0, 10.125, 10.25, 10.5]}),
+    (rows.slope_exaggerates, Given(hills(0.1, 0.2)), {"peaks below": [2] * 6}),
+    (rows.fifty_suffice, Given(lambda row, x, d: record(settled=x < 0.3)), {"settled part": [50 / 91] * 33}),
+
 ]
 
 

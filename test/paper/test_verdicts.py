@@ -131,6 +131,11 @@ def other_phase(height: float) -> Callable[..., Any]:
     return lambda row: [] if phase_is(row, 0.0) else [stretch(0.3, 0.5, height=height)]
 
 
+def growing(row: Any) -> list[float]:
+    """Fig. 18: jumps near 0.25, one more with every Tsp; the k-th is 10 + k rad/s."""
+    return [0.25] * (1 + sum(row["pressure.amplitude"] > x for x in (0.0, 5e4, 1e5)))
+
+
 CASES: list[tuple[Any, Given, str]] = [
     (rows.smooth_when_equal, Given(), CONFIRMED),
     (rows.smooth_when_equal, Given(jumps=lambda row: [0.2]), NOT_CONFIRMED),
@@ -148,8 +153,8 @@ CASES: list[tuple[Any, Given, str]] = [
     (rows.lost_at_peaks, Given(sharp(0.0), lambda row: [0.203]), CONFIRMED),
     (rows.lost_at_peaks, Given(sharp(0.0), lambda row: [0.203, 0.3]), DEPENDS),
     (rows.lost_at_peaks, Given(sharp(0.0), lambda row: [0.3]), NOT_CONFIRMED),
-    (rows.jump_is_bifurcation, Given(jumps=lambda row: [0.2], stretches=ending(0.2005)), CONFIRMED),
-    (rows.jump_is_bifurcation, Given(jumps=lambda row: [0.2], stretches=ending(0.203)), NOT_CONFIRMED),
+    (rows.jump_is_bifurcation, Given(period_at(lambda row, x: 1 + (x > 0.2)), lambda row: [0.2]), CONFIRMED),
+    (rows.jump_is_bifurcation, Given(jumps=lambda row: [0.2], stretches=ending(0.2005)), NOT_CONFIRMED),
     (rows.stick_transition, Given(slips_to(lambda row: 0.4 + 0.1 * (1.0 - ratio_of(row)))), CONFIRMED),
     (rows.stick_transition, Given(slips_to(lambda row: 0.4)), NOT_CONFIRMED),
     (rows.transition_by_smoothing,
@@ -163,9 +168,10 @@ CASES: list[tuple[Any, Given, str]] = [
     (rows.doubling_to_chaos, Given(period_at(lambda row, x: 1 if x > 0.7 else 0), lambda row: [0.2]), DEPENDS),
     (rows.period_one_near_unity, Given(orbit(0.92, 0.92, 0.92)), CONFIRMED),
     (rows.period_one_near_unity, Given(orbit(0.95, 0.92, 0.92)), NOT_CONFIRMED),
-    (rows.period_two_from, Given(orbit(0.85, 0.92, 0.85), stretches=fig6(0.77, 0.918, 0.67)), CONFIRMED),
-    (rows.period_two_from, Given(orbit(0.92, 0.92, 0.92), stretches=fig6(0.77, 0.85, 0.67)), NOT_CONFIRMED),
-    (rows.period_two_from, Given(orbit(0.92, 0.92, 0.92), stretches=fig6(0.92, 0.92, 0.67, "period_doubling")),
+    (rows.period_two_from, Given(orbit(0.85, 0.85, 0.92), stretches=fig6(0.77, 0.918, 0.67)), CONFIRMED),
+    (rows.period_two_from, Given(orbit(0.92, 0.92, 0.77), stretches=fig6(0.77, 0.918, 0.67)), DEPENDS),
+    (rows.period_two_from, Given(orbit(0.92, 0.92, 0.77), stretches=fig6(0.77, 0.85, 0.67)), NOT_CONFIRMED),
+    (rows.period_two_from, Given(orbit(0.92, 0.92, 0.77), stretches=fig6(0.92, 0.92, 0.67, "period_doubling")),
      NOT_CONFIRMED),
     (rows.aperiodic_from, Given(orbit(0.9, 0.9, 0.9, 0.7), stretches=fig6(0.77, 0.918, 0.67)), CONFIRMED),
     (rows.aperiodic_from, Given(orbit(0.9, 0.9, 0.9, 0.7), stretches=fig6(0.77, 0.76, 0.67)), DEPENDS),
@@ -223,6 +229,16 @@ CASES: list[tuple[Any, Given, str]] = [
     (rows.phase_with_falling_law, Given(lowest("pressure.phase", 0.0, high=1.0, place=0.22)), DEPENDS),
     (rows.phase_with_falling_law, Given(lowest("pressure.phase", 0.0, high=1.0, place=0.1)), NOT_CONFIRMED),
     (rows.phase_with_steeper_law, Given(lowest("pressure.phase", 0.0)), CONFIRMED),
+    (rows.phase_pi_is_worst, Given(lambda row, x, d: record(10.0 + row["pressure.phase"])), CONFIRMED),
+    (rows.phase_pi_is_worst, Given(lambda row, x, d: record(10.0 + row["pressure.phase"] * (ratio_of(row) - 0.7))),
+     DEPENDS),
+    (rows.phase_pi_is_worst, Given(lambda row, x, d: record(10.0 - row["pressure.phase"])), NOT_CONFIRMED),
+    (rows.slope_exaggerates,
+     Given(lambda row, x, d: hills(0.2)(row, x, d) if ratio_of(row) < 1.0 else record(10.0)), CONFIRMED),
+    (rows.slope_exaggerates, Given(lambda row, x, d: record(11.0 if ratio_of(row) < 1.0 else 10.0)), DEPENDS),
+    (rows.slope_exaggerates, Given(hills(0.2)), NOT_CONFIRMED),
+    (rows.fifty_suffice, Given(), CONFIRMED),
+    (rows.fifty_suffice, Given(lambda row, x, d: record(settled=x < 0.3)), NOT_CONFIRMED),
     (rows.phase_with_steeper_law, Given(lowest("pressure.phase", 0.0, high=1.0, place=0.1)), NOT_CONFIRMED),
     (rows.earlier_onset, Given(slips_from(lambda row: 0.15 if ratio_of(row) < 1.0 else 0.18)), CONFIRMED),
     (rows.earlier_onset, Given(slips_from(lambda row: 0.18)), NOT_CONFIRMED),
@@ -284,9 +300,13 @@ CASES: list[tuple[Any, Given, str]] = [
     (rows.amplitude_jumps, Given(stretches=ending(0.25, 0.35)), CONFIRMED),
     (rows.amplitude_jumps, Given(stretches=ending(0.25)), DEPENDS),
     (rows.amplitude_jumps, Given(stretches=ending(0.30)), NOT_CONFIRMED),
-    (rows.amplitude_aperiodic, Given(period_at(lambda row, x: 0 if abs(x - 0.3) < 0.06 else 1)), CONFIRMED),
+    (rows.amplitude_enlarges, Given(by_amplitude((1.0, 1.0)), growing), CONFIRMED),
+    (rows.amplitude_enlarges, Given(by_amplitude((1.0, 1.0))), DEPENDS),
+    (rows.amplitude_enlarges, Given(jumps=lambda row: [0.25]), NOT_CONFIRMED),
+    (rows.amplitude_aperiodic, Given(period_at(lambda row, x: 0 if min(abs(x - 0.25), abs(x - 0.35)) < 0.01 else 1)),
+     CONFIRMED),
     (rows.amplitude_aperiodic, Given(period_at(lambda row, x: 0 if abs(x - 0.25) < 0.01 else 1)), DEPENDS),
-    (rows.amplitude_aperiodic, Given(), NOT_CONFIRMED),
+    (rows.amplitude_aperiodic, Given(period_at(lambda row, x: 0)), NOT_CONFIRMED),
 ]
 
 
