@@ -11,6 +11,7 @@ from typing import Any
 from tcc_sim.errors import counted
 from tcc_sim.output.tables import escape, markdown_table, text
 from tcc_sim.paper import (
+    claims_amplitude,
     claims_figure4,
     claims_figures5to7,
     claims_interaction,
@@ -23,7 +24,8 @@ from tcc_sim.paper.evidence import LATER
 from tcc_sim.paper.stable_motions import StableMotions
 from tcc_sim.result import json_of
 
-MODULES = (claims_model, claims_figure4, claims_figures5to7, claims_varying_load, claims_series, claims_interaction)
+MODULES = (claims_model, claims_figure4, claims_figures5to7, claims_varying_load, claims_series, claims_interaction,
+           claims_amplitude)
 CLAIMS: tuple[Claim, ...] = tuple(row for module in MODULES for row in vars(module).values() if isinstance(row, Claim))
 """Every claim in the order of the paper."""
 TOLERANCE = 1e-9
@@ -80,7 +82,7 @@ class Verdict:
                 "fitted": self.row.fitted}
 
 
-class Kept:
+class FindingFile:
     """Findings in a file of lines, so that an interrupted run goes on; a changed criterion is judged anew."""
 
     def __init__(self, path: Path | None) -> None:
@@ -120,7 +122,7 @@ def judge(claims: Sequence[Claim] = (), *, pressures: Sequence[float] = PRESSURE
     NumericalFailure
         A motion that a verdict rests on could not be solved.
     """
-    first, before, out = pressures[0], Kept(kept), []
+    first, before, out = pressures[0], FindingFile(kept), []
     every = {p: [StableMotions(TOLERANCE, jobs, progress, p)] for p in pressures}
     every[first].append(StableMotions(TIGHTER, jobs, progress, first, known=every[first][0].known))
     for row in claims or CLAIMS:
@@ -134,25 +136,26 @@ def judge(claims: Sequence[Claim] = (), *, pressures: Sequence[float] = PRESSURE
 
 def claims_page(verdicts: list[Verdict], *, complete: bool = True) -> str:
     """A summary, a table of the claims by verdict, and every claim with its numbers."""
+    places = list(dict.fromkeys(p for v in verdicts for p in v.pressures))
+    kpa = f"{', '.join(places)} kPa"
     lines = ["# The paper's claims", "", f"- {counts_of(verdicts)}.", "",
              "This page is generated: `tcc-sim claims --markdown FILE` writes it. Each claim of Duan and Singh is "
              "judged by the",
-             "criterion printed with it, at the mean pressures "
-             f"{', '.join(f'{p / 1e3:g}' for p in PRESSURES)} kPa with the relative tolerance {TOLERANCE:g}, at the "
-             f"first also with {TIGHTER:g}. The paper does not print",
-             "the mean pressure of Figs. 4 to 18; of 200 to 260 kPa these three agree with all numbers of the text "
-             "that depend on it, and the",
-             "claims on those numbers are marked as fitted. \"Depends\": the criterion says for what, such as some of "
-             "several numbers, or a weaker",
-             "statement that holds; or the verdicts differ between pressures or tolerances. Values are those at "
-             f"{PRESSURES[0] / 1e3:g} kPa. Frequencies are ratios",
-             f"omega/omega_n. Each motion has 150 cycles, the first 50 dropped; one whose section does not repeat by "
-             f"then goes on for {LATER} more",
-             "before it counts as aperiodic; slip that grows without end is neither. Where motions coexist the stable "
-             "ones found are listed: where",
-             "each begins and ends, and to which of them the initial state (13) leads.", ""]
+             f"criterion printed with it, at a mean pressure of {kpa} with the relative tolerance {TOLERANCE:g}, at "
+             f"the first also with {TIGHTER:g}. The paper",
+             "does not print the mean pressure of Figs. 4 to 18; of 200 to 260 kPa "
+             f"{', '.join(f'{p / 1e3:g}' for p in PRESSURES)} agree with all numbers of the text",
+             "that depend on it, and the claims on those numbers are marked as fitted. \"Depends\": the criterion says "
+             "for what, such as some of several",
+             "numbers, or a weaker statement that holds; or the verdicts differ between pressures or tolerances. "
+             f"Values are those at {places[0]} kPa. Frequencies",
+             "are ratios omega/omega_n. Each motion has 150 cycles, the first 50 dropped; one whose section does not "
+             "repeat by then goes on for",
+             f"{LATER} more before it counts as aperiodic; slip that grows without end is neither. Where motions "
+             "coexist the stable ones found are",
+             "listed: where each begins and ends, and to which of them the initial state (13) leads.", ""]
     found = [v for name in ORDER for v in verdicts if v.verdict == name]
-    lines += markdown_table(["Fig.", "Section", "claim", "verdict", "at 225, 230, 240 kPa"], map(claim_row, found))
+    lines += markdown_table(["Fig.", "Section", "claim", "verdict", f"at {kpa}"], map(claim_row, found))
     if not complete:
         lines += ["", "**Interrupted: not every claim was judged.**"]
     for v in found:
@@ -166,7 +169,7 @@ SHORT = {CONFIRMED: "yes", NOT_CONFIRMED: "no", DEPENDS: "depends"}
 
 def claim_row(v: Verdict) -> list[str]:
     """The cells of the table on one claim."""
-    at = ", ".join(SHORT[x] for x in v.pressures.values()) if len(v.pressures) > 1 else "any"
+    at = "any" if v.row.alone else ", ".join(SHORT[x] for x in v.pressures.values())
     return [v.finding.figure, v.finding.where, escape(v.finding.claim), v.verdict, at + " (fitted)" * v.row.fitted]
 
 
