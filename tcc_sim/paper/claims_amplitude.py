@@ -50,7 +50,7 @@ def amplitude_enlarges(evidence: Evidence) -> Measured:
     "larger than that within as far of the ratios from 0.14 to 0.36 on average"))
 def amplitude_aperiodic(evidence: Evidence) -> Measured:
     sweeps = evidence.curves(rows(18)[2:], AXIS)
-    none = np.array([evidence.periods(sweep) == 0 for sweep in sweeps]).any(axis=0)
+    none = np.asarray(np.any([evidence.periods(sweep) == 0 for sweep in sweeps], axis=0))
     def share(place: float) -> float:
         return float(none[np.abs(AXIS - place) <= NEAR + 1e-9].mean())
 
