@@ -96,7 +96,8 @@ def judged(verdict: str) -> str:
         criterion, *rest = body.strip().split("\n\n")
         if criterion.startswith(f"**{verdict}**"):
             figure, _, claim = head.partition(": ")
-            rows.append((figure, claim, rest[0].split("\n")[0].removeprefix("- ").rstrip(".")))
+            lines = [line.removeprefix("- ").rstrip(".") for line in rest[0].split("\n")[:2]]
+            rows.append((figure, claim, "; ".join(lines if len("".join(lines)) < 250 else lines[:1])))
     return table(("Fig. or equation", "the paper says", "reason"), rows)
 
 
