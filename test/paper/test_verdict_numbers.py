@@ -7,9 +7,9 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from given import Given, law_of, record
-from test_verdicts import (
+from given import (
     NAMED,
+    Given,
     beside,
     by_amplitude,
     cliffs,
@@ -19,19 +19,21 @@ from test_verdicts import (
     fig6,
     growing,
     hills,
+    law_of,
     lowest,
     orbit,
     other_phase,
     period_at,
     phase_is,
     ratio_of,
-    rows,
+    record,
     severe,
     severe_jumps,
     sharp,
     slips_from,
     slips_to,
 )
+from test_verdicts import rows
 
 from tcc_sim.paper.catalogue import OMEGA_N
 

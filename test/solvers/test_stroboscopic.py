@@ -200,7 +200,7 @@ def test_keys_without_a_derivative_are_refused(key: str, law: str) -> None:
 
 
 @pytest.mark.parametrize(("law", "rtol"), [("smoothed", 1e-8), ("set_valued", 1e-10)])
-@pytest.mark.parametrize("values", [{}, {**FALLING, "pressure.amplitude": 0.0}, {**FALLING, "pressure.amplitude": 3e5}])
+@pytest.mark.parametrize("values", [{}, {**FALLING, "pressure.amplitude": 3e5}])
 def test_each_motion_is_as_solved_by_itself(law, rtol, values):
     system = replace(System(), {"friction.law": law, **values})
     starts = np.array([[0.0, 0.1, 0.0], [120.0, 0.05, -3.0], [-40.0, 0.2, 1.0], [0.01, 0.1, 0.0]])
