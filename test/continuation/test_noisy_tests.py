@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from test_codim2 import curve_of, quintic
 
+from tcc_sim.continuation import curve_track
+from tcc_sim.continuation.codim2_points import measured
 from tcc_sim.continuation.shooting import ParameterRange
 
 
@@ -30,7 +32,7 @@ def test_a_special_point_lies_within_its_error_wherever_the_curve_begins(size: f
     assert abs(found.second) <= found.second_error < 1e6 * size + 1e-7
 
 
-def test_a_test_function_that_is_all_noise_has_no_special_point() -> None:
+def test_a_test_function_that_is_all_noise_lists_no_special_point() -> None:
     """A cubic coefficient that is 1e-9 of the bend of the map, with either sign."""
     def flat(x, p):
         value, by_state, by_parameters = with_noise(1e-10)(x, (p[0], 1e-9 * p[1]))
@@ -38,4 +40,18 @@ def test_a_test_function_that_is_all_noise_has_no_special_point() -> None:
 
     curve, _ = curve_of(flat, 1, "period_doubling", (-0.2, 0.6), [0.0], first=SPAN)
     assert len(curve.values) > 20
-    assert [s for s in curve.special if s.located] == []
+    assert curve.special == ()
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("second", [0.6, -0.7])
+def test_a_sign_that_is_resolved_on_one_side_only_lists_nothing(side: float, second: float,
+                                                                monkeypatch: pytest.MonkeyPatch) -> None:
+    def noisy(point, test):
+        value, noise, step = measured(point, test)
+        q = point.equations.ranges[1].value(point.solution.z[2])
+        return value, (1e9 if q * side > 0.0 else noise), step
+
+    monkeypatch.setattr(curve_track, "measured", noisy)
+    curve, _ = curve_of(quintic, 1, "period_doubling", (-0.2, second), [0.0], first=SPAN)
+    assert curve.special == ()
