@@ -40,6 +40,8 @@ class Operation(Options):
                                       "without a command for this long in simulated time the input falls back (see "
                                       "engine.fallback and pressure.fallback); 0 never falls back", "s", 0.0, 1e6,
                                       live=True)
+    command_period: float = quantity(0.0, "time between two answers that lock-step waits for, whole ticks; 0 is every "
+                                     "tick", "s", 0.0, 10.0)
     wait_for_subscribers: int = quantity(0, "subscribers of joint_states to wait for before the first tick", "", 0,
                                          1000)
     publish_scalars: bool = quantity(True, "publish slip_speed, friction_torque and stick_slip_state")
@@ -49,6 +51,18 @@ class Operation(Options):
                                     "", 0, 99)
     cpu_affinity: tuple[int, ...] = quantity((), "cores that the real-time thread may run on; empty: all", "", 0, 1023)
     lock_memory: bool = quantity(False, "lock the process's memory, so that the real-time thread meets no page fault")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        ticks = self.command_period * self.rate
+        if abs(ticks - round(ticks)) > 1e-6:
+            raise InputError(f"command_period is {self.command_period:g} s; it must be a whole number of ticks of "
+                             f"{1.0 / self.rate:g} s")
+
+    @property
+    def answer_ticks(self) -> int:
+        """Ticks from one command that lock-step waits for to the next."""
+        return max(1, round(self.command_period * self.rate))
 
 
 OPERATION_QUANTITIES = Operation.quantities()

@@ -66,6 +66,7 @@ class RealTimeLoop:
         self.commands: list[CommandedInput] = [c for c in (self.engine_command, self.pressure_command) if c is not None]
         self.outputs = Outputs(node, scene)
         self._lockstep = scene.operation.pacing == "lockstep" and bool(self.commands)
+        self._answer_ticks = scene.operation.answer_ticks
         self._unanswered: list[CommandedInput] | None = None
         self._waits_since = 0.0
         self._said_commanded: list[bool] = []
@@ -217,7 +218,7 @@ class RealTimeLoop:
         """Wait for what the next tick waits for, with its commands taken; False where something else comes first."""
         tick = self.plant.stepper.tick
         if self._lockstep:
-            return self._answered(tick)
+            return tick % self._answer_ticks != 0 or self._answered(tick)
         if self.pacer.period_ns > 0.0 and not self.pacer.wait(self._interrupted):
             return False
         for command in self.commands:

@@ -147,8 +147,8 @@ class _Held:
 
 def closed_loop(scene: SceneLike, law: Callable[[Reading], Answer], seconds: float,
                 rate: float = 1000.0) -> ControlledRun:
-    """Run a control law against the driveline, one call a tick, as its node would run in lock-step with the driveline's
-    node: the same answers give the same states to the last bit.
+    """Run a control law against the driveline, one call a tick, or one a command_period where the scene has that, as
+    its node would run in lock-step with the driveline's node: the same answers give the same states to the last bit.
 
     An answer is held through the tick that follows the state it answers. What the node would refuse, a value out of its
     range or a pressure that needs too many sub-steps, is refused here: the value before it holds on, it is counted, and
@@ -189,8 +189,9 @@ def closed_loop(scene: SceneLike, law: Callable[[Reading], Answer], seconds: flo
     plant = Plant(scene)
     held, samples, reading = _Held(plant), Samples(plant), plant.reading()
     samples.add(plant, reading, None, None)
-    for _ in range(round(seconds * rate)):
-        held.take(law(reading))
+    for tick in range(round(seconds * rate)):
+        if tick % scene.operation.answer_ticks == 0:
+            held.take(law(reading))
         reading = plant.advance()
         samples.add(plant, reading, held.torque, held.pressure)
     if held.refused:

@@ -58,7 +58,8 @@ class Rig:
 
     def __init__(self, scene: SceneLike, changes: Mapping[str, object] | None = None, rate: float = 1000.0,
                  faults: Faults | Mapping[str, int] | None = None, patience: float = PATIENCE) -> None:
-        wanted = as_scene(scene).with_values({**(changes or {}), "rate": rate, "pacing": "lockstep"})
+        wanted = as_scene(scene).with_values({"publish_clock": True, **(changes or {}), "rate": rate,
+                                              "pacing": "lockstep"})
         self._patience = patience
         self._lines = {name: Line(name, Faults.of(faults)) for name in INPUTS}
         try:
@@ -72,6 +73,7 @@ class Rig:
         self._requests.add_node(self._node)
         self._target_topic = subscribe(self._node, Float64, "target_slip_speed", LATCHED)
         self._under_test: dict[Node, str] = {}
+        self._timed: set[str] = set()
         self._target: float | None = None
         self._worker = Worker()
         self._closed = False
@@ -168,8 +170,9 @@ class Rig:
         for _ in range(count):
             if self._plant.stepper.tick % SERVED == 0:
                 self._requests.spin_once(timeout_sec=0.0)
-            self._await_answers(commands)
-            missed += self._deliver(commands)
+            awaited = self._awaited(commands)
+            self._await_answers(commands, awaited)
+            missed += self._deliver(commands, awaited)
             self._loop.step()
             self._loop.outputs.flush()
             samples.add(self._plant, self._plant.reading(), *self._held())
@@ -187,17 +190,33 @@ class Rig:
             names = " and ".join(command.name for command in self._loop.commands)
             raise ControllerFailed(f"no node that was added publishes {names}, which the scene "
                                    f"{self._node.scene.name} takes")
+        timed = {name for node, name in self._under_test.items() if node.get_parameter("use_sim_time").value}
+        self._timed = {command.name for command in commands if timed and timed >= {
+            info.node_name for info in self._node.get_publishers_info_by_topic(command.name)}}
         if not self._loop.clock_started.is_set():
             self._loop.begin()
         return commands
 
-    def _await_answers(self, commands: list[CommandedInput]) -> None:
-        """Spin the nodes under test until every command that answers the state is there."""
+    def _awaited(self, commands: list[CommandedInput]) -> list[CommandedInput]:
+        """The commands that must answer the state: once a command_period, and of nodes that follow the states.
+
+        A node with use_sim_time follows /clock: its timers decide when it sends.
+        """
+        if self._plant.stepper.tick % self._node.scene.operation.answer_ticks:
+            return []
+        return [command for command in commands if command.name not in self._timed]
+
+    def _await_answers(self, commands: list[CommandedInput], awaited: list[CommandedInput]) -> None:
+        """Spin the nodes under test until every command that must answer the state is there, and take the others."""
         plant = self._plant
         tick, stamp, since = plant.stepper.tick, plant.stamp_ns, time.monotonic()
-        missing, others = list(commands), 0
-        if not missing:
+        missing, others = list(awaited), 0
+        if len(missing) < len(commands) or not commands:
             self._settle()
+            for command in commands:
+                if command not in awaited:
+                    for data, _ in poll(command.subscription):
+                        self._lines[command.name].send(data, tick)
         while missing:
             for command in tuple(missing):
                 for data, _ in poll(command.subscription):
@@ -214,14 +233,14 @@ class Rig:
                     self._requests.spin_once(timeout_sec=0.0)
             self._worker.beat()
 
-    def _deliver(self, commands: list[CommandedInput]) -> int:
-        """Hand over what arrives before the next tick; how many inputs have nothing new."""
+    def _deliver(self, commands: list[CommandedInput], awaited: list[CommandedInput]) -> int:
+        """Hand over what arrives before the next tick; how many of the awaited inputs have nothing new."""
         tick, missed = self._plant.stepper.tick, 0
         for command in commands:
             received = command.received
             for data in self._lines[command.name].deliver(tick):
                 command.accept(data, tick)
-            missed += command.received == received
+            missed += command in awaited and command.received == received
         return missed
 
     def _spin(self, seconds: float) -> bool:
@@ -258,8 +277,11 @@ class Rig:
 
     def _settle(self) -> None:
         """Let the nodes under test do what is left to do."""
+        idle = 0
         for _ in range(MOST_CALLBACKS):
-            if not self._spin(0.0):
+            # A message on /clock makes timers ready for the next look only.
+            idle = 0 if self._spin(0.0) else idle + 1
+            if idle > len(self._timed):
                 break
 
     def _held(self) -> tuple[float | None, float | None]:

@@ -36,7 +36,7 @@ class ControllerFailed(TccError, AssertionError):
 class LockstepRun(ControlledRun):
     """What a driveline did under the commands of the nodes under test.
 
-    missed : ticks in which an input had no new command: it was dropped, late, or refused
+    missed : ticks in which an awaited input had no new command: it was dropped, late, or refused
     target : slip speed that was asked for, rad/s, and the sample from which on; None where nobody said it
     """
 

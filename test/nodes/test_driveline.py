@@ -238,6 +238,21 @@ def test_lockstep_waits_for_each_command(bench: Any) -> None:
     assert node.loop.plant.stepper.tick == len(torques)
 
 
+def test_lockstep_awaits_an_answer_every_command_period(bench: Any) -> None:
+    node = start(bench, scene="controlled", pacing="lockstep", command_period=0.005, command_timeout=0.0,
+                 wait_for_subscribers=0)
+    heard = listener(bench, JointState, "joint_states")
+    publisher = bench.context_node.create_publisher(FluidPressure, "actuation_pressure", 10)
+    bench.until(publisher.get_subscription_count)
+    node.start()
+    for answered in range(4):
+        bench.until(lambda n=5 * answered + 1: len(heard) == n and node.loop.waits_for)
+        command = FluidPressure(fluid_pressure=2e5 + answered)
+        command.header.stamp = heard[-1].header.stamp
+        publisher.publish(command)
+    bench.until(lambda: len(heard) == 21)
+
+
 def test_set_pause_does_not_hold_up_the_end(bench: Any) -> None:
     node = start(bench, scene="minimal")
     node.start()
