@@ -54,8 +54,7 @@ class Operation(Options):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        ticks = self.command_period * self.rate
-        if abs(ticks - round(ticks)) > 1e-6:
+        if (self.command_period * self.rate + 1e-6) % 1.0 > 2e-6:
             raise InputError(f"command_period is {self.command_period:g} s; it must be a whole number of ticks of "
                              f"{1.0 / self.rate:g} s")
 
@@ -101,8 +100,7 @@ class Scene:
         model = {k: v for k, v in values.items() if k not in OPERATION_QUANTITIES}
         options: dict[str, Any] = {k: v for k, v in values.items() if k in OPERATION_QUANTITIES}
         for key in model:
-            if key not in parameters.QUANTITIES:
-                raise parameters.unknown_key(key, KNOWN_KEYS)
+            meaning_of(key)
         return dataclasses.replace(self, system=parameters.replace(self.system, model),
                                    operation=dataclasses.replace(self.operation, **options))
 
@@ -118,8 +116,7 @@ class Scene:
         InputError
             An unknown key; the nearest valid one is named.
         """
-        if key not in KNOWN_KEYS:
-            raise parameters.unknown_key(key, KNOWN_KEYS)
+        meaning_of(key)
         group, _, name = key.rpartition(".")
         return getattr(getattr(self.system, group) if group else self.operation, name)
 
@@ -292,8 +289,7 @@ def parse_assignments(assignments: list[str]) -> dict[str, object]:
         key, equals, value = word.partition("=")
         if not equals or not key or not value:
             raise InputError(f"{word!r} is not KEY=VALUE")
-        if key not in KNOWN_KEYS:
-            raise parameters.unknown_key(key, KNOWN_KEYS)
+        meaning_of(key)
         if key in values:
             raise InputError(f"{key} is given twice")
         if len(value) > LONGEST_VALUE:

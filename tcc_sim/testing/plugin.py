@@ -28,7 +28,8 @@ def driveline() -> Iterator[Callable[..., Rig]]:
         A test or a fixture has called rclpy.init() before, where other processes are seen.
     """
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-    from tcc_sim.testing.rig import Rig, alone, initialise
+    from tcc_sim.testing.isolation import alone, initialise
+    from tcc_sim.testing.rig import Rig
 
     alone()
     rigs: list[Rig] = []

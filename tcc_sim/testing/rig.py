@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Mapping
 
-import rclpy
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ShutdownException, SingleThreadedExecutor, TimeoutException
 from rclpy.node import Node
@@ -18,7 +16,6 @@ from tcc_sim.messages import cdr
 from tcc_sim.nodes.driveline import DrivelineNode
 from tcc_sim.nodes.loop_topics import CommandedInput
 from tcc_sim.nodes.middleware import LATCHED, poll, subscribe
-from tcc_sim.nodes.shared_memory import remove_ownerless
 from tcc_sim.plant.closed_loop import MOST_TICKS, Samples
 from tcc_sim.scene import SceneLike, as_scene
 from tcc_sim.testing.faults import Faults, Line
@@ -324,21 +321,3 @@ def _answers(name: str, data: bytes, stamp: int) -> bool:
         return cdr.read_fluid_pressure(data)[0] in (0, stamp)
     except ValueError:
         return True
-
-
-def alone() -> None:
-    """Raise InputError where rclpy was initialised so that other processes are seen: commands would reach their nodes.
-    """
-    if rclpy.ok() and os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE") != "OFF":
-        raise InputError("rclpy.init() was called before the fixture driveline, so this test would hear and command "
-                         "nodes of other processes: leave rclpy.init() to the fixture, or set "
-                         "ROS_AUTOMATIC_DISCOVERY_RANGE=OFF before it")
-
-
-def initialise() -> bool:
-    """Initialise ROS 2's default context for tests, unless it is; whether it has to be shut down again."""
-    if rclpy.ok():
-        return False
-    remove_ownerless()
-    rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
-    return True
