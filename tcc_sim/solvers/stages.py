@@ -81,9 +81,10 @@ def law_text(slip: Any, law: Any, slope: Any, sign: Any, sigma: Any, stribeck: A
     """
     v = slip.row()
     if sigma is None:
-        each = excesses_at(v, sign, stribeck)
-        law.set_row((1.0 + added([excess for excess, _ in each])) * sign)
-        slope.set_row(added([excess * -rate for excess, rate in each]))
+        if stribeck is not None:  # Without it mubar is constant in slip.
+            each = excesses_at(v, sign, stribeck)
+            law.set_row((1.0 + added([excess for excess, _ in each])) * sign)
+            slope.set_row(added([excess * -rate for excess, rate in each]))
         return
     e = exp(magnitude(v) * (-2.0 * sigma))
     share = 1.0 / (1.0 + e)

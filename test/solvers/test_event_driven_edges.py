@@ -74,6 +74,21 @@ def test_an_overdamped_plate_with_a_falling_coefficient():
     assert run.statistics.steps < 2000
 
 
+@pytest.mark.parametrize("kinetic", [0.3, 0.15])
+def test_an_overdamped_plate_that_sticks_and_slips_both_ways(kinetic):
+    """Against SciPy's DOP853 from event to event, with the law constant and falling in slip."""
+    system = overdamped(driveline__damping=40.0, driveline__plate_inertia=1e-3, engine__mean_torque=20.0,
+                        engine__torque_amplitude=1500.0, initial__slip_speed=5.0, friction__kinetic_coefficient=kinetic)
+    run = solve(system, cycles=3, samples_per_cycle=20).raise_for_status()
+    states, changes, _ = Piecewise(system, 1e-11, 1e-12).run(run.t[-1], run.t)
+    np.testing.assert_allclose(run.transitions.time, [change[0] for change in changes], atol=2e-9)
+    assert run.transitions.after.tolist() == [change[2] for change in changes]
+    assert set(run.transitions.after.tolist()) == {-1, 0, 1}
+    for found, expected in zip((run.slip_speed, run.plate_angle, run.plate_speed), states.T):
+        np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-7 * np.abs(expected).max())
+    assert run.statistics.steps < 150 * len(changes)
+
+
 def test_an_overdamped_plate_that_reverses_keeps_its_power_balance():
     system = overdamped(engine__mean_torque=0.0, engine__torque_amplitude=1500.0, initial__slip_speed=0.0)
     run = solve(system, cycles=2, samples_per_cycle=20_000)

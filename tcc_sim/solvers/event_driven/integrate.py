@@ -12,6 +12,7 @@ from typing import Any
 from tcc_sim.model.equations import Linear
 from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.bernstein import to_bernstein
+from tcc_sim.solvers.collocation import Tables
 from tcc_sim.solvers.compiling.compiled import compiled, fast
 from tcc_sim.solvers.event_driven.setup import UNKNOWN, Bounds, Memory, Setup
 from tcc_sim.solvers.event_driven.step import (
@@ -24,7 +25,7 @@ from tcc_sim.solvers.event_driven.step import (
     slip_arc,
     stick_arc,
 )
-from tcc_sim.solvers.event_driven.stiff_step import stiff_arc
+from tcc_sim.solvers.event_driven.stiff_step import FRESH, stiff_arc
 from tcc_sim.solvers.excitation import clamp_edge, excite, load_phase
 from tcc_sim.solvers.kept import (
     DONE,
@@ -88,7 +89,7 @@ def mode_of(slip_speed: float, loaded: bool, plate_angle: float, plate_speed: fl
 def begin(bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any) -> None:
     """The mode in which a state moves on, from the torques and their rates there; and when the clamp next acts."""
     state.load_edge = math.inf
-    state.length = fresh_length(terms.linear)
+    state.level = FRESH
     loaded = terms.mean_load > 0.0
     if bounds.clamped:
         state.load_edge, loaded = clamp_edge(state.tau, math.inf, state.shift, terms.mean_load, terms.pulsation,
@@ -100,26 +101,26 @@ def begin(bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any) -> N
 
 
 @fast
-def step_on(bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any, goal: float, rows: Any,
-            nodes: Any, matrices: Any, workspace: Any) -> Step:
+def step_on(bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any, goal: float, work: Any,
+            tables: Tables | None) -> Step:
     """The next step, at most to `goal` (s into the cycle) or to where the clamp acts; the state stays where it is."""
     remaining = min(goal, state.load_edge) - state.tau
     excite(state.tau, state.shift, state.mode != FREE, terms.mean_torque, waves, terms.mean_load, terms.pulsation,
            None, drive)
-    if nodes is not None:  # noqa: SIM102 (Numba leaves out what None rules out only where it is a test of its own)
+    rows, workspace = work.rows, work.bernstein
+    if tables is not None:  # noqa: SIM102 (Numba leaves out what None rules out only where it is a test of its own)
         if (bounds.stiff_stick and state.mode == STICK) or (bounds.stiff_slip and state.mode != STICK):
-            return stiff_arc(bounds, terms, waves, state, drive, remaining, rows, nodes, matrices, workspace)
+            if state.level >= 0:
+                step = stiff_arc(bounds, terms, waves, state, drive, remaining, tables, work.stages)
+                if step.degree > 0:
+                    return step
+                state.level = FRESH
+            state.level += 1
     if state.mode == STICK:
         return stick_arc(bounds, terms.linear, terms.mean_torque, waves, terms.mean_load, terms.pulsation, state, drive,
                          remaining, rows, workspace)
     return slip_arc(bounds, terms.linear, terms.mean_torque, waves, terms.mean_load, terms.pulsation, terms.stribeck,
                     state, drive, remaining, rows, workspace)
-
-
-@fast
-def fresh_length(linear: Linear) -> float:
-    """Length of a stiff step that shows the fast part, s."""
-    return float(linear[1] / max(linear[2], 1e-300))
 
 
 @fast
@@ -140,7 +141,7 @@ def finish(bounds: Bounds, terms: Terms, waves: Any, step: Step, goal: float, st
         # An arc that has died down: products of what is left would be denormal, and slow.
         state.plate_speed = 0.0
     if step.event != NO_EVENT or state.load_edge <= state.tau:
-        state.length = fresh_length(terms.linear)
+        state.level = FRESH
     if step.event == BREAKAWAY:
         state.mode = step.direction
         state.at_rest = 1
@@ -220,7 +221,8 @@ def integrate(first: int, whole: int, rest: float, step_limit: int, setup: Setup
     Goes on where `memory` is; returns how it ended. `angle` is None where theta1 is not asked for.
     """
     bounds, terms, waves, ratio, event_limit = setup
-    state, drive, counters, output, (rows, workspace, nodes, matrices) = memory
+    state, drive, counters, output, work = memory
+    rows, workspace = work.rows, work.bernstein
     period = bounds.period
     all_cycles = whole + (1 if rest > 0.0 else 0)
     while output.cycle < all_cycles:
@@ -235,7 +237,7 @@ def integrate(first: int, whole: int, rest: float, step_limit: int, setup: Setup
             state.first_mode = state.mode
         goal = rest if n == whole else period if n == whole - 1 else state.tau + AHEAD * period
         mode, tau = state.mode, state.tau
-        step = step_on(bounds, terms, waves, state, drive, goal, rows, nodes, matrices, workspace)
+        step = step_on(bounds, terms, waves, state, drive, goal, work, work.tables)
         if not step.x >= 0.0:
             return NOT_FINITE
         if angle is not None:

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tcc_sim.model.friction import exponentials, largest_ratio
+from tcc_sim.solvers.collocation import Tables
 from tcc_sim.solvers.terms import Terms, excitation_frequency, peak_load, steps_allowed, torque_swing
 
 EXACT = 1e-16
@@ -115,20 +116,22 @@ COUNTERS = np.dtype([("steps", np.int64), ("cycle", np.int64), ("cycle_steps", n
 STATE = np.dtype([("slip_speed", np.float64), ("plate_angle", np.float64), ("plate_speed", np.float64),
                   ("flywheel_angle", np.float64), ("mode", np.int64), ("tau", np.float64), ("shift", np.float64),
                   ("load_edge", np.float64), ("at_rest", np.int64), ("first_mode", np.int64),
-                  ("length", np.float64)])
+                  ("level", np.int64)])
 """Where a run is: the state (rad/s, rad, rad/s, rad); its mode; seconds into the engine cycle; the load's phase at the
 start of the cycle, rad; when the clamp next sets in or ends, s into the cycle; whether slip has just begun at v = 0;
-the mode at the start of the run; the length of the next step of a stiff arc, s.
+the mode at the start of the run; the rung of the next step of a stiff arc, below 0 while series steps are due.
 """
 
 
 class Work(NamedTuple):
-    """Work space: of the series, of Bernstein coefficients, and of stiff arcs (None without them)."""
+    """Work space: of polynomials, of Bernstein coefficients, and for stiff arcs what `stages` works in, of which those
+    are parts, with the ladder's tables (None without them).
+    """
 
     rows: Any
     bernstein: Any
-    nodes: Any
-    matrices: Any
+    stages: Any
+    tables: Tables | None
 
 
 class Memory(NamedTuple):

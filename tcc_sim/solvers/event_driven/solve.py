@@ -14,18 +14,19 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.model.parameters import System
-from tcc_sim.solvers import SOLVERS
+from tcc_sim.solvers import SOLVERS, collocation
 from tcc_sim.solvers.bernstein import WORKSPACE
 from tcc_sim.solvers.compiling.compiled import compiled
 from tcc_sim.solvers.event_driven.integrate import integrate
-from tcc_sim.solvers.event_driven.setup import COUNTERS, STATE, UNKNOWN, Bounds, Memory, Setup, Work, bounds_of
+from tcc_sim.solvers.event_driven.setup import COUNTERS, STATE, UNKNOWN, Memory, Setup, Work, bounds_of
 from tcc_sim.solvers.event_driven.step import SHAPE
-from tcc_sim.solvers.event_driven.stiff_step import MATRICES, VALUES
+from tcc_sim.solvers.event_driven.stiff_step import FRESH
 from tcc_sim.solvers.excitation import DRIVE, waves_of
 from tcc_sim.solvers.kept import CYCLE, OUTPUT, Kept, Store
 from tcc_sim.solvers.problem import Problem
+from tcc_sim.solvers.stages import WORK
 from tcc_sim.solvers.stroboscopic import ends
-from tcc_sim.solvers.terms import Terms, per_system, terms_of
+from tcc_sim.solvers.terms import Terms, load_frequency, per_system, terms_of
 from tcc_sim.trajectory import Floats, Orbits, Statistics, Status, Trajectory
 
 STEP_MAXIMUM = 1_000_000
@@ -43,10 +44,16 @@ def setup_of(system: System, rtol: float) -> Setup:
                  system.pressure.frequency_ratio, event_limit(terms, system.cycle))
 
 
-def work_of(bounds: Bounds) -> Work:
+def work_of(setup: Setup) -> Work:
     """Work space for a solve."""
-    stiff = (np.zeros(VALUES), np.zeros(MATRICES)) if bounds.stiff_slip or bounds.stiff_stick else (None, None)
-    return Work(np.zeros(SHAPE), np.zeros(WORKSPACE), *stiff)
+    bounds = setup.bounds
+    if not (bounds.stiff_slip or bounds.stiff_stick):
+        return Work(np.zeros(SHAPE), np.zeros(WORKSPACE), None, None)
+    stages = np.zeros(1, WORK)[0]
+    rates = tuple(setup.waves["rate"].tolist())
+    ladder = collocation.ladder_of(bounds.slip_rate, bounds.period)
+    tables = collocation.tables(setup.terms.linear, rates, load_frequency(setup.terms), *ladder)
+    return Work(stages["rows"], stages["bernstein"], stages, tables)
 
 
 def solve(problem: Problem) -> Trajectory:
@@ -60,10 +67,10 @@ def solve(problem: Problem) -> Trajectory:
     state, counters, output = np.zeros(1, STATE), np.zeros(1, COUNTERS), np.zeros(1, OUTPUT)
     s = problem.state
     state[0] = (s.slip_speed, s.plate_angle, s.plate_speed, s.flywheel_angle, UNKNOWN, 0.0, 0.0, math.inf, 0, UNKNOWN,
-                0.0)
+                FRESH)
     output["highest"] = output["lowest"] = s.slip_speed
     kept = Kept(problem, output[0], 5, setup.event_limit)
-    memory = Memory(state[0], np.zeros(1, DRIVE)[0], counters[0], output[0], work_of(setup.bounds))
+    memory = Memory(state[0], np.zeros(1, DRIVE)[0], counters[0], output[0], work_of(setup))
     status = kept.run(integrate, problem.start_cycle, problem.whole_cycles, problem.rest, STEP_MAXIMUM, setup, memory)
     last = state[0]
     detail = {Status.EVENT_LIMIT: f"{setup.event_limit} events in one engine cycle",
@@ -115,9 +122,9 @@ def fill_sections(out: Floats, system: System, first: int, rtol: float, orbits: 
     states, counters, outputs = (np.zeros(len(out), kind) for kind in (STATE, COUNTERS, OUTPUT))
     states["slip_speed"], states["plate_angle"], states["plate_speed"] = out[:, 0].T
     states["mode"] = states["first_mode"] = UNKNOWN
-    states["load_edge"] = math.inf
+    states["load_edge"], states["level"] = math.inf, FRESH
     outputs["highest"] = outputs["lowest"] = out[:, 0, 0]
-    memories = Memory(states, np.zeros(1, DRIVE)[0], counters, outputs, work_of(setup.bounds))
+    memories = Memory(states, np.zeros(1, DRIVE)[0], counters, outputs, work_of(setup))
     # Whether a motion ends is asked every other cycle: the end of one costs a step.
     integrate_each(first, count, 2 if len(orbits.reach) else count, setup._replace(waves=setup.waves.copy()), memories,
                    Store(np.zeros(count + 2, CYCLE), np.empty((0, 5)), 0, None), orbits, out)

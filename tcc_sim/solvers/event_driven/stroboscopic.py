@@ -133,13 +133,13 @@ def resolved_step(until: float, setup: Setup, fastest: float, memory: Memory,
     and whether the friction coefficient varies in it.
     """
     bounds, terms, waves, _, _ = setup
-    state, drive, counters, _, (rows, workspace, _, _) = memory
+    state, drive, counters, rows = memory.state, memory.drive, memory.counters, memory.work.rows
     mode, tau = state.mode, state.tau
     amplitude: float = terms.pulsation[0]  # type: ignore[index]
     goal = min(until, tau + longest_step(bounds, terms.linear, terms.mean_load + amplitude, terms.stribeck, fastest,
                                           state))
     while True:
-        step = step_on(bounds, terms, waves, state, drive, goal, rows, None, None, workspace)
+        step = step_on(bounds, terms, waves, state, drive, goal, memory.work, memory.work.tables)
         counters.steps += 1
         falls = False
         if terms.stribeck is not None:
