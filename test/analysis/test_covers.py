@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from oracle import coefficient_and_slope
+from oracle import coefficient_and_slope, sliding_of
 from scipy.integrate import solve_ivp
 
 from tcc_sim.analysis.summary import summarise
@@ -29,10 +29,10 @@ def by_scipy(scene: Scene, torque: Any, pressure: Any, breaks: list[float]) -> d
     """The figures of a run whose torque and pressure are given per piece k: torque(k, t), pressure(k, t)."""
     system, points = scene.system, 40_000
     d, f, start = system.driveline, system.friction, system.initial
-    ratio, area = f.static_coefficient / f.kinetic_coefficient, system.clutch.area * system.clutch.radius
+    (kinetic, pairs), area = sliding_of(f), system.clutch.area * system.clutch.radius
 
     def friction_torque(k: int, t: float, v: float) -> float:
-        return f.kinetic_coefficient * area * pressure(k, t) * coefficient_and_slope(v, ratio, f.decay, f.smoothing)[0]
+        return kinetic * area * pressure(k, t) * coefficient_and_slope(v, pairs, f.smoothing)[0]
 
     def rates(t: float, y: Any, k: int) -> list[float]:
         tf = friction_torque(k, t, y[0])
