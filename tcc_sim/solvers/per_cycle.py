@@ -70,7 +70,10 @@ def cycles_of_states(t: Floats, states: Floats, terms: Terms, starts: Floats) ->
         t = np.array(t)
         t[at] = breaks
         t, states = np.insert(t, at, np.nextafter(breaks, -np.inf)), np.insert(states, at, states[at], axis=0)
-    slip, _, plate = rates_along(t, states, terms).T
+    held = np.array(t)
+    if terms.profile is not None:
+        held[-1] = np.nextafter(t[-1], -np.inf)  # Samples that end at a jump end before it.
+    slip, _, plate = rates_along(held, states, terms).T
     return cycles_from_samples(t, states[:, 0], slip, states[:, 1], states[:, 2], plate, starts=starts,
                                stick_speed=stick_speed_of(terms), linear=terms.linear)
 

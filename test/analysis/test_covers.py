@@ -117,16 +117,16 @@ def test_the_last_part_of_a_cycle_counts(capsys: Any, tmp_path: Path) -> None:
     assert "figures cover" not in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(("solver", "within"), [("auto", 1e-7), ("rk45", 2e-3), ("radau", 2e-3), ("rk4", 2e-4),
-                                                ("fixed_step", 2e-4)])
+@pytest.mark.parametrize(("solver", "within"), [("auto", 1e-7), ("rk45", 1e-5), ("radau", 1e-5), ("rk4", 1e-5),
+                                                ("fixed_step", 1e-5)])
 def test_no_parabola_crosses_a_jump(solver: str, within: float, tmp_path: Path) -> None:
     """Torque and pressure step at times that are no ticks; power is largest just behind a step of the pressure."""
-    t = [0.0, 0.0103, 0.0207, 0.0302, 0.0405]
+    t = [0.0, 0.0103, 0.0207, 0.0302, 0.0310]
     torque, pressure = [400.0, 300.0, 150.0, 380.0, 300.0], [4e4, 2.4e5, 5e4, 2.2e5, 1e5]
     table = tmp_path / "steps.csv"
     table.write_text("t,engine_torque,actuation_pressure\n" + "".join(f"{a},{b},{c}\n" for a, b, c in zip(
         t, torque, pressure)))
-    scene = driven_by(load_scene("fig02"), table)
+    scene = driven_by(load_scene("fig02").with_values({"engine.frequency": 600.0}), table)
     expected = by_scipy(scene, lambda k, _: torque[k], lambda k, _: pressure[k], t)
     found = simulate(scene, duration=t[-1], solver=solver, step=1e-6 if solver == "rk4" else None).summary
     assert found is not None
