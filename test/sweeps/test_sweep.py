@@ -207,7 +207,7 @@ def test_the_command_writes_json_and_keeps_what_is_done_on_ctrl_c(  # type: igno
     *(["--over", over] for over in (
         "engine.torque_amplitude=10:40", "engine.torque_amplitude=10:40:0", "engine.torque_amplitud=10:40:3",
         "engine.torque_amplitude=10:40:-3", "engine.torque_amplitude=nan:40:3",
-        "friction.kinetic_coefficient=0.1:0.5:3", "friction.law=1:2:2", "rate=100:200:2")),
+        "friction.kinetic_coefficient=-0.1:0.5:3", "friction.law=1:2:2", "rate=100:200:2")),
     *(["--over", "engine.torque_amplitude=10:40:3", option, value] for option, value in (
         ("--discard", "150"), ("--discard", "some"), ("--discard", "-1"), ("--jobs", "-1"), ("--jobs", "0"),
         ("--solver", "none"), ("--cycles", "0"), ("--rtol", "2")))])
