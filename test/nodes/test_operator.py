@@ -66,9 +66,9 @@ def test_it_does_what_the_ros2_commands_do_and_refusals_are_the_nodes_own(
     assert control("resume") == (0, "running\n", "")
     assert control("set", "engine.mean_torque=2.5e2", "pressure.phase=1") == (
         0, "engine.mean_torque 2.5e2, pressure.phase 1\n", "")
-    status, _, said = control("set", "friction.static_coefficient=0.1")
-    assert (status, said) == (2, "tcc-sim: friction.kinetic_coefficient is 0.24; it must be at most "
-                                 "friction.static_coefficient, 0.1\n")
+    status, _, said = control("set", "friction.static_coefficient=0.01")
+    assert (status, said) == (2, "tcc-sim: friction.kinetic_coefficient is 0.24; it must be 0.0005 to 0.2, one "
+                                 "twentieth to twenty times friction.static_coefficient\n")
     status, _, said = control("set", "driveline.stiffness=3")
     assert (status, said) == (2, "tcc-sim: driveline.stiffness cannot change while the driveline runs: start it again "
                                  "with --ros-args -p driveline.stiffness:=3, or with a parameter file\n")
