@@ -4,7 +4,9 @@ exit status.
 
 from __future__ import annotations
 
+import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -24,6 +26,8 @@ from tcc_sim.nodes.signals import left_to_the_system
 
 LOOK = 0.25
 """Longest time, s, between two looks at whether a signal has asked the node to end."""
+_INTERRUPTED = threading.Event()
+"""Whether Ctrl-C was pressed in a command."""
 N = TypeVar("N", bound=Node)
 
 
@@ -98,10 +102,21 @@ def node_of_command(name: str, namespace: str) -> Iterator[Node]:
                                                      start_parameter_services=False))
         except (ValueError, NameValidationException) as error:
             raise InputError(f"--namespace {namespace!r} is not a namespace: {str(error).splitlines()[0]}") from None
+        before = signal.getsignal(signal.SIGINT)
+        if before is signal.default_int_handler and threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGINT, _interrupt)
         try:
             yield node
         finally:
+            if signal.getsignal(signal.SIGINT) is _interrupt:
+                signal.signal(signal.SIGINT, before)
             node.destroy_node()
+
+
+def _interrupt(number: int, frame: object) -> None:
+    """Note that Ctrl-C was pressed and raise KeyboardInterrupt."""
+    _INTERRUPTED.set()
+    raise KeyboardInterrupt
 
 
 def log(node: Node, sentence: str) -> None:
@@ -173,6 +188,8 @@ class Spinner:
         except ExternalShutdownException:
             raise
         except Exception as error:
+            if _INTERRUPTED.is_set():  # rclpy's conversions turn a KeyboardInterrupt into an error of their own.
+                raise KeyboardInterrupt from error
             # rclpy decodes what others send, and raises here what it did not expect.
             self._failed += 1
             self._throttle.warn("callbacks", self._failed, "a message or request was not understood: "
