@@ -39,8 +39,7 @@ ROOMS = {
 }
 """Where a package that not everyone has, or that is slow to load, may be imported."""
 
-CIRCLES = {"recording.announcements", "recording.contents", "recording.reader", "replay.recorded", "replay.replay",
-           "solvers.event_driven.solve", "solvers.event_driven.stroboscopic", "solvers.smoothed.solve",
+CIRCLES = {"solvers.event_driven.solve", "solvers.event_driven.stroboscopic", "solvers.smoothed.solve",
            "solvers.smoothed.stroboscopic", "solvers.stroboscopic"}
 """Modules that may still import themselves through others."""
 

@@ -19,7 +19,7 @@ from scipy.stats import qmc
 
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.estimation.likelihood import Likelihood, profile_likelihood
-from tcc_sim.estimation.measurement import HOLDS, Measurement, noise_of, read_recording, read_table
+from tcc_sim.estimation.measurement import Measurement, noise_of, read_recording, read_table
 from tcc_sim.estimation.multiple_shooting import Fit, fit
 from tcc_sim.estimation.residuals import Whiteness, judge_residuals
 from tcc_sim.estimation.settings import DEFAULTS, FitSettings, Gates
@@ -27,7 +27,7 @@ from tcc_sim.estimation.units import check_units
 from tcc_sim.estimation.verdicts import Parameter, judged, why_no_noise, why_not
 from tcc_sim.estimation.windows import KINETIC, OFFSETS, STATIC, Model, check_key, on_its_side
 from tcc_sim.model.parameters import QUANTITIES, values_of
-from tcc_sim.recording.table import CHANNELS
+from tcc_sim.recording.table import CHANNELS, HOLDS
 from tcc_sim.result import Result, json_of
 from tcc_sim.scene import Scene, SceneLike, as_scene
 from tcc_sim.trajectory import Floats
@@ -95,8 +95,8 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
     free : keys of `windows.FREE`, each with its start (None: the scene's value; 0 for an offset)
     scene : scene, system, name or file: what is not free, and what inputs were not measured; a recording has its own
     noise : standard deviation by channel, rad/s or rad; what is absent is estimated from the signal
-    hold : of `measurement.HOLDS`, what a measured input is between two samples; None takes what the measurement says of
-        itself, or the one that fits best
+    hold : one of `recording.table.HOLDS`, how a measured input goes on between two samples; None takes what the
+        measurement says of itself, or the one that fits best
     likelihood : key whose profile likelihood is wanted
     tick : called after every iteration
 

@@ -10,13 +10,10 @@ import numpy as np
 
 from tcc_sim.errors import InputError
 from tcc_sim.estimation.settings import DEFAULTS
-from tcc_sim.recording.table import CHANNELS, TIME, read_columns
+from tcc_sim.recording.table import CHANNELS, HOLDS, TIME, read_columns
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.topics import INPUTS
 from tcc_sim.trajectory import Floats
-
-HOLDS = ("previous", "linear", "next")
-"""What an input is between two samples: the value of the previous one, linear, or the value of the next one."""
 
 
 @dataclass(frozen=True)

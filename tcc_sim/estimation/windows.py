@@ -14,10 +14,11 @@ from typing import NamedTuple
 import numpy as np
 
 from tcc_sim.errors import InputError, NumericalFailure
-from tcc_sim.estimation.measurement import HOLDS, Measurement
+from tcc_sim.estimation.measurement import Measurement
 from tcc_sim.estimation.settings import DEFAULTS
 from tcc_sim.model.parameters import DEFAULTS as SCENE_KEYS
 from tcc_sim.model.parameters import System, replace, unknown_key
+from tcc_sim.recording.table import HOLDS
 from tcc_sim.solvers.fixed_step_sensitivity import LOAD_SCALE, ROWS, advance_windows
 from tcc_sim.solvers.key_derivatives import LOAD_AMPLITUDE, MEAN_LOAD, MEAN_TORQUE, NUMBERS, key_derivatives
 from tcc_sim.solvers.terms import Terms, holding, least_mean_load, substeps, terms_of
