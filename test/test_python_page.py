@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-PAGE = Path(__file__).resolve().parent.parent / ".github" / "python.md"
+PAGE = Path(__file__).resolve().parent.parent / ".github" / "guide" / "python.md"
 QUICKER = {"seeds, generations, samples = range(5), 30, 256": "seeds, generations, samples = range(1), 2, 8"}
 """Lines of the page that take long, and what is run in their place."""
 BLOCKS = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)

@@ -21,9 +21,8 @@ from tcc_sim.topics import TOPICS
 
 ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / "README.md"
-PAGES = [README, *(ROOT / ".github" / f"{name}.md" for name in (
-    "scenes", "nodes", "lockstep", "testing", "fmu", "recordings", "solvers", "estimation", "continuation", "python",
-    "paper", "security"))]
+PAGES = [README, *(path for room in ("guide", "paper") for path in sorted((ROOT / ".github" / room).glob("*.md"))
+                  if path.stem not in ("claims", "errata", "motions"))]
 """What people read; the reports that commands write are not among them."""
 NODES = ROOT / "tcc_sim" / "nodes"
 
@@ -33,9 +32,15 @@ def table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
 
 
 def test_the_readme_leads_to_every_page_and_help_has_every_verb_in_a_group() -> None:
-    linked = set(re.findall(r"\(\.github/(\w+)\.md\)", README.read_text()))
-    assert {path.stem for path in (ROOT / ".github").glob("*.md")} == linked
+    linked = set(re.findall(r"\(\.github/(\w+/\w+)\.md\)", README.read_text()))
+    assert {f"{path.parent.name}/{path.stem}" for path in (ROOT / ".github").glob("*/*.md")} == linked
     assert sorted(name for names in GROUPS.values() for name in names) == sorted(VERBS)
+
+
+def test_links_and_pictures_of_the_pages_exist() -> None:
+    for page in [README, *(ROOT / ".github").glob("*/*.md")]:
+        for target in re.findall(r"\]\(([^)#:\s]+)(?:#[^)]*)?\)", page.read_text()):
+            assert (page.parent / target).exists(), f"{page.relative_to(ROOT)} links to {target}"
 
 
 def parameter_row(key: str, meaning: Quantity, default: object) -> tuple[str, ...]:
@@ -83,7 +88,7 @@ def tables() -> dict[str, str]:
         "scenes": table(("scene", "what it shows"), [(f"`{n}`", load_scene(n).description) for n in bundled_scenes()]),
         "solvers": table(("solver", "what it is", "friction law", "setting"), [
             (f"`{n}`", s.description, " or ".join(s.laws), s.setting) for n, s in SOLVERS.items()]),
-        "verdicts": report(".github/claims.md", "The paper's claims"),
+        "verdicts": report(".github/paper/claims.md", "The paper's claims"),
         "refuted": judged("Not confirmed"), "in part": judged("Depends"),
     }
 
@@ -91,7 +96,7 @@ def tables() -> dict[str, str]:
 def judged(verdict: str) -> str:
     """The claims of a verdict on the page that `tcc-sim claims` wrote, each with its reason or first number."""
     rows = []
-    for section in (ROOT / ".github" / "claims.md").read_text().split("\n## ")[1:]:
+    for section in (ROOT / ".github" / "paper" / "claims.md").read_text().split("\n## ")[1:]:
         head, _, body = section.partition("\n")
         criterion, *rest = body.strip().split("\n\n")
         if criterion.startswith(f"**{verdict}**"):

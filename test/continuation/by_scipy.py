@@ -10,7 +10,7 @@ from tcc_sim.model.parameters import replace
 DOUBLING = 0.777332549
 FOLDS = 0.667984629, 0.918464437
 """mu_k/mu_s at which the motion of period one doubles, and at which that of period two folds, for the smoothed law at
-omega/omega_n = 0.36 under a constant load of 225 kPa: by AUTO-07p (the table in `.github/motions.md`).
+omega/omega_n = 0.36 under a constant load of 225 kPa: by AUTO-07p (the table in `.github/paper/motions.md`).
 """
 
 

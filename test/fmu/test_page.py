@@ -13,7 +13,7 @@ from tcc_sim.fmu.c_types import DOUBLE, Refused, Static
 from tcc_sim.fmu.export import compiler
 from tcc_sim.fmu.printer import Library
 
-PAGE = Path(__file__).resolve().parents[2] / ".github" / "fmu.md"
+PAGE = Path(__file__).resolve().parents[2] / ".github" / "guide" / "fmu.md"
 
 
 @pytest.mark.skipif(compiler() is None, reason="there is no C compiler")

@@ -59,5 +59,5 @@ def test_the_launch_file_names_what_the_package_has(launch_file):
     assert load_scene(launch_file.ARGUMENTS["scene"][0]).name == "commands"
     assert [item.kind for item in launch_file.generate_launch_description().given[0]] == [
         *["DeclareLaunchArgument"] * len(launch_file.ARGUMENTS), "OpaqueFunction"]
-    page = (ROOT / ".github" / "nodes.md").read_text()
+    page = (ROOT / ".github" / "guide" / "nodes.md").read_text()
     assert all(f"`{name}`" in page for name in launch_file.ARGUMENTS)

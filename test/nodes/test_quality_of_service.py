@@ -21,7 +21,7 @@ def start(bench: Any, **parameters: Any) -> DrivelineNode:
 
 
 def test_the_page_says_the_quality_of_service_that_is_offered(bench: Any) -> None:
-    page = (Path(__file__).parents[2] / ".github" / "nodes.md").read_text().split("Quality of service, as")[1]
+    page = (Path(__file__).parents[2] / ".github" / "guide" / "nodes.md").read_text().split("Quality of service, as")[1]
     said = {}
     for line in page.splitlines():
         cells = [cell.strip() for cell in line.strip("|").split("|")]

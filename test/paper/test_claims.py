@@ -24,7 +24,7 @@ from tcc_sim.paper.criteria import CONFIRMED, DEPENDS, NOT_CONFIRMED, Claim, Fin
 from tcc_sim.paper.evidence import Evidence, share_where
 from tcc_sim.paper.stable_motions import StableMotions
 
-PAGE = Path(__file__).resolve().parents[2] / ".github" / "claims.md"
+PAGE = Path(__file__).resolve().parents[2] / ".github" / "paper" / "claims.md"
 
 
 @pytest.mark.parametrize("name", ["three_motions"])

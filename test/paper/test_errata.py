@@ -34,7 +34,7 @@ def test_every_erratum_is_whole_and_its_module_is_there() -> None:
 
 def test_the_page_has_every_erratum_and_what_is_left_open() -> None:
     """The table, the reasons, and the numbers of those that closed forms give, as the code has them."""
-    page = (Path(__file__).resolve().parents[2] / ".github" / "errata.md").read_text()
+    page = (Path(__file__).resolve().parents[2] / ".github" / "paper" / "errata.md").read_text()
     assert f"{len(errata.ERRATA)} places of the paper where another form is right, and {len(errata.OPEN)} that" in page
     for row in errata.ERRATA:
         cells = [escape(row.where), escape(row.printed), escape(row.right), f"`{row.code}`" if row.code else ""]

@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 EXAMPLE = Path(__file__).resolve().parent / "example"
-PAGE = Path(__file__).resolve().parents[2] / ".github" / "testing.md"
+PAGE = Path(__file__).resolve().parents[2] / ".github" / "guide" / "testing.md"
 BLOCK = re.compile(r"^```python (\S+)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 installed = pytest.mark.skipif(not [found for found in entry_points(group="pytest11") if found.name == "tcc_sim"],
                                reason="the package is not installed, so pytest does not know its plugin")
