@@ -110,19 +110,20 @@ def kind_name(kind: Kind) -> str:
     return kind.name
 
 
-def struct_of(source: type[Any], tables: dict[str, tuple[int, str]]) -> Struct:
+def struct_of(source: type[Any], tables: dict[str, tuple[int, str]], lengths: dict[str, int]) -> Struct:
     """The structure of a NamedTuple.
 
     Parameters
     ----------
     source : with annotated fields: numbers, tuples of numbers and arrays, each of them possibly None
     tables : columns of its arrays, and the macro that has the largest number of rows, by field
+    lengths : of its tuples of any length, by field
     """
     hints = typing.get_type_hints(source)
-    return Struct(source.__name__, tuple((name, _kind(name, hints[name], tables)) for name in hints))
+    return Struct(source.__name__, tuple((name, _kind(name, hints[name], tables, lengths)) for name in hints))
 
 
-def _kind(name: str, hint: Any, tables: dict[str, tuple[int, str]]) -> Kind:
+def _kind(name: str, hint: Any, tables: dict[str, tuple[int, str]], lengths: dict[str, int]) -> Kind:
     """The type of a field from its annotation; a number that may be None is there, since the real-time solver needs
     it.
     """
@@ -134,7 +135,8 @@ def _kind(name: str, hint: Any, tables: dict[str, tuple[int, str]]) -> Kind:
         return DOUBLE if inner is float else INT
     origin = typing.get_origin(inner)
     if origin is tuple:
-        return Tuple(tuple(DOUBLE for _ in typing.get_args(inner)), optional)
+        parts = typing.get_args(inner)
+        return Tuple((DOUBLE,) * (lengths[name] if ... in parts else len(parts)), optional)
     if origin is np.ndarray and name in tables:
         return Table(name, *tables[name])
     raise Refused(f"{name}: {hint}")

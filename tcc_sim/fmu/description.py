@@ -11,7 +11,9 @@ from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
 from tcc_sim import __version__
-from tcc_sim.model.parameters import QUANTITIES, values_of
+from tcc_sim.model.friction import steepest_fall
+from tcc_sim.model.groups import TABLE, TABULATED
+from tcc_sim.model.parameters import QUANTITIES, System, values_of
 from tcc_sim.scene import Scene
 from tcc_sim.solvers.terms import RESOLUTION, SUBSTEP_LIMIT
 from tcc_sim.topics import INPUTS, topic
@@ -91,12 +93,17 @@ def _parameters(scene: Scene) -> Iterator[Variable]:
     """The numbers of the scene; those of a list one by one."""
     for key, value in values_of(scene.system):
         meant = QUANTITIES[key]
-        if isinstance(value, str) or f"{key}_times" in scene.system.varying:
-            continue  # A number that a profile takes the place of has no effect.
+        if isinstance(value, str) or key in TABLE or _replaced(scene.system, key):
+            continue
         many = isinstance(value, tuple)
         for place, number in enumerate(value if isinstance(value, tuple) else (value,), 1):
             yield Variable(f"{key}[{place}]" if many else key, "parameter", "tunable" if meant.live else "fixed",
                            meant.unit, meant.description, number, meant.low, meant.high, meant.above)
+
+
+def _replaced(system: System, key: str) -> bool:
+    """Whether a profile or the friction table takes the place of a number, so that it has no effect."""
+    return f"{key}_times" in system.varying or (key in TABULATED and system.friction.curve is not None)
 
 
 def variables_header(scene: Scene, rows: list[Variable], identifier: str, token: str, step: float) -> str:
@@ -112,9 +119,9 @@ def variables_header(scene: Scene, rows: list[Variable], identifier: str, token:
                      f'{int(row.above)}}}')
     places = [f"{row.word} = {place}" for place, row in enumerate(rows)
               if not re.search(r"\[(?!1\])\d+\]$", row.name)]
-    # A list without elements, and what a profile takes the place of, have a place that nothing reads.
+    # A list without elements, and what a profile or a table takes the place of, have a place that nothing reads.
     places += [f"at_{key.replace('.', '_')} = 0" for key, value in values_of(system)
-               if value == () or f"{key}_times" in system.varying]
+               if value == () or _replaced(system, key)]
     points = [len(times) for times in (system.engine.frequency_times, system.engine.mean_torque_times,
                                        system.pressure.mean_times)]
     settings: dict[str, float] = {
@@ -125,6 +132,11 @@ def variables_header(scene: Scene, rows: list[Variable], identifier: str, token:
         "MOST_HARMONICS": max(1, len(system.engine.harmonic_amplitudes)),
         "FREQUENCY_POINTS": points[0], "TORQUE_POINTS": points[1], "PRESSURE_POINTS": points[2],
         "MOST_PIECES": 1 + sum(points)}
+    curve = system.friction.curve
+    pairs = () if curve is None else system.friction.stribeck or ()
+    settings |= {"TABLE": curve is not None, "EXPONENTIALS": len(pairs) // 2}
+    if curve is not None:
+        settings |= {"KINETIC": curve.constant, "STEEPEST_FALL": steepest_fall(pairs)}
     defined = "\n".join(f"#define TCC_{name} {value + 0}" for name, value in settings.items())
     body = ",\n    ".join(places)
     return f"""\
@@ -133,6 +145,7 @@ def variables_header(scene: Scene, rows: list[Variable], identifier: str, token:
 #define TCC_STEP {step!r}
 {defined}
 #define TCC_VARIABLES {len(rows)}
+static const double tcc_pairs[] = {{{', '.join(map(repr, pairs or (0.0, 0.0)))}}};
 typedef enum {{ TCC_CALCULATED, TCC_INPUT, TCC_FIXED, TCC_TUNABLE }} tcc_role;
 typedef enum {{ TCC_REAL, TCC_INTEGER }} tcc_type;
 typedef struct {{ const char *name; tcc_role role; tcc_type type; double start, low, high; int above; }} tcc_variable;

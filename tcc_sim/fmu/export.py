@@ -64,14 +64,10 @@ def fmu_of(scene: Scene, version: int = 2, step: float | None = None) -> Fmu:
     Raises
     ------
     InputError
-        A scene with a friction table or that the real-time solver cannot run, or a version or a step that is not
-        allowed.
+        A scene that the real-time solver cannot run, or a version or a step that is not allowed.
     """
     if version not in SOURCES:
         raise InputError(f"FMI version {version} is not known; it must be 2 or 3")
-    if scene.system.friction.slip_speeds:
-        raise InputError("an FMU takes no friction table; give friction.static_coefficient, kinetic_coefficient and "
-                         "decay in its place")
     step = 1.0 / scene.operation.rate if step is None else step
     if not 1.0 / 20000.0 <= step <= 1.0:
         raise InputError(f"step is {step:g} s; it must be 5e-05 to 1 s")
@@ -80,7 +76,7 @@ def fmu_of(scene: Scene, version: int = 2, step: float | None = None) -> Fmu:
     identifier = f"tcc_sim_{re.sub(r'[^A-Za-z0-9_]', '_', scene.name)}"
     texts = {name: resources.files(__package__).joinpath(f"c/{name}").read_text(encoding="utf-8")
              for name in ("tcc_model.h", "fmi_shared.h", SOURCES[version])}
-    texts["tcc_kernel.h"] = f"/* The tick of tcc_sim, printed from its Python source. */\n{_kernel()}"
+    texts["tcc_kernel.h"] = f"/* The tick of tcc_sim, printed from its Python source. */\n{_kernel(scene)}"
     parts = "".join([*texts.values(), variables_header(scene, rows, identifier, "", step),
                      model_description(version, scene, rows, identifier, "", step)])
     digest = hashlib.sha256(parts.encode()).hexdigest()
@@ -133,8 +129,7 @@ def export(scene: Scene, path: Path, version: int = 2, step: float | None = None
     Raises
     ------
     InputError
-        A scene with a friction table or that the real-time solver cannot run, or a version or a step that is not
-        allowed.
+        A scene that the real-time solver cannot run, or a version or a step that is not allowed.
     TccError
         The compiler of this machine refuses the sources.
     """
@@ -153,9 +148,11 @@ def export(scene: Scene, path: Path, version: int = 2, step: float | None = None
     return folder if with_binary else ""
 
 
-def _kernel() -> str:
+def _kernel(scene: Scene) -> str:
     """The tick in C99, all static; TCC_MOST_HARMONICS and TCC_MOST_PIECES say how large the arrays of Terms may be."""
-    terms = struct_of(Terms, {"harmonics": (3, "TCC_MOST_HARMONICS"), "profile": (8, "TCC_MOST_PIECES")})
+    numbers = len(scene.system.friction.stribeck or (0.0, 0.0))
+    terms = struct_of(Terms, {"harmonics": (3, "TCC_MOST_HARMONICS"), "profile": (8, "TCC_MOST_PIECES")},
+                      {"stribeck": numbers})
     of = dict(terms.fields)
     library = Library()
     library.declared(terms)

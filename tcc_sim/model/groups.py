@@ -23,6 +23,8 @@ LARGEST_RATIO = 20.0
 
 TABULATED = ("friction.static_coefficient", "friction.kinetic_coefficient", "friction.decay")
 """Keys that a friction table takes the place of."""
+TABLE = ("friction.slip_speeds", "friction.coefficients")
+"""The keys of the table."""
 
 
 @dataclass(frozen=True)
@@ -47,10 +49,10 @@ class Friction(Group):
     decay: float = quantity(2.0, "decay alpha of the friction coefficient with slip speed", "s/rad", 0.0, 1e3)
     smoothing: float = quantity(50.0, "smoothing factor sigma of law (7)", "s/rad", 1.0, 1e12)
     slip_speeds: tuple[float, ...] = quantity((), "slip speeds at which friction.coefficients were measured, the first "
-                                              "0", "rad/s", 0.0, 1e4)
+                                              "0", "rad/s", 0.0, 1e4, live=True)
     coefficients: tuple[float, ...] = quantity((), "measured friction coefficients; friction.static_coefficient, "
                                                "kinetic_coefficient and decay are then not used", "", 0.0, 2.0,
-                                               above=True)
+                                               above=True, live=True)
 
     @property
     def curve(self) -> FrictionCurve | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from pathlib import Path
 
@@ -12,6 +13,7 @@ pytest.importorskip("fmpy", reason="FMPy is not installed")
 
 from fmus import Driven, needs_compiler, written
 
+from tcc_sim.model.groups import TABLE, TABULATED
 from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.plant.driveline import Plant
 from tcc_sim.scene import Scene, bundled_scenes, load_scene
@@ -24,11 +26,16 @@ NAMES = ("slip_speed", "plate_angle", "plate_speed", "flywheel_angle", "flywheel
 FIELDS = ("slip_speed", "plate_angle", "plate_speed", "flywheel_angle", "flywheel_speed", "engine_torque",
           "friction_torque", "applied_pressure")
 SCENES = [name for name in bundled_scenes() if load_scene(name).system.friction.law == "smoothed"]
+V = range(0, 160, 2)
 OTHERS = {
     "harmonics": ("fig02", {"engine.harmonic_amplitudes": [60.0, 0.0, 20.0],
                             "engine.harmonic_phases": [0.3, 0.0, 1.0]}),
     "sharp": ("fig02", {"friction.smoothing": 1e6, "friction.kinetic_coefficient": 0.3}),
     "rising": ("fig02", {"friction.kinetic_coefficient": 0.4}),
+    "table": ("fig02", {"friction.slip_speeds": [float(v) for v in V],
+                        "friction.coefficients": [0.2 - 0.02 * math.exp(-0.05 * v) + 0.05 * math.exp(-1.5 * v)
+                                                  for v in V]}),
+    "constant_table": ("fig02", {"friction.slip_speeds": [0.0, 1.0, 9.0], "friction.coefficients": [0.25, 0.25, 0.25]}),
     "clamped": ("fig02", {"pressure.mean": 1e5, "pressure.amplitude": 2e5, "pressure.frequency_ratio": 0.7}),
     "profiles": ("fig02", {
         "engine.frequency_times": [0.0, 0.2, 0.7005], "engine.frequency_values": [100.0, 180.0, 150.0],
@@ -44,7 +51,9 @@ def lockstep(name: str, values: dict[str, object] | None = None) -> Scene:
 
 def drawn(draw: np.random.Generator, scene: Scene) -> dict[str, object]:
     """A change of some live keys."""
-    live = [key for key, quantity in QUANTITIES.items() if quantity.live and f"{key}_times" not in scene.system.varying]
+    kept = (*TABLE, *(TABULATED if scene.system.friction.slip_speeds else ()))  # A table is fixed in an FMU.
+    live = [key for key, quantity in QUANTITIES.items()
+            if quantity.live and key not in kept and f"{key}_times" not in scene.system.varying]
     base = {key: float(scene.value(key)) for key in live}  # type: ignore[arg-type]
     changed = {key: base[key] * float(draw.uniform(0.7, 1.3)) for key in draw.choice(live, 3, replace=False)}
     if draw.random() < 0.3:

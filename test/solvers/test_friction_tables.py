@@ -12,7 +12,6 @@ from oracle import smoothed_states
 from piecewise import Piecewise
 
 from tcc_sim.errors import InputError
-from tcc_sim.fmu.export import export
 from tcc_sim.model import friction
 from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.output.explanation import friction_line, friction_of
@@ -138,5 +137,3 @@ def test_a_scene_file_may_name_a_table(tmp_path: Path) -> None:
     (tmp_path / "lining.csv").unlink()
     with pytest.raises(InputError, match="No such file"):
         load_scene(file)
-    with pytest.raises(InputError, match="takes no friction table"):
-        export(found, tmp_path / "own.fmu")

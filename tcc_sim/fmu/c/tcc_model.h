@@ -77,9 +77,38 @@ static int tcc_flags(const Terms *t)
     return t->torque.has | t->harmonics.has << 1 | t->pulsation.has << 2 | t->stribeck.has << 3 | t->profile.has << 4;
 }
 
+/* A friction table was fitted when this was written: constant and pairs of amplitude over it and rate do not change. */
+static double tcc_kinetic(const double *x)
+{
+#if TCC_TABLE
+    (void)x;
+    return TCC_KINETIC;
+#else
+    return x[at_friction_kinetic_coefficient];
+#endif
+}
+
 static double tcc_per_pressure(const double *x)
 {
-    return x[at_friction_kinetic_coefficient] * x[at_clutch_area] * x[at_clutch_radius];
+    return tcc_kinetic(x) * x[at_clutch_area] * x[at_clutch_radius];
+}
+
+/* The exponentials of the friction law; none where the coefficient is constant. */
+static void tcc_exponentials(const double *x, Terms *t)
+{
+#if TCC_TABLE
+    (void)x;
+    t->stribeck.has = TCC_EXPONENTIALS > 0;
+    if (t->stribeck.has) memcpy(&t->stribeck._0, tcc_pairs, sizeof tcc_pairs);
+#else
+    double ratio = x[at_friction_static_coefficient] / tcc_kinetic(x);
+    (void)tcc_pairs;
+    if (ratio != 1.0) {
+        t->stribeck.has = 1;
+        t->stribeck._0 = ratio - 1.0;
+        t->stribeck._1 = x[at_friction_decay];
+    }
+#endif
 }
 
 /* Columns of a profile: tcc_sim.model.profile */
@@ -164,7 +193,6 @@ static tcc_origin tcc_moved(const tcc_model *m, Terms *room)
 static void tcc_terms_of(const double *x, int profile, tcc_origin origin, Terms *t)
 {
     double omega = profile ? 1.0 : x[at_engine_frequency], per_pressure = tcc_per_pressure(x);
-    double ratio = x[at_friction_static_coefficient] / x[at_friction_kinetic_coefficient];
     memset(t, 0, sizeof *t);
     t->linear._0 = x[at_driveline_flywheel_inertia];
     t->linear._1 = x[at_driveline_plate_inertia];
@@ -194,11 +222,7 @@ static void tcc_terms_of(const double *x, int profile, tcc_origin origin, Terms 
         t->pulsation._2 = x[at_pressure_phase] + origin.lead;
     }
     t->smoothing = x[at_friction_smoothing];
-    if (ratio != 1.0) {
-        t->stribeck.has = 1;
-        t->stribeck._0 = ratio - 1.0;
-        t->stribeck._1 = x[at_friction_decay];
-    }
+    tcc_exponentials(x, t);
     if (!profile) return;
     tcc_profile_of(x, x[at_engine_frequency], origin, t);
     for (int k = 0; k < t->profile.rows; k++) {
@@ -261,7 +285,11 @@ static double tcc_substeps(const Terms *t)
     if (t->stribeck.has) {
         beta = 1.0 / t->linear._0 + 1.0 / t->linear._1;
         peak = (t->profile.has ? load : t->mean_load) + (t->pulsation.has ? fabs(t->pulsation._0) : 0.0);
+#if TCC_TABLE
+        needed = fmax(needed, 2.0 * TCC_STEP * beta * peak * TCC_STEEPEST_FALL);
+#else
         needed = fmax(needed, 2.0 * TCC_STEP * beta * peak * t->stribeck._0 * t->stribeck._1);
+#endif
     }
     return fmax(1.0, ceil(needed - 1e-9));
 }
@@ -281,10 +309,43 @@ static int tcc_past_nearest(double v, double sigma, double excess, double decay)
     return decay * v - log(excess) >= larger + log1p(exp(-2.0 * larger)) - log(2.0);
 }
 
+/* Above 0 where a law of several exponentials falls at v > 0: its slope over 1 - tanh^2. */
+static double tcc_fall_of_several(double v, double sigma)
+{
+    double ratio = 1.0, slope = 0.0;
+    for (int k = 0; k < 2 * TCC_EXPONENTIALS; k += 2) {
+        double share = tcc_pairs[k] * exp(-tcc_pairs[k + 1] * v);
+        ratio += share;
+        slope -= tcc_pairs[k + 1] * share;
+    }
+    return -slope * 0.5 * sinh(fmin(2.0 * sigma * v, 600.0)) / sigma - ratio;
+}
+
+/* tcc_stick_speed for several exponentials: the first place on a grid from which on mubar falls, by halving. */
+static double tcc_stick_speed_of_several(double sigma)
+{
+    double slowest = tcc_pairs[1], low = 0.0, high, middle, first = 1e-4 / sigma, last;
+    const int n = 20000;
+    for (int k = 3; k < 2 * TCC_EXPONENTIALS; k += 2) slowest = fmin(slowest, tcc_pairs[k]);
+    last = 40.0 / sigma + 40.0 / slowest;
+    for (int k = 0; k < n; k++) {
+        high = first * pow(last / first, k / (n - 1.0));
+        if (tcc_fall_of_several(high, sigma) > 0.0) {
+            while (low < (middle = 0.5 * (low + high)) && middle < high) {
+                if (tcc_fall_of_several(middle, sigma) > 0.0) high = middle; else low = middle;
+            }
+            return high;
+        }
+        low = high;
+    }
+    return atanh(0.99) / sigma;
+}
+
 /* Slip speed at or below which the law counts as stick: where mubar peaks, or where tanh is 0.99. */
 static double tcc_stick_speed(const Terms *t)
 {
     double sigma = t->smoothing, excess = t->stribeck._0, decay = t->stribeck._1, low = 0.0, high, middle;
+    if (TCC_EXPONENTIALS > 1) return tcc_stick_speed_of_several(sigma);
     if (!t->stribeck.has || decay == 0.0 || excess <= 0.0) return atanh(0.99) / sigma;
     high = 20.0 / sigma + (log(sigma + decay) - log(decay)) / sigma;
     if (!(tcc_fall(high, sigma, excess, decay) > 0.0)) {
@@ -323,7 +384,7 @@ static tcc_answer tcc_prepare(tcc_plant *p)
     Terms terms;
     int flags, points = TCC_FREQUENCY_POINTS + TCC_TORQUE_POINTS + TCC_PRESSURE_POINTS;
     if (!m->changed) return TCC_OK;
-    if (sliding < fixed / 20.0 || sliding > fixed * 20.0)
+    if (!TCC_TABLE && (sliding < fixed / 20.0 || sliding > fixed * 20.0))
         return tcc_say(p, TCC_DISCARD, "friction.kinetic_coefficient is %g; with friction.static_coefficient %g it must be "
                        "one twentieth of it to twenty times it", sliding, fixed);
     if (tcc_increasing(p, at_engine_frequency_times, TCC_FREQUENCY_POINTS) != TCC_OK
