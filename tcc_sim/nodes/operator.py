@@ -275,10 +275,12 @@ def all_met(count: Callable[[], tuple[int, int]], clock: Callable[[], float] = t
 
 
 def _typed(value: object) -> object:
-    """A value as YAML reads it, with the numbers that it takes for words, such as 1e3."""
+    """A value as YAML reads it, with the numbers that it takes for words, such as 1e3, and lists of whole ones."""
     try:
+        if isinstance(value, list):
+            return [float(x) for x in value]
         return float(value) if isinstance(value, str) else value
-    except ValueError:
+    except (TypeError, ValueError):
         return value
 
 

@@ -35,13 +35,13 @@ def declare(node: Node, scene: Scene | None = None) -> Scene:
         A scene that does not exist, or an override of a wrong type or out of its range.
     """
     given = {name: parameter.value for name, parameter in overrides(node).items() if name not in BUILT_IN}
+    if "friction.table" in given:
+        raise InputError("friction.table is read where a scene is named, with -p scene:=FILE; a parameter file gives "
+                         "friction.slip_speeds and friction.coefficients")
     otherwise = DEFAULT_SCENE if {"engine.source", "pressure.source"} & given.keys() else NODE_SCENE
     base = scene or load_scene(str(given.pop("scene", otherwise)))
     warn_of_unknown(node, ("scene", *KNOWN_KEYS))
-    # ROS 2 has no type for an empty list.
-    known = {name: [] if value is None else value.tolist() if hasattr(value, "tolist") else value
-             for name, value in given.items() if name in MEANINGS}
-    scene = base.with_values(known)
+    scene = base.with_values({name: _plain(value) for name, value in given.items() if name in MEANINGS})
     if scene.system != base.system:
         scene = dataclasses.replace(scene, name=f"{base.name} with overrides",
                                     description=f"{base.description}, with overrides")
@@ -53,6 +53,11 @@ def declare(node: Node, scene: Scene | None = None) -> Scene:
                                            "be set")
     node.declare_parameter(TEXT, scene.text(), text, ignore_override=True)
     return scene
+
+
+def _plain(value: Any) -> Any:
+    """A parameter's value as scenes take it; ROS 2 has no type for an empty list."""
+    return [] if value is None else value.tolist() if hasattr(value, "tolist") else value
 
 
 def overrides(node: Node) -> dict[str, Parameter]:
@@ -123,7 +128,7 @@ def changed(scene: Scene, parameters: list[Parameter]) -> Scene:
     """
     if any(p.name == TEXT and p.value != scene.text() for p in parameters):
         raise InputError(f"{TEXT} follows the scene and cannot be set; set the keys of the scene instead")
-    values = {p.name: p.value for p in parameters if p.name in KNOWN_KEYS}
+    values = {p.name: _plain(p.value) for p in parameters if p.name in KNOWN_KEYS}
     after = scene.with_values(values)
     if (after.operation.real_time_factor == 0.0) != (scene.operation.real_time_factor == 0.0):
         raise InputError(f"real_time_factor is {after.operation.real_time_factor:g}; a running node cannot change to "

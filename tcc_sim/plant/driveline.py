@@ -105,6 +105,9 @@ class Plant:
 
     def check(self, scene: Scene) -> None:
         """Raise InputError where `scene` cannot be computed, be it with the inputs as held or with their fallbacks."""
+        if (scene.system.friction.curve is None) != (self.scene.system.friction.curve is None):
+            raise InputError("friction.slip_speeds: a friction table may change while the driveline runs, and neither "
+                             "come nor go; start the driveline again")
         terms = self._terms_of(scene)
         for pressure in {self._pressure, None}:
             self._afford(scene, _held(scene, terms, self._torque, pressure))
@@ -252,5 +255,6 @@ def _held(scene: Scene, terms: Terms, torque: float | None, pressure: float | No
 
 
 def _differ(one: Terms, other: Terms) -> bool:
-    """Whether two scenes need different kernels: a term is there in one of them only."""
-    return any((a is None) != (b is None) for a, b in zip(one, other))
+    """Whether two scenes need different kernels: a term is there in one of them only, or has other exponentials."""
+    return any((a is None) != (b is None) for a, b in zip(one, other)) or (
+        len(one.stribeck or ()) != len(other.stribeck or ()))

@@ -21,6 +21,8 @@ from tcc_sim.errors import InputError
 from tcc_sim.model import equations, friction
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
+from tcc_sim.model.friction_curve import MOST_TERMS
+from tcc_sim.model.groups import Friction
 from tcc_sim.model.parameters import System
 from tcc_sim.model.profile import FREQUENCY, LOAD, LOAD_RATE, START, TORQUE, Floats, Origin, along, pieces, profile_of
 
@@ -166,8 +168,15 @@ def general_terms(system: System, origin: Origin = START) -> Terms:
         torque=own.torque or (0.0, 1.0),
         harmonics=np.array([[2.0, 0.0, 0.0]]) if own.harmonics is None else own.harmonics,
         pulsation=own.pulsation or (0.0, 1.0, 0.0),
-        stribeck=own.stribeck or (0.0, system.friction.decay),
+        stribeck=_all_exponentials(system.friction, own.stribeck),
     )
+
+
+def _all_exponentials(friction: Friction, own: Stribeck) -> Stribeck:
+    """As many exponentials as the law may have: those of a table are as many as its fit needs."""
+    if friction.curve is None:
+        return own or (0.0, friction.decay)
+    return (*(own or ()), *((0.0, 1.0) * (MOST_TERMS - len(own or ()) // 2)))
 
 
 def torques_at(terms: Terms, t: Floats) -> tuple[Floats, Floats]:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from pathlib import Path
 from typing import Any
@@ -182,4 +183,31 @@ def test_a_run_through_profiles_gives_itself_again(bench: Any, tmp_path: Path) -
     assert "is not used where engine.frequency_times is given" in refused.reason
     chain.change(engine__mean_torque=250.0)
     chain.run(80)
+    exactly(chain.close(), 1)
+
+
+def test_a_friction_table_changes_as_a_whole_or_not_at_all(bench: Any, tmp_path: Path) -> None:
+    """From one exponential to two, whose kernel has as many as any table may need."""
+    speeds = [0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0]
+    one, two = ([0.2 + 0.04 * math.exp(-0.5 * v) - share * math.exp(-0.02 * v) for v in speeds]
+                for share in (0.0, 0.02))
+    chain = Recorded(bench, tmp_path / "run", scene="minimal", friction__slip_speeds=speeds,
+                     friction__coefficients=one)
+    assert chain.loop.plant.general_ready.wait(120.0)
+    before = chain.node.scene
+    for values, why in (({"friction.coefficients": two[:-1]}, "must have as many"),
+                        ({"friction.coefficients": [0.1, 0.2] * 5}, "smooth the table"),
+                        ({"friction.slip_speeds": [], "friction.coefficients": []}, "neither come nor go"),
+                        ({"friction.static_coefficient": 0.2}, "change that table instead")):
+        refused = chain.node.set_parameters_atomically([Parameter(key, Parameter.Type.DOUBLE_ARRAY, value)
+                                                        if isinstance(value, list) else Parameter(key, value=value)
+                                                        for key, value in values.items()])
+        assert why in refused.reason
+        assert chain.node.scene == before
+    chain.change(friction__slip_speeds=[2.0 * v for v in speeds], friction__coefficients=one)
+    assert not chain.loop.plant.general
+    chain.run(60)
+    chain.change(friction__slip_speeds=speeds, friction__coefficients=two)
+    assert chain.loop.plant.general
+    chain.run(200)
     exactly(chain.close(), 1)
