@@ -47,7 +47,8 @@ def test_the_sdist_holds_every_file_of_package_tests_and_scenes(built):
     wanted = {str(path.relative_to(ROOT)) for part in ("tcc_sim", "test", "config", "resource", ".ci", ".github")
               for path in (ROOT / part).rglob("*")
               if path.is_file() and not {"__pycache__", "pictures"} & set(path.parts)}
-    wanted |= {"setup.py", "setup.cfg", "pyproject.toml", "package.xml", "README.md", "LICENSE", "CHANGELOG.rst", "CITATION.cff"}
+    wanted |= {"setup.py", "setup.cfg", "pyproject.toml", "package.xml", "README.md", "LICENSE", "CHANGELOG.rst",
+               "CITATION.cff"}
     assert wanted - names == set()
     assert "test/conftest.py" in wanted
 
