@@ -92,6 +92,8 @@ LOOKS = {"Sweep": ("sweeps", "draw_sweep", "draw_maxima"), "Grid": ("sweeps", "d
          "Basins": ("basin_map", "draw_basins", "into"), "Linearisation": ("estimation", "bode", "draw_gain"),
          "Identification": ("estimation", "identification", "draw_fit"),
          "Orders": ("whole_runs", "plot_orders", "draw_shaft_map"),
+         "Scene": ("friction_law", "draw_friction", "draw_law"),
+         "System": ("friction_law", "draw_friction", "draw_law"),
          "Twin": ("whole_runs", "draw_twin", "draw_slip_speeds")}
 """By the name of a result's class its module here, and the functions for a whole picture and for an axis. The first
 takes a png, svg or pdf file, the result (or its JSON, for sweeps and branches), a title and a width in inches, and

@@ -5,11 +5,15 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from documents import valid
 
 from tcc_sim.cli import main
+from tcc_sim.output import explanation
+from tcc_sim.output.estimates import estimate_lines, estimates_of
 from tcc_sim.output.explanation import closed_form_lines, closed_forms, explain
 from tcc_sim.scene import load_scene
 from tcc_sim.topics import topic
@@ -66,20 +70,43 @@ def test_a_topic_is_there_where_its_switch_says_so(name: str, values: dict[str, 
     assert topic(name).wanted(load_scene("fig02").with_values(values).value) is created
 
 
-def test_cost_is_measured_where_it_is_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("noise", [0.0, 1.5e-6])
+def test_a_saving_is_given_where_it_can_be_measured(noise: float, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+                                                    monkeypatch: pytest.MonkeyPatch) -> None:
+    """A tick of 1 us, and 2 us more for the exponential: on a clock without noise it is a saving of 2 us."""
+    from tcc_sim.solvers import fixed_step
+
+    now, calls = [0.0], [0]
+
+    def advance(state: Any, t: float, step: float, count: int, terms: Any, *_: Any) -> None:
+        calls[0] += 1
+        jitter = noise if calls[0] // 6 % 2 else 0.0
+        now[0] += explanation.TICKS * (1e-6 + jitter + (2e-6 if terms.stribeck is not None else 0.0))
+
+    monkeypatch.setattr(fixed_step, "advance", advance)
+    monkeypatch.setattr(explanation, "count_calls", lambda _: {"own_calls": {}, "general_calls": {}})
+    monkeypatch.setattr(explanation, "closed_forms", lambda _: None)
+    monkeypatch.setattr(explanation.time, "thread_time", lambda: now[0])
     file = tmp_path / "cost.json"
     assert main(["explain", "minimal", "--cost", "--json", str(file)]) == 0
+    out = capsys.readouterr().out
     step = valid("explain", json.loads(file.read_text()))["step"]
-    assert list(step["terms_s"]) == ["engine torque sine"]
+    assert step["terms_s"] == {"engine torque sine": None}
+    assert "engine torque sine costs: below what can be measured" in out
+    assert list(step["saved_s"]) == ["engine torque harmonics", "pressure sine", "Stribeck exponential"]
     assert step["ratio"] == pytest.approx(step["general_s"] / step["own_s"])
-    assert "of it engine torque sine" in capsys.readouterr().out
+    if noise:
+        assert step["saved_s"]["Stribeck exponential"] is None
+    else:
+        assert step["saved_s"]["Stribeck exponential"] == pytest.approx(2e-6)
+        assert "Stribeck exponential left out, saves: 2.00 us, 200 %" in out
 
 
 def test_the_command_prints_and_writes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "explained.json"
     assert main(["explain", "fig02", "--json", str(file)]) == 0
     out = capsys.readouterr().out
-    for words in ("Stribeck exponential", "33 sub-steps in a tick of 1 ms"):
+    for words in ("Stribeck exponential", "33 sub-steps in a tick of 1 ms", "falls with slip speed from 0.3 to 0.24"):
         assert words in out
     found = valid("explain", json.loads(file.read_text()))
     assert found["name"] == "fig02"
@@ -138,3 +165,68 @@ def test_stick_and_what_has_no_closed_form() -> None:
 def test_the_command_shows_them(capsys) -> None:  # type: ignore[no-untyped-def]
     assert main(["explain", "slip"]) == 0
     assert "pure slip (15): 158.333 rad/s" in capsys.readouterr().out
+
+
+def test_estimates_by_hand() -> None:
+    """Natural frequencies, torques over a cycle and the steepest slope of Fig. 2 from its numbers."""
+    found = estimates_of(load_scene("fig02").system)
+    frequencies = found.slipping.frequency, found.stuck.frequency
+    assert frequencies == pytest.approx((math.sqrt(150e3), math.sqrt(3000 / 0.22)))
+    assert (found.slipping.damping_ratio, found.stuck.damping_ratio) == pytest.approx(
+        (0.3 / math.sqrt(60.0), 0.3 / math.sqrt(660.0)))
+    assert (found.engine.low, found.engine.mean, found.engine.high) == pytest.approx((50.0, 300.0, 550.0), rel=1e-5)
+    assert (found.kinetic.low, found.kinetic.mean, found.kinetic.high) == pytest.approx((400.0, 500.0, 600.0), rel=1e-5)
+    assert (found.static.low, found.static.high) == pytest.approx((500.0, 750.0), rel=1e-5)
+    assert found.steepest_slope == pytest.approx(-2.0 * 0.25 * 500.0)
+    assert found.critical_frequency == found.stuck.frequency
+    assert found.engine_frequency == (150.0, 150.0)
+    assert "judders" in "\n".join(estimate_lines(found))
+
+
+@pytest.mark.parametrize("changes", [{}, {"driveline.damping": 10.0}, {"driveline.plate_inertia": 0.3}])
+def test_the_oscillation_is_damped_above_the_critical_slope_only(changes: dict[str, object]) -> None:
+    """Roots of (22) as a polynomial: the pair crosses the imaginary axis at the critical slope."""
+    scene = load_scene("fig02").with_values(changes)
+    d, slope = scene.system.driveline, estimates_of(scene.system).critical_slope
+    i1, i2, c, k = d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness
+    for factor, damped in ((1.0 - 1e-6, True), (1.0 + 1e-6, False)):
+        s = factor * slope
+        roots = np.roots([i1 * i2, i1 * (c + s) + i2 * s, i1 * k + s * c, s * k])
+        assert (roots[roots.imag > 0.0].real < 0.0) == damped
+    for damping in (20.0, 40.0):
+        strongly = load_scene("fig02").with_values({"driveline.damping": damping})
+        assert "damped at every slope" in "\n".join(estimate_lines(estimates_of(strongly.system)))
+
+
+@pytest.mark.parametrize(("name", "changes", "expected"), [
+    ("stick", {}, "stick"), ("slip", {}, "slip"), ("fig02", {}, "stick-slip"), ("runup", {}, "stick-slip"),
+    ("chaos", {"friction.kinetic_coefficient": 0.15}, "runaway")])
+def test_a_scene_sticks_slips_or_runs_away(name: str, changes: dict[str, object], expected: str) -> None:
+    assert estimates_of(load_scene(name).with_values(changes).system).expected == expected
+
+
+def test_a_run_up_passes_the_critical_frequency() -> None:
+    assert "the engine passes it between" in "\n".join(estimate_lines(estimates_of(load_scene("runup").system)))
+
+
+@pytest.mark.parametrize("width", ["column", "page"])
+def test_the_friction_law_is_drawn(width: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The table, its fit at its points, and the slope -alpha (mu_s - mu_k) A R Pm exp(-alpha v)."""
+    pytest.importorskip("matplotlib")
+    from tcc_sim.views import style
+
+    seen: list[Any] = []
+    plain = style.save
+    monkeypatch.setattr(style, "save", lambda drawn, path: seen.append(drawn.axes) or plain(drawn, path))
+    assert main(["explain", "fig02", "--plot", str(tmp_path / "a.svg"), "--width", width]) == 0
+    law, near, slope = seen[0]
+    v, values = slope.lines[0].get_data()
+    assert values == pytest.approx(-250.0 * np.exp(-2.0 * v))
+    assert law.lines[0].get_ydata() == pytest.approx(0.24 + 0.06 * np.exp(-2.0 * v))
+    v, smooth = near.lines[1].get_data()
+    assert v[np.argmax(smooth)] == pytest.approx(near.lines[2].get_xdata()[0], rel=0.01)
+    table = tmp_path / "table.yaml"
+    table.write_text("/**:\n  ros__parameters:\n    friction:\n      slip_speeds: [0.0, 1.0, 2.0, 4.0]\n"
+                     "      coefficients: [0.14, 0.12, 0.11, 0.105]\n")
+    assert main(["explain", str(table), "--plot", str(tmp_path / "b.svg")]) == 0
+    assert seen[1][0].lines[2].get_xydata().tolist() == [[0.0, 0.14], [1.0, 0.12], [2.0, 0.11], [4.0, 0.105]]

@@ -14,7 +14,7 @@ from piecewise import Piecewise
 from tcc_sim.errors import InputError
 from tcc_sim.model import friction
 from tcc_sim.model.parameters import System, replace, values_of
-from tcc_sim.output.explanation import friction_line, friction_of
+from tcc_sim.output.explanation import friction_lines, friction_of
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.stroboscopic import stroboscopic_map
@@ -130,7 +130,7 @@ def test_a_scene_file_may_name_a_table(tmp_path: Path) -> None:
     file.write_text("/**:\n  ros__parameters:\n    friction:\n      table: lining.csv\n")
     found = load_scene(file)
     assert found.system.friction.slip_speeds == SPEEDS
-    assert "exp(-1.5 |v|)" in friction_line(friction_of(found.system))
+    assert "exp(-1.5 |v|)" in friction_lines(friction_of(found.system))[0]
     (tmp_path / "lining.csv").write_text("slip_speed,mu\n0,0.1\n")
     with pytest.raises(InputError, match="must have the columns slip_speed"):
         load_scene(file)

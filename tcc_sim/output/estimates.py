@@ -1,0 +1,180 @@
+"""Estimates of a scene before anything is solved: natural frequencies, torques over a cycle, and the critical slope of
+friction and the critical frequency of the paper.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from tcc_sim.errors import InputError
+from tcc_sim.model import friction
+from tcc_sim.model.parameters import System
+from tcc_sim.model.pure_slip import pure_slip
+from tcc_sim.model.pure_stick import stick_margin
+from tcc_sim.model.sines import common_cycles
+from tcc_sim.solvers.terms import terms_of, torques_at
+
+SAMPLES = 2000
+"""Samples in a cycle over which torques are taken."""
+CYCLES = 200
+"""Most cycles over which they are: a profile's, or those of a load that never repeats with the engine."""
+
+
+@dataclass(frozen=True)
+class Mode:
+    """A linear mode of the driveline: natural frequency (rad/s), and damping ratio of C23."""
+
+    frequency: float
+    damping_ratio: float
+
+
+@dataclass(frozen=True)
+class Torque:
+    """Smallest, mean and largest value of a torque over the excitation's period, or over the profiles, N m."""
+
+    low: float
+    mean: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """Estimates of a scene from its parameters alone.
+
+    slipping, stuck : sqrt(K23/I2) (17c) and sqrt(K23/(I1 + I2)) (27)
+    engine, static, kinetic : engine torque, and mu_s N R and mu_k N R of the clutch
+    stick_margin : smallest mu_s N R - |interface torque| of pure stick (10), N m; None where there is no closed form
+    expected : stick, slip, stick-slip or runaway, from these torques
+    critical_slope : slope of the friction torque over slip speed below which the oscillation at constant slip is no
+        longer damped, N m s/rad: where the pair of roots of (22) crosses, near -C23 of (23); None where it never does
+    steepest_slope : steepest fall of the friction torque of this scene at its mean pressure, N m s/rad
+    critical_frequency : sqrt(K23/(I1 + I2)) of (28), rad/s: below it positive slip falls into the first half of a
+        cycle, above it into the second
+    engine_frequency : lowest and highest of this scene, rad/s
+    """
+
+    slipping: Mode
+    stuck: Mode
+    engine: Torque
+    static: Torque
+    kinetic: Torque
+    stick_margin: float | None
+    expected: str
+    critical_slope: float | None
+    steepest_slope: float
+    critical_frequency: float
+    engine_frequency: tuple[float, float]
+
+
+def estimates_of(system: System) -> Estimates:
+    """Estimate how a scene behaves; torques from a topic are those of their fallback."""
+    d = system.driveline
+    both = d.flywheel_inertia + d.plate_inertia
+    slipping, stuck = (Mode(math.sqrt(d.stiffness / inertia), 0.5 * d.damping / math.sqrt(d.stiffness * inertia))
+                       for inertia in (d.plate_inertia, both))
+    engine, kinetic = _torques(system)
+    ratio = system.friction_ratio
+    static = Torque(ratio * kinetic.low, ratio * kinetic.mean, ratio * kinetic.high)
+    try:
+        margin = stick_margin(system).torque
+    except InputError:
+        margin = None
+    frequencies = system.engine.frequency_values or (system.engine.frequency,)
+    return Estimates(slipping, stuck, engine, static, kinetic, margin, _expected(system, engine, kinetic, margin),
+                     critical_slope(system), _steepest(system) * kinetic.mean, stuck.frequency,
+                     (min(frequencies), max(frequencies)))
+
+
+def _torques(system: System) -> tuple[Torque, Torque]:
+    """Engine torque and mu_k N R over the excitation's period, or over the profiles."""
+    if system.profile is None:
+        span = (min(common_cycles(system), CYCLES) or CYCLES) * system.cycle
+    else:
+        span = system.span
+    count = SAMPLES * min(max(math.ceil(span / system.cycle), 1), CYCLES)
+    found = torques_at(terms_of(system), np.linspace(0.0, span, count + 1))
+    engine, load = (Torque(float(x.min()), float(x[:-1].mean()), float(x.max()))
+                    for x in (np.broadcast_to(one, count + 1) for one in found))
+    return engine, load
+
+
+def _steepest(system: System) -> float:
+    """The most negative slope of the sliding coefficient over mu_k, s/rad; 0 where it does not fall."""
+    stribeck = system.friction.stribeck
+    if stribeck is None:
+        return 0.0
+    slowest = min(stribeck[1::2])
+    v = np.linspace(0.0, 20.0 / slowest, 20001) if slowest > 0.0 else np.zeros(1)
+    return min(float(np.min(friction.sliding_slope(v, stribeck))), 0.0)
+
+
+def critical_slope(system: System) -> float | None:
+    """Return the slope s, N m s/rad, below which the oscillation at constant slip grows; None where it never does.
+
+    There I1 I2 x^3 + [I1 (C + s) + I2 s] x^2 + [I1 K + s C] x + s K of (22) has a pair of imaginary roots: s is the
+    root next to 0 of [I1 C + (I1 + I2) s] [I1 K + C s] = I1 I2 K s, which a strongly damped driveline does not have.
+    """
+    d = system.driveline
+    i1, i2, c, k = d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness
+    square, linear, constant = (i1 + i2) * c, i1 * c * c + i1 * i1 * k, i1 * i1 * c * k
+    root = linear * linear - 4.0 * square * constant
+    if root < 0.0:
+        return None
+    slope = -2.0 * constant / (linear + math.sqrt(root))  # The form without cancellation.
+    return slope if i1 * k + slope * c > 0.0 else None  # Below 0 the two roots are real, of opposite signs.
+
+
+def _expected(system: System, engine: Torque, kinetic: Torque, margin: float | None) -> str:
+    """Stick, slip, stick-slip or runaway, from torques and from the closed form of pure slip where there is one."""
+    if margin is not None and margin >= 0.0:
+        return "stick"
+    if abs(engine.mean) > kinetic.mean:
+        return "runaway"
+    try:
+        lasting = pure_slip(system, -1 if system.initial.slip_speed < 0.0 else 1).least_slip_speed > 0.0
+    except InputError:
+        lasting = False
+    return "slip" if lasting else "stick-slip"
+
+
+WORDS = {
+    "stick": "the clutch carries every peak of the torque, so that pure stick is possible",
+    "runaway": "the mean engine torque is above what the sliding clutch carries, so that slip grows once it is fast",
+    "slip": "the slip never ends from this start",
+    "stick-slip": "the clutch carries the mean torque but not its peaks"}
+"""What is expected, in words."""
+
+
+def estimate_lines(found: Estimates) -> list[str]:
+    """The estimates for a terminal."""
+    def mode(name: str, formula: str, one: Mode) -> str:
+        return (f"  {name:<9} {one.frequency:.6g} rad/s ({one.frequency / (2.0 * math.pi):.4g} Hz), damping ratio "
+                f"{one.damping_ratio:.4g}   {formula}")
+
+    def torque(name: str, one: Torque) -> str:
+        span = f"{one.low:.6g} to {one.high:.6g} N m, mean {one.mean:.6g} N m"
+        return f"  {name:<17} {span if one.low < one.high else f'{one.mean:.6g} N m'}"
+
+    margin = "" if found.stick_margin is None else f"; margin of pure stick (10): {found.stick_margin:.6g} N m"
+    least = found.critical_slope
+    critical = "none, the oscillation of steady slip is damped at every slope" if least is None else (
+        f"{least:.4g} N m s/rad, friction torque over slip speed; this law's is down to {found.steepest_slope:.4g} N m "
+        f"s/rad, so that " + ("steady slip at such speeds judders" if found.steepest_slope < least else
+                              "the oscillation of steady slip is damped"))
+    low, high = found.engine_frequency
+    if low < found.critical_frequency < high:
+        side = f"the engine passes it between {low:.6g} and {high:.6g} rad/s"
+    else:
+        half, word = ("first", "below") if high < found.critical_frequency else ("second", "above")
+        side = (f"the engine's {low:.6g}{f' to {high:.6g}' if low < high else ''} rad/s is {word} it, so that positive "
+                f"slip falls into the {half} half of a cycle")
+    return ["natural frequencies",
+            mode("slipping", "sqrt(K23/I2)", found.slipping), mode("stuck", "sqrt(K23/(I1 + I2))", found.stuck),
+            "torques over a cycle", torque("engine", found.engine), torque("clutch, mu_s N R", found.static),
+            torque("clutch, mu_k N R", found.kinetic),
+            f"  expected: {found.expected}; {WORDS[found.expected]}{margin}",
+            f"critical slope (22): {critical}",
+            f"critical frequency (28): {found.critical_frequency:.6g} rad/s; {side}"]

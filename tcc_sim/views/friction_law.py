@@ -1,0 +1,101 @@
+"""The friction law of a scene as a picture: the coefficient over slip speed and close to 0, and the slope."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tcc_sim.model import friction
+from tcc_sim.model.parameters import System
+from tcc_sim.output.estimates import critical_slope
+from tcc_sim.scene import SceneLike, system_of
+from tcc_sim.solvers.terms import stick_speed_of, terms_of
+from tcc_sim.trajectory import Floats
+from tcc_sim.views import style
+
+POINTS = 801
+
+
+def draw_friction(path: Path, scene: SceneLike, title: str = "", width: float = style.PAGE) -> Path:
+    """Draw the coefficient over slip speed with its table, the law close to 0, and the slope of the friction torque."""
+    system, wide = system_of(scene), width > 0.5 * (style.COLUMN + style.PAGE)
+    with style.figure(width, 2.7 if wide else 6.4, title) as drawn:
+        law, near, slope = drawn.subplots(*((1, 3) if wide else (3, 1)))
+        draw_law(law, system)
+        _near(near, system)
+        _slope(slope, system)
+        if wide:
+            each = [axis.get_legend_handles_labels() for axis in (law, near, slope)]
+            handles, labels = ([item for found in each for item in found[k]] for k in (0, 1))
+            drawn.legend(handles, labels, loc="outside lower left", ncols=len(labels))
+        else:
+            for axis in (law, near, slope):
+                axis.legend(loc="best")
+        style.panel_titles((law, near, slope), ["Friction law", "Close to 0", "Slope of the torque"])
+        return style.save(drawn, path)
+
+
+def draw_law(axis: Any, scene: SceneLike) -> None:
+    """Draw the sliding coefficient over slip speed into an axis, with the table that it is fitted to."""
+    system = system_of(scene)
+    own, v = system.friction, _speeds(system)
+    axis.plot(v, _sliding(system, v), color=style.BLUE, label="fit of the table" if own.curve else "sliding, (6)")
+    if own.law == "smoothed":
+        axis.plot(v, _smoothed(system, v), color=style.RED, linestyle=(0, (4, 2)), label="smoothed, (7)")
+    if own.curve is not None:
+        axis.plot(own.slip_speeds, own.coefficients, linestyle="none", marker="o", color=style.INK, label="table")
+    axis.set(xlabel="slip speed (rad/s)", ylabel="friction coefficient", ylim=(0.0, None), xlim=(0.0, v[-1]))
+
+
+def _near(axis: Any, system: System) -> None:
+    """The law close to 0 with the speed that counts as stick."""
+    stick = stick_speed_of(terms_of(system))
+    far = 3.0 * stick if stick > 0.0 else 0.05 * _speeds(system)[-1]
+    v = np.linspace(0.0, far, POINTS)
+    axis.plot(v, _sliding(system, v), color=style.BLUE)
+    if stick > 0.0:
+        axis.plot(v, _smoothed(system, v), color=style.RED, linestyle=(0, (4, 2)))
+        axis.axvline(stick, color=style.GREY, linewidth=0.8, linestyle=(0, (1, 1.5)), label="up to here: stick")
+    own = system.friction
+    inside = np.array(own.slip_speeds) <= far
+    axis.plot(np.array(own.slip_speeds)[inside], np.array(own.coefficients)[inside], linestyle="none", marker="o",
+              color=style.INK)
+    axis.set(xlabel="slip speed (rad/s)", ylabel="friction coefficient", ylim=(0.0, None), xlim=(0.0, far))
+
+
+def _slope(axis: Any, system: System) -> None:
+    """The slope of the friction torque over slip speed at the mean pressure beside the critical one."""
+    v = _speeds(system)
+    slope = system.saturation_mean * np.broadcast_to(friction.sliding_slope(v, system.friction.stribeck), v.shape)
+    least = critical_slope(system) or 0.0
+    axis.plot(v, slope, color=style.BLUE)
+    if least < 0.0:
+        axis.axhline(least, color=style.ORANGE, linewidth=0.9, linestyle=(0, (4, 2)),
+                     label="critical slope (22), mean pressure")
+    if np.abs(slope).max() > 10.0 * abs(least):
+        axis.set_yscale("symlog", linthresh=10.0 ** math.ceil(math.log10(max(abs(least), 1.0))))
+    axis.set(xlabel="slip speed (rad/s)", ylabel="slope (N m s/rad)", xlim=(0.0, v[-1]),
+             ylim=(min(1.5 * slope.min(), 1.5 * least, -1e-3), max(1.5 * slope.max(), 0.5 * abs(least), 1e-3)))
+
+
+def _speeds(system: System) -> Floats:
+    """(n,) slip speeds over which the law is drawn: those of the table, or until the slowest exponential has died."""
+    own = system.friction
+    rates = [rate for _, rate in friction.exponentials(own.stribeck) if rate > 0.0]
+    far = own.slip_speeds[-1] if own.curve is not None else 7.0 / min(rates) if rates else 10.0 / own.smoothing
+    return np.linspace(0.0, far, POINTS)
+
+
+def _sliding(system: System, v: Floats) -> Floats:
+    """The set-valued coefficient of (6), for slip in positive direction."""
+    return np.broadcast_to(system.friction.kinetic * friction.sliding(v, 1.0, system.friction.stribeck), v.shape)
+
+
+def _smoothed(system: System, v: Floats) -> Floats:
+    """The smoothed coefficient of (7)."""
+    own = system.friction
+    found: Floats = own.kinetic * friction.smoothed(v, own.smoothing, own.stribeck)
+    return found
