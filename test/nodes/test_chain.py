@@ -94,10 +94,12 @@ def test_demo_of_a_controlled_scene_runs_the_controller_too(tmp_path: Path,
 
 
 OWN_CONTROLLER = """
+import signal
+
 import rclpy
-from rclpy.executors import ExternalShutdownException
 from sensor_msgs.msg import FluidPressure, JointState
 
+signal.signal(signal.SIGINT, signal.SIG_DFL)
 with rclpy.init():
     node = rclpy.create_node("own")
     command = node.create_publisher(FluidPressure, "actuation_pressure", 100)
@@ -108,8 +110,9 @@ with rclpy.init():
     node.create_subscription(JointState, "joint_states", answer, 100)
     try:
         rclpy.spin(node)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
+    except Exception:
+        if rclpy.ok():
+            raise
 """
 
 

@@ -114,11 +114,35 @@ def test_where_a_test_has_initialised_ros_others_must_be_unseen(tmp_path: Path, 
 
 
 INTERRUPTED = """
-import os, signal, rclpy
-spin = rclpy.spin
+import os, signal, time, rclpy
+from rclpy.executors import SingleThreadedExecutor
+from sensor_msgs.msg import JointState
+spin, nodes, message = rclpy.spin, SingleThreadedExecutor.get_nodes, JointState.__init__
+
+def signalled(wait=True):
+    if rclpy.ok():
+        os.kill(os.getpid(), signal.{number})
+    while wait and rclpy.ok():
+        time.sleep(0.001)
+
+def before_the_wait_set(executor):
+    signalled()
+    return nodes(executor)
+
+def converted(self, **fields):
+    message(self, **fields)
+    if not fields:
+        signalled({wait})
 
 def interrupted(node):
-    node.create_timer(0.001, lambda: os.kill(os.getpid(), signal.{number}))
+    sent = node.create_publisher(JointState, "joint_states", 10)
+    if "{place}" == "wait set":
+        SingleThreadedExecutor.get_nodes = before_the_wait_set
+    elif "{place}" == "callback":
+        node.create_timer(0.001, lambda: signalled({wait}))
+    else:
+        JointState.__init__ = converted
+        node.create_timer(0.001, lambda: sent.publish(JointState(velocity=[1.0, 2.0])))
     spin(node)
 
 rclpy.spin = interrupted
@@ -127,13 +151,19 @@ rclpy.spin = interrupted
 
 
 @pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])
-@pytest.mark.parametrize("page", ["testing", "nodes"])
-def test_a_node_of_the_pages_ends_by_a_signal_without_a_traceback(page: str, number: str) -> None:
+@pytest.mark.parametrize(("page", "place", "wait"), [
+    ("testing", "callback", False), ("testing", "wait set", True), ("testing", "conversion", False),
+    ("testing", "conversion", True), ("nodes", "callback", False), ("nodes", "callback", True),
+    ("nodes", "wait set", True)])
+def test_a_node_of_the_pages_ends_by_a_signal_without_a_traceback(page: str, place: str, wait: bool,
+                                                                  number: str) -> None:
+    """Also where the context ends between two calls of rclpy, or within one that would swallow a KeyboardInterrupt."""
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
     text = (PAGE.parent / "nodes.md").read_text()
     code = "from my_clutch.node import main; main()" if page == "testing" else textwrap.dedent(
         re.findall(r"python - <<'END'\n(.*?)\n    END", text, re.DOTALL)[0])
-    ended = subprocess.run([sys.executable, "-c", INTERRUPTED.format(number=number, code=code)], check=False,
+    script = INTERRUPTED.format(number=number, place=place, wait=wait, code=code)
+    ended = subprocess.run([sys.executable, "-c", script], check=False,
                            capture_output=True, text=True, cwd=EXAMPLE, timeout=60,
                            env={**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"})
     assert (ended.returncode, ended.stderr) == (0, "")

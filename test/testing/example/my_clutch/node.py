@@ -1,5 +1,6 @@
+import signal
+
 import rclpy
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from sensor_msgs.msg import FluidPressure, JointState
 
@@ -23,8 +24,10 @@ class Controller(Node):
 
 
 def main() -> None:
-    try:
-        with rclpy.init():
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C then ends rclpy's context, as SIGTERM does.
+    with rclpy.init():
+        try:
             rclpy.spin(Controller())
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass  # Ctrl-C or SIGTERM.
+        except Exception:
+            if rclpy.ok():  # Else the context has ended, and rclpy raises what its next call happens to raise.
+                raise
