@@ -13,6 +13,7 @@ from tcc_sim.cli.arguments import add_outputs, check_outputs, plot_result, prese
 from tcc_sim.errors import InputError, counted
 
 if TYPE_CHECKING:
+    from tcc_sim.estimation.curve import IdentifiedCurve
     from tcc_sim.estimation.identify import Identification
 
 WORDS = {"previous": "held from each sample on (--hold previous)", "linear": "linear between samples (--hold linear)",
@@ -26,7 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         "engine_torque, actuation_pressure, as far as they were measured (SI)")
     parser.add_argument("--free", metavar="KEY[=START]", action="append", required=True,
                         help="a key to identify; engine_torque.offset and actuation_pressure.offset are what the "
-                        "sensors show too much")
+                        "sensors show too much; friction.curve[=N] is the friction coefficient over slip speed as a "
+                        "constant and N exponentials (default 2)")
     parser.add_argument("--scene", metavar="SCENE",
                         help="name of a bundled scene, or a file: what is not free (default: the recording's own)")
     parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of the scene")
@@ -80,6 +82,21 @@ def _lines(found: Identification) -> Iterator[str]:
         yield f"measured inputs fit best as {WORDS[found.hold]}"
     for p in found.parameters:
         yield f"{p.key:>31}  {p.value:<11.6g} +- {p.standard_error:<9.2g} {p.verdict}: {p.why}"
+    if found.curve is not None:
+        yield from _curve_lines(found.curve)
+
+
+def _curve_lines(curve: IdentifiedCurve) -> Iterator[str]:
+    """The friction curve in some rows."""
+    terms = "".join(f" {c:+.6g} exp(-{a:.4g} |v|)" for c, a in zip(curve.amplitudes, curve.rates))
+    yield f"sliding friction: mu(v) = {curve.constant:.6g}{terms}"
+    yield "      slip speed  coefficient, 95 % band"
+    for k in range(0, len(curve.slip_speeds), 10):
+        told = (f"{curve.coefficient[k]:.5f}, {curve.low[k]:.5f} to {curve.high[k]:.5f}" if curve.visited[k] else
+                "not visited")
+        yield f"{curve.slip_speeds[k]:10.4g} rad/s  {told}; the scene has {curve.scene[k]:.5f}"
+    v = curve.slip_speeds[curve.visited]
+    yield f"not visited: slip speeds below {v[0]:.4g} and above {v[-1]:.4g} rad/s"
 
 
 def _assigned(option: str, word: str) -> tuple[str, float | None]:

@@ -18,6 +18,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from tcc_sim.errors import InputError, NumericalFailure
+from tcc_sim.estimation.curve import CURVE, IdentifiedCurve, curve_of, curve_starts, keys_of, refuse_parts
 from tcc_sim.estimation.likelihood import Likelihood, profile_likelihood
 from tcc_sim.estimation.measurement import Measurement, noise_of, read_recording, read_table
 from tcc_sim.estimation.multiple_shooting import Fit, fit
@@ -25,7 +26,7 @@ from tcc_sim.estimation.residuals import Whiteness, judge_residuals
 from tcc_sim.estimation.settings import DEFAULTS, FitSettings, Gates
 from tcc_sim.estimation.units import check_units
 from tcc_sim.estimation.verdicts import Parameter, judged, why_no_noise, why_not
-from tcc_sim.estimation.windows import KINETIC, OFFSETS, STATIC, Model, check_key, on_its_side
+from tcc_sim.estimation.windows import KINETIC, LINEAR, OFFSETS, STATIC, Model, check_key, on_its_side
 from tcc_sim.model.parameters import QUANTITIES, values_of
 from tcc_sim.recording.table import CHANNELS, HOLDS
 from tcc_sim.result import Result, json_of
@@ -50,6 +51,7 @@ class Identification(Result):
     scene : with the values found, where the fit is accepted
     measurement, residuals : what was fitted, and by how much it differs, by channel
     likelihood : where one was asked for
+    curve : sliding friction over slip speed, where friction.curve was free
     """
 
     parameters: tuple[Parameter, ...]
@@ -67,6 +69,7 @@ class Identification(Result):
     whiteness: Whiteness
     hold: str | None
     likelihood: Likelihood | None = None
+    curve: IdentifiedCurve | None = None
 
     def __repr__(self) -> str:
         found = ", ".join(f"{p.key} {p.value:.5g} +- {p.standard_error:.2g} ({p.verdict})" for p in self.parameters)
@@ -79,7 +82,7 @@ class Identification(Result):
     def as_json(self) -> dict[str, Any]:
         """The JSON values of `identify --json`."""
         names = ("parameters", "correlations", "chi2_per_dof", "accepted", "why", "whiteness", "noise", "hold",
-                 "windows", "starts", "seconds", "likelihood")
+                 "windows", "starts", "seconds", "likelihood", "curve")
         return {name: json_of(found) for name in names if (found := getattr(self, name)) is not None}
 
 
@@ -92,7 +95,8 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
     Parameters
     ----------
     measured : a Measurement, a table's file (.csv, `measurement.read_table`), or a recording
-    free : keys of `windows.FREE`, each with its start (None: the scene's value; 0 for an offset)
+    free : keys of `windows.FREE`, each with its start (None: the scene's value; 0 for an offset); friction.curve, with
+        the number of its exponentials (None: 2)
     scene : scene, system, name or file: what is not free, and what inputs were not measured; a recording has its own
     noise : standard deviation by channel, rad/s or rad; what is absent is estimated from the signal
     hold : one of `recording.table.HOLDS`, how a measured input goes on between two samples; None takes what the
@@ -121,7 +125,7 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
     began = time.perf_counter()
     settings, gates = settings or FitSettings(), gates or Gates()
     measured, scene = given(measured, None if scene is None else as_scene(scene))
-    starts = _starts(scene, free)
+    starts = _starts(scene, free, float(np.abs(measured.channels["slip_speed"]).max()))
     keys = tuple(starts)
     _check(scene, keys, likelihood)
     levels = _noise(measured, noise)
@@ -140,19 +144,25 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
     white, covariance = judge_residuals(model, levels, best, settings, exact)
     why = why_not(best, model, begin, levels, chi2, limit, gates) if chi2 >= limit or not joined \
         else why_no_noise(white, gates)
-    accepted = not why
+    accepted, shown = not why, [i for i, k in enumerate(keys) if not k.startswith(CURVE)]
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     correlations = covariance / np.outer(errors, errors)
-    named = {k: float(v) for k, v in zip(keys, best.values) if k not in OFFSETS}
+    named: dict[str, object] = {keys[i]: float(best.values[i]) for i in shown if keys[i] not in OFFSETS}
+    curve = None
+    if len(shown) < len(keys):
+        slip = measured.channels["slip_speed"][:len(best.residuals["slip_speed"])] + best.residuals["slip_speed"]
+        curve = curve_of(keys, best.values, covariance, slip, scene.system.friction)
+        named |= curve.table() if accepted else {}
     profile = None
     if likelihood is not None and accepted:
         profile = profile_likelihood(model, levels, settings, best, likelihood, errors)
     return Identification(
         tuple(judged(model, i, float(begin[i]), best, errors, correlations, accepted, gates,
-                     white.hidden.get(keys[i])) for i in range(len(keys))),
-        correlations, chi2, accepted, why, levels, len(best.starts), tried, time.perf_counter() - began,
+                     white.hidden.get(keys[i])) for i in shown),
+        correlations[np.ix_(shown, shown)], chi2, accepted, why, levels, len(best.starts), tried,
+        time.perf_counter() - began,
         scene.with_values(named) if accepted else scene, measured, best.residuals, white, measured.hold,
-        profile)
+        profile, curve)
 
 
 def _check(scene: Scene, keys: tuple[str, ...], likelihood: str | None) -> None:
@@ -204,12 +214,15 @@ def given(measured: Measurement | str | Path, scene: Scene | None = None) -> tup
     return measured, scene
 
 
-def _starts(scene: Scene, free: Mapping[str, float | None] | Sequence[str]) -> dict[str, float]:
-    """The start of every free key, checked."""
+def _starts(scene: Scene, free: Mapping[str, float | None] | Sequence[str], fastest: float) -> dict[str, float]:
+    """The start of every free key, checked; `fastest` slip speed that was measured, rad/s."""
     asked = dict(free) if isinstance(free, Mapping) else dict.fromkeys([free] if isinstance(free, str) else free)
     if not asked:
         raise InputError("no key is free; name at least one")
     values, out = dict(values_of(scene.system)), {}
+    refuse_parts(asked, scene.system.friction)
+    if CURVE in asked:
+        out = curve_starts(scene.system.friction, keys_of(asked.pop(CURVE)), fastest)
     for key, start in asked.items():
         check_key(key)
         if start is None:
@@ -223,7 +236,7 @@ def _starts(scene: Scene, free: Mapping[str, float | None] | Sequence[str]) -> d
     kinetic = out.get(KINETIC, values[KINETIC])
     if STATIC in out:
         out[STATIC] = on_its_side(out[STATIC], float(kinetic), DEFAULTS.least_ratio)  # type: ignore[arg-type]
-    scene.with_values({k: v for k, v in out.items() if k not in OFFSETS})
+    scene.with_values({k: out[k] for k in asked if k not in OFFSETS})
     return out
 
 
@@ -291,7 +304,7 @@ def _around(keys: tuple[str, ...], begin: Floats, gates: Gates) -> list[Floats]:
     points = qmc.Sobol(len(keys), seed=1).random(8)[1:gates.starts]
     out = [begin]
     for point in points:
-        values = np.where([k in OFFSETS for k in keys], begin, begin * (1.0 + gates.spread * (2.0 * point - 1.0)))
+        values = np.where([k in LINEAR for k in keys], begin, begin * (1.0 + gates.spread * (2.0 * point - 1.0)))
         if STATIC in keys and KINETIC in keys:
             at = keys.index(STATIC)
             other = keys.index(KINETIC)

@@ -27,7 +27,7 @@ from tcc_sim.estimation.normal_equations import Normal
 from tcc_sim.estimation.settings import DEFAULTS, FitSettings, Stage
 from tcc_sim.estimation.windows import (
     KINETIC,
-    OFFSETS,
+    LINEAR,
     STATIC,
     Model,
     Sensitivities,
@@ -114,7 +114,7 @@ class MultipleShooting:
                                 noise.get("plate_speed", noise["slip_speed"])])
         slip = measured.channels["slip_speed"][:used:self.width]
         self.stuck = np.flatnonzero(np.abs(slip) < settings.stuck * noise["slip_speed"])
-        self.logarithmic = np.array([k not in OFFSETS for k in model.keys])
+        self.logarithmic = np.array([k not in LINEAR for k in model.keys])
 
     def first_starts(self, values: Floats) -> Floats:
         """Starts of the windows from what was measured; what was not comes from a solution from the first sample on."""
@@ -185,7 +185,7 @@ class MultipleShooting:
     def _moved(self, values: Floats, step: Floats) -> Floats:
         """The parameters after a step: of their logarithms, but for offsets; mu_s stays on its side of mu_k."""
         limited = np.clip(step, -self.settings.largest_step, self.settings.largest_step)
-        out: Floats = np.where(self.logarithmic, values * np.exp(limited), values + step)
+        out = self.model.within(np.where(self.logarithmic, values * np.exp(limited), values + step))
         keys, friction = self.model.keys, self.model.system.friction
 
         def coefficient(key: str, fixed: float, of: Floats) -> float:

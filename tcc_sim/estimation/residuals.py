@@ -18,9 +18,11 @@ from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 from scipy.stats import chi2
 
+from tcc_sim.estimation.curve import CONSTANT
 from tcc_sim.estimation.multiple_shooting import Fit, MultipleShooting
 from tcc_sim.estimation.settings import DEFAULTS, FitSettings
-from tcc_sim.estimation.windows import FREE, OFFSETS, Model
+from tcc_sim.estimation.windows import FREE, LINEAR, OFFSETS, Model
+from tcc_sim.model.groups import TABULATED
 from tcc_sim.model.parameters import QUANTITIES, values_of
 from tcc_sim.recording.table import CHANNELS
 from tcc_sim.trajectory import Floats
@@ -74,7 +76,8 @@ def judge_residuals(model: Model, levels: dict[str, float], found: Fit, settings
     exact : whether the measurement has no noise but what the real-time solver promises. Such errors do not average
         out: the covariance is then that of errors which all go together.
     """
-    others = [key for key in FREE if key not in model.keys]
+    curve = CONSTANT in model.keys or model.system.friction.curve is not None
+    others = [key for key in FREE if key not in model.keys and not (curve and key in TABULATED)]
     fixed = dict(values_of(model.system)) | dict.fromkeys(OFFSETS, 0.0)
     values = np.append(found.values, [float(fixed[key]) for key in others])   # type: ignore[arg-type]
     last = settings.stages[-1]
@@ -86,7 +89,7 @@ def judge_residuals(model: Model, levels: dict[str, float], found: Fit, settings
                for kind, unit in (("offset", ""), ("scale", "%"), ("delay", "s")))]
     noise = [autoregression(of.residuals[:, i]) for i in range(len(problem.channels))]
     spread = sum((_spread(of.derivatives[:, i], each) for i, each in enumerate(noise)), np.zeros_like(of.squares))
-    scale = np.where([key in OFFSETS for key in model.keys], 1.0, found.values)
+    scale = np.where([key in LINEAR for key in model.keys], 1.0, found.values)
     inverse = np.linalg.pinv(of.squares[:size, :size], rcond=1e-15, hermitian=True)
     if exact:
         return (Whiteness(dict.fromkeys(problem.channels, 0.0), dict.fromkeys(problem.channels, 1.0), None, {}, True),

@@ -14,13 +14,23 @@ from typing import NamedTuple
 import numpy as np
 
 from tcc_sim.errors import InputError, NumericalFailure
+from tcc_sim.estimation.curve import CONSTANT, CURVE, LARGEST_SHARE, RATES, SHARES, pairs_of, rates_allowed
 from tcc_sim.estimation.measurement import Measurement
 from tcc_sim.estimation.settings import DEFAULTS
+from tcc_sim.model.groups import TABLE
 from tcc_sim.model.parameters import DEFAULTS as SCENE_KEYS
 from tcc_sim.model.parameters import System, replace, unknown_key
 from tcc_sim.recording.table import HOLDS
-from tcc_sim.solvers.fixed_step_sensitivity import LOAD_SCALE, ROWS, advance_windows
-from tcc_sim.solvers.key_derivatives import LOAD_AMPLITUDE, MEAN_LOAD, MEAN_TORQUE, NUMBERS, key_derivatives
+from tcc_sim.solvers.fixed_step_sensitivity import LOAD_SCALE, OTHER_PAIRS, ROWS, advance_windows
+from tcc_sim.solvers.key_derivatives import (
+    DECAY,
+    EXCESS_RATIO,
+    LOAD_AMPLITUDE,
+    MEAN_LOAD,
+    MEAN_TORQUE,
+    NUMBERS,
+    key_derivatives,
+)
 from tcc_sim.solvers.terms import Terms, holding, least_mean_load, substeps, terms_of
 from tcc_sim.topics import INPUTS
 from tcc_sim.trajectory import Floats
@@ -29,7 +39,12 @@ OFFSETS = {f"{name}.offset": name for name in INPUTS}
 """Free parameters beside scene keys: what a sensor of an input shows too much, N m or Pa."""
 FREE = ("friction.static_coefficient", "friction.kinetic_coefficient", "friction.decay", "friction.smoothing",
         "driveline.damping", "driveline.stiffness", "driveline.flywheel_inertia", "driveline.plate_inertia", *OFFSETS)
-"""What can be identified."""
+"""What can be identified, beside friction.curve."""
+LINEAR = {*OFFSETS, *SHARES}
+"""Free parameters that may have either sign: a fit does not take their logarithms."""
+CURVE_ROWS = dict(zip((key for pair in zip(SHARES, RATES) for key in pair),
+                      (EXCESS_RATIO, DECAY, *range(OTHER_PAIRS, ROWS))))
+"""Rows of the derivatives by the numbers of a curve."""
 STATIC, KINETIC = "friction.static_coefficient", "friction.kinetic_coefficient"
 
 
@@ -43,8 +58,8 @@ def check_key(key: str) -> None:
     """Raise InputError unless a key can be identified."""
     if key not in FREE:
         if key in SCENE_KEYS:
-            raise InputError(f"{key} cannot be identified; what can: {', '.join(FREE)}")
-        raise unknown_key(key, dict.fromkeys(FREE))
+            raise InputError(f"{key} cannot be identified; what can: {', '.join((CURVE, *FREE))}")
+        raise unknown_key(key, dict.fromkeys((CURVE, *FREE)))
 
 
 class Drive(NamedTuple):
@@ -77,18 +92,27 @@ class Model:
         NumericalFailure
             Values out of their ranges.
         """
-        named = {k: float(v) for k, v in zip(self.keys, values) if k not in OFFSETS}
+        named = {k: float(v) for k, v in zip(self.keys, values) if k in SCENE_KEYS}
+        curve = {k: float(v) for k, v in zip(self.keys, values) if k.startswith(CURVE)}
         offsets = {OFFSETS[k]: float(v) for k, v in zip(self.keys, values) if k in OFFSETS}
         try:
-            system = replace(self.system, named)
+            system = replace(self.system, named | (of_constant(curve[CONSTANT]) if curve else {}))
         except InputError as error:
             raise NumericalFailure(str(error)) from None
         inputs, by = self.measured.inputs, np.zeros((ROWS, len(self.keys)))
         per_pressure, terms = system.torque_per_pressure, terms_of(system)
+        if curve:
+            terms = terms._replace(stribeck=tuple(pairs_of(curve)))
         for i, key in enumerate(self.keys):
             if key in OFFSETS:
                 row, change = (MEAN_TORQUE, -1.0) if OFFSETS[key] == "engine_torque" else (MEAN_LOAD, -per_pressure)
                 by[row, i] = change
+                continue
+            if key in CURVE_ROWS:
+                by[CURVE_ROWS[key], i] = 1.0
+                continue
+            if key == CONSTANT:
+                by[LOAD_SCALE, i] = 1.0 / curve[CONSTANT]
                 continue
             by[:len(NUMBERS), i] = key_derivatives(system, (key,))[:, 0]
             if key == KINETIC:   # It scales the load whichever way that comes about.
@@ -104,6 +128,13 @@ class Model:
         ends = {"previous": (begin, begin), "linear": (begin, after), "next": (after, after)}
         return Drive(terms, np.stack(ends[self.measured.hold or HOLDS[0]], axis=1), by)
 
+    def within(self, values: Floats) -> Floats:
+        """Values with the numbers of a curve in their ranges."""
+        low, high = rates_allowed(float(np.abs(self.measured.channels["slip_speed"]).max()))
+        bounds = dict.fromkeys(SHARES, (-LARGEST_SHARE, LARGEST_SHARE)) | dict.fromkeys(RATES, (low, high))
+        least, most = np.array([bounds.get(key, (-math.inf, math.inf)) for key in self.keys]).T
+        return np.asarray(np.clip(values, least, most))
+
     def substeps(self, values: Floats) -> int:
         """Sub-steps of a sample, with room for values somewhat different.
 
@@ -118,6 +149,11 @@ class Model:
             return math.ceil(DEFAULTS.spare * substeps(drive.terms, self.measured.step, held))
         except InputError as error:
             raise NumericalFailure(str(error)) from None
+
+
+def of_constant(coefficient: float) -> dict[str, object]:
+    """Scene values of a coefficient that does not depend on slip speed."""
+    return {STATIC: coefficient, KINETIC: coefficient, **dict.fromkeys(TABLE, ())}
 
 
 class Sensitivities(NamedTuple):

@@ -33,9 +33,11 @@ from tcc_sim.solvers.key_derivatives import (
 from tcc_sim.solvers.terms import Terms
 from tcc_sim.trajectory import Floats
 
-LOAD_SCALE, ROWS = len(NUMBERS), len(NUMBERS) + 1
-"""A row after those of NUMBERS: the relative change of the whole saturation torque, however it comes about."""
-_START, _SLOPE1, _SLOPE2 = 0, 1, 2
+LOAD_SCALE, OTHER_PAIRS, ROWS = len(NUMBERS), len(NUMBERS) + 1, len(NUMBERS) + 5
+"""Rows after those of NUMBERS: the relative change of the whole saturation torque, however it comes about; and
+amplitude and rate of the second and of the third exponential.
+"""
+_START, _SLOPE1, _SLOPE2, _LAW = 0, 1, 2, 3
 
 
 @compiled
@@ -59,7 +61,9 @@ def _stage(weights: tuple[float, float], keep: float, rate: float, at: tuple[flo
         falling = stribeck[0] * fade
         by_excess, by_decay = fade * tanh, -np.abs(v) * falling * tanh
         for j in range(2, len(stribeck), 2):
-            falling += stribeck[j] * np.exp(-stribeck[j + 1] * np.abs(v))
+            fade = np.exp(-stribeck[j + 1] * np.abs(v))
+            falling += stribeck[j] * fade
+            room[_LAW, j // 2, 0], room[_LAW, j // 2, 1] = fade * tanh, -np.abs(v) * stribeck[j] * fade * tanh
     by_smoothing = (1.0 + falling) * (1.0 - tanh * tanh) * v
     torque = load * value
     plate_rate = (torque - damping * omega - stiffness * theta) / inertia2
@@ -74,6 +78,10 @@ def _stage(weights: tuple[float, float], keep: float, rate: float, at: tuple[flo
                  + stiffness * theta_known)
         rub = (load * (by_excess * by[EXCESS_RATIO, c] + by_decay * by[DECAY, c] + by_smoothing * by[SMOOTHING, c])
                + torque * by[LOAD_SCALE, c] + loaded * value * by[MEAN_LOAD, c])
+        if stribeck is not None:
+            for j in range(2, len(stribeck), 2):
+                rub += load * (room[_LAW, j // 2, 0] * by[OTHER_PAIRS + j - 2, c]
+                               + room[_LAW, j // 2, 1] * by[OTHER_PAIRS + j - 1, c])
         drive = by[MEAN_TORQUE, c] - flywheel_rate * by[FLYWHEEL_INERTIA, c]
         free = share * omega_known + gain * pull
         dv = (v_known + omega_known - free + push * drive - slip * rub) * over
@@ -163,7 +171,7 @@ def advance_windows(starts: Floats, first: float, step: float, width: int, n: in
     terms : of the smoothed law
     held : (m width, 2, 2) engine torque and saturation torque, N m, at the start and at the end of each tick, linear
         between, beside those of `terms`, whose sum with the latter is at least 0; None where there are none
-    by : (ROWS, P) derivatives of the numbers of the equations by the keys: `key_derivatives`, then LOAD_SCALE
+    by : (ROWS, P) derivatives of the numbers of the equations by the keys: `key_derivatives`, LOAD_SCALE, OTHER_PAIRS
 
     Returns
     -------
@@ -175,5 +183,5 @@ def advance_windows(starts: Floats, first: float, step: float, width: int, n: in
     if held is None:
         held = np.zeros((len(starts) * width, 2, 2))
     _advance(starts, first, step, n, terms, None if terms.profile is None else terms.profile.copy(), held, columns,
-             states, derivatives, np.empty(3), np.empty((3, 3, count)))
+             states, derivatives, np.empty(3), np.empty((4, 3, count)))
     return states, derivatives

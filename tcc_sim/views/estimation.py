@@ -58,7 +58,7 @@ def _name(found: Any) -> str:
 def identification(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
     """Draw what `identify` gives."""
     names = list(found.residuals)
-    rows = len(names) + 2 + (found.likelihood is not None)
+    rows = len(names) + 1 + bool(found.parameters) + (found.likelihood is not None) + (found.curve is not None)
     with style.figure(width, 1.5 * rows + 0.6) as drawn:
         axes = drawn.subplots(rows, 1)
         draw_fit(axes[0], found)
@@ -69,7 +69,10 @@ def identification(path: Path, found: Any, title: str = "", width: float = style
             axis.plot(found.measurement.t[:len(residual)], residual, color=style.GREY, linewidth=0.5)
             axis.set_ylabel(f"{name.replace('_', ' ')}\nresidual / noise")
         axes[len(names)].set_xlabel("time (s)")
-        _parameters(axes[len(names) + 1], found)
+        if found.parameters:
+            _parameters(axes[len(names) + 1], found)
+        if found.curve is not None:
+            draw_curve(axes[-1 - (found.likelihood is not None)], found.curve)
         if found.likelihood is not None:
             axes[-1].plot(found.likelihood.values, found.likelihood.excess, marker="o")
             axes[-1].axhline(3.84, color=style.RED, linewidth=0.8, label="95 %")
@@ -87,6 +90,20 @@ def draw_fit(axis: Any, found: Any) -> None:
     axis.plot(t[:SHOWN], data[:SHOWN], linestyle="none", marker=".", color=style.GREY, label="measured")
     axis.plot(t[:SHOWN], (data + residual)[:SHOWN], color=style.BLUE, label="fitted")
     axis.set(xlabel="time (s)", ylabel="slip speed (rad/s)")
+    axis.legend(loc="best", ncols=2)
+
+
+def draw_curve(axis: Any, curve: Any) -> None:
+    """Draw a friction curve that was found, its band and the scene's curve into an axis; grey where not visited."""
+    v, inside = curve.slip_speeds, curve.visited
+    axis.fill_between(v, curve.low, curve.high, color=style.BLUE, alpha=0.25, linewidth=0.0, label="95 % band")
+    axis.plot(v, curve.coefficient, color=style.BLUE, label="found")
+    axis.plot(v, curve.scene, color=style.RED, linestyle=(0, (4, 2)), label="scene")
+    edges = v[inside][0], v[inside][-1]
+    for k, (low, high) in enumerate(((0.0, edges[0]), (edges[1], v[-1]))):
+        if high > low:
+            axis.axvspan(low, high, color=style.GREY, alpha=0.2, linewidth=0.0, label="" if k == 0 else "not visited")
+    axis.set(xlabel="slip speed (rad/s)", ylabel="friction\ncoefficient", xlim=(0.0, v[-1]))
     axis.legend(loc="best", ncols=2)
 
 
