@@ -1,7 +1,7 @@
-"""Attractors of a map: found by recurrence, polished by Newton, each with a radius within which a motion is its own.
+"""Find attractors of a map by recurrence, polish them by Newton's method, and give each a capture radius.
 
-Recurrence alone takes a slow phase of a transient for an attractor, so a repetition counts only where Newton's method
-finds a stable orbit at it. A motion without a period is kept as the cloud of its section points. After G. Datseris and
+Recurrence alone takes a slow transient for an attractor, so a repetition counts only where Newton's method finds a
+stable orbit near it. A motion without a period is kept as the cloud of its section points. After G. Datseris and
 A. Wagemakers, Effortless estimation of basins of attraction, Chaos 32 (2022), with labels by proximity instead of
 cells.
 """
@@ -30,10 +30,10 @@ from tcc_sim.continuation.shooting import Shooting
 
 def find_attractors(of: DynamicalSystem, seeds: Iterable[Floats], known: Sequence[Attractor] = (),
                     settings: Settings = DEFAULTS) -> list[Attractor]:
-    """The attractors to which motions from the `seeds` (n,) lead, those `known` first, with validated radii.
+    """Return the attractors that motions from the `seeds` (n,) reach, after the `known` ones, with validated radii.
 
-    Motions that run away or cannot be solved lead to none; nor does one that stays without a period for long, but whose
-    neighbours leave it.
+    A motion that runs away or cannot be solved reaches none. Nor does a long transient without a period, which
+    neighbouring motions leave.
     """
     scales, forcing = of.map.scales, of.map.forcing_period
     found, transients = list(known), list[Attractor]()
@@ -50,11 +50,12 @@ def find_attractors(of: DynamicalSystem, seeds: Iterable[Floats], known: Sequenc
 
 
 def _settle(of: DynamicalSystem, seed: Floats, transients: list[Attractor], settings: Settings) -> Attractor | None:
-    """The attractor that a motion comes to, without its radius; None where it runs away or cannot be solved, or stays
-    on one of the `transients`, to which a new one is added.
+    """Return the attractor that a motion reaches, without its radius.
+
+    None where the motion runs away, cannot be solved or stays on one of the `transients`; a new transient is added.
     """
-    # `sweeps.steady_state` waits until a scene's motion repeats; here any map's is near an orbit that Newton's method
-    # finds long before, however slowly motions come to it.
+    # `sweeps.steady_state` waits until a scene's motion repeats. Here Newton's method finds the orbit of any map long
+    # before, however slowly motions approach it.
     x, cycle, length = seed, 0, settings.settling
     while cycle < settings.longest:
         points = section_points(of, x, cycle, length)
@@ -78,9 +79,9 @@ def _settle(of: DynamicalSystem, seed: Floats, transients: list[Attractor], sett
 
 
 def _cloud(of: DynamicalSystem, x: Floats, cycle: int, settings: Settings) -> Attractor | None:
-    """The section points of a motion without a period, until further ones lie among them; None where it runs away."""
-    # A quasi-periodic motion beside a resonance is for thousands of cycles on a few arcs of its curve, and on other
-    # ones where it was started elsewhere.
+    """Collect section points of a motion without a period until further ones lie among them; None for a runaway."""
+    # Near a resonance a quasi-periodic motion stays on a few arcs of its curve for thousands of cycles, and on other
+    # arcs when it starts elsewhere.
     points = section_points(of, x, cycle, settings.cloud)
     for k in range(1, settings.most_clouds + 1):
         if len(points) < k * settings.cloud + 1 or of.runs_away(points[-1:])[0]:
@@ -95,13 +96,13 @@ def _cloud(of: DynamicalSystem, x: Floats, cycle: int, settings: Settings) -> At
 
 
 def _spread(points: cKDTree) -> float:
-    """Distance within which nearly every point of a cloud has a neighbour."""
+    """Return the distance within which 99 % of the points of a cloud have a neighbour."""
     return float(np.quantile(points.query(points.data, k=2)[0][:, 1], 0.99))
 
 
 def _left(of: DynamicalSystem, cloud: Attractor, settings: Settings) -> tuple[bool, Attractor | None]:
-    """Whether a motion from beside a cloud leaves it, and the orbit that it comes to; None where it runs away."""
-    # A chaotic set that is none of the attractors keeps motions for a time that differs from one to the next.
+    """Return whether a motion from near a cloud leaves it, and the orbit that it reaches (None for a runaway)."""
+    # A chaotic transient holds each motion for a different time.
     scales, random = of.map.scales, np.random.default_rng(2)
     alike = cloud.section[cloud.phases == cloud.phases[0]]
     x = alike[np.linspace(0, len(alike) - 1, settings.witnesses).astype(int)]
@@ -122,7 +123,7 @@ def _left(of: DynamicalSystem, cloud: Attractor, settings: Settings) -> tuple[bo
 
 
 def _repeating(of: DynamicalSystem, points: Floats, cycle: int, settings: Settings) -> Attractor | None:
-    """The stable orbit near the last points, whose last one is at `cycle`; None where there is none."""
+    """Return the stable orbit near the last points, the last of which is at `cycle`; None where there is none."""
     scales, forcing = of.map.scales, of.map.forcing_period
     back = cycle % forcing
     last = len(points) - 1 - back
@@ -145,7 +146,7 @@ def _repeating(of: DynamicalSystem, points: Floats, cycle: int, settings: Settin
 
 
 def _distance(one: Attractor, other: Attractor, scales: Floats) -> float:
-    """Smallest distance of points of the same phase, in natural sizes."""
+    """Return the smallest distance of two points of the same phase, in the map's scales."""
     best = np.inf
     for phase in np.unique(one.phases):
         here, there = one.section[one.phases == phase], other.section[other.phases == phase]
@@ -155,7 +156,7 @@ def _distance(one: Attractor, other: Attractor, scales: Floats) -> float:
 
 
 def _same(one: Attractor, other: Attractor, scales: Floats, settings: Settings) -> bool:
-    """Whether two attractors are one: the same orbit, or clouds of which each point of one is near the other."""
+    """Return whether two attractors are the same orbit, or two clouds that cover each other."""
     if one.period != other.period:
         return False
     if one.period:
@@ -166,10 +167,10 @@ def _same(one: Attractor, other: Attractor, scales: Floats, settings: Settings) 
 
 def numbered(of: DynamicalSystem, before: Sequence[Sequence[Attractor]], found: Sequence[Attractor],
              settings: Settings = DEFAULTS) -> tuple[Attractor, ...]:
-    """The attractors `found`, each with the number of the one at the last value that goes on in it, or a new number.
+    """Number the attractors `found` so that one that continues from the last value of the key keeps its number.
 
-    An orbit goes on in the attractor to which Newton's method leads from it, or else in the nearest one: its stable
-    motions may have another period now. Of several pairs the nearest comes first.
+    An orbit continues in the attractor that Newton's method reaches from it, or else in the nearest one, whose period
+    may differ. The nearest pairs are matched first.
     """
     scales, pairs, numbers = of.map.scales, list[tuple[float, int, int]](), dict[int, int]()
     unused = max((a.number + 1 for each in before for a in each), default=0)
@@ -189,8 +190,8 @@ def numbered(of: DynamicalSystem, before: Sequence[Sequence[Attractor]], found: 
 
 
 def _validated(of: DynamicalSystem, found: Sequence[Attractor], settings: Settings) -> list[Attractor]:
-    """The attractors with radii: apart from each other, and such that motions from the sphere come back to each."""
-    # Each radius is halved until all of the probes from its sphere end at the attractor.
+    """Give each attractor a radius: spheres do not overlap, and motions that start on a sphere return to its centre."""
+    # The radius is halved until all probes return.
     out = []
     for k, attractor in enumerate(found):
         others = [other for i, other in enumerate(found) if i != k]
@@ -209,7 +210,7 @@ def _validated(of: DynamicalSystem, found: Sequence[Attractor], settings: Settin
 
 
 def _captures(of: DynamicalSystem, attractor: Attractor, radius: float, settings: Settings) -> bool:
-    """Whether motions from the sphere of this radius come back to the attractor."""
+    """Return whether motions that start on the sphere of this radius return to the attractor."""
     random = np.random.default_rng(1)
     tree = cKDTree(attractor.section / of.map.scales)
     within = 0.05 * radius if attractor.period else radius

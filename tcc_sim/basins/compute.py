@@ -1,8 +1,8 @@
-"""Basins of attraction in a plane of two initial conditions: every cell followed until it is at an attractor.
+"""Compute basins of attraction in a plane of two initial conditions.
 
-Cells are labelled by proximity to attractors with validated radii (`attractors`); a motion that is sure to run away has
-a label of its own, and one that has not decided within the cycles allowed is counted, never guessed. Rows of cells are
-done on all cores or a Dask cluster, into a file from which they can go on. Uncertainty exponent of the boundary:
+Every cell is followed until it is near an attractor with a validated radius (`attractors`). A certain runaway has a
+label of its own; a cell that is undecided after the allowed cycles is counted, never guessed. Rows run on all cores
+or a Dask cluster, and a file keeps them so that an interrupted run can continue. Uncertainty exponent of the boundary:
 C. Grebogi, S. W. McDonald, E. Ott, J. A. Yorke, Final state sensitivity, Phys. Lett. A 99 (1983).
 """
 
@@ -42,7 +42,7 @@ PLANE_KEYS = ("initial.slip_speed", "initial.plate_angle", "initial.plate_speed"
 FORMAT = "tcc_sim basin_rows 1"
 Row = tuple[list[int], list[int]]
 Stored = tuple[int, int, dict[str, Any]]
-"""Index of the value, row, and what stands in the file."""
+"""Index of the value, row, and record in the file."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class Boundary:
-    """Uncertainty of the final state: the part of cells with another label a distance eps away grows as eps^exponent.
+    """Uncertainty of the final state: the share of cells whose label differs at a distance eps grows as eps^exponent.
 
     exponent : uncertainty exponent, with the standard error of its fit
     dimension : of the boundary, 2 - exponent
@@ -69,7 +69,7 @@ class Boundary:
 
     @property
     def dimension(self) -> float:
-        """Of the boundary in the plane."""
+        """Return the dimension of the boundary in the plane."""
         return 2.0 - self.exponent
 
 
@@ -79,9 +79,9 @@ class Basins(Result):
 
     plane : first and second axis
     labels : (len(second), len(first)) index into `attractors`, -1 undecided, -2 runaway
-    cycles : (len(second), len(first)) cycles after which the cell was decided
+    cycles : (len(second), len(first)) cycles until the cell was decided
     seconds : wall time
-    over : scene key and its value, where planes were worked out at several
+    over : scene key and its value, where there are planes at several
     """
 
     plane: tuple[Axis, Axis]
@@ -92,15 +92,15 @@ class Basins(Result):
     over: tuple[str, float] | None = None
 
     def fraction(self, label: int) -> float:
-        """Part of the plane with this label."""
+        """Return the share of the plane with this label."""
         return float(np.mean(self.labels == label))
 
     def boundary(self) -> Boundary | None:
-        """The uncertainty exponent; None where too few labels differ to fit one."""
+        """Return the uncertainty exponent; None where too few labels differ for a fit."""
         return boundary_of(self.labels)
 
     def as_json(self) -> dict[str, Any]:
-        """Plane, attractors with their fractions, and what came to none."""
+        """Return plane, attractors with their fractions, and the fractions without an attractor."""
         return {
             "plane": [{"key": axis.key, "values": list(axis.values)} for axis in self.plane],
             "attractors": [{
@@ -112,21 +112,21 @@ class Basins(Result):
             "undecided": self.fraction(UNDECIDED), "runaway": self.fraction(RUNAWAY), "seconds": self.seconds}
 
     def columns(self) -> dict[str, NDArray[Any]]:
-        """A row for every cell: both keys, its label, and after how many cycles it was decided."""
+        """Return a row for every cell: both keys, its label, and the cycles until it was decided."""
         first, second = self.plane
         return {first.key: np.tile(first.values, len(second.values)),
                 second.key: np.repeat(second.values, len(first.values)),
                 "label": self.labels.ravel(), "cycles": self.cycles.ravel()}
 
     def __repr__(self) -> str:
-        """A line for the plane and one for each attractor."""
+        """Return a line for the plane and one for each attractor."""
         return "\n".join(self.lines(DEFAULTS.attractors_shown))
 
     def _repr_html_(self) -> str:
         return f"<pre>{escape(repr(self))}</pre>"
 
     def lines(self, most: int | None = None) -> list[str]:
-        """The plane, up to `most` of the attractors with their parts of it, and what came to none."""
+        """Return lines for the plane, up to `most` attractors with their shares, runaway slip and undecided cells."""
         first, second = self.plane
         lines = [f"Basins in {first.key} ({len(first.values)}) and {second.key} ({len(second.values)})"]
         said = [f"attractor {a.number}: " if self.over else "" for a in self.attractors]
@@ -139,7 +139,7 @@ class Basins(Result):
 
 
 def axis_of(given: Axis | tuple[str, Sequence[float]]) -> Axis:
-    """An axis as it is given, or as its key and values; InputError for anything else."""
+    """Return an axis from an axis or from a key and its values; InputError for anything else."""
     try:
         return given if isinstance(given, Axis) else Axis(*given)
     except TypeError:
@@ -147,7 +147,7 @@ def axis_of(given: Axis | tuple[str, Sequence[float]]) -> Axis:
 
 
 def check_plane(given: Sequence[Axis | tuple[str, Sequence[float]]]) -> tuple[Axis, Axis]:
-    """The two axes, given as such or as keys and their values.
+    """Return the two axes of a plane, given as axes or as keys with values.
 
     Raises
     ------
@@ -171,7 +171,7 @@ def check_plane(given: Sequence[Axis | tuple[str, Sequence[float]]]) -> tuple[Ax
 
 
 def starts(system: System, plane: tuple[Axis, Axis], row: int) -> Floats:
-    """(len(first), 3) initial states of one row of the plane."""
+    """Return (len(first), 3) initial states of one row of the plane."""
     out = np.tile(State.at_start(system).numbers, (len(plane[0].values), 1))
     out[:, PLANE_KEYS.index(plane[0].key)] = plane[0].values
     out[:, PLANE_KEYS.index(plane[1].key)] = plane[1].values[row]
@@ -179,7 +179,7 @@ def starts(system: System, plane: tuple[Axis, Axis], row: int) -> Floats:
 
 
 def seeds_of(system: System, plane: tuple[Axis, Axis]) -> Floats:
-    """(seeds + 6, 3) states from which attractors are looked for: the scene's own, corners, middle, a Halton set."""
+    """Return (seeds + 6, 3) states to search from: the scene's own, corners, middle, a Halton set."""
     edges = [[0.5, 0.5], [0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]
     unit = np.concatenate([edges, halton(DEFAULTS.seeds, 2)])
     out = np.tile(State.at_start(system).numbers, (len(unit) + 1, 1))
@@ -190,14 +190,14 @@ def seeds_of(system: System, plane: tuple[Axis, Axis]) -> Floats:
 
 
 def halton(count: int, dimensions: int) -> Floats:
-    """(count, dimensions) points of the unit cube that fill it evenly (J. H. Halton, Numer. Math. 2, 1960)."""
+    """Return (count, dimensions) points that fill the unit cube evenly (J. H. Halton, Numer. Math. 2, 1960)."""
     from scipy.stats.qmc import Halton
 
     return np.asarray(Halton(dimensions, scramble=False).random(count + 1)[1:])
 
 
 def boundary_of(labels: Labels) -> Boundary | None:
-    """The uncertainty exponent of a map of labels, from cells that differ from one a few away along either axis."""
+    """Return the uncertainty exponent of a map of labels, from differences between cells along either axis."""
     sizes, parts = [], []
     for k in DEFAULTS.distances:
         if k >= min(labels.shape):
@@ -215,7 +215,7 @@ def boundary_of(labels: Labels) -> Boundary | None:
 
 
 def solve_row(system: System, plane: tuple[Axis, Axis], row: int, attractors: Sequence[Attractor], most: int) -> Row:
-    """Labels and cycles of one row of cells; what a worker does."""
+    """Label one row of cells, in a worker; return labels and cycles."""
     motion = DrivelineMotion(system, DEFAULTS.rtol_cells)
     mapper = ProximityMapper(attractors, motion.map.scales, motion.map.forcing_period)
     labels, cycles = labelled(motion, mapper, starts(system, plane, row), most)
@@ -226,17 +226,17 @@ def basins(scene: Scene | System | str, plane: Sequence[Axis | tuple[str, Sequen
            cycles: int = DEFAULTS.cycles, over: Axis | tuple[str, Sequence[float]] | None = None,
            jobs: int | None = None, dask: str | None = None, part: Path | None = None, progress: bool = False,
            said: Mapping[str, Any] | None = None) -> list[Basins]:
-    """Attractors and their basins in a plane of two initial conditions, one for every value of `over`.
+    """Compute attractors and their basins in a plane of two initial conditions, for every value of `over`.
 
     Parameters
     ----------
     scene : a scene, its name or file, or a system
     plane : two axes of initial.* keys, or these keys and their values
     cycles : most engine cycles that a cell is followed, 16 to 1000000
-    over : a scene key and its values, as an axis or these two, each with a plane; attractors keep their numbers
+    over : a scene key and its values; there is a plane for each, and attractors keep their numbers
     jobs : threads; all available cores by default
     dask : address of a Dask scheduler whose workers do the work instead
-    part : file that takes every row as it is done, and from which the same call goes on
+    part : file that keeps every finished row; the same call continues from it
     said : further keys of that file's first line, such as the command
     progress : show a bar on a terminal
 
@@ -245,7 +245,7 @@ def basins(scene: Scene | System | str, plane: Sequence[Axis | tuple[str, Sequen
     InputError
         A wrong plane, number of cycles or jobs, or a file that holds something else.
     BasinsInterrupted
-        Ctrl-C; what was done stands in `part`.
+        Ctrl-C; `part` holds the finished rows.
 
     Examples
     --------
@@ -283,7 +283,7 @@ def basins(scene: Scene | System | str, plane: Sequence[Axis | tuple[str, Sequen
 def _one(system: System, plane: tuple[Axis, Axis], most: int, stored: Sequence[tuple[int, dict[str, Any]]],
          executor: Executor, there: Attendance, keep: Callable[[int, dict[str, Any]], None],
          tick: Callable[[], object]) -> Basins:
-    """One plane: attractors from seeds, rows, and attractors again from the cells that came to none."""
+    """Compute one plane: find attractors from seeds, label rows, and search again from undecided cells."""
     began = time.perf_counter()
     motion = DrivelineMotion(system)
     shape = len(plane[1].values), len(plane[0].values)
@@ -291,7 +291,7 @@ def _one(system: System, plane: tuple[Axis, Axis], most: int, stored: Sequence[t
     attractors, missing = find_attractors(motion, seeds_of(system, plane)), set(range(shape[0]))
 
     def solved(rows: set[int]) -> Iterator[int]:
-        """The rows as they are done."""
+        """Yield rows as they are finished."""
         waiting = iter(sorted(rows))
         for row, found in each_done(there, lambda: next(waiting, None), lambda row: executor.submit(
                 solve_row, system, plane, row, attractors, most)):
@@ -299,7 +299,7 @@ def _one(system: System, plane: tuple[Axis, Axis], most: int, stored: Sequence[t
             yield row
 
     for row, found in stored:
-        # Those of a file that the same attractors were not known for are solved again.
+        # Rows that were labelled with other attractors are solved again.
         if found["attractors"] == len(attractors) and len(found["labels"]) == shape[1] == len(found["cycles"]):
             labels[row], cycles[row] = found["labels"], found["cycles"]
             missing.discard(row)
@@ -324,7 +324,7 @@ def _one(system: System, plane: tuple[Axis, Axis], most: int, stored: Sequence[t
 
 
 def _header(system: System, plane: tuple[Axis, Axis], cycles: int, over: Axis | None) -> dict[str, Any]:
-    """What tells one piece of work from another."""
+    """Return the first line of the file, which identifies the work."""
     axes = [{"key": axis.key, "values": list(axis.values)} for axis in plane]
     return {"version": __version__, "plane": axes, "cycles": cycles, "scene": dict(values_of(system)),
             "over": None if over is None else {"key": over.key, "values": list(over.values)}}

@@ -1,4 +1,4 @@
-"""A scene of the driveline as a `DynamicalSystem`: sections of many cycles by its fast engine; what running away is."""
+"""A driveline scene as a `DynamicalSystem`, with a criterion for runaway slip."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from tcc_sim.trajectory import NO_ORBITS, Orbits, State
 
 
 class DrivelineMotion:
-    """One system; states are slip speed (rad/s), plate angle (rad) and plate speed (rad/s) at phase 0 of the engine.
+    """The driveline as a dynamical system, by its section at phase 0 of the engine torque.
 
-    `rtol` is the relative tolerance of its sections.
+    States are slip speed (rad/s), plate angle (rad) and plate speed (rad/s). `rtol` is the relative tolerance of its sections.
     """
 
     def __init__(self, system: System, rtol: float = DEFAULTS.rtol) -> None:
@@ -37,29 +37,30 @@ class DrivelineMotion:
         """How far slip can swing within a few cycles about its mean, rad/s."""
 
     def sections(self, starts: Floats, first: int, cycles: int, orbits: Orbits = NO_ORBITS) -> Floats:
-        """(m, cycles + 1, 3) states at the starts of cycles first to first + cycles, NaN behind a failure and behind
-        two points by one of the orbits.
+        """Return (m, cycles + 1, 3) states at the starts of cycles first to first + cycles.
+
+        States are NaN after a failure and after two consecutive points near one of the `orbits`.
         """
         return sections(self.system, starts, first, cycles, self._rtol, orbits)
 
     def runs_away(self, points: Floats) -> NDArray[np.bool_]:
-        """(m,) whether slip is so fast that friction is constant, and the mean engine torque more than it can hold.
+        """Return (m,) whether slip is so fast that friction is constant and below the mean engine torque.
 
-        From there on slip gains (Tm - Tsm)/I1 a second on average, (1a) with a bounded plate, and never comes back.
+        Slip then gains (Tm - Tsm)/I1 a second on average, (1a) with a bounded plate, and never returns.
         """
         v = points[:, 0]
         out: NDArray[np.bool_] = (np.abs(v) > self._constant + self._swing) & (self._drift * np.sign(v) > self._drag)
         return out
 
     def largest(self, x: Floats, first: int, cycles: int) -> float:
-        """The largest |slip speed| over some cycles, rad/s."""
+        """Return the largest |slip speed| over these cycles, rad/s."""
         found = solve(self.system, cycles=cycles, state=State.of(x), start_cycle=first, rtol=self._rtol).cycles
         assert found is not None
         return max(float(found.highest.max()), -float(found.lowest.min()))
 
 
 def mean_load(system: System) -> float:
-    """The mean over time of the saturation torque Ts, clamped at 0, N m."""
+    """Return the time average of the saturation torque Ts, clamped at 0, N m."""
     terms = terms_of(system)
     if terms.pulsation is None or abs(terms.pulsation[0]) <= terms.mean_load:
         return terms.mean_load

@@ -1,4 +1,4 @@
-"""Attractors, and to which of them a motion has come: by proximity to their points, within validated radii."""
+"""Assign motions to attractors by proximity to their section points, within validated capture radii."""
 
 from __future__ import annotations
 
@@ -16,32 +16,32 @@ from tcc_sim.result import Described
 from tcc_sim.trajectory import NO_ORBITS, Orbits
 
 UNDECIDED, RUNAWAY = -1, -2
-"""Labels of a motion that came to no attractor."""
+"""Labels of a motion that reached no attractor."""
 Labels = NDArray[np.integer[Any]]
 Counts = NDArray[np.integer[Any]]
-"""One for each of many motions: label, and cycles."""
+"""(m,) one entry for each motion: its label, and its cycles."""
 
 
 class DynamicalSystem(Protocol):
-    """What is asked of a system besides its map with derivatives: the sections of many motions, cheaply."""
+    """A map with derivatives, and a cheap way to compute sections of many motions at once."""
 
     map: ParameterMap
 
     def sections(self, starts: Floats, first: int, cycles: int, orbits: Orbits = NO_ORBITS) -> Floats:
-        """(m, cycles + 1, n) states of motions from `starts` (m, n) at the starts of cycles first to first + cycles.
+        """Return (m, cycles + 1, n) states of motions from `starts` (m, n) at the starts of cycles from `first` on.
 
-        NaN from where one cannot be solved further, and where it need not be: behind two points by one of the orbits.
+        States are NaN after a failure, and after two consecutive points near one of the `orbits`.
         """
 
     def runs_away(self, points: Floats) -> NDArray[np.bool_]:
-        """Whether motions with these section points (m, n) are sure to grow without bound."""
+        """Return (m,) whether motions with these section points (m, n) certainly grow without bound."""
 
     def largest(self, x: Floats, first: int, cycles: int) -> float:
-        """The largest size of the motion over some cycles."""
+        """Return the largest size of the motion over these cycles."""
 
 
 def section_points(of: DynamicalSystem, x: Floats, first: int, cycles: int) -> Floats:
-    """(m + 1, n) states of one motion at the starts of its cycles; m < cycles where it cannot be solved further."""
+    """Return (m + 1, n) states of one motion at the starts of its cycles; m < cycles where a solve failed."""
     points = of.sections(np.asarray(x, dtype=np.float64)[None], first, cycles)[0]
     out: Floats = points[np.isfinite(points).all(axis=1)]
     return out
@@ -51,13 +51,13 @@ def section_points(of: DynamicalSystem, x: Floats, first: int, cycles: int) -> F
 class Attractor(Described):
     """One attractor.
 
-    period : cycles; 0 where it has none
-    section : (period, n) its points at the starts of the cycles from 0 on; of one without period the cloud (m, n)
+    period : cycles; 0 for none
+    section : (period, n) points at the starts of the cycles from 0 on; without a period a cloud of points (m, n)
     phases : (period or m,) cycle of each point modulo the map's forcing period
-    multipliers : (n,) Floquet multipliers, largest modulus first; None where it has no period
+    multipliers : (n,) Floquet multipliers, largest modulus first; None without a period
     largest : the largest size of the motion
-    radius : capture radius, in the map's natural sizes
-    number : the same at every value of a key along which the attractor goes on
+    radius : capture radius, in the map's scales
+    number : identifies the attractor along a key
     """
 
     period: int
@@ -70,7 +70,7 @@ class Attractor(Described):
 
 
 class ProximityMapper:
-    """Tells by proximity to which of some attractors a motion has come.
+    """Find which of several attractors a motion has reached, by proximity.
 
     Two consecutive section points must be within the capture radius of two consecutive points of the same attractor (of
     two points of the cloud, for one without a period), at the same phase of the excitation.
@@ -92,13 +92,13 @@ class ProximityMapper:
                         for k, a in enumerate(attractors) if not a.period]
 
     def patience(self, cycle: int, settings: Settings) -> int:
-        """Cycles that motions are solved further after so many: those that come to an orbit end by themselves."""
+        """Return how many cycles to solve after `cycle`; motions that reach an orbit end early by themselves."""
         return settings.chunk if self._clouds else max(settings.chunk, cycle)
 
     def find(self, points: Floats, first: int) -> tuple[Labels, Counts]:
-        """Indices of attractors (k,) and cycles until they were reached (k,) of section points (k, m + 1, n).
+        """Return the attractors (k,) that section points (k, m + 1, n) reach, and after how many cycles (k,).
 
-        UNDECIDED where a motion comes to none, as where its points are NaN.
+        UNDECIDED where a motion reaches none or its points are NaN.
         """
         scaled = points / self._scales
         places, reach, cycle, following, forcing = self.orbits
@@ -126,9 +126,10 @@ class ProximityMapper:
 
 def labelled(of: DynamicalSystem, mapper: ProximityMapper, starts: Floats, most: int,
            settings: Settings = DEFAULTS) -> tuple[Labels, Counts]:
-    """Labels and cycles (m,) of initial states (m, n): the attractor that each comes to, RUNAWAY or UNDECIDED.
+    """Return labels and cycles (m,) of initial states (m, n): the attractor that each reaches, RUNAWAY or UNDECIDED.
 
-    A motion counts as come to an attractor at the first of two section points by it, whatever chunks it is solved in.
+    A motion reaches an attractor at the first of two consecutive section points near it. The result does not depend
+    on the chunks in which the motion is solved.
     """
     labels, cycles = np.full(len(starts), UNDECIDED), np.full(len(starts), most)
     going, x, cycle = np.arange(len(starts)), np.asarray(starts, dtype=np.float64), 0

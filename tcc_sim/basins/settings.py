@@ -1,6 +1,6 @@
-"""The settings of the room: every tolerance, length and bound that the search for attractors and basins works with.
+"""Tolerances, lengths and bounds of the search for attractors and basins.
 
-Distances are in the map's natural sizes, lengths in cycles.
+Distances are in the map's scales, lengths in cycles.
 """
 
 from __future__ import annotations
@@ -12,41 +12,41 @@ from tcc_sim.model.quantity import quantity
 
 @dataclass(frozen=True)
 class Settings:
-    """How attractors are found and told apart, and cells followed to them."""
+    """How attractors are found and distinguished, and how cells are followed to them."""
 
-    # How attractors are found and told apart (`attractors.py`).
+    # Finding and distinguishing attractors (`attractors.py`).
     longest_period: int = quantity(16, "longest period looked for", "cycles")
-    settling: int = quantity(256, "time after which a motion is first asked whether it repeats; doubled until "
-                             "`longest`", "cycles")
-    longest: int = quantity(4096, "time after which a motion that repeats nowhere counts as one without a "
+    settling: int = quantity(256, "time after which the search first tests whether a motion repeats; doubled up "
+                             "to `longest`", "cycles")
+    longest: int = quantity(4096, "time after which a motion that has not repeated counts as one without a "
                             "period", "cycles")
-    near: float = quantity(0.3, "distance of two points a period apart from which Newton's method is tried")
-    returned: float = quantity(1e-3, "the same for a motion from beside a cloud")
-    cloud: int = quantity(2048, "section points that are kept of a motion without a period, as a cloud")
-    most_clouds: int = quantity(32, "how often so many more points are added while a part of them lies off the cloud")
-    new: float = quantity(0.05, "part of further points that may lie off a cloud that is whole")
-    witnesses: int = quantity(16, "motions from beside a cloud that are followed for `longest`: where one of them "
-                              "leaves, it was a transient")
+    near: float = quantity(0.3, "distance of two points a period apart below which Newton's method starts")
+    returned: float = quantity(1e-3, "the same for a motion that starts near a cloud")
+    cloud: int = quantity(2048, "section points in the cloud of a motion without a period")
+    most_clouds: int = quantity(32, "how often the search adds that many points while new ones lie off the cloud")
+    new: float = quantity(0.05, "part of new points that may lie off a complete cloud")
+    witnesses: int = quantity(16, "motions from near a cloud that are followed for `longest`; the cloud is a "
+                              "transient if one of them leaves")
     same: float = quantity(1e-6, "distance at which two orbits are one")
     same_cloud: float = quantity(1e-3, "distance at which two clouds' points are one")
-    goes_on: float = quantity(0.5, "largest distance of two attractors at neighbouring values of a key that are one")
-    shared: float = quantity(0.9, "share of a cloud's points that must be so near")
+    goes_on: float = quantity(0.5, "largest distance between an attractor and its continuation at the next value")
+    shared: float = quantity(0.9, "share of a cloud's points that must be that near")
 
-    # When a motion has come to an attractor (`attractors.py`, `proximity.py`, `compute.py`).
+    # Capture by an attractor (`attractors.py`, `proximity.py`, `compute.py`).
     radius: float = quantity(0.2, "largest capture radius")
-    smallest_radius: float = quantity(1e-4, "a capture radius is halved until it is no larger")
+    smallest_radius: float = quantity(1e-4, "bound below which a capture radius is not halved further")
     apart: float = quantity(0.4, "largest capture radius, relative to the distance of the nearest other attractor")
-    probes: int = quantity(24, "motions from the sphere of a capture radius that validate it")
-    probe_cycles: int = quantity(600, "time that each of them may take", "cycles")
-    cycles: int = quantity(600, "longest that a cell is followed", "cycles")
-    chunk: int = quantity(4, "time after which motions are first asked where they are", "cycles")
+    probes: int = quantity(24, "motions from the capture sphere that validate the radius")
+    probe_cycles: int = quantity(600, "longest time of such a motion", "cycles")
+    cycles: int = quantity(600, "longest time that a cell is followed", "cycles")
+    chunk: int = quantity(4, "time after which motions are first compared with attractors", "cycles")
 
     # The cells of a plane (`compute.py`, `driveline.py`).
-    seeds: int = quantity(48, "cells of the plane from which attractors are looked for, beside its corners and middle")
-    rounds: int = quantity(3, "how often attractors are looked for again from the cells that came to none known")
-    searched: int = quantity(24, "undecided cells from which they are then looked for")
-    rtol: float = quantity(1e-8, "relative tolerance of the motions that attractors are found from and judged by")
-    rtol_cells: float = quantity(3e-5, "relative tolerance of the motions that are followed to one: it moves edges of "
+    seeds: int = quantity(48, "cells from which the search starts, beside the corners and the middle")
+    rounds: int = quantity(3, "how often the search starts again from undecided cells")
+    searched: int = quantity(24, "undecided cells from which it then starts")
+    rtol: float = quantity(1e-8, "relative tolerance of the motions that find attractors")
+    rtol_cells: float = quantity(3e-5, "relative tolerance of the motions that label cells: it moves edges of "
                                  "basins by 1e-5 rad/s (median of 195 of two scenes, with either law; at most 1e-4); "
                                  "one of 117 000 cells of seven scenes has another label than at 1e-9. Attractors need "
                                  "more: with this a chaotic one of omega/omega_n = 0.36, mu_k = 0.7 mu_s is left for a "
