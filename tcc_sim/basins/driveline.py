@@ -19,7 +19,8 @@ from tcc_sim.trajectory import NO_ORBITS, Orbits, State
 class DrivelineMotion:
     """The driveline as a dynamical system, by its section at phase 0 of the engine torque.
 
-    States are slip speed (rad/s), plate angle (rad) and plate speed (rad/s). `rtol` is the relative tolerance of its sections.
+    States are slip speed (rad/s), plate angle (rad) and plate speed (rad/s). `rtol` is the relative
+    tolerance of its sections.
     """
 
     def __init__(self, system: System, rtol: float = DEFAULTS.rtol) -> None:
