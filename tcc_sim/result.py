@@ -1,26 +1,99 @@
-"""What every result is to those who look at it: a line of text, columns, a table in a notebook, and JSON."""
+"""What every result is to those who look at it: a line of text, columns, a table in a notebook, and JSON.
+
+Fields of result classes are declared with `reported`: their meaning and unit. JSON, headers of tables, axes
+of pictures and the page of fields read them there; no other list of them exists.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import fields, is_dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import Field, dataclass, fields, is_dataclass, replace
 from html import escape
-from typing import Any
+from typing import Any, TypeVar
 
 ROWS_SHOWN = 20
-ASKED_FOR, SPREAD = {"asked_for": True}, {"spread": True}
-"""Metadata of dataclass fields: JSON has not what is None because nobody asked for it; and it has the fields of a
-dataclass, or the items of a mapping, in the place of the field that holds it.
-"""
 PLAIN = {str, int, bool, type(None)}
 """Types of values that are in JSON as they are; most of a result is, and numbers."""
+_KNOWN: dict[type, dict[str, Reported]] = {}
+Getter = TypeVar("Getter", bound=Callable[..., Any])
+
+
+@dataclass(frozen=True)
+class Reported:
+    """How a field or property of a result is reported.
+
+    meaning, unit : in words; the unit is empty for what has none. In a unit, {over} is the unit of the scene key that
+        the nearest field `over` names, and {*} that of each key of a mapping
+    name : in JSON, where it differs from the attribute's
+    asked_for : JSON omits it where it is None
+    spread : JSON has its fields in its place
+    listed : likewise, but of a sequence: each of its fields becomes a list of the values
+    of : classes of what it holds, where the annotation does not name them
+    """
+
+    meaning: str
+    unit: str = ""
+    name: str = ""
+    asked_for: bool = False
+    spread: bool = False
+    listed: bool = False
+    of: tuple[type, ...] = ()
+
+
+def reported(meaning: str, unit: str = "", **how: Any) -> dict[str, Reported]:
+    """Return the metadata of a dataclass field that is reported; arguments as those of `Reported`."""
+    return {"reported": Reported(meaning, unit, **how)}
+
+
+def as_in(kind: type, name: str, **how: Any) -> dict[str, Reported]:
+    """Return the metadata of a field that is reported as one of another class; `how` says what differs."""
+    return {"reported": replace(reported_of(kind)[name], **how)}
+
+
+def reporting(meaning: str, unit: str = "", **how: Any) -> Callable[[Getter], Getter]:
+    """Return a decorator for the getter of a property that is reported; arguments as those of `Reported`."""
+    def marked(getter: Getter) -> Getter:
+        getter.reported = Reported(meaning, unit, **how)  # type: ignore[attr-defined]
+        return getter
+    return marked
+
+
+def reported_of(kind: type) -> dict[str, Reported]:
+    """The reported fields of a class, then its properties, by the name of the attribute."""
+    if kind in _KNOWN:
+        return _KNOWN[kind]
+    found = {item.name: item.metadata["reported"] for item in fields(kind) if "reported" in item.metadata}
+    for base in reversed(kind.__mro__):
+        for name, value in vars(base).items():
+            if isinstance(value, property) and (entry := getattr(value.fget, "reported", None)) is not None:
+                found[name] = entry
+    _KNOWN[kind] = found
+    return found
+
+
+def units_of(kind: type) -> dict[str, str]:
+    """The units of the reported fields of a class, by name."""
+    return {name: entry.unit for name, entry in reported_of(kind).items()}
 
 
 class Described:
     """A dataclass whose text is one line: its numbers and words, and of what is long how much there is."""
 
     __slots__ = ()
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Add the reported fields to the docstring."""
+        super().__init_subclass__(**options)
+        entries = {name: item.metadata["reported"] for name, item in vars(cls).items()
+                   if isinstance(item, Field) and "reported" in item.metadata}
+        if entries and cls.__doc__:
+            lines = [f"{name} : {entry.meaning}{entry.unit and f', {entry.unit}'}" for name, entry in entries.items()]
+            cls.__doc__ = "\n    ".join([cls.__doc__.rstrip(), "", *lines, ""])
+
+    def as_json(self) -> dict[str, Any]:
+        """The reported fields as JSON values; null for a number that is not finite."""
+        return dict(json_of(self))
 
     def __repr__(self) -> str:
         found = ((item.name.replace("_", " "), getattr(self, item.name)) for item in fields(self))  # type: ignore[arg-type]
@@ -43,17 +116,19 @@ class Result(Described):
 
 
 def json_of(value: Any) -> Any:
-    """A value as JSON has it: a dataclass as its fields by name, NumPy's arrays and numbers as Python's, and null for a
-    number that is not finite.
+    """A value as JSON has it: a dataclass as its reported fields (all where none is) by name, a complex number as a
+    pair, NumPy's arrays and numbers as Python's, and null for a number that is not finite.
     """
     if type(value) is float:
         return value if math.isfinite(value) else None
     if type(value) in PLAIN:
         return value
-    if is_dataclass(value):
+    if is_dataclass(value) and not isinstance(value, type):
         value = dict(_items(value))
     if isinstance(value, Mapping):
         return {str(key): json_of(each) for key, each in value.items()}
+    if type(value) is complex:
+        return [json_of(value.real), json_of(value.imag)]
     if hasattr(value, "tolist"):
         return json_of(value.tolist())
     if isinstance(value, (list, tuple)):
@@ -62,15 +137,33 @@ def json_of(value: Any) -> Any:
 
 
 def _items(value: Any) -> Iterator[tuple[str, Any]]:
-    """The fields of a dataclass that JSON has, or the items of a mapping."""
+    """The reported fields of a dataclass, or the items of a mapping."""
     if isinstance(value, Mapping):
         yield from value.items()
         return
-    for item in fields(value):
-        part = getattr(value, item.name)
-        if part is None and item.metadata.get("asked_for"):
+    for name, entry in (reported_of(type(value)) or {item.name: Reported("") for item in fields(value)}).items():
+        part = getattr(value, name)
+        if part is None and entry.asked_for:
             continue
-        yield from _items(part) if item.metadata.get("spread") else ((item.name, part),)
+        if entry.spread:
+            yield from _items(part) if part is not None else dict.fromkeys(names_in(entry.of[0])).items()
+        elif entry.listed:
+            yield from as_lists(part, entry.of[0]).items()
+        else:
+            yield entry.name or name, part
+
+
+def names_in(kind: type) -> list[str]:
+    """The names in JSON of the reported fields that are always there."""
+    return [part for name, entry in reported_of(kind).items() if not entry.asked_for
+            for part in (names_in(entry.of[0]) if entry.spread else [entry.name or name])]
+
+
+def as_lists(parts: Iterable[Any], kind: type) -> dict[str, list[Any]]:
+    """For each reported field of a class the values in a list, None where there is none."""
+    rows = [{} if part is None else dict(_items(part)) for part in parts]
+    names = dict.fromkeys([*names_in(kind), *(name for row in rows for name in row)])
+    return {name: [row.get(name) for row in rows] for name in names}
 
 
 def html_of(columns: Mapping[str, Any]) -> str:

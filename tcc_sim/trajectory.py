@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tcc_sim.errors import NumericalFailure, counted
 from tcc_sim.model.groups import Initial
 from tcc_sim.model.parameters import System
-from tcc_sim.result import Result
+from tcc_sim.result import Result, reported, units_of
 
 Floats = NDArray[np.float64]
 Modes = NDArray[np.int8]
@@ -196,11 +196,9 @@ class Statistics:
 class Trajectory(Result):
     """A solved or recorded run.
 
-    Arrays are (n,): t (s), slip_speed (rad/s), plate_angle (rad), plate_speed (rad/s), engine_torque,
-    saturation_torque, friction_torque (N m), state (-1 negative slip, 0 stick, 1 positive slip). `flywheel_angle` (rad)
-    is there for those who asked. `cycles` comes from solvers that work it out on the way, and `rest`, a single one that
-    ends with the run, from those that end within a cycle; `analysis.summary.cycle_parts_of` derives both from samples
-    otherwise.
+    The columns are (n,) arrays; so is `flywheel_angle` (rad), which is there for those who asked. `cycles` comes from
+    solvers that work it out on the way, and `rest`, a single one that ends with the run, from those that end within a
+    cycle; `analysis.summary.cycle_parts_of` derives both from samples otherwise.
 
     Examples
     --------
@@ -210,14 +208,14 @@ class Trajectory(Result):
     ['engine_torque', 'friction_torque', 'plate_angle']
     """
 
-    t: Floats
-    slip_speed: Floats
-    plate_angle: Floats
-    plate_speed: Floats
-    engine_torque: Floats
-    saturation_torque: Floats
-    friction_torque: Floats
-    state: Modes
+    t: Floats = field(metadata=reported("time", "s"))
+    slip_speed: Floats = field(metadata=reported("flywheel speed minus plate speed", "rad/s"))
+    plate_angle: Floats = field(metadata=reported("angle of the clutch plate", "rad"))
+    plate_speed: Floats = field(metadata=reported("speed of the clutch plate", "rad/s"))
+    engine_torque: Floats = field(metadata=reported("torque of the engine on the flywheel", "N m"))
+    saturation_torque: Floats = field(metadata=reported("mu_k N R", "N m"))
+    friction_torque: Floats = field(metadata=reported("torque of the clutch on the plate", "N m"))
+    state: Modes = field(metadata=reported("-1 negative slip, 0 stick, 1 positive slip"))
     cycle: float
     solver: str
     system: System | None = None
@@ -229,11 +227,6 @@ class Trajectory(Result):
     detail: str = ""
     statistics: Statistics = Statistics()
 
-    UNITS: ClassVar[Mapping[str, str]] = {
-        "t": "s", "slip_speed": "rad/s", "plate_angle": "rad", "plate_speed": "rad/s", "engine_torque": "N m",
-        "saturation_torque": "N m", "friction_torque": "N m", "state": ""}
-    """The columns, and their units."""
-
     def __repr__(self) -> str:
         long = f"{float(self.t[-1] - self.t[0]):.6g} s" if len(self.t) else "no time"
         cycles = f", {counted(len(self.cycles), 'engine cycle')}" if self.cycles is not None else ""
@@ -242,7 +235,7 @@ class Trajectory(Result):
 
     def columns(self) -> dict[str, Floats | Modes]:
         """The samples by name, (n,) arrays, as ``pandas.DataFrame`` and ``polars.DataFrame`` take them."""
-        return {name: getattr(self, name) for name in self.UNITS}
+        return {name: getattr(self, name) for name in UNITS}
 
     @property
     def final(self) -> State:
@@ -267,6 +260,10 @@ class Trajectory(Result):
             raise NumericalFailure(f"{self.solver}: "
                                    f"{self.status.value}{reached}{'; ' + self.detail if self.detail else ''}")
         return self
+
+
+UNITS = units_of(Trajectory)
+"""The columns of a trajectory, and their units."""
 
 
 def integral(values: Floats, t: Floats) -> Floats:

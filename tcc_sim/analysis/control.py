@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from tcc_sim.analysis.engine_clock import EngineClock, Uniform, clock_of_scene
 from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.analysis.summary import cycle_parts_of, default_discard
+from tcc_sim.result import reported
 from tcc_sim.trajectory import Cycles, Floats, Trajectory, integral
 
 
@@ -70,38 +71,32 @@ class Control:
 @dataclass(frozen=True)
 class Tracking:
     """The slip speed against a target that was held; the fields are JSON keys of `analyse`. NaN is what was not seen.
-
-    target, mean_slip : rad/s; the mean over the kept cycles
-    rms_error, largest_error : of the cycle mean minus the target over the kept cycles, rad/s
-    overshoot : how far the cycle mean went beyond the target in the direction of the step to it, rad/s, in all cycles;
-        where it began at the target there is no step, and this is how far it went to either side
-    settling_time : s until the cycle mean stays, for five cycles or more to the end, within 2 % of the step or of the
-        target, whichever is larger; NaN where it does not
-    peak_mean, peak_slip : largest deviation of the cycle mean, and of the slip speed itself, from the target in all
-        cycles, the transient included, rad/s
-    iae : integral of the cycle mean's |error| over all cycles, rad
-    ripple : rms of the slip speed about its mean over each cycle, rad/s
-    stick_fraction : time in stick over time
-    pressure_low, pressure_high : range of the applied pressure, Pa
-    pressure_rate : rms of its change, Pa/s
-    time_at_limit : share of time in which it is at a limit
     """
 
-    target: float
-    mean_slip: float
-    rms_error: float
-    largest_error: float
-    overshoot: float
-    settling_time: float
-    peak_mean: float = math.nan
-    peak_slip: float = math.nan
-    iae: float = math.nan
-    ripple: float = math.nan
-    stick_fraction: float = math.nan
-    pressure_low: float = math.nan
-    pressure_high: float = math.nan
-    pressure_rate: float = math.nan
-    time_at_limit: float = math.nan
+    target: float = field(metadata=reported("target slip speed", "rad/s"))
+    mean_slip: float = field(metadata=reported("mean slip speed over the kept cycles", "rad/s"))
+    rms_error: float = field(metadata=reported("rms of the cycle mean minus the target over the kept cycles", "rad/s"))
+    largest_error: float = field(metadata=reported("largest size of that difference", "rad/s"))
+    overshoot: float = field(metadata=reported(
+        "how far the cycle mean went beyond the target in the direction of the step to it, in all cycles; where it "
+        "began at the target there is no step, and this is how far it went to either side", "rad/s"))
+    settling_time: float = field(metadata=reported(
+        "time until the cycle mean stays, for five cycles or more to the end, within 2 % of the step or of the "
+        "target, whichever is larger; null where it does not", "s"))
+    peak_mean: float = field(default=math.nan, metadata=reported(
+        "largest deviation of the cycle mean from the target in all cycles, the transient included", "rad/s"))
+    peak_slip: float = field(default=math.nan, metadata=reported(
+        "largest deviation of the slip speed itself, likewise", "rad/s"))
+    iae: float = field(default=math.nan, metadata=reported(
+        "integral of the cycle mean's |error| over all cycles", "rad"))
+    ripple: float = field(default=math.nan, metadata=reported(
+        "rms of the slip speed about its mean over each cycle", "rad/s"))
+    stick_fraction: float = field(default=math.nan, metadata=reported("time in stick over time"))
+    pressure_low: float = field(default=math.nan, metadata=reported("least applied pressure", "Pa"))
+    pressure_high: float = field(default=math.nan, metadata=reported("largest applied pressure", "Pa"))
+    pressure_rate: float = field(default=math.nan, metadata=reported("rms of the rate of the applied pressure", "Pa/s"))
+    time_at_limit: float = field(default=math.nan, metadata=reported(
+        "share of time in which the pressure is at a limit"))
 
 
 def tracking(target: float, means: Floats, cycle: float, discard: int) -> Tracking:

@@ -7,7 +7,7 @@ is a sum over samples that a jump falls between.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, cast
 
 import numpy as np
@@ -16,7 +16,7 @@ from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model import equations, friction
 from tcc_sim.model.parameters import System
-from tcc_sim.result import json_of
+from tcc_sim.result import Described, reported
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import Terms, peak_load, terms_of
 from tcc_sim.trajectory import FREE, STICK, Cycles, Floats, State, Status, Trajectory
@@ -26,16 +26,18 @@ GAUSS, WEIGHTS = (0.5 * x for x in np.polynomial.legendre.leggauss(4))
 
 
 @dataclass(frozen=True)
-class Damping:
-    """Averages of dT/dv = Ts(t) d(mubar)/dv over whole engine cycles, N m s/rad.
+class Damping(Described):
+    """Averages of dT/dv = Ts(t) d(mubar)/dv over whole engine cycles.
 
-    weighted : Cf of (21) as printed, weighted with v^2; NaN where v is 0 throughout
-    negative_mean : time average of the negative part, min(dT/dv, 0): the reading of Fig. 5 that has the printed order
-    threshold : -C23; (23) says that the motion is unstable where Cf is below it
+    threshold : -C23, N m s/rad; (23) says that the motion is unstable where Cf is below it
     """
 
-    weighted: float
-    negative_mean: float
+    weighted: float = field(metadata=reported(
+        "Cf of (21) as printed, dT/dv weighted with v^2; null where there is no slip",
+        "N m s/rad", name="equivalent_damping"))
+    negative_mean: float = field(metadata=reported(
+        "time mean of the negative part of dT/dv, the reading of Fig. 5 that has the printed order",
+        "N m s/rad", name="negative_slope_mean"))
     threshold: float
 
 
@@ -64,11 +66,6 @@ def damping_of_cycles(system: System, cycles: Cycles, first: int, period: int) -
     weighted, energy, negative = integrals.tolist()
     return Damping(weighted / energy if energy > 0.0 else math.nan, negative / time if time > 0.0 else math.nan,
                    -system.driveline.damping)
-
-
-def damping_as_json(found: Damping) -> dict[str, float | None]:
-    """The two averages under their names in JSON; null where there is none."""
-    return dict(json_of({"equivalent_damping": found.weighted, "negative_slope_mean": found.negative_mean}))
 
 
 def _integrated(system: System, section: Floats, number: int, integrals: Floats) -> bool:

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +19,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.model import equations
 from tcc_sim.model.parameters import System
 from tcc_sim.model.profile import phase_at
-from tcc_sim.result import Result
+from tcc_sim.result import Result, reported
 from tcc_sim.solvers.per_cycle import hermite
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.trajectory import Floats, Trajectory, integral
@@ -29,31 +28,33 @@ HANN_LOBE = 3
 """Columns of a spectrum that the mean spreads over: half of the main lobe of Hann's window."""
 
 
+@dataclass(frozen=True)
+class Judder:
+    """How the slip speed shakes in each of W windows."""
+
+    rms: Floats = field(metadata=reported("rms of the slip speed about its mean over each engine cycle, (W,)", "rad/s"))
+    peak: Floats = field(metadata=reported("largest deviation from that mean, (W,)", "rad/s"))
+    breakaways: Floats = field(metadata=reported("changes from stick to slip in a second, (W,)", "1/s"))
+
+
 @dataclass(frozen=True, repr=False)
 class Orders(Result):
-    """What windows along a run come to; W windows, N orders.
+    """Orders in windows of 16 engine cycles along a run; W windows, N orders, K orders of the engine torque.
 
-    time, frequency : (W,) the middle of each window, s, and the engine frequency there, rad/s
-    order : (N,) multiples of the engine frequency
-    slip_speed, shaft_torque : (W, N) amplitudes, rad/s and N m; of order 0 the mean's size
-    torque_order : (K,) the orders that the engine torque has
-    transmissibility : (W, K) shaft torque to engine torque
-    rms, peak : (W,) of the slip speed about its mean over each cycle, rad/s
-    breakaways : (W,) from stick to slip, 1/s
     heat : (W,) work of the friction torque from the start of the run to there, J
     modes : natural frequencies with the clutch stuck and slipping, rad/s
     """
 
-    time: Floats
-    frequency: Floats
-    order: Floats
-    slip_speed: Floats
-    shaft_torque: Floats
-    torque_order: Floats
-    transmissibility: Floats
-    rms: Floats
-    peak: Floats
-    breakaways: Floats
+    time: Floats = field(metadata=reported("middle of each window, (W,)", "s"))
+    frequency: Floats = field(metadata=reported("frequency of the engine there, (W,)", "rad/s"))
+    order: Floats = field(metadata=reported("multiples of the engine frequency, (N,)"))
+    slip_speed: Floats = field(metadata=reported(
+        "amplitudes of the sines, (W, N); of order 0 the mean's size", "rad/s"))
+    shaft_torque: Floats = field(metadata=reported(
+        "amplitudes of the sines, (W, N); of order 0 the mean's size", "N m"))
+    torque_order: Floats = field(metadata=reported("orders that the engine torque has, (K,)"))
+    transmissibility: Floats = field(metadata=reported("shaft torque over engine torque at these orders, (W, K)"))
+    judder: Judder = field(metadata=reported("how the slip speed shakes in each window"))
     heat: Floats
     modes: tuple[float, float]
 
@@ -63,15 +64,8 @@ class Orders(Result):
 
     def columns(self) -> dict[str, Floats]:
         """A row for every window: time, frequency, judder, heat, and the shaft torque of orders 1 to 4."""
-        names = ("time", "frequency", "rms", "peak", "breakaways", "heat")
-        return {**{name: getattr(self, name) for name in names},
+        return {"time": self.time, "frequency": self.frequency, **vars(self.judder), "heat": self.heat,
                 **{f"shaft_torque_{n}": self.cut(n) for n in range(1, min(4, int(self.order[-1])) + 1)}}
-
-    def as_json(self) -> dict[str, Any]:
-        """The key `orders` of `simulate --json` and `analyse --json`."""
-        names = ("frequency", "time", "order", "slip_speed", "shaft_torque", "torque_order", "transmissibility")
-        return {**{name: getattr(self, name).tolist() for name in names},
-                "judder": {name: getattr(self, name).tolist() for name in ("rms", "peak", "breakaways")}}
 
     def cut(self, order: float, of: str = "shaft_torque") -> Floats:
         """The amplitude of one order along the run, (W,)."""
@@ -123,12 +117,13 @@ def orders_of(run: Trajectory) -> Orders:
     lasted, middle = at[ends] - at[starts], at[(starts + ends) // 2]
     power = run.friction_torque * run.slip_speed
     heat = integral(power, run.t)
+    judder = Judder(np.array([math.sqrt(float(np.mean(apart[a:b] ** 2))) for a, b in zip(starts, ends)]),
+                    np.array([float(np.abs(apart[a:b]).max()) for a, b in zip(starts, ends)]), counts / lasted)
     return Orders(
         time=middle, frequency=2.0 * np.pi * DEFAULTS.window / lasted, order=order, slip_speed=spectra[0],
         shaft_torque=spectra[1], torque_order=driven, transmissibility=passed,
-        rms=np.array([math.sqrt(float(np.mean(apart[a:b] ** 2))) for a, b in zip(starts, ends)]),
-        peak=np.array([float(np.abs(apart[a:b]).max()) for a, b in zip(starts, ends)]), breakaways=counts / lasted,
-        heat=np.interp(middle, run.t, heat), modes=(system.stuck_natural_frequency, system.natural_frequency))
+        judder=judder, heat=np.interp(middle, run.t, heat),
+        modes=(system.stuck_natural_frequency, system.natural_frequency))
 
 
 def turns_at(system: System, t: Floats) -> Floats:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.model import equations
 from tcc_sim.model.parameters import System
 from tcc_sim.model.profile import TIME
-from tcc_sim.result import Result, json_of
+from tcc_sim.result import Result, reported
 from tcc_sim.solvers.per_cycle import STAMP, cycles_from_samples, starts_of
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.trajectory import Cycles, Floats, Trajectory, concatenated, split_cycles
@@ -117,30 +117,6 @@ def dropped_of(cycles: int, discard: int | None) -> int:
 class Summary(Result):
     """What a run comes to after the dropped cycles; the fields are the JSON keys of `simulate` and `analyse`.
 
-    max_slip_speed : largest |v|, rad/s
-    min_slip_speed : smallest v, signed, rad/s
-    period : in engine cycles, 0 where none up to 16 can be stated yet
-    section : (plate angle in rad, slip speed in rad/s) at t = 2 pi n/omega over the last whole period, in order and
-        from an n that is a multiple of the period; over all kept cycles where the period is 0
-    stick_fraction : time in stick over time, 0 to 1
-    regime : stick, slip or stick-slip; a stick fraction within 0.005 of 0 or 1 counts as slip or stick
-    cycles, discarded : engine cycles observed, and those of them dropped at the start
-    settled : whether the section repeats within the tolerance; a period that is not settled is that of the limit to
-        which the section decays
-    section_change : largest change over the last period, relative to the size of the motion
-    solver : name of the solver
-    elapsed_s : s of computing time
-    runaway : whether slip grows and never sticks, as where the friction torque is below the mean engine torque; such a
-        motion has no period and is neither settled nor quasi-periodic
-    transient : whether the motion is still on its way: its period is that of a limit, or its cycles still grow or decay
-    covers : from when to when extremes, stick, energies, powers, torques and breakaways are taken, s: all that was
-        solved and not dropped; period and section are those of the whole cycles in it
-    clutch_energy : work of the friction torque, integral of Tf v, J; NaN where it was not asked for
-    mean_power : the same over its time, W
-    peak_power : largest Tf v, W
-    max_shaft_torque, min_shaft_torque : of the torque in the shaft, C23 theta2' + K23 theta2, N m
-    breakaways : changes from stick to slip
-
     Examples
     --------
     >>> found = Summary(62.1, -0.01, 2, [(0.1, 0.5), (0.12, 0.4)], 0.73, "stick-slip", 150, 50, True, 1e-9, "smoothed",
@@ -151,27 +127,40 @@ class Summary(Result):
     [0.73]
     """
 
-    max_slip_speed: float
-    min_slip_speed: float
-    period: int
-    section: list[tuple[float, float]]
-    stick_fraction: float
-    regime: str
-    cycles: int
-    discarded: int
-    settled: bool
-    section_change: float
-    solver: str
-    elapsed_s: float
-    runaway: bool = False
-    transient: bool = False
-    covers: tuple[float, float] = (math.nan, math.nan)
-    clutch_energy: float = math.nan
-    mean_power: float = math.nan
-    peak_power: float = math.nan
-    max_shaft_torque: float = math.nan
-    min_shaft_torque: float = math.nan
-    breakaways: int | None = None
+    max_slip_speed: float = field(metadata=reported("largest |slip speed| over the kept cycles", "rad/s"))
+    min_slip_speed: float = field(metadata=reported("smallest slip speed, signed", "rad/s"))
+    period: int = field(metadata=reported("period of the motion; 0 where none up to 16 is found", "engine cycles"))
+    section: list[tuple[float, float]] = field(metadata=reported(
+        "plate angle and slip speed at t = 2 pi n/omega over the last whole period, in order and from an n that is a "
+        "multiple of the period; over all kept cycles where the period is 0", "rad, rad/s"))
+    stick_fraction: float = field(metadata=reported("time in stick over time"))
+    regime: str = field(metadata=reported(
+        "stick, slip or stick-slip; a stick fraction within 0.005 of 0 or 1 counts as slip or stick"))
+    cycles: int = field(metadata=reported("number of engine cycles solved or observed"))
+    discarded: int = field(metadata=reported("number of engine cycles dropped at the start"))
+    settled: bool = field(metadata=reported(
+        "whether the section repeats within the tolerance; a period that is not settled is that of the limit to which "
+        "the section decays"))
+    section_change: float = field(metadata=reported(
+        "largest change of the section over the last period, relative to the size of the motion"))
+    solver: str = field(metadata=reported("name of the solver"))
+    elapsed_s: float = field(metadata=reported("computing time", "s"))
+    runaway: bool = field(default=False, metadata=reported(
+        "whether slip grows and never sticks, as where the friction torque is below the mean engine torque; such a "
+        "motion has no period and has not settled"))
+    transient: bool = field(default=False, metadata=reported(
+        "whether the motion is still on its way: its period is that of a limit, or its cycles still grow or decay"))
+    covers: tuple[float, float] = field(default=(math.nan, math.nan), metadata=reported(
+        "from when to when extremes, stick, energies, powers, torques and breakaways are taken: all that was solved "
+        "and not dropped; period and section are those of the whole cycles in it", "s"))
+    clutch_energy: float = field(default=math.nan, metadata=reported(
+        "work of the friction torque, integral of Tf v; null where it was not worked out", "J"))
+    mean_power: float = field(default=math.nan, metadata=reported("clutch energy over its time", "W"))
+    peak_power: float = field(default=math.nan, metadata=reported("largest power of the friction torque, Tf v", "W"))
+    max_shaft_torque: float = field(default=math.nan, metadata=reported(
+        "largest torque in the shaft, C23 theta2' + K23 theta2", "N m"))
+    min_shaft_torque: float = field(default=math.nan, metadata=reported("smallest torque in the shaft", "N m"))
+    breakaways: int | None = field(default=None, metadata=reported("number of changes from stick to slip"))
 
     def __repr__(self) -> str:
         period = f"period {self.period}, {'settled' if self.settled else 'settling'}" if self.period else "no period"
@@ -183,10 +172,6 @@ class Summary(Result):
         """The fields less those that are lists, as ``pandas.DataFrame`` and ``polars.DataFrame`` take a row."""
         listed = "section", "covers"
         return {item.name: [getattr(self, item.name)] for item in fields(self) if item.name not in listed}
-
-    def as_json(self) -> dict[str, Any]:
-        """The fields as JSON values; a number that is not finite becomes null."""
-        return dict(json_of(self))
 
 
 def summarise(trajectory: Trajectory, discard: int | None = None, *, tolerance: float = DEFAULTS.tolerance) -> Summary:

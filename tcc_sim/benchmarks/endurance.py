@@ -11,7 +11,7 @@ from typing import Any
 
 from tcc_sim.nodes.children import SENDING, NodeProcess, Session
 from tcc_sim.recording.reader import open_run
-from tcc_sim.result import SPREAD
+from tcc_sim.result import reported
 
 WARM_UP = 60.0
 """Memory growth counts from here on, s; from a fifth of the duration on where that is shorter."""
@@ -21,42 +21,37 @@ WARM_UP = 60.0
 class ProcessUse:
     """Memory of a process after the warm-up, bytes, and processor time as a fraction of one core."""
 
-    memory_first_bytes: int
-    memory_last_bytes: int
-    memory_growth_bytes: int
-    cpu_fraction: float
+    memory_first_bytes: int = field(metadata=reported("memory after the warm-up", "bytes"))
+    memory_last_bytes: int = field(metadata=reported("memory at the end", "bytes"))
+    memory_growth_bytes: int = field(metadata=reported("growth of the memory", "bytes"))
+    cpu_fraction: float = field(metadata=reported("processor time, as a fraction of one core"))
 
 
 @dataclass(frozen=True)
 class RecordedFigures:
-    """What a recording says.
+    """What a recording says."""
 
-    messages : per topic
-    recorder_result : what the recorder counted
-    count_is_honest : the recorder counted as many joint_states lost, by their numbers at the publisher, as there are
-        gaps in the stamps that it recorded
-    drift_s : real time beyond simulation time over the run
-    """
-
-    messages: Mapping[str, int]
-    lost_messages: int
-    complete: bool
-    recorder_result: Mapping[str, Any]
-    count_is_honest: bool
-    drift_s: float
-    warnings: Sequence[str]
-    simulated_s: float
+    messages: Mapping[str, int] = field(metadata=reported("number of messages by topic"))
+    lost_messages: int = field(metadata=reported("number of messages missing by the stamps"))
+    complete: bool = field(metadata=reported("whether the recording was closed in order"))
+    recorder_result: Mapping[str, Any] = field(metadata=reported("what the recorder counted"))
+    count_is_honest: bool = field(metadata=reported(
+        "whether the recorder counted as many joint_states lost, by their numbers at the publisher, as there are gaps "
+        "in the stamps that it recorded"))
+    drift_s: float = field(metadata=reported("real time beyond simulation time over the run", "s"))
+    warnings: Sequence[str] = field(metadata=reported("a sentence for each damage of the recording"))
+    simulated_s: float = field(metadata=reported("simulation time", "s"))
 
 
 @dataclass(frozen=True)
 class SoakFigures:
     """The figures of `tcc-sim soak --json`."""
 
-    rate: float
-    duration_s: float
-    recorded: RecordedFigures = field(metadata=SPREAD)
-    driveline: ProcessUse
-    recorder: ProcessUse
+    rate: float = field(metadata=reported("ticks in a second", "Hz"))
+    duration_s: float = field(metadata=reported("real time", "s"))
+    recorded: RecordedFigures = field(metadata=reported("the recording", spread=True))
+    driveline: ProcessUse = field(metadata=reported("the process of the driveline"))
+    recorder: ProcessUse = field(metadata=reported("the process of the recorder"))
 
 
 def soak(recording: Path, rate: float, duration: float, progress: Callable[[float], Any]) -> SoakFigures:

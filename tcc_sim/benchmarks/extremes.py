@@ -17,7 +17,7 @@ import numpy as np
 from tcc_sim.benchmarks.references import Floats, Unfinished, final_state
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.result import SPREAD
+from tcc_sim.result import reported
 from tcc_sim.solvers import Status, solve
 from tcc_sim.solvers.terms import substeps, terms_of
 from tcc_sim.trajectory import Trajectory, integral
@@ -141,27 +141,22 @@ def grazing() -> list[Keys]:
 
 @dataclass(frozen=True)
 class Examined:
-    """What one engine made of one case, as stability.json has it; None is what a refused or stopped run has not.
+    """What one engine made of one case, as stability.json has it; None is what a refused or stopped run has not."""
 
-    keys : scene keys that differ from the defaults, engine cycles, and the friction law
-    step : s; None for an engine that chooses its own
-    why : it was refused or stopped, or there is no reference
-    error : of the final state, relative to each signal's maximum
-    seconds : of the run
-    """
-
-    keys: Mapping[str, Any] = field(metadata=SPREAD)
-    solver: str
-    step: float | None
-    status: str = "REFUSED"
-    why: str = ""
-    finite: bool | None = None
-    bounded: bool | None = None
-    error: float | None = None
-    iterations_max: int | None = None
-    iterations_bound: int | None = None
-    power_residual: float | None = None
-    seconds: float = 0.0
+    keys: Mapping[str, Any] = field(metadata=reported(
+        "scene keys that differ from `scene`, engine cycles and friction law", "{*}", spread=True))
+    solver: str = field(metadata=reported("name of the solver"))
+    step: float | None = field(metadata=reported("step; null for an engine that chooses its own", "s"))
+    status: str = field(default="REFUSED", metadata=reported("how the solver ended"))
+    why: str = field(default="", metadata=reported("why it was refused or stopped, or why there is no reference"))
+    finite: bool | None = field(default=None, metadata=reported("whether the states are finite"))
+    bounded: bool | None = field(default=None, metadata=reported("whether they stay below the energy bound"))
+    error: float | None = field(default=None, metadata=reported(
+        "error of the final state, relative to each signal's maximum"))
+    iterations_max: int | None = field(default=None, metadata=reported("most iterations in a stage"))
+    iterations_bound: int | None = field(default=None, metadata=reported("its bound"))
+    power_residual: float | None = field(default=None, metadata=reported("residual of the power balance"))
+    seconds: float = field(default=0.0, metadata=reported("computing time", "s"))
 
 
 def examine(keys: Keys, engine: str, truth: Truth) -> Examined:

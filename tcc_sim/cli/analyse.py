@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 from tcc_sim.cli.arguments import add_outputs, check_outputs, plot_result, present
@@ -65,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
     found = replay(recording, rrd=arguments.rrd, spawn=arguments.spawn, connect=arguments.connect,
                    discard=arguments.discard, frequency=arguments.frequency,
                    verify=arguments.verify, damping=arguments.damping, window=window, progress=True)
-    lines, results = found.lines(), found.json()
+    lines = found.lines()
     drawn: object = found
     # Of a manoeuvre the whole is drawn, as `simulate --plot` does; of anything else its last cycles and its maxima.
     whole = arguments.plot is not None and found.scene.system.profile is not None
@@ -76,10 +77,10 @@ def run(arguments: argparse.Namespace) -> int:
         from tcc_sim.analysis.orders import orders_of
 
         drawn = orders = orders_of(samples)
-        results["orders"] = orders.as_json()
+        found = replace(found, orders=orders)
         lines += order_lines(orders)
     if arguments.out is not None:
         write_samples(arguments.out, samples, recording.scene.text(), recorded=True)
     plot_result(arguments, drawn, arguments.recording.name)
-    present(arguments, found.scene, lambda: results, lines)
+    present(arguments, found.scene, found, lines)
     return 1 if found.verification is not None and found.verification.undecided else 0

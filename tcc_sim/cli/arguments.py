@@ -264,17 +264,19 @@ def plot_result(arguments: argparse.Namespace, result: Any, title: str = "") -> 
             plot(result, part, arguments.width, title=printable(title))
 
 
-def present(arguments: argparse.Namespace, scene: Scene | System, values: Callable[[], Mapping[str, Any]],
+def present(arguments: argparse.Namespace, scene: Scene | System, result: Any,
             lines: Iterable[str] = ()) -> None:
-    """Write what `values` gives as JSON where --json asks for it, and print the lines unless that is what is printed.
+    """Write a result as JSON where --json asks for it, and print the lines unless that is what is printed.
 
     Parameters
     ----------
     scene : what was solved or recorded, which the JSON says
+    result : a result, or a function that gives one
     """
     if arguments.json is not None:
         from tcc_sim.output.provenance import document
 
-        write_json(arguments.json, document(arguments.verb, values(), scene, arguments.words))
+        found = result() if callable(result) else result
+        write_json(arguments.json, document(arguments.verb, found, scene, arguments.words))
     if arguments.json != STANDARD_OUTPUT and (said := "\n".join(lines)):
         say(said)

@@ -127,7 +127,7 @@ def _analyse(scene: Scene, recording: Path, directory: Path, missing: list[str],
     from tcc_sim.replay.replay import replay
 
     found = replay(recording, rrd=None if "rerun" in missing else directory / "run.rrd", progress=True)
-    write_json(directory / "analysis.json", document("analyse", found.json(), found.scene, words))
+    write_json(directory / "analysis.json", document("analyse", found, found.scene, words))
     made = ["recording", "analysis.json"] + ([] if "rerun" in missing else ["run.rrd"])
     if "matplotlib" not in missing:
         from tcc_sim.views.overview import overview

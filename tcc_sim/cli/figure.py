@@ -87,7 +87,7 @@ def _write(number: int, stem: Path, options: FigureOptions, draw: Callable[[Figu
     from tcc_sim.paper.figures import figure_data, figure_system
 
     data = figure_data(number, options)
-    write_json(stem.with_suffix(".json"), document("figure", data.as_json(), figure_system(number, options), words))
+    write_json(stem.with_suffix(".json"), document("figure", data, figure_system(number, options), words))
     drawn = draw(data, stem)
     say(f"{stem.with_suffix('.png')}  {data.seconds:.1f} s", flush=True)
     for curve in data.numbers.curves if isinstance(data.numbers, Curves) else ():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -67,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
     found = awaited(lambda: simulate(
         scene, plan, samples_per_cycle=samples,
         flywheel_angle=arguments.out is not None and arguments.out.suffix == ".mcap")).raise_for_status()
-    lines, results = simulation_lines(scene.name, found), found.as_json()
+    lines = simulation_lines(scene.name, found)
     drawn: object = found
     if arguments.inputs is not None:
         from tcc_sim.replay.given_inputs import smooth_inputs, twin_of
@@ -83,7 +84,7 @@ def run(arguments: argparse.Namespace) -> int:
         from tcc_sim.analysis.orders import orders_of
 
         drawn = orders = orders_of(found.trajectory)
-        results["orders"] = orders.as_json()
+        found = replace(found, orders=orders)
         lines += order_lines(orders)
     if arguments.out is not None:
         write_samples(arguments.out, found.trajectory, scene.text())
@@ -91,7 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
     common.plot_result(arguments, drawn, scene.name)
     if arguments.plot is not None:
         lines.append(f"picture in {arguments.plot}")
-    common.present(arguments, scene, lambda: results, lines)
+    common.present(arguments, scene, found, lines)
     return 0
 
 

@@ -13,6 +13,8 @@ from typing import Any
 
 from tcc_sim import __version__
 from tcc_sim.model.parameters import System, values_of
+from tcc_sim.output.fields import units_in
+from tcc_sim.result import json_of
 from tcc_sim.scene import Scene
 
 FORMATS: dict[str, int] = {
@@ -39,10 +41,10 @@ def said(kind: str, scene: Scene | System, command: Sequence[str]) -> dict[str, 
     return {"format": format_of(kind), "version": __version__, "scene": scene_values(scene), "command": list(command)}
 
 
-def document(kind: str, values: Mapping[str, Any], scene: Scene | System, command: Sequence[str]) -> dict[str, Any]:
-    """`values` with what is said of them before; see `said`."""
-    head = said(kind, scene, command)
-    return {**head, **{key: value for key, value in values.items() if key not in head}}
+def document(kind: str, result: Any, scene: Scene | System, command: Sequence[str]) -> dict[str, Any]:
+    """A result as JSON values, with what is said of it before (see `said`) and with the units of its fields."""
+    head = {**said(kind, scene, command), "units": units_in(result)}
+    return {**head, **{key: value for key, value in json_of(result).items() if key not in head}}
 
 
 def scene_values(scene: Scene | System) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from tcc_sim.messages import cdr
 from tcc_sim.output.files import draft
 from tcc_sim.recording.table import hold_line
 from tcc_sim.topics import INPUTS, topic
-from tcc_sim.trajectory import Trajectory, integral
+from tcc_sim.trajectory import UNITS, Trajectory, integral
 
 if TYPE_CHECKING:
     from tcc_sim.basins.compute import Axis, Basins
@@ -36,7 +36,7 @@ def write_samples(path: Path, trajectory: Trajectory, scene_text: str, *, record
     """
     check_suffix(path, SUFFIXES)
     columns: dict[str, Any] = {**trajectory.columns()}
-    units, system, load = dict(Trajectory.UNITS), trajectory.system, trajectory.saturation_torque
+    units, system, load = dict(UNITS), trajectory.system, trajectory.saturation_torque
     if recorded and system is not None and system.pressure.source == "topic" and np.isfinite(load).all():
         columns["actuation_pressure"], units["actuation_pressure"] = load / system.torque_per_pressure, "Pa"
     with draft(path) as part:

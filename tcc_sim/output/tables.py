@@ -72,8 +72,9 @@ def order_lines(found: Orders) -> list[str]:
     for order, passed in zip(found.torque_order, found.transmissibility.T):
         pairs.append((f"order {order:g}", f"shaft torque to engine torque at most {passed.max():.4g}, at "
                                           f"{found.frequency[passed.argmax()]:.6g} rad/s"))
-    pairs.append(("judder", f"at most {found.peak.max():.6g} rad/s about the cycle mean, rms {found.rms.max():.6g}; "
-                            f"{found.breakaways.max():.4g} breakaways a second"))
+    judder = found.judder
+    pairs.append(("judder", f"at most {judder.peak.max():.6g} rad/s about the cycle mean, rms {judder.rms.max():.6g}; "
+                            f"{judder.breakaways.max():.4g} breakaways a second"))
     return aligned(pairs)
 
 
@@ -137,9 +138,7 @@ def sweep_lines(sweeps: Sequence[Sweep], second_key: str = "", second_values: Se
     """A heading and a line per point; a grid has the value of its second key first. Columns beyond the width of the
     terminal make tables of their own below.
     """
-    from tcc_sim.sweeps.results import extras_of
-
-    extras = extras_of(sweeps)
+    extras = {name for sweep in sweeps for name in sweep.lists}
     columns = [*COLUMNS, *(DAMPING if "equivalent_damping" in extras else []),
                *(EXPONENT if "lyapunov" in extras else [])]
     keys = [*([second_key] if second_key else []), sweeps[0].curve.key]

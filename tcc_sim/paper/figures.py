@@ -114,8 +114,8 @@ def _curves(row: PaperFigure, options: FigureOptions, curves: Sequence[results.M
             threshold: float | None = None) -> results.Curves:
     """Curves over the figure's axis."""
     name, ratios, unit = _axis(row, options)
-    return results.Curves(axis=name, x=ratios.tolist(), unit=unit, cycles=_plan(options).most, discarded=50,
-                          threshold=threshold, curves=curves)
+    return results.Curves(over=row.over, axis=name, x=ratios.tolist(), unit=unit, cycles=_plan(options).most,
+                          discarded=50, threshold=threshold, curves=curves)
 
 
 def _curve(series: Series, sweep: Sweep, others: Sequence[results.Coexisting] | None = None,
@@ -124,7 +124,7 @@ def _curve(series: Series, sweep: Sweep, others: Sequence[results.Coexisting] | 
     names = {item.name for item in dataclasses.fields(results.MapCurve)}
     return results.MapCurve(label=series.label, values=series.values, direction=sweep.plan.direction, coexisting=others,
                             behind=behind,
-                            **{name: column for name, column in sweep.lists().items() if name in names})
+                            **{name: column for name, column in sweep.lists.items() if name in names})
 
 
 def coexisting(sweep: Sweep, jobs: int | None = None) -> list[results.Coexisting]:

@@ -15,7 +15,7 @@ from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.plant.driveline import Plant, Reading
 from tcc_sim.scene import SceneLike, as_scene
 from tcc_sim.topics import INPUTS, topic
-from tcc_sim.trajectory import Floats, Trajectory
+from tcc_sim.trajectory import UNITS, Floats, Trajectory
 
 SAME = ("slip_speed", "plate_angle", "plate_speed", "engine_torque", "friction_torque", "flywheel_angle",
         "applied_pressure")
@@ -63,7 +63,7 @@ class ControlledRun(Trajectory):
 
     def tracking_of(self, target: float, since: int = 0, limits: tuple[float, float] = (0.0, math.inf)) -> Tracking:
         """How well the slip speed held a target, rad/s, from the sample `since` on; `limits` of the pressure, Pa."""
-        part = replace(self, **{name: getattr(self, name)[since:] for name in self.UNITS})
+        part = replace(self, **{name: getattr(self, name)[since:] for name in UNITS})
         return tracking_of(part, target, self.applied_pressure[since:], limits)
 
     def __repr__(self) -> str:

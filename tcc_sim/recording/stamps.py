@@ -10,6 +10,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from tcc_sim.result import reported, reporting
+
 Stamps = NDArray[np.int64]
 MOST_DIFFERENCES = 100_000
 """Different distances of stamps that are remembered of a run; a recording of a clock has a handful."""
@@ -113,7 +115,7 @@ class StampCounter:
     """
 
     messages: int = 0
-    runs: int = 0
+    runs: int = field(default=0, metadata=reported("number of runs: starts, resets and restarts"))
     resets: int = 0
     restarts: int = 0
     repeated: int = 0
@@ -239,6 +241,13 @@ class StampCounter:
         return max(self._longest, (self._run.messages, self._run.tick))[1]
 
     @property
+    @reporting("time between stamps", "s")
+    def tick_s(self) -> float:
+        """Time between the stamps of the longest run, s."""
+        return self.tick * 1e-9
+
+    @property
+    @reporting("number of gaps between stamps")
     def gaps(self) -> int:
         """Gaps within runs."""
         return self._figures()[0]
@@ -249,6 +258,7 @@ class StampCounter:
         return self._figures()[1]
 
     @property
+    @reporting("number of stamps that are not multiples of the tick", name="uneven_stamps")
     def uneven(self) -> int:
         """Distances, gaps apart, that differ from the tick by more than a hundredth of it."""
         return self._figures()[2]

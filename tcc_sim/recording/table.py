@@ -16,7 +16,7 @@ import numpy as np
 from tcc_sim.errors import InputError, one_line
 from tcc_sim.model.parameters import unknown_key
 from tcc_sim.topics import INPUTS
-from tcc_sim.trajectory import Floats, Trajectory
+from tcc_sim.trajectory import UNITS, Floats
 
 TIME = "t"
 CHANNELS = {"slip_speed": "rad/s", "plate_speed": "rad/s", "plate_angle": "rad"}
@@ -138,7 +138,7 @@ def _check_names(path: Path, names: Sequence[str], needed: Sequence[str]) -> Non
     """Raise InputError where the names of the columns are not those of a table."""
     known = (TIME, *INPUTS, *CHANNELS)
     for name in names:
-        if name not in known and name not in Trajectory.UNITS:
+        if name not in known and name not in UNITS:
             raise InputError(f"{path}: {unknown_key(one_line(name), list(known), 'a column')}; columns are "
                              f"{', '.join(known)}")
     for name in needed:

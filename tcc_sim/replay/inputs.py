@@ -2,32 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from tcc_sim.errors import counted
 from tcc_sim.recording.columns import Commanded, JointStates
 from tcc_sim.replay.timeline import Timeline
+from tcc_sim.result import reported
 from tcc_sim.topics import INPUTS
 
 
 @dataclass(frozen=True)
 class HeldInput:
-    """One input of the driveline; the fields are JSON keys of `analyse`.
+    """One input of the driveline; the fields are JSON keys of `analyse`."""
 
-    topic, fallback, scene : s of simulation time in which a command held it, in which none came although it is taken
-        from a topic, and in which the scene said it; None for the first two where the recording holds neither commands
-        nor the driveline's announcements
-    refused : commands that the driveline refused; None where no diagnostics were recorded
-    publishers : number of those who commanded it
-    """
-
-    topic: float | None
-    fallback: float | None
-    scene: float
-    refused: int | None
-    publishers: int
+    topic: float | None = field(metadata=reported(
+        "simulation time in which a command held it; null where the recording holds neither commands nor the "
+        "driveline's announcements", "s"))
+    fallback: float | None = field(metadata=reported(
+        "time in which no command came although it is taken from a topic; null likewise", "s"))
+    scene: float = field(metadata=reported("time in which the scene said it", "s"))
+    refused: int | None = field(metadata=reported(
+        "number of commands that the driveline refused; null where no diagnostics were recorded"))
+    publishers: int = field(metadata=reported("number of publishers that commanded it"))
 
     def sentence(self) -> str:
         """The input for people."""
@@ -45,9 +43,9 @@ class CommandAge:
     """Simulation time, s, between the state that a command answers and the tick that it first acts in; 0 in lock-step.
     """
 
-    median: float
-    p95: float
-    largest: float
+    median: float = field(metadata=reported("median age", "s"))
+    p95: float = field(metadata=reported("age that 95 % stay within", "s"))
+    largest: float = field(metadata=reported("largest age", "s"))
 
     def sentence(self) -> str:
         """The ages for people."""

@@ -20,7 +20,7 @@ from tcc_sim.replay.segments import Segment, segments_of
 from tcc_sim.replay.timeline import Timeline, timeline_of, trajectory_of
 from tcc_sim.replay.timing import Timing, default_of, frequency_changes, recorded_scene, timing_of
 from tcc_sim.result import Result, html_of
-from tcc_sim.trajectory import Floats, Modes, Trajectory, no_cycles
+from tcc_sim.trajectory import UNITS, Floats, Modes, Trajectory, no_cycles
 
 
 @dataclass(frozen=True)
@@ -190,7 +190,7 @@ class Recording(Result):
 
         found = self.trajectory(run, start, end)
         frame = DataFrame(found.columns())
-        frame.attrs.update(units=dict(Trajectory.UNITS), scene=self.scene.text())
+        frame.attrs.update(units=dict(UNITS), scene=self.scene.text())
         return frame
 
     @cached_property

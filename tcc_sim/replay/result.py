@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from tcc_sim.analysis.control import Control
-from tcc_sim.analysis.damping import Damping, damping_as_json
+from tcc_sim.analysis.damping import Damping
+from tcc_sim.analysis.orders import Orders
 from tcc_sim.analysis.summary import Summary
 from tcc_sim.errors import counted, printable
 from tcc_sim.output.tables import aligned, damping_row, summary_rows
@@ -18,7 +19,7 @@ from tcc_sim.replay.inputs import CommandAge, HeldInput
 from tcc_sim.replay.segments import Segment
 from tcc_sim.replay.timing import Timing
 from tcc_sim.replay.verification import Verification
-from tcc_sim.result import Result, json_of
+from tcc_sim.result import Result, reported
 from tcc_sim.scene import Scene
 from tcc_sim.trajectory import Cycles, Trajectory
 
@@ -30,45 +31,42 @@ SEGMENTS_SHOWN = 20
 class Replay(Result):
     """What a recording comes to.
 
-    summary : of its longest run
     trajectory : the last cycles of that run, at most 200 000 samples
     cycles, first_cycle : every engine cycle of that run, NaN where a gap was, and the number of the first
-    timing : how the engine cycles are counted
-    continuity : what the stamps say: gaps, missing ones, uneven ones, runs, resets and restarts
-    messages, lost_messages : joint_states read, and those missing between them
-    complete : False where the recording was cut short
-    warnings : one sentence per damage
-    pace : simulated seconds per second of real time between the first and the last message, by when they were received
     control : target, pressures, cycle means and events of that run
     run : number of that run, counted from 0
-    segments : the figures from each start, reset, restart or change of parameters to the next
-    verification, damping : where they were asked for
-    inputs : who held each input, by topic
-    command_age : how late commands acted; None where nobody knows
-    missed_ticks : those that the driveline missed in real time; None where no diagnostics were recorded
     """
 
     path: Path
     scene: Scene
-    summary: Summary
+    summary: Summary = field(metadata=reported("figures of its longest run", spread=True))
     trajectory: Trajectory
     cycles: Cycles
     first_cycle: int
-    timing: Timing
-    continuity: StampCounter
-    messages: int
-    lost_messages: int
-    complete: bool
-    warnings: tuple[str, ...]
-    pace: float
+    timing: Timing = field(metadata=reported("how the engine cycles are counted", spread=True))
+    continuity: StampCounter = field(metadata=reported("what the stamps say", spread=True))
+    messages: int = field(metadata=reported("number of joint_states read"))
+    lost_messages: int = field(metadata=reported("number of joint_states missing between them"))
+    complete: bool = field(metadata=reported("false where the recording was cut short"))
+    warnings: tuple[str, ...] = field(metadata=reported("one sentence per damage"))
+    pace: float = field(metadata=reported(
+        "simulated seconds per second of real time between the first and the last message, by when they were "
+        "received; null where no real time was recorded", name="real_time_factor"))
     control: Control
     run: int = 0
-    segments: tuple[Segment, ...] = ()
-    verification: Verification | None = None
-    damping: Damping | None = None
-    inputs: Mapping[str, HeldInput] = field(default_factory=dict)
-    command_age: CommandAge | None = None
-    missed_ticks: int | None = None
+    segments: tuple[Segment, ...] = field(default=(), metadata=reported(
+        "the figures from each start, reset, restart or change of parameters to the next"))
+    verification: Verification | None = field(default=None, metadata=reported(
+        "the recording solved again", spread=True, asked_for=True))
+    damping: Damping | None = field(default=None, metadata=reported("equivalent damping", spread=True, asked_for=True))
+    inputs: Mapping[str, HeldInput] = field(default_factory=dict, metadata=reported("who held each input, by topic"))
+    command_age: CommandAge | None = field(default=None, metadata=reported(
+        "simulation time between the state that a command answers and the tick that it first acts in, 0 in lock-step; "
+        "null where nobody knows", "s"))
+    missed_ticks: int | None = field(default=None, metadata=reported(
+        "number of ticks that the driveline missed in real time; null where no diagnostics were recorded"))
+    orders: Orders | None = field(default=None, metadata=reported(
+        "orders, transmissibility and judder", asked_for=True))
 
     def __repr__(self) -> str:
         found, ended = self.summary, "complete" if self.complete else "cut short"
@@ -94,28 +92,6 @@ class Replay(Result):
         """given, scene, found, or none."""
         return self.timing.source
 
-    def json(self) -> dict[str, Any]:
-        """The values of `analyse --json`."""
-        found = self.summary.as_json()
-        found.update(messages=self.messages, lost_messages=self.lost_messages, complete=self.complete,
-                     warnings=list(self.warnings), scene=self.scene.description or self.scene.name,
-                     frequency=json_of(self.frequency), frequency_source=self.timing.source,
-                     frequency_range=json_of((self.timing.low, self.timing.high)),
-                     gaps=self.continuity.gaps, uneven_stamps=self.continuity.uneven,
-                     tick_s=self.continuity.tick * 1e-9, runs=self.continuity.runs,
-                     real_time_factor=json_of(self.pace),
-                     segments=[segment.as_json() for segment in self.segments])
-        found.update(inputs={name: json_of(held) for name, held in self.inputs.items()},
-                     command_age=json_of(self.command_age), missed_ticks=self.missed_ticks)
-        if self.damping is not None:
-            found.update(damping_as_json(self.damping))
-        if self.verification is not None:
-            found.update(verified=self.verification.verified, states=self.verification.compared,
-                         solved=self.verification.solved,
-                         largest_difference=json_of(self.verification.largest_difference),
-                         verification=self.verification.sentence())
-        return found
-
     def lines(self) -> list[str]:
         """The result for a terminal."""
         stamps = f"{self.continuity.tick * 1e-6:.6g} ms apart" if self.continuity.tick else "single"
@@ -139,7 +115,7 @@ class Replay(Result):
         if self.damping is not None:
             table.append(damping_row(self.damping))
         if self.verification is not None:
-            table.append(("solved again", self.verification.sentence()))
+            table.append(("solved again", self.verification.sentence))
         if len(self.segments) > 1 or any(segment.tracking is not None for segment in self.segments):
             for number, segment in enumerate(self.segments[:SEGMENTS_SHOWN], 1):
                 table += segment.rows(number)

@@ -8,8 +8,7 @@ import math
 from collections import deque
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 from tcc_sim.analysis.control import MeansOfCycles, Tracking, tracking
 from tcc_sim.analysis.engine_clock import EngineClock
@@ -20,7 +19,7 @@ from tcc_sim.model.parameters import values_of
 from tcc_sim.recording.columns import Commanded, JointStates
 from tcc_sim.recording.commands import TARGET
 from tcc_sim.replay.timeline import Timeline, slip_between_gaps
-from tcc_sim.result import json_of
+from tcc_sim.result import Described, reported
 from tcc_sim.scene import Scene
 
 MOST_SEGMENTS = 1000
@@ -28,29 +27,18 @@ MOST_SEGMENTS = 1000
 
 
 @dataclass(frozen=True)
-class Segment:
-    """From a start, a reset, a restart or a change of parameters to the next.
+class Segment(Described):
+    """From a start, a reset, a restart or a change of parameters to the next."""
 
-    start, end : simulation time, s
-    began_by : start, reset, restart or parameters
-    changes : the scene keys, or target_slip_speed, that have another value than before
-    summary : its figures, None where it has no whole engine cycle that is kept
-    tracking : where a target was recorded
-    """
-
-    start: float
-    end: float
-    began_by: str
-    changes: Mapping[str, object]
-    summary: Summary | None
-    tracking: Tracking | None
-
-    def as_json(self) -> dict[str, Any]:
-        """An entry of `segments` of `analyse --json`."""
-        figures = self.summary.as_json() if self.summary is not None else {f.name: None for f in fields(Summary)}
-        found = {"start": self.start, "end": self.end, "began_by": self.began_by, "changes": dict(self.changes)}
-        found |= figures
-        return found | ({"tracking": json_of(self.tracking)} if self.tracking is not None else {})
+    start: float = field(metadata=reported("begin in simulation time", "s"))
+    end: float = field(metadata=reported("end in simulation time", "s"))
+    began_by: str = field(metadata=reported("start, reset, restart or parameters"))
+    changes: Mapping[str, object] = field(metadata=reported(
+        "scene keys, or target_slip_speed, that have another value than before", "{*}"))
+    summary: Summary | None = field(metadata=reported(
+        "its figures; null where it has no whole engine cycle that is kept", spread=True, of=(Summary,)))
+    tracking: Tracking | None = field(metadata=reported(
+        "how the target was held, where one was recorded", asked_for=True))
 
     def rows(self, number: int) -> list[tuple[str, str]]:
         """The segment for a terminal."""

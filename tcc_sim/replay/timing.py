@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.recording.columns import JointStates
 from tcc_sim.recording.reader import Run
 from tcc_sim.replay.timeline import Timeline
+from tcc_sim.result import reported, reporting
 from tcc_sim.scene import Scene, load_scene, parse_scene
 
 SOURCES = {"given": "as given", "scene": "as the scene says", "found": "found in the recorded engine torque"}
@@ -31,13 +32,13 @@ class Timing:
     """How the engine cycles of a recording are counted.
 
     clock : when they start
-    source : given, scene, found, or none
     low, high : smallest and largest frequency in the longest run, rad/s; equal where it is constant; NaN for none
     note : a sentence where some or all of them are not known
     """
 
     clock: EngineClock
-    source: str
+    source: str = field(metadata=reported(
+        "given, scene, found, or none where no engine cycle is known", name="frequency_source"))
     low: float
     high: float
     note: str = ""
@@ -48,6 +49,14 @@ class Timing:
         return None if self.source == "scene" else self.clock
 
     @property
+    @reporting("smallest and largest frequency in the longest run; equal where it is constant, null where it is not "
+               "known", "rad/s")
+    def frequency_range(self) -> tuple[float, float]:
+        """Smallest and largest frequency in the longest run, rad/s; NaN for none."""
+        return self.low, self.high
+
+    @property
+    @reporting("frequency of a typical engine cycle; null where no cycle is known", "rad/s")
     def frequency(self) -> float:
         """That of a typical cycle, rad/s; NaN where there is none."""
         if not self.clock.told:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from tcc_sim.model.profile import START
 from tcc_sim.recording.columns import JointStates
 from tcc_sim.recording.stamps import Break
 from tcc_sim.replay.timeline import Timeline
+from tcc_sim.result import reported, reporting
 from tcc_sim.scene import parse_scene
 from tcc_sim.solvers.fixed_step import Stepper
 from tcc_sim.solvers.terms import Terms, general_terms, holding, terms_from
@@ -36,20 +37,19 @@ COLUMNS = ("flywheel_angle", "plate_angle", "flywheel_speed", "plate_speed", "en
 class Verification:
     """How a recording compares with its own solution.
 
-    verified : every recorded value is the one solved again: to the last bit where a run is there from its start, within
-        STEP_TOLERANCE where it is not; and no state was left out for want of an input
-    largest_difference : of any value, relative to its signal's maximum; inf where one is not finite
-    compared : messages compared
-    solved : of these, those that were solved; a state that a run or a gap leaves without one before it is not
     exact : of these, those that had to agree to the last bit
     first_difference_ns : stamp of the first message that differs by more than it may
     detail : why nothing was compared, or what the first difference may mean
     """
 
-    verified: bool
-    largest_difference: float
-    compared: int
-    solved: int
+    verified: bool = field(metadata=reported(
+        "whether every recorded value is the one solved again: to the last bit where a run is there from its start, "
+        "within a tolerance where it is not; and no state was left out for want of an input"))
+    largest_difference: float = field(metadata=reported(
+        "largest difference of any value, relative to its signal's maximum; null where one is not finite"))
+    compared: int = field(metadata=reported("number of states compared", name="states"))
+    solved: int = field(metadata=reported(
+        "number of them that were solved; a state that a run or a gap leaves without one before it is not"))
     exact: int
     first_difference_ns: int | None
     detail: str
@@ -59,6 +59,8 @@ class Verification:
         """Whether nothing differs, and yet not every state could be checked."""
         return self.compared > 0 and not self.verified and self.first_difference_ns is None
 
+    @property
+    @reporting("the result in a sentence", name="verification")
     def sentence(self) -> str:
         """The result for people."""
         if self.verified:

@@ -15,8 +15,7 @@ J. A. Yorke (2017), Nonlinearity 30, 4111 to 4140).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -25,7 +24,7 @@ from tcc_sim.analysis.summary import slip_grows
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model.parameters import System
 from tcc_sim.model.sines import common_cycles
-from tcc_sim.result import json_of
+from tcc_sim.result import Described, reported
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.stroboscopic import prepared
 from tcc_sim.solvers.terms import Terms, natural_frequency, terms_of
@@ -37,17 +36,8 @@ FIRST = np.array([1.0, 0.01, 1.0])
 
 
 @dataclass(frozen=True, repr=False)
-class Lyapunov:
-    """The largest Lyapunov exponent, 1/s.
-
-    exponent, low, high : mean growth rate of a small disturbance, and the interval that holds the errors of steps and
-        of sampling, 1/s
-    confidence : of the sampling; that of batch means
-    cycles : engine cycles averaged, or those of the period
-    diagnosis : periodic (a period up to `long_period` was found), chaotic (the whole interval is above 0), contracting
-        (it is below 0, and there is no period: disturbances die out, so the motion has a longer period, has not settled
-        yet, or follows an excitation that does not repeat), quasi-periodic (a narrow interval around 0, and averages
-        over the section converge as those on a torus do), runaway (slip grows and never sticks), or unresolved
+class Lyapunov(Described):
+    """The largest Lyapunov exponent.
 
     Examples
     --------
@@ -55,19 +45,21 @@ class Lyapunov:
     <Lyapunov 1.51 1/s (1.4 to 1.6): chaotic>
     """
 
-    exponent: float
-    low: float
-    high: float
-    confidence: float
-    cycles: int
-    diagnosis: str
+    exponent: float = field(metadata=reported("mean growth rate of a small disturbance", "1/s"))
+    low: float = field(metadata=reported(
+        "lower end of the interval that holds the errors of steps and of sampling", "1/s"))
+    high: float = field(metadata=reported("upper end of that interval", "1/s"))
+    confidence: float = field(metadata=reported("confidence of the sampling, that of batch means"))
+    cycles: int = field(metadata=reported("number of engine cycles averaged, or those of the period"))
+    diagnosis: str = field(metadata=reported(
+        "periodic (a period up to `long_period` was found), chaotic (the whole interval is above 0), contracting (it "
+        "is below 0, and there is no period: disturbances die out, so the motion has a longer period, has not settled "
+        "yet, or follows an excitation that does not repeat), quasi-periodic (a narrow interval around 0, and "
+        "averages over the section converge as those on a torus do), runaway (slip grows and never sticks), or "
+        "unresolved"))
 
     def __repr__(self) -> str:
         return f"<Lyapunov {self.exponent:.6g} 1/s ({self.low:.6g} to {self.high:.6g}): {self.diagnosis}>"
-
-    def as_json(self) -> dict[str, Any]:
-        """The fields as JSON values."""
-        return dict(json_of(self))
 
 
 def largest_lyapunov_exponent(system: System, state: State, *, cycles: int = 2000, start_cycle: int = 0,

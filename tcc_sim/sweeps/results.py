@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, dataclass, field, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.damping import Damping, damping_as_json
+from tcc_sim.analysis.damping import Damping
 from tcc_sim.analysis.summary import Summary
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace, unknown_key
-from tcc_sim.result import Result
+from tcc_sim.result import Result, as_lists, json_of, reported, reporting
 from tcc_sim.sweeps.exponents import Lyapunov
 from tcc_sim.sweeps.settings import DEFAULTS
-from tcc_sim.sweeps.simulation import Plan
+from tcc_sim.sweeps.simulation import CONFIRMED, Plan
 from tcc_sim.sweeps.steady_state import Start
 from tcc_sim.trajectory import Floats, State
 
@@ -26,8 +26,6 @@ SUMMARY_KEYS = tuple(item.name for item in fields(Summary))
 MAY_BE_NAN = ("section_change", *(item.name for item in fields(Summary)
                                   if item.type == "float" and item.default is not MISSING))
 NOT_SOLVED = "not solved: the sweep was interrupted"
-EXTRAS = ("theta2", "equivalent_damping", "negative_slope_mean", "lyapunov")
-"""Keys per value that are there where they were asked for."""
 EMPTY: dict[str, float | int | bool | str] = {"float": np.nan, "int": -1, "int | None": -1, "bool": False, "str": ""}
 """What stands in a column where there is nothing, by the type of its field."""
 COLUMNS: dict[str, float | int | bool | str] = {
@@ -41,42 +39,27 @@ COLUMNS: dict[str, float | int | bool | str] = {
 class Point:
     """The result at one value.
 
-    value : of the key
-    summary : maxima, period, regime, with its section left to `section`; None where the solver failed
-    section : (n, 2) array, plate angle (rad) and slip speed (rad/s)
-    confirmed : whether the section has settled and further cycles stay on it
-    status : sentence of the solver
-    theta2 : (n,) array, plate angle on the section over the last cycles, oldest first; rad
-    damping, lyapunov : where asked for
+    summary : with its section left to `section`; None where the solver failed
     end : where the motion goes on from
     """
 
     value: float
-    summary: Summary | None
-    section: Floats
-    confirmed: bool
-    status: str
-    theta2: Floats
-    damping: Damping | None
-    lyapunov: Lyapunov | None
+    summary: Summary | None = field(metadata=reported(
+        "figures of the steady state; null where the solver failed", spread=True, of=(Summary,)))
+    section: Floats | None = field(metadata=reported(
+        "plate angle and slip speed at t = 2 pi n/omega, (n, 2)", "rad, rad/s"))
+    confirmed: bool | None = field(metadata=reported(CONFIRMED))
+    status: str = field(metadata=reported("how the solver ended, a sentence"))
+    theta2: Floats | None = field(metadata=reported(
+        "plate angle on the section over the last cycles, oldest first, (n,)", "rad", asked_for=True))
+    damping: Damping | None = field(metadata=reported("equivalent damping", spread=True, asked_for=True))
+    lyapunov: Lyapunov | None = field(metadata=reported("largest Lyapunov exponent", asked_for=True))
     end: Start
 
-    def as_json(self) -> dict[str, Any]:
-        """The point as JSON values; a failed one has null in every result."""
-        found = self.summary.as_json() if self.summary is not None else {}
-        out: dict[str, Any] = {"value": self.value, **{name: found.get(name) for name in SUMMARY_KEYS},
-                               "section": self.section.tolist(), "confirmed": self.confirmed, "status": self.status}
-        if len(self.theta2):
-            out["theta2"] = self.theta2.tolist()
-        if self.damping is not None:
-            out.update(damping_as_json(self.damping))
-        if self.lyapunov is not None:
-            out["lyapunov"] = self.lyapunov.as_json()
-        return out
-
     def as_record(self) -> dict[str, Any]:
-        """`as_json` with the end of the motion: what the file of a sweep holds."""
-        return {**self.as_json(), "final": list(self.end.state.numbers), "final_cycle": self.end.cycle}
+        """The value, the results and the end of the motion as JSON values: a line in the file of a sweep."""
+        return {"value": self.value, **json_of(self), "final": list(self.end.state.numbers),
+                "final_cycle": self.end.cycle}
 
     @staticmethod
     def from_record(record: Mapping[str, Any], system: System) -> Point:
@@ -106,7 +89,8 @@ class Point:
         v, angle, speed = map(float, record["final"])
         return Point(float(record["value"]), summary, np.array(record["section"], dtype=np.float64).reshape(-1, 2),
                      bool(record["confirmed"]), str(record["status"]),
-                     np.array(record.get("theta2", []), dtype=np.float64).reshape(-1), damping, lyapunov,
+                     np.array(record["theta2"], dtype=np.float64).reshape(-1) if "theta2" in record else None,
+                     damping, lyapunov,
                      Start(State(v, angle, speed), int(record["final_cycle"])))
 
 
@@ -121,8 +105,8 @@ class Curve:
     """
 
     system: System
-    key: str
-    values: tuple[float, ...]
+    key: str = field(metadata=reported("scene key that is swept", name="over"))
+    values: tuple[float, ...] = field(metadata=reported("its values", "{over}"))
 
     def __post_init__(self) -> None:
         if not 1 <= len(self.values) <= DEFAULTS.most_values:
@@ -135,6 +119,21 @@ class Curve:
         return replace(self.system, {self.key: self.values[index]})
 
 
+@dataclass(frozen=True)
+class Course:
+    """How the sweeps of one call were done."""
+
+    direction: str = field(metadata=reported(
+        "cold: every value starts from the initial state; up, down: from the neighbour's last one"))
+    discard: int | str = field(metadata=reported("number of engine cycles dropped, default or auto"))
+    duration: float | None = field(metadata=reported(
+        "time solved instead of whole engine cycles; null for cycles", "s"))
+    varying: Sequence[str] = field(metadata=reported("what varies in time"))
+    complete: bool = field(metadata=reported("whether every value was tried"))
+    not_settled: int = field(metadata=reported("number of motions that are still transients"))
+    seconds: float = field(metadata=reported("computing time", "s"))
+
+
 @dataclass(frozen=True, repr=False)
 class Sweep(Result):
     """The results along one curve, in the order of its values.
@@ -143,7 +142,7 @@ class Sweep(Result):
     seconds : wall time of the whole call
     """
 
-    curve: Curve
+    curve: Curve = field(metadata=reported("what is swept", spread=True))
     plan: Plan
     points: list[Point | None]
     seconds: float
@@ -196,38 +195,38 @@ class Sweep(Result):
         rows: list[dict[str, Any]] = [{"status": NOT_SOLVED} if r is None else r for r in self.records]
         return [{**r, **{f"lyapunov_{name}": x for name, x in r.get("lyapunov", {}).items()}} for r in rows]
 
-    def as_json(self) -> dict[str, Any]:
-        """`over`, `values`, how it was done, and per value the keys of `simulate --json` in lists."""
-        return {"over": self.curve.key, "values": list(self.curve.values), **self.how([self]), **self.lists()}
+    @property
+    @reporting("how it was done", spread=True)
+    def course(self) -> Course:
+        """How this sweep was done."""
+        return self.course_with([self])
 
-    def how(self, sweeps: Sequence[Sweep]) -> dict[str, Any]:
+    def course_with(self, sweeps: Sequence[Sweep]) -> Course:
         """How this sweep, and those of the same call, were done."""
         plan = self.plan
-        return {"direction": plan.direction, "discard": "default" if plan.discard is None else plan.discard,
-                "duration": plan.seconds(self.curve.system), "varying": self.curve.system.varying,
-                "complete": all(s.complete for s in sweeps), "not_settled": sum(s.not_settled for s in sweeps),
-                "seconds": self.seconds}
+        return Course(plan.direction, "default" if plan.discard is None else plan.discard,
+                      plan.seconds(self.curve.system), self.curve.system.varying, all(s.complete for s in sweeps),
+                      sum(s.not_settled for s in sweeps), self.seconds)
 
     @property
     def not_settled(self) -> int:
         """How many values have a motion that is still a transient."""
         return sum(p is not None and p.summary is not None and p.summary.transient for p in self.points)
 
-    def lists(self, extras: Sequence[str] | None = None) -> dict[str, list[Any]]:
-        """Per key of `simulate --json` a list in value order; `extras` are those of EXTRAS to be there whatever."""
-        records = self.records
-        there = extras_of([self]) if extras is None else extras
-        out = {name: [None if r is None else r.get(name) for r in records]
-               for name in (*SUMMARY_KEYS, "confirmed", *there)}
-        return {**out, "status": [NOT_SOLVED if r is None else r["status"] for r in records]}
+    @property
+    @reporting("the results per value, in lists", spread=True, listed=True, of=(Point,))
+    def lists(self) -> dict[str, list[Any]]:
+        """Per result a list of JSON values in value order."""
+        return {**json_of(as_lists(self.points, Point)),
+                "status": [NOT_SOLVED if p is None else p.status for p in self.points]}
 
 
 @dataclass(frozen=True, repr=False)
 class Grid(Result):
     """The results on a grid of two keys: one Sweep over the first for every value of the second."""
 
-    second_key: str
-    second_values: tuple[float, ...]
+    second_key: str = field(metadata=reported("second scene key", name="second_over"))
+    second_values: tuple[float, ...] = field(metadata=reported("its values", "{second_over}"))
     sweeps: list[Sweep]
 
     def __repr__(self) -> str:
@@ -239,13 +238,30 @@ class Grid(Result):
         """The columns of `Sweep` for all rows below each other, with the second key's values first."""
         return {self.second_key: np.repeat(self.second_values, len(self.sweeps[0].points)), **stacked(self.sweeps)}
 
-    def as_json(self) -> dict[str, Any]:
-        """As `Sweep.as_json`, with `second_over`, `second_values`, and results as lists of lists, rows: second key."""
-        curve, extras = self.sweeps[0].curve, extras_of(self.sweeps)
-        rows = [s.lists(extras) for s in self.sweeps]
-        return {"over": curve.key, "second_over": self.second_key, "values": list(curve.values),
-                "second_values": list(self.second_values), **self.sweeps[0].how(self.sweeps),
-                **{name: [row[name] for row in rows] for name in rows[0]}}
+    @property
+    @reporting("first scene key", spread=True)
+    def curve(self) -> Curve:
+        """What every sweep is over."""
+        return self.sweeps[0].curve
+
+    @property
+    @reporting("how it was done", spread=True)
+    def course(self) -> Course:
+        """How the sweeps were done."""
+        return self.sweeps[0].course_with(self.sweeps)
+
+    @property
+    @reporting("the results in lists of lists, rows: second key", spread=True, listed=True, of=(Point,))
+    def lists(self) -> dict[str, list[Any]]:
+        """Per result a list of rows."""
+        return lists_of(self.sweeps)
+
+
+def lists_of(sweeps: Sequence[Sweep]) -> dict[str, list[Any]]:
+    """Per result a list for each of the sweeps."""
+    rows = [s.lists for s in sweeps]
+    none = [None] * len(sweeps[0].points)
+    return {name: [row.get(name, none) for row in rows] for name in dict.fromkeys(n for row in rows for n in row)}
 
 
 def stacked(sweeps: Sequence[Sweep]) -> dict[str, NDArray[Any]]:
@@ -253,14 +269,6 @@ def stacked(sweeps: Sequence[Sweep]) -> dict[str, NDArray[Any]]:
     rows, length = [s.columns() for s in sweeps], len(sweeps[0].points)
     return {name: np.concatenate([row[name] if name in row else np.full(length, COLUMNS[name]) for row in rows])
             for name in dict.fromkeys(name for row in rows for name in row)}
-
-
-def extras_of(sweeps: Sequence[Sweep]) -> list[str]:
-    """Those of EXTRAS that some point has."""
-    points = [p for s in sweeps for p in s.points if p is not None]
-    found = {"theta2": any(len(p.theta2) for p in points), "lyapunov": any(p.lyapunov is not None for p in points)}
-    found |= dict.fromkeys(("equivalent_damping", "negative_slope_mean"), any(p.damping is not None for p in points))
-    return [name for name in EXTRAS if found[name]]
 
 
 def _span(values: Sequence[float]) -> str:

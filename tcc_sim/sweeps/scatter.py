@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.quantity import sequence_of_numbers
-from tcc_sim.result import Result
+from tcc_sim.result import Result, reported, reporting
 from tcc_sim.scene import Scene, system_of
-from tcc_sim.sweeps.results import Sweep, extras_of, stacked
+from tcc_sim.sweeps.results import Course, Point, Sweep, lists_of, stacked
 from tcc_sim.sweeps.settings import DEFAULTS
 from tcc_sim.sweeps.simulation import Plan, with_plan_fields
 from tcc_sim.sweeps.sweep import Curve, sweep_curves
@@ -34,8 +34,7 @@ class Tolerances:
     """Samples of scene keys that are uniform within bounds and independent of each other.
 
     bounds : key, its lowest and its highest value
-    samples : how many; a power of 2 fills the bounds most evenly
-    seed : of the scrambling; the same seed gives the same samples
+    samples : a power of 2 fills the bounds most evenly
 
     Raises
     ------
@@ -44,8 +43,8 @@ class Tolerances:
     """
 
     bounds: tuple[tuple[str, float, float], ...]
-    samples: int
-    seed: int = 0
+    samples: int = field(metadata=reported("number of samples"))
+    seed: int = field(default=0, metadata=reported("seed of the scrambling; the same seed gives the same samples"))
 
     def __post_init__(self) -> None:
         keys = [key for key, _, _ in self.bounds]
@@ -59,7 +58,21 @@ class Tolerances:
         if not 0 <= self.seed < 1 << 32:
             raise InputError(f"seed is {self.seed}; it must be 0 to {(1 << 32) - 1}")
 
-    def values(self) -> dict[str, NDArray[np.float64]]:
+    @property
+    @reporting("scattered keys with their lowest and highest value", "{*}")
+    def scatter(self) -> dict[str, tuple[float, float]]:
+        """Bounds by key."""
+        return {key: (low, high) for key, low, high in self.bounds}
+
+    @property
+    @reporting("probabilities of the quantiles")
+    def probabilities(self) -> tuple[float, ...]:
+        """Those of PROBABILITIES."""
+        return PROBABILITIES
+
+    @property
+    @reporting("values of the scattered keys in the order of samples", "{*}")
+    def sampled(self) -> dict[str, NDArray[np.float64]]:
         """(samples,) values by key: a scrambled Sobol sequence (A. B. Owen (1998), ACM TOMACS 8, 71 to 102)."""
         from scipy.stats import qmc
 
@@ -80,7 +93,7 @@ class Scattered(Result):
     every : whether quantiles are over every sample, also over those that ran away or have not settled
     """
 
-    tolerances: Tolerances
+    tolerances: Tolerances = field(metadata=reported("what is scattered", spread=True))
     over: str
     sweeps: list[Sweep]
     every: bool = False
@@ -93,11 +106,6 @@ class Scattered(Result):
     def result(self, name: str) -> NDArray[np.float64]:
         """(samples, values) numbers of one result, NaN where there is none."""
         return np.array([sweep.column(name) for sweep in self.sweeps])
-
-    @property
-    def left_out(self) -> dict[str, int]:
-        """How many results quantiles leave out because slip ran away, and because the motion had not settled."""
-        return dict(zip(COUNTED, (0 if self.every else int(mask.sum()) for mask in self._unsteady())))
 
     def _unsteady(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """(samples, values) which results are those of a runaway, and of a transient."""
@@ -118,31 +126,42 @@ class Scattered(Result):
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """The columns of `Sweep` for all samples below each other, the scattered keys first."""
-        length, sampled = len(self.sweeps[0].points), self.tolerances.values()
+        length, sampled = len(self.sweeps[0].points), self.tolerances.sampled
         return {**{key: np.repeat(values, length) for key, values in sampled.items()},
                 **{name: column for name, column in stacked(self.sweeps).items() if name not in sampled}}
 
-    def as_json(self) -> dict[str, Any]:
-        """`scatter`, `samples`, `seed`, `quantiles`, the samples' values, and every result in a list over samples, or
-        in lists over the values of `over` where there is one.
-        """
-        told = self.tolerances
-        extras = extras_of(self.sweeps)
-        rows = [sweep.lists(extras) for sweep in self.sweeps]
-        single = not self.over
-        first = self.sweeps[0]
-        quantiles = {name: [[None if np.isnan(x) else float(x) for x in row] for row in self.quantiles(name)]
-                     for name in NUMBERS if name in rows[0]}
-        out: dict[str, Any] = {
-            "scatter": {key: [low, high] for key, low, high in told.bounds}, "samples": told.samples,
-            "seed": told.seed, "probabilities": list(PROBABILITIES),
-            "left_out": self.left_out,
-            "quantiles": {name: rows_[0] if single else rows_ for name, rows_ in quantiles.items()},
-            "sampled": {key: values.tolist() for key, values in told.values().items()}}
-        if not single:
-            out.update(over=self.over, values=list(first.curve.values))
-        return {**out, **first.how(self.sweeps),
-                **{name: [row[name][0] if single else row[name] for row in rows] for name in rows[0]}}
+    @property
+    @reporting("results that quantiles leave out: runaway, and not settled")
+    def left_out(self) -> dict[str, int]:
+        """How many results quantiles leave out because slip ran away, and because the motion had not settled."""
+        return dict(zip(COUNTED, (0 if self.every else int(mask.sum()) for mask in self._unsteady())))
+
+    @property
+    @reporting("quantiles of every result over the samples, one for each probability; with over, a list of them per "
+               "value", "{*}", name="quantiles")
+    def all_quantiles(self) -> dict[str, NDArray[np.float64]]:
+        """Of every result in numbers that was worked out."""
+        there = self.sweeps[0].lists
+        return {name: self.quantiles(name)[slice(None) if self.over else 0] for name in NUMBERS if name in there}
+
+    @property
+    @reporting("value swept over", spread=True, asked_for=True)
+    def curve(self) -> Curve | None:
+        """What every sample is swept over; None for a single value."""
+        return self.sweeps[0].curve if self.over else None
+
+    @property
+    @reporting("how it was done", spread=True)
+    def course(self) -> Course:
+        """How the sweeps were done."""
+        return self.sweeps[0].course_with(self.sweeps)
+
+    @property
+    @reporting("the results in a list over the samples; with over, a list of them per value", spread=True, listed=True,
+               of=(Point,))
+    def lists(self) -> dict[str, list[Any]]:
+        """Per result a list over the samples."""
+        return {name: rows if self.over else [row[0] for row in rows] for name, rows in lists_of(self.sweeps).items()}
 
 
 def scattered_curves(system: System, tolerances: Tolerances, over: str = "",
@@ -154,7 +173,7 @@ def scattered_curves(system: System, tolerances: Tolerances, over: str = "",
     InputError
         `over` is scattered too, too many values, an unknown key, or a value out of its range.
     """
-    sampled = tolerances.values()
+    sampled = tolerances.sampled
     if over in sampled:
         raise InputError(f"{over} is swept and scattered; it must be one of the two")
     if tolerances.samples * max(len(values), 1) > DEFAULTS.most_values:

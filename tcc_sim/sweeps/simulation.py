@@ -8,14 +8,15 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from numbers import Integral
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
-from tcc_sim.analysis.damping import Damping, damping_as_json, damping_of_cycles
+from tcc_sim.analysis.damping import Damping, damping_of_cycles
+from tcc_sim.analysis.orders import Orders
 from tcc_sim.analysis.periodicity import repeats_finely, stays
 from tcc_sim.analysis.settings import DEFAULTS as ANALYSIS
 from tcc_sim.analysis.summary import (
@@ -27,7 +28,7 @@ from tcc_sim.analysis.summary import (
 )
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
-from tcc_sim.result import Result
+from tcc_sim.result import Result, reported
 from tcc_sim.scene import Scene, system_of
 from tcc_sim.solvers import check_duration, check_setting, choose, solve
 from tcc_sim.sweeps.exponents import Lyapunov, largest_lyapunov_exponent
@@ -36,6 +37,7 @@ from tcc_sim.sweeps.steady_state import Start, solve_to_steady_state
 from tcc_sim.trajectory import Cycles, Floats, State, Status, Trajectory
 
 DIRECTIONS = ("cold", "up", "down")
+CONFIRMED = "whether the section has settled and further cycles stay on it"
 Called = TypeVar("Called", bound=Callable[..., Any])
 
 
@@ -153,10 +155,8 @@ class Simulation(Result):
     """A motion solved and judged.
 
     trajectory : what the solver gave; with discard "auto" its last block
-    summary : maxima, section, period, regime; None where the solver failed
-    confirmed : whether the section has settled and further cycles stay on it
+    summary : None where the solver failed
     angles : (n,) array, plate angle on the section over the last cycles, oldest first, rad; `Plan.section_points`
-    damping, lyapunov : where asked for
     end : where a run goes on from; the start itself where the solver failed
 
     Examples
@@ -166,12 +166,14 @@ class Simulation(Result):
     """
 
     trajectory: Trajectory
-    summary: Summary | None
-    confirmed: bool
+    summary: Summary | None = field(metadata=reported("figures of the steady state", spread=True, asked_for=True))
+    confirmed: bool = field(metadata=reported(CONFIRMED))
     angles: Floats
-    damping: Damping | None
-    lyapunov: Lyapunov | None
+    damping: Damping | None = field(metadata=reported("equivalent damping", spread=True, asked_for=True))
+    lyapunov: Lyapunov | None = field(metadata=reported("largest Lyapunov exponent", asked_for=True))
     end: Start
+    orders: Orders | None = field(default=None, metadata=reported(
+        "orders, transmissibility and judder", asked_for=True))
 
     def __repr__(self) -> str:
         if self.summary is None:
@@ -194,16 +196,6 @@ class Simulation(Result):
             raise InputError(f"{self.trajectory.solver}: {self.trajectory.detail or self.trajectory.status.value}")
         self.trajectory.raise_for_status()
         return self
-
-    def as_json(self) -> dict[str, Any]:
-        """The keys of `simulate --json`, with those of the extras that were asked for."""
-        out = self.summary.as_json() if self.summary is not None else {}
-        out["confirmed"] = self.confirmed
-        if self.damping is not None:
-            out.update(damping_as_json(self.damping))
-        if self.lyapunov is not None:
-            out["lyapunov"] = self.lyapunov.as_json()
-        return out
 
 
 def with_plan_fields(function: Called) -> Called:

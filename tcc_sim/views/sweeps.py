@@ -220,7 +220,7 @@ def draw_band(axis: Any, found: Scattered, name: str, scale: float = 1.0) -> Non
 
 def _samples(axis: Any, found: Scattered, name: str, key: str, scale: float) -> None:
     """Samples of one result against one key, with their quantiles."""
-    values, y = found.tolerances.values()[key], scale * found.result(name)[:, 0]
+    values, y = found.tolerances.sampled[key], scale * found.result(name)[:, 0]
     records = [sweep.records[0] or {} for sweep in found.sweeps]
     for regime, (colour, mine) in classes([r.get("regime") for r in records],
                                           [r.get("runaway") for r in records]).items():

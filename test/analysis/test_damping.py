@@ -9,7 +9,7 @@ from oracle import coefficient_and_slope, equations
 from piecewise import Piecewise
 from scipy.integrate import solve_ivp
 
-from tcc_sim.analysis.damping import damping_as_json, damping_of_cycles, slope_of_friction
+from tcc_sim.analysis.damping import damping_of_cycles, slope_of_friction
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import solve
@@ -77,12 +77,12 @@ def test_the_smoothed_averages_agree_with_quadratures_along_scipys_solution(smoo
     found = damping_of_cycles(system, cycles, 6, 1)
     assert found.weighted == pytest.approx(weighted / energy, rel=tolerance)
     assert found.negative_mean == pytest.approx(negative / (2.0 * cycle), rel=tolerance)
-    assert damping_as_json(found) == {"equivalent_damping": found.weighted, "negative_slope_mean": found.negative_mean}
+    assert found.as_json() == {"equivalent_damping": found.weighted, "negative_slope_mean": found.negative_mean}
 
 
 def test_no_cycle_gives_no_damping():
     none = Cycles(np.zeros((1, 3)), np.zeros(0), np.zeros(0), np.zeros(0))
-    assert damping_as_json(damping_of_cycles(System(), none, 0, 0)) == {"equivalent_damping": None,
+    assert damping_of_cycles(System(), none, 0, 0).as_json() == {"equivalent_damping": None,
                                                                         "negative_slope_mean": None}
 
 

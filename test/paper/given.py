@@ -111,7 +111,8 @@ def figure_of(kind: str, numbers: Any, number: int = 4, law: str = "smoothed", t
 
 def curves_of(curves: Sequence[MapCurve]) -> Curves:
     x = np.linspace(0.05, 0.5, 11).tolist()
-    return Curves(axis="omega/omega_n", x=x, unit=OMEGA_N, cycles=100, discarded=50, curves=curves)
+    return Curves(over="engine.frequency", axis="omega/omega_n", x=x, unit=OMEGA_N, cycles=100, discarded=50,
+                  curves=curves)
 
 
 def law_of(row: Any) -> str:

@@ -27,11 +27,11 @@ def test_the_seconds_of_commands_and_fallback_are_those_of_the_ticks(tmp_path):
     rows = ticked(COMMANDS, 1200, torque=torque, pressure=lambda k: 2e5 if 100 < k <= 400 else None, resets=(600,),
                   sources=sources)
     found = replay(bag(tmp_path / "run", rows, COMMANDS, sources=sources), discard=0)
-    pressure, engine = found.json()["inputs"]["actuation_pressure"], found.json()["inputs"]["engine_torque"]
+    pressure, engine = found.as_json()["inputs"]["actuation_pressure"], found.as_json()["inputs"]["engine_torque"]
     assert pressure["topic"] == pytest.approx(0.3)
     assert pressure["fallback"] == pytest.approx(1.199 - 0.3)
     assert (engine["topic"], engine["fallback"], engine["scene"]) == pytest.approx((1.199, 0.0, 0.0))
-    assert found.json()["command_age"] is None
+    assert found.as_json()["command_age"] is None
     own = replay(bag(tmp_path / "own", ticked(load_scene("fig02"), 900), "fig02")).inputs
     assert {name: held.scene for name, held in own.items()} == pytest.approx(dict.fromkeys(own, 0.899))
 
@@ -55,7 +55,7 @@ def test_the_age_of_commands_is_that_of_the_states_they_answer(tmp_path, late):
             writer.write(status, log, log, data, k)
     writer.close({"lost": {}})
     found = replay(tmp_path / "run", discard=0)
-    age = found.json()["command_age"]
+    age = found.as_json()["command_age"]
     assert age == pytest.approx({"median": late * 1e-3, "p95": late * 1e-3, "largest": late * 1e-3}, abs=1e-12)
     assert any("7 ticks late" in text for text in found.warnings) is (late == 7)
     held = found.inputs["actuation_pressure"]

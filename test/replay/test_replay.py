@@ -40,7 +40,7 @@ def is_slip(summary):
 def test_pure_slip_complete_and_cut_short(tmp_path, cut):
     found = replay(bag(tmp_path / "run", slip(3.0), "slip", cut=cut))
     is_slip(found.summary)
-    values = found.json()
+    values = found.as_json()
     assert (values["messages"], values["lost_messages"], values["complete"]) == (3001, 0, not cut)
     assert (values["cycles"], values["discarded"]) == (71, 35)
     assert (values["frequency"], values["frequency_source"]) == (OMEGA, "scene")
@@ -75,7 +75,7 @@ def test_gaps_are_counted_and_never_bridged(tmp_path):
     rows = slip(3.0)
     found = replay(bag(tmp_path / "run", rows[:1000] + rows[1037:], "slip"), discard=0)
     is_slip(found.summary)
-    values = found.json()
+    values = found.as_json()
     assert (values["gaps"], values["lost_messages"], values["messages"]) == (1, 37, 3001 - 37)
     assert 68 <= values["cycles"] < 71
     assert "37 lost" in "\n".join(found.lines())
@@ -84,7 +84,7 @@ def test_gaps_are_counted_and_never_bridged(tmp_path):
 def test_uneven_stamps_are_reported(tmp_path):
     rows = [(stamp + 200_000 * (k == 500), *rest) for k, (stamp, *rest) in enumerate(slip(1.0))]
     found = replay(bag(tmp_path / "run", rows, "slip"))
-    assert found.json()["uneven_stamps"] == 2
+    assert found.as_json()["uneven_stamps"] == 2
     assert "uneven" in "\n".join(found.lines())
 
 
@@ -104,7 +104,7 @@ def test_the_longest_of_several_runs_counts(tmp_path):
     short = by_hand(0.5, lambda t: 7.0 + 0.0 * t, *SLIP[1:])
     found = replay(bag(tmp_path / "run", slip(2.0) + short, "slip"))
     is_slip(found.summary)
-    assert found.json()["runs"] == 2
+    assert found.as_json()["runs"] == 2
     assert found.trajectory.t[-1] == 2.0
     assert found.trajectory.slip_speed.min() > 100.0
 
@@ -136,7 +136,7 @@ def test_the_frequency_of_a_commanded_torque_is_found_or_given(tmp_path):
     assert given.summary.cycles == 35
     constant = by_hand(2.0, *SLIP[:3], lambda t: 300.0, SLIP[4])
     unknown = replay(bag(tmp_path / "constant", constant, scene))
-    values = unknown.json()
+    values = unknown.as_json()
     assert (values["frequency"], values["frequency_source"], values["frequency_range"]) == (None, "none", [None, None])
     assert (values["period"], values["section"], values["cycles"], values["settled"]) == (0, [], 0, False)
     assert values["max_slip_speed"] == pytest.approx(SPEED + 2.0 * SWING, rel=1e-6)
@@ -257,7 +257,7 @@ def run_up():
 def test_a_commanded_run_up_is_analysed_at_its_own_frequency(tmp_path, run_up):
     scene, rows = run_up
     found = replay(bag(tmp_path / "run", rows, scene), discard=10)
-    values = found.json()
+    values = found.as_json()
     assert values["frequency_source"] == "found"
     assert values["frequency_range"] == pytest.approx([100.0, 200.0], rel=0.02)
     starts = found.cycles.starts

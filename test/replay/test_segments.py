@@ -38,9 +38,9 @@ def said_at(row, stamp, **values):
 
 def test_one_run_is_one_segment_with_the_figures_of_the_whole(tmp_path):
     found = replay(bag(tmp_path / "run", steady(3.0, 150.0), SLIP))
-    (segment,) = found.json()["segments"]
+    (segment,) = found.as_json()["segments"]
     assert (segment["start"], segment["end"], segment["began_by"], segment["changes"]) == (0.0, 3.0, "start", {})
-    whole = found.json()
+    whole = found.as_json()
     shared = set(segment) & set(whole)
     assert {key: segment[key] for key in shared} == {key: whole[key] for key in shared}
     assert "tracking" not in segment
@@ -52,14 +52,14 @@ def test_resets_restarts_and_parameters_begin_segments(tmp_path):
     said = [said_at(3002, 1001, engine__mean_torque=290.0)]
     path = bag(tmp_path / "run", rows, SLIP, said=said, publishers=[(0, "a1"), (4003, "b2")])
     found = replay(path, discard=2)
-    json_rows = found.json()["segments"]
+    json_rows = found.as_json()["segments"]
     assert [(s["began_by"], round(s["start"], 3), round(s["end"], 3)) for s in json_rows] == [
         ("start", 0.0, 2.0), ("reset", 0.0, 1.0), ("parameters", 1.001, 2.001), ("restart", 0.0, 1.5)]
     assert [s["changes"] for s in json_rows] == [{}, {}, {"engine.mean_torque": 290.0}, {}]
     assert [s["min_slip_speed"] for s in json_rows] == pytest.approx([150.0, 100.0, 50.0, 80.0], abs=0.2)
     assert [s["discarded"] for s in json_rows] == [2, 2, 2, 2]
     # What stands above them is still that of the longest run.
-    assert (found.json()["runs"], found.summary.min_slip_speed) == (3, pytest.approx(50.0, abs=0.2))
+    assert (found.as_json()["runs"], found.summary.min_slip_speed) == (3, pytest.approx(50.0, abs=0.2))
     table = "\n".join(found.lines())
     for words in ("segment 1", "0 to 1 s, reset", "parameters: engine.mean_torque = 290.0", "restart"):
         assert words in table
@@ -69,7 +69,7 @@ def test_a_scene_that_a_restart_brings_counts_from_there_on(tmp_path):
     other = SLIP.with_values({"engine.frequency": 100.0})
     rows = [*steady(2.0, 150.0), *steady(2.0, 120.0, omega=100.0)]
     path = bag(tmp_path / "run", rows, SLIP, said=[(2001, other.text())], publishers=[(0, "a1"), (2001, "b2")])
-    first, second = replay(path, discard=2).json()["segments"]
+    first, second = replay(path, discard=2).as_json()["segments"]
     assert (second["began_by"], second["changes"]) == ("restart", {"engine.frequency": 100.0})
     assert (first["period"], second["period"], second["cycles"]) == (1, 1, 31)
     assert second["max_slip_speed"] == pytest.approx(120.0 + 2.0 * 250.0 / 20.0, rel=1e-5)
@@ -86,7 +86,7 @@ def test_a_run_as_data_has_the_scene_that_was_in_force_in_it(tmp_path):
 def test_a_segment_without_a_whole_cycle_has_no_figures(tmp_path):
     rows = [*steady(2.0, 150.0), *steady(0.02, 100.0)]
     found = replay(bag(tmp_path / "run", rows, SLIP))
-    segment = found.json()["segments"][1]
+    segment = found.as_json()["segments"][1]
     assert (segment["began_by"], segment["max_slip_speed"], segment["regime"]) == ("reset", None, None)
     assert "no whole engine cycle that is kept" in "\n".join(found.lines())
 
@@ -118,7 +118,7 @@ def test_a_recorded_target_is_judged_and_a_new_one_begins_a_segment(tmp_path, ca
 
 def test_a_target_that_becomes_known_later_is_judged_from_there_on(tmp_path):
     path = bag(tmp_path / "run", controlled(20.0), SLIP, targets=[(3000, 20.0)])
-    (segment,) = replay(path, discard=0).json()["segments"]
+    (segment,) = replay(path, discard=0).as_json()["segments"]
     assert segment["tracking"]["largest_error"] < 130.0 * math.exp(-4.0 * 2.9)
 
 
@@ -130,7 +130,7 @@ def test_a_new_target_begins_its_segment_where_it_was_said_whatever_the_clock_do
     rows = [*controlled(20.0, seconds=6.06), *shifted(controlled(50.0, start=20.0), 6061)]
     path = bag(tmp_path / "run", rows, SLIP, targets=[(0, 20.0), (3000, 20.0), (6061, 50.0)],
                clock=lambda row: START + row * TICK + (round(seconds * 1e9) if row >= at else 0))
-    first, second = replay(path, discard=0).json()["segments"]
+    first, second = replay(path, discard=0).as_json()["segments"]
     begins = round(second["start"] * 1e3)
     assert begins == 6061 or (at == 6061 and begins == 6060)  # What comes with the step itself is in doubt by a state.
     assert (first["tracking"]["target"], second["tracking"]["target"]) == (20.0, 50.0)
@@ -139,7 +139,7 @@ def test_a_new_target_begins_its_segment_where_it_was_said_whatever_the_clock_do
 
 def test_a_target_that_is_no_number_is_none(tmp_path):
     path = bag(tmp_path / "run", controlled(20.0), SLIP, targets=[(0, 20.0), (2000, math.nan), (3000, math.inf)])
-    (segment,) = replay(path, discard=0).json()["segments"]
+    (segment,) = replay(path, discard=0).as_json()["segments"]
     assert segment["tracking"]["target"] == 20.0
 
 

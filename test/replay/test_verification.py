@@ -23,7 +23,7 @@ def pressure(k):
 
 def verified(directory, rows, scene, **keywords):
     found = replay(bag(directory, rows, scene, **keywords), verify=True, frequency=150.0)
-    assert found.json()["verified"] == found.verification.verified
+    assert found.as_json()["verified"] == found.verification.verified
     return found.verification
 
 
@@ -33,7 +33,7 @@ def test_an_untouched_recording_is_the_same_to_the_last_bit(tmp_path, name, cut)
     found = verified(tmp_path / "run", ticked(SCENES[name], 400), SCENES[name], cut=cut)
     assert found.verified
     assert (found.largest_difference, found.compared, found.exact) == (0.0, 400, 400)
-    assert "to the last bit" in found.sentence()
+    assert "to the last bit" in found.sentence
 
 
 def test_applied_inputs_come_from_the_recording(tmp_path):
@@ -59,7 +59,7 @@ def test_one_changed_digit_is_found(tmp_path, column):
     assert not found.verified
     assert found.first_difference_ns == 217 * TICK
     assert 0.0 < found.largest_difference < 1e-12
-    assert "0.217 s" in found.sentence()
+    assert "0.217 s" in found.sentence
 
 
 def test_a_changed_pressure_is_found(tmp_path):
@@ -76,7 +76,7 @@ def test_a_value_that_is_not_finite_is_found(tmp_path):
     found = replay(bag(tmp_path / "run", rows, SCENES["fig02"]), verify=True)
     assert not found.verification.verified
     assert found.verification.first_difference_ns == 100 * TICK
-    assert found.json()["largest_difference"] is None
+    assert found.as_json()["largest_difference"] is None
 
 
 STEPS = {"fig02": [(100, {"engine.mean_torque": 250.0}, False), (250, {"pressure.amplitude": 0.0}, True)],
@@ -139,7 +139,7 @@ def test_a_recording_that_starts_late_is_checked_tick_by_tick(tmp_path, name):
     assert found.verified
     assert (found.compared, found.exact) == (463, 0)
     assert found.largest_difference < STEP_TOLERANCE
-    assert "within 1e-06" in found.sentence()
+    assert "within 1e-06" in found.sentence
     changed = list(rows[200])
     changed[2] += 1e-4
     rows[200] = tuple(changed)
@@ -164,11 +164,11 @@ def test_what_the_node_did_not_make_is_said(tmp_path):
     rows = [(stamp + 100, *rest) for stamp, *rest in ticked(SCENES["fig02"], 200)]
     found = verified(tmp_path / "run", rows, SCENES["fig02"])
     assert not found.verified
-    assert "is not that of a tick" in found.sentence()
+    assert "is not that of a tick" in found.sentence
     set_valued = SCENES["fig02"].with_values({"friction.law": "set_valued"})
     found = verified(tmp_path / "other", ticked(SCENES["fig02"], 200), set_valued)
     assert not found.verified
-    assert "set_valued" in found.sentence()
+    assert "set_valued" in found.sentence
 
 
 def test_states_without_a_known_input_are_not_verified(tmp_path, capsys):
@@ -177,8 +177,8 @@ def test_states_without_a_known_input_are_not_verified(tmp_path, capsys):
     path = bag(tmp_path / "run", [*unknown[:-1], rows[-1]], SCENES["commands"])
     found = replay(path, verify=True, frequency=150.0)
     assert not found.verification.verified
-    assert found.verification.sentence() == "not verified: 199 of 400 states have no known input"
-    assert (found.json()["states"], found.json()["solved"]) == (400, 201)
+    assert found.verification.sentence == "not verified: 199 of 400 states have no known input"
+    assert (found.as_json()["states"], found.as_json()["solved"]) == (400, 201)
     assert main(["analyse", str(path), "--verify", "--frequency", "150"]) == 1
     assert "199 of 400 states have no known input" in capsys.readouterr().out
 
@@ -191,7 +191,7 @@ def test_messages_in_the_wrong_order_are_not_verified(tmp_path):
         mixed = [*given[:200], given[300], *given[201:300], given[200], *given[301:]]
         found = verified(tmp_path / name, mixed, SCENES["fig02"])
         assert not found.verified
-        assert name == "shifted" or "begins at 0.201 s after a reset, which leads to 0" in found.sentence()
+        assert name == "shifted" or "begins at 0.201 s after a reset, which leads to 0" in found.sentence
 
 
 def test_a_reset_with_both_inputs_commanded_is_one_event(tmp_path):

@@ -23,20 +23,20 @@ WORDS = ["sweep", "slip", "--set", "friction.law=set_valued", "--cycles", "20", 
 
 def test_samples_fill_their_bounds_and_are_those_of_their_seed() -> None:
     told = Tolerances(((AMPLITUDE, 10.0, 40.0), (PRESSURE, 2e5, 3e5)), 64, 3)
-    values = told.values()
+    values = told.sampled
     unit = np.stack([(values[AMPLITUDE] - 10.0) / 30.0, (values[PRESSURE] - 2e5) / 1e5], axis=1)
     assert unit.min() >= 0.0
     assert unit.max() < 1.0
     assert qmc.discrepancy(unit) < 0.2 * qmc.discrepancy(np.random.default_rng(1).random((64, 2)))
     for column in unit.T:
         assert np.bincount((64 * column).astype(int), minlength=64).tolist() == [1] * 64
-    assert np.array_equal(told.values()[AMPLITUDE], values[AMPLITUDE])
-    assert not np.array_equal(Tolerances(told.bounds, 64, 4).values()[AMPLITUDE], values[AMPLITUDE])
+    assert np.array_equal(told.sampled[AMPLITUDE], values[AMPLITUDE])
+    assert not np.array_equal(Tolerances(told.bounds, 64, 4).sampled[AMPLITUDE], values[AMPLITUDE])
 
 
 def test_each_sample_is_a_simulation_and_quantiles_are_numpys() -> None:
     found = scatter(BASE, {AMPLITUDE: (10.0, 40.0)}, 8, plan=Plan(cycles=20))
-    values = found.tolerances.values()[AMPLITUDE]
+    values = found.tolerances.sampled[AMPLITUDE]
     alone = [simulate(replace(BASE, {AMPLITUDE: x}), cycles=20).summary.max_slip_speed for x in values]
     assert found.result("max_slip_speed")[:, 0].tolist() == alone
     assert found.quantiles("max_slip_speed")[0].tolist() == np.quantile(alone, [0.05, 0.5, 0.95]).tolist()
