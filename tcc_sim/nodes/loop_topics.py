@@ -30,6 +30,7 @@ from tcc_sim.nodes.middleware import (
 from tcc_sim.nodes.track import unsent_message
 from tcc_sim.plant.closed_loop import check_command
 from tcc_sim.plant.driveline import Reading
+from tcc_sim.plant.sensors import Sensors
 from tcc_sim.scene import Scene
 from tcc_sim.topics import FLUID_PRESSURE, TOPICS, Topic, topic
 
@@ -134,12 +135,14 @@ class Outputs:
     Attributes
     ----------
     unsent : messages dropped since the start, by topic
+    sensors : between the states and what is sent; None where the states are sent as they are
     """
 
     def __init__(self, node: Node, scene: Scene) -> None:
         operation = scene.operation
         self.patient = operation.real_time_factor == 0.0 or operation.pacing == "lockstep"
         self.unsent: Counter[str] = Counter()
+        self.sensors: Sensors | None = None
         self._told = 0
         self._node = node
         self._context = node.context
@@ -158,8 +161,11 @@ class Outputs:
 
     def state(self, reading: Reading) -> None:
         """Send every topic of a tick."""
+        if self.sensors is not None:
+            reading = self.sensors.measure(reading)
         for publisher, encode, values in self._every_tick:
-            self._send(publisher, encode(*values(reading)))
+            if self.sensors is None or publisher.topic_name.rpartition("/")[2] not in self.sensors.lost:
+                self._send(publisher, encode(*values(reading)))
 
     def say(self, name: str, data: bytes) -> None:
         """Send a message on one topic, in the order of the states; nothing where the scene has no such topic."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -13,6 +13,7 @@ from tcc_sim.analysis.control import Tracking, tracking_of
 from tcc_sim.errors import InputError, counted
 from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.plant.driveline import Plant, Reading
+from tcc_sim.plant.sensors import Sensor, Sensors
 from tcc_sim.scene import SceneLike, as_scene
 from tcc_sim.topics import INPUTS, topic
 from tcc_sim.trajectory import UNITS, Floats, Trajectory
@@ -146,7 +147,8 @@ class _Held:
 
 
 def closed_loop(scene: SceneLike, law: Callable[[Reading], Answer], seconds: float,
-                rate: float = 1000.0) -> ControlledRun:
+                rate: float = 1000.0, *, sensors: Mapping[str, Sensor | Mapping[str, float]] | None = None,
+                ) -> ControlledRun:
     """Run a control law against the driveline, one call a tick, or one a command_period where the scene has that, as
     its node would run in lock-step with the driveline's node: the same answers give the same states to the last bit.
 
@@ -161,6 +163,9 @@ def closed_loop(scene: SceneLike, law: Callable[[Reading], Answer], seconds: flo
         says where nobody commands it, its fallback
     seconds : of simulated time; whole ticks are taken
     rate : ticks a second, Hz
+    sensors : by signal (slip_speed, flywheel_speed, plate_speed, flywheel_angle, plate_angle, engine_torque) or topic
+        (joint_states, slip_speed), how the law is told it: noise, offset, quantum, delay_ticks, drop, seed. The law is
+        not asked about a state of which a message is lost: its last answer is held. The run keeps the true states
 
     Returns
     -------
@@ -169,8 +174,8 @@ def closed_loop(scene: SceneLike, law: Callable[[Reading], Answer], seconds: flo
     Raises
     ------
     InputError
-        A scene that the real-time solver cannot run, a duration or a rate out of its range, an answer that is no
-        number, or an answer for an input that the scene gives itself.
+        A scene that the real-time solver cannot run, a duration, a rate or a sensor's number out of its range, an
+        answer that is no number, or an answer for an input that the scene gives itself.
 
     Examples
     --------
@@ -188,10 +193,12 @@ def closed_loop(scene: SceneLike, law: Callable[[Reading], Answer], seconds: flo
         raise InputError(f"seconds is {seconds:g}; it must be 0 to {MOST_TICKS / rate:g} s at {rate:g} Hz")
     plant = Plant(scene)
     held, samples, reading = _Held(plant), Samples(plant), plant.reading()
+    measuring = Sensors(sensors)
     samples.add(plant, reading, None, None)
     for tick in range(round(seconds * rate)):
-        if tick % scene.operation.answer_ticks == 0:
-            held.take(law(reading))
+        told = measuring.measure(reading)
+        if tick % scene.operation.answer_ticks == 0 and not measuring.lost:
+            held.take(law(told))
         reading = plant.advance()
         samples.add(plant, reading, held.torque, held.pressure)
     if held.refused:

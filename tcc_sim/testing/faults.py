@@ -11,6 +11,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.messages import cdr
 from tcc_sim.model.groups import PRESSURE_MAXIMUM
 from tcc_sim.model.quantity import Options, quantity
+from tcc_sim.plant.sensors import Schedule
 
 
 @dataclass(frozen=True)
@@ -40,23 +41,6 @@ class Faults(Options):
             if name not in known:
                 raise InputError(f"{name} is not a fault; there are {', '.join(known)}")
         return Faults(**given)
-
-
-class Schedule:
-    """Which commands one kind of fault hits: one of each `every`, at a place drawn anew for each such block."""
-
-    def __init__(self, every: int, seed: str) -> None:
-        self._every, self._draw = every, random.Random(seed)
-        self._number = self._place = 0
-
-    def hits(self) -> bool:
-        """Whether the next command is hit."""
-        if not self._every:
-            return False
-        if self._number % self._every == 0:
-            self._place = self._draw.randrange(self._every)
-        self._number += 1
-        return (self._number - 1) % self._every == self._place
 
 
 class Line:

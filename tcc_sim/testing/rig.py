@@ -5,8 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 
-from rclpy.exceptions import InvalidHandle
-from rclpy.executors import ShutdownException, SingleThreadedExecutor, TimeoutException
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float64
@@ -17,17 +16,17 @@ from tcc_sim.nodes.driveline import DrivelineNode
 from tcc_sim.nodes.loop_topics import CommandedInput
 from tcc_sim.nodes.middleware import LATCHED, poll, subscribe
 from tcc_sim.plant.closed_loop import MOST_TICKS, Samples
+from tcc_sim.plant.sensors import Sensors
 from tcc_sim.scene import SceneLike, as_scene
 from tcc_sim.testing.faults import Faults, Line
 from tcc_sim.testing.run import ControllerFailed, LockstepRun, Worker
+from tcc_sim.testing.under_test import UnderTest
 from tcc_sim.topics import FLUID_PRESSURE, INPUTS, topic
 
 PATIENCE = 20.0
 """Real time, s, that an answer may take."""
 LOOK = 0.005
 """Real time, s, that the nodes under test are waited for at a time."""
-MOST_CALLBACKS = 1000
-"""Callbacks that are executed where nothing is waited for; a node may be never done."""
 PAUSE = 0.05
 """Real time, s, of a pause."""
 SERVED = 20
@@ -65,14 +64,13 @@ class Rig:
             raise InputError(f"ROS 2 refuses the driveline: {one_line(str(error))}; a node that is there already may "
                              "publish one of its topics with another type") from None
         self._loop, self._plant = self._node.loop, self._node.loop.plant
-        self._executor = SingleThreadedExecutor(context=self._node.context)
         self._requests = SingleThreadedExecutor(context=self._node.context)
         self._requests.add_node(self._node)
         self._target_topic = subscribe(self._node, Float64, "target_slip_speed", LATCHED)
-        self._under_test: dict[Node, str] = {}
         self._timed: set[str] = set()
         self._target: float | None = None
         self._worker = Worker()
+        self._under_test = UnderTest(self._node.context, self._now, self._worker.beat)
         self._closed = False
 
     def add(self, node: Node) -> Node:
@@ -83,10 +81,7 @@ class Rig:
         InputError
             A node of another ROS 2 context, which would not hear the driveline.
         """
-        if node.context is not self._node.context:
-            raise InputError(f"{node.get_name()} has a context of its own; make it with the default one")
-        self._executor.add_node(node)
-        self._under_test[node] = node.get_name()
+        self._under_test.add(node)
         return node
 
     def run(self, seconds: float | None = None, ticks: int | None = None, target: float | None = None) -> LockstepRun:
@@ -134,13 +129,30 @@ class Rig:
         if not result.successful:
             raise InputError(result.reason)
 
+    def sensor(self, name: str, **options: float) -> None:
+        """Put a sensor before a signal of joint_states, slip_speed or joint_states from the next state on, in the place
+        of the one that is there: ``sensor("slip_speed", noise=0.3, delay_ticks=5)``. A run keeps the true states.
+
+        Parameters
+        ----------
+        options : noise, offset, quantum (in the signal's unit), delay_ticks, drop, seed, as `plant.sensors.Sensor`
+
+        Raises
+        ------
+        InputError
+            No such signal or option, or a number out of its range.
+        """
+        outputs = self._loop.outputs
+        outputs.sensors = outputs.sensors or Sensors()
+        outputs.sensors.put(name, options)
+
     def pause(self, seconds: float = PAUSE) -> None:
         """Let the driveline stand still for so many seconds of real time, in which the nodes under test are spun."""
         end = time.monotonic() + seconds
 
         def spin() -> None:
             while (left := end - time.monotonic()) > 0.0:
-                self._spin(min(left, LOOK))
+                self._under_test.spin(min(left, LOOK))
                 self._requests.spin_once(timeout_sec=0.0)
 
         self._worker.run(spin, self._patience + seconds, self._failed)
@@ -152,9 +164,9 @@ class Rig:
         self._closed = True
         if self._worker.stuck:  # A node that hangs holds the executor.
             return
-        for executor in (self._executor, self._requests):
-            executor.shutdown()
-        for node in [*self._under_test, self._node]:
+        self._under_test.shutdown()
+        self._requests.shutdown()
+        for node in [*self._under_test.nodes, self._node]:
             node.destroy_node()
 
     def _run(self, count: int, target: float | None) -> LockstepRun:
@@ -175,7 +187,7 @@ class Rig:
             samples.add(self._plant, self._plant.reading(), *self._held())
             said = self._asked_for(target, said, len(samples) - 1)
             self._worker.beat()
-        self._settle()
+        self._under_test.settle()
         refused = sum(command.refused - before[command.name] for command in commands)
         return LockstepRun(**samples.columns(self._plant), refused=refused, missed=missed,  # type: ignore[arg-type]
                          refusal=next((command.refusal for command in commands if command.refusal), ""), target=said)
@@ -187,7 +199,7 @@ class Rig:
             names = " and ".join(command.name for command in self._loop.commands)
             raise ControllerFailed(f"no node that was added publishes {names}, which the scene "
                                    f"{self._node.scene.name} takes")
-        timed = {name for node, name in self._under_test.items() if node.get_parameter("use_sim_time").value}
+        timed = self._under_test.timed
         self._timed = {command.name for command in commands if timed and timed >= {
             info.node_name for info in self._node.get_publishers_info_by_topic(command.name)}}
         if not self._loop.clock_started.is_set():
@@ -197,9 +209,10 @@ class Rig:
     def _awaited(self, commands: list[CommandedInput]) -> list[CommandedInput]:
         """The commands that must answer the state: once a command_period, and of nodes that follow the states.
 
-        A node with use_sim_time follows /clock: its timers decide when it sends.
+        A node with use_sim_time follows /clock: its timers decide when it sends. A lost message has no answer.
         """
-        if self._plant.stepper.tick % self._node.scene.operation.answer_ticks:
+        sensors = self._loop.outputs.sensors
+        if self._plant.stepper.tick % self._node.scene.operation.answer_ticks or (sensors and sensors.lost):
             return []
         return [command for command in commands if command.name not in self._timed]
 
@@ -209,7 +222,7 @@ class Rig:
         tick, stamp, since = plant.stepper.tick, plant.stamp_ns, time.monotonic()
         missing, others = list(awaited), 0
         if len(missing) < len(commands) or not commands:
-            self._settle()
+            self._under_test.settle()
             for command in commands:
                 if command not in awaited:
                     for data, _ in poll(command.subscription):
@@ -225,7 +238,7 @@ class Rig:
             if missing:
                 if time.monotonic() - since > self._patience:
                     raise ControllerFailed(self._no_answer(missing[0].name, others))
-                self._spin(LOOK)
+                self._under_test.spin(LOOK)
                 if time.monotonic() - since > LOOK:
                     self._requests.spin_once(timeout_sec=0.0)
             self._worker.beat()
@@ -239,47 +252,6 @@ class Rig:
                 command.accept(data, tick)
             missed += command in awaited and command.received == received
         return missed
-
-    def _spin(self, seconds: float) -> bool:
-        """Execute one callback that is ready within so many seconds; whether there was one."""
-        try:
-            callback, *_ = self._executor.wait_for_ready_callbacks(timeout_sec=seconds)
-        except TimeoutException:
-            return False
-        except ShutdownException:
-            raise ControllerFailed(f"{self._names()} shut ROS 2 down at {self._now()}") from None
-        self._worker.beat()
-        try:
-            callback()
-        except SystemExit as error:
-            raise ControllerFailed(f"{self._names()} called sys.exit({error.code!r}) at {self._now()}") from error
-        self._worker.beat()
-        failure = callback.exception()
-        self._check_alive()
-        if failure is not None:
-            raise ControllerFailed(f"{self._names()} died at {self._now()}: {type(failure).__name__}: "
-                                   f"{failure}") from failure
-        return True
-
-    def _check_alive(self) -> None:
-        """Raise ControllerFailed where a callback has shut ROS 2 down or destroyed its node."""
-        if not self._node.context.ok():
-            raise ControllerFailed(f"{self._names()} shut ROS 2 down at {self._now()}")
-        for node, name in self._under_test.items():
-            try:
-                with node.handle:
-                    pass
-            except InvalidHandle:
-                raise ControllerFailed(f"{name} destroyed itself at {self._now()}") from None
-
-    def _settle(self) -> None:
-        """Let the nodes under test do what is left to do."""
-        idle = 0
-        for _ in range(MOST_CALLBACKS):
-            # A message on /clock makes timers ready for the next look only.
-            idle = 0 if self._spin(0.0) else idle + 1
-            if idle > len(self._timed):
-                break
 
     def _held(self) -> tuple[float | None, float | None]:
         """Engine torque and pressure that hold."""
@@ -297,20 +269,16 @@ class Rig:
         """Simulation time in words."""
         return f"{self._plant.stamp_ns * 1e-9:.9g} s of simulated time"
 
-    def _names(self) -> str:
-        """Who is under test."""
-        return " or ".join(self._under_test.values()) or "no node"
-
     def _no_answer(self, name: str, others: int) -> str:
         """The sentence for a state that nobody answers."""
         sent = f"; it sent {others} with the stamps of other states" if others else ""
-        return (f"{self._names()} did not answer the state of {self._now()} on {name} within {self._patience:g} s"
-                f"{sent}: a command answers with the stamp of the state, or with stamp 0")
+        return (f"{self._under_test.names} did not answer the state of {self._now()} on {name} within "
+                f"{self._patience:g} s{sent}: a command answers with the stamp of the state, or with stamp 0")
 
     def _failed(self, where: str) -> ControllerFailed:
         """The exception for a callback that does not return."""
-        return ControllerFailed(f"{self._names()} hangs at {self._now()}: for {self._patience:g} s it has not come "
-                                f"back from {where}")
+        return ControllerFailed(f"{self._under_test.names} hangs at {self._now()}: for {self._patience:g} s it has not "
+                                f"come back from {where}")
 
 
 def _answers(name: str, data: bytes, stamp: int) -> bool:

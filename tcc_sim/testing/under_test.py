@@ -1,0 +1,110 @@
+"""The nodes under test, spun callback by callback; what one of them must not do fails the test with a sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from rclpy.context import Context
+from rclpy.exceptions import InvalidHandle
+from rclpy.executors import ShutdownException, SingleThreadedExecutor, TimeoutException
+from rclpy.node import Node
+
+from tcc_sim.errors import InputError
+from tcc_sim.testing.run import ControllerFailed
+
+MOST_CALLBACKS = 1000
+"""Callbacks that are executed where nothing is waited for; a node may be never done."""
+
+
+class UnderTest:
+    """The nodes that a test has added.
+
+    Parameters
+    ----------
+    context : of the driveline
+    now : simulation time in words
+    beat : called around every callback
+
+    Attributes
+    ----------
+    nodes : with their names, which a node that was destroyed cannot tell
+    """
+
+    def __init__(self, context: Context, now: Callable[[], str], beat: Callable[[], None]) -> None:
+        self.nodes: dict[Node, str] = {}
+        self._context, self._now, self._beat = context, now, beat
+        self._executor = SingleThreadedExecutor(context=context)
+
+    @property
+    def names(self) -> str:
+        """Names of the nodes."""
+        return " or ".join(self.nodes.values()) or "no node"
+
+    @property
+    def timed(self) -> set[str]:
+        """Names of the nodes that follow /clock: their timers decide when they send."""
+        return {name for node, name in self.nodes.items() if node.get_parameter("use_sim_time").value}
+
+    def add(self, node: Node) -> None:
+        """Take a node.
+
+        Raises
+        ------
+        InputError
+            A node of another ROS 2 context, which would not hear the driveline.
+        """
+        if node.context is not self._context:
+            raise InputError(f"{node.get_name()} has a context of its own; make it with the default one")
+        self._executor.add_node(node)
+        self.nodes[node] = node.get_name()
+
+    def spin(self, seconds: float) -> bool:
+        """Execute one callback that is ready within so many seconds; whether there was one.
+
+        Raises
+        ------
+        ControllerFailed
+            The callback raised, shut ROS 2 down, or destroyed its node.
+        """
+        try:
+            callback, *_ = self._executor.wait_for_ready_callbacks(timeout_sec=seconds)
+        except TimeoutException:
+            return False
+        except ShutdownException:
+            raise ControllerFailed(f"{self.names} shut ROS 2 down at {self._now()}") from None
+        self._beat()
+        try:
+            callback()
+        except SystemExit as error:
+            raise ControllerFailed(f"{self.names} called sys.exit({error.code!r}) at {self._now()}") from error
+        self._beat()
+        failure = callback.exception()
+        self._check_alive()
+        if failure is not None:
+            raise ControllerFailed(f"{self.names} died at {self._now()}: {type(failure).__name__}: "
+                                   f"{failure}") from failure
+        return True
+
+    def settle(self) -> None:
+        """Let the nodes do what is left to do."""
+        idle, most = 0, len(self.timed)
+        for _ in range(MOST_CALLBACKS):
+            # A message on /clock makes timers ready for the next look only.
+            idle = 0 if self.spin(0.0) else idle + 1
+            if idle > most:
+                break
+
+    def shutdown(self) -> None:
+        """Spin no more; the nodes are destroyed by who owns them."""
+        self._executor.shutdown()
+
+    def _check_alive(self) -> None:
+        """Raise ControllerFailed where a callback has shut ROS 2 down or destroyed its node."""
+        if not self._context.ok():
+            raise ControllerFailed(f"{self.names} shut ROS 2 down at {self._now()}")
+        for node, name in self.nodes.items():
+            try:
+                with node.handle:
+                    pass
+            except InvalidHandle:
+                raise ControllerFailed(f"{name} destroyed itself at {self._now()}") from None
