@@ -137,4 +137,4 @@ class Sensors:
         # A delay of a whole message counts where a signal has no sensor of its own.
         for name in sorted(self._sensors, key=lambda name: name in SIGNALS):
             told |= self._sensors[name].values(reading)
-        return reading._replace(**told)
+        return reading._replace(**told)  # type: ignore[arg-type]
