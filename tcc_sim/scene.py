@@ -16,13 +16,13 @@ from typing import Any, TypeAlias
 
 from tcc_sim.errors import InputError
 from tcc_sim.model import parameters
+from tcc_sim.model.elements import list_of
 from tcc_sim.model.parameters import System
-from tcc_sim.model.quantity import PROFILES, Options, Quantity, quantity
+from tcc_sim.model.quantity import PROFILED, PROFILES, Options, Quantity, quantity
 from tcc_sim.parameter_file import LARGEST_FILE, read_parameters
 
-DEFAULT_SCENE = "fig02"
-NODE_SCENE = "commands"
-"""What the driveline node runs where nothing says otherwise: it takes commands, and moves by itself until they come."""
+DEFAULT_SCENE, NODE_SCENE = "fig02", "commands"
+"""The driveline node runs the second where nothing says otherwise: it takes commands, and moves by itself before."""
 LONGEST_VALUE = 4000
 """Characters of a value on the command line; the longest list of harmonics needs fewer than 1000."""
 
@@ -262,16 +262,16 @@ def _table_of(name: object, folder: Path) -> dict[str, object]:
 
 
 def meaning_of(key: str) -> Quantity:
-    """The meaning of a scene key or a node option.
+    """The meaning of a scene key, of a number in a list (`KEY[n]`), or of a node option.
 
     Raises
     ------
     InputError
         An unknown key; the nearest valid one is named.
     """
-    if key not in MEANINGS:
+    if list_of(key) not in MEANINGS:
         raise parameters.unknown_key(key, KNOWN_KEYS)
-    return MEANINGS[key]
+    return MEANINGS[list_of(key)]
 
 
 def parse_assignments(assignments: list[str]) -> dict[str, object]:
@@ -312,8 +312,8 @@ def parse_profiles(words: list[str]) -> dict[str, object]:
     found: dict[str, object] = {}
     for word in words:
         key, _, points = word.partition("=")
-        if key not in PROFILES:
-            raise InputError(f"--profile {word[:100]}: the keys that have a profile are {', '.join(PROFILES)}")
+        if list_of(key) not in PROFILES or key == "engine.harmonic_amplitudes":
+            raise InputError(f"--profile {word[:100]}: the keys that have a profile are {PROFILED}")
         if f"{key}_times" in found:
             raise InputError(f"--profile {key} is given twice")
         try:

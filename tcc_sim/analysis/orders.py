@@ -18,7 +18,7 @@ from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.errors import InputError
 from tcc_sim.model import equations
 from tcc_sim.model.parameters import System
-from tcc_sim.model.profile import phase_at
+from tcc_sim.model.profile import SWELL, SWELLS, phase_at
 from tcc_sim.result import Result, reported
 from tcc_sim.solvers.per_cycle import hermite
 from tcc_sim.solvers.terms import terms_of
@@ -172,8 +172,12 @@ def _driven(system: System, torque: Floats, order: Floats) -> Floats:
     """
     engine = system.engine
     if engine.source != "topic" and (system.inputs is None or system.inputs.torque is None):
-        higher = [n for n, a in enumerate(engine.harmonic_amplitudes, 2) if a > 0.0]
-        return np.array(([1.0] if engine.torque_amplitude > 0.0 else []) + higher, dtype=np.float64)
+        terms = terms_of(system)
+        rate = 1.0 if terms.profile is not None else engine.frequency
+        driven = [] if terms.torque is None else [1.0]
+        driven += [] if terms.harmonics is None else np.round(terms.harmonics[:, 0] / rate).tolist()
+        driven += [] if terms.profile is None else terms.profile[0, SWELLS::SWELL].tolist()
+        return np.array(sorted(driven), dtype=np.float64)
     torque = torque.copy()
     torque[:, :HANN_LOBE] = 0.0  # The mean's, and what Hann's window spreads of it.
     with np.errstate(divide="ignore", invalid="ignore"):

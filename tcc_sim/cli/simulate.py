@@ -21,7 +21,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What is solved, for how long, how, and where the results go."""
     common.add_scene(parser)
     parser.add_argument("--profile", metavar="KEY=T:V,T:V", action="append", default=[],
-                        help="engine.frequency, engine.mean_torque or pressure.mean linear between points in time, s")
+                        help="engine.frequency, engine.mean_torque, engine.torque_amplitude, "
+                        "engine.harmonic_amplitudes[n] or pressure.mean linear between points in time, s")
     span = parser.add_mutually_exclusive_group()
     span.add_argument("--cycles", metavar="N", type=int, help="engine cycles solved (default 150)")
     span.add_argument("--duration", metavar="S", type=float,

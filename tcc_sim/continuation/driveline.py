@@ -12,6 +12,7 @@ import numpy as np
 from tcc_sim.continuation.problem import NO_MARGINS, Floats, Image, Margins, Observation, Values
 from tcc_sim.continuation.settings import DEFAULTS as SETTINGS
 from tcc_sim.errors import InputError
+from tcc_sim.model.elements import list_of
 from tcc_sim.model.parameters import DEFAULTS, System, replace, unknown_key, values_of
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.solvers.event_driven.margins import ARRIVAL, GRADIENT, GRAZING, GROWS, STUCK, VALUE
@@ -139,9 +140,9 @@ class DrivelineMap:
 
 def _check_key(system: System, key: str, among: Sequence[str]) -> None:
     """Raise InputError unless periodic motions can be followed in `key`, one `among` those that are free."""
-    if key not in DEFAULTS:
+    if list_of(key) not in DEFAULTS:
         raise unknown_key(key, DEFAULTS)
-    value = dict(values_of(system))[key]
+    value = dict(values_of(system)).get(key, f"a number of {list_of(key)}")
     if not isinstance(value, float):
         raise InputError(f"{key} is {value!r}; motions are followed in a key that is one number")
     if key.startswith("initial."):

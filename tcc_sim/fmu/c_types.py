@@ -55,7 +55,7 @@ class Table:
     """
 
     field: str
-    columns: int
+    columns: int | str
     most: str
 
     @property
@@ -70,9 +70,10 @@ class Table:
 
 @dataclass(frozen=True)
 class Row:
-    """A one-dimensional array of doubles."""
+    """A one-dimensional array of doubles; its length, where it is known, as a number or a macro."""
 
     writable: bool = False
+    length: int | str = ""
 
     @property
     def name(self) -> str:
@@ -110,20 +111,20 @@ def kind_name(kind: Kind) -> str:
     return kind.name
 
 
-def struct_of(source: type[Any], tables: dict[str, tuple[int, str]], lengths: dict[str, int]) -> Struct:
+def struct_of(source: type[Any], tables: dict[str, tuple[int | str, str]], lengths: dict[str, int]) -> Struct:
     """The structure of a NamedTuple.
 
     Parameters
     ----------
     source : with annotated fields: numbers, tuples of numbers and arrays, each of them possibly None
-    tables : columns of its arrays, and the macro that has the largest number of rows, by field
+    tables : columns of its arrays (a number or a macro), and the macro that has the largest number of rows, by field
     lengths : of its tuples of any length, by field
     """
     hints = typing.get_type_hints(source)
     return Struct(source.__name__, tuple((name, _kind(name, hints[name], tables, lengths)) for name in hints))
 
 
-def _kind(name: str, hint: Any, tables: dict[str, tuple[int, str]], lengths: dict[str, int]) -> Kind:
+def _kind(name: str, hint: Any, tables: dict[str, tuple[int | str, str]], lengths: dict[str, int]) -> Kind:
     """The type of a field from its annotation; a number that may be None is there, since the real-time solver needs
     it.
     """

@@ -14,6 +14,7 @@ from tcc_sim import __version__
 from tcc_sim.model.friction import steepest_fall
 from tcc_sim.model.groups import TABLE, TABULATED
 from tcc_sim.model.parameters import QUANTITIES, System, values_of
+from tcc_sim.model.profile import SWELL, SWELLS
 from tcc_sim.scene import Scene
 from tcc_sim.solvers.terms import RESOLUTION, SUBSTEP_LIMIT
 from tcc_sim.topics import INPUTS, topic
@@ -93,7 +94,7 @@ def _parameters(scene: Scene) -> Iterator[Variable]:
     """The numbers of the scene; those of a list one by one."""
     for key, value in values_of(scene.system):
         meant = QUANTITIES[key]
-        if isinstance(value, str) or key in TABLE or _replaced(scene.system, key):
+        if isinstance(value, str) or key in TABLE or key == "engine.order" or _replaced(scene.system, key):
             continue
         many = isinstance(value, tuple)
         for place, number in enumerate(value if isinstance(value, tuple) else (value,), 1):
@@ -122,15 +123,18 @@ def variables_header(scene: Scene, rows: list[Variable], identifier: str, token:
     # A list without elements, and what a profile or a table takes the place of, have a place that nothing reads.
     places += [f"at_{key.replace('.', '_')} = 0" for key, value in values_of(system)
                if value == () or _replaced(system, key)]
-    points = [len(times) for times in (system.engine.frequency_times, system.engine.mean_torque_times,
-                                       system.pressure.mean_times)]
+    engine = system.engine
+    points = [len(times) for times in (engine.frequency_times, engine.mean_torque_times, system.pressure.mean_times,
+                                       engine.torque_amplitude_times, engine.harmonic_amplitudes_times)]
+    swells = ((points[3] > 0) + len(engine.harmonic_phases) * (points[4] > 0)) if engine.harmonic else 0
     settings: dict[str, float] = {
         "SUBSTEP_LIMIT": SUBSTEP_LIMIT, "RESOLUTION": RESOLUTION,
         "ENGINE_TOPIC": system.engine.source == "topic", "ENGINE_HARMONIC": system.engine.harmonic,
         "PRESSURE_TOPIC": system.pressure.source == "topic", "PRESSURE_HARMONIC": system.pressure.harmonic,
-        "HARMONICS": len(system.engine.harmonic_amplitudes),
-        "MOST_HARMONICS": max(1, len(system.engine.harmonic_amplitudes)),
+        "HARMONICS": len(engine.harmonic_amplitudes), "MOST_HARMONICS": max(1, len(engine.harmonic_amplitudes)),
         "FREQUENCY_POINTS": points[0], "TORQUE_POINTS": points[1], "PRESSURE_POINTS": points[2],
+        "AMPLITUDE_POINTS": points[3], "HARMONIC_POINTS": points[4], "SWELLS": swells,
+        "PROFILE_COLUMNS": SWELLS + SWELL * swells,
         "MOST_PIECES": 1 + sum(points)}
     curve = system.friction.curve
     pairs = () if curve is None else system.friction.stribeck or ()

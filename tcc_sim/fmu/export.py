@@ -149,10 +149,12 @@ def export(scene: Scene, path: Path, version: int = 2, step: float | None = None
 
 
 def _kernel(scene: Scene) -> str:
-    """The tick in C99, all static; TCC_MOST_HARMONICS and TCC_MOST_PIECES say how large the arrays of Terms may be."""
+    """The tick in C99, all static; TCC_MOST_HARMONICS, TCC_MOST_PIECES and TCC_PROFILE_COLUMNS say how large the arrays
+    of Terms are.
+    """
     numbers = len(scene.system.friction.stribeck or (0.0, 0.0))
-    terms = struct_of(Terms, {"harmonics": (3, "TCC_MOST_HARMONICS"), "profile": (8, "TCC_MOST_PIECES")},
-                      {"stribeck": numbers})
+    terms = struct_of(Terms, {"harmonics": (3, "TCC_MOST_HARMONICS"),
+                              "profile": ("TCC_PROFILE_COLUMNS", "TCC_MOST_PIECES")}, {"stribeck": numbers})
     of = dict(terms.fields)
     library = Library()
     library.declared(terms)

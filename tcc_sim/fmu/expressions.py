@@ -102,15 +102,18 @@ class Expressions:
         """A part of a tuple, an element or a row of an array, or its number of rows."""
         if isinstance(node.value, ast.Attribute) and node.value.attr == "shape":
             text, kind = self._expression(node.value.value)
-            if isinstance(kind, Table) and isinstance(node.slice, ast.Constant) and node.slice.value == 0:
-                return f"{text}->rows", INT
+            if isinstance(node.slice, ast.Constant) and node.slice.value == 0:
+                if isinstance(kind, Table):
+                    return f"{text}->rows", INT
+                if isinstance(kind, Row) and kind.length:
+                    return str(kind.length), INT
             raise self._refused(node)
         text, kind = self._expression(node.value)
         text = f"({text})" if text.startswith("&") else text
         if isinstance(kind, Table):
             places = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
             where = "".join(f"[{self._place(place)}]" for place in places)
-            return f"{text}->at{where}", DOUBLE if len(places) == 2 else Row()
+            return f"{text}->at{where}", DOUBLE if len(places) == 2 else Row(length=kind.columns)
         if isinstance(kind, Row):
             return f"{text}[{self._place(node.slice)}]", DOUBLE
         place = self._known(node.slice)

@@ -127,6 +127,8 @@ class Engine(Excitation):
                                        live=True)
     frequency: float = quantity(150.0, "angular frequency omega of the first harmonic; an engine cycle is 2 pi/omega",
                                 "rad/s", 1e-3, 1e5, live=True)
+    order: float = quantity(1.0, "periods of the excitation in a crank revolution, which orders are counted by: 2 for "
+                            "a four-cylinder four-stroke engine", "", 0.1, 100.0)
     harmonic_amplitudes: tuple[float, ...] = quantity((), "amplitudes of harmonics 2, 3, ... of omega", "N m",
                                                       0.0, TORQUE_MAXIMUM)
     harmonic_phases: tuple[float, ...] = quantity((), "phases of harmonics 2, 3, ... of omega", "rad", -100.0, 100.0)
@@ -138,11 +140,22 @@ class Engine(Excitation):
                                                     "s", 0.0, LATEST)
     mean_torque_values: tuple[float, ...] = quantity((), "Tm at these times, likewise in the place of "
                                                      "engine.mean_torque", "N m", -TORQUE_MAXIMUM, TORQUE_MAXIMUM)
+    torque_amplitude_times: tuple[float, ...] = quantity((), "times at which engine.torque_amplitude_values hold, the "
+                                                         "first 0", "s", 0.0, LATEST)
+    torque_amplitude_values: tuple[float, ...] = quantity((), "Tp at these times, likewise in the place of "
+                                                          "engine.torque_amplitude", "N m", 0.0, TORQUE_MAXIMUM)
+    harmonic_amplitudes_times: tuple[float, ...] = quantity((), "times at which engine.harmonic_amplitudes_values "
+                                                            "hold, the first 0", "s", 0.0, LATEST)
+    harmonic_amplitudes_values: tuple[float, ...] = quantity((), "amplitudes of harmonics 2, 3, ... at the first time, "
+                                                             "then at the next; likewise in the place of "
+                                                             "engine.harmonic_amplitudes", "N m", 0.0, TORQUE_MAXIMUM)
 
     def check_together(self) -> None:
         """Raise InputError unless profiles and harmonics have as many values in each list."""
         self.check_profile("frequency")
         self.check_profile("mean_torque")
+        self.check_profile("torque_amplitude")
+        self.check_profile("harmonic_amplitudes", len(self.harmonic_phases))
         if len(self.harmonic_amplitudes) != len(self.harmonic_phases):
             raise InputError(f"engine.harmonic_phases has {len(self.harmonic_phases)} values; it must have as many as "
                              f"engine.harmonic_amplitudes, {len(self.harmonic_amplitudes)}")

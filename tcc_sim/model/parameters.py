@@ -16,6 +16,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from tcc_sim.errors import InputError
+from tcc_sim.model.elements import with_whole_lists
 from tcc_sim.model.groups import TABULATED, Clutch, Driveline, Engine, Friction, Initial, Pressure
 from tcc_sim.model.quantity import PROFILES, Group, Quantity, Value, number_of
 
@@ -77,14 +78,19 @@ class System:
     @property
     def varying(self) -> list[str]:
         """What the profile holds, as keys."""
-        given = self.engine.frequency_times, self.engine.mean_torque_times, self.pressure.mean_times
-        return [f"{key}_times" for key, times in zip(PROFILES, given) if times] + (["inputs"] if self.inputs else [])
+        return [f"{key}_times" for key in PROFILES if self._times(key)] + (["inputs"] if self.inputs else [])
+
+    def _times(self, key: str) -> tuple[float, ...]:
+        """The times of a key's profile; none where it has none."""
+        group, name = key.split(".")
+        found: tuple[float, ...] = getattr(getattr(self, group), f"{name}_times")
+        return found
 
     @property
     def span(self) -> float:
         """The last time that a profile or the inputs tell of, s; 0 where there are none."""
-        e, end = self.engine, self.inputs.end if self.inputs else 0.0
-        return max(t[-1] for t in (e.frequency_times, e.mean_torque_times, self.pressure.mean_times, (end,)) if t)
+        end = self.inputs.end if self.inputs else 0.0
+        return max(t[-1] for t in (*map(self._times, PROFILES), (end,)) if t)
 
     def check_repeats(self, what: str) -> None:
         """Raise InputError, which says who can, where the excitation does not repeat and `what` needs that it does."""
@@ -191,7 +197,7 @@ def coerce(key: str, value: object) -> Value:
 
 
 def replace(system: System, values: Mapping[str, object]) -> System:
-    """`system` with the given scene keys changed, checked together.
+    """`system` with the given scene keys changed, checked together; `KEY[n]` is number n of a list, from 1.
 
     Raises
     ------
@@ -199,6 +205,7 @@ def replace(system: System, values: Mapping[str, object]) -> System:
         An unknown key (with the nearest valid one), a wrong type, or a value out of its range.
     """
     changes: dict[str, dict[str, Value]] = {}
+    values = with_whole_lists(values, lambda key: dict(values_of(system)).get(key))
     for key, value in values.items():
         checked = coerce(key, value)
         if key in PROFILES and f"{key}_times" in system.varying and f"{key}_times" not in values:

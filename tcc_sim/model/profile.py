@@ -1,12 +1,12 @@
-"""Excitation that varies in time: engine frequency, mean torque and mean pressure, linear between given points, or
-torque and pressure from data.
+"""Excitation that varies in time: engine frequency, mean torque, amplitudes of its harmonics and mean pressure, linear
+between given points, or torque and pressure from data.
 
 The phase phi is the integral of the engine frequency omega from t = 0, exact for a linear omega, and the excitation is
-a function of it: Te = Tm(t) + sum_n Tpn sin(n phi + phi_n), P = Pm(t) + Pp sin(r phi + psi). Engine cycle n lasts from
-phi = 2 pi n to 2 pi (n + 1).
+a function of it: Te = Tm(t) + sum_n Tpn(t) sin(n phi + phi_n), P = Pm(t) + Pp sin(r phi + psi). Engine cycle n lasts
+from phi = 2 pi n to 2 pi (n + 1).
 
-The *profile* of a system has the profiles of its keys as rows, one for every piece of time within which omega, Tm and
-Pm are linear. Without any there is none, and the phase is omega t.
+The *profile* of a system has the profiles of its keys as rows, one for every piece of time within which omega, Tm, Tpn
+and Pm are linear. Without any there is none, and the phase is omega t.
 """
 
 from __future__ import annotations
@@ -24,6 +24,14 @@ Floats = NDArray[np.float64]
 TIME, PHASE, FREQUENCY, FREQUENCY_RATE, TORQUE, TORQUE_RATE, LOAD, LOAD_RATE = range(8)
 """Columns of a profile: start of the piece, s; there phi (rad), omega (rad/s), Tm (N m) and Pm (Pa; as the terms of a
 solver Tsm, N m), and what each changes by in a second.
+"""
+UNTIL, STARTED, SHIFT = range(LOAD_RATE + 1, LOAD_RATE + 4)
+"""Columns that an engine fills in a row of its own: how long the piece holds; when the cycle started, s since time 0,
+and the load's phase there, rad.
+"""
+SWELLS, SWELL = SHIFT + 1, 4
+"""First of the columns of harmonics whose amplitude varies, and how many each has: n, phi_n (rad), Tpn (N m) and what
+that changes by in a second.
 """
 
 
@@ -70,7 +78,7 @@ def _from_the_start(lines: Floats) -> Floats:
 
 
 def profile_of(engine: Engine, pressure: Pressure, inputs: Inputs | None = None, origin: Origin = START) -> Floats:
-    """The profile, (m, 8) array of pieces in order of time.
+    """The profile, (m, SWELLS + SWELL k) array of pieces in order of time; k harmonics have an amplitude that varies.
 
     Parameters
     ----------
@@ -83,12 +91,16 @@ def profile_of(engine: Engine, pressure: Pressure, inputs: Inputs | None = None,
         torque = torque if inputs.torque is None else inputs.torque
         load = load if inputs.pressure is None else inputs.pressure
     frequency = _lines(engine.frequency_times, engine.frequency_values, engine.frequency)
+    swells = _swells(engine) if inputs is None or inputs.torque is None else []
     origin = START if engine.frequency_times else origin
-    times = np.unique(np.concatenate([[origin.time], *(line[:, 0] for line in (frequency, torque, load))]))
+    lines = [frequency, torque, load, *(line for _, _, line in swells)]
+    times = np.unique(np.concatenate([[origin.time], *(line[:, 0] for line in lines)]))
     times = times[times >= origin.time]
-    profile = np.zeros((len(times), 8))
+    profile = np.zeros((len(times), SWELLS + SWELL * len(swells)))
     profile[:, TIME] = times
-    for column, line in ((FREQUENCY, frequency), (TORQUE, torque), (LOAD, load)):
+    for k, (n, phase, _) in enumerate(swells):
+        profile[:, SWELLS + SWELL * k:SWELLS + SWELL * k + 2] = n, phase
+    for column, line in zip((FREQUENCY, TORQUE, LOAD, *range(SWELLS + 2, profile.shape[1], SWELL)), lines):
         place = np.maximum(np.searchsorted(line[:, 0], times, side="right") - 1, 0)
         profile[:, column] = line[place, 1] + line[place, 2] * (times - line[place, 0])
         profile[:, column + 1] = line[place, 2]
@@ -103,11 +115,34 @@ def _lines(times: tuple[float, ...], values: tuple[float, ...], constant: float)
     return joined_lines(np.array(times), np.array(values)) if times else np.array([[0.0, constant, 0.0]])
 
 
+def _swells(engine: Engine) -> list[tuple[int, float, Floats]]:
+    """The harmonics whose amplitude varies: number, phase and amplitude as `_lines`."""
+    if not engine.harmonic:
+        return []
+    found = [(1, 0.0, _lines(engine.torque_amplitude_times, engine.torque_amplitude_values, 0.0))
+             ] if engine.torque_amplitude_times else []
+    if times := engine.harmonic_amplitudes_times:
+        columns = np.reshape(engine.harmonic_amplitudes_values, (len(times), -1)).T
+        found += [(n, phase, joined_lines(np.array(times), values))
+                  for n, (phase, values) in enumerate(zip(engine.harmonic_phases, columns), 2) if values.any()]
+    return found
+
+
 def reached(t: Any, row: Any) -> Any:
     """(phi, Tm, Pm or Tsm) at time t by one row of a profile: floats, or arrays of times and of rows' columns."""
     past = t - row[TIME]
     return (row[PHASE] + past * (row[FREQUENCY] + 0.5 * row[FREQUENCY_RATE] * past),
             row[TORQUE] + row[TORQUE_RATE] * past, row[LOAD] + row[LOAD_RATE] * past)
+
+
+def swelling(t: Any, phase: Any, row: Any) -> Any:
+    """The harmonics whose amplitude varies, N m, at time t and phase phi by one row; arrays as in `reached`."""
+    torque = 0.0
+    k = SWELLS
+    while k < row.shape[0]:
+        torque = torque + (row[k + 2] + row[k + 3] * (t - row[TIME])) * np.sin(row[k] * phase + row[k + 1])
+        k += SWELL
+    return torque
 
 
 def along(profile: Floats, t: Any) -> Any:

@@ -16,8 +16,11 @@ from tcc_sim.errors import InputError
 
 Value = float | str | tuple[float, ...]
 Same = TypeVar("Same", bound="Group")
-PROFILES = ("engine.frequency", "engine.mean_torque", "pressure.mean")
+PROFILES = ("engine.frequency", "engine.mean_torque", "engine.torque_amplitude", "engine.harmonic_amplitudes",
+            "pressure.mean")
 """The keys that may vary in time; each has a list of times and a list of values."""
+PROFILED = ", ".join(PROFILES).replace("amplitudes", "amplitudes[n]")
+"""These keys in words; of the list of harmonics one number has a profile."""
 MOST_POINTS, LATEST = 1000, 1e6
 """Points that a profile may have, and its latest time, s."""
 
@@ -116,13 +119,14 @@ class Group:
     def check_together(self) -> None:
         """Raise InputError unless values that are allowed by themselves are so together."""
 
-    def check_profile(self, name: str) -> None:
-        """Raise InputError unless the times and values of a field make a profile, or are both empty."""
+    def check_profile(self, name: str, each: int = 1) -> None:
+        """Raise InputError unless the times and values of a field, `each` for a time, make a profile, or are empty."""
         key = f"{type(self).__name__.lower()}.{name}"
         times, values = getattr(self, f"{name}_times"), getattr(self, f"{name}_values")
-        if len(times) != len(values):
-            raise InputError(f"{key}_values has {len(values)} values; it must have as many as {key}_times, "
-                             f"{len(times)}")
+        if each * len(times) != len(values) or (times and not each):
+            raise InputError(f"{key}_values has {len(values)} values; it must have "
+                             + (f"as many as {key}_times, {len(times)}" if each == 1 else
+                                f"{each} for each of the {len(times)} {key}_times, one for each harmonic"))
         if len(times) > MOST_POINTS:
             raise InputError(f"{key}_times has {len(times)} values; at most {MOST_POINTS} are allowed")
         if times and times[0] != 0.0:

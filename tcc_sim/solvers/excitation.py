@@ -4,9 +4,9 @@ pressure at 0 sets in and ends.
 For the engines time is `tau`, seconds into an engine cycle. The sines of the engine torque repeat with the cycle; the
 load's phase at the start of the cycle is `shift` (rad), so that no large angle loses digits however long a run is.
 
-Where frequency and means vary in time there is a `profile`, one piece of `model.profile` as a row, else None: sines
-have a quadratic phase then, and means are linear. Times of the row are seconds into the engine cycle, phases those
-since its start, and the rates of waves and load are per rad of phi.
+Where frequency, means or amplitudes vary in time there is a `profile`, one piece of `model.profile` as a row, else
+None: sines have a quadratic phase then, means and amplitudes are linear. Times of the row are seconds into the engine
+cycle, phases those since its start, and the rates of waves and load are per rad of phi.
 
 Methods that ask for torques alone have them of the time since cycle 0, with a whole profile (`torques_now`).
 """
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.model import profile as of
-from tcc_sim.solvers.compiling.compiled import compiled, engine_torque, fast, saturation_torque
+from tcc_sim.solvers.compiling.compiled import compiled, engine_torque, fast, saturation_torque, swelling
 from tcc_sim.solvers.compiling.compiled import reached as reached_unfused
 from tcc_sim.solvers.series import COLUMNS, ENGINE, INVERSE, LOAD, add_sine, sine_and_cosine
 from tcc_sim.solvers.terms import Terms
@@ -29,10 +29,6 @@ from tcc_sim.trajectory import Floats
 TWO_PI = 2.0 * math.pi
 Pulsation = Any
 """(Tsp in N m, omega_f in rad/s or rad/rad, psi in rad), or None for a constant load; with a profile always there."""
-UNTIL, STARTED, SHIFT = range(of.LOAD_RATE + 1, of.LOAD_RATE + 4)
-"""Columns of a row behind those of a profile: how long the piece holds; when the cycle started, s since time 0, and the
-load's phase there, rad.
-"""
 GRID = math.pi / 8.0
 """Step in the load's angle within which the load less its clamp has one extremum at most."""
 BISECTIONS = 60
@@ -67,14 +63,30 @@ def frequency_at(tau: float, row: Any) -> float:
 
 
 @fast
+def swell_and_rate(tau: float, phase: float, omega: float, row: Any) -> tuple[float, float]:
+    """The harmonics whose amplitude varies, N m, and their change in a second, at tau by a row."""
+    torque, rate, k = 0.0, 0.0, of.SWELLS
+    while k < row.shape[0]:
+        sine, cosine = sine_and_cosine(row[k] * phase + row[k + 1])
+        amplitude = row[k + 2] + row[k + 3] * (tau - row[of.TIME])
+        torque += amplitude * sine
+        rate += row[k + 3] * sine + amplitude * row[k] * omega * cosine
+        k += of.SWELL
+    return torque, rate
+
+
+@fast
 def excite(tau: float, shift: float, loaded: bool, mean_torque: float, waves: Any, mean_load: float,
            pulsation: Pulsation, profile: Any, drive: Any) -> None:
     """Fill `drive` and the sines and cosines of `waves` at tau; Ts is 0 where `loaded` is False."""
     phase, omega, torque, torque_rate, load, load_rate = tau, 1.0, mean_torque, 0.0, mean_load, 0.0
     if profile is not None:
         phase, torque, load = reached(tau, profile)
-        omega, shift = frequency_at(tau, profile), profile[SHIFT]
+        omega, shift = frequency_at(tau, profile), profile[of.SHIFT]
         torque_rate, load_rate = profile[of.TORQUE_RATE], profile[of.LOAD_RATE]
+        swell, swell_rate = swell_and_rate(tau, phase, omega, profile)
+        torque += swell
+        torque_rate += swell_rate
     for i in range(waves.shape[0]):
         sine, cosine = sine_and_cosine(waves[i].rate * phase + waves[i].phase)
         waves[i].sine = sine
@@ -122,17 +134,33 @@ def expand_excitation(rows: Any, count: int, unit: float, tau: float, loaded: bo
 
 
 @fast
-def add_chirp(rows: Any, row: int, count: int, sine: float, cosine: float, rate: float, growth: float) -> None:
-    """Add the first `count` coefficients of the sine of a quadratic angle to a row.
+def add_chirp(rows: Any, row: int, count: int, sine: float, cosine: float, rate: float, growth: float,
+              ahead: int = 0) -> None:
+    """Add the first `count` coefficients of the sine of a quadratic angle, times x^ahead, to a row.
 
     Its derivative is (rate + growth x) times the cosine, which is the recurrence.
     """
     sine_before, cosine_before = 0.0, 0.0
     for k in range(count):
-        rows[row, k] += sine
+        rows[row, k + ahead] += sine
         following = (rate * cosine + growth * cosine_before) * INVERSE[k + 1]
         cosine_before, cosine = cosine, -(rate * sine + growth * sine_before) * INVERSE[k + 1]
         sine_before, sine = sine, following
+
+
+@fast
+def add_swells(rows: Any, count: int, unit: float, tau: float, phase: float, rate: float, growth: float,
+               row: Any) -> None:
+    """Add the first `count` coefficients of the harmonics whose amplitude varies to those of Te: each is a chirp times
+    a + b x.
+    """
+    k = of.SWELLS
+    while k < row.shape[0]:
+        sine, cosine = sine_and_cosine(row[k] * phase + row[k + 1])
+        amplitude, gain = row[k + 2] + row[k + 3] * (tau - row[of.TIME]), row[k + 3] * unit
+        add_chirp(rows, ENGINE, count, amplitude * sine, amplitude * cosine, row[k] * rate, row[k] * growth)
+        add_chirp(rows, ENGINE, count - 1, gain * sine, gain * cosine, row[k] * rate, row[k] * growth, 1)
+        k += of.SWELL
 
 
 @fast
@@ -140,7 +168,7 @@ def expand_varying(rows: Any, count: int, unit: float, tau: float, loaded: bool,
                    pulsation: Pulsation, row: Any, drive: Any) -> None:
     """`expand_excitation` by a row."""
     rate, growth = frequency_at(tau, row) * unit, row[of.FREQUENCY_RATE] * unit * unit
-    _, torque, load = reached(tau, row)
+    phase, torque, load = reached(tau, row)
     for k in range(count):
         rows[ENGINE, k] = 0.0
         rows[LOAD, k] = 0.0
@@ -150,6 +178,7 @@ def expand_varying(rows: Any, count: int, unit: float, tau: float, loaded: bool,
         wave = waves[i]
         add_chirp(rows, ENGINE, count, wave.amplitude * wave.sine, wave.amplitude * wave.cosine, wave.rate * rate,
                   wave.rate * growth)
+    add_swells(rows, count, unit, tau, phase, rate, growth, row)
     if loaded:
         rows[LOAD, 0] = load
         rows[LOAD, 1] = row[of.LOAD_RATE] * unit
@@ -208,7 +237,7 @@ def clamp_edge(tau: float, end: float, shift: float, mean_load: float, pulsation
 def torque_beside_mean(tau: float, mean: float, waves: Any, row: Any) -> float:
     """Te at tau less a mean, N m."""
     phase, now, _ = reached(tau, row)
-    torque = float(now - mean)
+    torque = float(now - mean) + swell_and_rate(tau, phase, 1.0, row)[0]
     for i in range(waves.shape[0]):
         torque += waves[i].amplitude * sine_and_cosine(waves[i].rate * phase + waves[i].phase)[0]
     return torque
@@ -218,7 +247,7 @@ def torque_beside_mean(tau: float, mean: float, waves: Any, row: Any) -> float:
 def load_and_rate(tau: float, pulsation: Pulsation, row: Any) -> tuple[float, float]:
     """Ts before the clamp, N m, and its change in a second."""
     phase, _, load = reached(tau, row)
-    sine, cosine = sine_and_cosine(pulsation[1] * phase + row[SHIFT])
+    sine, cosine = sine_and_cosine(pulsation[1] * phase + row[of.SHIFT])
     return (load + pulsation[0] * sine,
             row[of.LOAD_RATE] + pulsation[0] * pulsation[1] * frequency_at(tau, row) * cosine)
 
@@ -239,7 +268,7 @@ def bisected(low: float, high: float, which: int, pulsation: Pulsation, row: Any
 @fast
 def edge_varying(tau: float, end: float, pulsation: Pulsation, row: Any) -> tuple[float, bool]:
     """`clamp_edge` by a row: at most where the piece ends."""
-    until = min(end, row[UNTIL])
+    until = min(end, row[of.UNTIL])
     before, after = reached(tau, row)[2], reached(until, row)[2]
     if abs(pulsation[0]) <= min(before, after):
         return until, max(before, after) > 0.0
@@ -268,6 +297,7 @@ def torques_now(t: float, piece: int, profile: Floats | None, terms: Terms) -> t
                 saturation_torque(t, terms.mean_load, terms.pulsation))
     else:
         angle, mean_torque, mean_load = reached_unfused(t, profile[piece])
+        mean_torque = mean_torque + swelling(t, angle, profile[piece])
         return (engine_torque(angle, mean_torque, terms.torque, terms.harmonics),
                 saturation_torque(angle, mean_load, terms.pulsation))
 

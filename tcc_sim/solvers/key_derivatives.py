@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tcc_sim.errors import InputError
+from tcc_sim.model.elements import list_of
 from tcc_sim.model.groups import TABULATED
 from tcc_sim.model.parameters import DEFAULTS, System, unknown_key
 from tcc_sim.trajectory import Floats
@@ -71,6 +72,6 @@ def _by(system: System, key: str) -> dict[int, float]:
         return {MEAN_LOAD: system.torque_per_pressure}
     if key == "pressure.amplitude":
         return {LOAD_AMPLITUDE: system.torque_per_pressure if system.pressure.harmonic else 0.0}
-    if key not in DEFAULTS:
+    if list_of(key) not in DEFAULTS:
         raise unknown_key(key, DEFAULTS)
     raise InputError(f"{key} is no number that a motion depends on continuously")

@@ -24,7 +24,21 @@ from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.friction_curve import MOST_TERMS
 from tcc_sim.model.groups import Friction
 from tcc_sim.model.parameters import System
-from tcc_sim.model.profile import FREQUENCY, LOAD, LOAD_RATE, START, TORQUE, Floats, Origin, along, pieces, profile_of
+from tcc_sim.model.profile import (
+    FREQUENCY,
+    LOAD,
+    LOAD_RATE,
+    START,
+    SWELL,
+    SWELLS,
+    TORQUE,
+    Floats,
+    Origin,
+    along,
+    pieces,
+    profile_of,
+    swelling,
+)
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 SWINGS = 40.0
@@ -100,9 +114,10 @@ def _terms(system: System, profile: Floats | None, lead: float) -> Terms:
     omega = e.frequency if profile is None else 1.0
     own_torque = e.harmonic and (inputs is None or inputs.torque is None)
     own_pressure = p.harmonic and (inputs is None or inputs.pressure is None)
-    torque = (e.torque_amplitude, omega) if own_torque and e.torque_amplitude > 0.0 else None
+    torque = (e.torque_amplitude, omega) if (own_torque and e.torque_amplitude > 0.0
+                                             and not e.torque_amplitude_times) else None
     harmonics = None
-    if own_torque and any(a > 0.0 for a in e.harmonic_amplitudes):
+    if own_torque and any(a > 0.0 for a in e.harmonic_amplitudes) and not e.harmonic_amplitudes_times:
         rows = [(n * omega, a, phase) for n, (a, phase) in enumerate(zip(e.harmonic_amplitudes, e.harmonic_phases), 2)
                 if a > 0.0]
         harmonics = np.array(rows, dtype=np.float64)
@@ -158,6 +173,8 @@ def _held_in(profile: Floats | None, column: int, value: float) -> Floats | None
         return None
     out: Floats = profile.copy()
     out[:, column], out[:, column + 1] = value, 0.0
+    if column == TORQUE:
+        out[:, SWELLS + 2::SWELL] = out[:, SWELLS + 3::SWELL] = 0.0
     return out
 
 
@@ -184,6 +201,7 @@ def torques_at(terms: Terms, t: Floats) -> tuple[Floats, Floats]:
     angle, mean_torque, mean_load = t, terms.mean_torque, terms.mean_load
     if terms.profile is not None:
         angle, mean_torque, mean_load = along(terms.profile, t)
+        mean_torque = mean_torque + swelling(t, angle, np.moveaxis(terms.profile[pieces(terms.profile, t)], -1, 0))
     return (np.asarray(equations.engine_torque(angle, mean_torque, terms.torque, terms.harmonics)),
             np.asarray(equations.saturation_torque(angle, mean_load, terms.pulsation)))
 
@@ -230,6 +248,8 @@ def excitation_frequency(terms: Terms) -> float:
         found.append(terms.pulsation[1])
     if terms.harmonics is not None:
         found.append(float(terms.harmonics[:, 0].max()))
+    if terms.profile is not None:
+        found += terms.profile[0, SWELLS::SWELL].tolist()
     return max(found) * (1.0 if terms.profile is None else float(terms.profile[:, FREQUENCY].max()))
 
 
@@ -246,8 +266,12 @@ def largest_mean_torque(terms: Terms) -> float:
 
 def torque_swing(terms: Terms) -> float:
     """The sum of the amplitudes of the engine torque, N m."""
-    first = terms.torque[0] if terms.torque is not None else 0.0
-    return first + (float(terms.harmonics[:, 1].sum()) if terms.harmonics is not None else 0.0)
+    found = terms.torque[0] if terms.torque is not None else 0.0
+    if terms.harmonics is not None:
+        found += float(terms.harmonics[:, 1].sum())
+    if terms.profile is not None:  # An amplitude is linear within a piece and constant in the last.
+        found += float(terms.profile[:, SWELLS + 2::SWELL].max(axis=0).sum())
+    return found
 
 
 def natural_frequency(terms: Terms) -> float:

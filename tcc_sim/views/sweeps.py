@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tcc_sim.model.elements import list_of
 from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.trajectory import Floats
 from tcc_sim.views import style
@@ -259,7 +260,7 @@ def parted(x: Floats, y: Floats) -> tuple[Floats, Floats]:
 
 def label_of(key: str) -> str:
     """A scene key with its unit."""
-    unit = QUANTITIES[key].unit if key in QUANTITIES else ""
+    unit = QUANTITIES[list_of(key)].unit if list_of(key) in QUANTITIES else ""
     return f"{key} ({unit})" if unit else key
 
 

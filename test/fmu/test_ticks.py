@@ -42,6 +42,11 @@ OTHERS = {
         "engine.mean_torque_times": [0.0, 0.35], "engine.mean_torque_values": [250.0, 320.0],
         "pressure.mean_times": [0.0, 0.2, 0.2203, 0.5], "pressure.mean_values": [2e5, 2.6e5, 2.2e5, 2.4e5],
         "engine.harmonic_amplitudes": [40.0], "engine.harmonic_phases": [0.4]}),
+    "amplitudes": ("fig02", {
+        "engine.torque_amplitude_times": [0.0, 0.2, 0.6], "engine.torque_amplitude_values": [150.0, 300.0, 50.0],
+        "engine.harmonic_amplitudes": [40.0, 0.0, 10.0], "engine.harmonic_phases": [0.4, 0.0, -1.0],
+        "engine.harmonic_amplitudes_times": [0.0, 0.5],
+        "engine.harmonic_amplitudes_values": [40.0, 0.0, 10.0, 5.0, 0.0, 60.0]}),
     "one_input": ("controlled", {"pressure.fallback": "harmonic", "pressure.amplitude": 2e4})}
 
 
@@ -58,7 +63,7 @@ def drawn(draw: np.random.Generator, scene: Scene) -> dict[str, object]:
     changed = {key: base[key] * float(draw.uniform(0.7, 1.3)) for key in draw.choice(live, 3, replace=False)}
     if draw.random() < 0.3:
         changed |= {"engine.torque_amplitude": 0.0, "pressure.amplitude": float(draw.choice([0.0, 4e4]))}
-    return changed
+    return {key: value for key, value in changed.items() if key in live}
 
 
 def differing(scene: Scene, unpacked: Path, ticks: int, change_every: int) -> int:

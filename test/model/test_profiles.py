@@ -81,3 +81,34 @@ def test_who_cannot_says_who_can():
     for work in (lambda: DrivelineMap(VARYING, ()), lambda: stick_margin(VARYING)):
         with pytest.raises(InputError, match=r"engine\.frequency_times, pressure\.mean_times; simulate and the drive"):
             work()
+
+
+HARMONICS = replace(System(), {"engine.harmonic_amplitudes": [60.0, 0.0, 20.0],
+                               "engine.harmonic_phases": [0.3, 0.0, 1.0]})
+
+
+def test_one_harmonic_of_the_list_is_set_and_profiled():
+    assert replace(HARMONICS, {"engine.harmonic_amplitudes[3]": 5}).engine.harmonic_amplitudes == (60.0, 0.0, 5.0)
+    given = replace(System(), {"engine.harmonic_amplitudes[1]": 7.0, "engine.harmonic_amplitudes": [1.0, 2.0],
+                               "engine.harmonic_phases": [0.0, 0.0]})
+    assert given.engine.harmonic_amplitudes == (7.0, 2.0)
+    words = ["engine.harmonic_amplitudes[1]=0:60,2:10", "engine.harmonic_amplitudes[3]=0:0,1:40"]
+    engine = replace(HARMONICS, parse_profiles(words)).engine
+    assert engine.harmonic_amplitudes_times == (0.0, 1.0, 2.0)
+    assert engine.harmonic_amplitudes_values == (60.0, 0.0, 0.0, 35.0, 0.0, 40.0, 10.0, 0.0, 40.0)
+
+
+@pytest.mark.parametrize(("values", "message"), [
+    ({"engine.harmonic_amplitudes[4]": 1.0}, r"has 3 values, \[1\] to \[3\]"),
+    ({"engine.harmonic_amplitudes[0]": 1.0}, "does not exist"),
+    ({"engine.frequency[1]": 1.0}, "engine.frequency is no list"),
+    ({"engine.harmonic_amplitudes[1]": "loud"}, "'loud'; it must be a number"),
+    ({"engine.harmonic_amplitudes[1]": -1.0}, "must be 0 to 100000"),
+    ({"engine.harmonic_phases[1]_times": [0.0], "engine.harmonic_phases[1]_values": [0.0]}, "lists with profiles are"),
+    ({"engine.harmonic_amplitudes_times": [0.0, 1.0], "engine.harmonic_amplitudes_values": [1.0, 2.0]},
+     "must have 3 for each of the 2"),
+    ({"engine.torque_amplitude_times": [0.0, 1.0], "engine.torque_amplitude_values": [1.0]}, "must have as many as"),
+])
+def test_numbers_of_a_list_and_their_profiles_that_do_not_fit_are_refused(values, message):
+    with pytest.raises(InputError, match=message):
+        replace(HARMONICS, values)

@@ -21,23 +21,30 @@ STICK_SLIP = replace(System(), {
     "engine.mean_torque_times": [0.0, 0.031, 0.0587], "engine.mean_torque_values": [300.0, 120.0, 280.0],
     "pressure.mean_times": [0.0, 0.0213, 0.0871], "pressure.mean_values": [180e3, 240e3, 200e3]})
 """Sticks and slips while all three profiles vary."""
+SWELLING = replace(STICK_SLIP, {
+    "engine.torque_amplitude_times": [0.0, 0.05, 0.12], "engine.torque_amplitude_values": [250.0, 100.0, 300.0],
+    "engine.harmonic_amplitudes_times": [0.0, 0.0712], "engine.harmonic_amplitudes_values": [40.0, 25.0, 5.0, 60.0]})
+"""The same while the amplitudes of all three harmonics vary too."""
 SLIP = replace(STICK_SLIP, {"initial.slip_speed": 150.0, "engine.mean_torque_values": [300.0, 420.0, 380.0]})
 """Slips in one direction all the time, so that nothing but the profiles is not smooth."""
 END = 0.13
 
 
 @cache
-def truth(slips: bool) -> np.ndarray:
+def truth(system: System) -> np.ndarray:
     """Final slip speed, plate angle, plate speed and phase, by DOP853 at 1e-12, restarted at every point."""
-    system = SLIP if slips else STICK_SLIP
     e, p, f, d = system.engine, system.pressure, system.friction, system.driveline
     ratio = f.static_coefficient / f.kinetic_coefficient
     per_pressure = f.kinetic_coefficient * system.clutch.area * system.clutch.radius
 
     def rates(t, y):
         v, angle, speed, phase = y
-        te = np.interp(t, e.mean_torque_times, e.mean_torque_values) + e.torque_amplitude * math.sin(phase)
-        for n, (a, shift) in enumerate(zip(e.harmonic_amplitudes, e.harmonic_phases), 2):
+        first, higher = e.torque_amplitude, e.harmonic_amplitudes
+        if e.torque_amplitude_times:
+            first = np.interp(t, e.torque_amplitude_times, e.torque_amplitude_values)
+            higher = [np.interp(t, e.harmonic_amplitudes_times, e.harmonic_amplitudes_values[k::2]) for k in (0, 1)]
+        te = np.interp(t, e.mean_torque_times, e.mean_torque_values) + first * math.sin(phase)
+        for n, (a, shift) in enumerate(zip(higher, e.harmonic_phases), 2):
             te += a * math.sin(n * phase + shift)
         load = np.interp(t, p.mean_times, p.mean_values) + p.amplitude * math.sin(p.frequency_ratio * phase + p.phase)
         tf = coefficient_and_slope(v, [(ratio - 1.0, f.decay)], f.smoothing)[0] * per_pressure * max(load, 0.0)
@@ -45,18 +52,19 @@ def truth(slips: bool) -> np.ndarray:
         return [(te - tf) / d.flywheel_inertia - plate, speed, plate,
                 np.interp(t, e.frequency_times, e.frequency_values)]
 
-    points = sorted({0.0, END, *e.frequency_times, *e.mean_torque_times, *p.mean_times})
+    points = sorted({0.0, END, *e.frequency_times, *e.mean_torque_times, *p.mean_times, *e.torque_amplitude_times,
+                     *e.harmonic_amplitudes_times})
     y = np.array([system.initial.slip_speed, 0.0, 0.0, 0.0])
     for begin, end in itertools.pairwise(points):
         y = solve_ivp(rates, (begin, end), y, "DOP853", rtol=1e-12, atol=[1e-11, 1e-13, 1e-10, 1e-12]).y[:, -1]
     return y
 
 
-def error(name, slips, **setting):
+def error(name, system, **setting):
     """Largest difference of a final state from the truth, relative to the size of the motion."""
-    run = solve(SLIP if slips else STICK_SLIP, solver=name, duration=END, **setting).raise_for_status()
+    run = solve(system, solver=name, duration=END, **setting).raise_for_status()
     found = np.array([run.final.slip_speed, run.final.plate_angle, run.final.plate_speed])
-    return float((np.abs(found - truth(slips)[:3]) / [10.0, 0.1, 10.0]).max())
+    return float((np.abs(found - truth(system)[:3]) / [10.0, 0.1, 10.0]).max())
 
 
 @pytest.mark.parametrize(("name", "setting", "allowed"), [
@@ -65,17 +73,39 @@ def error(name, slips, **setting):
     ("lsoda", {"rtol": 1e-10}, 1e-6), ("bdf", {"rtol": 1e-7}, 1e-4), ("rk45", {"rtol": 1e-7}, 1e-5),
     ("rk4", {"step": 5e-6}, 1e-5)])
 def test_final_states_through_all_three_profiles(name, setting, allowed):
-    assert error(name, False, **setting) < allowed
+    assert error(name, STICK_SLIP, **setting) < allowed
+
+
+@pytest.mark.parametrize(("name", "setting", "allowed"), [
+    ("smoothed", {"rtol": 1e-6}, 1e-7), ("smoothed", {"rtol": 1e-12}, 1e-10), ("fixed_step", {"step": 1e-5}, 5e-7),
+    ("dop853", {"rtol": 1e-10}, 1e-7), ("radau", {"rtol": 1e-9}, 1e-6)])
+def test_final_states_while_the_amplitudes_of_all_harmonics_vary(name, setting, allowed):
+    assert error(name, SWELLING, **setting) < allowed
+    assert np.abs(truth(SWELLING) - truth(STICK_SLIP))[:3].max() > 1.0
+
+
+def test_samples_have_the_torque_of_the_amplitudes_that_vary():
+    run = solve(SWELLING, solver="smoothed", duration=END, samples_per_cycle=50)
+    phase, e = SWELLING.cycles_until, SWELLING.engine
+    for k in range(0, len(run.t), 17):
+        t = float(run.t[k])
+        angle = 2.0 * math.pi * phase(t)
+        torque = np.interp(t, e.mean_torque_times, e.mean_torque_values) + np.interp(
+            t, e.torque_amplitude_times, e.torque_amplitude_values) * math.sin(angle)
+        for n, shift in ((2, 0.3), (3, -1.0)):
+            torque += np.interp(t, e.harmonic_amplitudes_times, e.harmonic_amplitudes_values[n - 2::2]) * math.sin(
+                n * angle + shift)
+        assert run.engine_torque[k] == pytest.approx(torque, rel=1e-9)
 
 
 def test_the_real_time_solver_keeps_its_order_through_corners():
     # Without steps that end at the corners the order would be two.
-    errors = [error("fixed_step", True, step=h) for h in (1e-4 / 7.0, 1e-4 / 14.0, 1e-4 / 28.0)]
+    errors = [error("fixed_step", SLIP, step=h) for h in (1e-4 / 7.0, 1e-4 / 14.0, 1e-4 / 28.0)]
     assert min(math.log2(a / b) for a, b in itertools.pairwise(errors)) > 2.8
 
 
 def test_the_phase_is_that_of_the_independent_solution():
-    assert STICK_SLIP.cycles_until(END) == pytest.approx(truth(False)[3] / (2.0 * math.pi), abs=1e-9)
+    assert STICK_SLIP.cycles_until(END) == pytest.approx(truth(STICK_SLIP)[3] / (2.0 * math.pi), abs=1e-9)
 
 
 def test_samples_divide_cycles_of_changing_length():

@@ -111,19 +111,33 @@ static void tcc_exponentials(const double *x, Terms *t)
 #endif
 }
 
-/* Columns of a profile: tcc_sim.model.profile */
+/* Columns of a profile: tcc_sim.model.profile. Those behind, four for each harmonic whose amplitude varies, begin with
+   TCC_FIRST_SWELL: number of the harmonic, phase, amplitude and its change in a second. */
 enum { TCC_AT, TCC_PHASE, TCC_FREQUENCY, TCC_FREQUENCY_RATE, TCC_TORQUE, TCC_TORQUE_RATE, TCC_LOAD, TCC_LOAD_RATE };
+#define TCC_SWELL 4
+#define TCC_FIRST_SWELL (TCC_PROFILE_COLUMNS - TCC_SWELL * TCC_SWELLS)
 
-/* Value and change in a second at time t of n points, or of a constant where there are none. */
-static void tcc_line(const double *x, int n, int times, int values, int constant, double t, double found[2])
+/* Value and change in a second at time t of n points, whose values are `apart` places apart, or of a constant where there
+   are none. */
+static void tcc_line(const double *x, int n, int times, int values, int apart, int constant, double t, double found[2])
 {
     int k = n > 0 ? searched(x + times, 1, n, t) - 1 : 0;
     found[0] = x[constant];
     found[1] = 0.0;
     if (n == 0) return;
     if (k < 0) k = 0;
-    if (k < n - 1) found[1] = (x[values + k + 1] - x[values + k]) / (x[times + k + 1] - x[times + k]);
-    found[0] = x[values + k] + found[1] * (t - x[times + k]);
+    if (k < n - 1) found[1] = (x[values + (k + 1) * apart] - x[values + k * apart]) / (x[times + k + 1] - x[times + k]);
+    found[0] = x[values + k * apart] + found[1] * (t - x[times + k]);
+}
+
+/* The columns of a harmonic whose amplitude varies; one that stays 0 has the number 0. */
+static void tcc_swell(const double *x, int number, double phase, int n, int times, int values, int apart, double t,
+                      double found[TCC_SWELL])
+{
+    found[0] = 0.0;
+    for (int k = 0; k < n; k++) if (x[values + k * apart] != 0.0) found[0] = number;
+    found[1] = phase;
+    tcc_line(x, n, times, values, apart, 0, t, found + 2);
 }
 
 /* Add the times of n points to those that are sorted already, each once. */
@@ -148,6 +162,10 @@ static void tcc_profile_of(const double *x, double frequency, tcc_origin origin,
     n = tcc_merge(times, n, x + at_engine_frequency_times, TCC_FREQUENCY_POINTS);
     n = tcc_merge(times, n, x + at_engine_mean_torque_times, TCC_TORQUE_POINTS);
     n = tcc_merge(times, n, x + at_pressure_mean_times, TCC_PRESSURE_POINTS);
+    if (TCC_SWELLS > 0) {
+        n = tcc_merge(times, n, x + at_engine_torque_amplitude_times, TCC_AMPLITUDE_POINTS);
+        n = tcc_merge(times, n, x + at_engine_harmonic_amplitudes_times, TCC_HARMONIC_POINTS);
+    }
     late = searched(times, 1, n, origin.time) - 1;   /* the points before the origin count no more */
     times[late] = origin.time;
     n -= late;
@@ -156,13 +174,24 @@ static void tcc_profile_of(const double *x, double frequency, tcc_origin origin,
     for (int k = 0; k < n; k++) {
         double *row = t->profile.at[k], now = times[late + k];
         row[TCC_AT] = now;
-        tcc_line(x, TCC_FREQUENCY_POINTS, at_engine_frequency_times, at_engine_frequency_values, at_engine_frequency, now,
-                 row + TCC_FREQUENCY);
+        tcc_line(x, TCC_FREQUENCY_POINTS, at_engine_frequency_times, at_engine_frequency_values, 1, at_engine_frequency,
+                 now, row + TCC_FREQUENCY);
         if (TCC_FREQUENCY_POINTS == 0) row[TCC_FREQUENCY] = frequency;
-        tcc_line(x, TCC_TORQUE_POINTS, at_engine_mean_torque_times, at_engine_mean_torque_values, at_engine_mean_torque,
-                 now, row + TCC_TORQUE);
-        tcc_line(x, TCC_PRESSURE_POINTS, at_pressure_mean_times, at_pressure_mean_values, at_pressure_mean, now,
+        tcc_line(x, TCC_TORQUE_POINTS, at_engine_mean_torque_times, at_engine_mean_torque_values, 1,
+                 at_engine_mean_torque, now, row + TCC_TORQUE);
+        tcc_line(x, TCC_PRESSURE_POINTS, at_pressure_mean_times, at_pressure_mean_values, 1, at_pressure_mean, now,
                  row + TCC_LOAD);
+#if TCC_SWELLS > 0
+        double *swell = row + TCC_FIRST_SWELL;
+        if (TCC_AMPLITUDE_POINTS > 0) {
+            tcc_swell(x, 1, 0.0, TCC_AMPLITUDE_POINTS, at_engine_torque_amplitude_times, at_engine_torque_amplitude_values,
+                      1, now, swell);
+            swell += TCC_SWELL;
+        }
+        for (int j = 0; TCC_HARMONIC_POINTS > 0 && j < TCC_HARMONICS; j++, swell += TCC_SWELL)
+            tcc_swell(x, j + 2, x[at_engine_harmonic_phases + j], TCC_HARMONIC_POINTS, at_engine_harmonic_amplitudes_times,
+                      at_engine_harmonic_amplitudes_values + j, TCC_HARMONICS, now, swell);
+#endif
         row[TCC_PHASE] = origin.phase + gained;
         if (k < n - 1) {
             double step = times[late + k + 1] - now;
@@ -199,12 +228,12 @@ static void tcc_terms_of(const double *x, int profile, tcc_origin origin, Terms 
     t->linear._2 = x[at_driveline_damping];
     t->linear._3 = x[at_driveline_stiffness];
     t->mean_torque = x[at_engine_mean_torque];
-    if (TCC_ENGINE_HARMONIC && x[at_engine_torque_amplitude] > 0.0) {
+    if (TCC_ENGINE_HARMONIC && TCC_AMPLITUDE_POINTS == 0 && x[at_engine_torque_amplitude] > 0.0) {
         t->torque.has = 1;
         t->torque._0 = x[at_engine_torque_amplitude];
         t->torque._1 = omega;
     }
-    for (int k = 0; TCC_ENGINE_HARMONIC && k < TCC_HARMONICS; k++) {
+    for (int k = 0; TCC_ENGINE_HARMONIC && TCC_HARMONIC_POINTS == 0 && k < TCC_HARMONICS; k++) {
         double amplitude = x[at_engine_harmonic_amplitudes + k], *row = t->harmonics.at[t->harmonics.rows];
         if (amplitude > 0.0) {
             row[0] = (k + 2) * omega;
@@ -257,6 +286,8 @@ static void tcc_hold(const double *x, Terms *t)
     for (int k = 0; k < t->profile.rows; k++) {
         t->profile.at[k][TCC_TORQUE] = t->mean_torque;
         t->profile.at[k][TCC_TORQUE_RATE] = 0.0;
+        for (int j = TCC_FIRST_SWELL; j < TCC_PROFILE_COLUMNS; j += TCC_SWELL)
+            t->profile.at[k][j + 2] = t->profile.at[k][j + 3] = 0.0;
     }
 #endif
 #if TCC_PRESSURE_TOPIC
@@ -276,6 +307,8 @@ static double tcc_substeps(const Terms *t)
     if (t->torque.has) excitation = fmax(excitation, t->torque._1);
     if (t->pulsation.has) excitation = fmax(excitation, t->pulsation._1);
     for (int k = 0; k < t->harmonics.rows; k++) excitation = fmax(excitation, t->harmonics.at[k][0]);
+    for (int j = TCC_FIRST_SWELL; t->profile.has && j < TCC_PROFILE_COLUMNS; j += TCC_SWELL)
+        excitation = fmax(excitation, t->profile.at[0][j]);
     for (int k = 0; k < t->profile.rows; k++) {
         frequency = fmax(frequency, t->profile.at[k][TCC_FREQUENCY]);
         load = fmax(load, t->profile.at[k][TCC_LOAD]);
@@ -382,14 +415,17 @@ static tcc_answer tcc_prepare(tcc_plant *p)
     double fixed = x[at_friction_static_coefficient], sliding = x[at_friction_kinetic_coefficient], needed;
     tcc_origin origin;
     Terms terms;
-    int flags, points = TCC_FREQUENCY_POINTS + TCC_TORQUE_POINTS + TCC_PRESSURE_POINTS;
+    int flags, points = TCC_FREQUENCY_POINTS + TCC_TORQUE_POINTS + TCC_PRESSURE_POINTS + TCC_AMPLITUDE_POINTS
+        + TCC_HARMONIC_POINTS;
     if (!m->changed) return TCC_OK;
     if (!TCC_TABLE && (sliding < fixed / 20.0 || sliding > fixed * 20.0))
         return tcc_say(p, TCC_DISCARD, "friction.kinetic_coefficient is %g; with friction.static_coefficient %g it must be "
                        "one twentieth of it to twenty times it", sliding, fixed);
     if (tcc_increasing(p, at_engine_frequency_times, TCC_FREQUENCY_POINTS) != TCC_OK
         || tcc_increasing(p, at_engine_mean_torque_times, TCC_TORQUE_POINTS) != TCC_OK
-        || tcc_increasing(p, at_pressure_mean_times, TCC_PRESSURE_POINTS) != TCC_OK) return TCC_DISCARD;
+        || tcc_increasing(p, at_pressure_mean_times, TCC_PRESSURE_POINTS) != TCC_OK
+        || tcc_increasing(p, at_engine_torque_amplitude_times, TCC_AMPLITUDE_POINTS) != TCC_OK
+        || tcc_increasing(p, at_engine_harmonic_amplitudes_times, TCC_HARMONIC_POINTS) != TCC_OK) return TCC_DISCARD;
     origin = tcc_moved(m, &terms);
     tcc_terms_of(x, points > 0 || origin.time != 0.0 || origin.phase != 0.0 || origin.lead != 0.0, origin, &terms);
     flags = tcc_flags(&terms);

@@ -8,10 +8,11 @@ import math
 from typing import Any
 
 from tcc_sim.model.friction import Stribeck
+from tcc_sim.model.profile import STARTED
 from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.bernstein import to_bernstein
 from tcc_sim.solvers.compiling.compiled import fast
-from tcc_sim.solvers.excitation import STARTED, clamp_edge, excite, load_phase
+from tcc_sim.solvers.excitation import clamp_edge, excite, load_phase
 from tcc_sim.solvers.kept import (
     DONE,
     FULL,

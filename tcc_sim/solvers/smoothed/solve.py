@@ -17,10 +17,21 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.model.parameters import System
-from tcc_sim.model.profile import FREQUENCY, FREQUENCY_RATE, TIME, pieces
+from tcc_sim.model.profile import (
+    FREQUENCY,
+    FREQUENCY_RATE,
+    LOAD_RATE,
+    SHIFT,
+    STARTED,
+    SWELL,
+    SWELLS,
+    TIME,
+    UNTIL,
+    pieces,
+)
 from tcc_sim.solvers import SOLVERS, collocation
 from tcc_sim.solvers.compiling.compiled import fast
-from tcc_sim.solvers.excitation import DRIVE, SHIFT, STARTED, UNTIL, load_phase, waves_of
+from tcc_sim.solvers.excitation import DRIVE, load_phase, waves_of
 from tcc_sim.solvers.kept import CYCLE, OUTPUT, Kept, Store
 from tcc_sim.solvers.problem import Problem
 from tcc_sim.solvers.smoothed.integrate import integrate
@@ -160,9 +171,9 @@ def profile_row(profile: Floats, begin: float, stop: float, start: float, phase:
     """
     k = int(pieces(profile, 0.5 * (begin + stop)))
     piece, past = profile[k], begin - profile[k, TIME]
-    row = np.empty(SHIFT + 1)
+    row: Floats = piece.copy()
     row[TIME], row[1] = begin - start, phase
-    for column in range(FREQUENCY, len(piece), 2):
+    for column in (*range(FREQUENCY, LOAD_RATE, 2), *range(SWELLS + 2, len(piece), SWELL)):
         row[column], row[column + 1] = piece[column] + piece[column + 1] * past, piece[column + 1]
     ends = profile[k + 1, TIME] if k + 1 < len(profile) else math.inf
     row[UNTIL], row[STARTED], row[SHIFT] = max(ends, stop) - start, start, shift

@@ -1,0 +1,88 @@
+"""One number of a list among scene values: `engine.harmonic_amplitudes[1]` is the first one, that of harmonic 2.
+
+A list that has a profile (`model.quantity.PROFILES`) takes a profile of one of its numbers too: `KEY[n]_times` and
+`KEY[n]_values`; the others stay as the scene has them.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from tcc_sim.errors import InputError
+from tcc_sim.model.quantity import PROFILES, number_of
+
+_ELEMENT = re.compile(r"([\w.]+)\[(\d+)\](_times|_values)?")
+
+
+def list_of(key: str) -> str:
+    """The key of the list that `key` names a number of, or a number's times or values; `key` itself otherwise."""
+    found = _ELEMENT.fullmatch(key)
+    return key if found is None else found[1] + (found[3] or "")
+
+
+def with_whole_lists(values: Mapping[str, object], value_of: Callable[[str], Any]) -> Mapping[str, object]:
+    """Scene values in which lists stand in the place of their single numbers.
+
+    Parameters
+    ----------
+    value_of : gives the value that the scene has for a key
+
+    Raises
+    ------
+    InputError
+        The list has no such number, what is given is none, or the numbers' profiles do not fit together.
+    """
+    if not any("[" in key for key in values):
+        return values
+    out = {key: value for key, value in values.items() if not _ELEMENT.fullmatch(key)}
+    profiles: dict[str, dict[int, dict[str, Any]]] = {}
+    for key, value in values.items():
+        found = _ELEMENT.fullmatch(key)
+        if found is None:
+            continue
+        whole, place, part = found[1], int(found[2]), found[3]
+        now = out.get(whole, value_of(whole))
+        if not isinstance(now, Sequence) or isinstance(now, str):
+            raise InputError(f"{key}: {whole} is no list")
+        if not 1 <= place <= len(now):
+            has = f"has {len(now)} values, [1] to [{len(now)}]" if now else "is empty"
+            raise InputError(f"{whole}[{place}] does not exist: {whole} {has}; give the whole list first")
+        if part is not None:
+            profiles.setdefault(whole, {}).setdefault(place - 1, {})[part] = value
+            continue
+        try:
+            out[whole] = [*now[:place - 1], number_of(value), *now[place:]]
+        except TypeError:
+            raise InputError(f"{key} is {value!r}; it must be a number") from None
+    for whole, found_profiles in profiles.items():
+        now = out.get(whole, value_of(whole))
+        assert isinstance(now, Sequence)
+        out.update(_profile(whole, found_profiles, now))
+    return out
+
+
+def _profile(whole: str, given: Mapping[int, Mapping[str, Any]], now: Sequence[float]) -> dict[str, object]:
+    """Times and values of a list some of whose numbers, by their place, have a profile; the others keep theirs."""
+    for place, part in given.items():
+        times, values = (part.get(name, []) for name in ("_times", "_values"))
+        if whole not in PROFILES or len(times) != len(values):
+            raise InputError(f"{whole}[{place + 1}] has {len(times)} times and {len(values)} values of a profile; it "
+                             f"must have as many of both, and the lists with profiles are "
+                             f"{', '.join(key for key in PROFILES if key.endswith('s'))}")
+    times = sorted({float(t) for part in given.values() for t in part["_times"]})
+    rows = [[*now] for _ in times]
+    for place, part in given.items():
+        for row, t in zip(rows, times):
+            row[place] = _between(t, part["_times"], part["_values"])
+    return {f"{whole}_times": times, f"{whole}_values": [value for row in rows for value in row]}
+
+
+def _between(t: float, times: Sequence[float], values: Sequence[float]) -> float:
+    """The value at time t, linear between points and constant outside; NumPy is not loaded for this."""
+    for (before, low), (after, high) in itertools.pairwise(zip(times, values)):
+        if before <= t <= after and after > before:
+            return low + (high - low) * (t - before) / (after - before)
+    return values[0] if t < times[0] else values[-1]
