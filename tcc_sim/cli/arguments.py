@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -213,12 +214,13 @@ def plan_of(arguments: argparse.Namespace, **more: Any) -> Plan:
 
 def add_outputs(parser: argparse.ArgumentParser, json: str, out: str = "", metavar: str = "FILE",
                 force: str = "replace files that exist") -> None:
-    """--json, --out where `out` says what it is, --plot, --width and --force of the verbs that draw their result."""
+    """--json, --out where `out` says what it is, --plot, --width, --title and --force of verbs that draw a result."""
     parser.add_argument("--json", metavar="FILE", type=Path, help=f"{json}; - is standard output")
     if out:
         parser.add_argument("--out", metavar=metavar, type=Path, help=out)
     parser.add_argument("--plot", metavar="FILE", type=Path, help="a picture of the result: .png, .svg or .pdf")
     parser.add_argument("--width", choices=("column", "page"), default="page", help="of the picture in a paper (page)")
+    parser.add_argument("--title", metavar="T", help="over the picture (default: the scene or recording)")
     parser.add_argument("--force", action="store_true", help=force)
 
 
@@ -255,13 +257,23 @@ def check_outputs(arguments: argparse.Namespace, suffixes: Sequence[str] = (), *
         require("distributed", "--dask")
 
 
+@contextmanager
+def drawn(arguments: argparse.Namespace, result: Any, title: str = "") -> Iterator[None]:
+    """Draw a result where --plot asks for it, below --title or else `title`; the file appears when the `with` ends."""
+    if arguments.plot is None:
+        yield
+        return
+    from tcc_sim.views.plots import plot
+
+    with draft(arguments.plot) as part:
+        plot(result, part, arguments.width, title=printable(title if arguments.title is None else arguments.title))
+        yield
+
+
 def plot_result(arguments: argparse.Namespace, result: Any, title: str = "") -> None:
     """Draw a result where --plot asks for it."""
-    if arguments.plot is not None:
-        from tcc_sim.views.plots import plot
-
-        with draft(arguments.plot) as part:
-            plot(result, part, arguments.width, title=printable(title))
+    with drawn(arguments, result, title):
+        pass
 
 
 def present(arguments: argparse.Namespace, scene: Scene | System, result: Any,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
 from tcc_sim.cli.arguments import (
@@ -13,6 +12,7 @@ from tcc_sim.cli.arguments import (
     add_scene,
     add_workers,
     check_outputs,
+    drawn,
     present,
     refuse_swept,
     scene_of,
@@ -42,7 +42,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Check everything, work the basins out, write what was asked for, and print a summary."""
     from tcc_sim.basins.compute import basins
-    from tcc_sim.output.files import draft
     from tcc_sim.output.provenance import said
 
     scene = scene_of(arguments)
@@ -55,11 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
         found = basins(scene, plane, cycles=arguments.cycles, over=over, jobs=arguments.jobs, dask=arguments.dask,
                        part=part, progress=True, said=said("basin_rows", scene, arguments.words))
         # Drawing takes longest; interrupted in it, nothing is written, and the same command goes on.
-        with ExitStack() as files:
-            if arguments.plot is not None:
-                from tcc_sim.views.plots import plot
-
-                plot(found, files.enter_context(draft(arguments.plot)), arguments.width, title=scene.name)
+        with drawn(arguments, found, scene.name):
             if arguments.out is not None:
                 from tcc_sim.output.samples import write_basins
 

@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.basins.compute import Basins
-from tcc_sim.basins.proximity import RUNAWAY, UNDECIDED, Attractor
+from tcc_sim.basins.proximity import RUNAWAY, UNDECIDED
 from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.views import style
-from tcc_sim.views.sweeps import draw_cells
+from tcc_sim.views.sweeps import draw_cells, edges
 
 TINTS = ("#BFD9EC", "#F6D9A8", "#BFE3D4", "#F0C6AE", "#EBD2E0", "#D3ECF8", "#D0D0D0")
 """Light versions of the colours of `style.CYCLE`, in their order, so that attractors stand out on their basins."""
@@ -20,82 +19,104 @@ MARKERS = "os^Dvp*"
 EXTRAS = {RUNAWAY: (style.RUNAWAY, "runaway slip"), UNDECIDED: ("#FFFFFF", "undecided")}
 
 
-def draw_basins(path: Path, found: Basins | Sequence[Basins], title: str = "", width: float = style.PAGE) -> Path:
-    """Draw one plane as a map, or several, one for each value of a key, as fractions against it."""
-    planes = [found] if isinstance(found, Basins) else found
-    with style.figure(width, (0.62 if planes[0].over is None else 0.5) * width) as picture:
-        axes = picture.add_subplot()
-        into(axes, planes, {"loc": "outside upper left"})
-        if title:
-            axes.set_title(title)
-        return style.save(picture, path)
+def draw_basins(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
+    """Draw one plane as a map, or several, one for each value of a key, as fractions against it.
 
-
-def into(axes: Any, found: Basins | Sequence[Basins], legend: Mapping[str, Any] | None = None) -> None:
-    """Draw the same into axes; `legend` says where that of a map is, in its figure."""
-    planes = [found] if isinstance(found, Basins) else found
-    if planes[0].over is None:
-        handles = _map(axes, planes[0])
-        if legend is None:
-            axes.legend(handles=handles, loc="lower left", bbox_to_anchor=(0.0, 1.0), fontsize="small")
-        else:
-            axes.figure.legend(handles=handles, ncols=1, **legend)
-    else:
-        _fractions(axes, planes, planes[0].over[0], [one.over[1] for one in planes if one.over is not None])
-
-
-def attractor_label(attractor: Attractor) -> str:
-    """An attractor in a legend."""
-    what = f"period {attractor.period}" if attractor.period else "no period"
-    return f"{what}, largest slip speed {attractor.largest:.4g} rad/s"
-
-
-def _map(axes: Any, found: Basins) -> list[Any]:
-    """Cells coloured by their attractor, the attractors' section points on them where they lie in the plane; what
-    stands in the legend.
+    Parameters
+    ----------
+    found : one result or several, or their JSON; JSON has no cells, `labels` of the .npz are to be added to it
     """
-    from matplotlib.patches import Patch
-
-    first, second = found.plane
-    count = len(found.attractors)
-    colours = [EXTRAS[RUNAWAY][0], EXTRAS[UNDECIDED][0], *(TINTS[k % len(TINTS)] for k in range(max(count, 1)))]
-    draw_cells(axes, np.array(first.values), np.array(second.values), np.asarray(found.labels - RUNAWAY, np.float64),
-               colours)
-    axes.set(xlabel=_label(first.key), ylabel=_label(second.key))
-    columns = [("initial.slip_speed", "initial.plate_angle", "initial.plate_speed").index(a.key) for a in found.plane]
-    handles = []
-    for k, attractor in enumerate(found.attractors):
-        part = 100.0 * found.fraction(k)
-        x, y = attractor.section[:, columns].T
-        style_of = {"marker": MARKERS[k % len(MARKERS)], "color": style.CYCLE[k % len(style.CYCLE)]}
-        axes.plot(x, y, linestyle="", markersize=4.5 if attractor.period else 1.0, markeredgecolor="white",
-                  markeredgewidth=0.6 if attractor.period else 0.0, scalex=False, scaley=False, clip_on=True,
-                  **style_of)
-        handles.append(Patch(facecolor=TINTS[k % len(TINTS)], edgecolor=style.CYCLE[k % len(style.CYCLE)],
-                             label=f"{attractor_label(attractor)} ({part:.3g} %)"))
-    for label, (colour, name) in EXTRAS.items():
-        if found.fraction(label) > 0.0:
-            handles.append(Patch(facecolor=colour, edgecolor=style.GREY,
-                                 label=f"{name} ({100 * found.fraction(label):.3g} %)"))
-    return handles
+    planes = planes_of(found)
+    with style.figure(width, (0.62 if planes[0]["over"] is None else 0.5) * width + 0.4, title) as drawn:
+        axes = drawn.add_subplot()
+        _into(axes, planes)
+        if planes[0]["over"] is None:
+            style.legend_below(drawn, [axes])
+        return style.save(drawn, path)
 
 
-def _fractions(axes: Any, found: Sequence[Basins], key: str, values: Sequence[float]) -> None:
+def into(axes: Any, found: Any) -> None:
+    """Draw the same into axes."""
+    planes = planes_of(found)
+    _into(axes, planes)
+    if planes[0]["over"] is None:
+        axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), fontsize="small")
+
+
+def planes_of(found: Any) -> list[dict[str, Any]]:
+    """The planes of one result, of several or of their JSON: the keys of its JSON, `labels` (None where there are no
+    cells) and `over` (key and value, None for a single plane).
+    """
+    if not isinstance(found, Mapping):
+        each = found if isinstance(found, Sequence) else [found]
+        return [{**one.as_json(), "labels": one.labels, "over": one.over} for one in each]
+    if "over" not in found:
+        return [{**found, "labels": found.get("labels"), "over": None}]
+    names = ("attractors", "undecided", "runaway", *(["labels"] if "labels" in found else []))
+    return [{"labels": None, "plane": found["plane"], **{name: found[name][k] for name in names},
+             "over": (found["over"], value)} for k, value in enumerate(found["values"])]
+
+
+def _into(axes: Any, planes: Sequence[Mapping[str, Any]]) -> None:
+    """Draw planes into axes."""
+    if planes[0]["over"] is None:
+        _map(axes, planes[0])
+    else:
+        _fractions(axes, planes)
+
+
+def attractor_label(attractor: Mapping[str, Any]) -> str:
+    """An attractor in a legend."""
+    what = f"period {attractor['period']}" if attractor["period"] else "no period"
+    return f"{what}, largest slip speed {attractor['max_slip_speed']:.4g} rad/s"
+
+
+def _map(axes: Any, plane: Mapping[str, Any]) -> None:
+    """Cells coloured by their attractor where they are known, and the attractors' section points projected on them."""
+    first, second = plane["plane"]
+    count = len(plane["attractors"])
+    x, y = np.array(first["values"]), np.array(second["values"])
+    if plane["labels"] is not None:
+        colours = [EXTRAS[RUNAWAY][0], EXTRAS[UNDECIDED][0], *(TINTS[k % len(TINTS)] for k in range(max(count, 1)))]
+        draw_cells(axes, x, y, np.asarray(plane["labels"], np.float64) - RUNAWAY, colours)
+    axes.set(xlabel=_label(first["key"]), ylabel=_label(second["key"]), xlim=edges(x)[[0, -1]], ylim=edges(y)[[0, -1]])
+    states = ("initial.plate_angle", "initial.slip_speed", "initial.plate_speed")
+    columns = [states.index(axis["key"]) for axis in plane["plane"]]
+    beside = next(key for key in states if key not in (first["key"], second["key"]))
+    for k, attractor in enumerate(plane["attractors"]):
+        points = np.array(attractor["section_states"]).reshape(-1, 3)[:, columns]
+        look: dict[str, Any] = {"marker": MARKERS[k % len(MARKERS)], "color": style.CYCLE[k % len(style.CYCLE)],
+                                "linestyle": "", "markeredgecolor": "white"}
+        periodic = bool(attractor["period"])
+        axes.plot(*points.T, markersize=4.5 if periodic else 1.0, markeredgewidth=0.6 if periodic else 0.0,
+                  scalex=False, scaley=False, clip_on=True, **look)
+        axes.fill([], [], facecolor=TINTS[k % len(TINTS)], edgecolor=style.CYCLE[k % len(style.CYCLE)],
+                  label=f"{attractor_label(attractor)} ({100.0 * attractor['fraction']:.3g} %)")
+    for name, (colour, words) in zip(("runaway", "undecided"), EXTRAS.values()):
+        if plane[name] > 0.0:
+            axes.fill([], [], facecolor=colour, edgecolor=style.GREY, label=f"{words} ({100 * plane[name]:.3g} %)")
+    axes.plot([], [], linestyle="", marker="o", color=style.GREY, markersize=4.5, label=(
+        f"their sections, projected along the {_label(beside).partition(' (')[0]}"))
+
+
+def _fractions(axes: Any, planes: Sequence[Mapping[str, Any]]) -> None:
     """Parts of the plane, stacked: motions in order of their period, those without one, runaway slip, undecided."""
-    periods = sorted({a.period for one in found for a in one.attractors}, key=lambda p: (p == 0, p))
+    values = [plane["over"][1] for plane in planes]
+    periods = sorted({a["period"] for plane in planes for a in plane["attractors"]}, key=lambda p: (p == 0, p))
     rows, names, colours = [], [], []
     for k, period in enumerate(periods):
-        rows.append([sum(one.fraction(i) for i, a in enumerate(one.attractors) if a.period == period) for one in found])
+        rows.append([sum(a["fraction"] for a in plane["attractors"] if a["period"] == period) for plane in planes])
         names.append(f"period {period}" if period else "no period")
         colours.append(TINTS[k % len(TINTS)])
-    for label, (colour, name) in EXTRAS.items():
-        part = [one.fraction(label) for one in found]
+    for name, (colour, words) in zip(("runaway", "undecided"), EXTRAS.values()):
+        part = [plane[name] for plane in planes]
         if any(part):
             rows.append(part)
-            names.append(name)
+            names.append(words)
             colours.append(colour)
     axes.stackplot(values, rows, labels=names, colors=colours, edgecolor=style.GREY, linewidth=0.4)
-    axes.set(xlabel=_label(key), ylabel="fraction of the plane", ylim=(0.0, 1.0), xlim=(min(values), max(values)))
+    axes.set(xlabel=_label(planes[0]["over"][0]), ylabel="fraction of the plane", ylim=(0.0, 1.0),
+             xlim=(min(values), max(values)))
     style.legend_above(axes)
 
 

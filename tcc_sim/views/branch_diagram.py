@@ -26,14 +26,13 @@ def branch_diagram(path: Path, found: Any, title: str = "", width: float = style
     """Draw the branches of `continue --json`: solid where stable, dashed where not, one colour per period."""
     values = style.json_values(found)
     curves = values.get("curves", [])
-    with style.figure(width, 3.6 if not curves else 6.4) as drawn:
+    with style.figure(width, 3.1 if not curves else 5.7, title) as drawn:
         axes = drawn.subplots(2 if curves else 1, 1, squeeze=False)[:, 0]
         into(axes[0], values)
-        if title:
-            axes[0].set_title(title)
-        _legend(axes[0])
         if curves:
             _curves(axes[1], values)
+            style.panel_titles(axes, ["Branches", "Curves of bifurcations"])
+        style.legend_below(drawn, axes)
         return style.save(drawn, path)
 
 
@@ -79,6 +78,18 @@ def into(axis: Any, found: Any) -> None:
         axis.plot([item["value"]], [item["max_slip_speed"]], linestyle="none", marker=marker, color=style.INK,
                   markersize=4.5, label=None if name in named else name, zorder=4)
         named.add(name)
+    _limits(axis, found)
+
+
+def _limits(axis: Any, found: Mapping[str, Any]) -> None:
+    """The limits of bifurcations as sigma goes to infinity, each joined to its own by a line."""
+    name = r"limit as $\sigma \to \infty$"
+    for number, item in enumerate(f for f in found["bifurcations"] if f.get("limit") is not None):
+        place, height = item["limit"], item["max_slip_speed"]
+        axis.plot([item["value"], place], [height, height], color=style.INK, linewidth=0.7, linestyle=(0, (1, 1.5)))
+        axis.errorbar([place], [height], xerr=[item.get("limit_error") or 0.0], linestyle="none", capsize=2.0,
+                      marker=MARKS[item["kind"]][0], markerfacecolor="white", color=style.INK, markersize=4.5,
+                      elinewidth=0.7, label=None if number else name, zorder=4)
 
 
 def _curves(axis: Any, found: Mapping[str, Any]) -> None:
@@ -96,11 +107,3 @@ def _curves(axis: Any, found: Mapping[str, Any]) -> None:
             axis.annotate(point["kind"].replace("_", " "), (point["value"], point["second"]), (5.0, -10.0),
                           textcoords="offset points", fontsize=6.5)
     axis.set(xlabel=label_of(found["over"]), ylabel=label_of(found["second_over"]))
-    _legend(axis)
-
-
-def _legend(axis: Any) -> None:
-    """The legend below the axes, where it hides nothing."""
-    handles, labels = axis.get_legend_handles_labels()
-    if handles:
-        axis.legend(handles, labels, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=min(len(handles), 4))

@@ -5,6 +5,7 @@ parameters' intervals.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 
 from tcc_sim.estimation.linearise import INPUTS, OUTPUTS
 from tcc_sim.views import style
-from tcc_sim.views.sweeps import label_of
+from tcc_sim.views.sweeps import label_of, numbers
 
 UNITS = INPUTS | OUTPUTS
 SIMULATED: dict[str, Any] = {"linestyle": "none", "marker": "o", "markerfacecolor": "none", "color": style.RED,
@@ -23,36 +24,41 @@ SHOWN = 400
 
 
 def bode(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
-    """Draw what `linearise` gives."""
-    with style.figure(width, 0.62 * width) as drawn:
+    """Draw the frequency response of `linearise`, a result or its JSON."""
+    values = style.json_values(found)
+    with style.figure(width, max(0.62 * width, 4.0), title) as drawn:
         gain, phase = drawn.subplots(2, 1, sharex=True)
-        draw_gain(gain, found)
-        phase.semilogx(found.frequencies, np.degrees(found.phase))
-        if found.checked:
-            phase.plot([p.frequency for p in found.checked], [np.degrees(p.phase) for p in found.checked], **SIMULATED)
+        draw_gain(gain, values)
+        phase.semilogx(values["frequencies"], np.degrees(numbers(values["phase"])))
+        if values["checked"]:
+            phase.plot([p["frequency"] for p in values["checked"]],
+                       [np.degrees(p["phase"]) for p in values["checked"]], **SIMULATED)
         gain.set_xlabel("")
         phase.set(ylabel="phase (degrees)", xlabel="angular frequency (rad/s)")
-        words = f"{found.output.replace('_', ' ')} by {found.input.replace('_', ' ')}"
-        words += f", mean slip {found.mean_slip:.4g} rad/s"
-        gain.set_title(f"{title}: {words}" if title else words)
+        parts = [f"{values['output']} by {values['input']}".replace("_", " "),
+                 f"mean slip {values['operating_point']['mean_slip']:.4g} rad/s"]
+        gain.set_title((", " if style.wide(width) else "\n").join(parts))
         gain.legend(loc="best")
         return style.save(drawn, path)
 
 
 def draw_gain(axis: Any, found: Any) -> None:
     """Draw the gain into an axis."""
-    inside = found.gain > 0.0
-    axis.semilogx(found.frequencies[inside], 20.0 * np.log10(found.gain[inside]), label=_name(found))
-    if found.checked:
-        axis.plot([p.frequency for p in found.checked], [20.0 * np.log10(p.gain) for p in found.checked],
-                  label="simulated", **SIMULATED)
+    values = style.json_values(found)
+    frequencies, gain = numbers(values["frequencies"]), numbers(values["gain"])
+    inside = gain > 0.0
+    axis.semilogx(frequencies[inside], 20.0 * np.log10(gain[inside]), label=_name(values))
+    if values["checked"]:
+        axis.plot([p["frequency"] for p in values["checked"]],
+                  [20.0 * np.log10(p["gain"]) for p in values["checked"]], label="simulated", **SIMULATED)
     axis.set(xlabel="angular frequency (rad/s)",
-             ylabel=f"gain (dB re 1 ({UNITS[found.output]})/({UNITS[found.input]}))")
+             ylabel=f"gain (dB re 1 ({UNITS[values['output']]})/({UNITS[values['input']]}))")
 
 
-def _name(found: Any) -> str:
-    """What the curve is."""
-    return "harmonic transfer function" if found.kind == "periodic" else f"linear model about constant {found.kind}"
+def _name(values: Mapping[str, Any]) -> str:
+    """The name of the curve."""
+    kind = values["kind"]
+    return "harmonic transfer function" if kind == "periodic" else f"linear model about constant {kind}"
 
 
 def identification(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:

@@ -21,19 +21,14 @@ POINTS = 801
 
 def draw_friction(path: Path, scene: SceneLike, title: str = "", width: float = style.PAGE) -> Path:
     """Draw the coefficient over slip speed with its table, the law close to 0, and the slope of the friction torque."""
-    system, wide = system_of(scene), width > 0.5 * (style.COLUMN + style.PAGE)
+    system, wide = system_of(scene), style.wide(width)
     with style.figure(width, 2.7 if wide else 6.4, title) as drawn:
         law, near, slope = drawn.subplots(*((1, 3) if wide else (3, 1)))
+        near.sharey(law)
         draw_law(law, system)
         _near(near, system)
         _slope(slope, system)
-        if wide:
-            each = [axis.get_legend_handles_labels() for axis in (law, near, slope)]
-            handles, labels = ([item for found in each for item in found[k]] for k in (0, 1))
-            drawn.legend(handles, labels, loc="outside lower left", ncols=len(labels))
-        else:
-            for axis in (law, near, slope):
-                axis.legend(loc="best")
+        style.legend_below(drawn, (law, near, slope))
         style.panel_titles((law, near, slope), ["Friction law", "Close to 0", "Slope of the torque"])
         return style.save(drawn, path)
 

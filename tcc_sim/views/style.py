@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import re
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -43,8 +45,9 @@ _SETTINGS: dict[str, Any] = {
     "axes.grid": True, "grid.color": "#E3E3E3", "grid.linewidth": 0.5,
     "lines.linewidth": 1.1, "lines.solid_joinstyle": "round", "lines.markersize": 3.0,
     "legend.frameon": False, "legend.handlelength": 1.6, "legend.borderaxespad": 0.2, "legend.columnspacing": 1.2,
-    "axes.formatter.use_mathtext": True, "axes.formatter.limits": (-3, 4),
+    "axes.formatter.use_mathtext": True, "axes.formatter.limits": (-3, 6),
     "savefig.dpi": DOTS, "svg.fonttype": "path", "svg.hashsalt": "tcc_sim", "path.simplify": True,
+    "pdf.fonttype": 42, "ps.fonttype": 42,  # TrueType: journals refuse Type 3, and text can be searched.
     "agg.path.chunksize": 20000,
 }
 
@@ -73,7 +76,9 @@ def figure(width: float = PAGE, height: float = 4.0, title: str = "") -> Iterato
         drawn = Figure(figsize=(width, height), dpi=DOTS, layout="constrained")
         FigureCanvasAgg(drawn)
         if title:
-            drawn.suptitle(title, x=0.01, ha="left", fontsize=10.0, fontweight="bold")
+            # Ten points bold are about 0.085 inch a letter; what is longer than the picture is wide goes on below.
+            drawn.suptitle(textwrap.fill(title, max(int(width / 0.085), 20)), x=0.01, ha="left", fontsize=10.0,
+                           fontweight="bold")
         yield drawn
 
 
@@ -94,6 +99,11 @@ def width_of(name: str) -> float:
     if name not in WIDTHS:
         raise InputError(f"width is {name!r}; it must be {' or '.join(WIDTHS)}")
     return WIDTHS[name]
+
+
+def wide(width: float) -> bool:
+    """Whether a picture of this width, inch, is one over the whole page."""
+    return width > 0.5 * (COLUMN + PAGE)
 
 
 def save(drawn: Any, path: Path) -> Path:
@@ -135,15 +145,42 @@ def save_both(drawn: Any, stem: Path) -> tuple[Path, Path]:
 
 
 def panel_titles(axes: Any, titles: list[str]) -> None:
-    """Letter the panels of a picture, (a), (b), ..., each with its title."""
+    """Letter the panels of a picture, (a), (b), ..., each with its title; above a legend where both need the row."""
     for letter, axis, title in zip("abcdefghijklmnop", axes, titles):
-        axis.set_title(f"({letter}) {title}")
+        words = f"({letter}) {title}" if len(axes) > 1 else title
+        axis.set_title(words, pad=16.0 if _crowded(axis, words) else None)
+
+
+def _crowded(axis: Any, title: str) -> bool:
+    """Whether a title and the entries of the legend above are wider than the axes, by about what letters need."""
+    legend, place = axis.get_legend(), axis.get_subplotspec()
+    if legend is None or place is None:
+        return False
+    columns = place.get_gridspec().ncols / len(place.colspan)
+    room = 72.0 * axis.figure.get_figwidth() / columns - 40.0
+    entries = [(_letters(text.get_text()), text.get_fontsize()) for text in legend.get_texts()]
+    return 5.6 * len(title) + sum((0.58 * letters + 2.6) * size for letters, size in entries) > room
+
+
+def _letters(text: str) -> int:
+    """Letters of a text as it is drawn: a command of its mathematics is one."""
+    return len(re.sub(r"\\[A-Za-z]+ ?|[${}_]", lambda found: "x" if found[0].startswith("\\") else "", text))
 
 
 def legend_above(axis: Any) -> None:
     """The legend in one row above the right end of the axes, where it hides nothing."""
     handles, labels = axis.get_legend_handles_labels()
-    narrow = axis.figure.get_figwidth() < 0.5 * (COLUMN + PAGE)
+    narrow = not wide(axis.figure.get_figwidth())
     small = {"fontsize": 6.5, "handlelength": 1.1, "columnspacing": 0.8, "handletextpad": 0.4} if narrow else {}
     if handles:
         axis.legend(handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(handles), **small)
+
+
+def legend_below(drawn: Any, axes: Sequence[Any]) -> None:
+    """One legend of all axes below the picture, which grows by its rows."""
+    found = {name: handle for axis in axes for handle, name in zip(*axis.get_legend_handles_labels())}
+    if not found:
+        return
+    columns = min(len(found), max(int(72.0 * drawn.get_figwidth() / (4.3 * max(map(_letters, found)) + 32.0)), 1))
+    drawn.set_figheight(drawn.get_figheight() + 0.17 * -(-len(found) // columns))
+    drawn.legend(found.values(), found.keys(), loc="outside lower center", ncols=columns)

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +15,6 @@ from tcc_sim.model.elements import list_of
 from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.trajectory import Floats
 from tcc_sim.views import style
-
-if TYPE_CHECKING:
-    from tcc_sim.sweeps.scatter import Scattered
 
 Bools = NDArray[np.bool_]
 NOT_FOUND = "#B0B0B0"
@@ -53,7 +50,8 @@ def draw_sweep(path: Path, found: Any, title: str = "", width: float = style.PAG
                    markeredgewidth=0.0, linewidth=0.9)
         stick.set(ylabel="stick (%)", ylim=(-4.0, 104.0), xlabel=label_of(values["over"]))
         if len(x) > 1:
-            stick.set_xlim(np.nanmin(x), np.nanmax(x))
+            beside = 0.01 * np.ptp(x)  # So that no marker is cut.
+            stick.set_xlim(np.nanmin(x) - beside, np.nanmax(x) + beside)
         style.panel_titles((maxima, orbit, stick), [
             "Maxima", "Heat" if values.get("varying") else "Orbit diagram", "Time in stick"])
         return style.save(drawn, path)
@@ -120,17 +118,18 @@ def _orbit(axis: Any, x: Floats, values: Mapping[str, Any]) -> None:
 def draw_grid(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
     """Two maps over two keys, rows second: the largest slip speed, and the period."""
     values = style.json_values(found)
-    wide = width > 0.5 * (style.COLUMN + style.PAGE)
+    wide = style.wide(width)
     with style.figure(width, 3.2 if wide else 5.6, title) as drawn:
         maxima, periods = drawn.subplots(*((1, 2) if wide else (2, 1)), sharex=True, sharey=True)
         draw_largest(maxima, values)
         x, y = numbers(values["values"]), numbers(values["second_values"])
         _period_map(drawn, periods, x, y, values)
         _over_two(periods, values)
-        hatch(maxima, x, y, values)
-        hatch(periods, x, y, values)
+        count = [hatch(axis, x, y, values) for axis in (maxima, periods)][0]
         (periods.set_ylabel if wide else maxima.set_xlabel)("")
         style.panel_titles((maxima, periods), ["Maxima", "Period"])
+        if count:
+            drawn.supxlabel(f"hatched: {count} of {len(x) * len(y)} have not settled", fontsize=7.5, x=0.01, ha="left")
         return style.save(drawn, path)
 
 
@@ -148,14 +147,17 @@ def draw_largest(axis: Any, found: Any) -> None:
     _over_two(axis, values)
 
 
-def hatch(axis: Any, x: Floats, y: Floats, values: Mapping[str, Any]) -> None:
-    """Hatch the cells of transients, which are no steady states."""
+def hatch(axis: Any, x: Floats, y: Floats, values: Mapping[str, Any]) -> int:
+    """Hatch the cells of transients, which are no steady states; how many there are."""
     which = np.array([transients(row, values["transient"][k] if "transient" in values else None)
                       for k, row in enumerate(values["regime"])])
-    if which.any():
-        axis.pcolor(edges(x), edges(y), np.ma.masked_where(~which, np.zeros(which.shape)), hatch="////", alpha=0.0,
-                    rasterized=True)
-        axis.set_title(f"hatched: {which.sum()} of {which.size} have not settled", loc="right", fontsize="small")
+    from matplotlib.collections import PolyCollection
+
+    sides, rows = edges(x), edges(y)
+    cells = [[(sides[j], rows[k]), (sides[j + 1], rows[k]), (sides[j + 1], rows[k + 1]), (sides[j], rows[k + 1])]
+             for k, j in np.argwhere(which)]
+    axis.add_collection(PolyCollection(cells, hatch="////", facecolor="none", edgecolor=style.GREY, linewidth=0.0))
+    return len(cells)
 
 
 def _over_two(axis: Any, values: Mapping[str, Any]) -> None:
@@ -182,54 +184,58 @@ def _period_map(drawn: Any, axis: Any, x: Floats, y: Floats, values: Mapping[str
     bar.ax.minorticks_off()
 
 
-def draw_scatter(path: Path, found: Scattered, title: str = "", width: float = style.PAGE) -> Path:
+def draw_scatter(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
     """Bands of the quantiles 0.05 to 0.95 over the swept key; without one, samples against each scattered key."""
-    keys = [] if found.over else [key for key, _, _ in found.tolerances.bounds][:4]
+    values = style.json_values(found)
+    over = values.get("over", "")
+    keys = [] if over else list(values["scatter"])[:4 if style.wide(width) else 2]
     with style.figure(width, 5.0, title) as drawn:
         axes = drawn.subplots(len(RESULTS), max(len(keys), 1), sharex="col", sharey="row", squeeze=False)
         for row, (name, label, scale) in zip(axes, RESULTS):
             row[0].set_ylabel(label)
-            if found.over:
-                draw_band(row[0], found, name, scale)
+            if over:
+                draw_band(row[0], values, name, scale)
             else:
                 for axis, key in zip(row, keys):
-                    _samples(axis, found, name, key, scale)
-        for axis, key in zip(axes[-1], keys or [found.over]):
+                    _samples(axis, values, name, key, scale)
+        for axis, key in zip(axes[-1], keys or [over]):
             axis.set_xlabel(label_of(key))
-        style.legend_above(axes[0][0])
+            axis.locator_params(axis="x", nbins=9 if len(keys) < 2 else 7 if style.wide(width) else 4)
+        style.legend_below(drawn, axes[0, :1])
         return style.save(drawn, path)
 
 
-def draw_scattered(axis: Any, found: Scattered) -> None:
+def draw_scattered(axis: Any, found: Any) -> None:
     """Draw the largest slip speed into an axis: its band over the swept key, or samples against the first scattered."""
-    if found.over:
-        draw_band(axis, found, "max_slip_speed")
+    values = style.json_values(found)
+    over, first = values.get("over", ""), next(iter(values["scatter"]))
+    if over:
+        draw_band(axis, values, "max_slip_speed")
     else:
-        _samples(axis, found, "max_slip_speed", found.tolerances.bounds[0][0], 1.0)
-    axis.set(xlabel=label_of(found.over or found.tolerances.bounds[0][0]), ylabel="max |slip speed| (rad/s)")
+        _samples(axis, values, "max_slip_speed", first, 1.0)
+    axis.set(xlabel=label_of(over or first), ylabel="max |slip speed| (rad/s)")
 
 
-def draw_band(axis: Any, found: Scattered, name: str, scale: float = 1.0) -> None:
+def draw_band(axis: Any, values: Mapping[str, Any], name: str, scale: float = 1.0) -> None:
     """Median and band of one result."""
-    x = found.sweeps[0].values
-    low, middle, high = scale * found.quantiles(name).T
+    x = numbers(values["values"])
+    low, middle, high = scale * np.array([numbers(row) for row in values["quantiles"][name]]).T
     axis.fill_between(x, low, high, color=style.SKY, alpha=0.45, linewidth=0.0, label="5 to 95 %")
     axis.plot(x, middle, color=style.BLUE, linewidth=1.1, label="median")
     if len(x) > 1:
         axis.set_xlim(x.min(), x.max())
 
 
-def _samples(axis: Any, found: Scattered, name: str, key: str, scale: float) -> None:
+def _samples(axis: Any, values: Mapping[str, Any], name: str, key: str, scale: float) -> None:
     """Samples of one result against one key, with their quantiles."""
-    values, y = found.tolerances.sampled[key], scale * found.result(name)[:, 0]
-    records = [sweep.records[0] or {} for sweep in found.sweeps]
-    for regime, (colour, mine) in classes([r.get("regime") for r in records],
-                                          [r.get("runaway") for r in records]).items():
-        axis.plot(values[mine], y[mine], linestyle="none", marker="o", markersize=2.4, markeredgewidth=0.0,
+    x, y = numbers(values["sampled"][key]), scale * numbers(values[name])
+    for regime, (colour, mine) in classes(values["regime"], values["runaway"]).items():
+        axis.plot(x[mine], y[mine], linestyle="none", marker="o", markersize=2.4, markeredgewidth=0.0,
                   color=colour, label=regime)
-    draw_open(axis, values, y, transients(records, [r.get("transient") for r in records]), 2.4)
-    for level, line in zip(scale * found.quantiles(name)[0], (":", "-", ":")):
-        axis.axhline(level, color=style.INK, linewidth=0.8, linestyle=line)
+    draw_open(axis, x, y, transients(values["regime"], values["transient"]), 2.4)
+    for level, line, label in zip(scale * numbers(values["quantiles"][name]), (":", "-", ":"),
+                                  ("5 and 95 %", "median", None)):
+        axis.axhline(level, color=style.INK, linewidth=0.8, linestyle=line, label=label)
 
 
 def classes(regimes: Sequence[str | None], runaway: Sequence[bool | None]) -> dict[str, tuple[str, Bools]]:

@@ -67,7 +67,7 @@ def manoeuvre(path: Path, run: Trajectory, width: float = style.PAGE, title: str
         warm.set(xlabel="time (s)", ylabel="heat (kJ)", xlim=(run.t[0], run.t[-1]))
         for axis in (torques, slip):
             style.legend_above(axis)
-        style.panel_titles(axes, ["Torques", "Slip speed", "Shaft torque", "Heat in the clutch until then"])
+        style.panel_titles(axes, ["Torques", "Slip speed", "Shaft torque", "Cumulative heat in the clutch"])
         return style.save(drawn, path)
 
 
@@ -83,7 +83,7 @@ def _sampled(run: Trajectory) -> Trajectory:
 def plot_orders(path: Path, found: Orders, title: str = "", width: float = style.PAGE) -> Path:
     """Draw the orders over the engine frequency where it rises or falls all the time, else over time."""
     along, name = _along(found)
-    wide = width > 0.5 * (style.COLUMN + style.PAGE)
+    wide = style.wide(width)
     with style.figure(width, 0.86 * width if wide else 2.6 * width) as drawn:
         grid = drawn.add_gridspec(6, 2) if wide else drawn.add_gridspec(11, 1)
         rows = [(slice(0, 3), 0), (slice(0, 3), 1), (slice(3, 6), 0), (slice(3, 5), 1), (5, 1)] if wide else [
@@ -104,7 +104,7 @@ def plot_orders(path: Path, found: Orders, title: str = "", width: float = style
         heat.plot(along, found.heat * 1e-3, color=style.ORANGE)
         heat.set(ylabel="heat, kJ", xlabel=name, ylim=(0.0, None))
         style.panel_titles(axes, ["Shaft torque", "Slip speed", "Orders of the shaft torque", "Judder",
-                                  "Heat until then"])
+                                  "Cumulative heat"])
         for axis in axes:
             axis.set_xlim(float(along.min()), float(along.max()))
         for axis in axes[:2] + axes[3:4] if wide else axes[:4]:
@@ -158,15 +158,15 @@ def draw_twin(path: Path, found: Any, title: str = "", width: float = style.PAGE
     """Draw a simulation beside a recording: its start, its end, and the difference of all of it."""
     span = TWIN_CYCLES * found.trajectory.cycle
     begin, end = found.t[0], found.t[-1]
-    with style.figure(width, 0.75 * width) as drawn:
+    with style.figure(width, max(0.75 * width, 4.6), f"{title}: {found}" if title else str(found)) as drawn:
         axes = drawn.subplots(3, 1)
         for axis, low, high in ((axes[0], begin, min(begin + span, end)), (axes[1], max(end - span, begin), end)):
             draw_slip_speeds(axis, found, low, high)
+        axes[1].sharey(axes[0])
         style.legend_above(axes[0])
         axes[2].plot(found.t, found.difference, color=style.RED, linewidth=0.7)
         axes[2].set(xlabel="time (s)", ylabel="difference (rad/s)")
         axes[2].set_xlim(begin, end)
-        drawn.suptitle(f"{title}: {found}" if title else str(found), x=0.01, ha="left", fontsize=10.0)
         style.panel_titles(axes, ["Start", "End", "Simulated less recorded"])
         return style.save(drawn, path)
 
