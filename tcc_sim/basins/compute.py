@@ -40,7 +40,6 @@ from tcc_sim.trajectory import State
 
 PLANE_KEYS = ("initial.slip_speed", "initial.plate_angle", "initial.plate_speed")
 FORMAT = "tcc_sim basin_rows 1"
-SECTIONS = ("section", [1, 0]), ("section_states", [1, 0, 2])
 Row = tuple[list[int], list[int]]
 Stored = tuple[int, int, dict[str, Any]]
 """Index of the value, row, and record in the file."""
@@ -106,7 +105,7 @@ class Basins(Result):
             "plane": [{"key": axis.key, "values": list(axis.values)} for axis in self.plane],
             "attractors": [{
                 "number": a.number, "period": a.period, "max_slip_speed": a.largest,
-                **{name: [list(map(float, p[order])) for p in a.section] for name, order in SECTIONS},
+                "section": a.section[:, [1, 0]].tolist(), "section_states": a.section[:, [1, 0, 2]].tolist(),
                 "multipliers": None if a.multipliers is None else [[m.real, m.imag] for m in a.multipliers.tolist()],
                 "fraction": self.fraction(k), "radius": a.radius,
                 "state": list(map(float, a.section[0])) if a.period else None} for k, a in enumerate(self.attractors)],

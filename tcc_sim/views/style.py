@@ -159,7 +159,7 @@ def _crowded(axis: Any, title: str) -> bool:
     columns = place.get_gridspec().ncols / len(place.colspan)
     room = 72.0 * axis.figure.get_figwidth() / columns - 40.0
     entries = [(_letters(text.get_text()), text.get_fontsize()) for text in legend.get_texts()]
-    return 5.6 * len(title) + sum((0.58 * letters + 2.6) * size for letters, size in entries) > room
+    return bool(5.6 * len(title) + sum((0.58 * letters + 2.6) * size for letters, size in entries) > room)
 
 
 def _letters(text: str) -> int:

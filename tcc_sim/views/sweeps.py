@@ -125,7 +125,7 @@ def draw_grid(path: Path, found: Any, title: str = "", width: float = style.PAGE
         x, y = numbers(values["values"]), numbers(values["second_values"])
         _period_map(drawn, periods, x, y, values)
         _over_two(periods, values)
-        count = [hatch(axis, x, y, values) for axis in (maxima, periods)][0]
+        count = max(hatch(axis, x, y, values) for axis in (maxima, periods))
         (periods.set_ylabel if wide else maxima.set_xlabel)("")
         style.panel_titles((maxima, periods), ["Maxima", "Period"])
         if count:
