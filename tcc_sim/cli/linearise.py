@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tcc_sim.cli.arguments import add_outputs, add_scene, check_outputs, plot_result, present, scene_of, spaced
-from tcc_sim.errors import counted
+from tcc_sim.errors import InputError, counted
 
 if TYPE_CHECKING:
     from tcc_sim.estimation.linearise import Linearisation
+    from tcc_sim.estimation.slip_loop import SlipLoop
 
 INPUTS, OUTPUTS = ("actuation_pressure", "engine_torque"), ("slip_speed", "friction_torque", "shaft_torque")
 SHOWN = 7
@@ -32,6 +33,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="rad/s, evenly in logarithm (default: 240 from 2 to three times the slipping mode)")
     parser.add_argument("--mean", action="store_true",
                         help="leave out the excitation: torque and pressure are their means, and A, B, C, D continuous")
+    parser.add_argument("--controller", metavar="KP,KI",
+                        help="judge the loop that the package's slip controller closes with the gains KP (N m s/rad) "
+                        "and KI (N m/rad): stability, margins, largest delay, smallest stable slip")
     parser.add_argument("--check", metavar="N", type=int, default=0,
                         help="find the response by simulation at N of the frequencies too")
     add_outputs(parser, "everything that was found", "the arrays: .npz")
@@ -45,11 +49,12 @@ def run(arguments: argparse.Namespace) -> int:
 
     scene = scene_of(arguments)
     frequencies = None if arguments.frequencies is None else spaced(arguments.frequencies, "--frequencies")
+    controller = None if arguments.controller is None else _gains(arguments.controller)
     check_outputs(arguments, [".npz"])
     with progress_bar("point", arguments.check or None) as bar:
         found = linearise(scene, input=arguments.input, output=arguments.output, slip=arguments.slip,
                           frequencies=frequencies, check=arguments.check, mean=arguments.mean,
-                          tick=bar.update)
+                          controller=controller, tick=bar.update)
     if arguments.out is not None:
         with draft(arguments.out) as part, open(part, "wb") as file:
             np.savez(file, **found.arrays())  # type: ignore[arg-type]
@@ -72,8 +77,34 @@ def _lines(found: Linearisation) -> Iterator[str]:
     yield f"multipliers {words}"
     for k in np.unique(np.round(np.linspace(0, len(found.frequencies) - 1, SHOWN)).astype(int)):
         yield f"{found.frequencies[k]:10.4g} rad/s  {_decibels(found.gain[k])}  {math.degrees(found.phase[k]):8.2f} deg"
+    if found.controller is not None:
+        yield from _loop_lines(found.controller)
     for point in found.checked:
         yield f"simulated at {point.frequency:.4g} rad/s  {_decibels(point.gain)}  {math.degrees(point.phase):8.2f} deg"
+
+
+def _loop_lines(loop: SlipLoop) -> Iterator[str]:
+    """What the slip controller makes of the motion."""
+    yield (f"closed loop with {loop.proportional:g} N m s/rad and {loop.integral:g} N m/rad, a command every "
+           f"{1e3 * loop.step:.4g} ms: {'stable' if loop.stable else 'unstable'}, largest multiplier "
+           f"{abs(loop.multipliers[0]):.4g}")
+    if loop.phase_margin is not None:
+        yield f"  phase margin {math.degrees(loop.phase_margin):.4g} deg"
+    if loop.stable:
+        gain, delay, slip = loop.gain_margin, loop.largest_delay, loop.smallest_stable_slip
+        yield "  gain margin " + ("above a factor of 1000" if gain is None else f"a factor of {gain:.4g}")
+        yield "  unstable with " + ("no delay that was tried" if delay is None else f"a delay of {1e3 * delay:.4g} ms")
+        yield ("  stable down to a tenth of the mean slip speed" if not slip else
+               f"  stable down to a mean slip speed of {slip:.4g} rad/s")
+
+
+def _gains(text: str) -> tuple[float, float]:
+    """The two gains of --controller KP,KI."""
+    try:
+        proportional, integral = map(float, text.split(","))
+    except ValueError:
+        raise InputError(f"--controller is {text!r}; it must be KP,KI, two numbers above 0") from None
+    return proportional, integral
 
 
 def _decibels(gain: float) -> str:

@@ -14,6 +14,7 @@ they were enough.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -24,6 +25,7 @@ from numpy.typing import NDArray
 
 from tcc_sim.continuation.newton import largest_first, multipliers_of
 from tcc_sim.errors import InputError, counted
+from tcc_sim.estimation.constant_motion import matrices_of
 from tcc_sim.estimation.operating_point import (
     Constant,
     Periodic,
@@ -34,9 +36,10 @@ from tcc_sim.estimation.operating_point import (
     stuck_parts,
 )
 from tcc_sim.estimation.settings import DEFAULTS
+from tcc_sim.estimation.slip_loop import Gains, SlipLoop, slip_loop
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.result import Result, json_of
-from tcc_sim.scene import SceneLike, system_of
+from tcc_sim.scene import SceneLike, as_scene
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.trajectory import Floats
 
@@ -78,6 +81,7 @@ class Linearisation(Result):
     frequencies : (m,) rad/s
     response : (m,) output over input at each frequency
     checked : points found by simulation
+    controller : the loop that the slip controller closes, where it was asked for
     """
 
     input: str
@@ -97,6 +101,7 @@ class Linearisation(Result):
     frequencies: Floats
     response: Complex
     checked: tuple[Simulated, ...] = ()
+    controller: SlipLoop | None = None
 
     def __repr__(self) -> str:
         return (f"<Linearisation of {self.output} by {self.input}: {self.kind}, mean slip {self.mean_slip:.6g} rad/s, "
@@ -127,12 +132,13 @@ class Linearisation(Result):
         point = {name: getattr(self, name) for name in ("mean_slip", "pressure", "engine_torque", "period")}
         return {"input": self.input, "output": self.output, "kind": self.kind, "operating_point": point,
                 "states": list(self.states), **{name: array.tolist() for name, array in self.arrays().items()},
-                "multipliers": [[z.real, z.imag] for z in self.multipliers.tolist()], "checked": json_of(self.checked)}
+                "multipliers": [[z.real, z.imag] for z in self.multipliers.tolist()], "checked": json_of(self.checked),
+                **({} if self.controller is None else {"controller": self.controller.as_json()})}
 
 
 def linearise(scene: SceneLike, *, input: str = "actuation_pressure", output: str = "slip_speed",
               slip: float | None = None, frequencies: Sequence[float] | None = None, check: int = 0, mean: bool = False,
-              tick: Callable[[], None] | None = None) -> Linearisation:
+              controller: tuple[float, float] | None = None, tick: Callable[[], None] | None = None) -> Linearisation:
     """The transfer function from an input to an output about a settled motion.
 
     Parameters
@@ -143,6 +149,8 @@ def linearise(scene: SceneLike, *, input: str = "actuation_pressure", output: st
     frequencies : rad/s, above 0; by default 240 from 2 rad/s to 3 sqrt(K23/I2), evenly in logarithm
     mean : whether the excitation is left out: torque and pressure are their means, and the matrices continuous
     check : number of the frequencies at which the response is found by simulation too
+    controller : proportional (N m s/rad) and integral gain (N m/rad) of the package's slip controller, whose loop is
+        judged: slip speed by actuation pressure, answered at the scene's rate
     tick : called after every simulated point
 
     Raises
@@ -165,7 +173,8 @@ def linearise(scene: SceneLike, *, input: str = "actuation_pressure", output: st
     for name, asked_for, known in (("input", input, INPUTS), ("output", output, OUTPUTS)):
         if asked_for not in known:
             raise InputError(f"{name} is {asked_for!r}; it must be {' or '.join(known)}")
-    system = system_of(scene)
+    scene = as_scene(scene)
+    system = scene.system
     system.check_repeats("a transfer function")
     if mean:
         system = replace(system, UNEXCITED)
@@ -173,8 +182,15 @@ def linearise(scene: SceneLike, *, input: str = "actuation_pressure", output: st
     if not 0 <= check <= len(asked):
         raise InputError(f"check is {check}; it must be 0 to the number of frequencies, {len(asked)}")
     motion = operating_point(system, slip)
-    found = _about_constant(motion, input, output, asked) if isinstance(motion, Constant) \
-        else _about_periodic(motion, input, output, asked)
+
+    def about(omegas: Floats, inputs: str = "actuation_pressure", output: str = "slip_speed") -> Linearisation:
+        return (_about_constant(motion, inputs, output, omegas) if isinstance(motion, Constant)
+                else _about_periodic(motion, inputs, output, omegas))
+
+    found = about(asked, input, output)
+    if controller is not None:
+        found = dataclasses.replace(found, controller=slip_loop(
+            motion, Gains(*controller), scene.operation.rate, lambda omegas: about(omegas).response))
     if check == 0:
         return found
     from tcc_sim.estimation.lock_in import simulated
@@ -188,7 +204,7 @@ def linearise(scene: SceneLike, *, input: str = "actuation_pressure", output: st
         points.append(Simulated(omega, abs(value), float(np.angle(value) + 2.0 * math.pi * turns)))
         if tick is not None:
             tick()
-    return Linearisation(**{**found.__dict__, "checked": tuple(points)})
+    return dataclasses.replace(found, checked=tuple(points))
 
 
 def _frequencies(system: System, asked: Sequence[float] | None) -> Floats:
@@ -205,27 +221,9 @@ def _frequencies(system: System, asked: Sequence[float] | None) -> Floats:
 
 
 def _about_constant(motion: Constant, inputs: str, output: str, omegas: Floats) -> Linearisation:
-    """(2a), (2b) with Tf = Tf0 + slope dv + by_pressure dP; the set-valued law in stick has one oscillator."""
-    s, d = motion.system, motion.system.driveline
-    i1, i2, c23, k23 = d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness
-    pressure = inputs == "actuation_pressure"
-    if math.isinf(motion.slope):
-        whole_inertia = i1 + i2
-        a = np.array([[0.0, 1.0], [-k23 / whole_inertia, -c23 / whole_inertia]])
-        b = np.array([[0.0], [0.0 if pressure else 1.0 / whole_inertia]])
-        rows = {"slip_speed": ([0.0, 0.0], 0.0), "shaft_torque": ([k23, c23], 0.0),
-                "friction_torque": ([i1 * k23 / whole_inertia, i1 * c23 / whole_inertia],
-                                    0.0 if pressure else i2 / whole_inertia)}
-        states: tuple[str, ...] = ("plate_angle", "plate_speed")
-    else:
-        beta, slope = 1.0 / i1 + 1.0 / i2, motion.slope
-        torque = motion.by_pressure if pressure else 0.0
-        a = np.array([[-beta * slope, k23 / i2, c23 / i2], [0.0, 0.0, 1.0], [slope / i2, -k23 / i2, -c23 / i2]])
-        b = np.array([[-beta * torque + (0.0 if pressure else 1.0 / i1)], [0.0], [torque / i2]])
-        rows = {"slip_speed": ([1.0, 0.0, 0.0], 0.0), "shaft_torque": ([0.0, k23, c23], 0.0),
-                "friction_torque": ([slope, 0.0, 0.0], torque)}
-        states = ("slip_speed", "plate_angle", "plate_speed")
-    row, through = rows[output]
+    """The linear model of the equations, continuous."""
+    a, b, rows, states = matrices_of(motion, inputs == "actuation_pressure")
+    s, (row, through) = motion.system, rows[output]
     c, feed = np.array([row]), np.array([[through]])
     response = np.array([(c @ np.linalg.solve(1j * w * np.eye(len(a)) - a, b) + feed)[0, 0] for w in omegas])
     # The smoothed law sticks where it creeps in its layer.

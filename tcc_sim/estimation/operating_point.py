@@ -109,14 +109,14 @@ def operating_point(system: System, slip: float | None) -> Constant | Periodic:
     if excitation_frequency(terms_of(system)) == 0.0:
         return _constant(system, slip)
     if slip is None:
-        return _closed(system, *_settled(system), None)
+        return closed(system, *_settled(system), None)
     pressure = abs(system.engine.mean_torque) / system.torque_per_pressure
     if pressure == 0.0:
         raise InputError("engine.mean_torque is 0 N m; no pressure then holds a mean slip speed")
     begun = replace(system, {PRESSURE: min(pressure, 1e7)})
     start = np.array([slip, system.engine.mean_torque / system.driveline.stiffness, 0.0])
     try:
-        return _closed(begun, common_cycles(system), start, slip)
+        return closed(begun, common_cycles(system), start, slip)
     except NumericalFailure as error:
         return _from_settled(system, pressure, slip, error)
 
@@ -130,12 +130,12 @@ def _from_settled(system: System, pressure: float, slip: float, failed: Numerica
     for factor in np.geomspace(*DEFAULTS.pressures):
         try:
             load = replace(system, {PRESSURE: min(float(factor) * pressure, 1e7)})
-            motions.append(_closed(load, *_settled(load), None))
+            motions.append(closed(load, *_settled(load), None))
         except (InputError, NumericalFailure):
             continue
     for near in sorted(motions, key=lambda motion: abs(motion.mean_slip - slip)):
         try:
-            return _closed(near.system, near.period, near.parts[0].state, slip)
+            return closed(near.system, near.period, near.parts[0].state, slip)
         except NumericalFailure:
             continue
     raise failed
@@ -198,7 +198,7 @@ def _settled(system: System) -> tuple[int, Floats]:
     return period, cycles.section[-1]
 
 
-def _closed(system: System, period: int, state: Floats, slip: float | None) -> Periodic:
+def closed(system: System, period: int, state: Floats, slip: float | None) -> Periodic:
     """The periodic motion near `state`, by Newton's method on the section, with the pressure as an unknown for `slip`.
 
     The equations are the motion's return after `period` cycles and, with `slip`, its mean slip speed. A family of

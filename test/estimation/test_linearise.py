@@ -1,4 +1,4 @@
-"""Transfer functions beside closed forms, SciPy and simulated responses, and the margins of the slip controller."""
+"""Transfer functions beside closed forms, SciPy and simulated responses."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from piecewise import Piecewise
 from scipy.integrate import solve_ivp
 from scipy.signal import StateSpace
 
-import tcc_sim
 from tcc_sim import cli
 from tcc_sim.errors import InputError
 from tcc_sim.estimation.linearise import INPUTS, OUTPUTS, harmonic_transfer, linearise
@@ -20,8 +19,6 @@ from tcc_sim.estimation.lock_in import _fitted, simulated
 from tcc_sim.estimation.operating_point import mean_rows, operating_point
 from tcc_sim.estimation.settings import DEFAULTS
 from tcc_sim.model.parameters import replace as changed
-from tcc_sim.plant.driveline import Reading
-from tcc_sim.plant.slip_control import CycleMean, SlipController, Tuning
 from tcc_sim.scene import load_scene
 
 CONTROLLED = load_scene("controlled")
@@ -194,48 +191,6 @@ def test_side_bands_are_told_from_the_answer() -> None:
     answer = sum(size * np.exp(1j * (omega + n * base) * t) for n, size in bands) + 0.5 + 0.1 * t
     found = _fitted(t, np.column_stack([answer, 2.0 * answer, 0.0 * answer]), omega, base)
     assert found == pytest.approx(np.array([2.0 - 1.0j, 4.0 - 2.0j, 0.0]), abs=1e-9)
-
-
-class Raised:
-    """The slip controller with its gains raised."""
-
-    def __init__(self, factor: float) -> None:
-        self.controller = SlipController(Tuning())
-        self.controller.proportional *= factor
-        self.controller.integral *= factor
-
-    def __call__(self, reading: Reading) -> float:
-        return self.controller.update(reading.slip_speed, reading.engine_torque)
-
-
-def test_the_margin_of_the_slip_controller_is_found_in_lock_step() -> None:
-    # Fine where the slipping mode is, which decides the margin.
-    tuning = Tuning()
-    omegas = np.concatenate([np.linspace(5.0, 380.0, 300), np.linspace(380.0, 430.0, 1200)[1:],
-                             np.linspace(430.0, 900.0, 200)[1:]])
-    plant = linearise(CONTROLLED, slip=tuning.target, frequencies=omegas).response
-    law, s, length = SlipController(tuning), 1j * omegas, tuning.cycle_steps
-    late = np.exp(-s * tuning.step)
-    whole = math.floor(length)
-    mean = ((1.0 - late**whole) / (1.0 - late) + (length - whole) * late**whole) / length
-    held = (1.0 - late) / (s * tuning.step)
-    gains = law.proportional + law.integral * tuning.step * late / (1.0 - late)
-    loop = -plant * mean * held * gains / tuning.torque_per_pressure
-    # Where the phase passes -180 degrees the imaginary part changes its sign, with a real part below 0: the least
-    # margin is that of the slipping mode, not that of the integrator.
-    turns = np.flatnonzero((loop.imag[:-1] * loop.imag[1:] <= 0.0) & (loop.real[1:] < 0.0))
-    margin = float(np.min(1.0 / np.abs(loop[turns])))
-    assert 2.5 < margin < 4.0
-    assert 390.0 < omegas[turns[np.argmax(np.abs(loop[turns]))]] < 420.0
-
-    def swing(factor: float) -> float:
-        """Peak to peak of the cycle means at the end, rad/s."""
-        run = tcc_sim.closed_loop("controlled", Raised(factor), seconds=10.0)
-        means = CycleMean(tuning.cycle_steps)
-        return float(np.ptp([means.update(v) for v in run.slip_speed][-1000:]))
-
-    assert swing(0.93 * margin) < 0.1
-    assert swing(1.07 * margin) > 1.0
 
 
 def test_what_cannot_be_linearised_is_refused_in_one_sentence() -> None:

@@ -1,0 +1,233 @@
+"""The loop that the package's slip controller closes about a settled motion: its multipliers and its margins.
+
+The controller (`plant.slip_control`) answers every tick: a PI law on the mean slip speed over an engine cycle, whose
+pressure is held through the next tick. With whole ticks in an engine cycle, the nearest number to the controller's own,
+the loop is a linear map of the plant's state, the slip speeds of the last cycle and the integral part, periodic with
+the motion. The product of its maps over the motion's period decides on stability exactly; the gain margin and the
+largest delay come from it, by raising the gains and by delaying commands. The phase margin is that of the open loop's
+frequency response, whose plant is the harmonic transfer function.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from tcc_sim.continuation.newton import largest_first
+from tcc_sim.errors import InputError, NumericalFailure
+from tcc_sim.estimation.constant_motion import matrices_of
+from tcc_sim.estimation.operating_point import Constant, Periodic, closed, operating_point, refined
+from tcc_sim.model.parameters import System
+from tcc_sim.result import Described, reported
+from tcc_sim.trajectory import Floats
+
+Complex = NDArray[np.complex128]
+
+
+MOST_LATE = 512
+"""Longest delay of commands that is tried, ticks."""
+HIGHEST = 1000.0
+"""Largest factor of the gains that is tried."""
+LOWEST, SLOWER, WITHIN = 0.1, 0.93, 0.01
+"""Least slip speed that is tried, relative to the motion's; factor from one to the next; relative error of the result.
+"""
+
+
+class Gains(NamedTuple):
+    """Of the slip controller: N m per rad/s of the mean slip speed, and N m per rad of its integral."""
+
+    proportional: float
+    integral: float
+
+
+@dataclass(frozen=True, repr=False)
+class SlipLoop(Described):
+    """Stability and margins of the loop that a slip controller closes."""
+
+    proportional: float = field(metadata=reported("proportional gain of the slip controller", "N m s/rad"))
+    integral: float = field(metadata=reported("integral gain of the slip controller", "N m/rad"))
+    step: float = field(metadata=reported("time between two commands: a whole part of the engine cycle", "s"))
+    stable: bool = field(metadata=reported("whether every multiplier is inside the unit circle"))
+    multipliers: Complex = field(metadata=reported(
+        "of the closed loop over the motion's period, [re, im], largest modulus first; those below 1e-6 are left out"))
+    gain_margin: float | None = field(metadata=reported(
+        "factor by which both gains may be raised until the loop is unstable; null where it is unstable already or "
+        "stable up to a factor of 1000"))
+    phase_margin: float | None = field(metadata=reported(
+        "least distance of the open loop's phase from -180 degrees where its gain is 1; null where it is 1 nowhere",
+        "rad"))
+    largest_delay: float | None = field(metadata=reported(
+        "delay of commands, in whole ticks, from which on the loop is unstable; null where it is unstable already or "
+        "stable up to 512 ticks", "s"))
+    smallest_stable_slip: float | None = field(metadata=reported(
+        "mean slip speed down to which the loop with these gains remains stable, tried in steps of 7 %; null where it "
+        "is unstable already, and 0 where it is stable down to a tenth of the mean slip speed", "rad/s"))
+
+
+def slip_loop(motion: Constant | Periodic, gains: Gains, rate: float,
+              response: Callable[[Floats], Complex]) -> SlipLoop:
+    """Judge the loop that a slip controller with these gains closes about a motion in slip.
+
+    Parameters
+    ----------
+    rate : ticks a second, Hz, at which the controller answers
+    response : slip speed over actuation pressure at frequencies, rad/s
+
+    Raises
+    ------
+    InputError
+        Gains that are no numbers above 0, a motion in stick or with a slip speed below 0, or an engine cycle that holds
+        less than 4 ticks or more than 2000.
+    """
+    for name, gain in zip(gains._fields, gains):
+        if not 0.0 < gain < math.inf:
+            raise InputError(f"the {name} gain of the controller is {gain:g}; it must be a number above 0")
+    system = motion.system
+    ticks = round(system.cycle * rate)
+    if not 4 <= ticks <= 2000:
+        raise InputError(f"an engine cycle holds {system.cycle * rate:.4g} ticks at {rate:g} Hz; a controller needs 4 "
+                         "to 2000")
+    if isinstance(motion, Constant) and math.isinf(motion.slope):
+        raise InputError("the scene sticks, and no controller changes its slip speed; give --slip")
+    if motion_slip(motion) <= 0.0:
+        raise InputError(f"the mean slip speed is {motion_slip(motion):g} rad/s; the slip controller holds one above 0")
+    loop = _Loop.about(motion, ticks, gains)
+    multipliers = largest_first(loop.multipliers())
+    stable = bool(abs(multipliers[0]) < 1.0)
+    return SlipLoop(*gains, loop.step, stable, multipliers[np.abs(multipliers) > 1e-6],
+                    loop.gain_margin() if stable else None, loop.phase_margin(response),
+                    loop.largest_delay() if stable else None,
+                    _smallest_slip(motion, ticks, gains) if stable else None)
+
+
+def motion_slip(motion: Constant | Periodic) -> float:
+    """The mean slip speed, rad/s."""
+    return motion.slip_speed if isinstance(motion, Constant) else motion.mean_slip
+
+
+@dataclass(frozen=True)
+class _Loop:
+    """The closed loop, tick by tick.
+
+    maps : of every tick of the motion's period, the plant's (3, 3) derivative by its state and (3,) by the pressure, Pa
+    ticks : in an engine cycle
+    """
+
+    system: System
+    maps: list[tuple[Floats, Floats]]
+    ticks: int
+    gains: Gains
+
+    @staticmethod
+    def about(motion: Constant | Periodic, ticks: int, gains: Gains) -> _Loop:
+        """The loop about a motion."""
+        if isinstance(motion, Periodic):
+            maps = [(part.by_state, part.by_input[:, 0]) for part in refined(motion, ticks).parts]
+        else:
+            a, b, *_ = matrices_of(motion, True)
+            held = expm(np.block([[a, b], [np.zeros((1, 4))]]) * motion.system.cycle / ticks)
+            maps = [(held[:3, :3], held[:3, 3])] * ticks
+        return _Loop(motion.system, maps, ticks, gains)
+
+    @property
+    def step(self) -> float:
+        """Length of a tick, s."""
+        return self.system.cycle / self.ticks
+
+    def multipliers(self, factor: float = 1.0, late: int = 0) -> Complex:
+        """Eigenvalues of the loop's map over the motion's period, with raised gains and commands that come late.
+
+        State: the plant's, the integral part, the slip speeds of the cycle but the newest, the commands on their way.
+        """
+        past = self.ticks - 1
+        whole = np.eye(4 + past + late)
+        x, integral, slips, waiting = whole[:3], whole[3], whole[4:4 + past], whole[4 + past:]
+        proportional, rate = factor * self.gains.proportional, factor * self.gains.integral * self.step
+        for by_state, by_pressure in self.maps:
+            mean = (x[0] + slips.sum(0)) / self.ticks
+            waiting = np.vstack([waiting, (proportional * mean + integral) / self.system.torque_per_pressure])
+            integral, slips = integral + rate * mean, np.vstack([slips[1:], x[0]])
+            x, waiting = by_state @ x + np.outer(by_pressure, waiting[0]), waiting[1:]
+        return np.asarray(np.linalg.eigvals(np.vstack([x, integral, slips, waiting])), np.complex128)
+
+    def stable(self, factor: float = 1.0, late: int = 0) -> bool:
+        """Whether every multiplier is inside the unit circle."""
+        return bool(np.abs(self.multipliers(factor, late)).max() < 1.0)
+
+    def gain_margin(self) -> float | None:
+        """The least factor of both gains that makes a stable loop unstable."""
+        low = 1.0
+        for high in np.geomspace(1.0, HIGHEST, 61)[1:].tolist():
+            if not self.stable(high):
+                while high - low > 1e-4 * low:
+                    middle = 0.5 * (low + high)
+                    low, high = (middle, high) if self.stable(middle) else (low, middle)
+                return float(high)
+            low = high
+        return None
+
+    def largest_delay(self) -> float | None:
+        """The least whole number of ticks of delay that makes a stable loop unstable, as a time, s."""
+        low, high = 0, 1
+        while self.stable(late=high):
+            low, high = high, 2 * high
+            if high > MOST_LATE:
+                return None
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (middle, high) if self.stable(late=middle) else (low, middle)
+        return high * self.step
+
+    def phase_margin(self, response: Callable[[Floats], Complex]) -> float | None:
+        """Least distance of the open loop's phase from -180 degrees where its gain is 1, rad."""
+        top = min(3.0 * self.system.natural_frequency, 0.9 * math.pi / self.step)
+        omegas = np.unique(np.concatenate([np.geomspace(0.2, top, 400), np.linspace(0.2, top, 800)]))
+        s = 1j * omegas
+        late = np.exp(-s * self.step)
+        mean = (1.0 - late**self.ticks) / (1.0 - late) / self.ticks
+        held = (1.0 - late) / (s * self.step)
+        law = self.gains.proportional + self.gains.integral * self.step * late / (1.0 - late)
+        loop = -response(omegas) * mean * held * law / self.system.torque_per_pressure
+        with np.errstate(divide="ignore"):  # The mean over a cycle has zeros.
+            gain, phase = np.log(np.abs(loop)), np.unwrap(np.angle(loop))
+        crossed = np.flatnonzero(gain[:-1] * gain[1:] <= 0.0)
+        part = gain[crossed] / (gain[crossed] - gain[crossed + 1])
+        at = phase[crossed] + part * (phase[crossed + 1] - phase[crossed])
+        margins = np.mod(at + 2.0 * math.pi, 2.0 * math.pi) - math.pi
+        return float(margins[np.abs(margins).argmin()]) if len(margins) else None
+
+
+def _smallest_slip(motion: Constant | Periodic, ticks: int, gains: Gains) -> float:
+    """The mean slip speed down to which a loop remains stable, rad/s; 0 where it does so down to LOWEST."""
+    at = motion_slip(motion)
+    least, high = LOWEST * at, (at, motion)
+    low: float | None = None
+    while low is None or high[0] - low > WITHIN * high[0]:
+        slip = SLOWER * high[0] if low is None else 0.5 * (low + high[0])
+        if slip < least:
+            return 0.0
+        near = _slower(high[1], slip)
+        if near is not None and _Loop.about(near, ticks, gains).stable():
+            high = slip, near
+        else:
+            low = slip
+    return high[0]
+
+
+def _slower(motion: Constant | Periodic, slip: float) -> Constant | Periodic | None:
+    """The motion of another mean slip speed; None where there is none that repeats."""
+    try:
+        if isinstance(motion, Periodic):
+            try:
+                return closed(motion.system, motion.period, motion.parts[0].state, slip)
+            except NumericalFailure:
+                pass
+        return operating_point(motion.system, slip)
+    except (InputError, NumericalFailure):
+        return None
