@@ -1,0 +1,43 @@
+"""The picture of fresh and aged fluid: their friction over slip speed, and what a sweep makes of them.
+
+`python test/instruments/fluids.py FILE.png` draws it; the clutch is that of scenes fresh_fluid and aged_fluid.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+import tcc_sim
+from tcc_sim.views import style
+
+FREQUENCIES = np.linspace(50.0, 300.0, 126)
+LOOKS = {"fresh_fluid": ("fresh fluid", style.BLUE), "aged_fluid": ("aged fluid", style.RED)}
+
+
+def draw_fluids(path: Path, frequencies: np.ndarray = FREQUENCIES) -> Path:
+    """Draw both tables with their fits, and largest slip speed and breakaways over engine frequency."""
+    with style.figure(style.PAGE, 2.7) as drawn:
+        law, largest, judder = drawn.subplots(1, 3)
+        for name, (words, colour) in LOOKS.items():
+            scene = tcc_sim.load_scene(name)
+            own = scene.system.friction
+            v = np.linspace(0.0, own.slip_speeds[-1], 400)
+            law.plot(own.slip_speeds, own.coefficients, linestyle="none", marker="o", color=colour, markersize=3.5)
+            law.plot(v, own.curve.at(v), color=colour, label=words)
+            found = tcc_sim.sweep(scene, "engine.frequency", frequencies, cycles=400, discard=200).columns()
+            seconds = 200.0 * 2.0 * np.pi / frequencies
+            for axis, values in ((largest, found["max_slip_speed"]), (judder, found["breakaways"] / seconds)):
+                axis.plot(frequencies, values, linestyle="none", marker=".", color=colour)
+        law.set(xlabel="slip speed (rad/s)", ylabel="friction coefficient", xlim=(0.0, None))
+        law.legend(loc="best")
+        largest.set(xlabel="engine frequency (rad/s)", ylabel="largest slip speed (rad/s)", ylim=(-1.0, None))
+        judder.set(xlabel="engine frequency (rad/s)", ylabel="breakaways a second", ylim=(-1.0, None))
+        style.panel_titles((law, largest, judder), ["Tables and fits", "Sweep", "Judder"])
+        return style.save(drawn, path)
+
+
+if __name__ == "__main__":
+    draw_fluids(Path(sys.argv[1]))
