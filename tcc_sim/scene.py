@@ -5,7 +5,6 @@ A scene file is a ROS 2 parameter file (`/**: ros__parameters: ...`), so `--ros-
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import difflib
 import sys
@@ -15,8 +14,10 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from tcc_sim.errors import InputError
+from tcc_sim.friction_table import TABLE_FILE, with_table
 from tcc_sim.model import parameters
 from tcc_sim.model.elements import list_of
+from tcc_sim.model.groups import TABLE, TABULATED
 from tcc_sim.model.parameters import System
 from tcc_sim.model.quantity import PROFILED, PROFILES, Options, Quantity, quantity
 from tcc_sim.parameter_file import LARGEST_FILE, read_parameters
@@ -88,6 +89,14 @@ class Scene:
     system: System
     operation: Operation = field(default_factory=Operation)
     description: str = ""
+    unused: tuple[str, ...] = field(default=(), compare=False)
+    """Keys that the scene's file gives although a friction table takes their place."""
+
+    def warnings(self) -> list[str]:
+        """Sentences on the scene that go with every result."""
+        own = self.system.friction
+        unused = self.unused if own.curve is not None else ()
+        return [*(f"{key} is not used, since the friction table takes its place" for key in unused), *own.doubts]
 
     def with_values(self, values: Mapping[str, object]) -> Scene:
         """This scene with some keys changed, checked together.
@@ -125,9 +134,11 @@ class Scene:
         import yaml
 
         tree: dict[str, Any] = {}
+        tabulated = TABULATED if self.system.friction.curve is not None else ()
         for key, value in self.values().items():
             group, _, name = key.rpartition(".")
-            if value != ():  # ROS 2 cannot read an empty list, and it is the default.
+            # ROS 2 cannot read an empty list, and it is the default; a table takes the place of others.
+            if value != () and not (key in tabulated and value == parameters.DEFAULTS[key]):
                 place = tree.setdefault(group, {}) if group else tree
                 place[name] = list(value) if isinstance(value, tuple) else value
         body = yaml.safe_dump({"/**": {"ros__parameters": tree}}, sort_keys=False)
@@ -238,27 +249,15 @@ def parse_scene(text: str, name: str, folder: Path = Path()) -> Scene:
     """
     if len(text) > LARGEST_FILE:
         raise InputError(f"the text is longer than {LARGEST_FILE} characters, the most allowed for a scene")
-    values = read_parameters(text)
-    if "friction.table" in values:
-        values |= _table_of(values.pop("friction.table"), folder)
-    first = text.lstrip().splitlines()[0] if text.strip() else ""
-    description = first.lstrip("# ").strip() if first.startswith("#") else ""
-    return Scene(name, System(), Operation(), description).with_values(values)
+    values = with_table(read_parameters(text), folder)
+    unused = tuple(key for key in TABULATED if key in values) if values.get(TABLE[0]) else ()
+    return Scene(name, System(), Operation(), description_in(text), unused).with_values(values)
 
 
-def _table_of(name: object, folder: Path) -> dict[str, object]:
-    """The scene values of a friction table: a CSV file with the columns slip_speed (rad/s) and coefficient."""
-    path = folder / str(name)
-    try:
-        with path.open(newline="", encoding="utf-8") as stream:
-            rows = list(csv.DictReader(stream))
-        columns = {"friction.slip_speeds": "slip_speed", "friction.coefficients": "coefficient"}
-        return {key: [float(row[column]) for row in rows] for key, column in columns.items()}
-    except OSError as error:
-        raise InputError(f"friction.table: {path}: {error.strerror}") from None
-    except (KeyError, TypeError, ValueError):
-        raise InputError(f"friction.table: {path} must have the columns slip_speed (rad/s) and coefficient, and a "
-                         "number in each field") from None
+def description_in(text: str) -> str:
+    """The comment in the first line of a parameter file."""
+    first = text.lstrip().partition("\n")[0]
+    return first.lstrip("# ").strip() if first.startswith("#") else ""
 
 
 def meaning_of(key: str) -> Quantity:
@@ -289,7 +288,8 @@ def parse_assignments(assignments: list[str]) -> dict[str, object]:
         key, equals, value = word.partition("=")
         if not equals or not key or not value:
             raise InputError(f"{word!r} is not KEY=VALUE")
-        meaning_of(key)
+        if key != TABLE_FILE:
+            meaning_of(key)
         if key in values:
             raise InputError(f"{key} is given twice")
         if len(value) > LONGEST_VALUE:
@@ -298,7 +298,7 @@ def parse_assignments(assignments: list[str]) -> dict[str, object]:
             values[key] = yaml.safe_load(value)
         except (yaml.YAMLError, ValueError, RecursionError):
             raise InputError(f"{key}: {value!r} is not a number, a word or a list") from None
-    return values
+    return with_table(values, Path())
 
 
 def parse_profiles(words: list[str]) -> dict[str, object]:

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from tcc_sim.model.groups import TABULATED
 from tcc_sim.model.parameters import DEFAULTS, QUANTITIES
 from tcc_sim.model.quantity import PROFILES
 from tcc_sim.scene import Operation, bundled_scenes, load_scene, parse_scene
@@ -18,9 +19,9 @@ from tcc_sim.scene import Operation, bundled_scenes, load_scene, parse_scene
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "tcc_sim"
 MODULES = sorted(PACKAGE.rglob("*.py"))
-ORDER = ["errors", "background", "topics", "result", "model", "trajectory", "parameter_file", "scene", "messages",
-         "solvers", "recording", "analysis", "plant", "sweeps", "continuation", "basins", "estimation", "output", "fmu",
-         "views", "nodes", "testing", "replay", "paper", "benchmarks", "cli", "__main__"]
+ORDER = ["errors", "background", "topics", "result", "model", "trajectory", "parameter_file", "friction_table", "scene",
+         "messages", "solvers", "recording", "analysis", "plant", "sweeps", "continuation", "basins", "estimation",
+         "output", "fmu", "views", "nodes", "testing", "replay", "paper", "benchmarks", "cli", "__main__"]
 """A part imports only from itself and from parts before it."""
 
 ROS = ["nodes", "testing"]
@@ -237,6 +238,7 @@ def without_effect(keys: dict[str, object]) -> set[str]:
     """Keys that may be left out since nothing depends on them."""
     free = {key for key, value in DEFAULTS.items() if value == ()}
     free |= {key for key in PROFILES if f"{key}_times" in keys}
+    free |= set(TABULATED) if "friction.slip_speeds" in keys else set()
     for group in ("engine", "pressure"):
         if keys[f"{group}.source"] == "harmonic":
             free |= {f"{group}.fallback"}

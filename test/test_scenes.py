@@ -138,7 +138,7 @@ def test_bytes_that_are_no_text_and_files_that_are_too_large_are_refused(tmp_pat
 def test_a_scene_that_is_not_there_is_refused_with_the_nearest_name(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="there is no scene 'fig20'; did you mean fig02"):
         load_scene("fig20")
-    with pytest.raises(InputError, match="the bundled ones are apply, chaos, commands, controlled, fig02"):
+    with pytest.raises(InputError, match="the bundled ones are aged_fluid, apply, chaos, commands, controlled, fig02"):
         load_scene(tmp_path / "nowhere.yaml")
     with pytest.raises(InputError, match="there is no scene"):
         load_scene(tmp_path)

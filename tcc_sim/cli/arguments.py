@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -285,9 +286,11 @@ def present(arguments: argparse.Namespace, scene: Scene | System, result: Any,
     scene : what was solved or recorded, which the JSON says
     result : a result, or a function that gives one
     """
-    if arguments.json is not None:
-        from tcc_sim.output.provenance import document
+    from tcc_sim.output.provenance import document, warnings_of
 
+    for warning in warnings_of(scene):
+        print(f"tcc-sim: {warning}", file=sys.stderr)
+    if arguments.json is not None:
         found = result() if callable(result) else result
         write_json(arguments.json, document(arguments.verb, found, scene, arguments.words))
     if arguments.json != STANDARD_OUTPUT and (said := "\n".join(lines)):

@@ -7,7 +7,7 @@ import sys
 
 from tcc_sim.errors import InputError
 from tcc_sim.output.terminal import say
-from tcc_sim.scene import bundled_scenes, load_scene, parse_assignments
+from tcc_sim.scene import bundled_scenes, description_in, load_scene, parse_assignments
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,8 +24,8 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     if arguments.set:
         raise InputError("--set changes the scene that --show prints; name one")
-    scenes = {name: load_scene(path) for name, path in bundled_scenes().items()}
+    scenes = bundled_scenes()
     width = max(map(len, scenes), default=0)
-    for name, scene in scenes.items():
-        say(f"{name:<{width}}  {scene.description}")
+    for name, path in scenes.items():
+        say(f"{name:<{width}}  {description_in(path.read_text(encoding='utf-8'))}")
     return 0

@@ -64,6 +64,17 @@ class Friction(Group):
         return fit_curve(self.slip_speeds, self.coefficients)
 
     @property
+    def doubts(self) -> list[str]:
+        """A sentence on a table whose fit is so far off that results carry a warning."""
+        from tcc_sim.model.friction_curve import DOUBTFUL
+
+        curve = self.curve
+        if curve is None or curve.error <= DOUBTFUL:
+            return []
+        return [f"the fit of the friction table is {curve.error:.1%} of its largest coefficient off at {curve.worst:g} "
+                f"rad/s, more than {DOUBTFUL:.0%}: smooth the table, or give more points where it bends"]
+
+    @property
     def static(self) -> float:
         """mu_s, the coefficient at v = 0."""
         curve = self.curve

@@ -14,7 +14,6 @@ import numpy as np
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.friction import exponentials, peak
-from tcc_sim.model.friction_curve import DOUBTFUL
 from tcc_sim.model.parameters import System
 from tcc_sim.model.pure_slip import pure_slip
 from tcc_sim.model.pure_stick import plate_angle, stick_margin
@@ -99,8 +98,6 @@ def friction_lines(found: dict[str, Any]) -> list[str]:
                                            for c, a in zip(found["amplitudes"], found["rates"]))]
     fit = "" if found["fit_error"] is None else (f"; the fit of the table is up to {found['fit_error']:.2%} of its "
                                                  f"largest coefficient off, at {found['fit_error_at']:g} rad/s")
-    if found["fit_error"] is not None and found["fit_error"] > DOUBTFUL:
-        fit += f"; that is more than {DOUBTFUL:.0%}: smooth the table, or give more points where it bends"
     static, kinetic = found["constant"] + sum(found["amplitudes"]), found["constant"]
     course = ("does not depend on slip speed" if static == kinetic else
               f"{'falls' if static > kinetic else 'rises'} with slip speed from {static:.4g} to {kinetic:.4g}")

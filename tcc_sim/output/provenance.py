@@ -30,7 +30,7 @@ def format_of(kind: str) -> str:
 
 
 def said(kind: str, scene: Scene | System, command: Sequence[str]) -> dict[str, Any]:
-    """The four keys that begin every JSON.
+    """The keys that begin every JSON: four, and `warnings` where the scene has some.
 
     Parameters
     ----------
@@ -38,13 +38,22 @@ def said(kind: str, scene: Scene | System, command: Sequence[str]) -> dict[str, 
     scene : what was solved or recorded; where there are several, the one that they are changes of
     command : the arguments of `tcc-sim`, the verb first
     """
-    return {"format": format_of(kind), "version": __version__, "scene": scene_values(scene), "command": list(command)}
+    head = {"format": format_of(kind), "version": __version__, "scene": scene_values(scene), "command": list(command)}
+    return {**head, "warnings": warnings} if (warnings := warnings_of(scene)) else head
+
+
+def warnings_of(scene: Scene | System) -> list[str]:
+    """Sentences on a scene that go with every result."""
+    return (scene if isinstance(scene, Scene) else Scene("system", scene)).warnings()
 
 
 def document(kind: str, result: Any, scene: Scene | System, command: Sequence[str]) -> dict[str, Any]:
     """A result as JSON values, with what is said of it before (see `said`) and with the units of its fields."""
     head = {**said(kind, scene, command), "units": units_in(result)}
-    return {**head, **{key: value for key, value in json_of(result).items() if key not in head}}
+    values = json_of(result)
+    if "warnings" in values:  # A recording has its own.
+        head["warnings"] = [*head.get("warnings", []), *values["warnings"]]
+    return {**head, **{key: value for key, value in values.items() if key not in head}}
 
 
 def scene_values(scene: Scene | System) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 
@@ -11,11 +12,12 @@ from differences import apart
 from oracle import smoothed_states
 from piecewise import Piecewise
 
+from tcc_sim import cli
 from tcc_sim.errors import InputError
 from tcc_sim.model import friction
 from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.output.explanation import friction_lines, friction_of
-from tcc_sim.scene import load_scene
+from tcc_sim.scene import load_scene, parse_assignments, parse_scene
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.stroboscopic import stroboscopic_map
 from tcc_sim.solvers.terms import terms_of
@@ -131,9 +133,37 @@ def test_a_scene_file_may_name_a_table(tmp_path: Path) -> None:
     found = load_scene(file)
     assert found.system.friction.slip_speeds == SPEEDS
     assert "exp(-1.5 |v|)" in friction_lines(friction_of(found.system))[0]
-    (tmp_path / "lining.csv").write_text("slip_speed,mu\n0,0.1\n")
-    with pytest.raises(InputError, match="must have the columns slip_speed"):
+    assert parse_assignments([f"friction.table={tmp_path / 'lining.csv'}"])["friction.slip_speeds"] == list(SPEEDS)
+    for content in ("slip_speed,mu\n0,0.1\n", "slip_speed,coefficient\n0,x\n", "slip_speed,coefficient\n0\n",
+                    f"slip_speed,coefficient\n0,{'9' * 200_000}"):
+        (tmp_path / "lining.csv").write_text(content)
+        with pytest.raises(InputError, match="must have the columns slip_speed"):
+            load_scene(file)
+    (tmp_path / "lining.csv").write_text("slip_speed,coefficient\n0,0.1\n1,nan\n2,0.1\n")
+    with pytest.raises(InputError, match=r"friction\.coefficients is nan; it must be above 0 to 2"):
         load_scene(file)
+    with pytest.raises(InputError, match="both given"):
+        parse_scene(file.read_text() + "      slip_speeds: [0.0]\n", "own", tmp_path)
     (tmp_path / "lining.csv").unlink()
     with pytest.raises(InputError, match="No such file"):
         load_scene(file)
+    (tmp_path / "lining.csv").mkdir()
+    with pytest.raises(InputError, match="no regular file"):
+        load_scene(file)
+
+
+def test_what_is_doubtful_of_a_table_goes_with_every_result(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A fit that is more than 2 % off, and keys of the file that the table takes the place of."""
+    file = tmp_path / "own.yaml"
+    file.write_text("/**:\n  ros__parameters:\n    friction:\n      decay: 3.0\n"
+                    "      slip_speeds: [0.0, 1.0, 9.0]\n      coefficients: [0.2, 0.13, 0.14]\n")
+    warnings = load_scene(file).warnings()
+    assert cli.main(["simulate", str(file), "--cycles", "2", "--json", str(tmp_path / "out.json")]) == 0
+    assert "friction.decay is not used" in warnings[0]
+    assert "more than 2%" in warnings[1]
+    assert json.loads((tmp_path / "out.json").read_text())["warnings"] == warnings
+    assert capsys.readouterr().err.splitlines() == [f"tcc-sim: {warning}" for warning in warnings]
+    assert load_scene(file).with_values({"friction.slip_speeds": [], "friction.coefficients": []}).warnings() == []
+    text = load_scene("aged_fluid").text()
+    assert "decay" not in text
+    assert parse_scene(text, "aged_fluid").warnings() == []
