@@ -161,8 +161,8 @@ def names_in(kind: type) -> list[str]:
 
 def as_lists(parts: Iterable[Any], kind: type) -> dict[str, list[Any]]:
     """For each reported field of a class the values in a list, None where there is none."""
-    rows = [{} if part is None else dict(_items(part)) for part in parts]
-    names = dict.fromkeys([*names_in(kind), *(name for row in rows for name in row)])
+    rows = [dict.fromkeys(names_in(kind)) if part is None else dict(_items(part)) for part in parts]
+    names = dict.fromkeys(name for row in rows for name in row)
     return {name: [row.get(name) for row in rows] for name in names}
 
 

@@ -13,7 +13,7 @@ import pytest
 
 import tcc_sim
 from tcc_sim.analysis.orders import orders_of
-from tcc_sim.basins.compute import Axis
+from tcc_sim.basins.results import Axis
 from tcc_sim.continuation.special_points import Bifurcation
 from tcc_sim.errors import InputError
 from tcc_sim.estimation.measurement import Measurement

@@ -13,26 +13,22 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
-from dataclasses import dataclass
 from functools import partial
-from html import escape
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tcc_sim import __version__
 from tcc_sim.basins.attractors import find_attractors, numbered
 from tcc_sim.basins.driveline import DrivelineMotion
-from tcc_sim.basins.proximity import RUNAWAY, UNDECIDED, Attractor, Counts, Labels, ProximityMapper, labelled
+from tcc_sim.basins.proximity import UNDECIDED, Attractor, ProximityMapper, labelled
+from tcc_sim.basins.results import Axis, Basins
 from tcc_sim.basins.settings import DEFAULTS
 from tcc_sim.continuation.problem import Floats
-from tcc_sim.errors import BasinsInterrupted, InputError, counted
+from tcc_sim.errors import BasinsInterrupted, InputError
 from tcc_sim.model.parameters import DEFAULTS as SCENE_KEYS
 from tcc_sim.model.parameters import System, replace, unknown_key, values_of
-from tcc_sim.model.quantity import sequence_of_numbers
-from tcc_sim.result import Result
 from tcc_sim.scene import Scene, system_of
 from tcc_sim.sweeps.executors import Attendance, each_done, progress_bar, workers
 from tcc_sim.sweeps.file import SweepFile
@@ -43,99 +39,6 @@ FORMAT = "tcc_sim basin_rows 1"
 Row = tuple[list[int], list[int]]
 Stored = tuple[int, int, dict[str, Any]]
 """Index of the value, row, and record in the file."""
-
-
-@dataclass(frozen=True)
-class Axis:
-    """One axis of the plane: an initial.* key and its values, numbers in any sequence or array."""
-
-    key: str
-    values: Sequence[float]
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "values", sequence_of_numbers(self.key, self.values))
-
-
-@dataclass(frozen=True)
-class Boundary:
-    """Uncertainty of the final state: the share of cells whose label differs at a distance eps grows as eps^exponent.
-
-    exponent : uncertainty exponent, with the standard error of its fit
-    dimension : of the boundary, 2 - exponent
-    """
-
-    exponent: float
-    error: float
-
-    @property
-    def dimension(self) -> float:
-        """Return the dimension of the boundary in the plane."""
-        return 2.0 - self.exponent
-
-
-@dataclass(frozen=True, repr=False)
-class Basins(Result):
-    """The basins of one system in one plane.
-
-    plane : first and second axis
-    labels : (len(second), len(first)) index into `attractors`, -1 undecided, -2 runaway
-    cycles : (len(second), len(first)) cycles until the cell was decided
-    seconds : wall time
-    over : scene key and its value, where there are planes at several
-    """
-
-    plane: tuple[Axis, Axis]
-    attractors: tuple[Attractor, ...]
-    labels: Labels
-    cycles: Counts
-    seconds: float
-    over: tuple[str, float] | None = None
-
-    def fraction(self, label: int) -> float:
-        """Return the share of the plane with this label."""
-        return float(np.mean(self.labels == label))
-
-    def boundary(self) -> Boundary | None:
-        """Return the uncertainty exponent; None where too few labels differ for a fit."""
-        return boundary_of(self.labels)
-
-    def as_json(self) -> dict[str, Any]:
-        """Return plane, attractors with their fractions, and the fractions without an attractor."""
-        return {
-            "plane": [{"key": axis.key, "values": list(axis.values)} for axis in self.plane],
-            "attractors": [{
-                "number": a.number, "period": a.period, "max_slip_speed": a.largest,
-                "section": a.section[:, [1, 0]].tolist(), "section_states": a.section[:, [1, 0, 2]].tolist(),
-                "multipliers": None if a.multipliers is None else [[m.real, m.imag] for m in a.multipliers.tolist()],
-                "fraction": self.fraction(k), "radius": a.radius,
-                "state": list(map(float, a.section[0])) if a.period else None} for k, a in enumerate(self.attractors)],
-            "undecided": self.fraction(UNDECIDED), "runaway": self.fraction(RUNAWAY), "seconds": self.seconds}
-
-    def columns(self) -> dict[str, NDArray[Any]]:
-        """Return a row for every cell: both keys, its label, and the cycles until it was decided."""
-        first, second = self.plane
-        return {first.key: np.tile(first.values, len(second.values)),
-                second.key: np.repeat(second.values, len(first.values)),
-                "label": self.labels.ravel(), "cycles": self.cycles.ravel()}
-
-    def __repr__(self) -> str:
-        """Return a line for the plane and one for each attractor."""
-        return "\n".join(self.lines(DEFAULTS.attractors_shown))
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{escape(repr(self))}</pre>"
-
-    def lines(self, most: int | None = None) -> list[str]:
-        """Return lines for the plane, up to `most` attractors with their shares, runaway slip and undecided cells."""
-        first, second = self.plane
-        lines = [f"Basins in {first.key} ({len(first.values)}) and {second.key} ({len(second.values)})"]
-        said = [f"attractor {a.number}: " if self.over else "" for a in self.attractors]
-        lines += [f"  {100.0 * self.fraction(k):6.2f} %  {said[k]}{f'period {a.period}' if a.period else 'no period'}, "
-                  f"largest slip speed {a.largest:.6g} rad/s" for k, a in enumerate(self.attractors[:most])]
-        if most is not None and len(self.attractors) > most:
-            lines.append(f"  {counted(len(self.attractors) - most, 'more attractor')}")
-        return [*lines, f"  {100.0 * self.fraction(RUNAWAY):6.2f} %  runaway slip",
-                f"  {100.0 * self.fraction(UNDECIDED):6.2f} %  undecided"]
 
 
 def axis_of(given: Axis | tuple[str, Sequence[float]]) -> Axis:
@@ -194,24 +97,6 @@ def halton(count: int, dimensions: int) -> Floats:
     from scipy.stats.qmc import Halton
 
     return np.asarray(Halton(dimensions, scramble=False).random(count + 1)[1:])
-
-
-def boundary_of(labels: Labels) -> Boundary | None:
-    """Return the uncertainty exponent of a map of labels, from differences between cells along either axis."""
-    sizes, parts = [], []
-    for k in DEFAULTS.distances:
-        if k >= min(labels.shape):
-            break
-        along = [labels[:, k:] != labels[:, :-k], labels[k:] != labels[:-k]]
-        part = sum(int(a.sum()) for a in along) / sum(a.size for a in along)
-        if part > 0.0:
-            sizes.append(np.log(k))
-            parts.append(np.log(part))
-    if len(sizes) < 3:
-        return None
-    (slope, _), covariance = np.polyfit(sizes, parts, 1, cov="unscaled")
-    rest = np.array(parts) - np.polyval(np.polyfit(sizes, parts, 1), sizes)
-    return Boundary(float(slope), float(np.sqrt(covariance[0, 0] * (rest @ rest) / max(len(sizes) - 2, 1))))
 
 
 def solve_row(system: System, plane: tuple[Axis, Axis], row: int, attractors: Sequence[Attractor], most: int) -> Row:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from tcc_sim.cli.arguments import (
     add_outputs,
@@ -21,7 +21,7 @@ from tcc_sim.cli.arguments import (
 from tcc_sim.errors import BasinsInterrupted, counted
 
 if TYPE_CHECKING:
-    from tcc_sim.basins.compute import Axis, Basins
+    from tcc_sim.basins.results import Axis, Basins
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,6 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Check everything, work the basins out, write what was asked for, and print a summary."""
     from tcc_sim.basins.compute import basins
+    from tcc_sim.basins.results import Planes
     from tcc_sim.output.provenance import said
 
     scene = scene_of(arguments)
@@ -59,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
                 from tcc_sim.output.samples import write_basins
 
                 write_basins(arguments.out, found, over)
-            present(arguments, scene, lambda: _as_json(found, over, arguments.boundary),
+            present(arguments, scene, Planes(found, over, arguments.boundary),
                     _lines(found, over, arguments.boundary))
     except (BasinsInterrupted, KeyboardInterrupt):
         kept = f"; the same command goes on from {part}" if part is not None else ""
@@ -72,28 +73,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _axis(option: str, text: str) -> Axis:
     """KEY=START:STOP:COUNT."""
-    from tcc_sim.basins.compute import Axis
+    from tcc_sim.basins.results import Axis
 
     key, values = values_of_range(text, option, even=True)
     return Axis(key, tuple(values))
-
-
-def _as_json(found: list[Basins], over: Axis | None, boundary: bool) -> dict[str, Any]:
-    """The keys of one plane; with `over` lists of them, one entry per value."""
-    each = []
-    for one in found:
-        values = one.as_json()
-        if boundary:
-            uncertain = one.boundary()
-            values["boundary"] = None if uncertain is None else {
-                "uncertainty_exponent": uncertain.exponent, "standard_error": uncertain.error,
-                "dimension": uncertain.dimension}
-        each.append(values)
-    if over is None:
-        return each[0]
-    names = [name for name in each[0] if name != "plane"]
-    return {"plane": each[0]["plane"], "over": over.key, "values": list(over.values),
-            **{name: [values[name] for values in each] for name in names}}
 
 
 def _lines(found: list[Basins], over: Axis | None, boundary: bool) -> Iterator[str]:

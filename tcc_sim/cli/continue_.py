@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
             continue_motions(scene.system, plan, tick, found)
     except KeyboardInterrupt:
         interrupted = True
-    present(arguments, scene, found.as_json, _lines(found))
+    present(arguments, scene, found, _lines(found))
     if found.branches:
         plot_result(arguments, found, scene.name)
     if interrupted:
@@ -78,8 +78,9 @@ def _lines(found: Motions) -> Iterator[str]:
         yield (f"{item.kind:>18}  {item.value:.10g}  branch {item.branch}  "
                f"max slip {item.point.orbit.seen.largest:.8g} rad/s  residual {item.residual:.1e}{limit}")
     for entry in found.at:
-        yield (f"at {entry['value']:.9g}: branch {entry['branch']}, period {entry['period']}, max slip "
-               f"{entry['max_slip_speed']:.9g} rad/s, {'stable' if entry['stable'] else 'unstable'}, {entry['events']}")
+        orbit = entry.orbit
+        yield (f"at {orbit.value:.9g}: branch {entry.branch}, period {entry.period}, max slip "
+               f"{orbit.max_slip_speed:.9g} rad/s, {'stable' if orbit.stable else 'unstable'}, {orbit.events}")
     for curve in found.curves:
         ends = "; ".join(dict.fromkeys(map(str, curve.ended)))
         yield f"curve of {curve.kind}: {counted(len(curve.values), 'point')}; {ends}"

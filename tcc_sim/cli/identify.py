@@ -64,7 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
         found = identify(measured, free, scene=scene, noise=noise, hold=arguments.hold,
                          likelihood=arguments.likelihood, tick=bar.update)
     plot_result(arguments, found, scene.name)
-    present(arguments, scene, found.as_json, _lines(found))
+    present(arguments, scene, found, _lines(found))
     if not found.accepted:
         print(f"tcc-sim: no fit: {found.why}", file=sys.stderr)
         return 1

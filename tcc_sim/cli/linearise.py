@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
         with draft(arguments.out) as part, open(part, "wb") as file:
             np.savez(file, **found.arrays())  # type: ignore[arg-type]
     plot_result(arguments, found, scene.name)
-    present(arguments, scene, found.as_json, _lines(found))
+    present(arguments, scene, found, _lines(found))
     return 0
 
 

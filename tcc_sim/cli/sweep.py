@@ -76,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
         lines = sweep_lines(sweeps, *second, terminal_width())
     if resumable and arguments.json != STANDARD_OUTPUT:
         arguments.json = None  # What the same command would not overwrite is left to it.
-    common.present(arguments, scene, found.as_json, lines)
+    common.present(arguments, scene, found, lines)
     if not resumable:
         common.plot_result(arguments, found, scene.name)
     if ended:

@@ -17,13 +17,13 @@ from tcc_sim.continuation.bracket import Bracket
 from tcc_sim.continuation.branch_track import BranchTrack
 from tcc_sim.continuation.detection import End, StopReason
 from tcc_sim.continuation.follow import follow
-from tcc_sim.continuation.newton import Orbit, shifts
+from tcc_sim.continuation.newton import Orbit, OrbitFigures, shifts
 from tcc_sim.continuation.palc import corrector, null_direction, solution_at
 from tcc_sim.continuation.problem import Floats
 from tcc_sim.continuation.settings import DEFAULTS
 from tcc_sim.continuation.shooting import Shooting
 from tcc_sim.continuation.special_points import Bifurcation, ContinuationPoint, point_at, turned
-from tcc_sim.result import Described
+from tcc_sim.result import Described, reported, reporting
 
 Tick = Callable[[ContinuationPoint], None]
 """Called with every point."""
@@ -43,7 +43,7 @@ class BranchOrigin:
     branch: int | None = None
     attractor: int | None = None
 
-    def as_json(self) -> Any:
+    def as_json(self) -> str | dict[str, Any]:
         """As `origin` of `continue --json`."""
         if self.kind == "start":
             return self.kind
@@ -60,24 +60,41 @@ class Branch(Described):
     ended : its two ends
     """
 
-    period: int
+    period: int = field(metadata=reported("period of the motions", "engine cycles"))
     origin: BranchOrigin
     points: list[ContinuationPoint]
     ended: tuple[End, End]
-    closed: bool = False
+    closed: bool = field(default=False, metadata=reported("whether it closes in itself"))
     bifurcations: list[Bifurcation] = field(default_factory=list)
 
     def change_of_stability(self, after: int) -> Bifurcation | None:
         """The bifurcation at which motions become stable or unstable between the point of this number and the next."""
         return next((f for f in self.bifurcations if f.after == after and f.changes_stability), None)
 
-    def as_json(self) -> dict[str, Any]:
-        """As an entry of `branches`."""
-        rows = [s.orbit.as_json() for s in self.points]
-        columns = {name: [row[name] for row in rows] for name in rows[0]}
-        return {"period": self.period, "origin": self.origin.as_json(), **columns,
-                "ended": [str(end) for end in self.ended],
-                "reasons": [end.reason.name.lower() for end in self.ended], "closed": self.closed}
+    @property
+    @reporting("start, or the kind and value of the bifurcation or attractor that it was begun at, with the number of "
+               "its branch or its own", name="origin")
+    def begun(self) -> str | dict[str, Any]:
+        """Where it was begun, as JSON has it."""
+        return self.origin.as_json()
+
+    @property
+    @reporting("the motions along it, in lists", listed=True, of=(OrbitFigures,))
+    def motions(self) -> list[OrbitFigures]:
+        """The motion of every point."""
+        return [point.orbit.figures for point in self.points]
+
+    @property
+    @reporting("a sentence for each end", name="ended")
+    def sentences(self) -> list[str]:
+        """Its two ends in words."""
+        return [str(end) for end in self.ended]
+
+    @property
+    @reporting("a word for why each end is there")
+    def reasons(self) -> list[str]:
+        """The reasons of its two ends."""
+        return [end.reason.name.lower() for end in self.ended]
 
 
 class _Way:

@@ -7,7 +7,7 @@ closes, in a canard, or for another `StopReason`.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
@@ -22,7 +22,7 @@ from tcc_sim.continuation.problem import FAILURES, Floats, ParameterMap
 from tcc_sim.continuation.settings import DEFAULTS, Settings
 from tcc_sim.continuation.shooting import Linearised, ParameterRange
 from tcc_sim.continuation.special_points import Bifurcation
-from tcc_sim.result import Described, json_of
+from tcc_sim.result import Described, reported, reporting
 
 TRACED = ("fold", "period_doubling", "neimark_sacker")
 """Kinds that have a minimally augmented system."""
@@ -33,17 +33,16 @@ Ranges = tuple[ParameterRange, ParameterRange]
 
 @dataclass(frozen=True)
 class Special:
-    """A point of codimension two: its kind and both parameters, each with its error.
+    """A point of codimension two: its kind and both parameters, each with its error."""
 
-    located : whether it was found; else a test has two signs, each larger than its noise, within the errors
-    """
-
-    kind: str
-    value: float
-    second: float
-    error: float
-    second_error: float
-    located: bool = True
+    kind: str = field(metadata=reported(
+        "cusp, generalised_doubling, fold_flip, resonance_1_1 to 1_4, or the border that it meets"))
+    value: float = field(metadata=reported("value of the key of --over", "{over}"))
+    second: float = field(metadata=reported("value of the key of --second", "{second_over}"))
+    error: float = field(metadata=reported("error of `value`", "{over}"))
+    second_error: float = field(metadata=reported("error of `second`", "{second_over}"))
+    located: bool = field(default=True, metadata=reported(
+        "whether it was found; else a test has two signs, each larger than its noise, within the errors"))
 
     def __str__(self) -> str:
         """In words."""
@@ -61,16 +60,17 @@ def with_error(value: float, error: float) -> str:
 class BifurcationCurve(Described):
     """A curve of one kind of bifurcation: both parameters along it, its special points, and its two ends."""
 
-    kind: str
-    values: tuple[float, ...]
-    second: tuple[float, ...]
+    kind: str = field(metadata=reported("kind of bifurcation"))
+    values: tuple[float, ...] = field(metadata=reported("values of the key of --over", "{over}", name="value"))
+    second: tuple[float, ...] = field(metadata=reported("values of the key of --second", "{second_over}"))
     ended: tuple[End, End]
-    special: tuple[Special, ...] = ()
+    special: tuple[Special, ...] = field(default=(), metadata=reported("points of codimension two on it"))
 
-    def as_json(self) -> dict[str, object]:
-        """As an entry of `curves`."""
-        return {"kind": self.kind, "value": list(self.values), "second": list(self.second),
-                "ended": [str(end) for end in self.ended], "special": json_of(self.special)}
+    @property
+    @reporting("a sentence for each end", name="ended")
+    def sentences(self) -> list[str]:
+        """The two ends in words."""
+        return [str(end) for end in self.ended]
 
 
 class Border:

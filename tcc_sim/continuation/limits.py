@@ -8,8 +8,8 @@ of the extrapolation; the extrapolated value stands where it finds none.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,23 +25,18 @@ from tcc_sim.continuation.problem import FAILURES, Floats, ParameterMap
 from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.shooting import ParameterRange, Shooting
 from tcc_sim.continuation.special_points import Bifurcation
+from tcc_sim.result import reported
 
 
 @dataclass(frozen=True)
 class Limit:
-    """The value of the parameter as sigma goes to infinity.
+    """The value of the parameter as sigma goes to infinity."""
 
-    value, error : and how exact it is; both None where there is none, or none was found
-    why : empty; or that the bifurcation is one of the smoothing, or why its limit was not found
-    """
-
-    value: float | None
-    error: float | None = None
-    why: str = ""
-
-    def as_json(self) -> dict[str, Any]:
-        """The keys of an entry of `bifurcations`."""
-        return {"limit": self.value, "limit_error": self.error, "limit_why": self.why}
+    value: float | None = field(metadata=reported(
+        "value as sigma goes to infinity; null where there is none, or none was found", "{over}", name="limit"))
+    error: float | None = field(default=None, metadata=reported("error of the limit", "{over}", name="limit_error"))
+    why: str = field(default='', metadata=reported(
+        "that the bifurcation is one of the smoothing, or why its limit was not found; else empty", name="limit_why"))
 
     def __str__(self) -> str:
         """In words."""

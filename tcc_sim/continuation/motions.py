@@ -13,6 +13,7 @@ from tcc_sim.continuation.diagram import switch
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.initial_orbits import Seed, refuse_family, seeded, start_orbit
 from tcc_sim.continuation.limits import Limit, limit_of
+from tcc_sim.continuation.newton import OrbitFigures
 from tcc_sim.continuation.settings import DEFAULTS
 from tcc_sim.continuation.shooting import ParameterRange
 from tcc_sim.continuation.special_points import Bifurcation, ContinuationPoint
@@ -20,7 +21,7 @@ from tcc_sim.errors import InputError, counted
 from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.model.pure_stick import stick_margin
 from tcc_sim.model.quantity import sequence_of_numbers
-from tcc_sim.result import Result
+from tcc_sim.result import Result, reported, reporting
 from tcc_sim.scene import Scene, system_of
 
 
@@ -41,7 +42,7 @@ class ContinuationPlan:
         A range, value, period or depth that makes no sense.
     """
 
-    over: str
+    over: str = field(metadata=reported("scene key that is followed"))
     low: float
     high: float
     period: int | None = None
@@ -50,6 +51,18 @@ class ContinuationPlan:
     second: tuple[str, float, float] | None = None
     limit: bool = False
     seeds: tuple[Seed, ...] = ()
+
+    @property
+    @reporting("least and largest value of the key", "{over}", name="range")
+    def bounds(self) -> tuple[float, float]:
+        """Least and largest value of the key."""
+        return self.low, self.high
+
+    @property
+    @reporting("key of --second", asked_for=True)
+    def second_over(self) -> str | None:
+        """The second key."""
+        return None if self.second is None else self.second[0]
 
     def __post_init__(self) -> None:
         if not self.low < self.high:
@@ -74,17 +87,35 @@ class ContinuationPlan:
                 raise InputError(f"--second has a range from {low:g} to {high:g}; the two must differ")
 
 
+@dataclass(frozen=True)
+class OrbitAt:
+    """The motion of a branch at a value that was asked for."""
+
+    branch: int = field(metadata=reported("number of the branch"))
+    period: int = field(metadata=reported("period of the motion", "engine cycles"))
+    origin: str | dict[str, Any] = field(metadata=reported("where the branch was begun, as in `branches`"))
+    orbit: OrbitFigures = field(metadata=reported("the motion", spread=True))
+
+
+@dataclass(frozen=True)
+class BifurcationWithLimit:
+    """A bifurcation, and its limit where that was asked for."""
+
+    found: Bifurcation = field(metadata=reported("the bifurcation", spread=True))
+    limit: Limit | None = field(metadata=reported("its limit, with --limit", spread=True, asked_for=True))
+
+
 @dataclass(repr=False)
 class Motions(Result):
-    """What was found; complete is False where it was interrupted."""
+    """The motions found along a key."""
 
-    plan: ContinuationPlan
-    law: str
-    branches: list[Branch] = field(default_factory=list)
-    at: list[dict[str, Any]] = field(default_factory=list)
+    plan: ContinuationPlan = field(metadata=reported("what was asked for", spread=True))
+    law: str = field(metadata=reported("friction law"))
+    branches: list[Branch] = field(default_factory=list, metadata=reported("branches of periodic motions"))
+    at: list[OrbitAt] = field(default_factory=list, metadata=reported("motions of every branch at every --at value"))
     curves: list[BifurcationCurve] = field(default_factory=list)
     limits: dict[int, Limit] = field(default_factory=dict)
-    complete: bool = False
+    complete: bool = field(default=False, metadata=reported("false where it was interrupted"))
 
     def __repr__(self) -> str:
         kinds = Counter(item.kind for item in self.bifurcations)
@@ -105,21 +136,18 @@ class Motions(Result):
         """Of all branches, in order."""
         return [f for branch in self.branches for f in branch.bifurcations]
 
-    def as_json(self) -> dict[str, Any]:
-        """As INTERFACE of `continue --json` names it; a value that is not finite is null."""
-        found = []
-        for number, item in enumerate(self.bifurcations):
-            entry = item.as_json()
-            if self.plan.limit:
-                entry |= self.limits.get(number, Limit(None, why="not looked for: interrupted")).as_json()
-            found.append(entry)
-        out: dict[str, Any] = {"over": self.plan.over, "range": [self.plan.low, self.plan.high], "law": self.law,
-                               "branches": [b.as_json() for b in self.branches], "at": self.at, "bifurcations": found,
-                               "complete": self.complete}
-        if self.plan.second is not None:
-            out["second_over"] = self.plan.second[0]
-            out["curves"] = [curve.as_json() for curve in self.curves]
-        return out
+    @property
+    @reporting("bifurcations of all branches, in order", name="bifurcations")
+    def limited(self) -> list[BifurcationWithLimit]:
+        """The bifurcations, with their limits where these were asked for."""
+        none = Limit(None, why="not looked for: interrupted") if self.plan.limit else None
+        return [BifurcationWithLimit(found, self.limits.get(k, none)) for k, found in enumerate(self.bifurcations)]
+
+    @property
+    @reporting("bifurcations followed in two keys", asked_for=True, name="curves")
+    def second_curves(self) -> list[BifurcationCurve] | None:
+        """The curves; None where there is no second key."""
+        return None if self.plan.second is None else self.curves
 
 
 def continuation(scene: Scene | System | str, over: str, start: float, stop: float, *, period: int | None = None,
@@ -213,7 +241,7 @@ def continue_motions(system: System, plan: ContinuationPlan, tick: Callable[[Con
         switch(out.branches, plan.switch, tick=tick)
     for value in plan.at:
         for number, branch in enumerate(out.branches):
-            out.at += [{"branch": number, "period": branch.period, "origin": branch.origin.as_json(), **orbit.as_json()}
+            out.at += [OrbitAt(number, branch.period, branch.begun, orbit.figures)
                        for orbit in orbits_at(branch, value)]
     if plan.second is not None:
         _curves(system, plan, span, out)

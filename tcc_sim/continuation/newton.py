@@ -7,7 +7,7 @@ partial differential equations, SIAM J. Sci. Comput. 37 (2015).
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,30 @@ from numpy.typing import NDArray
 from tcc_sim.continuation.problem import FAILURES, Floats, Observation, ParameterMap, Values
 from tcc_sim.continuation.settings import DEFAULTS
 from tcc_sim.continuation.shooting import Linearised, Shooting, product_of
+from tcc_sim.result import Described, reported
+
+
+@dataclass(frozen=True)
+class OrbitState:
+    """Where a periodic orbit is, and how it grows."""
+
+    value: float = field(metadata=reported("value of the key", "{over}"))
+    slip_speed: float = field(metadata=reported("slip speed on the section at phase 0", "rad/s"))
+    plate_angle: float = field(metadata=reported("plate angle on the section", "rad"))
+    plate_speed: float = field(metadata=reported("plate speed on the section", "rad/s"))
+    max_slip_speed: float = field(metadata=reported("largest |slip speed|", "rad/s"))
+    multipliers: NDArray[np.complex128] = field(metadata=reported(
+        "Floquet multipliers, largest modulus first, real and imaginary part each"))
+
+
+@dataclass(frozen=True)
+class OrbitFigures(OrbitState, Described):
+    """A periodic orbit as `continue --json` has it."""
+
+    stick_fraction: float = field(metadata=reported("time in stick over time"))
+    stable: bool = field(metadata=reported("whether every multiplier is inside the unit circle"))
+    events: str = field(metadata=reported("sequence of slip (+, -) and stick (S)"))
+    residual: float = field(metadata=reported("largest residual of the orbit's equations, in natural sizes"))
 
 
 @dataclass(frozen=True)
@@ -48,14 +72,17 @@ class Orbit:
         """Whether every multiplier lies inside the unit circle by more than rounding."""
         return bool(abs(self.multipliers[0]) < 1.0 - DEFAULTS.neutral)
 
-    def as_json(self) -> dict[str, Any]:
-        """The orbit as JSON values, with the names that `continue --json` gives its columns."""
-        out: dict[str, Any] = {"value": self.values[0]}
-        out.update(zip(("slip_speed", "plate_angle", "plate_speed"), map(float, self.section)))
-        out.update(max_slip_speed=self.seen.largest, stick_fraction=self.seen.stick_fraction, stable=self.stable,
-                   multipliers=[[float(m.real), float(m.imag)] for m in self.multipliers], events=self.seen.events,
-                   residual=self.residual)
-        return out
+    @property
+    def state(self) -> OrbitState:
+        """What every result has of it."""
+        v, angle, speed = map(float, self.section)
+        return OrbitState(self.values[0], v, angle, speed, self.seen.largest, self.multipliers)
+
+    @property
+    def figures(self) -> OrbitFigures:
+        """All that is reported of it."""
+        return OrbitFigures(**vars(self.state), stick_fraction=self.seen.stick_fraction, stable=self.stable,
+                            events=self.seen.events, residual=self.residual)
 
 
 def multipliers_of(*blocks: Floats) -> NDArray[np.complex128]:

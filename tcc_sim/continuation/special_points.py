@@ -8,20 +8,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.continuation.bracket import Bracket, CurvePoint
-from tcc_sim.continuation.newton import Orbit, orbit_at
+from tcc_sim.continuation.newton import Orbit, OrbitState, orbit_at
 from tcc_sim.continuation.palc import Solution, oriented, solution_at
 from tcc_sim.continuation.problem import FAILURES
 from tcc_sim.continuation.settings import DEFAULTS
 from tcc_sim.continuation.shooting import Shooting
-from tcc_sim.result import Described
+from tcc_sim.result import Described, reported, reporting
 
 SMOOTH = ("fold", "period_doubling", "neimark_sacker", "branch_point")
 """Kinds that are no change of the event sequence."""
@@ -63,34 +62,36 @@ def turned(point: ContinuationPoint) -> ContinuationPoint:
 
 @dataclass(frozen=True, repr=False)
 class Bifurcation(Described):
-    """A located bifurcation.
+    """A located bifurcation."""
 
-    residual : for a smooth one the distance of the multiplier from where it must be, or the scaled test function; for a
-        change of the event sequence the margin that vanishes; never below the residual of the orbit itself
-    branch : index of the branch it lies on
-    after : number of the point of that branch before it
-    changes_stability : whether motions are stable on one side of it
-    """
-
-    kind: str
+    kind: str = field(metadata=reported(
+        "fold, period_doubling, neimark_sacker, branch_point, grazing_sliding, crossing_sliding, switching_sliding, "
+        "adding_sliding or stick_border"))
     point: ContinuationPoint
-    residual: float
-    branch: int = 0
-    after: int = 0
-    changes_stability: bool = False
+    residual: float = field(metadata=reported(
+        "for a smooth one the distance of the multiplier from where it must be, or the scaled test function; for a "
+        "change of the event sequence the margin that vanishes; never below the residual of the orbit itself"))
+    branch: int = field(default=0, metadata=reported("number of the branch that it lies on"))
+    after: int = field(default=0, metadata=reported("number of the point of that branch before it"))
+    changes_stability: bool = field(default=False, metadata=reported(
+        "whether motions are stable on one side of it only"))
 
     @property
     def value(self) -> float:
         """The parameter."""
         return self.point.value
 
-    def as_json(self) -> dict[str, Any]:
-        """As an entry of `bifurcations`."""
-        orbit = self.point.orbit.as_json()
-        names = ("value", "slip_speed", "plate_angle", "plate_speed", "max_slip_speed", "multipliers")
-        return {"kind": self.kind, **{n: orbit[n] for n in names}, "residual": self.residual, "branch": self.branch,
-                "after": self.after,
-                "changes_stability": self.changes_stability, "period": self.point.orbit.period}
+    @property
+    @reporting("the motion at it", spread=True)
+    def state(self) -> OrbitState:
+        """The motion at it."""
+        return self.point.orbit.state
+
+    @property
+    @reporting("period of the motion", "engine cycles")
+    def period(self) -> int:
+        """Cycles of the motion."""
+        return self.point.orbit.period
 
 
 def point_at(shooting: Shooting, solution: Solution, by_amplitude: bool = True) -> ContinuationPoint:

@@ -17,6 +17,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.model.friction import exponentials
 from tcc_sim.model.friction_curve import FASTEST_RATE, MOST_TERMS, SLOWEST
 from tcc_sim.model.groups import TABLE, TABULATED, Friction
+from tcc_sim.result import reported
 from tcc_sim.trajectory import Floats
 
 CURVE = "friction.curve"
@@ -39,25 +40,22 @@ class IdentifiedCurve:
     """Sliding friction coefficient over slip speed, as a measurement tells it.
 
     The band contains the whole curve over the visited slip speeds with a probability of 95 %. Where a speed was not
-    visited, coefficient, low and high are NaN.
-
-    Attributes
-    ----------
-    slip_speeds : (n,) rad/s, from 0 to beyond the fastest that was visited
-    coefficient, low, high : (n,) mu and the ends of the band
-    visited : (n,) whether the motion passed through the slip speed
-    constant, amplitudes, rates : of mu(v) = constant + sum of amplitudes exp(-rates |v|), rates in s/rad
+    visited, coefficient, low and high are NaN. The curve is mu(v) = constant + sum of amplitudes exp(-rates |v|).
     """
 
-    slip_speeds: Floats
-    coefficient: Floats
-    low: Floats
-    high: Floats
-    visited: NDArray[np.bool_]
-    constant: float
-    amplitudes: tuple[float, ...]
-    rates: tuple[float, ...]
-    scene: Floats = field(repr=False)
+    slip_speeds: Floats = field(metadata=reported(
+        "slip speeds, from 0 to beyond the fastest that was visited", "rad/s"))
+    coefficient: Floats = field(metadata=reported("friction coefficient mu; null where the slip speed was not visited"))
+    low: Floats = field(metadata=reported(
+        "lower end of the band that contains the whole curve with a probability of 95 %"))
+    high: Floats = field(metadata=reported("upper end of the band"))
+    visited: NDArray[np.bool_] = field(metadata=reported("whether the motion passed through the slip speed"))
+    constant: float = field(metadata=reported(
+        "coefficient of fast slip in mu(v) = constant + sum of amplitudes exp(-rates |v|)"))
+    amplitudes: tuple[float, ...] = field(metadata=reported("amplitudes of the exponentials"))
+    rates: tuple[float, ...] = field(metadata=reported("rates of the exponentials", "s/rad"))
+    scene: Floats = field(
+        repr=False, metadata=reported("friction coefficient of the scene at the slip speeds"))
 
     def table(self) -> dict[str, list[float]]:
         """The scene values of the curve up to the fastest slip speed that was visited."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,7 @@ from tcc_sim.estimation.verdicts import Parameter, judged, why_no_noise, why_not
 from tcc_sim.estimation.windows import KINETIC, LINEAR, OFFSETS, STATIC, Model, check_key, on_its_side
 from tcc_sim.model.parameters import QUANTITIES, values_of
 from tcc_sim.recording.table import CHANNELS, HOLDS
-from tcc_sim.result import Result, json_of
+from tcc_sim.result import Result, reported
 from tcc_sim.scene import Scene, SceneLike, as_scene
 from tcc_sim.trajectory import Floats
 
@@ -38,38 +38,31 @@ from tcc_sim.trajectory import Floats
 class Identification(Result):
     """What a measurement says of the free parameters.
 
-    parameters : in the order that they were asked for
-    correlations : (P, P)
-    chi2_per_dof : of the residuals over the noise, as it was given or as the signals show it
-    whiteness : whether the residuals are noise, white or coloured
-    hold : what a measured input is between two samples: the value of the previous one, linear, or that of the next one
-    accepted : whether that is a fit
-    why : what speaks against it, empty where it is one
-    noise : standard deviation by channel, in its unit
-    windows, starts : windows of the last stage, and fits that were tried
-    seconds : computing time
     scene : with the values found, where the fit is accepted
     measurement, residuals : what was fitted, and by how much it differs, by channel
-    likelihood : where one was asked for
-    curve : sliding friction over slip speed, where friction.curve was free
     """
 
-    parameters: tuple[Parameter, ...]
-    correlations: Floats
-    chi2_per_dof: float
-    accepted: bool
-    why: str
-    noise: dict[str, float]
-    windows: int
-    starts: int
-    seconds: float
+    parameters: tuple[Parameter, ...] = field(metadata=reported(
+        "free parameters in the order that they were asked for"))
+    correlations: Floats = field(metadata=reported("correlations of the parameters, (P, P)"))
+    chi2_per_dof: float = field(metadata=reported(
+        "chi-square per degree of freedom of the residuals over the noise, as it was given or as the signals show it"))
+    accepted: bool = field(metadata=reported("whether it is a fit; where it is none the parameters are no result"))
+    why: str = field(metadata=reported("what speaks against the fit; empty where it is one"))
+    noise: dict[str, float] = field(metadata=reported("standard deviation by channel", "{*}"))
+    windows: int = field(metadata=reported("number of windows of the last stage"))
+    starts: int = field(metadata=reported("number of fits that were tried"))
+    seconds: float = field(metadata=reported("computing time", "s"))
     scene: Scene
     measurement: Measurement
     residuals: dict[str, Floats]
-    whiteness: Whiteness
-    hold: str | None
-    likelihood: Likelihood | None = None
-    curve: IdentifiedCurve | None = None
+    whiteness: Whiteness = field(metadata=reported("whether the residuals are noise"))
+    hold: str | None = field(metadata=reported(
+        "measured inputs between two samples: previous, linear or next", asked_for=True))
+    likelihood: Likelihood | None = field(default=None, metadata=reported(
+        "profile likelihood of one key", asked_for=True))
+    curve: IdentifiedCurve | None = field(default=None, metadata=reported(
+        "sliding friction over slip speed, where friction.curve was free", asked_for=True))
 
     def __repr__(self) -> str:
         found = ", ".join(f"{p.key} {p.value:.5g} +- {p.standard_error:.2g} ({p.verdict})" for p in self.parameters)
@@ -78,12 +71,6 @@ class Identification(Result):
     def columns(self) -> dict[str, list[Any]]:
         """A row for every parameter, as ``pandas.DataFrame`` and ``polars.DataFrame`` take it."""
         return {name: [getattr(p, name) for p in self.parameters] for name in Parameter.__dataclass_fields__}
-
-    def as_json(self) -> dict[str, Any]:
-        """The JSON values of `identify --json`."""
-        names = ("parameters", "correlations", "chi2_per_dof", "accepted", "why", "whiteness", "noise", "hold",
-                 "windows", "starts", "seconds", "likelihood", "curve")
-        return {name: json_of(found) for name in names if (found := getattr(self, name)) is not None}
 
 
 def identify(measured: Measurement | str | Path, free: Mapping[str, float | None] | Sequence[str], *,

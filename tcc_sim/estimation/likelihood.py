@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from tcc_sim.estimation.multiple_shooting import Fit, fit
 from tcc_sim.estimation.settings import FitSettings
 from tcc_sim.estimation.windows import OFFSETS, Model
 from tcc_sim.model.parameters import replace as changed
+from tcc_sim.result import reported
 from tcc_sim.trajectory import Floats
 
 
@@ -19,9 +20,9 @@ from tcc_sim.trajectory import Floats
 class Likelihood:
     """The profile likelihood of one parameter: the least chi-square, over that of the fit, while it is held."""
 
-    key: str
-    values: Floats
-    excess: Floats
+    key: str = field(metadata=reported("scene key"))
+    values: Floats = field(metadata=reported("values at which it was held", "{key}"))
+    excess: Floats = field(metadata=reported("least chi-square there over that of the fit"))
 
 
 def profile_likelihood(model: Model, noise: dict[str, float], settings: FitSettings, found: Fit, key: str,

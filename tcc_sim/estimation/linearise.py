@@ -17,7 +17,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -38,7 +38,7 @@ from tcc_sim.estimation.operating_point import (
 from tcc_sim.estimation.settings import DEFAULTS
 from tcc_sim.estimation.slip_loop import Gains, SlipLoop, slip_loop
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.result import Result, json_of
+from tcc_sim.result import Result, reported, reporting
 from tcc_sim.scene import SceneLike, as_scene
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.trajectory import Floats
@@ -54,65 +54,72 @@ OUTPUTS = {"slip_speed": "rad/s", "friction_torque": "N m", "shaft_torque": "N m
 
 @dataclass(frozen=True)
 class Simulated:
-    """A point of the frequency response found by simulation.
+    """A point of the frequency response found by simulation."""
 
-    frequency : rad/s
-    gain, phase : of the output over the input, in their units and rad
-    """
+    frequency: float = field(metadata=reported("frequency", "rad/s"))
+    gain: float = field(metadata=reported("amplitude of the output over that of the input", "({output})/({input})"))
+    phase: float = field(metadata=reported("phase by which the output leads", "rad"))
 
-    frequency: float
-    gain: float
-    phase: float
+
+@dataclass(frozen=True)
+class OperatingPoint:
+    """The motion about which a scene is linear."""
+
+    mean_slip: float = field(metadata=reported("mean slip speed", "rad/s"))
+    pressure: float = field(metadata=reported("mean pressure", "Pa"))
+    engine_torque: float = field(metadata=reported("mean engine torque", "N m"))
+    period: int = field(metadata=reported("period of the motion; 1 for a constant one", "engine cycles"))
 
 
 @dataclass(frozen=True, repr=False)
 class Linearisation(Result):
     """What a small change of an input does about a settled motion.
 
-    input, output : names of INPUTS and OUTPUTS
-    kind : slip or stick (a constant motion), or periodic
     mean_slip : rad/s
     pressure, engine_torque : means, Pa and N m
     period : engine cycles, 1 for a constant motion
-    multipliers : (n,) of the motion over its period, largest modulus first
-    a, b, c, d : (n, n), (n, 1), (1, n), (1, 1) matrices; continuous where `dt` is 0, else those of the cycle-rate model
-    states : names of the states
-    dt : s
-    frequencies : (m,) rad/s
     response : (m,) output over input at each frequency
-    checked : points found by simulation
-    controller : the loop that the slip controller closes, where it was asked for
     """
 
-    input: str
-    output: str
-    kind: str
+    input: str = field(metadata=reported("input that is changed"))
+    output: str = field(metadata=reported("output that answers"))
+    kind: str = field(metadata=reported("slip or stick (a constant motion), or periodic"))
     mean_slip: float
     pressure: float
     engine_torque: float
     period: int
-    multipliers: Complex
-    a: Floats
-    b: Floats
-    c: Floats
-    d: Floats
-    states: tuple[str, ...]
-    dt: float
-    frequencies: Floats
+    multipliers: Complex = field(metadata=reported(
+        "Floquet multipliers of the motion over its period, real and imaginary part each"))
+    a: Floats = field(metadata=reported("state matrix, (n, n)", name="A"))
+    b: Floats = field(metadata=reported("input matrix, (n, 1)", name="B"))
+    c: Floats = field(metadata=reported("output matrix, (1, n)", name="C"))
+    d: Floats = field(metadata=reported("feedthrough, (1, 1)", "({output})/({input})", name="D"))
+    states: tuple[str, ...] = field(metadata=reported("names of the states of A"))
+    dt: float = field(metadata=reported("period of the cycle-rate model; 0 where the matrices are continuous", "s"))
+    frequencies: Floats = field(metadata=reported("frequencies of the response", "rad/s"))
     response: Complex
-    checked: tuple[Simulated, ...] = ()
-    controller: SlipLoop | None = None
+    checked: tuple[Simulated, ...] = field(default=(), metadata=reported("points of the response found by simulation"))
+    controller: SlipLoop | None = field(default=None, metadata=reported(
+        "loop that the slip controller closes, with --controller", asked_for=True))
 
     def __repr__(self) -> str:
         return (f"<Linearisation of {self.output} by {self.input}: {self.kind}, mean slip {self.mean_slip:.6g} rad/s, "
                 f"pressure {self.pressure:.6g} Pa, {counted(len(self.frequencies), 'point')}>")
 
     @property
+    @reporting("the motion")
+    def operating_point(self) -> OperatingPoint:
+        """Means and period of the motion."""
+        return OperatingPoint(self.mean_slip, self.pressure, self.engine_torque, self.period)
+
+    @property
+    @reporting("amplitude of the output over that of the input", "({output})/({input})")
     def gain(self) -> Floats:
         """(m,) output's amplitude over the input's, in their SI units."""
         return np.abs(self.response)
 
     @property
+    @reporting("phase by which the output leads, without jumps of 2 pi", "rad")
     def phase(self) -> Floats:
         """(m,) rad, by which the output leads, without jumps of 2 pi."""
         return np.unwrap(np.angle(self.response))
@@ -127,13 +134,6 @@ class Linearisation(Result):
                 "frequencies": self.frequencies, "gain": self.gain, "phase": self.phase,
                 "multipliers": self.multipliers}
 
-    def as_json(self) -> dict[str, Any]:
-        """The JSON values of `linearise --json`."""
-        point = {name: getattr(self, name) for name in ("mean_slip", "pressure", "engine_torque", "period")}
-        return {"input": self.input, "output": self.output, "kind": self.kind, "operating_point": point,
-                "states": list(self.states), **{name: array.tolist() for name, array in self.arrays().items()},
-                "multipliers": [[z.real, z.imag] for z in self.multipliers.tolist()], "checked": json_of(self.checked),
-                **({} if self.controller is None else {"controller": self.controller.as_json()})}
 
 
 def linearise(scene: SceneLike, *, input: str = "actuation_pressure", output: str = "slip_speed",

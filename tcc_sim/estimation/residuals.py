@@ -11,7 +11,7 @@ explain what is left: a score test (C. R. Rao, 1948) for each.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
@@ -25,6 +25,7 @@ from tcc_sim.estimation.windows import FREE, LINEAR, OFFSETS, Model
 from tcc_sim.model.groups import TABULATED
 from tcc_sim.model.parameters import QUANTITIES, values_of
 from tcc_sim.recording.table import CHANNELS
+from tcc_sim.result import reported
 from tcc_sim.trajectory import Floats
 
 UNITS = {"engine_torque.offset": "N m", "actuation_pressure.offset": "Pa"}
@@ -34,36 +35,27 @@ HIDDEN = 0.2
 
 @dataclass(frozen=True)
 class Explanation:
-    """A change of something held that would explain residuals.
+    """A change of something held that would explain residuals."""
 
-    what : a key, or the offset, scale or delay of a channel
-    amount, unit : of the change; relative where the unit is %
-    errors : the change over its standard error
-    """
-
-    what: str
-    amount: float
-    unit: str
-    errors: float
+    what: str = field(metadata=reported("a key, or the offset, scale or delay of a channel"))
+    amount: float = field(metadata=reported("size of the change; relative where the unit is %"))
+    unit: str = field(metadata=reported("unit of the change"))
+    errors: float = field(metadata=reported("the change over its standard error"))
 
 
 @dataclass(frozen=True)
 class Whiteness:
-    """Whether residuals are noise.
+    """Whether residuals are noise."""
 
-    correlation : of each channel's residuals with those one sample later
-    p_value : least probability of what each channel's residuals show after their autoregression, if they were noise
-    explanation : the change of something held that explains most, in its standard errors
-    hidden : by free key the fixed key that it hangs on most, and by how many of its standard errors a change of the
-        latter by HIDDEN moves it; only where the residuals would not show that change
-    exact : whether the residuals are below what the real-time solver promises, and tell nothing
-    """
-
-    correlation: dict[str, float]
-    p_value: dict[str, float]
-    explanation: Explanation | None
-    hidden: dict[str, tuple[str, float]]
-    exact: bool
+    correlation: dict[str, float] = field(metadata=reported(
+        "by channel, correlation of residuals with those one sample later"))
+    p_value: dict[str, float] = field(metadata=reported(
+        "by channel, least probability of the residuals after their autoregression, if they were noise"))
+    explanation: Explanation | None = field(metadata=reported("the change of something held that would explain most"))
+    hidden: dict[str, tuple[str, float]] = field(metadata=reported(
+        "by free key the fixed key that it depends on most, and by how many of its standard errors a change of the "
+        "latter by 20 %, which residuals would not show, moves it"))
+    exact: bool = field(metadata=reported("whether the residuals are below the precision of the real-time solver"))
 
 
 def judge_residuals(model: Model, levels: dict[str, float], found: Fit, settings: FitSettings,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from tcc_sim.estimation.residuals import HIDDEN, Whiteness
 from tcc_sim.estimation.settings import DEFAULTS, Gates
 from tcc_sim.estimation.windows import KINETIC, OFFSETS, STATIC, Model, states_of
 from tcc_sim.model.parameters import QUANTITIES, System
+from tcc_sim.result import reported
 from tcc_sim.trajectory import Floats
 
 WITHIN = 1.959963984540054
@@ -22,21 +23,16 @@ WITHIN = 1.959963984540054
 
 @dataclass(frozen=True)
 class Parameter:
-    """One free parameter.
+    """One free parameter."""
 
-    start, value, standard_error, low, high : in its unit; low to high is the 95 % interval
-    verdict : identified, not identifiable, or at its bound
-    why : in a sentence
-    """
-
-    key: str
-    start: float
-    value: float
-    standard_error: float
-    low: float
-    high: float
-    verdict: str
-    why: str
+    key: str = field(metadata=reported("scene key, or the offset of the sensor of an input"))
+    start: float = field(metadata=reported("value that the fit began with", "{key}"))
+    value: float = field(metadata=reported("value found", "{key}"))
+    standard_error: float = field(metadata=reported("standard error", "{key}"))
+    low: float = field(metadata=reported("lower end of the 95 % interval", "{key}"))
+    high: float = field(metadata=reported("upper end of the 95 % interval", "{key}"))
+    verdict: str = field(metadata=reported("identified, not identifiable, or at its bound"))
+    why: str = field(metadata=reported("reason in a sentence"))
 
 
 def judged(model: Model, i: int, start: float, found: Fit, errors: Floats, correlations: Floats, accepted: bool,

@@ -8,20 +8,22 @@ from dataclasses import is_dataclass
 from typing import Any, get_args, get_type_hints
 
 from tcc_sim.analysis.damping import Damping
+from tcc_sim.analysis.orders import Orders
 from tcc_sim.analysis.summary import Summary
 from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.result import Reported, reported_of
+from tcc_sim.topics import TOPICS
 from tcc_sim.trajectory import UNITS
 
-KNOWN = {**{entry.name or name: entry.unit for kind in (Damping, Summary)
-            for name, entry in reported_of(kind).items()}, **UNITS}
-"""Units by the names of results and signals."""
+KNOWN = {**{entry.name or name: entry.unit for kind in (Damping, Summary, Orders)
+            for name, entry in reported_of(kind).items()}, **UNITS, **{row.name: row.unit for row in TOPICS}}
+"""Units by the names of results, signals and topics."""
 REFERENCE = re.compile(r"{([\w*]+)}")
 
 
 def unit_of_key(key: str) -> str:
-    """The unit of a scene key, a result or a signal; empty for what has none."""
-    return QUANTITIES[key].unit if key in QUANTITIES else KNOWN.get(key, "")
+    """The unit of a scene key, a result, a signal or its offset; empty for what has none."""
+    return QUANTITIES[key].unit if key in QUANTITIES else KNOWN.get(key.removesuffix(".offset"), "")
 
 
 def units_in(result: Any) -> dict[str, str]:
@@ -30,11 +32,11 @@ def units_in(result: Any) -> dict[str, str]:
     The field of an entry of a list stands for that of every entry; where these have different units, the numbers of the
     entries are in the names.
     """
-    return dict(_units(result, "", ()))
+    return {path: unit for path, unit in _units(result, "", ()) if unit}
 
 
 def _units(value: Any, path: str, owners: tuple[Any, ...]) -> Iterator[tuple[str, str]]:
-    """Path and unit of what is below a value, which is within `owners`, the nearest first."""
+    """Path and unit, empty where its key has none, of what is below a value within `owners`, the nearest first."""
     if isinstance(value, Mapping):
         for key, part in value.items():
             yield from _units(part, f"{path}{key}.", owners)
@@ -52,29 +54,43 @@ def _units(value: Any, path: str, owners: tuple[Any, ...]) -> Iterator[tuple[str
             part = getattr(value, name)
             if part is None:
                 continue
-            if entry.listed:
-                yield from ((path + field, each.unit) for field, each in fields_of(entry.of[0])
-                            if each.unit and field.partition(".")[0] in part)
+            below = path if entry.spread or entry.listed else f"{path}{entry.name or name}."
+            if entry.of and not is_dataclass(part):
+                yield from _units_of_class(entry.of[0], part, below, owners)
                 continue
-            below = path if entry.spread else f"{path}{entry.name or name}."
             if entry.unit == "{*}":
-                yield from ((below + key, unit) for key in part if (unit := unit_of_key(key)))
-            elif unit := _resolved(entry.unit, owners):
-                yield below[:-1], unit
+                yield from ((below + key, unit_of_key(key)) for key in part)
+            elif entry.unit:
+                yield below[:-1], _resolved(entry.unit, owners)
             else:
                 yield from _units(part, below, owners)
+
+
+def _units_of_class(kind: type, values: Any, path: str, owners: tuple[Any, ...]) -> Iterator[tuple[str, str]]:
+    """Path and unit of the fields of a class that mappings, or lists of the class, have."""
+    first = values if isinstance(values, Mapping) else next(iter(values), {})
+    for field, entry in fields_of(kind):
+        if (is_dataclass(first) or field.partition(".")[0] in first) and (unit := _resolved(entry.unit, owners)):
+            yield path + field, unit
 
 
 def _resolved(unit: str, owners: tuple[Any, ...]) -> str:
     """A unit whose references are replaced by the units of the keys that the owners name; empty where there is none."""
     for name in REFERENCE.findall(unit):
-        keys = (getattr(owner, attribute) for owner in owners
-                for attribute, entry in reported_of(type(owner)).items() if name == (entry.name or attribute))
-        known = unit_of_key(str(next(keys, "")))
+        known = unit_of_key(next((str(key) for owner in owners for key in _named(owner, name)), ""))
         if not known:
             return ""
         unit = unit.replace(f"{{{name}}}", known)
     return unit
+
+
+def _named(owner: Any, name: str) -> Iterator[Any]:
+    """The values that JSON has of an object under a name, at its own level."""
+    for attribute, entry in reported_of(type(owner)).items():
+        if entry.spread and is_dataclass(part := getattr(owner, attribute)):
+            yield from _named(part, name)
+        elif name == (entry.name or attribute):
+            yield getattr(owner, attribute)
 
 
 def fields_of(kind: type) -> Iterator[tuple[str, Reported]]:

@@ -16,7 +16,7 @@ from tcc_sim.topics import INPUTS, topic
 from tcc_sim.trajectory import UNITS, Trajectory, integral
 
 if TYPE_CHECKING:
-    from tcc_sim.basins.compute import Axis, Basins
+    from tcc_sim.basins.results import Axis, Basins
 
 SUFFIXES = (".npz", ".csv", ".mcap")
 
@@ -25,9 +25,9 @@ def write_samples(path: Path, trajectory: Trajectory, scene_text: str, *, record
     """Write every sample of `trajectory`.
 
     A .npz holds the units too, in the order of its arrays, and the scene (YAML), as a .mcap does. A .csv keeps every
-    digit. What was `recorded` under a commanded pressure has that too, Pa, where it is known throughout; and before the
-    columns of its .csv stand the units, the scene, and how the inputs hold between two rows, in lines that begin
-    with #.
+    digit; its first line names the columns and its second line gives their units. What was `recorded` under a commanded
+    pressure has that too, Pa, where it is known throughout; and its .csv begins with the scene, and with how the inputs
+    hold between two rows, in lines that begin with #.
 
     Raises
     ------
@@ -45,13 +45,12 @@ def write_samples(path: Path, trajectory: Trajectory, scene_text: str, *, record
         elif path.suffix == ".npz":
             np.savez(part, **columns, units=np.array(list(units.values())), scene=np.array(scene_text))
         else:
-            named = ", ".join(f"{name} ({unit})" if unit else name for name, unit in units.items())
             rows = zip(*(values.tolist() for values in columns.values()))
             with part.open("w", encoding="utf-8", newline="\n") as file:
                 if recorded:
                     said = "# " + hold_line(_holds(trajectory))
-                    file.writelines(f"# {line}\n" for line in (named, *scene_text.splitlines(), said))
-                file.write(",".join(columns) + "\n")
+                    file.writelines(f"# {line}\n" for line in (*scene_text.splitlines(), said))
+                file.writelines(",".join(line) + "\n" for line in (columns, units.values()))
                 file.writelines(",".join(map(repr, row)) + "\n" for row in rows)
 
 

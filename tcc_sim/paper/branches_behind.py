@@ -171,4 +171,4 @@ def orbit_behind(system: System, final: State, cycle: int, period: int, largest:
     if not period:
         return None
     point = point_of(of, ParameterRange(0.5 * omega, 1.5 * omega), SettledMotion(omega, state, cycle, period, largest))
-    return None if point is None else {"period": point.orbit.period, **point.orbit.as_json()}
+    return None if point is None else {"period": point.orbit.period, **point.orbit.figures.as_json()}

@@ -11,6 +11,9 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from tcc_sim.analysis.damping import Damping
 from tcc_sim.analysis.summary import Summary
+from tcc_sim.continuation.branch import Branch
+from tcc_sim.continuation.newton import OrbitFigures
+from tcc_sim.continuation.special_points import Bifurcation
 from tcc_sim.result import Described, as_in, reported
 from tcc_sim.sweeps.exponents import Lyapunov
 from tcc_sim.sweeps.results import Point
@@ -62,8 +65,8 @@ class JumpBehind:
 class MotionsBehind:
     """What is behind a curve."""
 
-    branches: list[dict[str, Any]] = field(metadata=reported("as `continue --json` has them"))
-    bifurcations: list[dict[str, Any]] = field(metadata=reported("as `continue --json` has them"))
+    branches: list[dict[str, Any]] = field(metadata=reported("as `continue --json` has them", of=(Branch,)))
+    bifurcations: list[dict[str, Any]] = field(metadata=reported("as `continue --json` has them", of=(Bifurcation,)))
     jumps: list[JumpBehind] = field(metadata=reported(
         "changes of the largest slip speed between neighbours, and what each is"))
     left_out: list[str] = field(metadata=reported("sentences on motions and branches that were not followed"))
@@ -99,8 +102,8 @@ class MapCurve(Labelled):
     coexisting: Sequence[Coexisting] | None = field(default=None, metadata=reported(
         "motions that a neighbour's last state leads to where they differ from those of the cold start",
         asked_for=True))
-    behind: MotionsBehind | None = field(
-        default=None, metadata=reported("motions behind the curve", asked_for=True, spread=True))
+    behind: MotionsBehind | None = field(default=None, metadata=reported(
+        "motions behind the curve", asked_for=True, spread=True))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,7 +185,7 @@ class ActuationOnBranch(Actuation):
     """A panel of Fig. 12 with its periodic orbit, as an entry of `at` in `continue --json`; None where it has none."""
 
     orbit: dict[str, Any] | None = field(metadata=reported(
-        "its periodic orbit, as an entry of `at` in `continue --json`; null where it has none"))
+        "its periodic orbit, as an entry of `at` in `continue --json`; null where it has none", of=(OrbitFigures,)))
 
 
 @dataclass(frozen=True)

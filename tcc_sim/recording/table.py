@@ -8,6 +8,7 @@ import re
 from array import array
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import TextIO
 
@@ -15,7 +16,7 @@ import numpy as np
 
 from tcc_sim.errors import InputError, one_line
 from tcc_sim.model.parameters import unknown_key
-from tcc_sim.topics import INPUTS
+from tcc_sim.topics import INPUTS, topic
 from tcc_sim.trajectory import UNITS, Floats
 
 TIME = "t"
@@ -28,6 +29,10 @@ LARGEST_TABLE = 1 << 30
 SMOOTH = 0.5
 """Second differences of a column are below this part of its first ones (rms) where something smooth was sampled."""
 _HOLD, _SAID = "hold: ", re.compile(r"(\w+) (previous|linear|next)")
+_NAMED = re.compile(r"(\w+)\s*[\[(](.*)[\])]")
+"""A name with its unit in brackets."""
+_PRODUCT = re.compile(r"[\s.*]")
+"""Signs between factors of a unit."""
 _LONGEST_LINE = 1 << 16
 
 
@@ -60,19 +65,19 @@ def table_of(path: Path, needed: Sequence[str] = (), most: int = 2_000_000) -> H
     """Read a table.
 
     Lines that begin with # are passed over before the header, so that what `analyse --out` writes is read; of its
-    columns those that nobody measures are left out.
+    columns those that nobody measures are left out. Units may follow the names in brackets, or in a second line.
 
     Parameters
     ----------
-    path : a CSV file in UTF-8 with a line of names
+    path : a CSV file in UTF-8 with a line of names, and one of units or none
     needed : columns that must be there
     most : rows at most
 
     Raises
     ------
     InputError
-        What is no regular file, is too large or cannot be read, a column that is unknown, missing or there twice, a
-        line without its numbers, or too many rows.
+        What is no regular file, is too large or cannot be read, a column that is unknown, missing, there twice or in
+        another unit, a line without its numbers, or too many rows.
     """
     try:
         if path.exists() and not path.is_file():
@@ -110,10 +115,20 @@ def _read(path: Path, stream: TextIO, needed: Sequence[str], most: int) -> HeldC
         text = ",".join(row).lstrip("# ")
         if text.startswith(_HOLD):
             hold = {name: how for name, how in _SAID.findall(text) if name in INPUTS}
+    given = [_NAMED.fullmatch(name) for name in names]
+    names = [found[1] if found else name for found, name in zip(given, names)]
+    units = [found[2] if found else "" for found in given]
     _check_names(path, names, needed)
+    first = next(rows, None)
+    if first is not None and len(first[1]) == len(names):
+        cells = [cell.strip("[]() ") for cell in first[1]]
+        time = cells[names.index(TIME) if TIME in names else 0]
+        if math.isnan(_number(time)) and time.lower() != "nan":
+            units, first = cells, None
+    _check_units(path, names, units)
     places = {name: place for place, name in enumerate(names) if name in (TIME, *INPUTS, *CHANNELS)}
     columns = {name: array("d") for name in places}
-    for count, (number, row) in enumerate(rows):
+    for count, (number, row) in enumerate(rows if first is None else chain([first], rows)):
         if count >= most:
             raise InputError(f"{path}: it has more than {most} rows; it must have at most {most}")
         if len(row) != len(names):
@@ -132,6 +147,14 @@ def _number(text: str) -> float:
         return float(text)
     except ValueError:
         return math.nan
+
+
+def _check_units(path: Path, names: Sequence[str], units: Sequence[str]) -> None:
+    """Raise InputError where a column that is used is in another unit than its own."""
+    for name, unit in zip(names, units):
+        own = UNITS.get(name, topic(name).unit if name in INPUTS else "")
+        if unit and _PRODUCT.sub("", unit) != _PRODUCT.sub("", own) and name in (TIME, *INPUTS, *CHANNELS):
+            raise InputError(f"{path}: column {name} is in {one_line(unit)}; it must be in {own}")
 
 
 def _check_names(path: Path, names: Sequence[str], needed: Sequence[str]) -> None:

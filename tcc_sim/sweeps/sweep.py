@@ -230,8 +230,8 @@ def solve_point(system: System, value: float, plan: Plan, start: Start | None = 
     if summary is not None:
         section = np.array(summary.section, dtype=np.float64).reshape(-1, 2)
         summary = dataclasses.replace(summary, section=[])
-    return Point(value, summary, section, found.confirmed, found.status, found.angles, found.damping, found.lyapunov,
-                 found.end)
+    return Point(value, summary, section, found.confirmed, found.status, found.angles if plan.section_points else None,
+                 found.damping, found.lyapunov, found.end)
 
 
 def with_sweep_tolerance(system: System, plan: Plan) -> Plan:

@@ -11,9 +11,10 @@ import pytest
 from textbook_maps import TextbookMap
 
 from tcc_sim.basins.attractors import find_attractors, numbered
-from tcc_sim.basins.compute import Axis, basins, boundary_of, halton
+from tcc_sim.basins.compute import basins, halton
 from tcc_sim.basins.driveline import DrivelineMotion, mean_load
 from tcc_sim.basins.proximity import RUNAWAY, UNDECIDED, Attractor, ProximityMapper, labelled, section_points
+from tcc_sim.basins.results import Axis, boundary_of
 from tcc_sim.basins.settings import DEFAULTS, Settings
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace

@@ -9,7 +9,8 @@ import pytest
 from test_basins import COEXISTENCE
 
 from tcc_sim.basins import compute
-from tcc_sim.basins.compute import Axis, basins
+from tcc_sim.basins.compute import basins
+from tcc_sim.basins.results import Axis
 from tcc_sim.cli import main
 
 PLANE = ["--plane", "initial.slip_speed=0:120:5", "--plane", "initial.plate_angle=-0.1:0.3:4"]

@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 from branch_speed import compared, page_lines
 
-from tcc_sim.basins.compute import Axis, Basins, basins
+from tcc_sim.basins.compute import basins
 from tcc_sim.basins.proximity import RUNAWAY, UNDECIDED
+from tcc_sim.basins.results import Axis, Basins
 from tcc_sim.errors import BasinsInterrupted, InputError, counted, require
 from tcc_sim.output.files import new_directory, write_json
 from tcc_sim.output.provenance import document
@@ -91,9 +92,9 @@ def _write(folder: Any, branches: Figure[Curves], found: Any, words: list[str]) 
     pictures.mkdir(parents=True)
     draw(branches, pictures / BRANCHES)
     system = figure_system(6, FigureOptions())
-    write_json(folder / f"{BRANCHES}.json", document("figure", branches.as_json(), system, words))
+    write_json(folder / f"{BRANCHES}.json", document("figure", branches, system, words))
     draw_basins(pictures / f"{BASINS}.png", found)
-    write_json(folder / f"{BASINS}.json", document("basins", found.as_json(), paper_system(AT_036_085), words))
+    write_json(folder / f"{BASINS}.json", document("basins", found, paper_system(AT_036_085), words))
 
 
 def motions_page(branches: Figure[Curves], basins: Basins, beside: Sequence[str] = ()) -> str:

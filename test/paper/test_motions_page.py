@@ -13,8 +13,8 @@ from documents import valid
 from given import curves_of
 from test_figure_branches import given_curve, given_figure
 
-from tcc_sim.basins.compute import Axis, Basins
 from tcc_sim.basins.proximity import Attractor
+from tcc_sim.basins.results import Axis, Basins
 from tcc_sim.paper import figures
 from tcc_sim.paper.catalogue import OMEGA_N
 from tcc_sim.paper.figure_results import JumpBehind

@@ -118,11 +118,32 @@ def test_what_analyse_writes_of_a_commanded_pressure_drives_as_the_recording_doe
     inputs, recorded = (driven_by(scene, it).system.inputs for it in (tmp_path / "run.csv", path))
     assert inputs.pressure == pytest.approx(recorded.pressure, rel=1e-12)
     assert inputs.torque == pytest.approx(recorded.torque, rel=1e-12)
-    with (tmp_path / "run.csv").open() as lines:
-        assert next(lines).endswith("actuation_pressure (Pa)\n")
+    lines = [line for line in (tmp_path / "run.csv").read_text().splitlines() if not line.startswith("#")]
+    assert (lines[0].split(",")[-1], lines[1].split(",")[-1]) == ("actuation_pressure", "Pa")
     slip = [solve(driven_by(scene, it), solver="fixed_step", step=1e-3, duration=0.399).slip_speed
             for it in (tmp_path / "run.csv", path)]
     assert np.abs(slip[0] - slip[1]).max() < 1e-9
+
+
+@pytest.mark.parametrize("head", ["t,engine_torque,other\ns,N m,", "t [s],engine_torque [Nm],other",
+                                  "t(s),engine_torque (N*m),other",
+                                  "# words\n\nt , engine_torque,other\n[s], (N m),1"])
+def test_units_stand_beside_names_or_below(tmp_path, head):
+    path = tmp_path / "in.csv"
+    path.write_text(head.replace("other", "state") + "\n0,200,0\n0.1,250,0\n0.2,300,0\n")
+    found = reading.table_of(path).columns
+    assert {name: column.tolist() for name, column in found.items()} == {"t": [0.0, 0.1, 0.2],
+                                                                         "engine_torque": [200.0, 250.0, 300.0]}
+    for unit in ("kN m", "lbf ft"):
+        path.write_text(f"t [s],engine_torque [{unit}]\n0,200\n0.1,250\n")
+        with pytest.raises(InputError, match=f"column engine_torque is in {unit}; it must be in N m"):
+            reading.table_of(path)
+    path.write_text("t,engine_torque\nms,N m\n0,200\n0.1,250\n")
+    with pytest.raises(InputError, match="column t is in ms; it must be in s"):
+        reading.table_of(path)
+    path.write_text("t,engine_torque\nnan,200\n0.1,250\n")
+    with pytest.raises(InputError, match="line 2 has no number in column t"):
+        reading.table_of(path)
 
 
 @pytest.mark.parametrize(("hold", "torque"), [(None, 250.0), ("previous", 250.0), ("linear", 275.0), ("next", 300.0)])
@@ -158,6 +179,6 @@ def test_what_is_no_file_of_a_bounded_size_is_refused_unread(tmp_path, capsys, m
     monkeypatch.setattr(reading, "_number", lambda text: float(next(rows)))
     with pytest.raises(InputError, match="it has more than 3 rows"):
         reading.table_of(table(tmp_path / "long.csv", t=range(5000), engine_torque=[1.0] * 5000), most=3)
-    assert next(rows) == 6  # The rest was not looked at.
+    assert next(rows) == 7  # The rest was not looked at.
     assert main(["simulate", "commands", "--inputs", "/proc/self/mem"]) == 2
     assert "/proc/self/mem cannot be read" in capsys.readouterr().err

@@ -104,10 +104,10 @@ def test_a_window_of_a_run_is_analysed_alone(recorded, tmp_path):
     assert found["max_slip_speed"] == pytest.approx(np.abs(run.slip_speed[inside]).max(), rel=0.02)
     lines = (tmp_path / "a.csv").read_text().splitlines()
     head = [line.removeprefix("# ") for line in lines if line.startswith("#")]
-    assert head[0].startswith("t (s), slip_speed (rad/s), plate_angle (rad), plate_speed (rad/s), engine_torque (N m)")
-    assert parse_scene("\n".join(head[1:]) + "\n", "fig02").system == FIG02.system
-    columns, *values = lines[len(head):]
+    assert parse_scene("\n".join(head) + "\n", "fig02").system == FIG02.system
+    columns, units, *values = lines[len(head):]
     assert columns == "t,slip_speed,plate_angle,plate_speed,engine_torque,saturation_torque,friction_torque,state"
+    assert units == "s,rad/s,rad,rad/s,N m,N m,N m,"
     table = np.array([[float(x) for x in line.split(",")] for line in values])
     assert np.array_equal(table[:, 0], run.t)
     assert np.array_equal(table[:, 1], run.slip_speed)

@@ -1,0 +1,189 @@
+"""Results of basins: the plane, its attractors, the labels of its cells, the boundary; and planes along a key."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from html import escape
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tcc_sim.basins.proximity import RUNAWAY, UNDECIDED, Attractor, Counts, Labels
+from tcc_sim.basins.settings import DEFAULTS
+from tcc_sim.errors import counted
+from tcc_sim.model.quantity import sequence_of_numbers
+from tcc_sim.result import Described, Result, as_lists, reported, reporting
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One axis of the plane: an initial.* key and its values, numbers in any sequence or array."""
+
+    key: str = field(metadata=reported("scene key"))
+    values: Sequence[float] = field(metadata=reported("its values", "{key}"))
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", sequence_of_numbers(self.key, self.values))
+
+
+@dataclass(frozen=True)
+class Boundary:
+    """Uncertainty of the final state: the share of cells whose label differs eps away grows as eps^exponent."""
+
+    exponent: float = field(metadata=reported("uncertainty exponent of the boundary", name="uncertainty_exponent"))
+    error: float = field(metadata=reported("standard error of its fit", name="standard_error"))
+
+    @property
+    @reporting("dimension of the boundary, 2 less the exponent")
+    def dimension(self) -> float:
+        """Return the dimension of the boundary in the plane."""
+        return 2.0 - self.exponent
+
+
+@dataclass(frozen=True)
+class AttractorFigures:
+    """One attractor as JSON has it."""
+
+    number: int = field(metadata=reported("the same at every value of over at which the attractor goes on"))
+    period: int = field(metadata=reported("period of the motion; 0 for none", "engine cycles"))
+    max_slip_speed: float = field(metadata=reported("largest |slip speed|", "rad/s"))
+    section: NDArray[np.float64] = field(metadata=reported(
+        "plate angle and slip speed at t = 2 pi n/omega", "rad, rad/s"))
+    section_states: NDArray[np.float64] = field(metadata=reported(
+        "plate angle, slip speed and plate speed at t = 2 pi n/omega", "rad, rad/s, rad/s"))
+    multipliers: NDArray[np.complex128] | None = field(metadata=reported(
+        "Floquet multipliers, real and imaginary part each; null where there is no period"))
+    fraction: float = field(metadata=reported("share of the plane"))
+    radius: float = field(metadata=reported(
+        "within which a motion at the section counts as its own, in natural sizes of the three states"))
+    state: NDArray[np.float64] | None = field(metadata=reported(
+        "slip speed, plate angle and plate speed at t = 0; null where there is no period", "rad/s, rad, rad/s"))
+
+
+@dataclass(frozen=True, repr=False)
+class Basins(Result):
+    """The basins of one system in one plane.
+
+    labels : (len(second), len(first)) index into `attractors`, -1 undecided, -2 runaway
+    cycles : (len(second), len(first)) cycles until the cell was decided
+    over : scene key and its value, where there are planes at several
+    """
+
+    plane: tuple[Axis, Axis] = field(metadata=reported("first and second axis"))
+    attractors: tuple[Attractor, ...]
+    labels: Labels
+    cycles: Counts
+    seconds: float = field(metadata=reported("computing time", "s"))
+    over: tuple[str, float] | None = None
+
+    def fraction(self, label: int) -> float:
+        """Return the share of the plane with this label."""
+        return float(np.mean(self.labels == label))
+
+    def boundary(self) -> Boundary | None:
+        """Return the uncertainty exponent; None where too few labels differ for a fit."""
+        return boundary_of(self.labels)
+
+    @property
+    @reporting("attractors in the plane", name="attractors")
+    def figures(self) -> list[AttractorFigures]:
+        """Return the attractors with their shares of the plane."""
+        return [AttractorFigures(a.number, a.period, a.largest, a.section[:, [1, 0]], a.section[:, [1, 0, 2]],
+                                 a.multipliers, self.fraction(k), a.radius, a.section[0] if a.period else None)
+                for k, a in enumerate(self.attractors)]
+
+    @property
+    @reporting("share of the plane that came to no attractor within the cycles allowed")
+    def undecided(self) -> float:
+        """Return the share of cells that are undecided."""
+        return self.fraction(UNDECIDED)
+
+    @property
+    @reporting("share of the plane whose slip grows for ever")
+    def runaway(self) -> float:
+        """Return the share of cells that run away."""
+        return self.fraction(RUNAWAY)
+
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """Return a row for every cell: both keys, its label, and the cycles until it was decided."""
+        first, second = self.plane
+        return {first.key: np.tile(first.values, len(second.values)),
+                second.key: np.repeat(second.values, len(first.values)),
+                "label": self.labels.ravel(), "cycles": self.cycles.ravel()}
+
+    def __repr__(self) -> str:
+        """Return a line for the plane and one for each attractor."""
+        return "\n".join(self.lines(DEFAULTS.attractors_shown))
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(repr(self))}</pre>"
+
+    def lines(self, most: int | None = None) -> list[str]:
+        """Return lines for the plane, up to `most` attractors with their shares, runaway slip and undecided cells."""
+        first, second = self.plane
+        lines = [f"Basins in {first.key} ({len(first.values)}) and {second.key} ({len(second.values)})"]
+        said = [f"attractor {a.number}: " if self.over else "" for a in self.attractors]
+        lines += [f"  {100.0 * self.fraction(k):6.2f} %  {said[k]}{f'period {a.period}' if a.period else 'no period'}, "
+                  f"largest slip speed {a.largest:.6g} rad/s" for k, a in enumerate(self.attractors[:most])]
+        if most is not None and len(self.attractors) > most:
+            lines.append(f"  {counted(len(self.attractors) - most, 'more attractor')}")
+        return [*lines, f"  {100.0 * self.fraction(RUNAWAY):6.2f} %  runaway slip",
+                f"  {100.0 * self.fraction(UNDECIDED):6.2f} %  undecided"]
+
+
+@dataclass(frozen=True)
+class Bounded:
+    """One plane with the uncertainty of its boundary."""
+
+    basins: Basins = field(metadata=reported("the plane", spread=True))
+    boundary: Boundary | None = field(metadata=reported("with --boundary; null where too few cells differ"))
+
+
+@dataclass(frozen=True)
+class Planes(Described):
+    """A plane, or planes at the values of a key; `bounded` adds the uncertainty of their boundaries."""
+
+    planes: Sequence[Basins]
+    along: Axis | None = None
+    bounded: bool = False
+
+    @property
+    @reporting("key that has a plane at each of its values", asked_for=True)
+    def over(self) -> str | None:
+        """Return the key; None for a single plane."""
+        return None if self.along is None else self.along.key
+
+    @property
+    @reporting("its values", "{over}", asked_for=True)
+    def values(self) -> Sequence[float] | None:
+        """Return the values of the key; None for a single plane."""
+        return None if self.along is None else self.along.values
+
+    @property
+    @reporting("the plane; with over, everything but the axes in lists", spread=True, of=(Bounded,))
+    def figures(self) -> Any:
+        """Return the figures of the plane, or lists of them."""
+        found = [Bounded(one, one.boundary()) if self.bounded else one for one in self.planes]
+        if self.along is None:
+            return found[0]
+        return {**as_lists(found, Bounded if self.bounded else Basins), "plane": self.planes[0].plane}
+
+
+def boundary_of(labels: Labels) -> Boundary | None:
+    """Return the uncertainty exponent of a map of labels, from differences between cells along either axis."""
+    sizes, parts = [], []
+    for k in DEFAULTS.distances:
+        if k >= min(labels.shape):
+            break
+        along = [labels[:, k:] != labels[:, :-k], labels[k:] != labels[:-k]]
+        part = sum(int(a.sum()) for a in along) / sum(a.size for a in along)
+        if part > 0.0:
+            sizes.append(np.log(k))
+            parts.append(np.log(part))
+    if len(sizes) < 3:
+        return None
+    (slope, _), covariance = np.polyfit(sizes, parts, 1, cov="unscaled")
+    rest = np.array(parts) - np.polyval(np.polyfit(sizes, parts, 1), sizes)
+    return Boundary(float(slope), float(np.sqrt(covariance[0, 0] * (rest @ rest) / max(len(sizes) - 2, 1))))
