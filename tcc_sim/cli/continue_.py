@@ -78,9 +78,8 @@ def _lines(found: Motions) -> Iterator[str]:
         yield (f"{item.kind:>18}  {item.value:.10g}  branch {item.branch}  "
                f"max slip {item.point.orbit.seen.largest:.8g} rad/s  residual {item.residual:.1e}{limit}")
     for entry in found.at:
-        orbit = entry.orbit
-        yield (f"at {orbit.value:.9g}: branch {entry.branch}, period {entry.period}, max slip "
-               f"{orbit.max_slip_speed:.9g} rad/s, {'stable' if orbit.stable else 'unstable'}, {orbit.events}")
+        yield (f"at {entry['value']:.9g}: branch {entry['branch']}, period {entry['period']}, max slip "
+               f"{entry['max_slip_speed']:.9g} rad/s, {'stable' if entry['stable'] else 'unstable'}, {entry['events']}")
     for curve in found.curves:
         ends = "; ".join(dict.fromkeys(map(str, curve.ended)))
         yield f"curve of {curve.kind}: {counted(len(curve.values), 'point')}; {ends}"

@@ -21,7 +21,7 @@ from tcc_sim.errors import InputError, counted
 from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.model.pure_stick import stick_margin
 from tcc_sim.model.quantity import sequence_of_numbers
-from tcc_sim.result import Result, reported, reporting
+from tcc_sim.result import Described, Result, reported, reporting
 from tcc_sim.scene import Scene, system_of
 
 
@@ -88,7 +88,7 @@ class ContinuationPlan:
 
 
 @dataclass(frozen=True)
-class OrbitAt:
+class OrbitAt(Described):
     """The motion of a branch at a value that was asked for."""
 
     branch: int = field(metadata=reported("number of the branch"))
@@ -112,7 +112,8 @@ class Motions(Result):
     plan: ContinuationPlan = field(metadata=reported("what was asked for", spread=True))
     law: str = field(metadata=reported("friction law"))
     branches: list[Branch] = field(default_factory=list, metadata=reported("branches of periodic motions"))
-    at: list[OrbitAt] = field(default_factory=list, metadata=reported("motions of every branch at every --at value"))
+    at: list[dict[str, Any]] = field(default_factory=list, metadata=reported(
+        "motions of every branch at every --at value", of=(OrbitAt,)))
     curves: list[BifurcationCurve] = field(default_factory=list)
     limits: dict[int, Limit] = field(default_factory=dict)
     complete: bool = field(default=False, metadata=reported("false where it was interrupted"))
@@ -241,7 +242,7 @@ def continue_motions(system: System, plan: ContinuationPlan, tick: Callable[[Con
         switch(out.branches, plan.switch, tick=tick)
     for value in plan.at:
         for number, branch in enumerate(out.branches):
-            out.at += [OrbitAt(number, branch.period, branch.begun, orbit.figures)
+            out.at += [OrbitAt(number, branch.period, branch.begun, orbit.figures).as_json()
                        for orbit in orbits_at(branch, value)]
     if plan.second is not None:
         _curves(system, plan, span, out)
