@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import signal
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 
 from tcc_sim.cli.arguments import new_file
@@ -18,6 +19,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                        "a minute, and memory by half a MB")
     where.add_argument("--spawn", action="store_true", help="start a viewer (the default)")
     where.add_argument("--connect", metavar="URL", help="send to a running viewer, rerun+http://HOST:PORT/proxy")
+    where.add_argument("--web", action="store_true",
+                       help="serve a viewer for a browser on this machine, and print its address")
     parser.add_argument("--namespace", metavar="NS", default="", help="of the driveline node")
 
 
@@ -29,9 +32,16 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.rrd is not None:
         new_file(arguments.rrd)
     from tcc_sim.nodes.watcher import watch
+    from tcc_sim.nodes.web_viewer import web_viewer
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    spawn = arguments.rrd is None and arguments.connect is None
-    say(watch(arguments.namespace, lambda text: print(text, file=sys.stderr), file=arguments.rrd, spawn=spawn,
-              url=arguments.connect))
+    with ExitStack() as stack:
+        url = arguments.connect
+        if arguments.web:
+            viewer = stack.enter_context(web_viewer())
+            say(f"viewer: {viewer.page}", flush=True)
+            url = viewer.url
+        spawn = arguments.rrd is None and url is None
+        say(watch(arguments.namespace, lambda text: print(text, file=sys.stderr), file=arguments.rrd, spawn=spawn,
+                  url=url))
     return 0
