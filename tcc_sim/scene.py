@@ -16,6 +16,7 @@ from typing import Any, TypeAlias
 from tcc_sim.errors import InputError
 from tcc_sim.friction_table import TABLE_FILE, with_table
 from tcc_sim.model import parameters
+from tcc_sim.model.actuator import delay_ticks
 from tcc_sim.model.elements import list_of
 from tcc_sim.model.groups import TABLE, TABULATED
 from tcc_sim.model.parameters import System
@@ -46,6 +47,7 @@ class Operation(Options):
     wait_for_subscribers: int = quantity(0, "subscribers of joint_states to wait for before the first tick", "", 0,
                                          1000)
     publish_scalars: bool = quantity(True, "publish slip_speed, friction_torque and stick_slip_state")
+    publish_shaft_torque: bool = quantity(False, "publish shaft_torque, for a vehicle that answers with output_speed")
     publish_diagnostics: bool = quantity(True, "publish /diagnostics at 1 Hz")
     publish_clock: bool = quantity(False, "publish /clock")
     thread_priority: int = quantity(0, "SCHED_FIFO priority of the real-time thread, one less for the others; 0: none",
@@ -97,6 +99,9 @@ class Scene:
         own = self.system.friction
         unused = self.unused if own.curve is not None else ()
         return [*(f"{key} is not used, since the friction table takes its place" for key in unused), *own.doubts]
+
+    def __post_init__(self) -> None:
+        delay_ticks(self.system.pressure, 1.0 / self.operation.rate)
 
     def with_values(self, values: Mapping[str, object]) -> Scene:
         """This scene with some keys changed, checked together.

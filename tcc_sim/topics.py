@@ -61,10 +61,13 @@ CLOCK = "rosgraph_msgs/msg/Clock"
 
 JOINT_NAMES = ("flywheel", "clutch_plate")
 """The two joints of joint_states, in this order."""
+OUTPUT_JOINT = "output"
+"""The joint of output_state: the shaft's far end."""
 
 _TORQUE = (("engine.source", "topic"),)
 _PRESSURE = (("pressure.source", "topic"),)
 _SCALARS = (("publish_scalars", True),)
+_SHAFT = (("publish_shaft_torque", True),)
 
 TOPICS: tuple[Topic, ...] = (
     Topic("scene", STRING, "", "out", (),
@@ -73,6 +76,9 @@ TOPICS: tuple[Topic, ...] = (
           "torque/engine_command", key="engine.mean_torque"),
     Topic("actuation_pressure", FLUID_PRESSURE, "Pa", "in", _PRESSURE,
           "actuation pressure command, held until the next one", "pressure/command", key="pressure.mean"),
+    Topic("output_speed", FLOAT64, "rad/s", "in", (),
+          "speed of the shaft's far end, held until the next one, from whoever has a vehicle; without one the far end "
+          "stands still", "far_end/command", key="initial.plate_speed"),
     Topic("input_source", HEADER, "", "out", (*_TORQUE, *_PRESSURE),
           "which inputs a command holds and which the fallback, from the state with this stamp on; said at every "
           "change", "events", latched=True),
@@ -90,6 +96,13 @@ TOPICS: tuple[Topic, ...] = (
           fields=("friction_torque",)),
     Topic("stick_slip_state", INT8, "", "out", _SCALARS, "-1 negative slip, 0 stick, 1 positive slip", "slip/state",
           fields=("stick_slip_state",)),
+    Topic("shaft_torque", FLOAT64, "N m", "out", _SHAFT,
+          "torque of spring and damper in the shaft, which acts on a vehicle at its far end", "torque/shaft",
+          fields=("shaft_torque",)),
+    Topic("output_state", JOINT_STATE, "", "beside", (),
+          "the shaft's far end as joint output, once somebody has published output_speed: angle theta3 (rad), speed "
+          "held through this tick (rad/s), shaft torque (N m); stamp: simulation time",
+          fields=("output_angle", "output_speed", "shaft_torque")),
     Topic("target_slip_speed", FLOAT64, "rad/s", "beside", (),
           "what the slip controller is asked to hold in the mean over an engine cycle; from the slip_controller node",
           "slip/target", latched=True),
@@ -101,8 +114,10 @@ TOPICS: tuple[Topic, ...] = (
     Topic("/clock", CLOCK, "", "out", (("publish_clock", True),), "simulation time", fields=("stamp_ns",)),
 )
 
-INPUTS = tuple(row.name for row in TOPICS if row.direction == "in")
-"""Topics of the two inputs that may be commanded: engine torque, actuation pressure."""
+INPUTS = "engine_torque", "actuation_pressure"
+"""Topics of the two inputs that a scene gives or commands do."""
+FAR_END = "output_speed"
+"""Topic of the shaft's far end, which moves where somebody publishes it."""
 
 
 def topic(name: str) -> Topic:

@@ -196,9 +196,10 @@ class Statistics:
 class Trajectory(Result):
     """A solved or recorded run.
 
-    The columns are (n,) arrays; so is `flywheel_angle` (rad), which is there for those who asked. `cycles` comes from
-    solvers that work it out on the way, and `rest`, a single one that ends with the run, from those that end within a
-    cycle; `analysis.summary.cycle_parts_of` derives both from samples otherwise.
+    The columns are (n,) arrays; so are `flywheel_angle` (rad), which is there for those who asked, and `output_angle`
+    (rad) and `output_speed` (rad/s), which are there where the shaft's far end moves. `cycles` comes from solvers that
+    work it out on the way, and `rest`, a single one that ends with the run, from those that end within a cycle;
+    `analysis.summary.cycle_parts_of` derives both from samples otherwise.
 
     Examples
     --------
@@ -226,6 +227,8 @@ class Trajectory(Result):
     status: Status = Status.DONE
     detail: str = ""
     statistics: Statistics = Statistics()
+    output_angle: Floats | None = None
+    output_speed: Floats | None = None
 
     def __repr__(self) -> str:
         long = f"{float(self.t[-1] - self.t[0]):.6g} s" if len(self.t) else "no time"

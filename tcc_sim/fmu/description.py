@@ -11,20 +11,23 @@ from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
 from tcc_sim import __version__
+from tcc_sim.model.actuator import delay_ticks
 from tcc_sim.model.friction import steepest_fall
 from tcc_sim.model.groups import TABLE, TABULATED
 from tcc_sim.model.parameters import QUANTITIES, System, values_of
 from tcc_sim.model.profile import SWELL, SWELLS
 from tcc_sim.scene import Scene
 from tcc_sim.solvers.terms import RESOLUTION, SUBSTEP_LIMIT
-from tcc_sim.topics import INPUTS, topic
+from tcc_sim.topics import FAR_END, INPUTS, topic
 
 BASE_UNITS = {"N": {"kg": 1, "m": 1, "s": -2}, "Pa": {"kg": 1, "m": -1, "s": -2}, "m": {"m": 1}, "s": {"s": 1},
               "kg": {"kg": 1}, "rad": {"rad": 1}}
-TYPES = {"rad/s": "AngularVelocity", "rad": "Angle", "N m": "Torque", "Pa": "Pressure", "kg m^2": "Inertia",
-         "N m s/rad": "Damping", "N m/rad": "Stiffness", "s/rad": "Slowness", "m^2": "Area", "m": "Length",
-         "s": "Time", "": "Number"}
+TYPES = {"rad/s": "AngularVelocity", "rad": "Angle", "N m": "Torque", "Pa": "Pressure", "Pa/s": "PressureRate",
+         "kg m^2": "Inertia", "N m s/rad": "Damping", "N m/rad": "Stiffness", "s/rad": "Slowness", "m^2": "Area",
+         "m": "Length", "s": "Time", "": "Number"}
 """Declared types by unit."""
+ACTUATOR = "pressure.time_constant", "pressure.rate_limit"
+"""Keys of the actuator that are parameters."""
 UNPRINTABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """What XML has no character for: control characters, and bytes of a file's name that are no UTF-8."""
 SOURCES = {2: "fmi2.c", 3: "fmi3.c"}
@@ -38,7 +41,8 @@ OUTPUTS = (
     ("plate_angle", "rad", "clutch plate angle theta2"), ("plate_speed", "rad/s", "clutch plate speed"),
     ("applied_engine_torque", "N m", "engine torque that acts at the end of the step"),
     ("applied_pressure", "Pa", "actuation pressure that acts at the end of the step"),
-    ("shaft_torque", "N m", "torque of spring and damper, C23 theta2' + K23 theta2"))
+    ("shaft_torque", "N m", "torque of spring and damper, C23 (theta2' - theta3') + K23 (theta2 - theta3), where "
+     "theta3 is the angle of the shaft's far end, 0 at the start"))
 
 
 @dataclass(frozen=True)
@@ -84,6 +88,9 @@ def variables(scene: Scene) -> list[Variable]:
             assert isinstance(start, float)
             found.append(Variable(name, "input", "continuous", meant.unit, f"{name.replace('_', ' ')}, held through "
                                   "each step", start, meant.low, meant.high))
+    meant = QUANTITIES[topic(FAR_END).key]
+    found.append(Variable(FAR_END, "input", "continuous", meant.unit, "speed of the shaft's far end, held through each "
+                          "step; 0 holds it still, as the paper does", 0.0, meant.low, meant.high))
     found += [Variable(name, "output", "continuous", unit, text) for name, unit, text in OUTPUTS]
     found.append(Variable("stick_slip_state", "output", "discrete", "", "-1 negative slip, 0 stick, 1 positive slip",
                           kind="integer"))
@@ -103,8 +110,12 @@ def _parameters(scene: Scene) -> Iterator[Variable]:
 
 
 def _replaced(system: System, key: str) -> bool:
-    """Whether a profile or the friction table takes the place of a number, so that it has no effect."""
-    return f"{key}_times" in system.varying or (key in TABULATED and system.friction.curve is not None)
+    """Whether a number has no effect as a parameter: a profile or the friction table takes its place, the dead time is
+    built in, or there is no commanded pressure for an actuator.
+    """
+    commanded = system.pressure.source == "topic" and not system.pressure.mean_times
+    return (f"{key}_times" in system.varying or (key in TABULATED and system.friction.curve is not None)
+            or key == "pressure.delay" or (key in ACTUATOR and not commanded))
 
 
 def variables_header(scene: Scene, rows: list[Variable], identifier: str, token: str, step: float) -> str:
@@ -123,6 +134,7 @@ def variables_header(scene: Scene, rows: list[Variable], identifier: str, token:
     # A list without elements, and what a profile or a table takes the place of, have a place that nothing reads.
     places += [f"at_{key.replace('.', '_')} = 0" for key, value in values_of(system)
                if value == () or _replaced(system, key)]
+    places += [f"at_{name} = 0" for name in INPUTS if not topic(name).wanted(scene.value)]
     engine = system.engine
     points = [len(times) for times in (engine.frequency_times, engine.mean_torque_times, system.pressure.mean_times,
                                        engine.torque_amplitude_times, engine.harmonic_amplitudes_times)]
@@ -132,6 +144,7 @@ def variables_header(scene: Scene, rows: list[Variable], identifier: str, token:
         "ENGINE_TOPIC": system.engine.source == "topic", "ENGINE_HARMONIC": system.engine.harmonic,
         "PRESSURE_TOPIC": system.pressure.source == "topic", "PRESSURE_HARMONIC": system.pressure.harmonic,
         "HARMONICS": len(engine.harmonic_amplitudes), "MOST_HARMONICS": max(1, len(engine.harmonic_amplitudes)),
+        "DELAY_TICKS": delay_ticks(system.pressure, step),
         "FREQUENCY_POINTS": points[0], "TORQUE_POINTS": points[1], "PRESSURE_POINTS": points[2],
         "AMPLITUDE_POINTS": points[3], "HARMONIC_POINTS": points[4], "SWELLS": swells,
         "PROFILE_COLUMNS": SWELLS + SWELL * swells,

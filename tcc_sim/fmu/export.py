@@ -25,7 +25,7 @@ from tcc_sim.fmu.description import (
     variables_header,
 )
 from tcc_sim.fmu.printer import Library
-from tcc_sim.model import friction
+from tcc_sim.model import actuator, friction
 from tcc_sim.output.files import draft
 from tcc_sim.scene import Scene
 from tcc_sim.solvers import excitation, fixed_step
@@ -71,6 +71,7 @@ def fmu_of(scene: Scene, version: int = 2, step: float | None = None) -> Fmu:
     step = 1.0 / scene.operation.rate if step is None else step
     if not 1.0 / 20000.0 <= step <= 1.0:
         raise InputError(f"step is {step:g} s; it must be 5e-05 to 1 s")
+    actuator.delay_ticks(scene.system.pressure, step)
     fixed_step.Stepper(scene.system, step)  # It says why where it cannot run the scene.
     rows = variables(scene)
     identifier = f"tcc_sim_{re.sub(r'[^A-Za-z0-9_]', '_', scene.name)}"
@@ -153,7 +154,7 @@ def _kernel(scene: Scene) -> str:
     of Terms are.
     """
     numbers = len(scene.system.friction.stribeck or (0.0, 0.0))
-    terms = struct_of(Terms, {"harmonics": (3, "TCC_MOST_HARMONICS"),
+    terms = struct_of(Terms, {"harmonics": (3, "TCC_MOST_HARMONICS"), "approach": (4, "1"), "far": (4, "1"),
                               "profile": ("TCC_PROFILE_COLUMNS", "TCC_MOST_PIECES")}, {"stribeck": numbers})
     of = dict(terms.fields)
     library = Library()
@@ -162,7 +163,8 @@ def _kernel(scene: Scene) -> str:
         (fixed_step.advance, (Row(writable=True), DOUBLE, DOUBLE, INT, terms, Static(True), Static(None))),
         (excitation.piece_at, (of["profile"], DOUBLE)),
         (excitation.torques_now, (DOUBLE, INT, of["profile"], terms)),
-        (friction.smoothed, (DOUBLE, DOUBLE, of["stribeck"]))]
+        (friction.smoothed, (DOUBLE, DOUBLE, of["stribeck"])),
+        (actuator.pressure_after, (DOUBLE,) * 5), (actuator.approach_between, (DOUBLE,) * 5)]
     for function, kinds in roots:
         library.function(function, kinds)
     return library.text()

@@ -21,7 +21,7 @@ Text = tuple[str, Kind]
 FUNCTIONS: dict[Any, str] = {
     np.tanh: "tanh", np.sin: "sin", np.cos: "cos", np.exp: "exp", np.abs: "fabs", abs: "fabs", np.sign: "sign_of",
     np.maximum: "maximum", np.minimum: "minimum", np.sqrt: "sqrt", math.sqrt: "sqrt", math.sin: "sin",
-    math.cos: "cos", math.floor: "floor"}
+    math.cos: "cos", math.floor: "floor", math.exp: "exp", math.copysign: "copysign"}
 """Functions of doubles by what Python calls them."""
 OPERATORS: dict[type[ast.AST], str] = {
     ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Gt: ">", ast.GtE: ">=", ast.Lt: "<", ast.LtE: "<=",

@@ -23,6 +23,7 @@ static double maximum(double a, double b) { return a != a ? a : b != b ? b : a >
 static double max_double(double a, double b) { return a > b ? a : b; }
 static double min_double(double a, double b) { return a < b ? a : b; }
 static int max_int(int a, int b) { return a > b ? a : b; }
+static int min_int(int a, int b) { return a < b ? a : b; }
 static int searched(const double *at, int stride, int n, double x) \
 { int low = 0; while (low < n) { int k = (low + n) / 2; if (at[k * stride] <= x) low = k + 1; else n = k; } \
 return low; }"""

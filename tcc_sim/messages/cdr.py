@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim import topics
-from tcc_sim.topics import JOINT_NAMES
+from tcc_sim.topics import JOINT_NAMES, OUTPUT_JOINT
 
 HEADER = b"\x00\x01\x00\x00"
 """Encapsulation: plain CDR, little-endian, no options."""
@@ -40,6 +40,10 @@ _NAMES = _string("") + _LENGTH.pack(len(JOINT_NAMES)) + b"".join(map(_string, JO
 _PAIR = struct.pack("<II", 2, 0)
 assert (8 + len(_NAMES)) % 8 == 0, "the count of positions is followed by four bytes of padding"
 _JOINT_STATE = struct.Struct(f"<4siI{len(_NAMES)}s8sdd8sdd8sdd")
+_OUTPUT_NAME = _string("") + _LENGTH.pack(1) + _string(OUTPUT_JOINT)
+assert (8 + len(_OUTPUT_NAME)) % 8 == 0, "as above"
+_ONE = struct.pack("<II", 1, 0)
+_OUTPUT_STATE = struct.Struct(f"<4siI{len(_OUTPUT_NAME)}s8sd8sd8sd")
 MOST_JOINTS = 1000
 """Joints that a message may name."""
 
@@ -103,6 +107,12 @@ def joint_state(stamp_ns: int, flywheel_angle: float, plate_angle: float, flywhe
     """
     return _JOINT_STATE.pack(HEADER, stamp_ns // _NANOSECONDS, stamp_ns % _NANOSECONDS, _NAMES, _PAIR, flywheel_angle,
                              plate_angle, _PAIR, flywheel_speed, plate_speed, _PAIR, engine_torque, friction_torque)
+
+
+def output_state(stamp_ns: int, angle: float, speed: float, torque: float) -> bytes:
+    """sensor_msgs/msg/JointState of the shaft's far end: angle (rad), speed (rad/s), shaft torque (N m)."""
+    return _OUTPUT_STATE.pack(HEADER, *divmod(stamp_ns, _NANOSECONDS), _OUTPUT_NAME, _ONE, angle, _ONE, speed, _ONE,
+                              torque)
 
 
 ENCODERS: Mapping[str, Callable[..., bytes]] = {
@@ -179,9 +189,9 @@ class Layout(NamedTuple):
 
 
 def joint_state_layout(names: Sequence[str] = JOINT_NAMES, joints: Sequence[str] = JOINT_NAMES,
-                       frame_id: str = "") -> Layout:
+                       frame_id: str = "", fields: Sequence[str] = topics.topic("joint_states").fields) -> Layout:
     """The layout of joint_states with these names, of which `joints` are flywheel and clutch plate, with a position, a
-    velocity and an effort for each name.
+    velocity and an effort for each name. `fields` name these values of the joints.
 
     Raises
     ------
@@ -209,8 +219,8 @@ def joint_state_layout(names: Sequence[str] = JOINT_NAMES, joints: Sequence[str]
         starts.append(len(data))
         put(bytes(8 * len(names)), False)
     places = [list(names).index(joint) for joint in joints]
-    record = np.dtype({"names": ["sec", "nanosec", *topics.topic("joint_states").fields],
-                       "formats": ["<i4", "<u4"] + ["<f8"] * 6,
+    record = np.dtype({"names": ["sec", "nanosec", *fields],
+                       "formats": ["<i4", "<u4"] + ["<f8"] * len(fields),
                        "offsets": [4, 8, *(start + 8 * place for start in starts for place in places)],
                        "itemsize": len(data)})
     return Layout(record, np.frombuffer(bytes(data), np.uint8), np.frombuffer(bytes(fixed), np.bool_))
@@ -220,6 +230,8 @@ JOINT_STATE = joint_state_layout().record
 """One serialised joint_states message of the driveline as NumPy sees it; names and counts sit at fixed offsets because
 they never change.
 """
+OUTPUT_STATE = joint_state_layout((OUTPUT_JOINT,), (OUTPUT_JOINT,), fields=topics.topic("output_state").fields)
+"""The layout of messages about the shaft's far end."""
 FLUID_PRESSURE = Layout(
     np.dtype({"names": ["sec", "nanosec", "fluid_pressure", "variance"], "formats": ["<i4", "<u4", "<f8", "<f8"],
               "offsets": [4, 8, 20, 28], "itemsize": _FLUID_PRESSURE.size}),

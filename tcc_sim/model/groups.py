@@ -188,10 +188,29 @@ class Pressure(Excitation):
                                              LATEST)
     mean_values: tuple[float, ...] = quantity((), "Pm at these times, linear between them and constant afterwards; "
                                               "pressure.mean is then not used", "Pa", 0.0, PRESSURE_MAXIMUM)
+    time_constant: float = quantity(0.0, "time constant of the first-order lag from the commanded pressure to the "
+                                    "pressure at the plates", "s", 0.0, 100.0)
+    delay: float = quantity(0.0, "dead time of the commanded pressure, a whole number of ticks", "s", 0.0, 10.0)
+    rate_limit: float = quantity(0.0, "largest change of the pressure at the plates in a second; 0 is no limit", "Pa/s",
+                                 0.0, 1e12)
+
+    @property
+    def lagged(self) -> bool:
+        """Whether the pressure at the plates varies while a command is held."""
+        return self.time_constant > 0.0 or self.rate_limit > 0.0
+
+    @property
+    def actuated(self) -> bool:
+        """Whether there is an actuator between a command and the plates."""
+        return self.lagged or self.delay > 0.0
 
     def check_together(self) -> None:
-        """Raise InputError unless the profile has as many values as times."""
+        """Raise InputError unless the profile has as many values as times, and an actuator has commands to follow."""
         self.check_profile("mean")
+        if self.actuated and (self.harmonic or self.mean_times):
+            name = next(name for name in ("time_constant", "delay", "rate_limit") if getattr(self, name))
+            raise InputError(f"pressure.{name} is {getattr(self, name):g}; it acts on commanded pressure and needs "
+                             "pressure.source topic, pressure.fallback mean and no pressure.mean_times")
 
 
 @dataclass(frozen=True)

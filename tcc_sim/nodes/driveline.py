@@ -14,6 +14,7 @@ import gc
 import sys
 import time
 from collections.abc import Callable
+from concurrent.futures import Future
 from contextlib import suppress
 from typing import Any
 
@@ -24,6 +25,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
+from tcc_sim.background import begun
 from tcc_sim.errors import InputError, counted, one_line
 from tcc_sim.messages import cdr
 from tcc_sim.model.profile import START
@@ -73,6 +75,7 @@ class DrivelineNode(Node):
         self.diagnostics = (Diagnostics(self, self.loop, self._waiting) if self.scene.operation.publish_diagnostics
                             else None)
         self._announced = False
+        self._compiler: Future[None] | None = None
         self._throttle = Throttle(self)
 
     def start(self) -> None:
@@ -92,6 +95,7 @@ class DrivelineNode(Node):
         if self.diagnostics is not None:
             self.diagnostics.publish_when_due()
         self.loop.outputs.tell_unsent()
+        self._look_for_vehicle()
         if self.loop.clock_started.is_set() and not self._announced:
             self._announced = True
             log(self, CLOCK_STARTED)
@@ -105,6 +109,16 @@ class DrivelineNode(Node):
             self._throttle.repeat(what, sentence)
         if self.loop.failure is not None:
             raise self.loop.failure
+
+    def _look_for_vehicle(self) -> None:
+        """Take output_speed where somebody publishes it by now; what that needs is compiled beside the clock."""
+        loop = self.loop
+        if self._compiler is None and not loop.far_end_moves and loop.far_end.subscription.get_publisher_count() and (
+                loop.clock_started.is_set()):
+            self._compiler, _ = begun(loop.plant.warm_up_far_end, name="far end's compiler")
+        if self._compiler is not None and self._compiler.done() and not loop.far_end_moves:
+            self._compiler.result()
+            loop.request(loop.attach)
 
     def destroy_node(self) -> None:
         """Stop the loop, then destroy everything."""
@@ -220,6 +234,9 @@ class Diagnostics:
                        f"{command.name} last refusal": command.refusal,
                        f"{command.name} time-outs": str(command.timeouts),
                        f"{command.name} source": "fallback" if command.fallen_back else "topic"}
+        if loop.pressure_command is not None:
+            commanded, applied = loop.plant.pressures
+            values |= {"commanded pressure (Pa)": f"{commanded:.6g}", "applied pressure (Pa)": f"{applied:.6g}"}
         waiting = [c.name for c in loop.commands if c.fallen_back]
         wrong = []
         if pacer.missed_ticks > self._late:

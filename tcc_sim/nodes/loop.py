@@ -27,7 +27,7 @@ from tcc_sim.nodes.pacing import Pacer, attend, prepare_thread
 from tcc_sim.plant.driveline import Plant, Reading
 from tcc_sim.recording.announcements import source_text
 from tcc_sim.scene import Scene
-from tcc_sim.topics import topic
+from tcc_sim.topics import FAR_END, topic
 
 SETTLED = 0.3
 """Real time, s, without a new subscription, after which the subscribers waited for count as complete."""
@@ -64,8 +64,9 @@ class RealTimeLoop:
         self.pressure_command = (CommandedInput(node, pressure, self.plant.check_pressure)
                                  if pressure.wanted(scene.value) else None)
         self.commands: list[CommandedInput] = [c for c in (self.engine_command, self.pressure_command) if c is not None]
+        self._inputs = tuple(self.commands)
+        self.far_end = CommandedInput(node, topic(FAR_END))
         self.outputs = Outputs(node, scene)
-        self._lockstep = scene.operation.pacing == "lockstep" and bool(self.commands)
         self._answer_ticks = scene.operation.answer_ticks
         self._unanswered: list[CommandedInput] | None = None
         self._waits_since = 0.0
@@ -91,6 +92,8 @@ class RealTimeLoop:
             The scene cannot be computed in real time on this machine.
         """
         self.plant.warm_up()
+        if self.scene.operation.publish_shaft_torque:
+            self.plant.warm_up_far_end()
         self._thread.start()
         self._compiler.start()
         priority = self.scene.operation.thread_priority
@@ -105,6 +108,25 @@ class RealTimeLoop:
             self._thread.join(timeout=1.0)
             if self.scene.operation.thread_priority:
                 attend(0)
+
+    @property
+    def far_end_moves(self) -> bool:
+        """Whether output_speed is taken."""
+        return self.far_end in self.commands
+
+    def attach(self) -> bool:
+        """Take output_speed from the next tick on, and say where the shaft's far end is."""
+        if not self.far_end_moves:
+            self.commands.append(self.far_end)
+            self.plant.stepper.move_far_end(0.0)
+            self.outputs.add_output_state()
+        return True
+
+    def attach_where_published(self) -> None:
+        """Take output_speed where somebody publishes it; what that needs is compiled first."""
+        if not self.far_end_moves and self.far_end.subscription.get_publisher_count():
+            self.plant.warm_up_far_end()
+            self.attach()
 
     @property
     def running(self) -> bool:
@@ -156,6 +178,7 @@ class RealTimeLoop:
     def begin(self) -> None:
         """The initial state, where the loop is stepped by its owner and not by its thread."""
         self.plant.warm_up()
+        self.attach_where_published()
         self.clock_started.set()
         self._publish(self.plant.reading())
 
@@ -181,11 +204,13 @@ class RealTimeLoop:
             self.refused_wishes = prepare_thread(wishes.thread_priority, wishes.cpu_affinity, wishes.lock_memory)
             if not self._await_subscribers():
                 return
+            self.attach_where_published()
             self._publish(self.plant.reading())
             self.pacer.anchor()
             self.clock_started.set()
             with ExitStack() as held:
-                for handle in (*self.outputs.handles(), *(command.subscription.handle for command in self.commands)):
+                for handle in (*self.outputs.handles(), self.far_end.subscription.handle,
+                               *(command.subscription.handle for command in self._inputs)):
                     held.enter_context(handle)
                 while not self._stopping:
                     self._serve()
@@ -217,8 +242,8 @@ class RealTimeLoop:
     def _due(self) -> bool:
         """Wait for what the next tick waits for, with its commands taken; False where something else comes first."""
         tick = self.plant.stepper.tick
-        if self._lockstep:
-            return tick % self._answer_ticks != 0 or self._answered(tick)
+        if self.commands and self.scene.operation.pacing == "lockstep":
+            return self._answered(tick)
         if self.pacer.period_ns > 0.0 and not self.pacer.wait(self._interrupted):
             return False
         for command in self.commands:
@@ -229,7 +254,9 @@ class RealTimeLoop:
         """Lock-step: whether every command that answers this state is there, or was waited for long enough."""
         now = time.monotonic()
         if self._unanswered is None:
-            self._unanswered, self._waits_since = list(self.commands), now
+            due = self._inputs if tick % self._answer_ticks == 0 else ()  # A vehicle answers every state.
+            self._unanswered = [command for command in self.commands if command is self.far_end or command in due]
+            self._waits_since = now
         stamp = self.plant.stamp_of(tick)
         self._unanswered = [c for c in self._unanswered if not c.answered(tick, stamp)]
         timeout = self.scene.operation.command_timeout
@@ -251,6 +278,7 @@ class RealTimeLoop:
         """Step with the commands as they are, publish."""
         if self.commands:
             self.plant.hold(_value(self.engine_command), _value(self.pressure_command))
+            self.plant.move_far_end(self.far_end.value)
         self._unanswered = None
         self._publish(self.plant.advance())
 
@@ -260,16 +288,16 @@ class RealTimeLoop:
             self.slip_ticks += 1
         else:
             self.stick_ticks += 1
-        if self.commands:
+        if self._inputs:
             self._say_source(reading.stamp_ns)
         self.outputs.state(reading)
 
     def _say_source(self, stamp_ns: int) -> None:
         """Say which inputs a command holds, where that is other than what was said."""
-        commanded = [command.value is not None for command in self.commands]
+        commanded = [command.value is not None for command in self._inputs]
         if commanded != self._said_commanded:
             self._said_commanded = commanded
-            source = source_text(dict(zip((command.name for command in self.commands), commanded)))
+            source = source_text(dict(zip((command.name for command in self._inputs), commanded)))
             self.outputs.say("input_source", cdr.header(stamp_ns, source))
 
     def _await_subscribers(self) -> bool:

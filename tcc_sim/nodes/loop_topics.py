@@ -150,14 +150,22 @@ class Outputs:
         qos = states(0 if self.patient else max(10, math.ceil(HISTORY * operation.rate)))
         self._every_tick: list[tuple[Any, Callable[..., bytes], Callable[[Reading], Any]]] = []
         self._publishers: dict[str, Any] = {}
+        self._states = qos
         for row in TOPICS:
             if row.fields and row.wanted(scene.value):
-                publisher = self._create(row.name, qos)
-                values = itemgetter(*map(Reading._fields.index, ("stamp_ns", *row.fields)))
-                self._every_tick.append((publisher, cdr.ENCODERS[row.type], values))
+                self._say_every_tick(row, cdr.ENCODERS[row.type])
         for name, profile in (("scene", LATCHED), ("input_source", CHANGES)):
             if topic(name).wanted(scene.value):
                 self._create(name, profile)
+
+    def add_output_state(self) -> None:
+        """Send output_state too from now on."""
+        self._say_every_tick(topic("output_state"), cdr.output_state)
+
+    def _say_every_tick(self, row: Topic, encode: Callable[..., bytes]) -> None:
+        """Create the publisher of a topic that every tick fills."""
+        values = itemgetter(*map(Reading._fields.index, ("stamp_ns", *row.fields)))
+        self._every_tick.append((self._create(row.name, self._states), encode, values))
 
     def state(self, reading: Reading) -> None:
         """Send every topic of a tick."""

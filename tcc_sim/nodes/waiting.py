@@ -86,4 +86,6 @@ class Waiting:
 
     def _fallback(self, command: CommandedInput) -> str:
         """What applies where nobody commands an input."""
+        if command is self._loop.far_end:
+            return "the shaft's far end stands still"
         return str(self._loop.scene.value(f"{topic(command.name).key.partition('.')[0]}.fallback"))

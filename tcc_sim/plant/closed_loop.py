@@ -15,13 +15,13 @@ from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.plant.driveline import Plant, Reading
 from tcc_sim.plant.sensors import Sensor, Sensors
 from tcc_sim.scene import SceneLike, as_scene
-from tcc_sim.topics import INPUTS, topic
+from tcc_sim.topics import FAR_END, INPUTS, topic
 from tcc_sim.trajectory import UNITS, Floats, Trajectory
 
 SAME = ("slip_speed", "plate_angle", "plate_speed", "engine_torque", "friction_torque", "flywheel_angle",
         "applied_pressure")
 """What a Reading and a ControlledRun have by the same names."""
-_RANGES = {name: QUANTITIES[topic(name).key] for name in INPUTS}
+_RANGES = {name: QUANTITIES[topic(name).key] for name in (*INPUTS, FAR_END)}
 MOST_TICKS = 100_000_000
 Answer = float | tuple[float | None, float | None] | None
 """A pressure (Pa), or engine torque (N m) and pressure; None leaves an input to the scene."""
@@ -93,7 +93,9 @@ class Samples:
         columns = {name: np.array(column) for name, column in zip(Reading._fields, zip(*self._readings))}
         per_pressure, *held = np.array(self._rest, dtype=np.float64).T
         system = plant.scene.system
+        far = {name: columns[name] for name in ("output_angle", "output_speed") if plant.stepper.far_end is not None}
         return {
+            **far,
             **{name: columns[name] for name in SAME}, "t": columns["stamp_ns"] / 1e9,
             "saturation_torque": per_pressure * columns["applied_pressure"],
             "state": columns["stick_slip_state"].astype(np.int8), "cycle": system.cycle, "solver": "fixed_step",

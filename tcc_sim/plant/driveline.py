@@ -11,9 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from tcc_sim.errors import InputError
+from tcc_sim.model.actuator import Actuator
 from tcc_sim.model.profile import START, Origin, along, phase_at, profile_of
 from tcc_sim.scene import Scene
-from tcc_sim.solvers.fixed_step import Reached, Stepper, tick
+from tcc_sim.solvers.fixed_step import Reached, Stepper
 from tcc_sim.solvers.terms import Terms, general_terms, holding, stick_speed_of, substeps, terms_from, terms_of
 
 SHARE = 0.5
@@ -29,6 +30,9 @@ class Reading(NamedTuple):
     """What a tick led to: the fields that fill the topics (`topics.TOPICS`), SI, angles in rad.
 
     stick_slip_state : -1 negative slip, 0 stick, 1 positive slip
+    applied_pressure, commanded_pressure : at the plates, and what the actuator is asked for
+    shaft_torque : C23 (theta2' - theta3') + K23 (theta2 - theta3)
+    output_angle, output_speed : of the shaft's far end, theta3 and theta3'
     """
 
     stamp_ns: int
@@ -41,6 +45,10 @@ class Reading(NamedTuple):
     slip_speed: float
     stick_slip_state: int
     applied_pressure: float
+    commanded_pressure: float
+    shaft_torque: float
+    output_angle: float
+    output_speed: float
 
 
 class Plant:
@@ -68,6 +76,9 @@ class Plant:
         self._follow(scene)
         self._torque: float | None = None
         self._pressure: float | None = None
+        pressure = scene.system.pressure
+        self._actuator = Actuator(pressure, self.stepper.step) if pressure.actuated else None
+        self._press(pressure.mean, pressure.mean)
         self._cost: dict[bool, float] = {}
         self._share = SHARE
 
@@ -97,6 +108,10 @@ class Plant:
             self._cost[True] = self._measured(terms)
             self.general_ready.set()
 
+    def warm_up_far_end(self) -> None:
+        """Compile what a far end that moves needs."""
+        self.stepper.warm_up(*([general_terms(self.scene.system)] if self.general_ready.is_set() else []), far=True)
+
     def needs_general(self, scene: Scene) -> bool:
         """Whether `scene` has other terms than the one that this driveline started with, or another frequency, whose
         phase goes on from where it is.
@@ -109,7 +124,8 @@ class Plant:
             raise InputError("friction.slip_speeds: a friction table may change while the driveline runs, and neither "
                              "come nor go; start the driveline again")
         terms = self._terms_of(scene)
-        for pressure in {self._pressure, None}:
+        highest = {self._actuator.highest} if self._actuator is not None else set[float]()
+        for pressure in {self._pressure, None} | highest:
             self._afford(scene, _held(scene, terms, self._torque, pressure))
 
     def check_pressure(self, pressure: float) -> None:
@@ -129,9 +145,13 @@ class Plant:
             scene)
         self._follow(scene)
         self.stepper.use(_held(scene, self._terms, self._torque, self._pressure))
+        if self._actuator is not None:
+            self._press(self._actuator.pressure, self._actuator.pressure)
 
     def hold(self, torque: float | None, pressure: float | None) -> None:
         """Hold a commanded engine torque (N m) and pressure (Pa) from the next tick on; None: what the scene says.
+
+        Where the scene has an actuator the pressure is what it is asked for.
 
         Raises
         ------
@@ -142,6 +162,11 @@ class Plant:
             self.stepper.use(_held(self.scene, self._terms, torque, pressure))
             self._torque, self._pressure = torque, pressure
 
+    def move_far_end(self, speed: float | None) -> None:
+        """Hold the speed of the shaft's far end, rad/s, from the next tick on; None: it stands still where it is."""
+        if speed is not None or self.stepper.far_end is not None:
+            self.stepper.move_far_end(speed or 0.0)
+
     def reset(self) -> None:
         """Back to the initial state at simulation time 0, with no input held."""
         self.stepper.reset(self.scene.system)
@@ -149,6 +174,9 @@ class Plant:
         self._terms = general_terms(system) if self.general else terms_of(system)
         self._torque = self._pressure = None
         self.stepper.use(self._terms)
+        if self._actuator is not None:
+            self._actuator.reset(system.pressure.mean)
+            self._press(system.pressure.mean, system.pressure.mean)
 
     @property
     def stamp_ns(self) -> int:
@@ -161,18 +189,42 @@ class Plant:
 
     def advance(self) -> Reading:
         """One tick; the state after it."""
+        if self._actuator is not None:
+            self._press(*self._actuator.advance(self._commanded_pressure()))
         return self._read(self.stepper.advance())
 
     def reading(self) -> Reading:
         """The state as it is."""
         return self._read(self.stepper.now())
 
+    def _press(self, before: float, after: float) -> None:
+        """Let the actuator's pressure go from one value to another, Pa, in the next tick."""
+        if self._actuator is not None:
+            largest = max(before, after) if self.scene.system.pressure.lagged else after
+            self.stepper.use(_held(self.scene, self._terms, self._torque, largest))
+            self.stepper.press(before, after, self.scene.system.torque_per_pressure)
+
+    def _commanded_pressure(self) -> float:
+        """What the actuator is asked for, Pa."""
+        return self.scene.system.pressure.mean if self._pressure is None else self._pressure
+
+    @property
+    def pressures(self) -> tuple[float, float]:
+        """Commanded pressure, and that at the plates at the end of the tick, Pa."""
+        if self._actuator is None:
+            applied = self._applied_pressure()
+            return applied, applied
+        return self._commanded_pressure(), self._actuator.pressure
+
     def _read(self, reached: Reached) -> Reading:
         """What a tick led to."""
         v, plate_angle, plate_speed, flywheel_angle, engine, friction, _ = reached
         state = 0 if abs(v) <= self._stick_speed else 1 if v > 0.0 else -1
+        commanded, applied = self.pressures
+        output_angle, output_speed = self.stepper.far_end or (0.0, 0.0)
+        shaft = self._damping * (plate_speed - output_speed) + self._stiffness * (plate_angle - output_angle)
         return Reading(self.stamp_of(self.stepper.tick), flywheel_angle, plate_angle, v + plate_speed, plate_speed,
-                       engine, friction, v, state, self._applied_pressure())
+                       engine, friction, v, state, applied, commanded, shaft, output_angle, output_speed)
 
     def _applied_pressure(self) -> float:
         """Pressure at the end of the tick, Pa, where it comes from a topic."""
@@ -190,6 +242,7 @@ class Plant:
     def _follow(self, scene: Scene) -> None:
         """Take from `scene` what every tick needs."""
         own, self.scene = scene.system.pressure, scene
+        self._damping, self._stiffness = scene.system.driveline.damping, scene.system.driveline.stiffness
         self._stick_speed = stick_speed_of(terms_of(scene.system))
         self._swing = (own.mean, own.amplitude if own.harmonic else 0.0, own.frequency_ratio,
                        scene.system.engine.frequency, own.phase)
@@ -241,8 +294,7 @@ class Plant:
             shortest = np.inf
             for _ in range(REPEATS):
                 began = self._clock()
-                tick(state.copy(), 0.0, 0.0, MEASURED, self.stepper.step / self.stepper.substeps, terms.mean_torque,
-                     terms.mean_load, terms)
+                self.stepper.run_apart(terms, state, MEASURED)
                 shortest = min(shortest, (self._clock() - began) / MEASURED)
             dearest = max(dearest, shortest)
         return float(dearest)

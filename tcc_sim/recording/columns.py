@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -14,8 +14,8 @@ from tcc_sim.errors import RecordingError
 from tcc_sim.messages import cdr
 from tcc_sim.recording.announcements import InputSource
 from tcc_sim.recording.records import Messages
-from tcc_sim.recording.stamps import Break
-from tcc_sim.topics import topic
+from tcc_sim.recording.stamps import Break, StampCounter
+from tcc_sim.topics import FLUID_PRESSURE, JOINT_STATE, topic
 
 Floats = NDArray[np.float64]
 _MOST_NAMED = 20
@@ -30,8 +30,9 @@ HEAD = np.dtype([("channel", "<u2"), ("number", "<u4"), ("log_ns", "<i8"), ("sen
 class JointStates:
     """Consecutive joint_states messages, (n,) arrays: stamps of simulation time, of receipt and of sending (ns), angles
     (rad), speeds (rad/s), torques (N m). `applied_pressure` (Pa) is there where the run recorded it, NaN where one
-    message of it is missing. `run` counts how often simulation time has started again within the recording, `began`
-    says how this run came to start, `index` is the place of the first of them among all that the recording gives.
+    message of it is missing, and so are `output_angle` (rad) and `output_speed` (rad/s) of the shaft's far end. `run`
+    counts how often simulation time has started again within the recording, `began` says how this run came to start,
+    `index` is the place of the first of them among all that the recording gives.
     """
 
     stamp_ns: NDArray[np.int64]
@@ -44,6 +45,8 @@ class JointStates:
     engine_torque: Floats
     friction_torque: Floats
     applied_pressure: Floats | None = None
+    output_angle: Floats | None = None
+    output_speed: Floats | None = None
     run: int = 0
     began: Break = Break.START
     index: int = 0
@@ -126,44 +129,82 @@ class GrowingStates:
         if not self._runs or self._runs[-1][0] != part.run:
             self._runs.append((part.run, part.began, first))
 
-    def runs(self, pressures: Mapping[int, Sequence[Pressures]] | None) -> Found:
-        """The states of every run, where each part of them begins, and how many of them have no applied pressure;
-        `pressures` by run, None where none were recorded.
+    def runs(self, beside: Sequence[Beside]) -> Found:
+        """The states of every run with what was recorded beside them, where each part of them begins, and how many of
+        them have no applied pressure although it was recorded.
         """
         for column in self._columns.values():
             column.resize(self.count, refcheck=False)
         columns: dict[str, Any] = dict(self._columns)
-        if pressures is not None:
-            columns["applied_pressure"] = np.full(self.count, np.nan)
+        for one in beside:
+            columns |= {name: np.full(self.count, np.nan) for name in one.columns}
         found, missing = [], 0
         for (run, began, first), end in zip(self._runs, [*(first for *_, first in self._runs[1:]), self.count]):
-            states = JointStates(**{name: column[first:end] for name, column in columns.items()}, run=run, began=began,
-                                 index=first)
-            if states.applied_pressure is not None:
-                _join(pressures.get(run, ()) if pressures else (), states.stamp_ns, states.applied_pressure)
-                missing += int(np.isnan(states.applied_pressure).sum())
-            found.append(states)
+            part = {name: column[first:end] for name, column in columns.items()}
+            for one in beside:
+                one.join(run, part)
+            missing += int(np.isnan(part["applied_pressure"]).sum()) if "applied_pressure" in part else 0
+            found.append(JointStates(**part, run=run, began=began, index=first))
         return tuple(found), np.array(self._parts, dtype=np.int64), missing
 
 
 Found = tuple[tuple[JointStates, ...], NDArray[np.int64], int]
 
 
-class Pressures(NamedTuple):
-    """Applied pressures that follow each other: stamps (ns), values (Pa)."""
+class Beside:
+    """What a topic with stamps says beside joint_states, joined to the states of the same stamps.
 
-    stamps: NDArray[np.int64]
-    values: Floats
+    Parameters
+    ----------
+    topic, type : its whole name and message type
+    layout : of its messages
+    columns : names of columns, each with the field of the messages that fills it
+    """
+
+    def __init__(self, topic: str, type: str, layout: cdr.Layout, columns: Mapping[str, str]) -> None:
+        self.topic, self.type, self.columns = topic, type, columns
+        self._layout, self._stamps, self._run = layout, StampCounter(), -1
+        self._parts: dict[int, list[tuple[NDArray[Any], ...]]] = {}
+
+    def take(self, data: NDArray[np.uint8], messages: Messages, channels: list[int], runs: int,
+             publishers: Callable[[NDArray[np.void]], NDArray[np.int64]]) -> int:
+        """Take the messages of these channels in one chunk; how many have another layout and were left out.
+
+        Parameters
+        ----------
+        runs : of joint_states that have begun before this chunk; the first message belongs to the last of them
+        publishers : gives who published messages with these HEADs
+        """
+        heads, records, refused = _records(data, messages, channels, self._layout)
+        if self._run < 0:
+            self._run = max(runs, 1) - 2
+        at = cdr.stamps(records)
+        for piece, preceded in self._stamps.pieces(at, publishers(heads), heads["number"]):
+            self._run += preceded.begins_a_run
+            self._parts.setdefault(self._run, []).append(
+                (at[piece], *(records[field][piece].astype(np.float64) for field in self.columns.values())))
+        return refused
+
+    def join(self, run: int, columns: Mapping[str, Any]) -> None:
+        """Fill the columns of a run at the stamps of its states."""
+        if run not in self._parts:
+            return
+        known, *values = (np.concatenate(parts) for parts in zip(*self._parts[run]))
+        stamps = columns["stamp_ns"]
+        place = np.searchsorted(known, stamps).clip(max=len(known) - 1)
+        same = known[place] == stamps
+        for name, column in zip(self.columns, values):
+            columns[name][same] = column[place[same]]
 
 
-def _join(pressures: Sequence[Pressures], stamps: NDArray[np.int64], into: Floats) -> None:
-    """Put the pressures of one run beside the states of the same stamps."""
-    if not pressures:
-        return
-    known, values = (np.concatenate(columns) for columns in list(zip(*pressures)))
-    place = np.searchsorted(known, stamps).clip(max=len(known) - 1)
-    same = known[place] == stamps
-    into[same] = values[place[same]]
+def all_beside(joint_states_topic: str, types: Mapping[str, str]) -> list[Beside]:
+    """The topics that say more of each state, of those in a recording with these types by topic."""
+    space = joint_states_topic.rpartition("/")[0]
+    every = (Beside(f"{space}/applied_pressure", FLUID_PRESSURE, cdr.FLUID_PRESSURE,
+                    {"applied_pressure": "fluid_pressure"}),
+             Beside(f"{space}/output_state", JOINT_STATE, cdr.OUTPUT_STATE,
+                    {name: name for name in ("output_angle", "output_speed")}))
+    return [one for one in every if types.get(one.topic) == one.type]
 
 
 def joint_states(data: NDArray[np.uint8], messages: Messages, channels: list[int],
@@ -197,13 +238,6 @@ def layout_of(data: bytes, messages: Messages, channels: list[int], joints: Sequ
         raise RecordingError(f"its joints are {said}; say which of them are flywheel and clutch plate: "
                              "--joints flywheel=NAME,clutch_plate=NAME")
     return cdr.joint_state_layout(names, joints, frame)
-
-
-def pressures(data: NDArray[np.uint8], messages: Messages,
-              channels: list[int]) -> tuple[NDArray[np.int64], Floats, NDArray[np.void], int]:
-    """Stamps (ns), values (Pa) and HEADs of the applied pressure in one chunk, and how many messages were left out."""
-    heads, records, refused = _records(data, messages, channels, cdr.FLUID_PRESSURE)
-    return cdr.stamps(records), records["fluid_pressure"].astype(np.float64), heads, refused
 
 
 def _records(data: NDArray[np.uint8], messages: Messages, channels: list[int],

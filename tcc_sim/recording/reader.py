@@ -6,6 +6,7 @@ import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +21,9 @@ from tcc_sim.recording.columns import (
     Columns,
     GrowingStates,
     JointStates,
-    Pressures,
+    all_beside,
     joint_states,
     layout_of,
-    pressures,
 )
 from tcc_sim.recording.commands import TARGET, Commands
 from tcc_sim.recording.contents import Channel, Contents, chunks, first_channels, together, unpack
@@ -31,7 +31,7 @@ from tcc_sim.recording.parts import missing_parts, open_file, part_number, parts
 from tcc_sim.recording.records import DamagedChunk, Expansion, Messages, RecordStream, Warnings
 from tcc_sim.recording.stamps import Break, StampCounter
 from tcc_sim.recording.window import Window
-from tcc_sim.topics import FLUID_PRESSURE, JOINT_NAMES, JOINT_STATE
+from tcc_sim.topics import JOINT_NAMES, JOINT_STATE
 
 BYTES_A_STATE = 110
 """Memory that a state takes, with what is worked out of it."""
@@ -157,9 +157,7 @@ class Run:
                                    for number, count in contents.expected.items()
                                    if number in contents.channels
                                    and contents.channels[number].topic == self.joint_states_topic))
-        pressure = self.joint_states_topic.rpartition("/")[0] + "/applied_pressure"
-        pressed = self.topics.get(pressure) == FLUID_PRESSURE
-        join, stamps, pressed_run = dict[int, list[Pressures]](), StampCounter(), -1
+        every = all_beside(self.joint_states_topic, self.topics)
         refused = Counter[str]()
         states, commands = GrowingStates(), Commands(self.joint_states_topic)
         for path in self.paths:
@@ -168,12 +166,10 @@ class Run:
                     tap(data, messages, channels)
                 array, before = np.frombuffer(data, dtype=np.uint8), states.count
                 here = np.flatnonzero(np.bincount(messages.channel)).tolist() if len(messages.channel) else []
-                if pressed and (found := _of(channels, here, pressure, FLUID_PRESSURE)):
-                    at, values, heads, left_out = pressures(array, messages, found)
-                    refused[pressure] += left_out
-                    for piece, preceded in stamps.pieces(at, self._publisher(heads, channels), heads["number"]):
-                        pressed_run += preceded.begins_a_run
-                        join.setdefault(pressed_run, []).append(Pressures(at[piece], values[piece]))
+                for one in every:
+                    if found := _of(channels, here, one.topic, one.type):
+                        refused[one.topic] += one.take(array, messages, found, self.stamps.runs,
+                                                       partial(self._publisher, channels=channels))
                 if found := _of(channels, here, self.joint_states_topic, JOINT_STATE):
                     self._layout = self._layout or layout_of(data, messages, found, self._joints)
                     batch, heads, left_out = joint_states(array, messages, found, self._layout)
@@ -184,7 +180,7 @@ class Run:
                             states.add(part[rows])
                     self._check_memory(states.count)
                 commands.take(data, messages, channels, before, states.count)
-        runs, parts, missing = states.runs(join if pressed else None)
+        runs, parts, missing = states.runs(every)
         if missing:
             self.warnings.append(f"the applied pressure is missing at {counted(missing, 'tick')}")
         self._conclude(refused)

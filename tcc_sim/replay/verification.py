@@ -14,6 +14,7 @@ from tcc_sim.errors import InputError, counted
 from tcc_sim.model.profile import START
 from tcc_sim.recording.columns import JointStates
 from tcc_sim.recording.stamps import Break
+from tcc_sim.replay.rows import COLUMNS, beside, row_of, rows_of, state_of
 from tcc_sim.replay.timeline import Timeline
 from tcc_sim.result import reported, reporting
 from tcc_sim.scene import parse_scene
@@ -30,7 +31,6 @@ SMALLEST_WORK, WORK_PER_BYTE = 30_000_000, 1000
 """Sub-steps that solving a recording again may take: so many, and so many for each byte of it. A tick counts as 20
 more. Gaps may take half of it.
 """
-COLUMNS = ("flywheel_angle", "plate_angle", "flywheel_speed", "plate_speed", "engine_torque", "friction_torque")
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,9 @@ def verify(line: Timeline, size: int, progress: Callable[[int], Any] | None = No
 
     An input that a command held is the constant that the message says. One that fell back to the scene's harmonics
     varies within the tick, so the driveline's announcements tell which it was. In a recording without them every input
-    counts as commanded.
+    counts as commanded. Where the scene has an actuator with a lag, the pressure of the message before and that of the
+    message say how the pressure went within the tick (`model.actuator`). The far end of the shaft goes on from its
+    recorded angle at the recorded speed.
 
     Parameters
     ----------
@@ -112,7 +114,8 @@ class _Verifier:
         self._leapt = 0
         self._scene, self._general, self._origin = line.scene, False, START
         self._run = -1
-        self._harmonic = False, False
+        self._harmonic, self._lagged = (False, False), False
+        self._pressed = self._far_angle = math.nan
         self._stepper: Stepper
         self._exact = False
         self._largest = np.zeros(len(COLUMNS))
@@ -126,9 +129,9 @@ class _Verifier:
         """Compare the next batch."""
         if not len(batch) or self._refusal:
             return
-        recorded = np.stack([getattr(batch, name) for name in COLUMNS], axis=1)
+        recorded = rows_of(batch)
         self._size = np.maximum(self._size, np.nan_to_num(np.abs(recorded), posinf=0.0).max(axis=0))
-        pressure = batch.applied_pressure.tolist() if batch.applied_pressure is not None else [math.nan] * len(batch)
+        pressure, angle, speed = beside(batch)
         solved = np.full_like(recorded, math.nan)
         exact = np.zeros(len(batch), dtype=np.bool_)
         begin = 0
@@ -138,12 +141,14 @@ class _Verifier:
                 begin = 1
                 self._follow_sources(batch.index)
                 solved[0], exact[0] = self._now(recorded[0], pressure[0]), self._exact
+                self._far_angle = angle[0]
                 self._solved += self._exact
                 if not self._exact:
                     solved[0] = recorded[0]
             rows = recorded.tolist()
             for k in range(begin, len(batch)):
-                solved[k] = self._next(int(batch.stamp_ns[k]), batch.index + k, rows[k], pressure[k])
+                solved[k] = self._next(int(batch.stamp_ns[k]), batch.index + k, rows[k], pressure[k], speed[k])
+                self._far_angle = angle[k]
                 exact[k] = self._exact
         except InputError as error:
             self._refusal = str(error)
@@ -184,7 +189,7 @@ class _Verifier:
         self._run = batch.run
         self._stamp_step = 1e9 / scene.operation.rate
         engine, pressure = scene.system.engine, scene.system.pressure
-        self._topics = engine.source == "topic", pressure.source == "topic"
+        self._topics, self._lagged = (engine.source == "topic", pressure.source == "topic"), pressure.lagged
         self._harmonic = self._topics[0] and engine.harmonic, self._topics[1] and pressure.harmonic
         stepper = self._stepper = Stepper(scene.system, 1.0 / scene.operation.rate)
         if stamp == 0:
@@ -195,7 +200,7 @@ class _Verifier:
         if batch.began is Break.RESET and stepper.tick and self._broken is None:
             self._broken = stamp * 1e-9
         if not self._exact:
-            self._take(batch, 0)
+            stepper.state[:] = state_of(rows_of(batch[:1])[0].tolist())
 
     def _take_over(self, index: int, stamp_ns: int) -> bool:
         """Go on to the last scene that holds from the state with this index on, or from an earlier one, and leads to
@@ -233,22 +238,18 @@ class _Verifier:
                              "the driveline node did not make this recording")
         return tick
 
-    def _take(self, batch: JointStates, k: int) -> None:
-        """Go on from the recorded state of row k."""
-        self._stepper.state[:] = (batch.flywheel_speed[k] - batch.plate_speed[k], batch.plate_angle[k],
-                                  batch.plate_speed[k],
-                                  batch.flywheel_angle[k])
-
-    def _next(self, stamp: int, index: int, row: list[float], pressure: float) -> list[float]:
+    def _next(self, stamp: int, index: int, row: list[float], pressure: float, far_speed: float) -> list[float]:
         """Solve up to `stamp` with the scenes and inputs that its ticks applied; what the message should hold."""
         stepper = self._stepper
         begin, end = stepper.tick, self._tick(stamp)
         if end <= begin:
             raise InputError(f"stamp {stamp * 1e-9:.9g} s comes twice")
         self._follow_sources(index)
-        given = self._applied_is_known(row[4], pressure)
+        far_moved, far_moves = not math.isnan(self._far_angle), not math.isnan(far_speed)
+        given = self._applied_is_known(row[4], pressure) and (far_moves or not far_moved)
         self._unknown += not given
-        known = given and (end == begin + 1 or not any(self._topics))
+        known = given and (end == begin + 1 or not (any(self._topics) or far_moves)) and not (
+            self._lagged and math.isnan(self._pressed))
         if known and not self._afford(end - begin):
             known = False
         solved = row
@@ -256,13 +257,16 @@ class _Verifier:
             if self._next_place < len(self._places) and self._take_over(index, round(tick * self._stamp_step)):
                 self._use_scene()
             self._apply(row[4], pressure)
+            if far_moves:
+                stepper.move_far_end(far_speed, self._far_angle if far_moved else 0.0)
             if known:
-                solved = _values(*stepper.advance())
+                solved = row_of(stepper.advance())
         self._solved += known
+        self._pressed = pressure
         if not known:
             self._exact, stepper.tick = False, end
         if not self._exact:
-            stepper.state[:] = row[2] - row[3], row[1], row[3], row[0]
+            stepper.state[:] = state_of(row)
         return solved
 
     def _afford(self, ticks: int) -> bool:
@@ -285,8 +289,9 @@ class _Verifier:
 
     def _now(self, row: Floats, pressure: float) -> list[float]:
         """What the message of the state as it is should hold."""
+        self._pressed = pressure
         self._apply(float(row[4]), pressure)
-        return _values(*self._stepper.now())
+        return row_of(self._stepper.now())
 
     def _apply(self, engine: float, pressure: float) -> None:
         """Take the inputs that come from topics as the node does."""
@@ -294,8 +299,11 @@ class _Verifier:
         torque, load = self._held
         if self._topics[0] and not math.isnan(engine):
             torque = engine
+        per_pressure = self._scene.system.torque_per_pressure
         if self._topics[1] and not math.isnan(pressure):
-            load = self._scene.system.torque_per_pressure * pressure
+            before = self._pressed if self._lagged and not math.isnan(self._pressed) else pressure
+            load = per_pressure * max(before, pressure)
+            self._stepper.press(before, pressure, per_pressure)
         if self._harmonic[0] and "engine_torque" not in self._commanded:
             torque = None
         if self._harmonic[1] and "actuation_pressure" not in self._commanded:
@@ -321,9 +329,3 @@ class _Verifier:
         wrong = np.flatnonzero((difference > allowed).any(axis=1))
         if len(wrong) and self._first is None:
             self._first = int(batch.stamp_ns[wrong[0]])
-
-
-def _values(v: float, plate_angle: float, plate_speed: float, flywheel_angle: float, engine: float, friction: float,
-            _: int) -> list[float]:
-    """The columns of a message about what a tick led to."""
-    return [flywheel_angle, plate_angle, v + plate_speed, plate_speed, engine, friction]

@@ -50,7 +50,7 @@ SHORTEST = 1e-8
 """Least duration, in engine cycles: some times what the engines take for the end of a cycle."""
 
 SOLVERS: dict[str, Entry] = {
-    "fixed_step": Entry("fixed_step", "solve", "real-time solver: SDIRK3, implicit friction, fixed ticks",
+    "fixed_step": Entry("fixed_step_solve", "solve", "real-time solver: SDIRK3, implicit friction, fixed ticks",
                         SMOOTHED, "step", 1e-3),
     "smoothed": Entry("smoothed.solve", "solve", "adaptive: Taylor series in slip, implicit in the layer and in stick",
                       SMOOTHED, "rtol", 1e-8),

@@ -11,25 +11,18 @@ limits the step, not the smoothing), and h max(omega_n, omega) <= RESOLUTION res
 
 from __future__ import annotations
 
-import math
-from dataclasses import replace
-
 import numpy as np
 
 from tcc_sim.errors import InputError
+from tcc_sim.model.actuator import approach_between
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.parameters import System
-from tcc_sim.solvers.compiling.compiled import Call, compiled, smoothed, timed
-from tcc_sim.solvers.excitation import break_after, piece_at, torques_now
-from tcc_sim.solvers.per_cycle import STAMP, cycles_of_states, hermite
-from tcc_sim.solvers.problem import Problem, assemble, rates_along
+from tcc_sim.solvers.compiling.compiled import Call, compiled, smoothed
+from tcc_sim.solvers.excitation import FAR_ANGLE, FAR_SPEED, break_after, piece_at, pull_of_far_end, torques_now
 from tcc_sim.solvers.scalar import ITERATION_BOUND, scalar_root
 from tcc_sim.solvers.terms import Terms, same_but_means, substeps, terms_of
-from tcc_sim.trajectory import Floats, Statistics, Status, Trajectory, concatenated, split_cycles
-
-BATCH = 400_000
-"""Sub-steps kept in memory at a time by an offline solve."""
+from tcc_sim.trajectory import Floats
 
 GAMMA = 0.43586652150845899942
 """The root of g^3 - 3 g^2 + 3 g/2 - 1/6 = 0 for which SDIRK3 is L-stable."""
@@ -42,11 +35,14 @@ A21 = 0.5 * (1.0 - GAMMA)
 @compiled
 def _stage(known: tuple[float, float, float], guess: float, engine: float, load: float, hg: float,
            plate: tuple[float, float, float, float, float, float], smoothing: float | None,
-           stribeck: Stribeck) -> tuple[float, float, float, int]:
-    """One implicit stage x = known + hg f(x): the new v, theta2, omega2, and the iterations it took."""
+           stribeck: Stribeck, t: float, piece: int, far: Floats | None,
+           linear: Linear) -> tuple[float, float, float, int]:
+    """One implicit stage x = known + hg f(x) at time t: the new v, theta2, omega2, and the iterations it took."""
     share, gain, drop, push, slip, per_slip = plate
     # omega2 = free + gain * Tf, since theta2 = known + hg omega2 and the plate is linear.
     free = share * known[2] - drop * known[1]
+    if far is not None:
+        free += gain * pull_of_far_end(t, far, piece, linear)
     w = known[0] + known[2] - free + push * engine
     v, count = scalar_root(w, slip * load, guess, smoothing, stribeck)
     omega = free + gain * ((w - v) * per_slip)
@@ -77,17 +73,20 @@ def stages(v: float, theta: float, omega: float, start: float, h: float,
     piece = piece_at(terms.profile, start + 0.5 * h)
     known = (v, theta, omega)
     engine, load = torques_now(start + hg, piece, terms.profile, terms)
-    v1, theta1, omega1, count1 = _stage(known, v, engine, load, hg, plate, terms.smoothing, terms.stribeck)
+    v1, theta1, omega1, count1 = _stage(known, v, engine, load, hg, plate, terms.smoothing, terms.stribeck,
+                                         start + hg, piece, terms.far, terms.linear)
     # A stage's slope times h is (its value - what was known) / gamma.
     dv1, dtheta1, domega1 = (v1 - known[0]) * rate, (theta1 - known[1]) * rate, (omega1 - known[2]) * rate
     known2 = (v + A21 * dv1, theta + A21 * dtheta1, omega + A21 * domega1)
     engine2, load2 = torques_now(start + C2 * h, piece, terms.profile, terms)
-    v2, theta2, omega2, count2 = _stage(known2, v1, engine2, load2, hg, plate, terms.smoothing, terms.stribeck)
+    v2, theta2, omega2, count2 = _stage(known2, v1, engine2, load2, hg, plate, terms.smoothing, terms.stribeck,
+                                         start + C2 * h, piece, terms.far, terms.linear)
     dv2, dtheta2, domega2 = (v2 - known2[0]) * rate, (theta2 - known2[1]) * rate, (omega2 - known2[2]) * rate
     known3 = (v + B1 * dv1 + B2 * dv2, theta + B1 * dtheta1 + B2 * dtheta2,
               omega + B1 * domega1 + B2 * domega2)
     engine3, load3 = torques_now(start + h, piece, terms.profile, terms)
-    v, theta, omega, count3 = _stage(known3, v2, engine3, load3, hg, plate, terms.smoothing, terms.stribeck)
+    v, theta, omega, count3 = _stage(known3, v2, engine3, load3, hg, plate, terms.smoothing, terms.stribeck,
+                                      start + h, piece, terms.far, terms.linear)
     return (v1, theta1, omega1, engine, load, v2, theta2, omega2, engine2, load2, v, theta, omega, engine3, load3,
             count1 + count2 + count3, max(max(count1, count2), count3))
 
@@ -183,6 +182,9 @@ class Stepper:
         self.iterations_bound = ITERATION_BOUND
         self._tick = Call(tick, 1, "ddqddd")
         self._laid_out: Terms | None = None
+        self._lag = (system.pressure.time_constant, system.pressure.rate_limit) if system.pressure.lagged else None
+        self._approach = None if self._lag is None else np.zeros((1, 4))
+        self._far: Floats | None = None
         self.use(terms_of(system))
         self.reset(system)
 
@@ -191,16 +193,50 @@ class Stepper:
         start = system.initial
         self.state[:] = (start.slip_speed, start.plate_angle, start.plate_speed, start.plate_angle)
         self.tick = 0
+        if self._far is not None:
+            self._far[:] = 0.0
 
     def use(self, terms: Terms) -> None:
         """Take these terms from the next tick on; raises InputError where they need too many sub-steps."""
         self.substeps = substeps(terms, self.step)
-        self.terms = terms
+        self.terms = self._completed(terms)
 
-    def warm_up(self, *variants: Terms) -> None:
-        """Compile and run the kernel once for each kind of terms, without touching the state."""
+    def press(self, before: float, after: float, torque_per_pressure: float) -> None:
+        """Let the actuator's pressure, Pa, go from one value to another in the next tick; nothing without a lag."""
+        if self._approach is not None and self._lag is not None:
+            rise, rate = approach_between(before, after, *self._lag, self.step)
+            self._approach[0] = (self.tick * self.step, torque_per_pressure * before, torque_per_pressure * rise, rate)
+
+    @property
+    def far_end(self) -> tuple[float, float] | None:
+        """Angle (rad) and speed (rad/s) of the shaft's far end now; None where it never moved."""
+        return None if self._far is None else (float(self._far[0, FAR_ANGLE]), float(self._far[0, FAR_SPEED]))
+
+    def move_far_end(self, speed: float, angle: float | None = None) -> None:
+        """Let the shaft's far end go on at a speed, rad/s, held from now on; from where it is, or from an angle, rad.
+        """
+        if self._far is None:
+            self._far = np.zeros((1, 4))
+            self.terms = self._completed(self.terms)
+        self._far[0] = self.tick * self.step, self._far[0, FAR_ANGLE] if angle is None else angle, speed, 0.0
+
+    def _completed(self, terms: Terms) -> Terms:
+        """`terms` with the actuator's and the far end's part in the next tick."""
+        if self._approach is None and self._far is None:
+            return terms
+        return terms._replace(approach=self._approach, far=self._far if terms.far is None else terms.far)
+
+    def warm_up(self, *variants: Terms, far: bool = False) -> None:
+        """Compile and run the kernel once for each kind of terms, without touching the state; `far`: where the shaft's
+        far end moves.
+        """
         for terms in (self.terms, *variants):
-            tick(self.state.copy(), 0.0, 0.0, 1, self.step, terms.mean_torque, terms.mean_load, terms)
+            self.run_apart(terms._replace(far=np.zeros((1, 4))) if far else terms, self.state, 1)
+
+    def run_apart(self, terms: Terms, state: Floats, n: int) -> None:
+        """Make n sub-steps with these terms, from a copy of a state."""
+        tick(state.copy(), 0.0, 0.0, n, self.step / self.substeps, terms.mean_torque, terms.mean_load,
+             self._completed(terms))
 
     def advance(self) -> Reached:
         """One tick, and what it led to."""
@@ -208,6 +244,8 @@ class Stepper:
         if reached[6] > self.iterations_most:
             self.iterations_most = reached[6]
         self.tick += 1
+        if self._far is not None:
+            self._far[0, :2] = self.tick * self.step, self._far[0, FAR_ANGLE] + self.step * self._far[0, FAR_SPEED]
         return reached
 
     def now(self) -> Reached:
@@ -240,7 +278,7 @@ def tick(state: Floats, t: float, end: float, n: int, h: float, mean_torque: flo
     the torques are those at time `end`, as the next tick counts it.
     """
     held = Terms(terms.linear, mean_torque, terms.torque, terms.harmonics, mean_load, terms.pulsation, terms.smoothing,
-                 terms.stribeck, terms.profile)
+                 terms.stribeck, terms.profile, terms.approach, terms.far)
     _, most = advance(state, t, h, n, held, True, None)
     engine, friction_torque = engine_and_friction(end, state[0], held)
     return state[0], state[1], state[2], state[3], engine, friction_torque, most
@@ -256,49 +294,3 @@ def advance_ticks(state: Floats, start: float, step: float, first: int, ticks: i
         total += count
         most = max(most, worst)
     return total, most
-
-
-def solve(problem: Problem) -> Trajectory:
-    """The real-time solver offline, in the ticks that the node would take; `problem.step` is the tick, 1 ms by default.
-
-    Results within a cycle come from every sub-step, so they are as exact as the method and not as coarse as the ticks.
-    """
-    step = problem.step or 1e-3
-    terms = terms_of(problem.system)
-    state, flywheel = np.array(problem.first), True if problem.flywheel_angle else None
-    t, states = np.array([problem.start]), state[None, :].copy()
-    try:
-        n = substeps(terms, step)
-    except InputError as error:
-        return assemble(problem, "fixed_step", t, states, status=Status.REFUSED, detail=str(error))
-    ticks = math.ceil((problem.end - problem.start) / step * (1.0 - 1e-13))
-    times = problem.sample_times()
-    samples, cycles, ends = [states[:0]], [], problem.cycle_starts()
-    kept, first, done, total, most, status, seconds = 0, 0, 0, 0, 0, Status.DONE, 0.0
-    while done < ticks:
-        block = min(ticks - done, max(1, BATCH // n))
-        out = np.empty((block * n, len(state)))
-        (count, worst), spent = timed(advance_ticks, state, problem.start, step, done, block, n, terms, flywheel, out)
-        seconds += spent
-        total, most = total + count, max(most, worst)
-        fresh = problem.start + np.arange(done, done + block)[:, None] * step + np.arange(1, n + 1) * (step / n)
-        t, states = np.concatenate([t, fresh.ravel()]), np.concatenate([states, out])
-        done += block
-        if not np.all(np.isfinite(out)):
-            status = Status.NOT_FINITE
-            break
-        rates = rates_along(t, states, terms)
-        due = len(times) if done == ticks else int(np.searchsorted(times, t[-1], side="right"))
-        samples.append(np.stack([hermite(times[kept:due], t, states[:, i], rates[:, i]) for i in range(len(state))],
-                                axis=1))
-        kept = due
-        starts = ends[first:] if done == ticks else ends[first:np.searchsorted(ends, t[-1] + STAMP, side="right")]
-        cycles.append(replace(cycles_of_states(t, states, terms, starts), starts=starts))
-        first += len(cycles[-1])
-        keep = max(int(np.searchsorted(t, min(ends[first], t[-1]), side="right")) - 2, 0)
-        t, states = t[keep:], states[keep:]
-    statistics = Statistics(steps=done * n, iterations=total, iterations_max=most, iterations_bound=ITERATION_BOUND,
-                            seconds=seconds)
-    whole, rest = split_cycles(concatenated(cycles), problem.whole_cycles) if cycles else (None, None)
-    return assemble(problem, "fixed_step", times[:kept], np.concatenate(samples), cycles=whole, rest=rest,
-                    status=status, statistics=statistics)

@@ -116,7 +116,7 @@ def _over(terms: Terms, profile: Floats | None, torque: float, load: float) -> T
             profile[i, TORQUE] = terms.profile[i, TORQUE] + torque  # type: ignore[index]
             profile[i, LOAD] = terms.profile[i, LOAD] + load  # type: ignore[index]
     return Terms(terms.linear, terms.mean_torque + torque, terms.torque, terms.harmonics, terms.mean_load + load,
-                 terms.pulsation, terms.smoothing, terms.stribeck, profile)
+                 terms.pulsation, terms.smoothing, terms.stribeck, profile, terms.approach, terms.far)
 
 
 @compiled

@@ -56,6 +56,9 @@ class Terms(NamedTuple):
 
     With a profile (`model.profile`; its loads are saturation torques, N m) the angles of the sines go with the phase
     phi instead of the time, so that their rates are in rad per rad, and the means are those of the profile.
+
+    The real-time solver alone takes `approach`, the (1, 4) course of the load in a tick of an actuator, and `far`, the
+    (m, 4) motion of the shaft's far end: `excitation` has their columns. Their arrays are filled anew for each tick.
     """
 
     linear: Linear
@@ -67,6 +70,8 @@ class Terms(NamedTuple):
     smoothing: float | None
     stribeck: Stribeck
     profile: Floats | None = None
+    approach: Floats | None = None
+    far: Floats | None = None
 
 
 def per_system(function: Function) -> Function:
@@ -151,18 +156,20 @@ def holding(terms: Terms, torque: float | None, load: float | None) -> Terms:
     """
     if torque is None and load is None:
         return terms
-    linear, mean_torque, sine, harmonics, mean_load, pulsation, smoothing, stribeck, profile = terms
+    linear, mean_torque, sine, harmonics, mean_load, pulsation, smoothing, stribeck, profile, approach, far = terms
     if torque is not None:
         mean_torque, sine, profile = torque, sine and (0.0, sine[1]), _held_in(profile, TORQUE, torque)
         harmonics = None if harmonics is None else harmonics * (1.0, 0.0, 1.0)
     if load is not None:
         mean_load, pulsation, profile = load, pulsation and (0.0, *pulsation[1:]), _held_in(profile, LOAD, load)
-    return Terms(linear, mean_torque, sine, harmonics, mean_load, pulsation, smoothing, stribeck, profile)
+    return Terms(linear, mean_torque, sine, harmonics, mean_load, pulsation, smoothing, stribeck, profile, approach,
+                 far)
 
 
 def same_but_means(one: Terms, other: Terms) -> bool:
     """Whether terms are the same but for the mean torque and the mean load."""
     return (one.harmonics is other.harmonics and one.profile is other.profile
+            and one.approach is other.approach and one.far is other.far
             and (one.linear, one.torque, one.pulsation, one.smoothing, one.stribeck)
             == (other.linear, other.torque, other.pulsation, other.smoothing, other.stribeck))
 

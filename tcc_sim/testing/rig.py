@@ -21,7 +21,7 @@ from tcc_sim.scene import SceneLike, as_scene
 from tcc_sim.testing.faults import Faults, Line
 from tcc_sim.testing.run import ControllerFailed, LockstepRun, Worker
 from tcc_sim.testing.under_test import UnderTest
-from tcc_sim.topics import FLUID_PRESSURE, INPUTS, topic
+from tcc_sim.topics import FAR_END, FLUID_PRESSURE, INPUTS, topic
 
 PATIENCE = 20.0
 """Real time, s, that an answer may take."""
@@ -57,7 +57,7 @@ class Rig:
         wanted = as_scene(scene).with_values({"publish_clock": True, **(changes or {}), "rate": rate,
                                               "pacing": "lockstep"})
         self._patience = patience
-        self._lines = {name: Line(name, Faults.of(faults)) for name in INPUTS}
+        self._lines = {**{name: Line(name, Faults.of(faults)) for name in INPUTS}, FAR_END: Line(FAR_END, Faults())}
         try:
             self._node = DrivelineNode(wanted)
         except RuntimeError as error:
@@ -194,6 +194,7 @@ class Rig:
 
     def _begin(self) -> list[CommandedInput]:
         """The commands that are waited for; the initial state is said when those who take part are there."""
+        self._loop.attach_where_published()
         commands = [command for command in self._loop.commands if command.subscription.get_publisher_count()]
         if self._loop.commands and not commands:
             names = " and ".join(command.name for command in self._loop.commands)
@@ -209,12 +210,14 @@ class Rig:
     def _awaited(self, commands: list[CommandedInput]) -> list[CommandedInput]:
         """The commands that must answer the state: once a command_period, and of nodes that follow the states.
 
-        A node with use_sim_time follows /clock: its timers decide when it sends. A lost message has no answer.
+        A node with use_sim_time follows /clock: its timers decide when it sends. A lost message has no answer. A
+        vehicle answers every state.
         """
         sensors = self._loop.outputs.sensors
-        if self._plant.stepper.tick % self._node.scene.operation.answer_ticks or (sensors and sensors.lost):
-            return []
-        return [command for command in commands if command.name not in self._timed]
+        due = self._plant.stepper.tick % self._node.scene.operation.answer_ticks == 0 and not (
+            sensors and sensors.lost)
+        return [command for command in commands
+                if command.name not in self._timed and (due or command.name == FAR_END)]
 
     def _await_answers(self, commands: list[CommandedInput], awaited: list[CommandedInput]) -> None:
         """Spin the nodes under test until every command that must answer the state is there, and take the others."""

@@ -40,6 +40,9 @@ typedef enum { TCC_INSTANTIATED, TCC_INITIALIZATION, TCC_STEP_MODE, TCC_TERMINAT
    much the load's angle is ahead of r phi + psi. */
 typedef struct { double time, phase, lead; } tcc_origin;
 
+/* The actuator's pressure, the angle of the shaft's far end, and the commands that wait out the actuator's dead time. */
+typedef struct { double pressure, far_angle, waiting[TCC_DELAY_TICKS + 1]; } tcc_around;
+
 typedef struct {
     double x[TCC_VARIABLES];       /* every variable, by its reference */
     double state[4];               /* slip speed, plate angle, plate speed, flywheel angle */
@@ -49,6 +52,7 @@ typedef struct {
     Terms terms;
     tcc_origin origin;
     double frequency, ratio;       /* engine.frequency and pressure.frequency_ratio of the terms */
+    tcc_around around;
     int substeps, mode, changed;   /* changed: terms are to be worked out anew */
     int started;                   /* flags of the terms at the start, as tcc_flags gives them */
 } tcc_model;
@@ -446,6 +450,63 @@ static tcc_answer tcc_prepare(tcc_plant *p)
     return TCC_OK;
 }
 
+/* Whether there is an actuator between the commanded pressure and the plates; tcc_sim.model.actuator. */
+static int tcc_lagged(const double *x)
+{
+    return TCC_PRESSURE_TOPIC && (x[at_pressure_time_constant] > 0.0 || x[at_pressure_rate_limit] > 0.0);
+}
+
+static int tcc_actuated(const double *x) { return tcc_lagged(x) || TCC_DELAY_TICKS > 0; }
+
+/* Let the actuator's pressure go from one value to another in the next tick, and give back the sub-steps that it needs. */
+static double tcc_press(tcc_model *m, double before, double after)
+{
+    const double *x = m->x;
+    double per_pressure = tcc_per_pressure(x), *row = m->terms.approach.at[0];
+    m->terms.approach.has = m->terms.approach.rows = tcc_lagged(x);
+    m->terms.mean_load = per_pressure * (tcc_lagged(x) ? fmax(before, after) : after);
+    for (int k = 0; k < m->terms.profile.rows; k++) m->terms.profile.at[k][TCC_LOAD] = m->terms.mean_load;
+    if (tcc_lagged(x)) {
+        tuple_dd way = tcc_approach_between(before, after, x[at_pressure_time_constant], x[at_pressure_rate_limit], TCC_STEP);
+        row[0] = (double)m->tick * TCC_STEP;
+        row[1] = per_pressure * before;
+        row[2] = per_pressure * way._0;
+        row[3] = way._1;
+    }
+    return tcc_substeps(&m->terms);
+}
+
+/* The highest pressure that the commands until now lead to. */
+static double tcc_highest(const tcc_model *m)
+{
+    double found = fmax(m->around.pressure, m->x[at_actuation_pressure]);
+    for (int k = 0; k < TCC_DELAY_TICKS; k++) found = fmax(found, m->around.waiting[k]);
+    return found;
+}
+
+/* One tick of the actuator, the far end and the driveline. */
+static void tcc_tick(tcc_model *m)
+{
+    double *x = m->x, *far = m->terms.far.at[0];
+    if (tcc_actuated(x)) {
+        double command = x[at_actuation_pressure], before = m->around.pressure;
+        if (TCC_DELAY_TICKS > 0) {
+            double *place = m->around.waiting + m->tick % (TCC_DELAY_TICKS + (TCC_DELAY_TICKS == 0));
+            command = *place;
+            *place = x[at_actuation_pressure];
+        }
+        m->around.pressure = tcc_pressure_after(before, command, x[at_pressure_time_constant], x[at_pressure_rate_limit], TCC_STEP);
+        m->substeps = (int)tcc_press(m, before, m->around.pressure);
+    }
+    m->terms.far.has = m->terms.far.rows = x[at_output_speed] != 0.0 || m->around.far_angle != 0.0;
+    far[0] = (double)m->tick * TCC_STEP;
+    far[1] = m->around.far_angle;
+    far[2] = x[at_output_speed];
+    tcc_advance(m->state, (double)m->tick * TCC_STEP, TCC_STEP / m->substeps, m->substeps, &m->terms);
+    m->around.far_angle += TCC_STEP * x[at_output_speed];
+    m->tick++;
+}
+
 /* Outputs of the state as it is: torques and pressure are those that act at the end of the tick. */
 static void tcc_outputs(tcc_model *m)
 {
@@ -462,9 +523,10 @@ static void tcc_outputs(tcc_model *m)
     x[at_applied_engine_torque] = torques._0;
     x[at_friction_torque] = torques._1 * tcc_smoothed(v, s->smoothing, s->stribeck);
     x[at_stick_slip_state] = fabs(v) <= m->stick_speed ? 0.0 : v > 0.0 ? 1.0 : -1.0;
-    x[at_shaft_torque] = x[at_driveline_damping] * m->state[2] + x[at_driveline_stiffness] * m->state[1];
+    x[at_shaft_torque] = x[at_driveline_damping] * (m->state[2] - x[at_output_speed])
+        + x[at_driveline_stiffness] * (m->state[1] - m->around.far_angle);
 #if TCC_PRESSURE_TOPIC
-    x[at_applied_pressure] = x[at_actuation_pressure];
+    x[at_applied_pressure] = tcc_actuated(x) ? m->around.pressure : x[at_actuation_pressure];
 #else
     if (s->profile.has) {
         tuple_ddd now = tcc_reached(t, s->profile.at[piece]);
@@ -485,6 +547,12 @@ static tcc_answer tcc_initialise(tcc_plant *p)
     m->state[1] = m->state[3] = m->x[at_initial_plate_angle];
     m->state[2] = m->x[at_initial_plate_speed];
     m->tick = 0;
+    m->around.far_angle = 0.0;
+    if (tcc_actuated(m->x)) {
+        m->around.pressure = m->x[at_pressure_mean];
+        for (int k = 0; k <= TCC_DELAY_TICKS; k++) m->around.waiting[k] = m->around.pressure;
+        tcc_press(m, m->around.pressure, m->around.pressure);
+    }
     tcc_outputs(m);
     return TCC_OK;
 }
@@ -575,7 +643,9 @@ static double tcc_time(const tcc_model *m) { return m->start_time + (double)m->t
 static tcc_answer tcc_do_step(tcc_plant *p, double now, double length)
 {
     tcc_model *m = &p->model;
-    double ticks = floor(length / TCC_STEP + 0.5), before[4], rounding = 4.0 * (nextafter(fabs(now), INFINITY) - fabs(now));
+    double ticks = floor(length / TCC_STEP + 0.5), before[4], needed, rounding = 4.0 * (nextafter(fabs(now), INFINITY) - fabs(now));
+    long long first = m->tick;
+    tcc_around around = m->around;
     tcc_answer answer;
     if (m->mode != TCC_STEP_MODE) return tcc_say(p, TCC_ERROR, "a step needs a simulation that runs");
     if (!(ticks >= 1.0) || !(fabs(length - ticks * TCC_STEP) <= fmin(fmax(1e-4 * TCC_STEP, rounding), 0.25 * TCC_STEP)))
@@ -585,17 +655,24 @@ static tcc_answer tcc_do_step(tcc_plant *p, double now, double length)
         return tcc_say(p, TCC_ERROR, "the communication point is %.17g s; the step before ended at %.17g s", now, m->expected);
     answer = tcc_prepare(p);
     if (answer != TCC_OK) return answer;
+    if (tcc_actuated(m->x)) {
+        needed = tcc_press(m, tcc_highest(m), tcc_highest(m));
+        if (!(needed <= TCC_SUBSTEP_LIMIT))
+            return tcc_say(p, TCC_DISCARD, "a tick of %g s needs %.0f sub-steps; at most %d are allowed", TCC_STEP, needed,
+                           TCC_SUBSTEP_LIMIT);
+        m->substeps = (int)needed;
+    }
     if (!(ticks * m->substeps <= TCC_MOST_SUBSTEPS) || m->tick > TCC_MOST_TICKS)
         return tcc_say(p, TCC_DISCARD, "the communication step is %.12g s, %.0f sub-steps; at most %.0f are allowed", length,
                        ticks * m->substeps, TCC_MOST_SUBSTEPS);
     memcpy(before, m->state, sizeof before);
-    for (long long k = 0; k < (long long)ticks; k++)
-        tcc_advance(m->state, (double)(m->tick + k) * TCC_STEP, TCC_STEP / m->substeps, m->substeps, &m->terms);
+    while (m->tick < first + (long long)ticks) tcc_tick(m);
     if (!isfinite(m->state[0] + m->state[1] + m->state[2] + m->state[3])) {
         memcpy(m->state, before, sizeof before);
+        m->around = around;
+        m->tick = first;
         return tcc_say(p, TCC_DISCARD, "the state would no longer be finite");
     }
-    m->tick += (long long)ticks;
     m->expected = now + length;
     tcc_outputs(m);
     return TCC_OK;
@@ -639,6 +716,8 @@ static tcc_answer tcc_restore(tcc_plant *p, const void *kept)
     const tcc_model *m = kept ? &((const tcc_kept *)kept)->model : NULL;
     tcc_answer answer = tcc_whole(p, kept);
     if (answer != TCC_OK) return answer;
+    for (int k = 0; answer == TCC_OK && k <= TCC_DELAY_TICKS; k++)
+        answer = tcc_allowed(p, &tcc_variables[at_pressure_mean], m->around.waiting[k]);
     for (int k = 0; answer == TCC_OK && k < TCC_VARIABLES; k++) answer = tcc_allowed(p, &tcc_variables[k], m->x[k]);
     if (answer == TCC_OK && m->mode == TCC_STEP_MODE) {
         answer = tcc_allowed(p, &tcc_variables[at_pressure_frequency_ratio], m->ratio);
@@ -646,7 +725,7 @@ static tcc_answer tcc_restore(tcc_plant *p, const void *kept)
             answer = tcc_allowed(p, &tcc_variables[at_engine_frequency], m->frequency);
     }
     if (answer != TCC_OK || m->mode < TCC_INSTANTIATED || m->mode > TCC_TERMINATED || m->tick < 0 || m->tick > TCC_MOST_TICKS
-        || !isfinite(m->start_time) || !isfinite(m->expected) || !(m->origin.time >= 0.0)
+        || !(m->around.pressure >= 0.0) || !isfinite(m->around.pressure + m->around.far_angle) || !isfinite(m->start_time) || !isfinite(m->expected) || !(m->origin.time >= 0.0)
         || !isfinite(m->origin.time + m->origin.phase + m->origin.lead) || !(fabs(m->x[at_stick_slip_state]) <= 1.0))
         return tcc_say(p, TCC_ERROR, "that state of this FMU holds a value that is not allowed");
     memcpy(&p->model, m, sizeof p->model);
