@@ -239,6 +239,7 @@ def without_effect(keys: dict[str, object]) -> set[str]:
     free = {key for key, value in DEFAULTS.items() if value == ()}
     free |= {key for key in PROFILES if f"{key}_times" in keys}
     free |= set(TABULATED) if "friction.slip_speeds" in keys else set()
+    free |= {"pressure.time_constant", "pressure.delay", "pressure.rate_limit"}  # Without them there is no actuator.
     for group in ("engine", "pressure"):
         if keys[f"{group}.source"] == "harmonic":
             free |= {f"{group}.fallback"}

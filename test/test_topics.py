@@ -14,8 +14,10 @@ def test_every_row_is_whole_and_found_by_its_name():
         assert row.direction in ("in", "out", "beside")
         assert row.carries
         type_parts(row.type)
-    assert [row.name for row in TOPICS if row.direction == "in"] == ["engine_torque", "actuation_pressure"]
-    assert [row.name for row in TOPICS if row.direction == "beside"] == ["target_slip_speed", "unsent_messages"]
+    assert [row.name for row in TOPICS if row.direction == "in"] == [
+        "engine_torque", "actuation_pressure", "output_speed"]
+    assert [row.name for row in TOPICS if row.direction == "beside"] == [
+        "output_state", "target_slip_speed", "unsent_messages"]
     assert JOINT_NAMES == ("flywheel", "clutch_plate")
     with pytest.raises(KeyError):
         topic("clutch")

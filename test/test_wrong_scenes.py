@@ -49,7 +49,8 @@ def test_every_number_beyond_its_range_is_named_with_the_range(key: str) -> None
 def test_the_keys_that_are_no_numbers_are_few_and_known() -> None:
     assert sorted(set(EVERY) - set(NUMBERS)) == [
         "engine.fallback", "engine.source", "friction.law", "lock_memory", "pacing", "pressure.fallback",
-        "pressure.source", "publish_clock", "publish_diagnostics", "publish_scalars"]
+        "pressure.source", "publish_clock", "publish_diagnostics", "publish_scalars",
+        "publish_shaft_torque"]
     assert sorted(EVERY) == sorted(KNOWN_KEYS)
 
 

@@ -20,7 +20,7 @@ def rows_of(batch: JointStates) -> Floats:
     return np.stack([getattr(batch, name) for name in COLUMNS], axis=1)
 
 
-def beside(batch: JointStates) -> tuple[list[float], list[float], list[float]]:
+def recorded_beside(batch: JointStates) -> tuple[list[float], list[float], list[float]]:
     """Return the applied pressures, Pa, and angles (rad) and speeds (rad/s) of the far end; NaN where none is there."""
     pressure, angle, speed = ([math.nan] * len(batch) if column is None else column.tolist() for column in (
         batch.applied_pressure, batch.output_angle, batch.output_speed))
@@ -32,7 +32,7 @@ def state_of(row: list[float]) -> tuple[float, float, float, float]:
     return row[2] - row[3], row[1], row[3], row[0]
 
 
-def row_of(reached: Reached) -> list[float]:
+def message_row(reached: Reached) -> list[float]:
     """Return the row of what a tick led to."""
     v, plate_angle, plate_speed, flywheel_angle, engine, friction, _ = reached
     return [flywheel_angle, plate_angle, v + plate_speed, plate_speed, engine, friction]

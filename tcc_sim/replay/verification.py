@@ -14,7 +14,7 @@ from tcc_sim.errors import InputError, counted
 from tcc_sim.model.profile import START
 from tcc_sim.recording.columns import JointStates
 from tcc_sim.recording.stamps import Break
-from tcc_sim.replay.rows import COLUMNS, beside, row_of, rows_of, state_of
+from tcc_sim.replay.rows import COLUMNS, message_row, recorded_beside, rows_of, state_of
 from tcc_sim.replay.timeline import Timeline
 from tcc_sim.result import reported, reporting
 from tcc_sim.scene import parse_scene
@@ -131,7 +131,7 @@ class _Verifier:
             return
         recorded = rows_of(batch)
         self._size = np.maximum(self._size, np.nan_to_num(np.abs(recorded), posinf=0.0).max(axis=0))
-        pressure, angle, speed = beside(batch)
+        pressure, angle, speed = recorded_beside(batch)
         solved = np.full_like(recorded, math.nan)
         exact = np.zeros(len(batch), dtype=np.bool_)
         begin = 0
@@ -260,7 +260,7 @@ class _Verifier:
             if far_moves:
                 stepper.move_far_end(far_speed, self._far_angle if far_moved else 0.0)
             if known:
-                solved = row_of(stepper.advance())
+                solved = message_row(stepper.advance())
         self._solved += known
         self._pressed = pressure
         if not known:
@@ -291,7 +291,7 @@ class _Verifier:
         """What the message of the state as it is should hold."""
         self._pressed = pressure
         self._apply(float(row[4]), pressure)
-        return row_of(self._stepper.now())
+        return message_row(self._stepper.now())
 
     def _apply(self, engine: float, pressure: float) -> None:
         """Take the inputs that come from topics as the node does."""

@@ -301,16 +301,16 @@ def torques_now(t: float, piece: int, profile: Floats | None, terms: Terms) -> t
     """Te and Ts at time t; with a profile, by its piece of this number."""
     if profile is None:
         return (engine_torque(t, terms.mean_torque, terms.torque, terms.harmonics),
-                approached(t, saturation_torque(t, terms.mean_load, terms.pulsation), terms.approach))
+                load_on_approach(t, saturation_torque(t, terms.mean_load, terms.pulsation), terms.approach))
     else:
         angle, mean_torque, mean_load = reached_unfused(t, profile[piece])
         mean_torque = mean_torque + swelling(t, angle, profile[piece])
         return (engine_torque(angle, mean_torque, terms.torque, terms.harmonics),
-                approached(t, saturation_torque(angle, mean_load, terms.pulsation), terms.approach))
+                load_on_approach(t, saturation_torque(angle, mean_load, terms.pulsation), terms.approach))
 
 
 @compiled
-def approached(t: float, load: float, approach: Floats | None) -> float:
+def load_on_approach(t: float, load: float, approach: Floats | None) -> float:
     """Ts at time t where an actuator's pressure approaches a command; else `load`, as it is."""
     if approach is None:
         return load

@@ -47,7 +47,8 @@ def test_its_description_is_valid_and_says_what_the_keys_say(name: str, version:
     assert (base.kg, base.m, base.s, base.rad) == (1, 2, -2, -1)
     assert rows["friction.static_coefficient"].variability == "tunable"
     assert {row for row in rows if rows[row].causality == "input"} == {
-        "commands": {"engine_torque", "actuation_pressure"}, "controlled": {"actuation_pressure"}}.get(name, set())
+        "commands": {"engine_torque", "actuation_pressure"}, "controlled": {"actuation_pressure"}}.get(name, set()) | {
+        "output_speed"}
     if name == "controlled":
         assert (float(rows["actuation_pressure"].start), rows["actuation_pressure"].min) == (100e3, "0.0")
     if name == "harmonics":
