@@ -28,7 +28,7 @@ from tcc_sim.fmu.printer import Library
 from tcc_sim.model import actuator, friction
 from tcc_sim.output.files import draft
 from tcc_sim.scene import Scene
-from tcc_sim.solvers import excitation, fixed_step
+from tcc_sim.solvers import fixed_step, torques
 from tcc_sim.solvers.terms import Terms
 
 COMPILERS = "cc", "gcc", "clang"
@@ -161,8 +161,8 @@ def _kernel(scene: Scene) -> str:
     library.declared(terms)
     roots: list[tuple[object, tuple[Kind, ...]]] = [
         (fixed_step.advance, (Row(writable=True), DOUBLE, DOUBLE, INT, terms, Static(True), Static(None))),
-        (excitation.piece_at, (of["profile"], DOUBLE)),
-        (excitation.torques_now, (DOUBLE, INT, of["profile"], terms)),
+        (torques.piece_at, (of["profile"], DOUBLE)),
+        (torques.torques_now, (DOUBLE, INT, of["profile"], terms)),
         (friction.smoothed, (DOUBLE, DOUBLE, of["stribeck"])),
         (actuator.pressure_after, (DOUBLE,) * 5), (actuator.approach_between, (DOUBLE,) * 5)]
     for function, kinds in roots:

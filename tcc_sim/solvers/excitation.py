@@ -7,8 +7,6 @@ load's phase at the start of the cycle is `shift` (rad), so that no large angle 
 Where frequency, means or amplitudes vary in time there is a `profile`, one piece of `model.profile` as a row, else
 None: sines have a quadratic phase then, means and amplitudes are linear. Times of the row are seconds into the engine
 cycle, phases those since its start, and the rates of waves and load are per rad of phi.
-
-Methods that ask for torques alone have them of the time since cycle 0, with a whole profile (`torques_now`).
 """
 
 from __future__ import annotations
@@ -20,22 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.model import profile as of
-from tcc_sim.model.equations import Linear
-from tcc_sim.solvers.compiling.compiled import compiled, engine_torque, fast, saturation_torque, swelling
-from tcc_sim.solvers.compiling.compiled import reached as reached_unfused
+from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.series import COLUMNS, ENGINE, INVERSE, LOAD, add_sine, sine_and_cosine
 from tcc_sim.solvers.terms import Terms
-from tcc_sim.trajectory import Floats
 
 TWO_PI = 2.0 * math.pi
 Pulsation = Any
 """(Tsp in N m, omega_f in rad/s or rad/rad, psi in rad), or None for a constant load; with a profile always there."""
-START, BEFORE, RISE, RATE = range(4)
-"""Columns of an approach: time, s, at which the load is BEFORE, N m; then it is BEFORE + RISE (1 - exp(-RATE t)), or
-BEFORE + RISE t where RATE, 1/s, is 0.
-"""
-FAR_ANGLE, FAR_SPEED, FAR_RATE = range(1, 4)
-"""Columns of the far end behind START: theta3 (rad), w3 (rad/s) and what it changes by in a second, from then on."""
 GRID = math.pi / 8.0
 """Step in the load's angle within which the load less its clamp has one extremum at most."""
 BISECTIONS = 60
@@ -294,62 +283,3 @@ def edge_varying(tau: float, end: float, pulsation: Pulsation, row: Any) -> tupl
             return bisected(low, high, 0, pulsation, row), loaded
         low, rate = high, following
     return until, loaded
-
-
-@compiled
-def torques_now(t: float, piece: int, profile: Floats | None, terms: Terms) -> tuple[float, float]:
-    """Te and Ts at time t; with a profile, by its piece of this number."""
-    if profile is None:
-        return (engine_torque(t, terms.mean_torque, terms.torque, terms.harmonics),
-                load_on_approach(t, saturation_torque(t, terms.mean_load, terms.pulsation), terms.approach))
-    else:
-        angle, mean_torque, mean_load = reached_unfused(t, profile[piece])
-        mean_torque = mean_torque + swelling(t, angle, profile[piece])
-        return (engine_torque(angle, mean_torque, terms.torque, terms.harmonics),
-                load_on_approach(t, saturation_torque(angle, mean_load, terms.pulsation), terms.approach))
-
-
-@compiled
-def load_on_approach(t: float, load: float, approach: Floats | None) -> float:
-    """Ts at time t where an actuator's pressure approaches a command; else `load`, as it is."""
-    if approach is None:
-        return load
-    else:
-        past, rate = t - approach[0, START], approach[0, RATE]
-        share = past
-        if rate > 0.0:
-            share = 1.0 - np.exp(-rate * past)
-        return float(np.maximum(approach[0, BEFORE] + approach[0, RISE] * share, 0.0))
-
-
-@compiled
-def pull_of_far_end(t: float, far: Floats | None, piece: int, linear: Linear) -> float:
-    """C23 w3 + K23 theta3 at time t, N m: what the moving far end of the shaft adds to the torque on the plate."""
-    if far is None:
-        return 0.0
-    else:
-        row = min(piece, len(far) - 1)
-        past = t - far[row, START]
-        angle = far[row, FAR_ANGLE] + past * (far[row, FAR_SPEED] + 0.5 * far[row, FAR_RATE] * past)
-        return float(linear[2] * (far[row, FAR_SPEED] + far[row, FAR_RATE] * past) + linear[3] * angle)
-
-
-@compiled
-def piece_at(profile: Floats | None, t: float) -> int:
-    """The number of the piece of the profile that holds at time t; 0 where there is none."""
-    if profile is None:
-        return 0
-    else:
-        return int(max(np.searchsorted(profile[:, 0], t, side="right") - 1, 0))
-
-
-@compiled
-def break_after(profile: Floats | None, t: float, h: float) -> float:
-    """How far the next corner or jump of the profile is from time t, at most h seconds."""
-    if profile is None:
-        return h
-    else:
-        following = np.searchsorted(profile[:, 0], t, side="right")
-        if following == len(profile) or not profile[following, 0] - t < h * (1.0 - 1e-9):
-            return h
-        return float(max(profile[following, 0] - t, 1e-9 * h))

@@ -16,7 +16,6 @@ from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.profile import LOAD, TORQUE
 from tcc_sim.solvers.compiling.compiled import compiled, smoothed_and_slope
-from tcc_sim.solvers.excitation import break_after
 from tcc_sim.solvers.fixed_step import A21, B1, B2, GAMMA, plate_of, stages
 from tcc_sim.solvers.key_derivatives import (
     DAMPING,
@@ -31,6 +30,7 @@ from tcc_sim.solvers.key_derivatives import (
     STIFFNESS,
 )
 from tcc_sim.solvers.terms import Terms
+from tcc_sim.solvers.torques import break_after
 from tcc_sim.trajectory import Floats
 
 LOAD_SCALE, OTHER_PAIRS, ROWS = len(NUMBERS), len(NUMBERS) + 1, len(NUMBERS) + 5

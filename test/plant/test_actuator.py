@@ -13,7 +13,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.model.actuator import Actuator, approach_between, pressure_after
 from tcc_sim.plant.driveline import Plant
 from tcc_sim.scene import Scene, bundled_scenes, load_scene
-from tcc_sim.solvers.excitation import load_on_approach
+from tcc_sim.solvers.torques import load_on_approach
 
 MEAN = 100e3
 """Mean pressure of the scene `controlled`, Pa."""

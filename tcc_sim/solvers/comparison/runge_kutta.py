@@ -21,10 +21,10 @@ from tcc_sim.model.parameters import System
 from tcc_sim.solvers import SOLVERS
 from tcc_sim.solvers.compiling.compiled import accelerations, compiled
 from tcc_sim.solvers.compiling.compiled import smoothed as smoothed_coefficient
-from tcc_sim.solvers.excitation import piece_at, torques_now
 from tcc_sim.solvers.per_cycle import cycles_of_states
 from tcc_sim.solvers.problem import Problem, assemble
 from tcc_sim.solvers.terms import Terms, peak_load, piece_of, terms_of
+from tcc_sim.solvers.torques import piece_at, torques_now
 from tcc_sim.trajectory import Floats, Statistics, Status, Trajectory, concatenated, split_cycles
 
 STEPS = 2_000_000_000

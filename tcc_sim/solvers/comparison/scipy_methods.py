@@ -15,10 +15,10 @@ from scipy.integrate import BDF, DOP853, LSODA, RK45, Radau
 from tcc_sim.solvers import SOLVERS
 from tcc_sim.solvers.comparison.runge_kutta import GOES_ON, march, prepare, rates
 from tcc_sim.solvers.compiling.compiled import compiled, smoothed_and_slope
-from tcc_sim.solvers.excitation import piece_at, torques_now
 from tcc_sim.solvers.per_cycle import cycles_of_states
 from tcc_sim.solvers.problem import Problem, assemble
 from tcc_sim.solvers.terms import Terms, piece_of, terms_of
+from tcc_sim.solvers.torques import piece_at, torques_now
 from tcc_sim.trajectory import Floats, Statistics, Status, Trajectory, split_cycles
 
 STEPS = 10_000_000
