@@ -33,11 +33,13 @@ from tcc_sim.nodes import parameters, signals
 from tcc_sim.nodes.children import CLOCK_STARTED
 from tcc_sim.nodes.loop import RealTimeLoop
 from tcc_sim.nodes.loop_requests import Outcome
+from tcc_sim.nodes.loop_topics import CommandedInput
 from tcc_sim.nodes.middleware import DIAGNOSTICS, time_of
 from tcc_sim.nodes.process import Spinner, Throttle, log, run_node, warn
 from tcc_sim.nodes.waiting import Waiting
 from tcc_sim.recording.announcements import holding_from
 from tcc_sim.scene import Scene
+from tcc_sim.topics import FAR_END, topic
 
 SWITCH_INTERVAL = 1e-4
 """How long, s, another thread may hold the interpreter before the real-time loop asks for it."""
@@ -75,7 +77,7 @@ class DrivelineNode(Node):
         self.diagnostics = (Diagnostics(self, self.loop, self._waiting) if self.scene.operation.publish_diagnostics
                             else None)
         self._announced = False
-        self._compiler: Future[None] | None = None
+        self._vehicle: tuple[CommandedInput, Future[None]] | None = None
         self._throttle = Throttle(self)
 
     def start(self) -> None:
@@ -113,12 +115,13 @@ class DrivelineNode(Node):
     def _look_for_vehicle(self) -> None:
         """Take output_speed where somebody publishes it by now; what that needs is compiled beside the clock."""
         loop = self.loop
-        if self._compiler is None and not loop.far_end_moves and loop.far_end.subscription.get_publisher_count() and (
-                loop.clock_started.is_set()):
-            self._compiler, _ = begun(loop.plant.warm_up_far_end, name="far end's compiler")
-        if self._compiler is not None and self._compiler.done() and not loop.far_end_moves:
-            self._compiler.result()
-            loop.request(loop.attach)
+        if self._vehicle is None and loop.clock_started.is_set() and loop.vehicle_waits:
+            compiling, _ = begun(loop.plant.warm_up_far_end, name="far end's compiler")
+            self._vehicle = CommandedInput(self, topic(FAR_END)), compiling
+        if self._vehicle is not None and loop.far_end is None and self._vehicle[1].done():
+            far_end, compiling = self._vehicle
+            compiling.result()
+            loop.request(lambda: loop.attach(far_end))
 
     def destroy_node(self) -> None:
         """Stop the loop, then destroy everything."""

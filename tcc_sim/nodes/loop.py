@@ -29,8 +29,8 @@ from tcc_sim.recording.announcements import source_text
 from tcc_sim.scene import Scene
 from tcc_sim.topics import FAR_END, topic
 
-SETTLED = 0.3
-"""Real time, s, without a new subscription, after which the subscribers waited for count as complete."""
+SETTLED, MEETING = 0.3, 1.0
+"""Real time, s, without a new subscription, after which those waited for count as complete; for a vehicle to be met."""
 LOOK = 0.02
 """Real time, s, between two looks for subscribers, and between two tries to send what a reader was too slow for."""
 LOCKSTEP_LOOK, LOCKSTEP_REST, LOCKSTEP_EAGER = 2e-5, 1e-3, 0.05
@@ -47,7 +47,7 @@ class RealTimeLoop:
     """
 
     def __init__(self, node: Node, scene: Scene) -> None:
-        self._context = node.context
+        self._node, self._context = node, node.context
         self.plant = Plant(scene)
         self.pacer = Pacer(_period(scene))
         self.paused = False
@@ -65,7 +65,7 @@ class RealTimeLoop:
                                  if pressure.wanted(scene.value) else None)
         self.commands: list[CommandedInput] = [c for c in (self.engine_command, self.pressure_command) if c is not None]
         self._inputs = tuple(self.commands)
-        self.far_end = CommandedInput(node, topic(FAR_END))
+        self.far_end: CommandedInput | None = None
         self.outputs = Outputs(node, scene)
         self._answer_ticks = scene.operation.answer_ticks
         self._unanswered: list[CommandedInput] | None = None
@@ -110,23 +110,27 @@ class RealTimeLoop:
                 attend(0)
 
     @property
-    def far_end_moves(self) -> bool:
-        """Whether output_speed is taken."""
-        return self.far_end in self.commands
+    def vehicle_waits(self) -> bool:
+        """Whether somebody publishes output_speed, which is not taken yet."""
+        return self.far_end is None and self._node.count_publishers(FAR_END) > 0
 
-    def attach(self) -> bool:
+    def attach(self, far_end: CommandedInput) -> bool:
         """Take output_speed from the next tick on, and say where the shaft's far end is."""
-        if not self.far_end_moves:
-            self.commands.append(self.far_end)
+        if self.far_end is None:
+            self.far_end = far_end
+            self.commands.append(far_end)
             self.plant.stepper.move_far_end(0.0)
             self.outputs.add_output_state()
         return True
 
     def attach_where_published(self) -> None:
-        """Take output_speed where somebody publishes it; what that needs is compiled first."""
-        if not self.far_end_moves and self.far_end.subscription.get_publisher_count():
+        """Take output_speed where somebody publishes it, once what that needs is compiled and the two have met."""
+        if self.vehicle_waits:
+            far_end, since = CommandedInput(self._node, topic(FAR_END)), time.monotonic()
             self.plant.warm_up_far_end()
-            self.attach()
+            while not far_end.subscription.get_publisher_count() and time.monotonic() - since < MEETING:
+                time.sleep(LOCKSTEP_REST)
+            self.attach(far_end)
 
     @property
     def running(self) -> bool:
@@ -209,8 +213,7 @@ class RealTimeLoop:
             self.pacer.anchor()
             self.clock_started.set()
             with ExitStack() as held:
-                for handle in (*self.outputs.handles(), self.far_end.subscription.handle,
-                               *(command.subscription.handle for command in self._inputs)):
+                for handle in (*self.outputs.handles(), *(command.subscription.handle for command in self.commands)):
                     held.enter_context(handle)
                 while not self._stopping:
                     self._serve()
@@ -278,7 +281,7 @@ class RealTimeLoop:
         """Step with the commands as they are, publish."""
         if self.commands:
             self.plant.hold(_value(self.engine_command), _value(self.pressure_command))
-            self.plant.move_far_end(self.far_end.value)
+            self.plant.move_far_end(_value(self.far_end))
         self._unanswered = None
         self._publish(self.plant.advance())
 

@@ -14,6 +14,7 @@ from tcc_sim.errors import InputError, counted
 from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.plant.driveline import Plant, Reading
 from tcc_sim.plant.sensors import Sensor, Sensors
+from tcc_sim.plant.timed_changes import TimedChanges
 from tcc_sim.scene import SceneLike, as_scene
 from tcc_sim.topics import FAR_END, INPUTS, topic
 from tcc_sim.trajectory import UNITS, Floats, Trajectory
@@ -23,8 +24,10 @@ SAME = ("slip_speed", "plate_angle", "plate_speed", "engine_torque", "friction_t
 """What a Reading and a ControlledRun have by the same names."""
 _RANGES = {name: QUANTITIES[topic(name).key] for name in (*INPUTS, FAR_END)}
 MOST_TICKS = 100_000_000
-Answer = float | tuple[float | None, float | None] | None
-"""A pressure (Pa), or engine torque (N m) and pressure; None leaves an input to the scene."""
+Answer = float | tuple[float | None, ...] | None
+"""A pressure (Pa), or engine torque (N m) and pressure, or these two and the speed of the shaft's far end (rad/s); None
+leaves an input to the scene, and the far end still.
+"""
 
 
 def check_command(name: str, value: float, admit: Callable[[float], None] = lambda _: None) -> None:
@@ -107,23 +110,29 @@ class _Held:
 
     def __init__(self, plant: Plant) -> None:
         self._plant = plant
-        self._taken = {name: topic(name).wanted(plant.scene.value) for name in INPUTS}
+        self._taken = {name: topic(name).wanted(plant.scene.value) for name in (*INPUTS, FAR_END)}
         self.torque: float | None = None
         self.pressure: float | None = None
+        self.output_speed: float | None = None
         self.refused, self.refusal = 0, ""
 
     def take(self, answer: Answer) -> None:
         """Hold an answer from the next tick on, but for what is refused: the value before it holds on."""
-        both = answer if isinstance(answer, tuple) else (None, answer)
-        if len(both) != 2:
-            raise InputError(f"the law answered {answer!r}; it must answer a pressure, or (torque, pressure)")
-        torque, pressure = (self._number(name, value) for name, value in zip(INPUTS, both))
+        given = answer if isinstance(answer, tuple) else (None, answer)
+        if len(given) not in (2, 3):
+            raise InputError(f"the law answered {answer!r}; it must answer a pressure, (torque, pressure) or (torque, "
+                             "pressure, output_speed)")
+        torque, pressure, speed = (self._number(name, value) for name, value in zip((*INPUTS, FAR_END),
+                                                                                    (*given, None)))
         if torque is not None and not self._admitted(INPUTS[0], torque):
             torque = self.torque
         if pressure is not None and not self._admitted(INPUTS[1], pressure, lambda p: self._plant.hold(torque, p)):
             pressure = self.pressure
+        if speed is not None and not self._admitted(FAR_END, speed):
+            speed = self.output_speed
         self._plant.hold(torque, pressure)
-        self.torque, self.pressure = torque, pressure
+        self._plant.move_far_end(speed)
+        self.torque, self.pressure, self.output_speed = torque, pressure, speed
 
     def _number(self, name: str, value: object) -> float | None:
         """A value of an answer; raises InputError where it makes no sense."""
@@ -150,7 +159,7 @@ class _Held:
 
 def closed_loop(scene: SceneLike, law: Callable[[Reading], Answer], seconds: float,
                 rate: float = 1000.0, *, sensors: Mapping[str, Sensor | Mapping[str, float]] | None = None,
-                ) -> ControlledRun:
+                at: Mapping[float, Mapping[str, object]] | None = None) -> ControlledRun:
     """Run a control law against the driveline, one call a tick, or one a command_period where the scene has that, as
     its node would run in lock-step with the driveline's node: the same answers give the same states to the last bit.
 
@@ -161,13 +170,14 @@ def closed_loop(scene: SceneLike, law: Callable[[Reading], Answer], seconds: flo
     Parameters
     ----------
     scene : a scene or a system, its name or its file; an input whose source is topic is the law's
-    law : gives for the state (a Reading) a pressure (Pa), or engine torque (N m) and pressure; None for what the scene
-        says where nobody commands it, its fallback
+    law : gives for the state (a Reading) a pressure (Pa), or engine torque (N m) and pressure, or these and the speed
+        of the shaft's far end (rad/s); None for what the scene says where nobody commands it, its fallback
     seconds : of simulated time; whole ticks are taken
     rate : ticks a second, Hz
     sensors : by signal (slip_speed, flywheel_speed, plate_speed, flywheel_angle, plate_angle, engine_torque) or topic
         (joint_states, slip_speed), how the law is told it: noise, offset, quantum, delay_ticks, drop, seed. The law is
         not asked about a state of which a message is lost: its last answer is held. The run keeps the true states
+    at : by time, s, scene keys that change then with their values: ``{1.5: {"engine.mean_torque": 250.0}}``
 
     Returns
     -------
@@ -195,12 +205,16 @@ def closed_loop(scene: SceneLike, law: Callable[[Reading], Answer], seconds: flo
         raise InputError(f"seconds is {seconds:g}; it must be 0 to {MOST_TICKS / rate:g} s at {rate:g} Hz")
     plant = Plant(scene)
     held, samples, reading = _Held(plant), Samples(plant), plant.reading()
-    measuring = Sensors(sensors)
+    measuring, changes = Sensors(sensors), TimedChanges(rate)
+    for t, values in (at or {}).items():
+        changes.add(t, values)
     samples.add(plant, reading, None, None)
     for tick in range(round(seconds * rate)):
         told = measuring.measure(reading)
         if tick % scene.operation.answer_ticks == 0 and not measuring.lost:
             held.take(law(told))
+        if due := changes.due(tick):
+            plant.use(plant.scene.with_values(due))
         reading = plant.advance()
         samples.add(plant, reading, held.torque, held.pressure)
     if held.refused:

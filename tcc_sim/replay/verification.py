@@ -249,9 +249,7 @@ class _Verifier:
         given = self._applied_is_known(row[4], pressure) and (far_moves or not far_moved)
         self._unknown += not given
         known = given and (end == begin + 1 or not (any(self._topics) or far_moves)) and not (
-            self._lagged and math.isnan(self._pressed))
-        if known and not self._afford(end - begin):
-            known = False
+            self._lagged and math.isnan(self._pressed)) and self._afford(end - begin)
         solved = row
         for tick in range(begin + 1 if known else end, end + 1):
             if self._next_place < len(self._places) and self._take_over(index, round(tick * self._stamp_step)):

@@ -17,6 +17,7 @@ from tcc_sim.nodes.loop_topics import CommandedInput
 from tcc_sim.nodes.middleware import LATCHED, poll, subscribe
 from tcc_sim.plant.closed_loop import MOST_TICKS, Samples
 from tcc_sim.plant.sensors import Sensors
+from tcc_sim.plant.timed_changes import TimedChanges, changes_of
 from tcc_sim.scene import SceneLike, as_scene
 from tcc_sim.testing.faults import Faults, Line
 from tcc_sim.testing.run import ControllerFailed, LockstepRun, Worker
@@ -70,6 +71,7 @@ class Rig:
         self._timed: set[str] = set()
         self._target: float | None = None
         self._worker = Worker()
+        self._changes = TimedChanges(rate)
         self._under_test = UnderTest(self._node.context, self._now, self._worker.beat)
         self._closed = False
 
@@ -121,13 +123,26 @@ class Rig:
         InputError
             The driveline refuses; in its own words.
         """
-        changes = {**(values or {}), **{key.replace("__", "."): value for key, value in more.items()}}
+        changes = changes_of(values, more)
         self._plant.warm_up()
         if self._plant.needs_general(self._node.scene.with_values(changes)):
             self._plant.warm_up_general()
         result = self._node.set_parameters_atomically([Parameter(key, value=value) for key, value in changes.items()])
         if not result.successful:
             raise InputError(result.reason)
+
+    def at(self, t: float, values: Mapping[str, object] | None = None, **more: object) -> None:
+        """Change parameters at the simulation time t, s, of a run to come: ``at(1.5, engine__mean_torque=300.0)``. The
+        tick that begins then is the first with the new values.
+
+        Raises
+        ------
+        InputError
+            A time that is no whole number of ticks or that has passed, or a key or value that no scene has.
+        """
+        changes = changes_of(values, more)
+        self._node.scene.with_values(changes)
+        self._changes.add(t, changes, self._plant.stepper.tick)
 
     def sensor(self, name: str, **options: float) -> None:
         """Put a sensor before a signal of joint_states, slip_speed or joint_states from the next state on, in the place
@@ -182,6 +197,8 @@ class Rig:
             awaited = self._awaited(commands)
             self._await_answers(commands, awaited)
             missed += self._deliver(commands, awaited)
+            if (changes := self._changes.due(self._plant.stepper.tick)) is not None:
+                self.change(changes)
             self._loop.step()
             self._loop.outputs.flush()
             samples.add(self._plant, self._plant.reading(), *self._held())

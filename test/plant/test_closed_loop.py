@@ -83,7 +83,7 @@ def test_what_the_node_refuses_is_refused_counted_and_said_and_the_value_before_
 @pytest.mark.parametrize(("scene", "answer", "match"), [
     ("controlled", "much", r"the law answered actuation_pressure 'much'; it must be a number or None"),
     ("controlled", 10**400, r"0+; it must be a number or None"),
-    ("controlled", (1.0, 2.0, 3.0), r"it must answer a pressure, or \(torque, pressure\)"),
+    ("controlled", (1.0, 2.0, 3.0, 4.0), r"it must answer a pressure, \(torque, pressure\) or \(torque, "),
     ("controlled", (5.0, 1e5), "engine_torque 5.0, which the scene gives itself; None leaves it to the scene, "
                                "engine.source=topic lets the law give it"),
     ("fig02", 1e5, "actuation_pressure 100000.0, which the scene gives itself; .* pressure.source=topic")])
@@ -109,3 +109,21 @@ def test_a_scene_of_its_own_excitation_runs_as_the_real_time_solver_solves_it() 
         own.advance()
     assert run.slip_speed[-1] == own.state[0]
     assert run.commands == {}
+
+
+def test_keys_change_at_the_tick_that_begins_at_their_time() -> None:
+    run = tcc_sim.closed_loop("controlled", lambda _: 1e5, 0.3, at={0.1: {"engine.mean_torque": 260.0},
+                                                                    0.2: {"engine.torque_amplitude": 0.0}})
+    pulse = 250.0 * np.sin(150.0 * run.t)
+    np.testing.assert_allclose(run.engine_torque[:101] - pulse[:101], 200.0, atol=1e-9)
+    np.testing.assert_allclose(run.engine_torque[101:201] - pulse[101:201], 260.0, atol=1e-9)
+    np.testing.assert_allclose(run.engine_torque[201:], 260.0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("changes", "sentence"), [
+    ({0.0005: {"engine.mean_torque": 1.0}}, "a change at 0.0005 s is not possible; it must be a whole number of ticks"),
+    ({0.1: {"engine.mean_torqe": 1.0}}, "did you mean engine.mean_torque"),
+    ({0.1: {"driveline.stiffness": 1.0}}, "driveline.stiffness cannot change while the driveline runs")])
+def test_a_change_that_cannot_be_made_is_refused_before_the_run(changes: object, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        tcc_sim.closed_loop("controlled", lambda _: pytest.fail("it ran"), 0.3, at=changes)  # type: ignore[arg-type]

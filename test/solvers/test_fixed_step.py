@@ -10,7 +10,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.model import pure_stick
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import bundled_scenes, load_scene
-from tcc_sim.solvers import Status, fixed_step, solve
+from tcc_sim.solvers import Status, fixed_step_solve, solve
 from tcc_sim.solvers.fixed_step import Stepper, advance, advance_ticks, engine_and_friction
 from tcc_sim.solvers.scalar import ITERATION_BOUND
 from tcc_sim.solvers.terms import SUBSTEP_LIMIT, general_terms, holding, substeps, terms_of
@@ -141,7 +141,7 @@ def test_several_blocks_give_what_one_gives(monkeypatch: pytest.MonkeyPatch) -> 
     whole = solve(system, **options)
     ticks = math.ceil(3.4 * system.cycle / 1e-3)
     for block in (1, 10, ticks - 1):  # One in a tick, ends within cycles, and a last block of one tick.
-        monkeypatch.setattr(fixed_step, "BATCH", block * substeps(terms_of(system), 1e-3))
+        monkeypatch.setattr(fixed_step_solve, "BATCH", block * substeps(terms_of(system), 1e-3))
         parts = solve(system, **options)
         assert parts.t.tolist() == whole.t.tolist()
         assert parts.statistics.steps == whole.statistics.steps
