@@ -89,3 +89,9 @@ def _unique_loader() -> Any:
             return found
 
     return UniqueLoader
+
+
+def description_in(text: str) -> str:
+    """The comment in the first line of a parameter file."""
+    first = text.lstrip().partition("\n")[0]
+    return first.lstrip("# ").strip() if first.startswith("#") else ""

@@ -21,7 +21,7 @@ from tcc_sim.model.elements import list_of
 from tcc_sim.model.groups import TABLE, TABULATED
 from tcc_sim.model.parameters import System
 from tcc_sim.model.quantity import PROFILED, PROFILES, Options, Quantity, quantity
-from tcc_sim.parameter_file import LARGEST_FILE, read_parameters
+from tcc_sim.parameter_file import LARGEST_FILE, description_in, read_parameters
 
 DEFAULT_SCENE, NODE_SCENE = "fig02", "commands"
 """The driveline node runs the second where nothing says otherwise: it takes commands, and moves by itself before."""
@@ -257,12 +257,6 @@ def parse_scene(text: str, name: str, folder: Path = Path()) -> Scene:
     values = with_table(read_parameters(text), folder)
     unused = tuple(key for key in TABULATED if key in values) if values.get(TABLE[0]) else ()
     return Scene(name, System(), Operation(), description_in(text), unused).with_values(values)
-
-
-def description_in(text: str) -> str:
-    """The comment in the first line of a parameter file."""
-    first = text.lstrip().partition("\n")[0]
-    return first.lstrip("# ").strip() if first.startswith("#") else ""
 
 
 def meaning_of(key: str) -> Quantity:

@@ -7,7 +7,8 @@ import sys
 
 from tcc_sim.errors import InputError
 from tcc_sim.output.terminal import say
-from tcc_sim.scene import bundled_scenes, description_in, load_scene, parse_assignments
+from tcc_sim.parameter_file import description_in
+from tcc_sim.scene import bundled_scenes, load_scene, parse_assignments
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
