@@ -104,6 +104,21 @@ def quantity(default: Value | tuple[str, ...], description: str, unit: str = "",
     return field(default=default, metadata={"quantity": meta})
 
 
+def check_profile(key: str, times: tuple[float, ...], values: tuple[float, ...], each: int = 1) -> None:
+    """Raise InputError unless times and values of a key, `each` for a time, make a profile, or are empty."""
+    if each * len(times) != len(values) or (times and not each):
+        raise InputError(f"{key}_values has {len(values)} values; it must have "
+                         + (f"as many as {key}_times, {len(times)}" if each == 1 else
+                            f"{each} for each of the {len(times)} {key}_times, one for each harmonic"))
+    if len(times) > MOST_POINTS:
+        raise InputError(f"{key}_times has {len(times)} values; at most {MOST_POINTS} are allowed")
+    if times and times[0] != 0.0:
+        raise InputError(f"{key}_times begins at {times[0]:g} s; the first time must be 0")
+    for before, after in itertools.pairwise(times):
+        if not after > before:
+            raise InputError(f"{key}_times has {after:g} s after {before:g} s; the times must increase")
+
+
 @dataclass(frozen=True)
 class Group:
     """A checked group of parameters; subclasses list the fields."""
@@ -121,19 +136,8 @@ class Group:
 
     def check_profile(self, name: str, each: int = 1) -> None:
         """Raise InputError unless the times and values of a field, `each` for a time, make a profile, or are empty."""
-        key = f"{type(self).__name__.lower()}.{name}"
-        times, values = getattr(self, f"{name}_times"), getattr(self, f"{name}_values")
-        if each * len(times) != len(values) or (times and not each):
-            raise InputError(f"{key}_values has {len(values)} values; it must have "
-                             + (f"as many as {key}_times, {len(times)}" if each == 1 else
-                                f"{each} for each of the {len(times)} {key}_times, one for each harmonic"))
-        if len(times) > MOST_POINTS:
-            raise InputError(f"{key}_times has {len(times)} values; at most {MOST_POINTS} are allowed")
-        if times and times[0] != 0.0:
-            raise InputError(f"{key}_times begins at {times[0]:g} s; the first time must be 0")
-        for before, after in itertools.pairwise(times):
-            if not after > before:
-                raise InputError(f"{key}_times has {after:g} s after {before:g} s; the times must increase")
+        check_profile(f"{type(self).__name__.lower()}.{name}", getattr(self, f"{name}_times"),
+                      getattr(self, f"{name}_values"), each)
 
     def changed(self: Same, values: Mapping[str, Value]) -> Same:
         """The group with values that are allowed by themselves in the place of its own, checked together."""

@@ -93,8 +93,8 @@ def declared(node: Node, kind: type[Given], **otherwise: object) -> Given:
         descriptor = ParameterDescriptor(description=meaning.described, additional_constraints=meaning.interval(),
                                          read_only=True, dynamic_typing=True)
         default = defaults[name]
-        values[name] = node.declare_parameter(name, list(default) if isinstance(default, tuple) else default,
-                                              descriptor).value
+        value = node.declare_parameter(name, list(default) if isinstance(default, tuple) else default, descriptor).value
+        values[name] = value.tolist() if hasattr(value, "tolist") else value
     warn_of_unknown(node, defaults)
     return kind(**values)
 

@@ -35,7 +35,7 @@ QOS = QoSProfile(depth=5000)
 class SlipControllerNode(Node):
     """joint_states in, actuation_pressure out: a command for the newest state, with that state's stamp.
 
-    target_slip_speed says what it is asked to hold, once and to whoever subscribes later.
+    target_slip_speed says what it is asked to hold, at every change and to whoever subscribes later.
     The stamp says which state a command answers. In lock-step the driveline waits for exactly that answer, so that the
     same controller gives the same run to the last bit however slow it is. In real time states wait where the machine is
     busy: the control law takes them all, since its means need every one, and the newest is answered. Answered one by
@@ -48,15 +48,19 @@ class SlipControllerNode(Node):
         self._last_stamp = -1
         self._command = self.create_publisher(FluidPressure, "actuation_pressure", QOS)
         self._target = self.create_publisher(Float64, "target_slip_speed", LATCHED)
-        self._target.publish(Float64(data=float(self.controller.tuning.target)))
+        self._say_target()
         self._states = self.create_subscription(JointState, "joint_states", self._on_state, QOS)
 
     def report(self) -> None:
         """Say what it controls, and with what belief of its plant."""
         tuning = self.controller.tuning
-        log(self, f"holds a mean slip speed of {tuning.target:g} rad/s by {self._command.topic_name}, from "
+        log(self, f"holds a mean slip speed of {self.controller.target:g} rad/s by {self._command.topic_name}, from "
                   f"{self._states.topic_name}: bandwidth {tuning.bandwidth:g} rad/s, engine cycle "
                   f"{tuning.cycle_steps:.4g} states of {tuning.step:g} s, at most {tuning.pressure_limit:g} Pa")
+
+    def _say_target(self) -> None:
+        """Say what is to be held."""
+        self._target.publish(Float64(data=self.controller.target))
 
     def _on_state(self, state: JointState) -> None:
         """Take a state and those that wait behind it, and answer the last.
@@ -84,7 +88,12 @@ class SlipControllerNode(Node):
         if stamp <= self._last_stamp:
             # Simulation time started again: the driveline was reset or restarted.
             self.controller.reset()
+            self._say_target()
         self._last_stamp = stamp
+        target = self.controller.tuning.target_at(stamp * 1e-9)
+        if target != self.controller.target:
+            self.controller.target = target
+            self._say_target()
         return self.controller.update(state.velocity[FLYWHEEL] - state.velocity[PLATE], state.effort[FLYWHEEL])
 
 

@@ -19,8 +19,10 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
+import numpy as np
+
 from tcc_sim.errors import InputError
-from tcc_sim.model.quantity import Options, quantity
+from tcc_sim.model.quantity import LATEST, Options, check_profile, quantity
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,9 @@ class Tuning(Options):
     """
 
     target: float = quantity(20.0, "slip speed to hold in the mean over an engine cycle", "rad/s", 0.0, above=True)
+    target_times: tuple[float, ...] = quantity((), "times at which target_values hold, the first 0", "s", 0.0, LATEST)
+    target_values: tuple[float, ...] = quantity((), "target at these times, linear between them and constant "
+                                                "afterwards; target is then not used", "rad/s", 0.0, above=True)
     bandwidth: float = quantity(15.0, "of the closed loop; at most about 0.6 divided by the engine cycle's length",
                                 "rad/s", 0.0, above=True)
     frequency: float = quantity(150.0, "engine.frequency; the engine cycle is 2 pi/frequency", "rad/s", 0.0, above=True)
@@ -45,9 +50,14 @@ class Tuning(Options):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        check_profile("target", self.target_times, self.target_values)
         if not 1.0 <= self.cycle_steps <= 1e6:
             raise InputError(f"step is {self.step:g} s; the engine cycle must hold 1 to 1e+06 of them, not "
                              f"{self.cycle_steps:g}")
+
+    def target_at(self, t: float) -> float:
+        """Slip speed to hold at the simulation time t, s; rad/s."""
+        return float(np.interp(t, self.target_times, self.target_values)) if self.target_times else self.target
 
     @property
     def cycle_steps(self) -> float:
@@ -74,7 +84,12 @@ class CycleMean:
 
 
 class SlipController:
-    """Actuation pressure from slip speed and engine torque, one update a tick."""
+    """Actuation pressure from slip speed and engine torque, one update a tick.
+
+    Attributes
+    ----------
+    target : slip speed to hold from the next update on, rad/s
+    """
 
     def __init__(self, tuning: Tuning) -> None:
         self.tuning = tuning
@@ -87,6 +102,7 @@ class SlipController:
         steps = self.tuning.cycle_steps
         self._slip_speed, self._engine_torque = CycleMean(steps), CycleMean(steps)
         self._correction = 0.0
+        self.target = self.tuning.target_at(0.0)
 
     def update(self, slip_speed: float, engine_torque: float) -> float:
         """The pressure to apply until the next update.
@@ -101,7 +117,7 @@ class SlipController:
         float : Pa, 0 to `pressure_limit`
         """
         tuning = self.tuning
-        error = self._slip_speed.update(slip_speed) - tuning.target
+        error = self._slip_speed.update(slip_speed) - self.target
         torque = self._engine_torque.update(engine_torque) + self.proportional * error + self._correction
         pressure = torque / tuning.torque_per_pressure
         limited = min(max(pressure, 0.0), tuning.pressure_limit)

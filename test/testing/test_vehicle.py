@@ -12,10 +12,13 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from std_msgs.msg import Float64
 
 import tcc_sim
 from tcc_sim.errors import InputError
+from tcc_sim.nodes.slip_controller import SlipControllerNode
+from tcc_sim.plant.slip_control import SlipController, Tuning
 
 INERTIA, DRAG = 1.5, 2.0
 STEP = 1e-3
@@ -68,3 +71,30 @@ def test_changes_of_a_run_are_made_at_their_tick_as_in_closed_loop(driveline: An
         plant.at(0.1, engine__mean_torque=1.0)
     with pytest.raises(InputError, match=r"engine.mean_torque is 1e\+06 N m"):
         plant.at(0.2, engine__mean_torque=1e6)
+
+
+def test_the_slip_controller_follows_a_profile_of_its_target(driveline: Any) -> None:
+    times, values = [0.0, 0.5, 0.501], [20.0, 20.0, 30.0]
+    plant = driveline("controlled")
+    plant.add(SlipControllerNode(parameter_overrides=[Parameter("target_times", value=times),
+                                                      Parameter("target_values", value=values)]))
+    run = plant.run(seconds=1.5)
+    # 30 is asked for with the state of 0.501 s; the target is seen with the state after that.
+    assert run.target == (30.0, 502)
+    assert run.tracking.rms_error < 2.5
+    law = SlipController(Tuning(target_times=tuple(times), target_values=tuple(values)))
+
+    def answer(reading: Any) -> float:
+        law.target = law.tuning.target_at(reading.stamp_ns * 1e-9)
+        return law.update(reading.flywheel_speed - reading.plate_speed, reading.engine_torque)
+
+    assert run.slip_speed.tobytes() == tcc_sim.closed_loop("controlled", answer, 1.5).slip_speed.tobytes()
+
+
+def test_a_target_profile_is_checked_as_those_of_scenes() -> None:
+    with pytest.raises(InputError, match="target_values has 1 values; it must have as many as target_times, 2"):
+        Tuning(target_times=(0.0, 1.0), target_values=(20.0,))
+    with pytest.raises(InputError, match="target_times begins at 1 s; the first time must be 0"):
+        Tuning(target_times=(1.0,), target_values=(20.0,))
+    tuning = Tuning(target_times=(0.0, 2.0), target_values=(10.0, 30.0))
+    assert [tuning.target_at(t) for t in (0.0, 0.5, 2.0, 9.0)] == [10.0, 15.0, 30.0, 30.0]
