@@ -17,6 +17,8 @@ from tcc_sim.result import Result, reported, units_of
 
 Floats = NDArray[np.float64]
 Modes = NDArray[np.int8]
+FarEnd = tuple[Floats | float, Floats | float]
+"""Angle (rad) and speed (rad/s) of the shaft's far end."""
 
 
 class Status(Enum):
@@ -241,6 +243,17 @@ class Trajectory(Result):
         return {name: getattr(self, name) for name in UNITS}
 
     @property
+    def far_end(self) -> FarEnd:
+        """Angle (rad) and speed (rad/s) of the shaft's far end, (n,) arrays, or 0 where it stands still."""
+        return far_end_of(self.output_angle, self.output_speed)
+
+    @property
+    def shaft_twist(self) -> tuple[Floats, Floats]:
+        """(n,) angle (rad) and speed (rad/s) by which the plate is ahead of the shaft's far end."""
+        angle, speed = self.far_end
+        return self.plate_angle - angle, self.plate_speed - speed
+
+    @property
     def final(self) -> State:
         """The last state."""
         angle = float(self.flywheel_angle[-1]) if self.flywheel_angle is not None else 0.0
@@ -267,6 +280,11 @@ class Trajectory(Result):
 
 UNITS = units_of(Trajectory)
 """The columns of a trajectory, and their units."""
+
+
+def far_end_of(angle: Floats | None, speed: Floats | None) -> FarEnd:
+    """Angle and speed of the shaft's far end where they are known, 0 where not."""
+    return (0.0, 0.0) if angle is None or speed is None else (np.nan_to_num(angle), np.nan_to_num(speed))
 
 
 def integral(values: Floats, t: Floats) -> Floats:

@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from tcc_sim.messages import cdr
+from tcc_sim.plant.driveline import Plant
 from tcc_sim.recording.announcements import holding_from, source_text
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.scene import load_scene
@@ -73,8 +74,25 @@ def by_hand(seconds, slip_speed, plate_angle, plate_speed, engine_torque, fricti
             for k in range(len(t))]
 
 
+def readings(scene, ticks, commanded, far=lambda k: None):
+    """Rows of a driveline with what commanded(k), Pa, asks of it, and stamps, angles, speeds (rad/s) and torques of its
+    far end, whose speed is far(k)."""
+    plant, rows, ends = Plant(scene), [], []
+    for k in range(ticks):
+        if k:
+            plant.hold(None, commanded(k))
+            plant.move_far_end(far(k))
+            plant.advance()
+        r = plant.reading()
+        rows.append((r.stamp_ns, r.flywheel_angle, r.plate_angle, r.flywheel_speed, r.plate_speed, r.engine_torque,
+                     r.friction_torque, r.applied_pressure))
+        if plant.stepper.far_end is not None:
+            ends.append((r.stamp_ns, r.output_angle, r.output_speed, r.shaft_torque))
+    return rows, ends
+
+
 def bag(directory, rows, scene, *, said=(), cut=False, lost=0, clock=None, publishers=None, targets=(), sources=(),
-        **options):
+        ends=(), **options):
     """Write rows, and scenes said again before some; with `cut` the recorder was killed before it closed the bag.
 
     `clock` is the driveline's clock as f(row), ns; `publishers` are (first row, name) of who published from there on;
@@ -87,6 +105,7 @@ def bag(directory, rows, scene, *, said=(), cut=False, lost=0, clock=None, publi
     wished = writer.channel("/target_slip_speed", FLOAT64) if targets else 0
     holding_it = writer.channel("/input_source", HEADER) if sources else 0
     pressed = not math.isnan(rows[-1][-1])
+    far_end, at_end = writer.channel("/output_state", JOINT_STATE) if ends else 0, {row[0]: row for row in ends}
     joints, applied = {}, {}
     for first, who in publishers or [(0, "")]:
         joints[first] = writer.channel("/joint_states", JOINT_STATE, publisher=who)
@@ -103,6 +122,8 @@ def bag(directory, rows, scene, *, said=(), cut=False, lost=0, clock=None, publi
         writer.write(joints[owner], log, log, cdr.joint_state(stamp, *columns), number)
         if pressed:
             writer.write(applied[owner], log, log, cdr.fluid_pressure(stamp, pressure), number)
+        if stamp in at_end:
+            writer.write(far_end, log, log, cdr.output_state(*at_end[stamp]), number)
         if number % 100 == 99:
             writer.file.flush()
     writer.file.flush()

@@ -148,11 +148,12 @@ def _phase_of(run: Trajectory, system: System) -> tuple[Floats, Callable[[Floats
 def _resampled(run: Trajectory, system: System, at: Floats) -> tuple[Floats, Floats, Floats]:
     """Slip speed, shaft torque and engine torque at the times `at`, by cubics with the rates of the equations."""
     d = system.driveline
-    slip, plate = equations.accelerations(run.plate_angle, run.plate_speed, run.engine_torque, run.friction_torque,
+    twist, twisting = run.shaft_twist
+    slip, plate = equations.accelerations(twist, twisting, run.engine_torque, run.friction_torque,
                                           terms_of(system).linear)
-    shaft = d.damping * run.plate_speed + d.stiffness * run.plate_angle
+    shaft = d.damping * twisting + d.stiffness * twist
     return (hermite(at, run.t, run.slip_speed, slip),
-            hermite(at, run.t, shaft, d.damping * plate + d.stiffness * run.plate_speed),
+            hermite(at, run.t, shaft, d.damping * plate + d.stiffness * twisting),
             hermite(at, run.t, run.engine_torque, np.gradient(run.engine_torque, run.t)))
 
 

@@ -18,7 +18,7 @@ from tcc_sim.recording.columns import JointStates
 from tcc_sim.recording.stamps import Break, StampCounter, Stamps
 from tcc_sim.solvers.per_cycle import STAMP, cycles_from_samples
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
-from tcc_sim.trajectory import Cycles, Floats, Loads, concatenated
+from tcc_sim.trajectory import Cycles, FarEnd, Floats, Loads, concatenated, far_end_of
 
 
 @dataclass(frozen=True)
@@ -136,8 +136,10 @@ class CycleStream:
         self._from = 0.0
 
     def feed(self, stamp_ns: Stamps, slip_speed: Floats, plate_angle: Floats, plate_speed: Floats,
-             engine_torque: Floats, friction_torque: Floats, run: int = 0) -> list[CyclePiece]:
+             engine_torque: Floats, friction_torque: Floats, run: int = 0,
+             far: FarEnd = (0.0, 0.0)) -> list[CyclePiece]:
         """Take the next batch, (n,) arrays in ns, rad/s, rad, rad/s, N m, N m, and give the cycles that it completes.
+        `far` is the angle and the speed of the shaft's far end.
 
         A sample that is not finite is left out and counted, which makes it a gap. `run` is the batch's own number where
         the recording tells runs apart.
@@ -148,7 +150,8 @@ class CycleStream:
             There are fewer samples than engine cycles.
         """
         t = np.asarray(stamp_ns, dtype=np.float64) * 1e-9
-        rows = np.stack([t, slip_speed, plate_angle, plate_speed, engine_torque, friction_torque])
+        rows = np.stack(np.broadcast_arrays(t, slip_speed, plate_angle, plate_speed, engine_torque, friction_torque,
+                                            *far))
         finite = np.isfinite(rows).all(axis=0)
         if not finite.all():
             self.not_finite += int(np.count_nonzero(~finite))
@@ -166,7 +169,8 @@ class CycleStream:
     def feed_states(self, states: JointStates) -> list[CyclePiece]:
         """Take the next states of a recording, as `feed` does."""
         return self.feed(states.stamp_ns, states.flywheel_speed - states.plate_speed, states.plate_angle,
-                         states.plate_speed, states.engine_torque, states.friction_torque, states.run)
+                         states.plate_speed, states.engine_torque, states.friction_torque, states.run,
+                         far_end_of(states.output_angle, states.output_speed))
 
     def longest(self) -> tuple[int, RunCycles]:
         """The run with the most whole cycles, the last of several, and its number.
@@ -232,12 +236,13 @@ class CycleStream:
                 self._waiting, self._from = [rows[:, -1:].copy()], end
             return []
         rows = np.concatenate(self._waiting, axis=1)
-        t, slip_speed, plate_angle, plate_speed, engine, friction = rows
-        slip, plate = equations.accelerations(plate_angle, plate_speed, engine, friction, self._linear)
+        t, slip_speed, plate_angle, plate_speed, engine, friction, *far = rows
+        slip, plate = equations.accelerations(plate_angle - far[0], plate_speed - far[1], engine, friction,
+                                              self._linear)
         found = []
         for first, starts in whole:
             cycles = cycles_from_samples(t, slip_speed, slip, plate_angle, plate_speed, plate, starts=starts,
-                                         stick_speed=self._stick_speed, linear=self._linear)
+                                         stick_speed=self._stick_speed, linear=self._linear, far=(far[0], far[1]))
             found.append(CyclePiece(len(self.runs) - 1, first, replace(cycles, starts=starts)))
             self.runs[-1].add(found[-1])
         self._from = float(whole[-1][1][-1])

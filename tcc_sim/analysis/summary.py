@@ -48,7 +48,7 @@ def cycle_parts_of(trajectory: Trajectory) -> tuple[Cycles | None, Cycles, Cycle
     if len(trajectory.t) < 2:
         raise InputError("the trajectory has fewer than two samples")
     terms = terms_of(trajectory.system)
-    slip, plate = equations.accelerations(trajectory.plate_angle, trajectory.plate_speed, trajectory.engine_torque,
+    slip, plate = equations.accelerations(*trajectory.shaft_twist, trajectory.engine_torque,
                                           trajectory.friction_torque, terms.linear)
     begin, end = float(trajectory.t[0]), float(trajectory.t[-1])
     starts = starts_of(varying(trajectory), first_cycle_of(trajectory), end, trajectory.cycle)
@@ -60,7 +60,7 @@ def cycle_parts_of(trajectory: Trajectory) -> tuple[Cycles | None, Cycles, Cycle
     cuts = np.concatenate([[begin] * early, starts, [end] * late])
     found = replace(cycles_from_samples(trajectory.t, trajectory.slip_speed, slip, trajectory.plate_angle,
                                         trajectory.plate_speed, plate, starts=cuts, stick_speed=stick_speed_of(terms),
-                                        linear=terms.linear), starts=cuts)
+                                        linear=terms.linear, far=trajectory.far_end), starts=cuts)
     if not len(starts):
         return None, found[:0], found
     return found[:1] if early else None, *split_cycles(found[early:], len(starts) - 1)

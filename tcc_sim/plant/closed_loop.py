@@ -67,7 +67,8 @@ class ControlledRun(Trajectory):
 
     def tracking_of(self, target: float, since: int = 0, limits: tuple[float, float] = (0.0, math.inf)) -> Tracking:
         """How well the slip speed held a target, rad/s, from the sample `since` on; `limits` of the pressure, Pa."""
-        part = replace(self, **{name: getattr(self, name)[since:] for name in UNITS})
+        far = [name for name in ("output_angle", "output_speed") if getattr(self, name) is not None]
+        part = replace(self, **{name: getattr(self, name)[since:] for name in (*UNITS, *far)})
         return tracking_of(part, target, self.applied_pressure[since:], limits)
 
     def __repr__(self) -> str:

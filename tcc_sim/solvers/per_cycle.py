@@ -1,5 +1,4 @@
-"""Per-cycle results from samples: Hermite interpolation through states and the accelerations that the equations give.
-"""
+"""Per-cycle results from samples: cubics through states and the accelerations that the equations give."""
 
 from __future__ import annotations
 
@@ -15,7 +14,7 @@ from tcc_sim.model.profile import TIME
 from tcc_sim.solvers.jumps import slopes_between_jumps, with_peaks
 from tcc_sim.solvers.problem import rates_along
 from tcc_sim.solvers.terms import Terms, stick_speed_of
-from tcc_sim.trajectory import Cycles, Floats, Loads
+from tcc_sim.trajectory import Cycles, FarEnd, Floats, Loads
 
 STAMP = 1e-9
 """What the rounding of a stamp to whole nanoseconds may take from a cycle, s."""
@@ -80,7 +79,7 @@ def cycles_of_states(t: Floats, states: Floats, terms: Terms, starts: Floats) ->
 
 def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats, plate_angle: Floats,
                         plate_speed: Floats, plate_acceleration: Floats, *, starts: Floats,
-                        stick_speed: float, linear: Linear | None = None) -> Cycles:
+                        stick_speed: float, linear: Linear | None = None, far: FarEnd = (0.0, 0.0)) -> Cycles:
     """What each whole engine cycle within the samples comes to.
 
     The slip speed is the piecewise cubic through v and v'. Its extremes, its value where a cycle starts and the time it
@@ -95,7 +94,7 @@ def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats
     plate_angle, plate_speed, plate_acceleration : (n,) arrays, rad, rad/s, rad/s^2
     starts : (m + 1,) array, s, increasing: where the m cycles start, and where the last of them ends (`cycle_starts`)
     stick_speed : |v| at or below which the clutch sticks, rad/s; 0 for the set-valued law, whose stick is v = 0 exactly
-    linear : I1, I2, C23, K23, where the loads of clutch and shaft are asked for too
+    linear : I1, I2, C23, K23, where the loads of clutch and shaft are asked for too; `far` of the shaft's far end
 
     Returns
     -------
@@ -129,7 +128,7 @@ def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats
     if stick_speed == 0.0:
         within += grid.width * _share_at_rest(*_cut(grid, v, a[:-1], a[1:]))
     loads = None if linear is None else _loads(grid, v, a, np.asarray(plate_angle), np.asarray(plate_speed),
-                                               np.asarray(plate_acceleration), section, stick_speed, linear)
+                                               np.asarray(plate_acceleration), section, stick_speed, linear, far)
     return Cycles(section, np.maximum.reduceat(values.max(axis=1), grid.pieces),
                   np.minimum.reduceat(values.min(axis=1), grid.pieces), np.add.reduceat(within, grid.pieces), loads)
 
@@ -175,24 +174,26 @@ def _check_times(t: Floats, starts: Floats) -> None:
 
 
 def _loads(grid: _Grid, v: Floats, slip: Floats, angle: Floats, speed: Floats, plate: Floats, section: Floats,
-           stick_speed: float, linear: Linear) -> Loads:
+           stick_speed: float, linear: Linear, far: FarEnd) -> Loads:
     """Loads of clutch and shaft between samples, the torques from (2a) and (2b).
 
     The clutch's energy is what the engine's work leaves over after the dissipation in C23 and the change of what is
     stored, so that no integrand has the jumps of Tf.
     """
-    i1, i2, damping, stiffness = linear
-    t, starts, place = grid.t, grid.starts, grid.place
+    (i1, i2, damping, stiffness), t, starts, place = linear, grid.t, grid.starts, grid.place
     h = np.diff(t)
-    shaft, rise = damping * speed + stiffness * angle, damping * plate + stiffness * speed
+    far_angle, far_speed = np.broadcast_to(far[0], t.shape), far[1]
+    twist, twisting = angle - far_angle, speed - far_speed
+    shaft, rise = damping * twisting + stiffness * twist, damping * plate + stiffness * twisting
     friction = i2 * plate + shaft
     engine = friction + i1 * (slip + plate)
-    net = engine * (v + speed) - damping * speed**2
-    change = slopes_between_jumps(t, engine) * (v + speed) + engine * (slip + plate) - 2.0 * damping * speed * plate
+    net = engine * (v + speed) - damping * twisting**2 - shaft * far_speed
+    change = (slopes_between_jumps(t, engine) * (v + speed) + engine * (slip + plate)
+              - 2.0 * damping * twisting * plate - rise * far_speed)
     parts = h * (0.5 * (net[:-1] + net[1:]) + h / 12.0 * (change[:-1] - change[1:]))
     total = np.concatenate([[0.0], np.cumsum(parts)])
     stored = 0.5 * (i1 * (section[:, 0] + section[:, 2]) ** 2 + i2 * section[:, 2] ** 2
-                    + stiffness * section[:, 1] ** 2)
+                    + stiffness * (section[:, 1] - np.interp(starts, t, far_angle)) ** 2)
     power = friction * v
     power = np.insert(with_peaks(t, power), place, np.interp(starts, t, power))[place[0]:place[-1] + len(starts)]
     p, dp, q, dq = _cut(grid, shaft, rise[:-1], rise[1:])

@@ -38,7 +38,8 @@ def manoeuvre(path: Path, run: Trajectory, width: float = style.PAGE, title: str
     run = _sampled(run)
     assert run.system is not None
     driveline, dots = run.system.driveline, len(run.t) > SHARP
-    shaft = driveline.damping * run.plate_speed + driveline.stiffness * run.plate_angle
+    twist, twisting = run.shaft_twist
+    shaft = driveline.damping * twisting + driveline.stiffness * twist
     power = run.friction_torque * run.slip_speed
     heat = integral(power, run.t)
     with style.figure(width, 6.4, title) as drawn:

@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from driveline_bags import TICK, bag, ticked
+from driveline_bags import TICK, bag, readings, ticked
 
 from tcc_sim.cli import main
 from tcc_sim.replay.replay import replay
@@ -200,3 +200,54 @@ def test_a_reset_with_both_inputs_commanded_is_one_event(tmp_path):
     sources.append((500, 500 * TICK, "engine_torque: fallback, actuation_pressure: fallback"))
     path = bag(tmp_path / "run", rows, SCENES["commands"], sources=sorted(sources))
     assert [event.text for event in replay(path, discard=0).control.events] == ["reset or restart"]
+
+
+ACTUATED = load_scene("controlled").with_values({"pressure.time_constant": 0.02, "pressure.delay": 0.003,
+                                                 "pressure.rate_limit": 2e6})
+
+
+def commanded(k):
+    return 1e5 + 5e4 * (k // 50 % 2) if k > 20 else None
+
+
+def far_speed(k):
+    return 30.0 * math.sin(0.02 * k) if k > 100 else None
+
+
+def test_a_lagged_pressure_and_a_far_end_are_solved_again_to_the_last_bit(tmp_path):
+    rows, ends = readings(ACTUATED, 400, commanded, far_speed)
+    found = verified(tmp_path / "run", rows, ACTUATED, ends=ends)
+    assert (found.verified, found.largest_difference, found.exact) == (True, 0.0, 400)
+    without = verified(tmp_path / "without", rows, ACTUATED)
+    assert (without.verified, without.first_difference_ns) == (False, 101 * TICK)
+
+
+@pytest.mark.parametrize(("which", "column"), [("rows", 7), ("ends", 1), ("ends", 2)])
+def test_one_changed_pressure_or_far_end_is_found(tmp_path, which, column):
+    rows, ends = readings(ACTUATED, 300, commanded, far_speed)
+    changed = {"rows": rows, "ends": ends}[which]
+    place = next(k for k, row in enumerate(changed) if row[0] == 217 * TICK)
+    row = list(changed[place])
+    row[column] *= 1.0 + 1e-9
+    changed[place] = tuple(row)
+    found = verified(tmp_path / "run", rows, ACTUATED, ends=ends)
+    assert not found.verified
+    assert found.first_difference_ns in (217 * TICK, 218 * TICK)
+
+
+def test_a_gap_is_bridged_from_the_state_behind_it(tmp_path):
+    rows, ends = readings(ACTUATED, 400, commanded, far_speed)
+    kept = [row for row in rows if not 200 <= row[0] // TICK < 210]
+    found = verified(tmp_path / "run", kept, ACTUATED, ends=ends)
+    assert found.verified
+    assert (found.exact, found.solved) == (200, 389)
+
+
+def test_the_shaft_torque_of_a_recording_is_that_against_the_far_end(tmp_path):
+    rows, ends = readings(load_scene("fig02"), 600, lambda _: None, lambda k: 40.0 + 20.0 * math.sin(0.01 * k))
+    found = replay(bag(tmp_path / "run", rows, load_scene("fig02"), ends=ends), discard=0)
+    torques = [torque for *_, torque in ends]
+    assert max(torques) == pytest.approx(found.summary.max_shaft_torque, rel=0.02)
+    assert min(torques) == pytest.approx(found.summary.min_shaft_torque, rel=0.02)
+    still = replay(bag(tmp_path / "still", rows, load_scene("fig02")), discard=0)
+    assert still.summary.max_shaft_torque > 10.0 * max(torques)
