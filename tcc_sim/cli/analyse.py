@@ -8,6 +8,7 @@ from pathlib import Path
 
 from tcc_sim.cli.arguments import add_outputs, check_outputs, plot_result, present
 from tcc_sim.errors import require
+from tcc_sim.output.terminal import say
 from tcc_sim.topics import JOINT_NAMES
 
 
@@ -19,6 +20,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where.add_argument("--rrd", metavar="FILE", type=Path, help="write the run as a Rerun recording")
     where.add_argument("--spawn", action="store_true", help="start a Rerun viewer and stream the run to it")
     where.add_argument("--connect", metavar="URL", help="stream to a running viewer, rerun+http://HOST:9876/proxy")
+    parser.add_argument("--layout", action="store_true", help="write a layout beside the recording, with which Rerun "
+                        "shows its signals without conversion: rerun RUN_0.mcap RUN_0.rbl")
     add_outputs(parser, "the figures", "write the samples as .csv or .npz, with their units and the scene; of the run "
                 "whose figures are shown")
     parser.add_argument("--discard", metavar="CYCLES", type=int,
@@ -63,6 +66,10 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.rrd is not None or arguments.spawn or arguments.connect is not None:
         require("rerun", "Rerun")
     recording = read(arguments.recording, arguments.scene, arguments.joints)
+    if arguments.layout:
+        from tcc_sim.views.recording_layout import write_layout
+
+        say(f"layout: {write_layout(arguments.recording)}")
     found = replay(recording, rrd=arguments.rrd, spawn=arguments.spawn, connect=arguments.connect,
                    discard=arguments.discard, frequency=arguments.frequency,
                    verify=arguments.verify, damping=arguments.damping, window=window, progress=True)

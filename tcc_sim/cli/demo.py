@@ -129,6 +129,10 @@ def _analyse(scene: Scene, recording: Path, directory: Path, missing: list[str],
     found = replay(recording, rrd=None if "rerun" in missing else directory / "run.rrd", progress=True)
     write_json(directory / "analysis.json", document("analyse", found, found.scene, words))
     made = ["recording", "analysis.json"] + ([] if "rerun" in missing else ["run.rrd"])
+    if "rerun" not in missing:
+        from tcc_sim.views.recording_layout import write_layout
+
+        write_layout(recording)
     if "matplotlib" not in missing:
         from tcc_sim.views.overview import overview
 

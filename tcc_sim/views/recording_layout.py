@@ -1,0 +1,83 @@
+"""A layout beside a recording, with which Rerun shows its signals as they are, without conversion."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from tcc_sim.errors import InputError
+from tcc_sim.topics import FLOAT64, FLUID_PRESSURE, INT8, TOPICS, Topic
+from tcc_sim.views.rerun_layout import rerun
+
+SUFFIX = ".rbl"
+PARTS = {FLOAT64: ("std_msgs.msg.Float64:message", ".data"), INT8: ("std_msgs.msg.Int8:message", ".data"),
+         FLUID_PRESSURE: ("Measurements:values", None)}
+"""By message type: the component that Rerun's reader of MCAP makes of a message, and the selector of its number."""
+VIEWS = {"Slip speed (rad/s)": ("/slip_speed", "/target_slip_speed"), "Torques (N m)": ("/friction_torque",
+         "/engine_torque"), "Stick and slip: -1, 0, 1": ("/stick_slip_state",),
+         "Actuation pressure (Pa)": ("/actuation_pressure", "/applied_pressure")}
+"""Topics of every view that shows numbers of messages."""
+JOINTS = "/joint_states"
+"""Topic of which Rerun makes lines by itself."""
+
+
+def layout_path(recording: Path) -> Path:
+    """The layout of a recording: beside its first MCAP file, by the same name.
+
+    Raises
+    ------
+    InputError
+        No MCAP file is there.
+    """
+    files = [recording] if recording.is_file() else sorted(recording.glob("*.mcap"))
+    if not files:
+        raise InputError(f"{recording} holds no MCAP file")
+    return files[0].with_suffix(SUFFIX)
+
+
+def write_layout(recording: Path) -> Path:
+    """Write the layout of a recording beside it, and return its path.
+
+    Rerun applies a layout to the application of its name, which is the stem of an MCAP file.
+
+    Parameters
+    ----------
+    recording : an MCAP file, or a directory with one
+
+    Raises
+    ------
+    InputError
+        No MCAP file is there, the layout exists, or it cannot be written.
+    MissingPackage
+        rerun-sdk is not installed.
+    """
+    path = layout_path(recording)
+    rrb = rerun().blueprint
+    views = [rrb.TimeSeriesView(origin="/", name=name, contents=list(topics),
+                                overrides={topic: _line(_row(topic)) for topic in topics})
+             for name, topics in VIEWS.items()]
+    views.append(rrb.TimeSeriesView(origin=JOINTS, name="Joint states"))
+    shown = rrb.Blueprint(rrb.Vertical(*views), collapse_panels=True, auto_views=False)
+    try:
+        path.open("xb").close()
+        shown.save(path.stem, str(path))
+    except FileExistsError:
+        raise InputError(f"{path} exists already and is not overwritten") from None
+    except OSError as error:
+        raise InputError(f"{path} cannot be written: {error.strerror}") from None
+    return path
+
+
+def _row(path: str) -> Topic:
+    """The row of a topic in the root namespace."""
+    return next(row for row in TOPICS if row.name == path[1:])
+
+
+def _line(row: Topic) -> Any:
+    """How a topic's number becomes a line."""
+    from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
+
+    component, selector = PARTS[row.type]
+    return rerun().SeriesLines(names=row.name.replace("_", " ")).visualizer(mappings=[VisualizerComponentMapping(
+        "Scalars:scalars", source_kind=ComponentSourceKind.SourceComponent, source_component=component,
+        selector=selector)])
