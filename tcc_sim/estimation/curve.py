@@ -6,6 +6,7 @@ themselves; what a measurement tells is mu(v) at the slip speeds that the motion
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -14,10 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.errors import InputError
+from tcc_sim.estimation.measurement import Measurement, noise_of
 from tcc_sim.model.friction import exponentials
 from tcc_sim.model.friction_curve import FASTEST_RATE, MOST_TERMS, SLOWEST
 from tcc_sim.model.groups import TABLE, TABULATED, Friction
+from tcc_sim.model.parameters import System
 from tcc_sim.result import reported
+from tcc_sim.solvers.terms import terms_of, torques_at
 from tcc_sim.trajectory import Floats
 
 CURVE = "friction.curve"
@@ -29,10 +33,12 @@ PAIRS = 2
 """Exponentials of a curve unless another count is asked for."""
 SPEEDS, DRAWS = 81, 4000
 """Slip speeds at which a curve is given, and random curves that the width of its band is taken from."""
+TRIED, FEWEST = 12, 40
+"""Rates that a fit may begin with, evenly in logarithm, and samples in slip that tell which."""
 STEEPEST = 1000.0
 """Largest rate times the fastest slip speed: what fades sooner is passed within a sample or two."""
-LARGEST_SHARE, LEAST_SHARE = 20.0, 0.02
-"""Bound of a share, and the least size that one begins with, since the rate of none has no effect."""
+LARGEST_SHARE, LEAST_SHARE, USUAL_SHARE = 20.0, 0.02, 0.1
+"""Bound of a share; least size that one begins with, since the rate of none has no effect; and what is usual."""
 
 
 @dataclass(frozen=True)
@@ -78,19 +84,61 @@ def keys_of(count: float | None) -> tuple[str, ...]:
     return CONSTANT, *(key for pair in zip(SHARES[:int(count)], RATES) for key in pair)
 
 
-def curve_starts(friction: Friction, keys: tuple[str, ...], fastest: float) -> dict[str, float]:
-    """The numbers of a curve with a scene's largest exponentials; `fastest` slip speed that was measured, rad/s."""
-    count = len(keys) // 2
-    pairs = sorted(exponentials(friction.stribeck), key=lambda pair: -abs(pair[0]))[:count]
-    low, high = rates_allowed(fastest)
-    # Slow fall and rise are told by most of the samples: what the scene has no exponential for begins there.
-    spare = np.geomspace(10.0 * low, 100.0 * low, MOST_TERMS)
-    while len(pairs) < count:
-        pairs.append((LEAST_SHARE, float(spare[len(pairs)])))
-    numbers = [friction.kinetic]
-    for share, rate in pairs:
-        numbers += [math.copysign(max(abs(share), LEAST_SHARE), share), min(max(rate, low), high)]
+def curve_starts(system: System, measured: Measurement, keys: tuple[str, ...]) -> dict[str, float]:
+    """Numbers of a curve to begin a fit with.
+
+    They are those that explain best how the flywheel's speed changes from sample to sample in slip, or, where the
+    speeds of both sides were not measured, those of the scene's largest exponentials.
+    """
+    slip, count = measured.channels["slip_speed"], len(keys) // 2
+    low, high = rates_allowed(float(np.abs(slip).max()))
+    numbers = _seen_in_slip(system, measured, count, np.geomspace(10.0 * low, high, TRIED))
+    if numbers is None:
+        pairs = sorted(exponentials(system.friction.stribeck), key=lambda pair: -abs(pair[0]))[:count]
+        spare = np.geomspace(10.0 * low, 100.0 * low, MOST_TERMS)
+        while len(pairs) < count:
+            pairs.append((LEAST_SHARE, float(spare[len(pairs)])))
+        numbers = [system.friction.kinetic, *(number for pair in pairs for number in pair)]
+    for i in range(1, len(numbers), 2):
+        numbers[i] = math.copysign(max(abs(numbers[i]), LEAST_SHARE), numbers[i])
+        numbers[i + 1] = min(max(numbers[i + 1], low), high)
     return dict(zip(keys, numbers))
+
+
+def _seen_in_slip(system: System, measured: Measurement, count: int, rates: Floats) -> list[float] | None:
+    """Constant, and shares and rates in turn, by linear least squares with the rates that leave least; None without.
+
+    I1 times the change of the flywheel's speed between two samples is the engine torque less the friction torque.
+    """
+    slip, plate = measured.channels["slip_speed"], measured.channels.get("plate_speed")
+    if plate is None:
+        return None
+    engine, load = torques_at(terms_of(system), measured.t)
+    engine = measured.inputs.get("engine_torque", engine)
+    normal = load / system.friction.kinetic
+    if "actuation_pressure" in measured.inputs:
+        normal = measured.inputs["actuation_pressure"] * (system.torque_per_pressure / system.friction.kinetic)
+    least = max(3.0 / system.friction.smoothing, 6.0 * noise_of(slip))
+    mean_slip, mean_normal = 0.5 * (slip[1:] + slip[:-1]), 0.5 * (normal[1:] + normal[:-1])
+    per_rate = system.driveline.flywheel_inertia / measured.step
+    torque = 0.5 * (engine[1:] + engine[:-1]) - np.diff(slip + plate) * per_rate
+    slips = (np.minimum(np.abs(slip[1:]), np.abs(slip[:-1])) > least) & (slip[1:] * slip[:-1] > 0.0)
+    if slips.sum() < FEWEST:
+        return None
+    noise = math.sqrt(2.0) * noise_of(slip + plate) * per_rate
+    speed, weight = np.abs(mean_slip[slips]), mean_normal[slips] / noise
+    seen = (torque * np.sign(mean_slip))[slips] / noise
+    usual = np.diag(np.append(0.0, np.full(count, 1.0 / (USUAL_SHARE * system.friction.kinetic))))
+    best, found = math.inf, None
+    for chosen in itertools.combinations(rates, count):
+        columns = np.column_stack([np.ones(len(speed)), *(np.exp(-a * speed) for a in chosen)])
+        rows, right = np.vstack([columns * weight[:, None], usual]), np.append(seen, np.zeros(count + 1))
+        factors = np.linalg.lstsq(rows, right, rcond=None)[0]
+        left = float(np.sum((rows @ factors - right) ** 2))
+        if factors[0] > 0.0 and (columns @ factors).min() > 0.0 and left < best:
+            best = left
+            found = [float(factors[0]), *(float(x) for c, a in zip(factors[1:], chosen) for x in (c / factors[0], a))]
+    return found
 
 
 def rates_allowed(fastest: float) -> tuple[float, float]:

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from tcc_sim.errors import InputError, NumericalFailure
-from tcc_sim.estimation.curve import CURVE, IdentifiedCurve, curve_of, curve_starts, keys_of, refuse_parts
+from tcc_sim.estimation.curve import CURVE, SHARES, IdentifiedCurve, curve_of, curve_starts, keys_of, refuse_parts
 from tcc_sim.estimation.likelihood import Likelihood, profile_likelihood
 from tcc_sim.estimation.measurement import Measurement, noise_of, read_recording, read_table
 from tcc_sim.estimation.multiple_shooting import Fit, fit
@@ -26,7 +26,7 @@ from tcc_sim.estimation.residuals import Whiteness, judge_residuals
 from tcc_sim.estimation.settings import DEFAULTS, FitSettings, Gates
 from tcc_sim.estimation.units import check_units
 from tcc_sim.estimation.verdicts import Parameter, judged, why_no_noise, why_not
-from tcc_sim.estimation.windows import KINETIC, LINEAR, OFFSETS, STATIC, Model, check_key, on_its_side
+from tcc_sim.estimation.windows import KINETIC, OFFSETS, STATIC, Model, check_key, on_its_side
 from tcc_sim.model.parameters import QUANTITIES, values_of
 from tcc_sim.recording.table import CHANNELS, HOLDS
 from tcc_sim.result import Result, reported
@@ -112,7 +112,7 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
     began = time.perf_counter()
     settings, gates = settings or FitSettings(), gates or Gates()
     measured, scene = given(measured, None if scene is None else as_scene(scene))
-    starts = _starts(scene, free, float(np.abs(measured.channels["slip_speed"]).max()))
+    starts = _starts(scene, free, measured)
     keys = tuple(starts)
     _check(scene, keys, likelihood)
     levels = _noise(measured, noise)
@@ -201,15 +201,15 @@ def given(measured: Measurement | str | Path, scene: Scene | None = None) -> tup
     return measured, scene
 
 
-def _starts(scene: Scene, free: Mapping[str, float | None] | Sequence[str], fastest: float) -> dict[str, float]:
-    """The start of every free key, checked; `fastest` slip speed that was measured, rad/s."""
+def _starts(scene: Scene, free: Mapping[str, float | None] | Sequence[str], measured: Measurement) -> dict[str, float]:
+    """The start of every free key, checked."""
     asked = dict(free) if isinstance(free, Mapping) else dict.fromkeys([free] if isinstance(free, str) else free)
     if not asked:
         raise InputError("no key is free; name at least one")
     values, out = dict(values_of(scene.system)), {}
     refuse_parts(asked, scene.system.friction)
     if CURVE in asked:
-        out = curve_starts(scene.system.friction, keys_of(asked.pop(CURVE)), fastest)
+        out = curve_starts(scene.system, measured, keys_of(asked.pop(CURVE)))
     for key, start in asked.items():
         check_key(key)
         if start is None:
@@ -291,7 +291,8 @@ def _around(keys: tuple[str, ...], begin: Floats, gates: Gates) -> list[Floats]:
     points = qmc.Sobol(len(keys), seed=1).random(8)[1:gates.starts]
     out = [begin]
     for point in points:
-        values = np.where([k in LINEAR for k in keys], begin, begin * (1.0 + gates.spread * (2.0 * point - 1.0)))
+        factors = np.where([k in OFFSETS for k in keys], 1.0, 1.0 + gates.spread * (2.0 * point - 1.0))
+        values = begin * np.where([k in SHARES for k in keys], point, factors)
         if STATIC in keys and KINETIC in keys:
             at = keys.index(STATIC)
             other = keys.index(KINETIC)

@@ -82,7 +82,9 @@ def judge_residuals(model: Model, levels: dict[str, float], found: Fit, settings
     noise = [autoregression(of.residuals[:, i]) for i in range(len(problem.channels))]
     spread = sum((_spread(of.derivatives[:, i], each) for i, each in enumerate(noise)), np.zeros_like(of.squares))
     scale = np.where([key in LINEAR for key in model.keys], 1.0, found.values)
-    inverse = np.linalg.pinv(of.squares[:size, :size], rcond=1e-15, hermitian=True)
+    # Exponentials of nearly one rate may be exchanged for each other: that changes numbers, and not the curve.
+    least = 1e-11 if CONSTANT in model.keys else 1e-15
+    inverse = np.linalg.pinv(of.squares[:size, :size], rcond=least, hermitian=True)
     if exact:
         return (Whiteness(dict.fromkeys(problem.channels, 0.0), dict.fromkeys(problem.channels, 1.0), None, {}, True),
                 count * inverse * np.outer(scale, scale))
