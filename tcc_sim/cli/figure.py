@@ -77,20 +77,19 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _write(number: int, stem: Path, options: FigureOptions, draw: Callable[[Figure[Any], Path], Any],
+def _write(number: int, stem: Path, options: FigureOptions, draw: Callable[[Figure, Path], Any],
            words: list[str]) -> Any:
     """Work out one figure, write its numbers and have it drawn."""
     from tcc_sim.output.files import write_json
     from tcc_sim.output.provenance import document
-    from tcc_sim.paper.catalogue import plain
-    from tcc_sim.paper.figure_results import Curves
+    from tcc_sim.paper.catalogue import SWEPT, plain
     from tcc_sim.paper.figures import figure_data, figure_system
 
     data = figure_data(number, options)
     write_json(stem.with_suffix(".json"), document("figure", data, figure_system(number, options), words))
     drawn = draw(data, stem)
     say(f"{stem.with_suffix('.png')}  {data.seconds:.1f} s", flush=True)
-    for curve in data.numbers.curves if isinstance(data.numbers, Curves) else ():
+    for curve in data.numbers.curves if data.kind in SWEPT else ():
         for sentence in curve.behind.left_out if curve.behind is not None else ():
             say(f"  {plain(curve.label) or curve.direction}: {sentence}", flush=True)
     return drawn

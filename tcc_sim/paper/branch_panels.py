@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.errors import counted
-from tcc_sim.paper.figure_results import MapCurve, MotionsBehind
+from tcc_sim.paper.figure_results import Labelled, MotionsBehind
 from tcc_sim.views import style
 from tcc_sim.views.branch_diagram import MARKS, UNSTABLE, stable_and_unstable
 
@@ -27,7 +27,7 @@ NARROWEST = 0.021
 AXES = {"omega/omega_n": r"frequency ratio $\omega/\omega_n$", "mu_k/mu_s": r"friction ratio $\mu_k/\mu_s$"}
 
 
-def draw_branches(axis: Any, curve: MapCurve, unit: float, colour: str) -> None:
+def draw_branches(axis: Any, curve: Labelled, unit: float, colour: str) -> None:
     """Largest slip speed along every branch: solid where stable, dashed where not; thicker for longer periods."""
     found = behind([curve])
     periods = sorted({b["period"] for b in found.branches})
@@ -40,24 +40,24 @@ def draw_branches(axis: Any, curve: MapCurve, unit: float, colour: str) -> None:
                   color=style.INK, markersize=2.8, markeredgewidth=0.0, zorder=4)
 
 
-def behind(curves: Sequence[MapCurve]) -> MotionsBehind:
+def behind(curves: Sequence[Labelled]) -> MotionsBehind:
     """What is behind some curves, together."""
     parts = [curve.behind for curve in curves if curve.behind is not None]
     return MotionsBehind(**{item.name: [x for part in parts for x in getattr(part, item.name)]
                             for item in fields(MotionsBehind)})
 
 
-def named_jumps(curves: Sequence[MapCurve]) -> bool:
+def named_jumps(curves: Sequence[Labelled]) -> bool:
     """Whether `label_jumps` writes anything over the axes."""
     return any(jump.cause not in UNNAMED + UNSEEN for jump in behind(curves).jumps)
 
 
-def room_above(curves: Sequence[MapCurve]) -> float:
+def room_above(curves: Sequence[Labelled]) -> float:
     """Room over the axes, in points, for what `label_jumps` writes there and a title."""
     return 64.0 if named_jumps(curves) else 6.0
 
 
-def label_jumps(axis: Any, curves: Sequence[MapCurve], unit: float, colours: Sequence[str]) -> None:
+def label_jumps(axis: Any, curves: Sequence[Labelled], unit: float, colours: Sequence[str]) -> None:
     """The cause of every jump that a bifurcation or a basin makes, written upwards from the top of the axes, none over
     another; a thin line leads to it. Jumps beside a motion without a period or a branch have a dotted line alone.
     """
@@ -95,7 +95,7 @@ def spread(places: Sequence[float], least: float, low: float, high: float) -> li
     return found
 
 
-def top_of(curves: Sequence[MapCurve]) -> tuple[float, int]:
+def top_of(curves: Sequence[Labelled]) -> tuple[float, int]:
     """End of the axis of maxima, above branches and settled motions, and how many other points lie beyond."""
     inside = [0.0]
     for curve in curves:
@@ -105,7 +105,7 @@ def top_of(curves: Sequence[MapCurve]) -> tuple[float, int]:
     return top, sum(int((bounded(curve) > top).sum()) for curve in curves)
 
 
-def legend_of(axis: Any, curves: Sequence[MapCurve], swept: Sequence[MapCurve], beyond: int) -> None:
+def legend_of(axis: Any, curves: Sequence[Labelled], swept: Sequence[Labelled], beyond: int) -> None:
     """What the lines and marks that are there mean, in axes of its own; and how many points lie beyond the panels.
 
     Parameters
@@ -155,7 +155,7 @@ SETTLING = Mark("still settling to a period", "x")
 AWAY = Mark("slip grows without end", "^", full=True, colour=style.RUNAWAY)
 
 
-def marked(curve: MapCurve) -> list[tuple[Mark, np.ndarray]]:
+def marked(curve: Labelled) -> list[tuple[Mark, np.ndarray]]:
     """What the points of a curve are, each kind with (n,) where."""
     def column(values: Sequence[Any], other: Any) -> np.ndarray:
         return np.array([other if v is None else v for v in values])
@@ -165,19 +165,19 @@ def marked(curve: MapCurve) -> list[tuple[Mark, np.ndarray]]:
     return list(zip((SETTLED, SETTLING, APERIODIC, AWAY), (w.astype(bool) for w in where)))
 
 
-def draw_runaways(axis: Any, x: Sequence[float], curve: MapCurve) -> None:
+def draw_runaways(axis: Any, x: Sequence[float], curve: Labelled) -> None:
     """Where slip grows without end, at the upper edge: it is as large as it was solved long, so it has no scale."""
     where = dict(marked(curve))[AWAY]
     axis.plot(np.array(x)[where], np.full(int(where.sum()), 0.97), transform=axis.get_xaxis_transform(), zorder=2,
               **AWAY.look("", 3.0))
 
 
-def bounded(curve: MapCurve) -> np.ndarray:
+def bounded(curve: Labelled) -> np.ndarray:
     """(n,) largest slip speeds, NaN where there is none and where slip grows without end."""
     values = np.array([np.nan if x is None else x for x in curve.max_slip_speed], dtype=np.float64)
     return np.where(dict(marked(curve))[AWAY], np.nan, values)
 
 
-def marks_met(curves: Sequence[MapCurve]) -> list[Mark]:
+def marks_met(curves: Sequence[Labelled]) -> list[Mark]:
     """The kinds of points that curves have."""
     return list(dict.fromkeys(mark for curve in curves for mark, where in marked(curve) if where.any()))

@@ -11,8 +11,8 @@ import numpy as np
 
 from tcc_sim.paper import branch_panels as panels
 from tcc_sim.paper import histories as paper_histories
-from tcc_sim.paper.catalogue import plain
-from tcc_sim.paper.figure_results import Curves, Figure, MapCurve
+from tcc_sim.paper.catalogue import SWEPT, plain
+from tcc_sim.paper.figure_results import Figure, Labelled
 from tcc_sim.views import style
 from tcc_sim.views.sweeps import numbers
 
@@ -24,12 +24,12 @@ DIRECTIONS = {"cold": ("from the initial state (13)", style.BLUE), "up": ("conti
               "down": ("continued downward", style.GREEN)}
 
 
-def draw(data: Figure[Any], stem: Path) -> None:
+def draw(data: Figure, stem: Path) -> None:
     """Write the picture of one figure as `stem`.png and `stem`.svg."""
     height, paint = KINDS[data.kind]
     with style.figure(style.PAGE, height(data)) as drawn:
         extra = [] if data.law == "smoothed" or data.kind in ("law", "solvers") else ["set-valued law"]
-        if data.kind in ("map", "damping") and isinstance(data.numbers, Curves):
+        if data.kind in ("map", "damping"):
             directions = {curve.direction for curve in data.numbers.curves}
             extra += [DIRECTIONS[d][0] for d in sorted(directions)] if directions != {"cold"} else []
         note = f" ({', '.join(extra)})" if extra else ""
@@ -42,10 +42,10 @@ def draw(data: Figure[Any], stem: Path) -> None:
         style.save_both(drawn, stem)
 
 
-def caption_of(data: Figure[Any]) -> str:
+def caption_of(data: Figure) -> str:
     """The lines below a picture: parameters, and what was dropped and kept."""
     parts = data.caption.replace("\n", " ").split("; ")
-    if isinstance(data.numbers, Curves):
+    if data.kind in SWEPT:
         found = data.numbers
         most = max(len(points or ()) for curve in found.curves for points in curve.theta2)
         parts += [f"{found.cycles} engine cycles, the first {found.discarded} dropped",
@@ -61,13 +61,13 @@ def caption_of(data: Figure[Any]) -> str:
     return ";\n".join(lines)
 
 
-def _marks(axis: Any, data: Figure[Curves]) -> None:
+def _marks(axis: Any, data: Figure) -> None:
     """Thin lines at the places that the text names."""
     for x in data.marks:
         axis.axvline(x, color=style.GREY, linewidth=0.6, linestyle=(0, (2, 2)), zorder=0.5)
 
 
-def draw_orbit(axis: Any, x: Sequence[float], curve: MapCurve, colour: str) -> None:
+def draw_orbit(axis: Any, x: Sequence[float], curve: Labelled, colour: str) -> None:
     """The section points over the parameter: grey where a period has not settled; at the edge where slip grows."""
     panels.draw_runaways(axis, x, curve)
     counts = np.array([len(p or ()) for p in curve.theta2])
@@ -84,7 +84,7 @@ OTHER = "coexists: reached from a neighbour's state"
 SPIKE = "spike of a cold start beside it"
 
 
-def draw_curve_maxima(axis: Any, x: Sequence[float], curve: MapCurve, colour: str) -> None:
+def draw_curve_maxima(axis: Any, x: Sequence[float], curve: Labelled, colour: str) -> None:
     """The largest slip speeds, each marked by what its motion is; what coexists, and spikes."""
     axis.plot(x, panels.bounded(curve), color=colour, linewidth=0.9, label=curve.label)
     _points(axis, x, curve, colour)
@@ -96,7 +96,7 @@ def draw_curve_maxima(axis: Any, x: Sequence[float], curve: MapCurve, colour: st
               markersize=4.5, markerfacecolor="none", markeredgewidth=0.8, color=colour)
 
 
-def legend_of_marks(axis: Any, curves: Sequence[MapCurve]) -> None:
+def legend_of_marks(axis: Any, curves: Sequence[Labelled]) -> None:
     """Entries for the marks that this picture has."""
     rows = [r for curve in curves for r in curve.coexisting or ()]
     looks: dict[str, Any] = {"color": style.INK, "linestyle": "none", "markerfacecolor": "none"}
@@ -108,7 +108,7 @@ def legend_of_marks(axis: Any, curves: Sequence[MapCurve]) -> None:
         axis.plot([], [], marker="v", markersize=4.5, markeredgewidth=0.8, label=SPIKE, **looks)
 
 
-def _paint_map(drawn: Any, data: Figure[Curves]) -> None:
+def _paint_map(drawn: Any, data: Figure) -> None:
     """Left the maxima, right an orbit diagram for every curve. Curves that would hide each other, and those with their
     branches, have rows of their own; without branches the other curves are pale behind them.
     """
@@ -161,14 +161,14 @@ def _paint_map(drawn: Any, data: Figure[Curves]) -> None:
     below.legend(loc="lower center", ncols=3, fontsize=6.5).set_in_layout(False)
 
 
-def _crowded(curves: Sequence[MapCurve]) -> bool:
+def _crowded(curves: Sequence[Labelled]) -> bool:
     """Whether the maxima of curves jump about so much that they would hide each other."""
     values = [panels.bounded(curve) for curve in curves]
     size = max(float(np.nanmax(v)) for v in values)
     return sum(int((np.abs(np.diff(v)) > 0.05 * size).sum()) for v in values) > 5 * len(curves)
 
 
-def _maxima_on_branches(axis: Any, curve: MapCurve, data: Figure[Curves], colour: str) -> int:
+def _maxima_on_branches(axis: Any, curve: Labelled, data: Figure, colour: str) -> int:
     """A curve's branches over the maxima of its sweep, with its jumps; how many points lie beyond the axis."""
     _points(axis, data.numbers.x, curve, colour)
     panels.draw_branches(axis, curve, data.numbers.unit, colour)
@@ -178,7 +178,7 @@ def _maxima_on_branches(axis: Any, curve: MapCurve, data: Figure[Curves], colour
     return beyond
 
 
-def _points(axis: Any, x: Sequence[float], curve: MapCurve, colour: str) -> None:
+def _points(axis: Any, x: Sequence[float], curve: Labelled, colour: str) -> None:
     """The maxima of a sweep as points alone, each marked by what its motion is."""
     values, at = panels.bounded(curve), np.array(x)
     panels.draw_runaways(axis, x, curve)
@@ -187,7 +187,7 @@ def _points(axis: Any, x: Sequence[float], curve: MapCurve, colour: str) -> None
             axis.plot(at[where], values[where], alpha=0.75, zorder=2, **mark.look(colour))
 
 
-def top_of_maxima(x: Sequence[float], curves: Sequence[MapCurve], *, legend: bool) -> float:
+def top_of_maxima(x: Sequence[float], curves: Sequence[Labelled], *, legend: bool) -> float:
     """The end of the axis of maxima, above which no curve reaches and a legend at its right hides none."""
     values = np.stack([panels.bounded(c) for c in curves])
     values = np.where(np.isfinite(values), values, 0.0)
@@ -195,7 +195,7 @@ def top_of_maxima(x: Sequence[float], curves: Sequence[MapCurve], *, legend: boo
     return max(1.06 * float(values.max()), float(below.max()) / (0.96 - 0.055 * len(curves)), 1e-6)
 
 
-def _paint_damping(drawn: Any, data: Figure[Curves]) -> None:
+def _paint_damping(drawn: Any, data: Figure) -> None:
     """Both readings of (21) above the maxima and the orbit diagram."""
     curve, x = data.numbers.curves[0], np.array(data.numbers.x)
     damping, maxima, orbit = drawn.subplots(3, 1, sharex=True, height_ratios=(1.2, 0.8, 1.0))
@@ -224,7 +224,7 @@ def _paint_damping(drawn: Any, data: Figure[Curves]) -> None:
     style.panel_titles((damping, maxima, orbit), ["equivalent damping", "maximum slip speed", "orbit diagram"])
 
 
-def _paint_orbit(drawn: Any, data: Figure[Curves]) -> None:
+def _paint_orbit(drawn: Any, data: Figure) -> None:
     """One orbit diagram per direction, above each other; where both were continued, together."""
     curves, x = data.numbers.curves, data.numbers.x
     shown = [[c] for c in curves if c.direction == "cold"] + [[c for c in curves if c.direction != "cold"]]
@@ -269,7 +269,7 @@ def _paint_orbit(drawn: Any, data: Figure[Curves]) -> None:
         axes[-1].set_title(axes[-1].get_title(loc="left"), pad=panels.room_above(curves))
 
 
-def shade_slipping_away(axis: Any, x: Sequence[float], data: Figure[Curves]) -> None:
+def shade_slipping_away(axis: Any, x: Sequence[float], data: Figure) -> None:
     """Where Tsm < Tm: what does not stick slips away."""
     keys = data.parameters
     ratio = keys["engine.mean_torque"] / (keys["friction.static_coefficient"] * keys["pressure.mean"]
@@ -280,25 +280,25 @@ def shade_slipping_away(axis: Any, x: Sequence[float], data: Figure[Curves]) -> 
                       xycoords=("data", "axes fraction"), ha="center", va="bottom", color=style.INK)
 
 
-def _map_height(data: Figure[Curves]) -> float:
+def _map_height(data: Figure) -> float:
     """Room for every orbit diagram, inch."""
     if data.numbers.curves[0].behind is not None:
         return 1.2 + 1.9 * len(data.numbers.curves)
     return 1.1 + 1.05 * len(data.numbers.curves)
 
 
-def _orbit_height(data: Figure[Curves]) -> float:
+def _orbit_height(data: Figure) -> float:
     """Room for one or two panels of orbits, and one of branches, inch."""
     height = 3.0 if len({c.direction == "cold" for c in data.numbers.curves}) == 1 else 5.0
     return height + (3.4 if data.numbers.curves[0].behind is not None else 0.0)
 
 
-def _of_numbers(paint: Callable[[Any, Any], None]) -> Callable[[Any, Figure[Any]], None]:
+def _of_numbers(paint: Callable[[Any, Any], None]) -> Callable[[Any, Figure], None]:
     """A painter that needs nothing but the numbers."""
     return lambda drawn, data: paint(drawn, data.numbers)
 
 
-KINDS: dict[str, tuple[Callable[[Figure[Any]], float], Callable[[Any, Figure[Any]], None]]] = {
+KINDS: dict[str, tuple[Callable[[Figure], float], Callable[[Any, Figure], None]]] = {
     "map": (_map_height, _paint_map),
     "damping": (lambda data: 5.4, _paint_damping),
     "orbit": (_orbit_height, _paint_orbit),

@@ -1,13 +1,11 @@
-"""What the numbers of the figures are: frozen results, whose fields are the keys of `figure`'s JSON in its order.
-
-Slip speeds are in rad/s, angles in rad, torques in N m; `t` is in engine cycles from the first sample on, (n,).
-"""
+"""The numbers of the figures as frozen results, whose fields are the keys of `figure`'s JSON."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from functools import partial
+from typing import Any
 
 from tcc_sim.analysis.damping import Damping
 from tcc_sim.analysis.summary import Summary
@@ -18,21 +16,15 @@ from tcc_sim.result import Described, as_in, reported
 from tcc_sim.sweeps.exponents import Lyapunov
 from tcc_sim.sweeps.results import Point
 
-if TYPE_CHECKING:
-    from tcc_sim.model.quantity import Value
-    from tcc_sim.trajectory import Floats, Modes
-
-Panel = TypeVar("Panel")
-Numbers = TypeVar("Numbers")
-"""What the figures of one kind consist of."""
+asked, same = partial(reported, asked_for=True), partial(as_in, asked_for=True)
 
 
 @dataclass(frozen=True)
-class Labelled:
-    """What every curve and panel has: its label, and the scene keys that set it apart."""
+class Reached:
+    """A motion that a neighbour's last state leads to."""
 
-    label: str = field(metadata=reported("label of the curve or panel"))
-    values: Mapping[str, Value] = field(metadata=reported("scene keys that set it apart", "{*}"))
+    max_slip_speed: float = field(metadata=reported("largest |slip speed|", "rad/s"))
+    period: int = field(metadata=reported("period of the motion", "engine cycles"))
 
 
 @dataclass(frozen=True)
@@ -63,184 +55,93 @@ class JumpBehind:
 
 @dataclass(frozen=True)
 class MotionsBehind:
-    """What is behind a curve."""
+    """The motions behind a curve."""
 
     branches: list[dict[str, Any]] = field(metadata=reported("as `continue --json` has them", of=(Branch,)))
     bifurcations: list[dict[str, Any]] = field(metadata=reported("as `continue --json` has them", of=(Bifurcation,)))
     jumps: list[JumpBehind] = field(metadata=reported(
-        "changes of the largest slip speed between neighbours, and what each is"))
+        "changes of the largest slip speed between neighbours, and their causes"))
     left_out: list[str] = field(metadata=reported("sentences on motions and branches that were not followed"))
 
 
-@dataclass(frozen=True)
-class Reached:
-    """A motion that a neighbour's last state leads to; the period in engine cycles."""
-
-    max_slip_speed: float = field(metadata=reported("largest |slip speed|", "rad/s"))
-    period: int = field(metadata=reported("period of the motion", "engine cycles"))
-
-
 @dataclass(frozen=True, kw_only=True)
-class MapCurve(Labelled):
-    """One sweep: per value what `simulate --json` has, and what else was asked for."""
+class Labelled:
+    """A curve or panel of a figure: its label, and the series that it has; the others are None."""
 
-    direction: str = field(metadata=reported("direction of the sweep"))
-    max_slip_speed: Sequence[float | None] = field(metadata=as_in(Summary, "max_slip_speed"))
-    min_slip_speed: Sequence[float | None] = field(metadata=as_in(Summary, "min_slip_speed"))
-    period: Sequence[int | None] = field(metadata=as_in(Summary, "period"))
-    confirmed: Sequence[bool | None] = field(metadata=as_in(Point, "confirmed"))
-    settled: Sequence[bool | None] = field(metadata=as_in(Summary, "settled"))
-    runaway: Sequence[bool | None] = field(metadata=as_in(Summary, "runaway"))
-    stick_fraction: Sequence[float | None] = field(metadata=as_in(Summary, "stick_fraction"))
-    regime: Sequence[str | None] = field(metadata=as_in(Summary, "regime"))
-    theta2: Sequence[Sequence[float] | None] = field(metadata=as_in(Point, "theta2"))
-    equivalent_damping: Sequence[float | None] | None = field(
-        default=None, metadata=as_in(Damping, "weighted", asked_for=True))
-    negative_slope_mean: Sequence[float | None] | None = field(
-        default=None, metadata=as_in(Damping, "negative_mean", asked_for=True))
-    status: Sequence[str] = field(metadata=as_in(Point, "status"))
-    coexisting: Sequence[Coexisting] | None = field(default=None, metadata=reported(
-        "motions that a neighbour's last state leads to where they differ from those of the cold start",
-        asked_for=True))
-    behind: MotionsBehind | None = field(default=None, metadata=reported(
-        "motions behind the curve", asked_for=True, spread=True))
-
-
-@dataclass(frozen=True, kw_only=True)
-class Curves:
-    """Figs. 4 to 6, 8, 10, 11 and 13 to 18: sweeps over one normalised axis, whose `unit` is the key's value at 1."""
-
-    over: str = field(metadata=reported("scene key of the axis"))
-    axis: str = field(metadata=reported("name of the axis"))
-    x: Sequence[float] = field(metadata=reported("values on the axis"))
-    unit: float = field(metadata=reported("value of the key at 1 on the axis"))
-    cycles: int = field(metadata=reported("number of engine cycles solved at every value"))
-    discarded: int = field(metadata=reported("number of them dropped"))
-    threshold: float | None = field(default=None, metadata=reported("-C23 of (23)", "N m s/rad", asked_for=True))
-    curves: Sequence[MapCurve] = field(metadata=reported("one for each series"))
-
-
-@dataclass(frozen=True)
-class LawCurve(Labelled):
-    """Fig. 3: friction coefficient over mu_k, and its slope, s/rad, for one ratio; None where it has no maximum."""
-
-    coefficient: Floats = field(metadata=reported("friction coefficient over mu_k at slip_speed"))
-    slope: Floats = field(metadata=reported("its slope", "s/rad"))
-    near_coefficient: Floats = field(metadata=reported("the same at near_slip_speed"))
-    near_slope: Floats = field(metadata=reported("slope at near_slip_speed", "s/rad"))
-    near_set_valued: Floats = field(metadata=reported("coefficient of the set-valued law over mu_k at near_slip_speed"))
-    peak_slip_speed: float | None = field(metadata=reported(
+    label: str = field(metadata=reported("label of the curve or panel"))
+    values: Any = field(default=None, metadata=asked("scene keys that set it apart", "{*}"))
+    direction: Any = field(default=None, metadata=asked("direction of the sweep"))
+    max_slip_speed: Any = field(default=None, metadata=same(Summary, "max_slip_speed"))
+    min_slip_speed: Any = field(default=None, metadata=same(Summary, "min_slip_speed"))
+    period: Any = field(default=None, metadata=same(Summary, "period"))
+    confirmed: Any = field(default=None, metadata=same(Point, "confirmed"))
+    settled: Any = field(default=None, metadata=same(Summary, "settled"))
+    runaway: Any = field(default=None, metadata=same(Summary, "runaway"))
+    stick_fraction: Any = field(default=None, metadata=same(Summary, "stick_fraction"))
+    regime: Any = field(default=None, metadata=same(Summary, "regime"))
+    theta2: Any = field(default=None, metadata=same(Point, "theta2"))
+    equivalent_damping: Any = field(default=None, metadata=same(Damping, "weighted"))
+    negative_slope_mean: Any = field(default=None, metadata=same(Damping, "negative_mean"))
+    status: Any = field(default=None, metadata=same(Point, "status"))
+    coexisting: Sequence[Coexisting] | None = field(default=None, metadata=asked(
+        "motions that a neighbour's last state leads to where they differ from those of the cold start"))
+    behind: MotionsBehind | None = field(default=None, metadata=asked("motions behind the curve", spread=True))
+    coefficient: Any = field(default=None, metadata=asked("friction coefficient over mu_k at slip_speed"))
+    slope: Any = field(default=None, metadata=asked("its slope", "s/rad"))
+    near_coefficient: Any = field(default=None, metadata=asked("the same at near_slip_speed"))
+    near_slope: Any = field(default=None, metadata=asked("slope at near_slip_speed", "s/rad"))
+    near_set_valued: Any = field(default=None, metadata=asked("that of the set-valued law at near_slip_speed"))
+    peak_slip_speed: Any = field(default=None, metadata=asked(
         "slip speed at which the coefficient is largest; null where it has no largest value", "rad/s"))
-    peak: float = field(metadata=reported("largest coefficient over mu_k"))
-    static: float = field(metadata=reported("mu_s over mu_k"))
-
-
-@dataclass(frozen=True)
-class Laws:
-    """Fig. 3."""
-
-    slip_speed: Floats = field(metadata=reported("slip speeds of the curves", "rad/s"))
-    near_slip_speed: Floats = field(metadata=reported("slip speeds near 0", "rad/s"))
-    curves: Sequence[LawCurve] = field(metadata=reported("one for each ratio of coefficients"))
-
-
-@dataclass(frozen=True)
-class History(Labelled):
-    """A panel of Fig. 7; the section is (plate angle, slip speed), and the exponent is there where no period is."""
-
-    period: int = field(metadata=reported("period of the motion; 0 where none up to 16 is found", "engine cycles"))
-    section: Sequence[tuple[float, float]] = field(metadata=reported(
-        "plate angle and slip speed at t = 2 pi n/omega", "rad, rad/s"))
-    lyapunov: Lyapunov | None = field(metadata=reported("largest Lyapunov exponent; null where there is a period"))
-    t: Floats = field(metadata=reported("time from the first sample on", "engine cycles"))
-    slip_speed: Floats = field(metadata=reported("slip speed", "rad/s"))
-    plate_angle: Floats = field(metadata=reported("angle of the clutch plate", "rad"))
-
-
-@dataclass(frozen=True)
-class Delay(Labelled):
-    """A panel of Fig. 9; `first_half` is the part of positive slip in the first half cycle, NaN where there is none."""
-
-    first_half: float = field(metadata=reported(
-        "part of the positive slip in the first half cycle; null where there is none"))
-    t: Floats = field(metadata=reported("time from the first sample on", "engine cycles"))
-    slip_speed: Floats = field(metadata=reported("slip speed", "rad/s"))
-    engine_torque: Floats = field(metadata=reported("torque of the engine", "N m"))
-    state: Modes = field(metadata=reported("-1 negative slip, 0 stick, 1 positive slip"))
-
-
-@dataclass(frozen=True)
-class Actuation(Labelled):
-    """A panel of Fig. 12."""
-
-    period: int = field(metadata=reported("period of the motion; 0 where none up to 16 is found", "engine cycles"))
-    t: Floats = field(metadata=reported("time from the first sample on", "engine cycles"))
-    slip_speed: Floats = field(metadata=reported("slip speed", "rad/s"))
-    saturation_torque: Floats = field(metadata=reported("mu_k N R", "N m"))
-    engine_torque: Floats = field(metadata=reported("torque of the engine", "N m"))
-
-
-@dataclass(frozen=True)
-class ActuationOnBranch(Actuation):
-    """A panel of Fig. 12 with its periodic orbit, as an entry of `at` in `continue --json`; None where it has none."""
-
-    orbit: dict[str, Any] | None = field(metadata=reported(
-        "its periodic orbit, as an entry of `at` in `continue --json`; null where it has none", of=(OrbitFigures,)))
-
-
-@dataclass(frozen=True)
-class Panels(Generic[Panel]):
-    """Figs. 7, 9 and 12."""
-
-    panels: Sequence[Panel] = field(metadata=reported("time histories"))
-
-
-@dataclass(frozen=True)
-class SolverCurve:
-    """Fig. 2, one solver; `rms_difference` from the first curve, relative to its largest |slip speed|."""
-
-    solver: str = field(metadata=reported("name of the solver"))
-    label: str = field(metadata=reported("label of the curve"))
-    status: str = field(metadata=reported("how the solver ended"))
-    seconds: float = field(metadata=reported("computing time", "s"))
-    t: Floats = field(metadata=reported("time from the first sample on", "engine cycles"))
-    slip_speed: Floats = field(metadata=reported("slip speed", "rad/s"))
-    friction_torque: Floats = field(metadata=reported("friction torque", "N m"))
-    rms_difference: float | None = field(metadata=reported(
-        "rms difference from the first curve, relative to its largest |slip speed|; null where the solver stopped "
-        "early"))
-
-
-@dataclass(frozen=True)
-class Steady(Labelled):
-    """Fig. 2, the steady state of one law from the initial state (13); `final` is a state of the driveline."""
-
-    period: int = field(metadata=reported("period of the motion; 0 where none up to 16 is found", "engine cycles"))
-    settled: bool = field(metadata=reported("whether the section repeats within the tolerance"))
-    max_slip_speed: float = field(metadata=reported("largest |slip speed|", "rad/s"))
-    final: tuple[float, float, float] = field(metadata=reported(
+    peak: Any = field(default=None, metadata=asked("largest coefficient over mu_k"))
+    static: Any = field(default=None, metadata=asked("mu_s over mu_k"))
+    solver: Any = field(default=None, metadata=asked("name of the solver"))
+    seconds: Any = field(default=None, metadata=asked("computing time", "s"))
+    rms_difference: Any = field(default=None, metadata=asked(
+        "rms difference from the first curve over its largest |slip speed|; null where the solver stopped early"))
+    final: Any = field(default=None, metadata=asked(
         "slip speed, plate angle and plate speed at the end", "rad/s, rad, rad/s"))
-    t: Floats = field(metadata=reported("time from the first sample on", "engine cycles"))
-    slip_speed: Floats = field(metadata=reported("slip speed", "rad/s"))
+    t: Any = field(default=None, metadata=asked("time from the first sample on", "engine cycles"))
+    slip_speed: Any = field(default=None, metadata=asked("slip speed", "rad/s"))
+    plate_angle: Any = field(default=None, metadata=asked("angle of the clutch plate", "rad"))
+    friction_torque: Any = field(default=None, metadata=asked("friction torque", "N m"))
+    engine_torque: Any = field(default=None, metadata=asked("torque of the engine", "N m"))
+    saturation_torque: Any = field(default=None, metadata=asked("mu_k N R", "N m"))
+    state: Any = field(default=None, metadata=asked("-1 negative slip, 0 stick, 1 positive slip"))
+    first_half: Any = field(default=None, metadata=asked(
+        "part of the positive slip in the first half cycle; null where there is none"))
+    section: Any = field(default=None, metadata=asked("plate angle and speed at t = 2 pi n/omega", "rad, rad/s"))
+    lyapunov: Any = field(default=None, metadata=asked("largest exponent, where there is no period", of=(Lyapunov,)))
+    orbit: Any = field(default=None, metadata=asked(
+        "periodic orbit, as an entry of `at` in `continue --json`", of=(OrbitFigures,)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Numbers:
+    """All numbers of a figure: its axis, curves and panels; None where it has none."""
+
+    over: Any = field(default=None, metadata=asked("scene key of the axis"))
+    axis: Any = field(default=None, metadata=asked("name of the axis"))
+    x: Any = field(default=None, metadata=asked("values on the axis"))
+    unit: Any = field(default=None, metadata=asked("value of the key at 1 on the axis"))
+    cycles: Any = field(default=None, metadata=asked("number of engine cycles solved at every value"))
+    discarded: Any = field(default=None, metadata=asked("number of them dropped"))
+    threshold: Any = field(default=None, metadata=asked("-C23 of (23)", "N m s/rad"))
+    slip_speed: Any = field(default=None, metadata=asked("slip speeds of the curves of Fig. 3", "rad/s"))
+    near_slip_speed: Any = field(default=None, metadata=asked("slip speeds near 0, Fig. 3", "rad/s"))
+    cycle: Any = field(default=None, metadata=asked("engine cycle", "s"))
+    curves: Any = field(default=None, metadata=asked("one for each series", of=(Labelled,)))
+    panels: Any = field(default=None, metadata=asked("time histories", of=(Labelled,)))
+    steady: Any = field(default=None, metadata=asked("steady state of each law from (13)", of=(Labelled,)))
+    steady_cycles: Any = field(default=None, metadata=asked("number of engine cycles before a steady state"))
 
 
 @dataclass(frozen=True)
-class Solvers:
-    """Fig. 2; `cycle` in s."""
-
-    cycle: float = field(metadata=reported("engine cycle", "s"))
-    curves: Sequence[SolverCurve] = field(metadata=reported("one for each solver"))
-    steady: Sequence[Steady] = field(metadata=reported("steady state of each law from the initial state (13)"))
-    steady_cycles: int = field(metadata=reported(
-        "number of engine cycles from (13) after which a motion counts as its steady state"))
-
-
-@dataclass(frozen=True)
-class Figure(Described, Generic[Numbers]):
-    """The numbers of one figure with what is said of them; `seconds` of computing."""
+class Figure(Described):
+    """The numbers of one figure with its title and caption."""
 
     figure: int = field(metadata=reported("number in the paper"))
-    kind: str = field(metadata=reported("kind of the figure, which tells its other fields"))
+    kind: str = field(metadata=reported("kind of the figure, on which its other fields depend"))
     title: str = field(metadata=reported("title in our words"))
     caption: str = field(metadata=reported("caption in our words"))
     law: str = field(metadata=reported("friction law"))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -58,7 +57,7 @@ STEADY_CYCLES, QUICK_STEADY_CYCLES = 3000, 1000
 """Cycles from (13) after which a motion of Fig. 2 is its steady state: the set-valued one takes some 700."""
 
 
-def figure_data(number: int, options: FigureOptions) -> results.Figure[Any]:
+def figure_data(number: int, options: FigureOptions) -> results.Figure:
     """The numbers of one figure.
 
     Raises
@@ -110,21 +109,25 @@ def _swept(row: PaperFigure, options: FigureOptions, plan: Plan) -> list[Sweep]:
     return swept(wanted, plan, options.kept, options.jobs, options.progress)
 
 
-def _curves(row: PaperFigure, options: FigureOptions, curves: Sequence[results.MapCurve],
-            threshold: float | None = None) -> results.Curves:
+def _curves(row: PaperFigure, options: FigureOptions, curves: Sequence[results.Labelled],
+            threshold: float | None = None) -> results.Numbers:
     """Curves over the figure's axis."""
     name, ratios, unit = _axis(row, options)
-    return results.Curves(over=row.over, axis=name, x=ratios.tolist(), unit=unit, cycles=_plan(options).most,
-                          discarded=50, threshold=threshold, curves=curves)
+    return results.Numbers(over=row.over, axis=name, x=ratios.tolist(), unit=unit, cycles=_plan(options).most,
+                           discarded=50, threshold=threshold, curves=curves)
+
+
+COLUMNS = ("max_slip_speed", "min_slip_speed", "period", "confirmed", "settled", "runaway", "stick_fraction", "regime",
+           "theta2", "equivalent_damping", "negative_slope_mean", "status")
+"""Columns of a sweep that the curve of a map has."""
 
 
 def _curve(series: Series, sweep: Sweep, others: Sequence[results.Coexisting] | None = None,
-           behind: results.MotionsBehind | None = None) -> results.MapCurve:
+           behind: results.MotionsBehind | None = None) -> results.Labelled:
     """One sweep as a curve."""
-    names = {item.name for item in dataclasses.fields(results.MapCurve)}
-    return results.MapCurve(label=series.label, values=series.values, direction=sweep.plan.direction, coexisting=others,
+    return results.Labelled(label=series.label, values=series.values, direction=sweep.plan.direction, coexisting=others,
                             behind=behind,
-                            **{name: column for name, column in sweep.lists.items() if name in names})
+                            **{name: column for name, column in sweep.lists.items() if name in COLUMNS})
 
 
 def coexisting(sweep: Sweep, jobs: int | None = None) -> list[results.Coexisting]:
@@ -167,7 +170,7 @@ def stands_out(values: np.ndarray, k: int, least: float) -> bool:
     return bool(left * right > 0.0 and min(abs(left), abs(right)) > least)
 
 
-def _map(row: PaperFigure, options: FigureOptions) -> results.Curves:
+def _map(row: PaperFigure, options: FigureOptions) -> results.Numbers:
     """Figs. 4, 8, 10, 11, 13 to 18."""
     sweeps = _swept(row, options, _plan(options))
     cold = sweeps[0].plan.direction == "cold"
@@ -176,13 +179,13 @@ def _map(row: PaperFigure, options: FigureOptions) -> results.Curves:
     return _curves(row, options, [_curve(*of) for of in zip(row.series, sweeps, others, behind)])
 
 
-def _damping(row: PaperFigure, options: FigureOptions) -> results.Curves:
+def _damping(row: PaperFigure, options: FigureOptions) -> results.Numbers:
     """Fig. 5."""
     sweeps = _swept(row, options, _plan(options, damping=True))
     return _curves(row, options, [_curve(*of) for of in zip(row.series, sweeps)], -paper_system().driveline.damping)
 
 
-def _orbit(row: PaperFigure, options: FigureOptions) -> results.Curves:
+def _orbit(row: PaperFigure, options: FigureOptions) -> results.Numbers:
     """Fig. 6: from the initial state, and continued up and down (only one of these where the options say which)."""
     directions = (options.direction,) if options.direction else ("cold", "up", "down")
     sweeps = [sweep for direction in directions for sweep in _swept(row, options, _plan(options, direction))]
@@ -190,7 +193,7 @@ def _orbit(row: PaperFigure, options: FigureOptions) -> results.Curves:
     return _curves(row, options, [_curve(row.series[0], sweep, None, found) for sweep, found in zip(sweeps, behind)])
 
 
-def _law(row: PaperFigure, options: FigureOptions) -> results.Laws:
+def _law(row: PaperFigure, options: FigureOptions) -> results.Numbers:
     """Fig. 3: the smoothed law, near 0, and its slope; with the set-valued law beside it."""
     curves = []
     v = np.linspace(-2.0, 2.0, 2001)
@@ -201,10 +204,11 @@ def _law(row: PaperFigure, options: FigureOptions) -> results.Laws:
         wide, close = (friction.smoothed_and_slope(x, terms.smoothing, terms.stribeck) for x in (v, near))
         peak, height = friction.peak(terms.smoothing, terms.stribeck)
         sliding = friction.sliding(near, 1.0, terms.stribeck) + 0.0 * near
-        curves.append(results.LawCurve(series.label, series.values, wide[0], wide[1], close[0], close[1], sliding,
-                                       peak if math.isfinite(peak) else None, height,
-                                       1.0 + (terms.stribeck[0] if terms.stribeck else 0.0)))
-    return results.Laws(v, near, curves)
+        curves.append(results.Labelled(
+            label=series.label, values=series.values, coefficient=wide[0], slope=wide[1], near_coefficient=close[0],
+            near_slope=close[1], near_set_valued=sliding, peak_slip_speed=peak, peak=height,
+            static=1.0 + (terms.stribeck[0] if terms.stribeck else 0.0)))
+    return results.Numbers(slip_speed=v, near_slip_speed=near, curves=curves)
 
 
 def _run_in(system: System, more: int, cycles: int = RUN_IN, samples: int = SAMPLES) -> tuple[Trajectory, Trajectory]:
@@ -220,50 +224,52 @@ def _time(run: Trajectory) -> Floats:
     return found
 
 
-def _histories(row: PaperFigure, options: FigureOptions) -> results.Panels[results.History]:
+def _histories(row: PaperFigure, options: FigureOptions) -> results.Numbers:
     """Fig. 7."""
     panels = []
     for series in row.series:
         system = series_system(series, options)
         before, after = _run_in(system, 12)
-        summary = summarise(before)
-        section, exponent = summary.section, None
+        summary, exponent = summarise(before), None
+        points = before.solved_cycles.section[-max(summary.period, 1):]
         if not summary.period:
             many = SECTION_CYCLES // (QUICK_SHARE if options.quick else 1)
             further = solve(system, cycles=many, start_cycle=RUN_IN, state=before.final).raise_for_status()
-            section = summarise(further, 0).section
+            points = further.solved_cycles.section[1:]
             if options.law == "smoothed":
                 exponent = largest_lyapunov_exponent(system, before.final, cycles=many, start_cycle=RUN_IN)
-        panels.append(results.History(series.label, series.values, summary.period, section, exponent, _time(after),
-                                      after.slip_speed, after.plate_angle))
-    return results.Panels(panels)
+        panels.append(results.Labelled(
+            label=series.label, values=series.values, period=summary.period, section=points[:, 1:], lyapunov=exponent,
+            t=_time(after), slip_speed=after.slip_speed, plate_angle=after.plate_angle))
+    return results.Numbers(panels=panels)
 
 
-def _delay(row: PaperFigure, options: FigureOptions) -> results.Panels[results.Delay]:
+def _delay(row: PaperFigure, options: FigureOptions) -> results.Numbers:
     """Fig. 9: torque and slip over two cycles, and the part of positive slip in the first half cycle."""
     panels = []
     for series in row.series:
         _, after = _run_in(series_system(series, options), 2)
-        panels.append(results.Delay(series.label, series.values, first_half(after), _time(after), after.slip_speed,
-                                    after.engine_torque, after.state))
-    return results.Panels(panels)
+        panels.append(results.Labelled(
+            label=series.label, values=series.values, first_half=first_half(after), t=_time(after),
+            slip_speed=after.slip_speed, engine_torque=after.engine_torque, state=after.state))
+    return results.Numbers(panels=panels)
 
 
-def _actuation(row: PaperFigure, options: FigureOptions) -> results.Panels[results.Actuation]:
+def _actuation(row: PaperFigure, options: FigureOptions) -> results.Numbers:
     """Fig. 12."""
-    panels: list[results.Actuation] = []
+    panels = []
     for series in row.series:
         before, after = _run_in(series_system(series, options), 9)
         found = summarise(before)
-        shown = (series.label, series.values, found.period, _time(after), after.slip_speed, after.saturation_torque,
-                 after.engine_torque)
-        panels.append(results.ActuationOnBranch(*shown, orbit_behind(
-            series_system(series, options), before.final, RUN_IN, found.period, found.max_slip_speed))
-            if options.branches else results.Actuation(*shown))
-    return results.Panels(panels)
+        orbit = orbit_behind(series_system(series, options), before.final, RUN_IN, found.period,
+                             found.max_slip_speed) if options.branches else None
+        panels.append(results.Labelled(
+            label=series.label, values=series.values, period=found.period, t=_time(after), orbit=orbit,
+            slip_speed=after.slip_speed, saturation_torque=after.saturation_torque, engine_torque=after.engine_torque))
+    return results.Numbers(panels=panels)
 
 
-def _solvers(row: PaperFigure, options: FigureOptions) -> results.Solvers:
+def _solvers(row: PaperFigure, options: FigureOptions) -> results.Numbers:
     """Fig. 2: a cycle or two by each solver from law (7)'s steady motion, and the one of each law from (13)."""
     system = paper_system(row.series[0].values)
     begin = QUICK_STEADY_CYCLES if options.quick else STEADY_CYCLES
@@ -271,20 +277,22 @@ def _solvers(row: PaperFigure, options: FigureOptions) -> results.Solvers:
     for label, values in STEADY_LAWS:
         before, after = _run_in(replace(system, values), 4, begin, SAMPLES // 2)
         found = summarise(before, begin - 100)
-        steady.append(results.Steady(label, values, found.period, found.settled, found.max_slip_speed,
-                                     before.final.numbers, _time(after), after.slip_speed))
+        steady.append(results.Labelled(
+            label=label, values=values, period=found.period, settled=found.settled, final=before.final.numbers,
+            max_slip_speed=found.max_slip_speed, t=_time(after), slip_speed=after.slip_speed))
     start = State(*steady[0].final)
-    curves: list[results.SolverCurve] = []
+    curves: list[results.Labelled] = []
     for solver, (label, law, setting) in SOLVER_CURVES.items():
         begun = time.perf_counter()
         run = solve(replace(system, {"friction.law": law}), cycles=1 if options.quick else 2, samples_per_cycle=SAMPLES,
                     start_cycle=begin, state=start, solver=solver, rtol=setting.get("rtol"), step=setting.get("step"))
         seconds, reference = time.perf_counter() - begun, curves[0].slip_speed if curves else run.slip_speed
-        apart = None if len(run.t) != len(reference) else float(
+        apart = np.nan if len(run.t) != len(reference) else float(
             np.sqrt(np.mean((run.slip_speed - reference) ** 2)) / np.abs(reference).max())
-        curves.append(results.SolverCurve(solver, label, run.status.value, seconds, _time(run), run.slip_speed,
-                                          run.friction_torque, apart))
-    return results.Solvers(system.cycle, curves, steady, begin)
+        curves.append(results.Labelled(
+            solver=solver, label=label, status=run.status.value, seconds=seconds, t=_time(run),
+            slip_speed=run.slip_speed, friction_torque=run.friction_torque, rms_difference=apart))
+    return results.Numbers(cycle=system.cycle, curves=curves, steady=steady, steady_cycles=begin)
 
 
 KINDS: dict[str, Callable[[PaperFigure, FigureOptions], Any]] = {

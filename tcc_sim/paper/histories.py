@@ -6,19 +6,20 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.paper.figure_results import Actuation, ActuationOnBranch, Delay, History, Laws, Panels, Solvers
+from tcc_sim.paper.figure_results import Labelled, Numbers
 from tcc_sim.views import style
 
 CYCLES = "time (engine cycles)"
-NARROWEST = 0.02
-"""Least width of a section's axis, as a part of the motion's extent: what is narrower shows rounding."""
 SLIP = r"$\dot\delta_1$ (rad/s)"
 
 
-def paint_histories(drawn: Any, data: Panels[History]) -> None:
-    """Fig. 7: slip speed, plate angle and section for every value."""
+def paint_histories(drawn: Any, data: Numbers) -> None:
+    """Fig. 7: slip speed, plate angle and section (plate speed over plate angle) for every value, in shared ranges.
+
+    The sections lie in stick, where the slip speed is 0.
+    """
     panels = data.panels
-    axes = drawn.subplots(len(panels), 3, width_ratios=(1.25, 1.25, 1.0), sharex="col")
+    axes = drawn.subplots(len(panels), 3, width_ratios=(1.25, 1.25, 1.0), sharex="col", sharey="col")
     for k, (row, panel) in enumerate(zip(axes, panels)):
         speed, angle, section = row
         t = panel.t
@@ -29,12 +30,9 @@ def paint_histories(drawn: Any, data: Panels[History]) -> None:
         section.plot(points[:, 0], points[:, 1], linestyle="none", marker="o", color=style.RED, markeredgewidth=0.0,
                      markersize=5.0 if periodic else 1.6)
         section.margins(0.1)
-        low, high = section.get_ylim()
-        half = 0.5 * max(high - low, NARROWEST * float(np.ptp(panel.slip_speed)))
-        section.set_ylim(0.5 * (low + high) - half, 0.5 * (low + high) + half)
         speed.set_ylabel(SLIP)
         angle.set_ylabel(r"$\delta_2$ (rad)")
-        section.set_ylabel(SLIP)
+        section.set_ylabel(r"$\dot\delta_2$ (rad/s)")
         speed.set_xlim(t[0], t[-1])
         angle.set_xlim(t[0], t[-1])
         speed.set_title(f"({'abc'[k]}) {panel.label}")
@@ -46,7 +44,7 @@ def paint_histories(drawn: Any, data: Panels[History]) -> None:
         axis.locator_params(axis="x", nbins=4)
 
 
-def _diagnosis(panel: History) -> str:
+def _diagnosis(panel: Labelled) -> str:
     """The period, or the exponent with its interval."""
     if panel.period:
         return f"period {panel.period}"
@@ -57,7 +55,7 @@ def _diagnosis(panel: History) -> str:
     return rf"{found.diagnosis}, $\lambda_1 = {found.exponent:.1f} \pm {half:.1f}$ s$^{{-1}}$"
 
 
-def paint_delay(drawn: Any, data: Panels[Delay]) -> None:
+def paint_delay(drawn: Any, data: Numbers) -> None:
     """Fig. 9: slip speed with positive slip shaded, and the engine torque above it."""
     grid = drawn.subplots(2, 2, sharex=True)
     for k, (axis, panel) in enumerate(zip(grid.ravel(), data.panels)):
@@ -81,7 +79,7 @@ def paint_delay(drawn: Any, data: Panels[Delay]) -> None:
             axis.set_xlabel(CYCLES)
 
 
-def paint_actuation(drawn: Any, data: Panels[Actuation]) -> None:
+def paint_actuation(drawn: Any, data: Numbers) -> None:
     """Fig. 12: slip speed, engine and saturation torque, with the start of every engine cycle."""
     axes = drawn.subplots(len(data.panels), 1, sharex=True)
     for k, (axis, panel) in enumerate(zip(axes, data.panels)):
@@ -104,16 +102,16 @@ def paint_actuation(drawn: Any, data: Panels[Actuation]) -> None:
     axes[-1].set_xlabel(CYCLES)
 
 
-def orbit_words(panel: Actuation) -> str:
+def orbit_words(panel: Labelled) -> str:
     """What is known of a panel's periodic orbit, where that was asked for."""
-    if not isinstance(panel, ActuationOnBranch) or panel.orbit is None:
+    if panel.orbit is None:
         return ""
     orbit = panel.orbit
     size = max(float(np.hypot(*m)) for m in orbit["multipliers"])
     return f", {'stable' if orbit['stable'] else 'unstable'}: largest Floquet multiplier {size:.3g}"
 
 
-def paint_solvers(drawn: Any, data: Solvers) -> None:
+def paint_solvers(drawn: Any, data: Numbers) -> None:
     """Fig. 2: slip speed by every solver from one state, where they part, and where each law settles from (13)."""
     whole, close, steady = drawn.subplots(3, 1)
     looks: dict[str, dict[str, Any]] = {
@@ -126,7 +124,7 @@ def paint_solvers(drawn: Any, data: Solvers) -> None:
     for curve in data.curves:
         t = curve.t * period
         difference = curve.rms_difference
-        label = curve.label + (f" ({difference:.1e})" if difference and curve.solver != "smoothed" else "")
+        label = curve.label + (f" ({difference:.1e})" if np.isfinite(difference) and curve.solver != "smoothed" else "")
         for axis in (whole, close):
             axis.plot(t, curve.slip_speed, label=label, **looks[curve.solver])
     whole.set_xlim(0.0, data.curves[0].t[-1] * period)
@@ -142,7 +140,7 @@ def paint_solvers(drawn: Any, data: Solvers) -> None:
     style.panel_titles((whole, close, steady), ["from one state", "leaving stick", after])
 
 
-def _paint_steady(axis: Any, data: Solvers) -> None:
+def _paint_steady(axis: Any, data: Numbers) -> None:
     """What each friction law settles in."""
     looks: tuple[dict[str, Any], ...] = (
         {"color": style.SKY, "linewidth": 3.0}, {"color": style.PURPLE, "linewidth": 1.4},
@@ -156,7 +154,7 @@ def _paint_steady(axis: Any, data: Solvers) -> None:
     axis.legend(loc="upper center", ncols=3, fontsize=6.5)
 
 
-def paint_law(drawn: Any, data: Laws) -> None:
+def paint_law(drawn: Any, data: Numbers) -> None:
     """Fig. 3: law, zoom, slope."""
     wide, near, slope = drawn.subplots(1, 3)
     for k, curve in enumerate(data.curves):
@@ -165,7 +163,7 @@ def paint_law(drawn: Any, data: Laws) -> None:
         near.plot(data.near_slip_speed, curve.near_coefficient, color=colour)
         near.plot(data.near_slip_speed, curve.near_set_valued, color=colour, linewidth=0.8, linestyle=(0, (3, 2)))
         slope.plot(data.near_slip_speed, curve.near_slope, color=colour)
-        if curve.peak_slip_speed is not None:
+        if np.isfinite(curve.peak_slip_speed):
             near.plot(curve.peak_slip_speed, curve.peak, marker="o", markersize=3.0, color=colour)
     near.plot([], [], color=style.GREY, linewidth=0.8, linestyle=(0, (3, 2)), label="set-valued law (6)")
     near.plot([], [], color=style.GREY, linestyle="none", marker="o", label="maximum of (7)")

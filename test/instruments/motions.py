@@ -27,7 +27,7 @@ from tcc_sim.output.terminal import say
 from tcc_sim.paper.branch_panels import UNNAMED, UNSEEN, behind
 from tcc_sim.paper.catalogue import OMEGA_N, STATIC, FigureOptions, paper_system
 from tcc_sim.paper.drawings import draw
-from tcc_sim.paper.figure_results import Curves, Figure
+from tcc_sim.paper.figure_results import Figure
 from tcc_sim.paper.figures import figure_data, figure_system
 from tcc_sim.views.basin_map import draw_basins
 
@@ -86,7 +86,7 @@ def run(arguments: argparse.Namespace, words: list[str]) -> int:
     return 0
 
 
-def _write(folder: Any, branches: Figure[Curves], found: Any, words: list[str]) -> None:
+def _write(folder: Any, branches: Figure, found: Any, words: list[str]) -> None:
     """Pictures and JSON."""
     pictures = folder / "pictures"
     pictures.mkdir(parents=True)
@@ -97,7 +97,7 @@ def _write(folder: Any, branches: Figure[Curves], found: Any, words: list[str]) 
     write_json(folder / f"{BASINS}.json", document("basins", found, paper_system(AT_036_085), words))
 
 
-def motions_page(branches: Figure[Curves], basins: Basins, beside: Sequence[str] = ()) -> str:
+def motions_page(branches: Figure, basins: Basins, beside: Sequence[str] = ()) -> str:
     """The page: what was found, in counts and tables; every branch by its points is in the JSON beside it.
 
     Parameters
@@ -123,7 +123,7 @@ def motions_page(branches: Figure[Curves], basins: Basins, beside: Sequence[str]
     return "\n".join(lines) + "\n"
 
 
-def _summary(branches: Figure[Curves], basins: Basins) -> list[str]:
+def _summary(branches: Figure, basins: Basins) -> list[str]:
     """What was found, a line for each part."""
     curves = branches.numbers.curves
     followed = behind(curves[:1])
@@ -140,7 +140,7 @@ def _summary(branches: Figure[Curves], basins: Basins) -> list[str]:
     return [*lines, f"- Initial states at omega/omega\\_n = 0.36, mu\\_k/mu\\_s = 0.85 lead: {shares}."]
 
 
-def _branches(data: Figure[Curves]) -> list[str]:
+def _branches(data: Figure) -> list[str]:
     """Branches with their ends and bifurcations."""
     found, unit = behind(data.numbers.curves[:1]), data.numbers.unit
     lines = ["| period | mu\\_k/mu\\_s | stable points | ends | bifurcations |", "| ---: | --- | ---: | --- | --- |"]
@@ -155,7 +155,7 @@ def _branches(data: Figure[Curves]) -> list[str]:
     return [*lines, "", f"The multiplier of every bifurcation is within {worst:.0e} of where it has it."]
 
 
-def _jumps(data: Figure[Curves]) -> list[str]:
+def _jumps(data: Figure) -> list[str]:
     """The jumps of the sweeps by cause and place, with the sweeps that have them."""
     unit, places = data.numbers.unit, dict[tuple[str, str], list[str]]()
     for swept in data.numbers.curves:

@@ -14,7 +14,7 @@ from tcc_sim.continuation.loss_of_stability import SegmentEnd, StableSegment
 from tcc_sim.model.parameters import System
 from tcc_sim.paper.catalogue import OMEGA_N, STATIC, paper_system
 from tcc_sim.paper.evidence import KINETIC, ColdStartMotion
-from tcc_sim.paper.figure_results import Curves, Figure, MapCurve
+from tcc_sim.paper.figure_results import Figure, Labelled, Numbers
 from tcc_sim.paper.stable_motions import StableMotions
 from tcc_sim.sweeps.exponents import Lyapunov
 from tcc_sim.sweeps.results import Point
@@ -92,27 +92,27 @@ def stretch(low: float, high: float, period: int = 1, height: float = 10.0, begi
     return StableSegment(period, end(low, begins), end(high, ends), (low, high), (height, height))
 
 
-def curve_of(largest: Sequence[float | None], **more: Any) -> MapCurve:
+def curve_of(largest: Sequence[float | None], **more: Any) -> Labelled:
     """A curve of a map whose motions have settled in period one, where nothing else is said."""
     n = len(largest)
     given: dict[str, Any] = {
         "label": "a curve", "values": {}, "direction": "cold", "min_slip_speed": [0.0] * n, "period": [1] * n,
         "confirmed": [True] * n, "settled": [True] * n, "runaway": [False] * n, "stick_fraction": [0.5] * n,
         "regime": ["stick-slip"] * n, "theta2": [[0.1]] * n, "status": ["done"] * n, **more}
-    return MapCurve(max_slip_speed=largest, **given)
+    return Labelled(max_slip_speed=largest, **given)
 
 
 def figure_of(kind: str, numbers: Any, number: int = 4, law: str = "smoothed", title: str = "a title",
-              caption: str = "a caption") -> Figure[Any]:
+              caption: str = "a caption") -> Figure:
     keys = {"engine.mean_torque": 300.0, "friction.static_coefficient": 0.3, "pressure.mean": 225e3,
             "clutch.area": 0.08, "clutch.radius": 0.1}
     return Figure(number, kind, title, caption, law, True, keys, [0.3], numbers, 0.0)
 
 
-def curves_of(curves: Sequence[MapCurve]) -> Curves:
+def curves_of(curves: Sequence[Labelled]) -> Numbers:
     x = np.linspace(0.05, 0.5, 11).tolist()
-    return Curves(over="engine.frequency", axis="omega/omega_n", x=x, unit=OMEGA_N, cycles=100, discarded=50,
-                  curves=curves)
+    return Numbers(over="engine.frequency", axis="omega/omega_n", x=x, unit=OMEGA_N, cycles=100, discarded=50,
+                   curves=curves)
 
 
 def law_of(row: Any) -> str:

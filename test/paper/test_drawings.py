@@ -9,7 +9,7 @@ import pytest
 from given import curve_of, curves_of, figure_of
 
 from tcc_sim.paper.catalogue import FIGURES
-from tcc_sim.paper.figure_results import Actuation, Coexisting, Delay, History, Panels, Reached
+from tcc_sim.paper.figure_results import Coexisting, Labelled, Numbers, Reached
 
 pytest.importorskip("matplotlib")
 
@@ -79,16 +79,21 @@ def test_cells_of_a_map_have_the_colour_of_their_class() -> None:
     assert basin_map.EXTRAS[basin_map.RUNAWAY][0] == style.RUNAWAY
 
 
-def test_a_section_of_one_point_has_no_axis_narrower_than_its_noise() -> None:
+def test_the_panels_of_figure_7_share_ranges_and_show_the_plate_in_the_section() -> None:
+    """Two motions of different size: both sections have room for the larger one."""
     from tcc_sim.paper import histories
     from tcc_sim.views import style
 
-    panel = History("a", {}, 1, [(0.1, 5.0), (0.1, 5.0 + 1e-13)], None, np.array([0.0, 1.0]), np.array([0.0, 30.0]),
-                    np.array([0.1, 0.2]))
+    small, large = (Labelled(label="a", period=1, section=[(0.1 * size, 5.0 * size)], t=np.array([0.0, 1.0]),
+                             slip_speed=np.array([0.0, size]), plate_angle=np.array([0.0, size]))
+                    for size in (1.0, 4.0))
     with style.figure() as drawn:
-        histories.paint_histories(drawn, Panels([panel] * 2))
-        low, high = drawn.axes[2].get_ylim()
-        assert high - low == pytest.approx(histories.NARROWEST * 30.0)
+        histories.paint_histories(drawn, Numbers(panels=[small, large]))
+        for column in range(3):
+            one, other = drawn.axes[column::3]
+            assert (one.get_xlim(), one.get_ylim()) == (other.get_xlim(), other.get_ylim())
+        assert drawn.axes[2].get_ylim()[1] > 20.0
+        assert drawn.axes[2].get_ylabel() == r"$\dot\delta_2$ (rad/s)"
 
 
 def test_the_torques_of_figures_9_and_12_are_in_the_picture() -> None:
@@ -96,14 +101,15 @@ def test_the_torques_of_figures_9_and_12_are_in_the_picture() -> None:
     from tcc_sim.views import style
 
     t, slip, torque = np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.0, 0.0]), np.array([3.0, 4.0, 5.0])
-    panel = Actuation("a", {}, 1, t, slip, np.array([6.0, 7.0, 8.0]), torque)
-    late = Delay("a", {}, 0.5, t, slip, torque, np.array([0, 1, 0], np.int8))
+    panel = Labelled(label="a", period=1, t=t, slip_speed=slip, saturation_torque=np.array([6.0, 7.0, 8.0]),
+                     engine_torque=torque)
+    late = Labelled(label="a", first_half=0.5, t=t, slip_speed=slip, engine_torque=torque, state=np.array([0, 1, 0]))
     with style.figure() as drawn:
-        histories.paint_actuation(drawn, Panels([panel] * 2))
+        histories.paint_actuation(drawn, Numbers(panels=[panel] * 2))
         lines = [line.get_ydata().tolist() for axis in drawn.axes for line in axis.lines]
         assert lines.count([3.0, 4.0, 5.0]) == lines.count([6.0, 7.0, 8.0]) == 2
     with style.figure() as drawn:
-        histories.paint_delay(drawn, Panels([late] * 4))
+        histories.paint_delay(drawn, Numbers(panels=[late] * 4))
         torques = [axis for axis in drawn.axes for line in axis.lines if line.get_ydata().tolist() == [3.0, 4.0, 5.0]]
         shaded = [axis for axis in drawn.axes if axis.collections]
         # Matplotlib draws axes of one order as they were made: what shades comes first, the torque above it.

@@ -12,7 +12,7 @@ import pytest
 from given import curve_of, curves_of, figure_of
 
 from tcc_sim.paper import drawings, histories
-from tcc_sim.paper.figure_results import Actuation, Delay, History, Panels
+from tcc_sim.paper.figure_results import Labelled, Numbers
 from tcc_sim.sweeps.exponents import Lyapunov
 from tcc_sim.views import style
 
@@ -44,11 +44,13 @@ def texts(axes: Any, name: str) -> list[str]:
 
 def test_time_histories_name_their_lowest_axes_and_mark_every_cycle() -> None:
     t, slip, torque = np.array([0.0, 1.5, 3.0]), np.array([0.0, 30.0, 0.0]), np.array([3.0, 4.0, 5.0])
-    panel = History("a", {}, 2, [(0.1, 5.0), (0.2, 6.0)], None, t, slip, np.array([0.1, 0.2, 0.1]))
+    panel = Labelled(label="a", period=2, section=[(0.1, 5.0), (0.2, 6.0)], t=t, slip_speed=slip,
+                     plate_angle=np.array([0.1, 0.2, 0.1]))
     none = replace(panel, period=0, lyapunov=Lyapunov(2.0, 1.5, 2.5, 0.95, 100, "chaotic"))
-    late = Delay("a", {}, 0.25, t, slip, torque, np.array([0, 1, 0], np.int8))
+    late = Labelled(label="a", first_half=0.25, t=t, slip_speed=slip, engine_torque=torque, state=np.array([0, 1, 0]))
+    load = Labelled(label="a", period=2, t=t, slip_speed=slip, saturation_torque=torque + 3.0, engine_torque=torque)
     with style.figure() as drawn:
-        histories.paint_histories(drawn, Panels([panel, panel, none]))
+        histories.paint_histories(drawn, Numbers(panels=[panel, panel, none]))
         assert texts(drawn.axes, "xlabel") == 6 * [""] + 2 * [histories.CYCLES] + [r"$\delta_2$ (rad)"]
         assert [axis.get_title(loc="right") for axis in drawn.axes[2::3]] == [
             "period 2", "period 2", r"chaotic, $\lambda_1 = 2.0 \pm 0.5$ s$^{-1}$"]
@@ -57,12 +59,12 @@ def test_time_histories_name_their_lowest_axes_and_mark_every_cycle() -> None:
         assert points.get_markersize() > wild.get_markersize()
         assert {axis.get_xlim() for axis in drawn.axes[:2]} == {(0.0, 3.0)}
     with style.figure() as drawn:
-        histories.paint_delay(drawn, Panels([late, late, late, replace(late, first_half=math.nan)]))
+        histories.paint_delay(drawn, Numbers(panels=[late, late, late, replace(late, first_half=math.nan)]))
         assert texts(drawn.axes[:4], "xlabel") == ["", "", histories.CYCLES, histories.CYCLES]
         assert [axis.get_title(loc="right") for axis in drawn.axes[2:4]] == ["25 % in first half cycle",
                                                                             "no positive slip"]
     with style.figure() as drawn:
-        histories.paint_actuation(drawn, Panels([Actuation("a", {}, 2, t, slip, torque + 3.0, torque)] * 2))
+        histories.paint_actuation(drawn, Numbers(panels=[load] * 2))
         assert [axis.get_xticks().tolist() for axis in drawn.axes[:2]] == [[0, 1, 2, 3]] * 2
         assert texts(drawn.axes[:2], "xlabel") == ["", histories.CYCLES]
 

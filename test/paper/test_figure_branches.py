@@ -17,15 +17,7 @@ from tcc_sim.paper.branch_panels import spread, top_of
 from tcc_sim.paper.branches_behind import creeps, motions_behind, motions_behind_each
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, FigureOptions, paper_system, plain
 from tcc_sim.paper.drawings import draw
-from tcc_sim.paper.figure_results import (
-    Actuation,
-    ActuationOnBranch,
-    Curves,
-    Figure,
-    JumpBehind,
-    MapCurve,
-    MotionsBehind,
-)
+from tcc_sim.paper.figure_results import Figure, JumpBehind, Labelled, MotionsBehind
 from tcc_sim.paper.histories import orbit_words
 from tcc_sim.sweeps.sweep import Curve, Plan, sweep_curves
 
@@ -80,10 +72,9 @@ def test_the_end_of_stick_is_told_by_its_creep() -> None:
 
 
 def test_a_panel_says_what_its_orbit_is() -> None:
-    t = np.zeros(2)
-    assert orbit_words(Actuation("a", {}, 2, t, t, t, t)) == ""
+    assert orbit_words(Labelled(label="a")) == ""
     orbit = {"stable": True, "multipliers": [[0.3, 0.4], [0.3, -0.4], [0.0, 0.0]]}
-    assert orbit_words(ActuationOnBranch("a", {}, 2, t, t, t, t, orbit)) == ", stable: largest Floquet multiplier 0.5"
+    assert orbit_words(Labelled(label="a", orbit=orbit)) == ", stable: largest Floquet multiplier 0.5"
 
 
 def test_labels_are_moved_apart_in_order() -> None:
@@ -96,7 +87,7 @@ def test_labels_are_moved_apart_in_order() -> None:
     assert spread([], 0.05, 0.0, 1.0) == []
 
 
-def given_curve(jumps: list[JumpBehind] | None = None, **more: Any) -> MapCurve:
+def given_curve(jumps: list[JumpBehind] | None = None, **more: Any) -> Labelled:
     """A curve with one branch that folds, and a jump there."""
     branch = {"period": 1, "origin": "start", "value": [20.0, 120.0, 150.0, 120.0], "slip_speed": [0.0] * 4,
               "plate_angle": [0.1] * 4, "plate_speed": [0.0] * 4, "max_slip_speed": [10.0, 20.0, 30.0, 40.0],
@@ -111,14 +102,14 @@ def given_curve(jumps: list[JumpBehind] | None = None, **more: Any) -> MapCurve:
     return curve_of(**{"largest": [10.0] * 11, "settled": [True] * 10 + [False], "behind": behind, **more})
 
 
-def given_figure(number: int, kind: str, curves: list[MapCurve]) -> Figure[Curves]:
+def given_figure(number: int, kind: str, curves: list[Labelled]) -> Figure:
     return figure_of(kind, curves_of(curves), number)
 
 
 @pytest.mark.parametrize("data", [given_figure(4, "map", [given_curve(), given_curve(jumps=[])]),
                                   given_figure(6, "orbit", [given_curve(), given_curve(direction="up")])],
                          ids=["map", "orbit"])
-def test_given_branches_are_drawn(data: Figure[Any], tmp_path: Path) -> None:
+def test_given_branches_are_drawn(data: Figure, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     draw(data, tmp_path / "drawn")
     assert {p.suffix for p in tmp_path.iterdir()} == {".png", ".svg"}

@@ -127,7 +127,7 @@ def test_figures_without_a_sweep_are_drawn(number: int, tmp_path) -> None:  # ty
     assert valid("figure", json.loads((tmp_path / f"fig{number:02d}.json").read_text()))["figure"] == number
 
 
-def as_written(number: int, data: Figure[Any], folder: Path) -> dict[str, Any]:
+def as_written(number: int, data: Figure, folder: Path) -> dict[str, Any]:
     """The numbers of a figure as its file has them, once they are what the schema says."""
     file = folder / f"fig{number:02d}.json"
     write_json(file, document("figure", data, figures.figure_system(number, FigureOptions(quick=True)),
