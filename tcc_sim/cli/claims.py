@@ -20,6 +20,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="lines of what was judged; a run that was interrupted goes on from them")
     parser.add_argument("--pressures", metavar="KPA", type=number(100.0, 1000.0, "kPa"), nargs="+",
                         help="mean pressures of Figs. 4 to 18 to judge at (225 230 240)")
+    parser.add_argument("--thresholds", action="store_true",
+                        help="judge with every threshold halved and doubled too, at the first pressure")
     parser.add_argument("--force", action="store_true", help="replace files that exist")
     parser.add_argument("--jobs", metavar="N", type=int, help="threads (default: all cores)")
 
@@ -54,7 +56,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     try:
         chosen = tuple(1e3 * p for p in arguments.pressures or ()) or PRESSURES
-        judge(pressures=chosen, kept=arguments.kept, jobs=arguments.jobs, progress=True, each=show)
+        judge(pressures=chosen, kept=arguments.kept, thresholds=arguments.thresholds, jobs=arguments.jobs,
+              progress=True, each=show)
         if arguments.errata is not None:
             with draft(arguments.errata) as part:
                 part.write_text(errata_page())

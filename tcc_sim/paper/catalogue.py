@@ -26,6 +26,8 @@ PRESSURE = 225e3
 STATIC = 0.3
 SUPER_HARMONICS = (1 / 6, 1 / 5, 1 / 4, 1 / 3)
 """omega/omega_n of the super-harmonic peaks that the paper names (0.167, 0.20, 0.25, 0.33)."""
+SECTION_CYCLES = 2000
+"""Section points and cycles of the exponent of a motion without period in Fig. 7."""
 QUICK_SHARE = 4
 """`--quick` takes one value of so many."""
 SWEPT = ("map", "damping", "orbit")

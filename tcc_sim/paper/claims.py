@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import Field, asdict, dataclass, field, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from tcc_sim.errors import counted
 from tcc_sim.output.tables import escape, markdown_table, text
 from tcc_sim.paper import (
-    claims_amplitude,
+    claims_families,
     claims_figure4,
     claims_figures5to7,
     claims_interaction,
@@ -20,13 +21,13 @@ from tcc_sim.paper import (
     claims_varying_load,
 )
 from tcc_sim.paper.criteria import CONFIRMED, DEPENDS, NOT_CONFIRMED, Claim, Finding
-from tcc_sim.paper.evidence import LATER
+from tcc_sim.paper.evidence import LATER, T
 from tcc_sim.paper.stable_motions import StableMotions
 from tcc_sim.result import json_of
 
-MODULES = (claims_model, claims_figure4, claims_figures5to7, claims_varying_load, claims_series, claims_interaction,
-           claims_amplitude)
-CLAIMS: tuple[Claim, ...] = tuple(row for module in MODULES for row in vars(module).values() if isinstance(row, Claim))
+MODULES = (claims_model, claims_figure4, claims_figures5to7, claims_varying_load, claims_series, claims_interaction)
+CLAIMS: tuple[Claim, ...] = (*claims_families.ROWS, *(
+    row for module in MODULES for row in vars(module).values() if isinstance(row, Claim)))
 """Every claim in the order of the paper."""
 TOLERANCE = 1e-9
 TIGHTER = 1e-11
@@ -46,11 +47,14 @@ class Verdict:
     row : the claim
     finding : at the first pressure and the tighter tolerance
     judged : by mean pressure, Pa, the verdict at TOLERANCE, and at the first pressure that at TIGHTER
+    varied : where asked for, by threshold that the criterion uses the verdicts at half and at twice of it, at the first
+        pressure and TOLERANCE
     """
 
     row: Claim
     finding: Finding
     judged: Mapping[float, tuple[str, ...]]
+    varied: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
     @property
     def pressures(self) -> dict[str, str]:
@@ -78,8 +82,8 @@ class Verdict:
         return {"figure": found.figure, "where": found.where, "claim": found.claim, "criterion": found.criterion,
                 "values": json_of(found.values), "verdict": self.verdict, "why": self.why,
                 "motions": list(found.motions), "verdicts": at_first,
-                "pressures": self.pressures,
-                "fitted": self.row.fitted}
+                "pressures": self.pressures, "fitted": self.row.fitted,
+                "thresholds": {name: list(pair) for name, pair in self.varied.items()}}
 
 
 class FindingFile:
@@ -94,9 +98,12 @@ class FindingFile:
 
     def judged(self, row: Claim, evidence: StableMotions) -> Finding:
         """Return the finding that is kept, or work it out and keep it."""
-        name = f"{row.name} at {evidence.pressure:g} Pa, rtol {evidence.rtol:g}: {row.criterion.words}"
+        apart = [f"{item.name} {x:g}, " for item in fields(T) if (x := getattr(evidence.thresholds, item.name))
+                 != item.default]
+        name = f"{row.name} at {evidence.pressure:g} Pa, {''.join(apart)}rtol {evidence.rtol:g}: {row.criterion.words}"
         if name not in self.found:
-            self.found[name] = row(evidence)
+            evidence.used.clear()
+            self.found[name] = replace(row(evidence), thresholds=sorted(evidence.used))
             if self.path is not None:
                 with self.path.open("a", encoding="utf-8") as file:
                     file.write(json.dumps({"name": name, "finding": json_of(asdict(self.found[name]))}) + "\n")
@@ -104,7 +111,7 @@ class FindingFile:
 
 
 def judge(claims: Sequence[Claim] = (), *, pressures: Sequence[float] = PRESSURES, kept: Path | None = None,
-          jobs: int | None = None, progress: bool = False,
+          thresholds: bool = False, jobs: int | None = None, progress: bool = False,
           each: Callable[[Verdict], None] = lambda verdict: None) -> list[Verdict]:
     """Judge claims at every mean pressure, and at the first of them at both tolerances.
 
@@ -113,6 +120,7 @@ def judge(claims: Sequence[Claim] = (), *, pressures: Sequence[float] = PRESSURE
     claims : which; all where empty
     pressures : Pa; a claim that does not depend on it is judged once
     kept : file of what was judged before, to go on from; each finding is added to it
+    thresholds : judge with every threshold halved and doubled too
     jobs : threads; all available cores by default
     progress : show a bar for every sweep on a terminal
     each : called with every verdict as it is reached
@@ -128,7 +136,11 @@ def judge(claims: Sequence[Claim] = (), *, pressures: Sequence[float] = PRESSURE
     for row in claims or CLAIMS:
         findings = {p: [before.judged(row, evidence) for evidence in every[p]]
                     for p in (pressures[:1] if row.alone else pressures)}
-        verdict = Verdict(row, findings[first][1], {p: tuple(f.verdict for f in at) for p, at in findings.items()})
+        varied = {name: (before.judged(row, every[first][0].varied(name, 0.5)).verdict,
+                         before.judged(row, every[first][0].varied(name, 2.0)).verdict)
+                  for name in findings[first][0].thresholds} if thresholds else {}
+        verdict = Verdict(row, findings[first][1], {p: tuple(f.verdict for f in at) for p, at in findings.items()},
+                          varied)
         out.append(verdict)
         each(verdict)
     return out
@@ -156,6 +168,11 @@ def claims_page(verdicts: list[Verdict], *, complete: bool = True) -> str:
              "listed: where each begins and ends, and to which of them the initial state (13) leads.", ""]
     found = [v for name in ORDER for v in verdicts if v.verdict == name]
     lines += markdown_table(["Fig.", "Section", "claim", "verdict", f"at {kpa}"], map(claim_row, found))
+    if any(v.varied for v in verdicts):
+        lines += ["", "## Thresholds halved and doubled", "", f"The verdicts that change, at {places[0]} kPa; a row "
+                  "without entries changes none.", "",
+                  *markdown_table(["threshold", "value", "halved", "doubled"], map(partial(threshold_row, verdicts),
+                                                                                   fields(T)))]
     if not complete:
         lines += ["", "**Interrupted: not every claim was judged.**"]
     for v in found:
@@ -171,6 +188,16 @@ def claim_row(v: Verdict) -> list[str]:
     """The cells of the table on one claim."""
     at = "any" if v.row.alone else ", ".join(SHORT[x] for x in v.pressures.values())
     return [v.finding.figure, v.finding.where, escape(v.finding.claim), v.verdict, at + " (fitted)" * v.row.fitted]
+
+
+def threshold_row(verdicts: Sequence[Verdict], item: Field[float]) -> list[str]:
+    """The cells on one threshold: the claims whose verdict is another one at half and at twice of it."""
+    changes = [[f"{v.finding.figure}: {escape(v.finding.claim)} ({v.varied[item.name][k]} instead of "
+                f"{next(iter(v.judged.values()))[0]})" for v in verdicts
+                if item.name in v.varied and v.varied[item.name][k] != next(iter(v.judged.values()))[0]]
+               for k in range(2)]
+    used = sum(item.name in v.varied for v in verdicts)
+    return [f"`{item.name}`, in {used} claims", f"{item.default:g}", *("; ".join(found) or "none" for found in changes)]
 
 
 def claim_section(v: Verdict) -> list[str]:

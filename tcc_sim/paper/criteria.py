@@ -1,6 +1,6 @@
-"""A claim of the paper as a row: sentence, place, criterion with its thresholds, and how its values are worked out.
+"""A claim of the paper as a row: sentence, place, criterion, and the function that computes its values.
 
-A criterion is one of four kinds. What it says is printed with the verdict, so that no threshold is hidden.
+A criterion is one of four kinds. Its words, with every threshold, are printed beside the verdict.
 """
 
 from __future__ import annotations
@@ -10,18 +10,23 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from tcc_sim.paper.evidence import T
 from tcc_sim.paper.stable_motions import Motion, StableMotions
 
 CONFIRMED, NOT_CONFIRMED, DEPENDS = "confirmed", "not confirmed", "depends"
+SOME = "; depends where some are so and others are not"
+Limit = Callable[[str], float]
+"""A threshold by its name."""
+
+
+def printed(name: str) -> float:
+    """Return the threshold that the criteria print."""
+    return float(getattr(T, name))
 
 
 @dataclass(frozen=True)
 class Holds:
-    """A statement holds, or in place of it a weaker one.
-
-    statement : judged first
-    weaker : judged second, for "depends"; empty where there is none
-    """
+    """A statement, and a weaker one for "depends" where there is one; judged: whether each holds."""
 
     statement: str
     weaker: str = ""
@@ -31,93 +36,75 @@ class Holds:
         """Both statements."""
         return self.statement + (f"; depends where {self.weaker}" if self.weaker else "")
 
-    def verdict(self, judged: Sequence[Any]) -> str:
-        """Judged: whether the statement holds, and whether the weaker one does."""
+    def verdict(self, judged: Sequence[Any], limit: Limit = printed) -> str:
+        """Judge whether the statement holds, and whether the weaker one does."""
         return CONFIRMED if judged[0] else DEPENDS if self.weaker and judged[1] else NOT_CONFIRMED
 
 
 @dataclass(frozen=True)
 class Shares:
-    """Parts of the cases in which something holds, all of them at least `least`.
-
-    of : what the parts are of
-    partly : where every part is at least this the verdict depends
-    """
+    """Parts of the cases `of` which something holds: all but `missing`, or at least `partly`; judged: the parts."""
 
     of: str
-    least: float = 0.95
     partly: float = 0.75
 
     @property
     def words(self) -> str:
-        """What holds, at how many of the cases."""
-        return (f"{self.of} at {self.least:g} or more of them; depends where at {self.partly:g} or more, or in one of "
-                "several parts alone")
+        """The cases, and the least parts of them."""
+        return (f"{self.of} at {1.0 - T.missing:g} or more of them; depends where at {self.partly:g} or more, or in "
+                "one of several parts alone")
 
-    def verdict(self, judged: Sequence[Any]) -> str:
-        """Judged: the parts, 0 to 1."""
-        if min(judged) >= self.least:
+    def verdict(self, judged: Sequence[Any], limit: Limit = printed) -> str:
+        """Judge the parts, 0 to 1."""
+        least = 1.0 - limit("missing")
+        if min(judged) >= least:
             return CONFIRMED
-        return DEPENDS if min(judged) >= self.partly or max(judged) >= self.least else NOT_CONFIRMED
+        return DEPENDS if min(judged) >= self.partly or max(judged) >= least else NOT_CONFIRMED
 
 
 @dataclass(frozen=True)
 class Near:
-    """Computed numbers lie within `within` of those of the text; the verdict depends where some of several do.
-
-    of : what the numbers are
-    """
+    """Computed numbers `of` some kind lie within a distance of the printed ones; judged: pairs, None for no number."""
 
     of: str
     within: float
 
     @property
     def words(self) -> str:
-        """What is compared, and how near it must be."""
-        return f"{self.of} within {self.within:g}; depends where some are and others are not"
+        """The numbers and the distance."""
+        return f"{self.of} within {self.within:g}{SOME}"
 
-    def verdict(self, judged: Sequence[Any]) -> str:
-        """Judged: pairs of computed (None for none) and printed numbers."""
-        hits = [found is not None and math.isfinite(found) and abs(found - text) <= self.within
-                for found, text in judged]
-        return CONFIRMED if all(hits) else DEPENDS if any(hits) else NOT_CONFIRMED
+    def verdict(self, judged: Sequence[Any], limit: Limit = printed) -> str:
+        """Judge pairs of computed and printed numbers."""
+        within = self.within * limit("factor")
+        return some([found is not None and math.isfinite(found) and abs(found - text) <= within
+                     for found, text in judged])
 
 
 @dataclass(frozen=True)
 class Equal:
-    """Whole numbers are those of the text; the verdict depends where some are.
-
-    of : what the numbers are
-    """
+    """What was found is what was expected; judged: pairs of both."""
 
     of: str
 
     @property
     def words(self) -> str:
-        """What must be equal."""
-        return f"{self.of}; depends where some are so and others are not"
+        """The comparison."""
+        return self.of + SOME
 
-    def verdict(self, judged: Sequence[Any]) -> str:
-        """Judged: pairs of found and expected."""
-        hits = [found == expected for found, expected in judged]
-        return CONFIRMED if all(hits) else DEPENDS if any(hits) else NOT_CONFIRMED
+    def verdict(self, judged: Sequence[Any], limit: Limit = printed) -> str:
+        """Judge pairs of found and expected."""
+        return some([found == expected for found, expected in judged])
 
 
-Criterion = Holds | Shares | Near | Equal
-"""How the verdict follows from what was worked out: `verdict` takes what a claim's `Measured.judged` holds; `words` say
-it with every threshold, also of the verdict "depends".
-"""
+def some(hits: Sequence[bool]) -> str:
+    """Return the verdict on several hits: confirmed where all are, depends where some are."""
+    return CONFIRMED if all(hits) else DEPENDS if any(hits) else NOT_CONFIRMED
 
 
 @dataclass(frozen=True)
 class Measured:
-    """What was worked out for a claim.
-
-    judged : what its criterion looks at
-    values : by name, what the reader sees
-    why : what explains the verdict, where something must
-    motions : where motions coexist, the stable ones
-    """
+    """What a claim's criterion judges, its values for the reader, a reason, and the stable motions that coexist."""
 
     judged: Sequence[Any]
     values: Mapping[str, Any]
@@ -127,11 +114,8 @@ class Measured:
 
 @dataclass(frozen=True)
 class Finding:
-    """A claim with its verdict.
-
-    figure, where, claim, criterion : of the row
-    values, why : of `Measured`
-    motions : of `Measured`, as JSON values
+    """A claim with its verdict: the words of its row, and values, reason and motions of its `Measured` as JSON,
+    and the names of the thresholds that it used.
     """
 
     figure: str
@@ -142,6 +126,7 @@ class Finding:
     verdict: str
     why: str = ""
     motions: Sequence[Mapping[str, Any]] = ()
+    thresholds: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -150,10 +135,11 @@ class Claim:
 
     figure : figure or equation
     where : section and place of the paper
-    sentence : what it says, in our words
+    sentence : the claim in our words
     criterion : how it is judged
-    measure : works out what is judged, from evidence and, where they are not its own, from what computes its numbers
-    cheap : whether it takes less than about a second, so that the page is compared with it in every test run
+    measure : works out what is judged from evidence, and from `computed` where that takes the place of its own numbers
+    name : of the claim in tests and files
+    cheap : whether it takes less than about a second, so that every test run compares the page with it
     fitted : whether its number chose the mean pressures that are judged
     alone : whether it does not depend on the mean pressure of Figs. 4 to 18
     """
@@ -161,25 +147,22 @@ class Claim:
     figure: str
     where: str
     sentence: str
-    criterion: Criterion
+    criterion: Holds | Shares | Near | Equal
     measure: Callable[..., Measured] = field(compare=False)
+    name: str
     cheap: bool = False
     fitted: bool = False
     alone: bool = False
 
-    @property
-    def name(self) -> str:
-        """The name of its measure."""
-        return self.measure.__name__
-
     def __call__(self, evidence: StableMotions, **computed: Callable[..., Any]) -> Finding:
-        """Work the claim out and judge it; `computed` takes the place of what the measure computes its numbers with."""
+        """Work the claim out and judge it."""
         found = self.measure(evidence, **computed)
         return Finding(self.figure, self.where, self.sentence, self.criterion.words, found.values,
-                       self.criterion.verdict(found.judged), found.why, [m.as_json() for m in found.motions])
+                       self.criterion.verdict(found.judged, evidence.limit), found.why,
+                       [m.as_json() for m in found.motions])
 
 
-def claim(figure: str, where: str, sentence: str, criterion: Criterion, *, cheap: bool = False, fitted: bool = False,
-          alone: bool = False) -> Callable[[Callable[[Any], Measured]], Claim]:
+def claim(figure: str, where: str, sentence: str, criterion: Holds | Shares | Near | Equal,
+          **kind: bool) -> Callable[[Callable[..., Measured]], Claim]:
     """Make a claim of the function that works its values out."""
-    return lambda measure: Claim(figure, where, sentence, criterion, measure, cheap, fitted, alone)
+    return lambda measure: Claim(figure, where, sentence, criterion, measure, measure.__name__, **kind)

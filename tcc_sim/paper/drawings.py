@@ -109,18 +109,14 @@ def legend_of_marks(axis: Any, curves: Sequence[Labelled]) -> None:
 
 
 def _paint_map(drawn: Any, data: Figure) -> None:
-    """Left the maxima, right an orbit diagram for every curve. Curves that would hide each other, and those with their
-    branches, have rows of their own; without branches the other curves are pale behind them.
-    """
+    """A row for every curve: left the maxima, right an orbit diagram; pale the other curves, or its own branches."""
     curves, x = data.numbers.curves, data.numbers.x
     branched = curves[0].behind is not None
-    stacked = branched or _crowded(curves)
+    top = 1.06 * max(float(np.nanmax(panels.bounded(curve), initial=1e-6)) for curve in curves)
     count = len(curves)
     grid = drawn.add_gridspec(count + 1, 2, width_ratios=(1.55 if branched else 1.0, 1.0),
                               height_ratios=[1.0] * count + [0.24 if branched else 0.36])
-    maxima = [drawn.add_subplot(grid[k, 0]) for k in range(count)] if stacked else [
-        drawn.add_subplot(grid[:-1, 0])] * count
-    orbits = [drawn.add_subplot(grid[k, 1]) for k in range(count)]
+    maxima, orbits = ([drawn.add_subplot(grid[k, side]) for k in range(count)] for side in range(2))
     beyond = 0
     for k, (curve, left, right) in enumerate(zip(curves, maxima, orbits)):
         colour = style.CYCLE[k]
@@ -129,20 +125,20 @@ def _paint_map(drawn: Any, data: Figure) -> None:
         if branched:
             beyond += _maxima_on_branches(left, curve, data, colour)
         else:
-            for other in curves if stacked else ():
+            for other in curves:
                 left.plot(x, panels.bounded(other), color=style.GREY, linewidth=0.4, alpha=0.45, zorder=1)
             draw_curve_maxima(left, x, curve, colour)
-            left.set_ylim(0.0, top_of_maxima(x, curves, legend=not stacked))
+            left.set_ylim(0.0, top)
         draw_orbit(right, x, curve, colour)
-        left.set_ylabel(MAXIMUM.replace(" (", "\n(") if stacked else MAXIMUM)
+        left.set_ylabel(MAXIMUM.replace(" (", "\n("))
         right.set_ylabel(SECTION)
-        for axis in (left, right) if stacked and not branched else (right,):
+        for axis in (right,) if branched else (left, right):
             axis.set_title(curve.label, loc="right", fontweight="normal", fontsize=7.5, color=colour, pad=2.0)
         right.margins(y=0.08)
-        for axis in dict.fromkeys((left, right)):
-            axis.locator_params(axis="y", nbins=4 if stacked or axis is right else 8)
+        for axis in (left, right):
+            axis.locator_params(axis="y", nbins=4)
             axis.locator_params(axis="x", nbins=6)
-            axis.tick_params(labelbottom=k == count - 1 or (not stacked and axis is left))
+            axis.tick_params(labelbottom=k == count - 1)
             _marks(axis, data)
     for axis in (maxima[-1], orbits[-1]):
         axis.set_xlabel(panels.AXES[data.numbers.axis])
@@ -154,18 +150,9 @@ def _paint_map(drawn: Any, data: Figure) -> None:
     if branched:
         panels.legend_of(below, curves, curves, beyond)
         return
-    if not stacked:
-        maxima[0].add_artist(maxima[0].legend(loc="upper right", frameon=True, framealpha=0.85, edgecolor="none"))
     below.set_axis_off()
     legend_of_marks(below, curves)
     below.legend(loc="lower center", ncols=3, fontsize=6.5).set_in_layout(False)
-
-
-def _crowded(curves: Sequence[Labelled]) -> bool:
-    """Whether the maxima of curves jump about so much that they would hide each other."""
-    values = [panels.bounded(curve) for curve in curves]
-    size = max(float(np.nanmax(v)) for v in values)
-    return sum(int((np.abs(np.diff(v)) > 0.05 * size).sum()) for v in values) > 5 * len(curves)
 
 
 def _maxima_on_branches(axis: Any, curve: Labelled, data: Figure, colour: str) -> int:
@@ -185,14 +172,6 @@ def _points(axis: Any, x: Sequence[float], curve: Labelled, colour: str) -> None
     for mark, where in panels.marked(curve):
         if mark is not panels.AWAY:
             axis.plot(at[where], values[where], alpha=0.75, zorder=2, **mark.look(colour))
-
-
-def top_of_maxima(x: Sequence[float], curves: Sequence[Labelled], *, legend: bool) -> float:
-    """The end of the axis of maxima, above which no curve reaches and a legend at its right hides none."""
-    values = np.stack([panels.bounded(c) for c in curves])
-    values = np.where(np.isfinite(values), values, 0.0)
-    below = values[:, np.array(x) >= x[0] + 0.55 * (x[-1] - x[0])] if legend else np.zeros(1)
-    return max(1.06 * float(values.max()), float(below.max()) / (0.96 - 0.055 * len(curves)), 1e-6)
 
 
 def _paint_damping(drawn: Any, data: Figure) -> None:
@@ -241,9 +220,10 @@ def _paint_orbit(drawn: Any, data: Figure) -> None:
         if panels.AWAY in panels.marks_met(panel):
             axis.plot([], [], label=panels.AWAY.name, **panels.AWAY.look("", 3.0))
         axis.set_ylabel(SECTION)
-        style.legend_above(axis)
     for axis in axes:
         shade_slipping_away(axis, x, data)
+    for axis in axes[:len(shown)]:
+        style.legend_above(axis)
     for axis in axes[1:]:
         axis.sharex(axes[0])
     for axis in axes[1:len(shown)]:
@@ -270,14 +250,12 @@ def _paint_orbit(drawn: Any, data: Figure) -> None:
 
 
 def shade_slipping_away(axis: Any, x: Sequence[float], data: Figure) -> None:
-    """Where Tsm < Tm: what does not stick slips away."""
+    """Shade where Tsm < Tm, with an entry for the legend."""
     keys = data.parameters
     ratio = keys["engine.mean_torque"] / (keys["friction.static_coefficient"] * keys["pressure.mean"]
                                           * keys["clutch.area"] * keys["clutch.radius"])
     if x[0] < ratio < x[-1]:
-        axis.axvspan(x[0], ratio, color=style.GREY, alpha=0.25, linewidth=0.0, zorder=0)
-        axis.annotate("clutch slips away, $T_{sm} < T_m$", (0.5 * (x[0] + ratio), 0.03), rotation=90, fontsize=5.0,
-                      xycoords=("data", "axes fraction"), ha="center", va="bottom", color=style.INK)
+        axis.axvspan(x[0], ratio, color=style.GREY, alpha=0.25, linewidth=0.0, zorder=0, label="$T_{sm} < T_m$")
 
 
 def _map_height(data: Figure) -> float:

@@ -20,7 +20,7 @@ from tcc_sim.output.tables import escape, markdown_table
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, PRESSURE, paper_system
 from tcc_sim.paper.claims import listed_numbers
 from tcc_sim.paper.claims_model import PURE_SLIP
-from tcc_sim.paper.evidence import KINETIC, Evidence, Values, with_kinetic
+from tcc_sim.paper.evidence import KINETIC, Evidence, Values, two_digits, with_kinetic
 from tcc_sim.solvers import solve
 from tcc_sim.trajectory import integral
 
@@ -96,7 +96,8 @@ def dissipation() -> Numbers:
         run = solve(system, cycles=16, samples_per_cycle=4096, start_cycle=150, state=before.final).raise_for_status()
         power, square = run.friction_torque * run.slip_speed, run.slip_speed**2
         found = damping_of_cycles(system, before.solved_cycles[134:], 134, 0)
-        out[f"at {ratio:g}, by energy and by (21) (N m s/rad)"] = [float(power.sum() / square.sum()), found.weighted]
+        out[f"at {ratio:g}, by energy and by (21) (N m s/rad)"] = [
+            two_digits(power.sum() / square.sum()), two_digits(found.weighted)]
     return out
 
 
@@ -286,6 +287,8 @@ RIGHT = ("(1), (2), (3), (5), (7), (8a), (12) to (15), (19), (20), (22a), (24), 
 OPEN = (
     ("the mean pressure of Figs. 4 to 18", "225 kPa; claims are judged at 225, 230 and 240 kPa, which fit alike"),
     ("the engine speed of Figs. 4 to 18", "150 rad/s, which Fig. 2 has; numbers below"),
+    ("the mu_k of the curves of Fig. 4", "1, 0.83, 0.75 and 0.667 mu_s: 0.83 and 0.75 are those of the text and Figs. "
+     "14 to 18, 0.667 that of Fig. 5"),
     ("what stays as mu_k changes", "N(t), so Tsm falls with mu_k and mu_s N R = 540 N m stays"),
     ("the step of RK4 in Fig. 2", "several are shown"),
     ("what (21) is in Fig. 5", "as printed, and the time mean of the negative slope, which has the printed order"),

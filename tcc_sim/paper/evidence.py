@@ -23,8 +23,36 @@ from tcc_sim.sweeps.sweep import Curve, Plan, Sweep, solve_point, sweep_curves
 from tcc_sim.trajectory import Floats, State, Status, Trajectory
 
 FREQUENCY, KINETIC = "engine.frequency", "friction.kinetic_coefficient"
-JUMP = 0.08
-"""Least size of a jump, as a part of the largest value of its curve."""
+@dataclass(frozen=True)
+class Thresholds:
+    """Thresholds of the criteria; `claims --thresholds` judges with each halved and doubled.
+
+    near : how far from a printed frequency or friction ratio something counts as there
+    close : the same where places are so dense that `near` would take in most of them
+    ends : how far from a step of a sweep the end of a motion counts as its cause
+    jump : least size of a jump, as a part of the largest value of its curve
+    prominent : least height of a peak above its surroundings, as a part of the curve's largest value
+    shows : difference of two largest slip speeds below which neither curve is the lower, rad/s
+    slipping : largest slip speed above which a curve slips, rad/s
+    alike : difference, relative to the largest slip speed, up to which two solutions agree
+    missing : part of the cases in which a statement may fail
+    factor : of the tolerances of numbers that are compared
+    """
+
+    near: float = 0.02
+    close: float = 0.01
+    ends: float = 4e-3
+    jump: float = 0.08
+    prominent: float = 0.02
+    shows: float = 0.05
+    slipping: float = 0.1
+    alike: float = 0.05
+    missing: float = 0.05
+    factor: float = 1.0
+
+
+T = Thresholds()
+JUMP = T.jump
 BISECTIONS = 8
 """Halvings of the interval in which a jump lies; a continuous curve loses most of its change on the way."""
 CYCLES, DISCARD = 150, 50
@@ -60,15 +88,33 @@ class Evidence:
     jobs : threads; None takes all cores
     progress : show a bar for every sweep on a terminal
     pressure : mean pressure of Figs. 4 to 18, Pa
+    thresholds : of the criteria
+    used : names of the thresholds that were asked for
     """
 
     rtol: float
     jobs: int | None = None
     progress: bool = False
     pressure: float = PRESSURE
+    thresholds: Thresholds = T
+    used: set[str] = field(default_factory=set)
     _sweeps: dict[tuple[Curve, Plan], Sweep] = field(default_factory=dict)
     _motions: dict[tuple[System, bool], ColdStartMotion] = field(default_factory=dict)
     _settled: dict[tuple[Curve, Plan], NDArray[np.int64]] = field(default_factory=dict)
+
+    def limit(self, name: str) -> float:
+        """Return a threshold, and note its use."""
+        self.used.add(name)
+        return float(getattr(self.thresholds, name))
+
+    @property
+    def most(self) -> float:
+        """The part of the cases in which a statement must hold."""
+        return 1.0 - self.limit("missing")
+
+    def steep(self, values: Floats) -> NDArray[np.int64]:
+        """Return where neighbours differ as much as at a jump; it may be a steep rise."""
+        return steep(values, self.limit("jump"))
 
     def system(self, row: Values) -> System:
         """Return the system of a row at this mean pressure, unless the row states one of its own."""
@@ -160,13 +206,13 @@ class Evidence:
     def jumps(self, row: Values, axis: Floats) -> list[tuple[float, float]]:
         """(omega/omega_n, change of the largest slip speed) at every true jump of a curve from cold starts.
 
-        Where neighbours differ by more than JUMP of the curve's largest value, the interval is halved BISECTIONS times,
-        always towards the larger change; what keeps most of its change on an interval 2^-8 as wide is a jump.
+        Where neighbours differ by more than the threshold, the interval is halved BISECTIONS times, always
+        towards the larger change; a change that mostly remains on an interval 2^-8 as wide is a jump.
         """
         values = self.curves([row], axis)[0].column("max_slip_speed")
         size = float(np.nanmax(values))
         found = []
-        for k in steep(values):
+        for k in self.steep(values):
             a, b, fa, fb = float(axis[k]), float(axis[k + 1]), float(values[k]), float(values[k + 1])
             first = abs(fb - fa)
             for _ in range(BISECTIONS):
@@ -176,7 +222,7 @@ class Evidence:
                     b, fb = middle, fm
                 else:
                     a, fa = middle, fm
-            if abs(fb - fa) > 0.5 * first and abs(fb - fa) > JUMP * size:
+            if abs(fb - fa) > 0.5 * first and abs(fb - fa) > self.limit("jump") * size:
                 found.append((0.5 * (a + b), fb - fa))
         return found
 
@@ -207,9 +253,9 @@ def later(system: System, start: Start, rtol: float | None = None) -> tuple[Summ
     return summarise_cycles(run.cycles[LATER - LAST:], system.cycle, first=first), Start(run.final, first + LAST)
 
 
-def steep(values: Floats) -> NDArray[np.int64]:
-    """Where neighbours differ by more than JUMP of the largest value, as a jump or as a steep rise."""
-    return np.flatnonzero(np.abs(np.diff(values)) > JUMP * float(np.nanmax(values)))
+def steep(values: Floats, jump: float = JUMP) -> NDArray[np.int64]:
+    """Where neighbours differ by more than this part of the largest value, as a jump or as a steep rise."""
+    return np.flatnonzero(np.abs(np.diff(values)) > jump * float(np.nanmax(values)))
 
 
 def sticks(sweep: Sweep) -> NDArray[np.bool_]:
@@ -229,6 +275,11 @@ def first_half(run: Trajectory) -> float:
     slip = np.where(run.state == 1, np.maximum(run.slip_speed, 0.0), 0.0)
     total = float(slip.sum())
     return float(slip[phase < 0.5].sum()) / total if total > 0.0 else math.nan
+
+
+def two_digits(x: float) -> float:
+    """A number as far as an average over a motion without a period has it."""
+    return float(f"{x:.2g}")
 
 
 def share_where(condition: Any, among: Any) -> float:

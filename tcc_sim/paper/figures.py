@@ -20,6 +20,7 @@ from tcc_sim.paper.catalogue import (
     FIGURES,
     NORMALISED,
     QUICK_SHARE,
+    SECTION_CYCLES,
     STATIC,
     FigureOptions,
     PaperFigure,
@@ -41,8 +42,6 @@ SAMPLES = 1000
 """Samples per cycle in a time history."""
 RUN_IN = 150
 """Cycles before a time history."""
-SECTION_CYCLES = 2000
-"""Section points of a motion without period in Fig. 7."""
 SOLVER_CURVES: dict[str, tuple[str, str, Mapping[str, float]]] = {
     "smoothed": ("smoothed law, this package", "smoothed", {}),
     "rk45": ("RK45", "smoothed", {"rtol": 1e-6}),

@@ -57,6 +57,11 @@ class StableMotions(Evidence):
 
     known: Known = field(default_factory=Known)
 
+    def varied(self, name: str, factor: float) -> StableMotions:
+        """Return the same evidence, with its sweeps and motions, and one threshold times a factor."""
+        changed = replace(self.thresholds, **{name: factor * getattr(self.thresholds, name)})
+        return replace(self, thresholds=changed, used=set())
+
     def stretches(self, rows: Sequence[Values], axis: Floats, *, over: str = FREQUENCY) -> list[list[StableSegment]]:
         """For every row the stable stretches of the branches through the motions of sweeps: cold, up and down.
 

@@ -20,7 +20,7 @@ from tcc_sim.cli import main
 from tcc_sim.output.tables import escape, markdown_table
 from tcc_sim.paper import claims, claims_model
 from tcc_sim.paper.catalogue import OMEGA_N, paper_system
-from tcc_sim.paper.criteria import CONFIRMED, DEPENDS, NOT_CONFIRMED, Claim, Finding, Holds, Measured
+from tcc_sim.paper.criteria import CONFIRMED, DEPENDS, NOT_CONFIRMED, Claim, Finding, Holds, Measured, Shares
 from tcc_sim.paper.evidence import Evidence, share_where
 from tcc_sim.paper.stable_motions import StableMotions
 
@@ -117,17 +117,34 @@ def test_a_run_goes_on_from_what_was_judged(tmp_path: Path) -> None:
         worked.append((evidence.pressure, evidence.rtol))
         return Measured((evidence.pressure < 235e3,), {"x": 1.5}, "why")
 
-    row = Claim("4", "5", "a claim", Holds("it holds"), measure)
+    row = Claim("4", "5", "a claim", Holds("it holds"), measure, "a_claim")
     for count in (2, 3, 3):
         found, = claims.judge([row], pressures=claims.PRESSURES[:count], kept=tmp_path / "kept.jsonl")
     assert worked == [(225e3, claims.TOLERANCE), (225e3, claims.TIGHTER), (230e3, claims.TOLERANCE),
                       (240e3, claims.TOLERANCE)]
     assert (found.pressures, found.finding.values) == (
         {"225": CONFIRMED, "230": CONFIRMED, "240": NOT_CONFIRMED}, {"x": 1.5})
+    varied, = claims.judge([row], pressures=(225e3,), kept=tmp_path / "kept.jsonl", thresholds=True)
+    assert varied.varied == {}
     alone, = claims.judge([replace(row, alone=True)], pressures=(240e3, 225e3))
     assert alone.pressures == {"240": NOT_CONFIRMED}
     claims.judge([replace(row, criterion=Holds("it does"))], kept=tmp_path / "kept.jsonl")
     assert len(worked) == 4 + 2 + 4
+
+
+def test_every_threshold_that_a_criterion_uses_is_halved_and_doubled() -> None:
+    """A difference of 0.03 from a printed ratio is near it for twice the threshold of 0.02 alone."""
+    def measure(evidence: StableMotions) -> Measured:
+        return Measured((evidence.limit("near") >= 0.03,), {})
+
+    row = Claim("4", "5", "a claim", Holds("it holds"), measure, "a_claim", alone=True)
+    found, = claims.judge([row], thresholds=True)
+    assert found.as_json()["thresholds"] == {"near": [NOT_CONFIRMED, CONFIRMED]}
+    page = claims.claims_page([found])
+    assert "| `near`, in 1 claims | 0.02 | none | 4: a claim (confirmed instead of not confirmed) |" in page
+    assert "| `jump`, in 0 claims | 0.08 | none | none |" in page
+    shares = Claim("4", "5", "a claim", Shares("cases"), lambda evidence: Measured((0.92,), {}), "b", alone=True)
+    assert claims.judge([shares], thresholds=True)[0].varied == {"missing": (DEPENDS, CONFIRMED)}
 
 
 def test_the_command_writes_json_and_a_page(tmp_path, judge_only, capsys) -> None:  # type: ignore[no-untyped-def]
@@ -148,7 +165,7 @@ def test_an_interrupted_command_keeps_the_claims_that_were_judged(  # type: igno
     def stopped(evidence: Evidence) -> Measured:
         raise KeyboardInterrupt
 
-    interrupted = Claim("4", "5", "a claim", Holds("it holds"), stopped)
+    interrupted = Claim("4", "5", "a claim", Holds("it holds"), stopped, "stopped")
     for chosen, kept in (((claims_model.maximum_falls, interrupted), 1), ((interrupted,), 0)):
         judge_only(*chosen)
         page, rows = tmp_path / f"{kept}.md", tmp_path / f"{kept}.json"

@@ -76,20 +76,19 @@ def test_slip_away_is_shaded_up_to_where_the_clutch_holds_the_mean_torque() -> N
             axis = drawn.subplots()
             drawings.shade_slipping_away(axis, x, figure_of("orbit", None))
             assert [(p.get_x(), p.get_x() + p.get_width()) for p in axis.patches] == [pytest.approx(e) for e in ends]
-            assert [text.get_position()[0] for text in axis.texts] == [pytest.approx(0.5 * sum(e)) for e in ends]
+            assert axis.get_legend_handles_labels()[1] == ["$T_{sm} < T_m$"] * len(ends)
+            assert not axis.texts
 
 
-def test_the_axis_of_maxima_ends_above_every_curve_and_leaves_room_for_a_legend() -> None:
-    x = [0.0, 0.25, 0.5, 0.75, 1.0]
-
-    assert drawings.top_of_maxima(x, [curve_of([None] * 5)], legend=True) == pytest.approx(1e-6)
-    left, right = [curve_of([10.0, 9.0, 1.0, 1.0, None])], [curve_of([1.0, 1.0, 1.0, 9.0, 10.0])]
-    for legend in (True, False):
-        assert drawings.top_of_maxima(x, left, legend=legend) == pytest.approx(10.6)
-    with style.figure(style.PAGE, 4.0) as drawn:
-        axis = drawn.subplots()
-        axis.set_ylim(0.0, drawings.top_of_maxima(x, right * 3, legend=True))
-        for name in "abc":
-            axis.plot([], [], label=name)
-        box = axis.legend(loc="upper right").get_window_extent()
-        assert axis.transData.transform((1.0, 10.0))[1] < box.y0
+@pytest.mark.parametrize("count", [1, 3])
+def test_every_curve_of_a_map_has_a_row_with_the_others_pale_behind_it(count: int) -> None:
+    """All rows share one range, above every curve."""
+    curves = [curve_of([10.0 + k] * 11, label=f"curve {k}") for k in range(count)]
+    with style.figure(style.PAGE, 6.0) as drawn:
+        drawings.KINDS["map"][1](drawn, figure_of("map", curves_of(curves)))
+        left = drawn.axes[:count]
+        assert [axis.get_title(loc="right") for axis in left] == [f"curve {k}" for k in range(count)]
+        assert [axis.get_ylim()[1] for axis in left] == pytest.approx([1.06 * (9.0 + count)] * count)
+        for axis in left:
+            pale = [line for line in axis.lines if line.get_alpha() == 0.45]
+            assert sorted(float(line.get_ydata()[0]) for line in pale) == [10.0 + k for k in range(count)]
