@@ -104,16 +104,19 @@ int main(void)
 {
     Scene s;
     long cycles, samples, repeats, steps = 0;
-    double *numbers = (double *)&s, best = HUGE_VAL;
+    double *numbers = (double *)&s, best = HUGE_VAL, slowest = 0.0;
     for (size_t k = 0; k < sizeof s / sizeof(double); k++)
         if (scanf("%lf", numbers + k) != 1)
             return 2;
     if (scanf("%ld %ld %ld", &cycles, &samples, &repeats) != 3)
         return 2;
     double end = cycles * 8.0 * atan(1.0) / s.omega, *out = malloc(sizeof(double) * 3 * (cycles * samples + 1));
-    for (long k = 0; k < (repeats > 0 ? repeats : 1); k++)
-        best = fmin(best, run(&s, end, cycles, out, &steps));
-    printf("%.9g %ld\n", best, steps);
+    for (long k = 0; k < (repeats > 0 ? repeats : 1); k++) {
+        double used = run(&s, end, cycles, out, &steps);
+        best = fmin(best, used);
+        slowest = fmax(slowest, used);
+    }
+    printf("%.9g %.9g %ld\n", best, slowest, steps);
     print(out, cycles);
     run(&s, end, cycles * samples, out, &steps);
     print(out, cycles * samples);

@@ -23,6 +23,7 @@ from scipy.integrate import solve_ivp
 from tcc_sim.benchmarks.references import Floats, error_scales
 from tcc_sim.fmu.export import compiler
 from tcc_sim.model.parameters import System
+from tcc_sim.solvers import solve
 from tcc_sim.solvers.comparison.scipy_methods import jacobian, rates_of
 from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples
 from tcc_sim.solvers.problem import rates_along
@@ -49,17 +50,20 @@ class Failed(Exception):
 
 @dataclass(frozen=True)
 class PeerRun:
-    """States at the cycle ends, largest |slip speed| per cycle, seconds of one run, and its steps where known."""
+    """States at the cycle ends, largest |slip speed| per cycle, seconds of the fastest run and of the slowest, and
+    steps where known.
+    """
 
     section: Floats
     largest: Floats
     seconds: float
+    slowest: float
     steps: int | None = None
 
 
-def least_seconds(run: Callable[[], Timed], repeats: int, patience: float = math.inf,
-                  clock: Callable[[], float] = time.process_time) -> tuple[float, Timed]:
-    """The least CPU time of `run`, s, and its last result.
+def repeated(run: Callable[[], Timed], repeats: int, patience: float = math.inf,
+             clock: Callable[[], float] = time.process_time) -> tuple[list[float], Timed]:
+    """The CPU time of every call of `run`, s, and its last result.
 
     Parameters
     ----------
@@ -67,13 +71,18 @@ def least_seconds(run: Callable[[], Timed], repeats: int, patience: float = math
     patience : s; no further call once the calls have taken as long
     clock : CPU seconds so far; those of this process, or `of_children` for other programs
     """
-    best, spent, count = math.inf, 0.0, 0
-    while not count or (count < repeats and spent < patience):
+    used = list[float]()
+    while not used or (len(used) < repeats and sum(used) < patience):
         began = clock()
         found = run()
-        used = clock() - began
-        best, spent, count = min(best, used), spent + used, count + 1
-    return best, found
+        used.append(clock() - began)
+    return used, found
+
+
+def least_seconds(run: Callable[[], Timed], repeats: int) -> tuple[float, Timed]:
+    """The least CPU time of `run`, s, and its last result."""
+    used, found = repeated(run, repeats)
+    return min(used), found
 
 
 def of_children() -> float:
@@ -94,12 +103,12 @@ def bare_lsoda(system: System, cycles: int, rtol: float, repeats: int) -> PeerRu
         return solve_ivp(lambda t, y: rates_of(t, y, terms), (0.0, float(ends[-1])), y, method="LSODA", t_eval=ends,
                          rtol=rtol, atol=atol, jac=lambda t, y: jacobian(t, y, terms), dense_output=dense)
 
-    seconds, _ = least_seconds(lambda: solve(False), repeats)
+    used, _ = repeated(lambda: solve(False), repeats)
     run = solve(True)
     found = run.y.T
     if len(found) != cycles + 1:
         raise Failed(str(run.message))
-    return PeerRun(found, _largest(system, times, run.sol(times).T), seconds, len(run.sol.ts) - 1)
+    return PeerRun(found, _largest(system, times, run.sol(times).T), min(used), max(used), len(run.sol.ts) - 1)
 
 
 def cvode(system: System, cycles: int, rtol: float, repeats: int) -> PeerRun:
@@ -124,10 +133,10 @@ def cvode(system: System, cycles: int, rtol: float, repeats: int) -> PeerRun:
     if ended.returncode:
         raise Failed(ended.stderr.strip() or f"ended with status {ended.returncode}")
     head, *lines = ended.stdout.splitlines()
-    seconds, steps = head.split()
+    seconds, slowest, steps = head.split()
     rows = np.array([line.split() for line in lines], dtype=np.float64)
     return PeerRun(rows[:cycles + 1], _largest(system, _times(system, cycles, FINE), rows[cycles + 1:]), float(seconds),
-                   int(steps))
+                   float(slowest), int(steps))
 
 
 @cache
@@ -151,6 +160,15 @@ def cvode_program() -> str:
         why = next((line for line in ended.stderr.splitlines() if "error" in line or "cannot find" in line), "")
         raise Failed(f"not compiled: SUNDIALS is not installed (Debian: libsundials-dev); {command} says: {why}")
     return program
+
+
+def python_loop(system: System) -> dict[str, float]:
+    """Seconds of a step of `dop853`, and of the twelve evaluations of the compiled equations in it."""
+    terms, state = terms_of(system), np.array(State.at_start(system).numbers)
+    rates_of(0.0, state, terms)
+    used, run = repeated(lambda: solve(system, duration=1e-3 * system.cycle, solver="dop853"), 5)
+    rates, _ = repeated(lambda: [rates_of(0.0, state, terms) for _ in range(1200)], 5)
+    return {"step": min(used) / max(run.statistics.steps, 1), "rates": min(rates) / 100.0}
 
 
 def _times(system: System, cycles: int, per_cycle: int) -> Floats:
@@ -222,10 +240,10 @@ def xppaut(system: System, method: str, tolerance: float, cycles: int, repeats: 
                 raise Failed(f"stopped after {len(rows) - 1} of {count * per_cycle} outputs")
             return rows[:count * per_cycle + 1, 1:4]
 
-        fine, section, seconds = run(cycles, FINE), run(cycles, 1), math.nan
+        fine, section, seconds, slowest = run(cycles, FINE), run(cycles, 1), math.nan, math.nan
         if repeats:
             many = max(cycles, TIMED)
-            long, _ = least_seconds(lambda: run(many, 1), repeats, clock=of_children)
-            short, _ = least_seconds(lambda: run(1, 1), repeats, clock=of_children)
-            seconds = max(long - short, 0.0) * cycles / (many - 1)
-    return PeerRun(section, _largest(system, _times(system, cycles, FINE), fine), seconds)
+            long, _ = repeated(lambda: run(many, 1), repeats, clock=of_children)
+            short, _ = repeated(lambda: run(1, 1), repeats, clock=of_children)
+            seconds, slowest = (max(of(long) - min(short), 0.0) * cycles / (many - 1) for of in (min, max))
+    return PeerRun(section, _largest(system, _times(system, cycles, FINE), fine), seconds, slowest)

@@ -1,5 +1,5 @@
-"""The pictures of both reports: precision.png and precision_section.png, error against run time, a column per scene, a
-row per error or one; and stability.png, error charts of the fixed-step methods and the errors of every engine on the
+"""The pictures of both reports: precision.png and precision_section.png, error against run time in panels of a few
+solvers; and stability.png, error charts of the fixed-step methods and the errors of every engine on the
 extreme scenes.
 """
 
@@ -31,26 +31,33 @@ LOOKS: dict[str, Look] = {
     "XPPAUT 2rb": ("#1B3A6F", "d", "-.", 0.9), "CVODE": ("#00A08A", "X", "-", 1.1)}
 """Colour, marker, line and width of every solver; the package's own stand out, and no two share a colour or a marker
 with the same line."""
+GROUPS = {"this package": ("smoothed", "event_driven", "fixed_step"), "explicit methods": ("rk4", "rk45", "dop853"),
+          "implicit methods of SciPy": ("radau", "bdf", "lsoda", "solve_ivp LSODA"),
+          "other programs": ("CVODE", "XPPAUT cvode", "XPPAUT stiff", "XPPAUT gear", "XPPAUT 2rb")}
+"""Solvers that share a panel; the engines of this package are in every one."""
 SPARE = [(colour, marker, (0, (3, 1, 1, 1)), 0.9) for colour, marker in zip(style.MANY, "8H|_1234+,.")]
 """Looks for solvers that LOOKS does not know."""
-ROWS = (("error_final", "final state"), ("error_section", "section"), ("error_max_slip", "largest slip speed"),
-        ("error_steady", "steady state"))
 SET_VALUED = ", set-valued"
 FADED = 0.2
 """Opacity of what no reference resolves."""
 KEYS = {"friction.smoothing": "smoothing $\\sigma$ (s/rad)", "friction.kinetic_coefficient": "$\\mu_s/\\mu_k$",
         "pressure.mean": "mean pressure (Pa)"}
 METHODS = {"fixed_step": "fixed_step, own sub-steps", "SDIRK3, one step": "SDIRK3 alone, no sub-steps", "rk4": "rk4"}
+SETTINGS = {"fixed_step": "tick (s)", "smoothed": "tolerance", "event_driven": "tolerance"}
 ENGINES = {"smoothed": (style.BLUE, "o"), "event_driven": (style.RED, "D"), "fixed_step": (style.GREEN, "s")}
 LOWEST = -9.0
 """Colours end at this power of ten."""
 
 
 def draw_precision(stem: Path, scenes: Sequence[StudiedScene]) -> tuple[Path, Path]:
-    """Draw `stem`.png and `stem`.svg with all errors, and `stem`_section.png and .svg with that of the section alone.
+    """Draw `stem`.png and `stem`.svg, a column per scene and a row per group of solvers with the largest of three
+    errors, and `stem`_section.png and .svg with the section of the first scene, a column per group.
     """
-    _draw(stem.with_name(f"{stem.name}_section"), scenes, ("error_section",))
-    return _draw(stem, scenes, tuple(key for key, _ in ROWS))
+    columns = list(dict.fromkeys(record.scene.removesuffix(SET_VALUED) for record in scenes))
+    of = {name: [r for r in scenes if r.scene.removesuffix(SET_VALUED) == name] for name in columns}
+    _draw(stem.with_name(f"{stem.name}_section"), [[(of[columns[0]], group) for group in GROUPS]], "error_section",
+          list(GROUPS))
+    return _draw(stem, [[(of[name], group) for name in columns] for group in GROUPS], "largest_error", columns)
 
 
 def looks_of(names: list[str]) -> dict[str, Look]:
@@ -59,30 +66,25 @@ def looks_of(names: list[str]) -> dict[str, Look]:
     return {name: LOOKS[name] if name in LOOKS else SPARE[unknown.index(name) % len(SPARE)] for name in names}
 
 
-def _draw(stem: Path, scenes: Sequence[StudiedScene], keys: tuple[str, ...]) -> tuple[Path, Path]:
-    """One picture with a row for each of some errors; a scene's set-valued runs are in the column of its smoothed ones.
-    """
-    columns = list(dict.fromkeys(record.scene.removesuffix(SET_VALUED) for record in scenes))
-    rows = [(key, name) for key, name in ROWS if key in keys]
-    with style.figure(max(2.5 * len(columns), 5.0) + 0.6, 2.0 * len(rows) + 1.6) as drawn:
-        axes = drawn.subplots(len(rows), max(len(columns), 1), sharex=True, sharey=True, squeeze=False)
+def _draw(stem: Path, grid: Sequence[Sequence[tuple[list[StudiedScene], str]]], key: str,
+          titles: Sequence[str]) -> tuple[Path, Path]:
+    """One picture of panels with the scenes and the group of each; a scene's set-valued runs are in its panel."""
+    with style.figure(2.6 * max(len(titles), 2) + 0.6, 2.2 * len(grid) + 1.4) as drawn:
+        axes = drawn.subplots(len(grid), len(titles), sharex=True, sharey=True, squeeze=False)
         handles: dict[str, Any] = {}
-        for record in scenes:
-            column = columns.index(record.scene.removesuffix(SET_VALUED))
-            smoothed = record.law == "smoothed"
-            for axis, (key, _) in zip(axes[:, column], rows):
-                draw_curves(axis, record, key, handles)
-                floor = record.reference.floor
-                line = axis.axhline(floor, color=style.GREY if smoothed else style.RED, linewidth=0.9,
-                                    linestyle=(0, (1, 1.5)), zorder=1)
-                handles["floor of the references, law (7)" if smoothed else "floor of the references, law (6)"] = line
-        for row, (_, name) in zip(axes, rows):
-            row[0].set_ylabel(f"relative error, {name}")
-        for letter, name in zip("abcd", columns):
-            head = next((r for r in scenes if r.scene == name), scenes[0])
-            title = axes[0, columns.index(name)]
-            title.set_title(f"({letter}) {name}", pad=26.0)
-            title.text(0.0, 1.02, _wrapped(head.description), transform=title.transAxes, fontsize=7.5, va="bottom")
+        for row, panels in zip(axes, grid):
+            for axis, (records, group) in zip(row, panels):
+                for record in records:
+                    draw_curves(axis, record, key, handles, (*GROUPS[group], *ENGINES))
+                    law, colour = ("(7)", style.GREY) if record.law == "smoothed" else ("(6)", style.RED)
+                    handles[f"floor of the references, law {law}"] = axis.axhline(
+                        record.reference.floor, color=colour, linewidth=0.9, linestyle=(0, (1, 1.5)), zorder=1)
+            row[0].set_ylabel(f"relative error, {panels[0][1]}" if len(grid) > 1 else "relative error, section")
+        for letter, name, axis, (records, _) in zip("abcd", titles, axes[0], grid[0]):
+            axis.set_title(f"({letter}) {name}", pad=26.0 if len(grid) > 1 else 6.0)
+            if len(grid) > 1:
+                axis.text(0.0, 1.02, _wrapped(records[0].description), transform=axis.transAxes, fontsize=7.5,
+                          va="bottom")
         for axis in axes[-1]:
             axis.set_xlabel("run time (s)")
         for axis in axes.flat:
@@ -92,9 +94,12 @@ def _draw(stem: Path, scenes: Sequence[StudiedScene], keys: tuple[str, ...]) -> 
         return style.save_both(drawn, stem)
 
 
-def draw_curves(axis: Any, record: StudiedScene, key: str, handles: dict[str, Any]) -> None:
-    """Every solver's ladder in one panel; what is below its floor is faded."""
+def draw_curves(axis: Any, record: StudiedScene, key: str, handles: dict[str, Any],
+                shown: Sequence[str] | None = None) -> None:
+    """The ladders of some solvers, or of all, in one panel; errors below the floor are faded."""
     for name, look in looks_of(list(dict.fromkeys(row.solver for row in record.results))).items():
+        if shown is not None and name not in shown and name in LOOKS:
+            continue
         rows = [row for row in record.results if row.solver == name and getattr(row, key) is not None]
         colour, marker, line, width = look
         seconds, found = [row.seconds for row in rows], np.array([max(getattr(row, key), 1e-16) for row in rows])
@@ -131,13 +136,16 @@ def draw_stability(stem: Path, charts: Sequence[ErrorChart], cases: Sequence[Exa
         axes = upper.subplots(len(methods), max(len(keys), 1), squeeze=False, sharex="row")
         shade: Any = None
         lines: dict[str, Any] = {}
-        letters = iter("abcdefghijklmnop")
+        letters = iter("abcdefghijklmnopqrst")
         for row, method in zip(axes, methods):
             for axis, key in zip(row, keys):
-                chart = next(c for c in charts if c.over == key and c.method == method)
+                chart = next((c for c in charts if c.over == key and c.method == method), None)
+                if chart is None:
+                    axis.set_axis_off()
+                    continue
                 shade = _chart(axis, chart, lines)
                 axis.set_title(f"({next(letters)}) {METHODS.get(method, method)}")
-                axis.set(xlabel="tick (s)" if method == "fixed_step" else "step (s)", ylabel=KEYS.get(key, key))
+                axis.set(xlabel=SETTINGS.get(method, "step (s)"), ylabel=KEYS.get(key, key))
         if shade is not None:
             bar = upper.colorbar(shade, ax=axes, shrink=0.7, pad=0.01, extend="min")
             bar.set_label("log10 of the relative section error; grey: not finite or refused")
@@ -173,7 +181,7 @@ def _chart(axis: Any, chart: ErrorChart, lines: dict[str, Any]) -> Any:
                                                                             (0, (4, 2)))}
     bounds = axis.get_xlim(), axis.get_ylim()
     for name, (limit, colour, dashes) in limits.items():
-        if chart.method != "rk4" and colour == style.RED:
+        if chart.method != "rk4" and (colour == style.RED or SETTINGS.get(chart.method) == "tolerance"):
             continue
         at = numbers(limit)
         outline, = axis.plot(at, values, color=style.INK, linewidth=2.4,

@@ -2,7 +2,8 @@
 
 The charts are over (step, sigma), (step, mu_s/mu_k) and (step, pressure), with the theoretical limits, for three
 methods: `fixed_step` with the sub-steps that it chooses inside a tick, its SDIRK3 scheme with one step per tick, which
-shows where those sub-steps are needed, and classical Runge-Kutta for contrast.
+shows where those sub-steps are needed, and classical Runge-Kutta for contrast; and over the same keys and the
+tolerance for both engines, `event_driven` without sigma.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.model.friction import smoothed_and_slope
 from tcc_sim.model.parameters import DEFAULTS, System, replace
 from tcc_sim.output.tables import markdown_table
-from tcc_sim.solvers import solve
+from tcc_sim.solvers import SOLVERS, solve
 from tcc_sim.solvers.comparison.runge_kutta import rk4_limit
 from tcc_sim.solvers.fixed_step import advance
 from tcc_sim.solvers.terms import peak_load, terms_of
@@ -36,8 +37,9 @@ OVER = {"friction.smoothing": np.geomspace(50.0, 1e9, 12),
         "friction.kinetic_coefficient": 0.3 / np.linspace(1.0, 4.0, 13),
         "pressure.mean": np.geomspace(1e4, 1e7, 13)}
 METHODS = {"fixed_step": np.geomspace(1e-5, 1e-2, 13), "SDIRK3, one step": np.geomspace(1e-6, 1e-2, 13),
-           "rk4": np.geomspace(1e-7, 1e-3, 13)}
-"""The steps of each method, s."""
+           "rk4": np.geomspace(1e-7, 1e-3, 13), "smoothed": np.geomspace(1e-9, 1e-3, 7),
+           "event_driven": np.geomspace(1e-9, 1e-3, 7)}
+"""The steps of each method, s; the tolerances of the engines that choose their own."""
 
 
 @dataclass(frozen=True)
@@ -84,13 +86,14 @@ class ErrorChart:
 
 @dataclass(frozen=True)
 class StabilityReport:
-    """What stability.json holds."""
+    """What stability.json holds; `reasons` are sentences on the largest errors."""
 
     cases: Sequence[Examined]
     summary: Mapping[str, EngineSummary]
     charts: Sequence[ErrorChart]
     quick: bool
     complete: bool
+    reasons: Sequence[str] = ()
 
 
 def grid(quick: bool, done: Callable[[int, int, str], None]) -> Iterator[Examined]:
@@ -138,6 +141,11 @@ def error_charts(quick: bool, done: Callable[[str], None]) -> list[ErrorChart]:
         for method, ladder in METHODS.items():
             done(f"{method} over {key}")
             steps = ladder[::3] if quick else ladder
+            if method == "event_driven":
+                if key == "friction.smoothing":
+                    continue
+                systems = [replace(s, {"friction.law": "set_valued"}) for s in systems]
+                truths = [_truth(s) for s in systems]
             rows = [[_error(system, method, float(h), truth) for h in steps] for system, truth in zip(systems, truths)]
             out.append(ErrorChart(key, chosen.tolist(), method, steps.tolist(), rows, {
                 "rk4": [rk4_limit(s) for s in systems], "uniqueness": [uniqueness_limit(s) for s in systems]}))
@@ -161,7 +169,7 @@ def uniqueness_limit(system: System) -> float | None:
 
 def _truth(system: System) -> Reference | None:
     """SciPy's LSODA, or the set-valued limit where the smoothing is too sharp for it; None where SciPy gives up."""
-    sharp = system.friction.smoothing > SHARPEST
+    sharp = system.friction.smoothing > SHARPEST or system.friction.law == "set_valued"
     try:
         if sharp:
             return reference(replace(system, {"friction.law": "set_valued"}), CYCLES, "DOP853", 1e-11)
@@ -180,7 +188,7 @@ def _error(system: System, method: str, step: float, truth: Reference | None) ->
         section = one_step(system, step)
     else:
         try:
-            run = solve(system, cycles=CYCLES, solver=method, step=step)
+            run = solve(system, cycles=CYCLES, solver=method, **{SOLVERS[method].setting: step})  # type: ignore[arg-type]
         except InputError:
             return None
         if run.cycles is None or len(run.cycles) < CYCLES:
@@ -249,6 +257,8 @@ def stability_page(found: StabilityReport, picture: str) -> str:
                                key=lambda row: -row[0])[:5]]
     lines += ["", "## Largest errors", "", *markdown_table(
         ["solver", "error", "scene"], [[_code(r.solver), f"{error:.1e}", _scene(r)] for error, r in worst])]
+    if found.reasons:
+        lines += ["", "## Why the largest are so large", "", *(f"- {reason}" for reason in found.reasons)]
     if not found.complete:
         lines += ["", "**Interrupted: this report is not complete.**"]
     return "\n".join(lines) + "\n"

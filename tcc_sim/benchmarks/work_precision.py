@@ -9,6 +9,7 @@ repeated runs, after a first one that compiles. What failed is listed with the r
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -17,8 +18,9 @@ import numpy as np
 
 from tcc_sim.analysis.periodicity import periodicity
 from tcc_sim.benchmarks import peers
-from tcc_sim.benchmarks.peers import least_seconds
+from tcc_sim.benchmarks.peers import least_seconds, repeated
 from tcc_sim.benchmarks.precision_report import (
+    TARGET,
     LongRun,
     Omitted,
     PrecisionResult,
@@ -37,6 +39,8 @@ from tcc_sim.trajectory import Cycles, Floats, State, Trajectory
 
 REPEATS = 9
 """A setting runs until it has had this many repeats, or its effort's seconds."""
+TIGHTEST_TOLERANCE = 1e-14
+"""Below this tolerance rounding is larger."""
 WRONG = 1.0
 """A relative error above this is a failure: no digit is right."""
 SECONDS_PER_STEP = {"rk4": 3e-7, "rk45": 6e-7, "dop853": 1.6e-4}
@@ -87,6 +91,8 @@ class Effort:
     peers: dict[str, tuple[float, ...]]
     long_cycles: int
     steady_cycles: int = STEADY_CYCLES
+    further: int = 12
+    """Most settings beyond a ladder."""
     scenes: tuple[str, ...] = ()
     """Names of the scenes; all where empty."""
 
@@ -111,7 +117,7 @@ QUICK = Effort(
      "rk45": (1e-5,),
      "dop853": (1e-6,), "radau": (1e-4,), "bdf": (1e-4,), "lsoda": (1e-4, 1e-6, 1e-8), "rk4": (0.9,)},
     {"solve_ivp LSODA": (1e-6, 1e-8), "CVODE": (1e-8, 1e-10), "XPPAUT cvode": (1e-6, 1e-8, 1e-9, 1e-10)},
-    500, QUICK_STEADY_CYCLES)
+    500, QUICK_STEADY_CYCLES, 0)
 
 
 def cases(effort: Effort) -> list[Case]:
@@ -155,6 +161,9 @@ def precision_study(effort: Effort, done: Callable[[int, int, str], None]) -> It
             done(count, total, f"{case.name}: {solver} {setting:g}")
             record_run(record, case, solver, setting, truths[0], effort)
             count += 1
+        for solver, setting in further(record, case, effort):
+            done(count, total, f"{case.name}: {solver} {setting:g}, beyond its ladder")
+            record_run(record, case, solver, setting, truths[0], effort)
         long_run(record, case, effort)
         yield record
     done(total, total, "")
@@ -212,6 +221,22 @@ def settings(case: Case, effort: Effort) -> Iterator[tuple[str, float]]:
         yield from ((peer, value) for peer, ladder in effort.peers.items() for value in ladder)
 
 
+def further(record: StudiedScene, case: Case, effort: Effort) -> Iterator[tuple[str, float]]:
+    """Settings beyond the ladder of every solver that has neither reached TARGET nor failed at its last one: a tenth of
+    a tolerance, half of a step. What was yielded last has been recorded when the next is asked for.
+    """
+    for solver in dict.fromkeys(solver for solver, _ in settings(case, effort)):
+        share = 0.5 if solver in ("fixed_step", "rk4") else 0.1
+        for _ in range(effort.further):
+            rows = [row for row in record.results if row.solver == solver]
+            last = min((row.setting for row in rows), default=0.0)
+            failed = min((row.setting for row in record.omitted if row.solver == solver), default=math.inf)
+            if not rows or failed < last or min(row.largest_error for row in rows) <= TARGET or (
+                    share * last < TIGHTEST_TOLERANCE and share == 0.1):
+                break
+            yield solver, float(f"{share * last:.3g}")
+
+
 def record_run(record: StudiedScene, case: Case, solver: str, setting: float, truth: Reference, effort: Effort) -> None:
     """Run one setting and put it into `results` or `omitted`."""
     try:
@@ -224,7 +249,7 @@ def record_run(record: StudiedScene, case: Case, solver: str, setting: float, tr
     except (peers.Failed, TccError) as error:
         record.omitted.append(Omitted(solver, setting, str(error)))
         return
-    record.results.append(PrecisionResult(solver, setting, *found, steady, run.seconds, run.steps))
+    record.results.append(PrecisionResult(solver, setting, *found, steady, run.seconds, run.slowest, run.steps))
 
 
 def _steady(record: StudiedScene, case: Case, solver: str, setting: float, seconds: float,
@@ -274,11 +299,11 @@ def _registered(record: StudiedScene, case: Case, solver: str, setting: float, e
             raise peers.Failed(found.status.value + (f"; {found.detail}" if found.detail else ""))
         return found
 
-    seconds, found = least_seconds(run, REPEATS, effort.patience)
+    used, found = repeated(run, REPEATS, effort.patience)
     cycles = found.cycles
     if cycles is None:
         raise peers.Failed("no cycles")
-    return peers.PeerRun(cycles.section, cycles.largest, seconds, found.statistics.steps)
+    return peers.PeerRun(cycles.section, cycles.largest, min(used), max(used), found.statistics.steps)
 
 
 def long_run(record: StudiedScene, case: Case, effort: Effort) -> None:

@@ -63,6 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _precision(arguments: argparse.Namespace, folder: Path) -> int:
     """Error against run time of every solver; an interrupted study writes the scenes that are complete."""
     from tcc_sim.benchmarks import work_precision as precision
+    from tcc_sim.benchmarks.peers import python_loop
     from tcc_sim.benchmarks.precision_report import PrecisionReport, precision_page, scene_lines, took_part
     from tcc_sim.benchmarks.report_drawings import draw_precision
     from tcc_sim.output.provenance import document
@@ -75,14 +76,15 @@ def _precision(arguments: argparse.Namespace, folder: Path) -> int:
             records += [record]
     if not records:
         return 130
-    found = PrecisionReport(records, took_part(records), arguments.quick, running.complete)
+    found = PrecisionReport(records, took_part(records), arguments.quick, running.complete,
+                            python_loop(load_scene("fig02").system))
     folder.mkdir()
     write_json(folder / "precision.json", document("precision", found.as_json(), load_scene("fig02"), arguments.words))
     (folder / "precision.md").write_text(precision_page(found, "precision.png"), encoding="utf-8")
     draw_precision(folder / "precision", records)
     for line in [line for record in records for line in scene_lines(record)]:
         say(line)
-    say(f"{folder}/precision.png, .svg, .json, .md; precision_section.png, .svg: one row of it")
+    say(f"{folder}/precision.png, .svg, .json, .md; precision_section.png, .svg: the first scene")
     return 0 if running.complete else 130
 
 
@@ -90,6 +92,7 @@ def _stability(arguments: argparse.Namespace, folder: Path) -> int:
     """Stiff and extreme cases; an interrupted report holds what is done."""
     from tcc_sim.benchmarks.report_drawings import draw_stability
     from tcc_sim.benchmarks.stability import StabilityReport, engine_summaries, error_charts, grid, stability_page
+    from tcc_sim.benchmarks.worst_cases import reasons
     from tcc_sim.model.parameters import System
     from tcc_sim.output.provenance import document
     from tcc_sim.result import json_of
@@ -101,7 +104,8 @@ def _stability(arguments: argparse.Namespace, folder: Path) -> int:
         maps = error_charts(arguments.quick, running.name)
     if not records:
         return 130
-    found = StabilityReport(records, engine_summaries(records), maps, arguments.quick, running.complete)
+    found = StabilityReport(records, engine_summaries(records), maps, arguments.quick, running.complete,
+                            reasons(records) if running.complete else ())
     folder.mkdir()
     write_json(folder / "stability.json", document("stability", json_of(found), System(), arguments.words))
     (folder / "stability.md").write_text(stability_page(found, "stability.png"), encoding="utf-8")

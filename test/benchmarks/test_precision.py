@@ -9,7 +9,14 @@ from documents import valid
 
 from tcc_sim.benchmarks import peers, report_drawings
 from tcc_sim.benchmarks import work_precision as precision
-from tcc_sim.benchmarks.precision_report import PrecisionResult, References, SteadyState, StudiedScene, comparison
+from tcc_sim.benchmarks.precision_report import (
+    Omitted,
+    PrecisionResult,
+    References,
+    SteadyState,
+    StudiedScene,
+    comparison,
+)
 from tcc_sim.benchmarks.references import Reference, disagreement, errors, reference
 from tcc_sim.cli import main
 from tcc_sim.model.parameters import System, replace
@@ -19,7 +26,7 @@ from tcc_sim.solvers import SOLVERS, solve
 
 KEYS = {"scene", "reference", "results", "omitted"}
 RESULT_KEYS = {"solver", "setting", "error_final", "error_section", "error_max_slip", "error_steady", "seconds",
-               "steps"}
+               "slowest", "steps"}
 ERRORS = ("error_final", "error_section", "error_max_slip")
 SLIP = {"friction.kinetic_coefficient": 0.3, "pressure.mean": 100e3, "pressure.amplitude": 0.0,
         "engine.mean_torque": 300.0}
@@ -68,7 +75,7 @@ def tiny(monkeypatch):
                                "lsoda": (1e-6,),
                                "rk4": (3.0,), "rk45": (1e-5,), "dop853": (1e-6,)},
                               {"solve_ivp LSODA": (1e-8,), "CVODE": (1e-9,), "XPPAUT cvode": (1e-8,)}, 20,
-                              400, ("fig02", "minimal, set-valued"))
+                              400, 0, ("fig02", "minimal, set-valued"))
     return lambda **changes: monkeypatch.setattr(precision, "QUICK", dataclasses.replace(effort, **changes))
 
 
@@ -128,6 +135,8 @@ def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys):
     assert "### fig02, omitted" in text
     assert "Measured on " in text
     assert "ms) for" not in text
+    assert "(+" in text
+    assert "A step of `dop853` takes " in text
     assert text.splitlines()[2] == "This page is generated: `tcc-sim precision --quick` writes it."
     assert "- `rk45`, the paper's method: " in text.split("![")[0]
     assert all(name in text for name in ("`smoothed`", "`event_driven`", "XPPAUT", "floor"))
@@ -150,6 +159,39 @@ def test_the_steady_state_tells_the_friction_laws_of_figure_2_apart():
     assert "the smoothing decides which motion is reached" in comparison(records[0], records)
     same = [records[0], dataclasses.replace(records[1], steady=records[0].steady)]
     assert "decides" not in comparison(same[0], same)
+
+
+def test_a_ladder_goes_on_until_a_solver_reaches_the_target_or_fails():
+    """Errors made up: a tenth of the tolerance, the tolerance itself times 1e4, and a solver that has failed."""
+    record = scene_record("fig02", "smoothed", SteadyState(400, 0, None, None, []))
+    case = precision.Case("fig02", "", System(), 5)
+    effort = precision.Effort(5, 0.01, 1.0, {}, {"bdf": (1e-3,), "lsoda": (1e-3,), "radau": (1e-3, 1e-4),
+                                                 "fixed_step": (1e-3,)}, {}, 20)
+    for solver, setting in precision.settings(case, effort):
+        record.results.append(PrecisionResult(solver, setting, 1e-4, 1e-4, 1e-4, None, 1.0, 1.0, 1))
+    record.omitted.append(Omitted("radau", 1e-5, "stopped"))
+    asked = []
+    for solver, setting in precision.further(record, case, effort):
+        asked.append((solver, setting))
+        error = {"bdf": setting, "lsoda": 1.0, "fixed_step": setting}[solver]
+        if solver == "lsoda" and setting < 1e-5:
+            record.omitted.append(Omitted(solver, setting, "stopped"))
+        else:
+            record.results.append(PrecisionResult(solver, setting, error, error, error, None, 1.0, 1.0, 1))
+    assert [s for name, s in asked if name == "bdf"] == pytest.approx([1e-4, 1e-5, 1e-6])
+    assert [s for name, s in asked if name == "lsoda"] == pytest.approx([1e-4, 1e-5, 1e-6])
+    assert [s for name, s in asked if name == "fixed_step"] == pytest.approx([1e-3 * 0.5**k for k in range(1, 11)],
+                                                                             rel=1e-2)
+    assert "radau" not in dict(asked)
+
+
+def test_a_step_of_dop853_takes_longer_than_its_evaluations():
+    found = peers.python_loop(load_scene("fig02").system)
+    assert found["step"] > found["rates"] > 0.0
+
+
+def test_every_solver_is_in_a_group_of_panels():
+    assert {name for group in report_drawings.GROUPS.values() for name in group} == set(report_drawings.LOOKS)
 
 
 def test_the_steady_error_is_that_of_the_last_cycles():
@@ -218,7 +260,7 @@ def test_points_below_the_floor_are_faded():
     """Of three errors one lies below the references' floor of 1e-8, and one more below what XPPAUT writes."""
     from matplotlib.figure import Figure
     record = scene_record("fig02", "smoothed", SteadyState(400, 0, None, None, []))
-    record.results += [PrecisionResult(name, 1e-6, 1.0, e, 1.0, None, s, None)
+    record.results += [PrecisionResult(name, 1e-6, 1.0, e, 1.0, None, s, s, None)
                        for name in ("smoothed", "XPPAUT cvode") for s, e in ((1.0, 1e-5), (2.0, 1e-7), (3.0, 1e-9))]
     axis, handles = Figure().subplots(), {}
     report_drawings.draw_curves(axis, record, "error_section", handles)

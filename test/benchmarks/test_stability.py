@@ -9,8 +9,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from documents import valid
+from scipy.optimize import minimize_scalar
 
-from tcc_sim.benchmarks import extremes, stability
+from tcc_sim.benchmarks import extremes, stability, worst_cases
 from tcc_sim.cli import main
 from tcc_sim.model.parameters import QUANTITIES, System, replace
 from tcc_sim.result import json_of
@@ -117,6 +118,28 @@ def test_a_bad_end_is_listed_with_its_exact_scene():
         assert "tick 0.00465" in line
 
 
+def test_the_largest_errors_have_their_reasons():
+    """The smoothed law's distance from the set-valued one falls as 1/sigma; fixed_step leaves stick at some steps."""
+    sharp = extremes.case_of({
+        "initial.slip_speed": 1e-9, "friction.kinetic_coefficient": 0.1, "friction.decay": 50.0,
+        "friction.smoothing": 1e6, "pressure.mean": 100.0, "driveline.flywheel_inertia": 1000.0,
+        "driveline.stiffness": 1e5, "pressure.phase": 0.5 * math.pi})
+    stick = extremes.case_of({"friction.kinetic_coefficient": 0.075, "engine.mean_torque": 0.0,
+                              "engine.torque_amplitude": 1000.0, "pressure.amplitude": 52083.33333333334})
+    stick["pressure.amplitude"] = 52083.33333333334
+    records = [extremes.Examined(sharp, "smoothed", None, error=8.7e-4),
+               extremes.Examined(stick, "fixed_step", 1e-3, error=0.28)]
+    smoothed, fixed = worst_cases.reasons(records)
+    assert "At 10 and 100 times sigma it is 7e-05 and 5e-06; with a tolerance of 1e-11 it is 9e-04" in smoothed
+    assert "the error is 3e-01, 8e-06, 3e-01, 3e-01, 2e-06" in fixed
+    peak = minimize_scalar(lambda v: -math.tanh(50.0 * v) * (1.0 + 3.0 * math.exp(-2.0 * v)), bounds=(0.0, 1.0),
+                           method="bounded", options={"xatol": 1e-9}).x
+    assert f"beyond {peak:.2g} rad/s" in fixed
+    truth = extremes.Truth(stick, "smoothed")
+    assert worst_cases.error_of(stick, "smoothed", truth) < 1e-6
+    assert worst_cases.reasons([dataclasses.replace(records[0], error=None)]) == []
+
+
 @pytest.fixture
 def tiny(monkeypatch):
     """A report of three scenes and charts of four cells."""
@@ -136,7 +159,8 @@ def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys):
         assert any(key in QUANTITIES for key in record)
     assert set(found["summary"]) == set(extremes.ENGINES)
     assert all(total["not_finite"] == total["not_bounded"] == 0 for total in found["summary"].values())
-    assert len(found["charts"]) == 9
+    assert len(found["charts"]) == 3 * len(stability.METHODS) - 1
+    assert {c["method"] for c in found["charts"]} >= {"smoothed", "event_driven"}
     assert (folder / "stability.png").read_bytes().startswith(b"\x89PNG")
     assert (folder / "stability.svg").exists()
     text = (folder / "stability.md").read_text()
