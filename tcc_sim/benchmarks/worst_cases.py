@@ -34,7 +34,7 @@ def reasons(cases: Sequence[Examined]) -> list[str]:
     return said
 
 
-def error_of(keys: Mapping[str, Any], engine: str, truth: Truth, **setting: float) -> float:
+def final_error(keys: Mapping[str, Any], engine: str, truth: Truth, **setting: float) -> float:
     """The error of a case as the report has it, with a step or tolerance of its own."""
     run = _solved(keys, engine, truth.duration, **setting)
     return float((np.abs(_state(run) - truth.state) / truth.scale).max())
@@ -65,8 +65,8 @@ def _of_smoothing(worst: Examined) -> list[str]:
     if sigma <= SHARPEST:
         return []
     truth = Truth(keys, "smoothed")
-    tighter = error_of(keys, "smoothed", truth, rtol=1e-11)
-    sharper = [error_of(changed, "smoothed", Truth(changed, "smoothed")) for factor in (10.0, 100.0)
+    tighter = final_error(keys, "smoothed", truth, rtol=1e-11)
+    sharper = [final_error(changed, "smoothed", Truth(changed, "smoothed")) for factor in (10.0, 100.0)
                if (changed := {**keys, "friction.smoothing": factor * sigma})]
     return [f"`smoothed`, {worst.error:.0e}: the distance of two friction laws, not an error of the engine. Above "
             f"sigma = {SHARPEST:g} the reference solves the set-valued law. At 10 and 100 times sigma it is "
@@ -77,7 +77,7 @@ def _of_steps(worst: Examined) -> list[str]:
     """The largest error of `fixed_step`, at other steps, and where it leaves the solution."""
     keys = _scene_keys(worst)
     truth, step = Truth(keys, "smoothed"), float(worst.step or ENGINES["fixed_step"][1] or 0.0)
-    found = ", ".join(f"{error_of(keys, 'fixed_step', truth, step=h):.0e}" for h in STEPS)
+    found = ", ".join(f"{final_error(keys, 'fixed_step', truth, step=h):.0e}" for h in STEPS)
     said = (f"`fixed_step`, {worst.error:.0e}: with steps of {', '.join(f'{h:g}' for h in STEPS)} s the error is "
             f"{found}, so it does not shrink with the step.")
     own = _solved(keys, "fixed_step", truth.duration, samples_per_cycle=SAMPLES, step=step)

@@ -66,7 +66,7 @@ def solvers_agree(evidence: StableMotions, differing: Differing = cycle_differen
         doubled[name] = [float(abs(highest[n] - highest[n + 1])) for n in WATCHED]
     motions = {name: evidence.attractors({**FIG02, **row}) for name, row in LAWS.items()}
     limit = evidence.limit("alike")
-    alike = len(set(map(len, motions.values()))) == 1 and not differ(*motions.values(), limit=limit)
+    alike = len(set(map(len, motions.values()))) == 1 and not attractors_differ(*motions.values(), limit=limit)
     means = [mean for _, mean, _ in paper.values()]
     close = max(differences.values()) < limit and max(means) - min(means) < limit * max(means)
     return Measured(
@@ -81,7 +81,7 @@ def solvers_agree(evidence: StableMotions, differing: Differing = cycle_differen
         tuple(evidence.motions("", FIG02, SHARPER, over=SMOOTHING)))
 
 
-def differ(first: list[tuple[int, float]], *others: list[tuple[int, float]], limit: float) -> bool:
+def attractors_differ(first: list[tuple[int, float]], *others: list[tuple[int, float]], limit: float) -> bool:
     """Whether attractors (period, largest slip speed) are not those of the first law, one by one in their order."""
     return any(a[0] != b[0] or abs(b[1] / a[1] - 1.0) > limit for m in others for a, b in zip(first, m))
 
@@ -96,7 +96,7 @@ def smoothing_is_uncertain(evidence: Evidence) -> Measured:
         cycles = evidence.run(evidence.system({**FIG02, **row}), 2000).solved_cycles[-96:]
         found[name] = (periodicity(cycles).period, float(cycles.largest.max()))
     *smoothed, exact = ([motion] for motion in found.values())
-    apart = [differ(exact, m, limit=evidence.limit("alike")) for m in smoothed]
+    apart = [attractors_differ(exact, m, limit=evidence.limit("alike")) for m in smoothed]
     return Measured((any(apart) and not apart[-1],), {"period, largest slip speed (rad/s)":
                                                       {name: list(m) for name, m in found.items()}})
 

@@ -136,7 +136,7 @@ def test_the_largest_errors_have_their_reasons():
                            method="bounded", options={"xatol": 1e-9}).x
     assert f"beyond {peak:.2g} rad/s" in fixed
     truth = extremes.Truth(stick, "smoothed")
-    assert worst_cases.error_of(stick, "smoothed", truth) < 1e-6
+    assert worst_cases.final_error(stick, "smoothed", truth) < 1e-6
     assert worst_cases.reasons([dataclasses.replace(records[0], error=None)]) == []
 
 
