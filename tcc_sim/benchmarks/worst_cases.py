@@ -92,7 +92,10 @@ def _of_steps(worst: Examined) -> list[str]:
     share = need / max(other.system.friction_ratio * law.load(t), 1e-300)
     terms = terms_of(other.system)
     top = peak(terms.smoothing, terms.stribeck)[0] if terms.smoothing is not None else math.nan
-    return [said + f" At t = {t:.4g} s slip stops, and stick needs {100.0 * share:.0f} % of the breakaway torque. The "
-            f"sub-step across v = 0 ends at {own.slip_speed[k]:.2g} rad/s, beyond {top:.2g} rad/s, where friction (7) "
-            "has its maximum: the clutch slips on instead of sticking. Where a sub-step ends decides which, at "
-            "any step."]
+    beyond = np.flatnonzero(np.abs(own.slip_speed[k:]) > top)
+    if not len(beyond):
+        return [said]
+    return [said + f" At t = {t:.4g} s slip stops, and stick needs {100.0 * share:.0f} % of the breakaway torque. Past "
+            f"v = 0 a sub-step of the fixed step ends at {own.slip_speed[k + beyond[0]]:.2g} rad/s, beyond the "
+            f"{top:.2g} rad/s at which friction (7) is largest: the clutch slips on instead of sticking. Where a "
+            "sub-step ends decides which, at any step."]

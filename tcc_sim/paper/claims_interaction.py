@@ -59,12 +59,13 @@ def phase_pi_is_worst(evidence: Evidence) -> Measured:
 
 @claim("8, 14", "6.2, Fig. 14(a)", "the negative slope introduces super-harmonic peaks that Fig. 8(a) does not have",
        Holds("for every phase the curve of 0.75 mu_s has more peaks below 0.30 than that of mu_k = mu_s",
-             "the three phases together have more"))
+             "for some phase"))
 def new_peaks(evidence: Evidence) -> Measured:
     counts = [[len(prominent_maxima(evidence, AXIS[LOW], row[LOW])) for row in maxima(evidence, n)] for n in (8, 14)]
-    return Measured((all(b > a for a, b in zip(*counts)), sum(counts[1]) > sum(counts[0])),
+    fewer = [name for name, a, b in zip(("0", "pi/2", "pi"), *counts) if b <= a]
+    return Measured((not fewer, len(fewer) < 3),
                     {"peaks below 0.30 at mu_k = mu_s and 0.75 mu_s, psi = 0, pi/2, pi": counts},
-                    "" if all(b > a for a, b in zip(*counts)) else "some phase has no more of them")
+                    f"psi = {', '.join(fewer)} has no more of them" if fewer else "")
 
 
 @claim("8, 14", "6.2, Fig. 14(a); Abstract", "the negative slope exaggerates stick-slip under varying load too", Holds(

@@ -134,7 +134,7 @@ def test_the_largest_errors_have_their_reasons():
     assert "the error is 3e-01, 8e-06, 3e-01, 3e-01, 2e-06" in fixed
     peak = minimize_scalar(lambda v: -math.tanh(50.0 * v) * (1.0 + 3.0 * math.exp(-2.0 * v)), bounds=(0.0, 1.0),
                            method="bounded", options={"xatol": 1e-9}).x
-    assert f"beyond {peak:.2g} rad/s" in fixed
+    assert f"beyond the {peak:.2g} rad/s" in fixed
     truth = extremes.Truth(stick, "smoothed")
     assert worst_cases.final_error(stick, "smoothed", truth) < 1e-6
     assert worst_cases.reasons([dataclasses.replace(records[0], error=None)]) == []
