@@ -163,7 +163,7 @@ def _kernel(scene: Scene) -> str:
         (fixed_step.advance, (Row(writable=True), DOUBLE, DOUBLE, INT, terms, Static(True), Static(None))),
         (torques.piece_at, (of["profile"], DOUBLE)),
         (torques.torques_now, (DOUBLE, INT, of["profile"], terms)),
-        (friction.smoothed, (DOUBLE, DOUBLE, of["stribeck"])),
+        (friction.smoothed_coefficient, (DOUBLE, DOUBLE, of["stribeck"])),
         (actuator.pressure_after, (DOUBLE,) * 5), (actuator.approach_between, (DOUBLE,) * 5)]
     for function, kinds in roots:
         library.function(function, kinds)

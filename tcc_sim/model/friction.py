@@ -17,7 +17,7 @@ import numpy as np
 Stribeck = tuple[float, ...] | None
 
 
-def smoothed(v: Any, sigma: float, stribeck: Stribeck) -> Any:
+def smoothed_coefficient(v: Any, sigma: float, stribeck: Stribeck) -> Any:
     """Smoothed coefficient mubar of (7): [1 + (r - 1) exp(-alpha |v|)] tanh(sigma v), r = mu_s/mu_k.
 
     Parameters
@@ -135,7 +135,7 @@ def peak(sigma: float, stribeck: Stribeck) -> tuple[float, float]:
         if not falls(high):
             return math.inf, 1.0
     v = _first(high, falls, *(_beside(fall, high, 2.0 * sigma) or _around(fall, 1e-3 / sigma, high)))
-    return v, float(smoothed(v, sigma, stribeck))
+    return v, float(smoothed_coefficient(v, sigma, stribeck))
 
 
 def _peak_of_several(sigma: float, stribeck: tuple[float, ...]) -> tuple[float, float]:
@@ -153,7 +153,7 @@ def _peak_of_several(sigma: float, stribeck: tuple[float, ...]) -> tuple[float, 
     if len(falls) == 0:
         return math.inf, 1.0
     at = _first(float(v[falls[0]]), lambda x: bool(fall(x) > 0.0), float(v[falls[0] - 1]) if falls[0] else 0.0)
-    return at, float(smoothed(at, sigma, stribeck))
+    return at, float(smoothed_coefficient(at, sigma, stribeck))
 
 
 def _beside(f: Callable[[float], float], at: float, slope: float) -> tuple[float, float] | None:

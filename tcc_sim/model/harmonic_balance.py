@@ -121,7 +121,7 @@ def harmonic_balance(system: System, period: int, harmonics: int, iterations: in
     for part in LADDER:
         slip, rest = _newton(slip, basis, project, linear, drive, load, part * system.friction.smoothing, stribeck,
                              iterations)
-    coefficient = project @ friction.smoothed(basis @ slip, system.friction.smoothing, stribeck)
+    coefficient = project @ friction.smoothed_coefficient(basis @ slip, system.friction.smoothing, stribeck)
     return Balance(period, base, slip, coefficient, rest)
 
 

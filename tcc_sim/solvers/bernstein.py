@@ -35,11 +35,11 @@ PASCAL = np.array([[math.comb(i, k) for i in range(32)] for k in range(32)], dty
 PER_BINOMIAL = np.array([[1.0 / math.comb(n, k) if k <= n else 0.0 for k in range(32)] for n in range(32)])
 
 
-def form_text(lanes: int) -> Any:
-    """The text of `to_bernstein` for degrees below `lanes`; what lies behind the degree in the powers is not read."""
+def staged_form(lanes: int) -> Any:
+    """The staged function of `to_bernstein` for degrees below `lanes`; powers behind the degree are not read."""
     places = range(0, lanes, 8)
 
-    def text(c: Any, x: Any, per_binomial: Any, out: Any) -> None:
+    def staged(c: Any, x: Any, per_binomial: Any, out: Any) -> None:
         weights = [per_binomial.row(i, count=8) for i in places]
         terms = [where(w, ">", 0.0, c.row(i, count=8) * power, 0.0)
                  for i, w, power in zip(places, weights, powers_of(x))]
@@ -57,10 +57,10 @@ def form_text(lanes: int) -> Any:
             high = greater(where(weight, ">", 0.0, row, -math.inf), high)
         out[NOISE,], out[LOW,], out[HIGH,] = folded(operator.add, size), folded(lesser, low), folded(greater, high)
 
-    return text
+    return staged
 
 
-form_16, form_24, form_32 = (unrolled(form_text(lanes)) for lanes in (16, 24, 32))
+form_16, form_24, form_32 = (unrolled(staged_form(lanes)) for lanes in (16, 24, 32))
 
 
 @fast

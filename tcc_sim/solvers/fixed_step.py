@@ -18,7 +18,7 @@ from tcc_sim.model.actuator import approach_between
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.parameters import System
-from tcc_sim.solvers.compiling.compiled import Call, compiled, smoothed
+from tcc_sim.solvers.compiling.compiled import Call, compiled, smoothed_coefficient
 from tcc_sim.solvers.scalar import ITERATION_BOUND, scalar_root
 from tcc_sim.solvers.terms import Terms, same_but_means, substeps, terms_of
 from tcc_sim.solvers.torques import FAR_ANGLE, FAR_SPEED, break_after, piece_at, pull_of_far_end, torques_now
@@ -268,7 +268,7 @@ class Stepper:
 def engine_and_friction(t: float, v: float, terms: Terms) -> tuple[float, float]:
     """Engine and friction torque at time t and slip speed v, N m, in one call."""
     engine, load = torques_now(t, piece_at(terms.profile, t), terms.profile, terms)
-    return engine, load * smoothed(v, terms.smoothing, terms.stribeck)  # type: ignore[arg-type]
+    return engine, load * smoothed_coefficient(v, terms.smoothing, terms.stribeck)  # type: ignore[arg-type]
 
 
 @compiled

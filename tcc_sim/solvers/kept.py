@@ -231,12 +231,12 @@ def keep_step(work: Any, degree: int, unit: float, x: float, cut: float, tau: fl
     """
     if store.per_cycle > 0:
         keep_samples(work.rows, degree, unit, x, tau, period, store.per_cycle, output, store.samples, angle)
-    keep_course(work.rows, degree, unit, x, cut, time, stick_speed, output, store.cycles, store.moves, store.loads,
+    keep_motion(work.rows, degree, unit, x, cut, time, stick_speed, output, store.cycles, store.moves, store.loads,
                 work.bernstein)
 
 
 @fast
-def keep_course(rows: Any, degree: int, unit: float, x: float, cut: float, time: float, stick_speed: float, output: Any,
+def keep_motion(rows: Any, degree: int, unit: float, x: float, cut: float, time: float, stick_speed: float, output: Any,
                 cycles: Any, moves: Any, loads: Any, workspace: Any) -> None:
     """Transitions, breakaways, time in stick, extremes and section; only the section where `moves` are None."""
     if moves is not None:

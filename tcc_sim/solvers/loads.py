@@ -58,9 +58,9 @@ def loads_of(records: NDArray[Any] | None, problem: Problem, first: int, end: in
     return Loads(*columns)
 
 
-def loads_text(lanes: int) -> Any:
-    """The text of `evaluate_loads` for degrees below `lanes`."""
-    def text(rows: Any, kept: Any, unit: Any, linear: Linear, places: Any, power: Any, shaft: Any) -> None:
+def staged_loads(lanes: int) -> Any:
+    """The staged function of `evaluate_loads` for degrees below `lanes`."""
+    def staged(rows: Any, kept: Any, unit: Any, linear: Linear, places: Any, power: Any, shaft: Any) -> None:
         x = places.row(0, count=COUNT)
         v, angle, speed, rise = 0.0, 0.0, 0.0, 0.0
         for i in range(lanes - 8, -1, -8):
@@ -73,10 +73,10 @@ def loads_text(lanes: int) -> Any:
         shaft.set_row(torque, 0)
         power.set_row((rise * (linear[1] / unit) + torque) * v, 0)
 
-    return text
+    return staged
 
 
-loads_24, loads_32 = unrolled(loads_text(24)), unrolled(loads_text(32))
+loads_24, loads_32 = unrolled(staged_loads(24)), unrolled(staged_loads(32))
 
 
 @fast

@@ -127,7 +127,7 @@ def rates_along(t: Floats, states: Floats, terms: Terms) -> Floats:
     assert terms.smoothing is not None
     v, angle, speed = states[:, 0], states[:, 1], states[:, 2]
     engine, load = torques_at(terms, t)
-    torque = load * friction.smoothed(v, terms.smoothing, terms.stribeck)
+    torque = load * friction.smoothed_coefficient(v, terms.smoothing, terms.stribeck)
     slip, plate = equations.accelerations(angle, speed, engine, torque, terms.linear)
     return np.stack([slip, speed, plate, v + speed][:states.shape[1]], axis=1)
 
@@ -145,7 +145,8 @@ def assemble(problem: Problem, solver: str, t: Floats, states: Floats, *, modes:
     engine, load = torques_at(terms, t)
     if modes is None:
         assert terms.smoothing is not None
-        state, torque = modes_of(v, stick_speed_of(terms)), load * friction.smoothed(v, terms.smoothing, terms.stribeck)
+        state = modes_of(v, stick_speed_of(terms))
+        torque = load * friction.smoothed_coefficient(v, terms.smoothing, terms.stribeck)
     else:
         free, held = modes == FREE, equations.interface_torque(states[:, 1], states[:, 2], engine, terms.linear)
         state = np.where(free, np.sign(v), modes).astype(np.int8)

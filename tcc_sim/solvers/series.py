@@ -3,8 +3,8 @@
 The recurrences are those of automatic differentiation (Hairer, Norsett and Wanner, Solving Ordinary Differential
 Equations I, Sec. I.8; A. Jorba and M. Zou, Experimental Mathematics 14, 2005): E = exp(-alpha |v|) from
 E' = -alpha sgn(v) v' E, T = tanh(sigma v) from T' = sigma (1 - T^2) v', a sine from its cosine. Coefficients are in
-scaled time x = t/unit, so that none of them overflows. `product`, `exponential` and `motion` are text for
-`unrolled.unrolled`, and take plain numbers as well.
+scaled time x = t/unit, so that none of them overflows. `product`, `exponential` and `motion` are staged
+functions (`unrolled.unrolled`), and take plain numbers as well.
 """
 
 from __future__ import annotations
@@ -234,7 +234,7 @@ def powers_of(x: Any) -> Iterator[Any]:
 
 
 def sine(out: Any, now: Any, quadrature: Any, rate: Any) -> Iterator[int]:
-    """Add the coefficients of a sine; text for `unrolled`."""
+    """Add the coefficients of a sine; staged function."""
     for i, powers in zip(range(0, COLUMNS, 8), powers_of(rate)):
         shares = now * OF_SINE[i:i + 8] + quadrature * OF_COSINE[i:i + 8]
         out.set_row(out.row(i, count=8) + powers * shares, i)

@@ -75,7 +75,7 @@ class Place(NamedTuple):
     speed_tolerance: float
 
 
-def law_text(slip: Any, law: Any, slope: Any, sign: Any, sigma: Any, stribeck: Any) -> None:
+def staged_law(slip: Any, law: Any, slope: Any, sign: Any, sigma: Any, stribeck: Any) -> None:
     """mubar of (7), or of (6) where sigma is None, and its slope at the nodes, with |v| continued as sign * v through
     v = 0: the kink is a step's end.
     """
@@ -106,7 +106,7 @@ def excesses_at(v: Any, sign: Any, stribeck: Any) -> list[tuple[Any, Any]]:
             for share, rate in zip(stribeck[::2], stribeck[1::2])]
 
 
-def guess_text(demand: Any, slip: Any, sign: Any, sigma: Any, stribeck: Any) -> None:
+def staged_guess(demand: Any, slip: Any, sign: Any, sigma: Any, stribeck: Any) -> None:
     """Where mubar meets the demand on its rising branch, to about a per cent: atanh by a quotient, the exponential
     once.
     """
@@ -127,7 +127,7 @@ def inverse_tanh(y: Any) -> Any:
     return y * (1.0 - s * (0.7789 - 0.0936 * s)) / (1.0 - s * (1.1122 - 0.2236 * s))
 
 
-def residual_text(coupling: Any, slip: Any, law: Any, slope: Any, grip: Any, balance: Any, start: Any, v: Any,
+def staged_residual(coupling: Any, slip: Any, law: Any, slope: Any, grip: Any, balance: Any, start: Any, v: Any,
                   change: Any, measure: Any) -> None:
     """b - L V - beta Ts mubar(V), into `change`, and the least beta Ts mubar'."""
     speeds = slip.row()
@@ -139,21 +139,21 @@ def residual_text(coupling: Any, slip: Any, law: Any, slope: Any, grip: Any, bal
     measure[LEAST,] = folded(lesser, grip.row() * slope.row())
 
 
-def follow_text(change: Any, slip: Any, grip: Any, slope: Any, sigma: Any) -> None:
+def staged_follow(change: Any, slip: Any, grip: Any, slope: Any, sigma: Any) -> None:
     """Correct V by what friction alone answers to the residual, at most as far as Newton's method goes."""
     stiffness = grip.row() * limited(slope.row() / sigma, LEAST_SLOPE, 1e300)
     correction = limited(change.row() / stiffness, -FOLLOWED, FOLLOWED)
     slip.set_row(slip.row() + correction / sigma)
 
 
-def divide_text(change: Any, diagonal: Any, grip: Any, slope: Any, measure: Any) -> None:
+def staged_divide(change: Any, diagonal: Any, grip: Any, slope: Any, measure: Any) -> None:
     """Newton's correction with the diagonal of its matrix alone."""
     out = change.row() / (diagonal.row() + grip.row() * slope.row())
     change.set_row(out)
     measure[LARGEST,] = largest_size(out)
 
 
-def eliminate_text(change: Any, coupling: Any, grip: Any, slope: Any, measure: Any) -> None:
+def staged_eliminate(change: Any, coupling: Any, grip: Any, slope: Any, measure: Any) -> None:
     """Newton's correction: (L + beta Ts mubar') x = change, by elimination without pivoting, a column in four parts.
 
     Gauss and Jordan's elimination, below the diagonal and above it: no row waits for the next one's solution.
@@ -165,7 +165,7 @@ def eliminate_text(change: Any, coupling: Any, grip: Any, slope: Any, measure: A
     measure[LARGEST,] = largest_size(found)
 
 
-def eliminate_rows_text(rows: Any, coupling: Any, grip: Any, slope: Any) -> None:
+def staged_eliminate_rows(rows: Any, coupling: Any, grip: Any, slope: Any) -> None:
     """The same for every row of `rows`."""
     count, parts = rows.shape[0], range(NODES // WIDTH)
     right = [[rows.row(i, WIDTH * p, count=WIDTH) for p in parts] for i in range(count)]
@@ -199,12 +199,12 @@ def _lanes(chosen: Any) -> tuple[float, ...]:
     return tuple(1.0 if chosen(i) else 0.0 for i in range(WIDTH))
 
 
-def add_share_text(total: Any, share: Any, weight: Any) -> None:
+def staged_add_share(total: Any, share: Any, weight: Any) -> None:
     """Add so much of a source to what it adds to."""
     total.set_row(total.row() + share.row() * weight)
 
 
-def add_slip_text(slip: Any, shares: Any, chebyshev: Any) -> None:
+def staged_add_slip(slip: Any, shares: Any, chebyshev: Any) -> None:
     """Add the shares of the slip speeds at the nodes to Chebyshev coefficients."""
     speeds, out = slip.row(), chebyshev.row()
     for j in range(NODES):
@@ -212,17 +212,17 @@ def add_slip_text(slip: Any, shares: Any, chebyshev: Any) -> None:
     chebyshev.set_row(out)
 
 
-def slip_polynomial_text(slip: Any, v: Any, chebyshev: Any, powers: Any) -> None:
+def staged_slip_polynomial(slip: Any, v: Any, chebyshev: Any, powers: Any) -> None:
     """The polynomial through v at the start and V at the nodes: Chebyshev coefficients, and powers of x."""
     speeds = slip.row()
     sums = [v * TO_CHEBYSHEV[0], 0.0]
     for j in range(NODES):
         sums[(j + 1) % 2] = sums[(j + 1) % 2] + speeds[j] * TO_CHEBYSHEV[j + 1]
     chebyshev.set_row(sums[0] + sums[1])
-    powers_text(chebyshev, powers)
+    staged_powers(chebyshev, powers)
 
 
-def powers_text(chebyshev: Any, powers: Any) -> None:
+def staged_powers(chebyshev: Any, powers: Any) -> None:
     """Powers of x from Chebyshev coefficients over [0, 1]; first those: large integers would meet rounding."""
     coefficients = chebyshev.row()
     out: Any = 0.0
@@ -231,17 +231,17 @@ def powers_text(chebyshev: Any, powers: Any) -> None:
     powers.set_row(out, 0)
 
 
-evaluate_law = unrolled(law_text)
-guess = unrolled(guess_text)
-evaluate_residual = unrolled(residual_text)
-follow = unrolled(follow_text)
-divide = unrolled(divide_text)
-eliminate = unrolled(eliminate_text)
-eliminate_rows = unrolled(eliminate_rows_text)
-add_share = unrolled(add_share_text)
-add_slip = unrolled(add_slip_text)
-slip_polynomial = unrolled(slip_polynomial_text)
-to_powers = unrolled(powers_text)
+evaluate_law = unrolled(staged_law)
+guess = unrolled(staged_guess)
+evaluate_residual = unrolled(staged_residual)
+follow = unrolled(staged_follow)
+divide = unrolled(staged_divide)
+eliminate = unrolled(staged_eliminate)
+eliminate_rows = unrolled(staged_eliminate_rows)
+add_share = unrolled(staged_add_share)
+add_slip = unrolled(staged_add_slip)
+slip_polynomial = unrolled(staged_slip_polynomial)
+to_powers = unrolled(staged_powers)
 
 
 @fast

@@ -135,7 +135,7 @@ def _friction(recorded: Trajectory, terms: Terms, states: Floats, engine: Floats
     linear = ends[:-1, None] + share * (ends[1:] - ends[:-1])[:, None]
     if terms.smoothing is None:
         return linear
-    law = np.asarray(friction.smoothed(states[..., 0], terms.smoothing, terms.stribeck)) * load
+    law = np.asarray(friction.smoothed_coefficient(states[..., 0], terms.smoothing, terms.stribeck)) * load
     stuck = np.abs(states[..., 0]) <= stick_speed_of(terms)
     needed = equations.interface_torque(states[..., 1], states[..., 2], engine, terms.linear)
     most = friction.largest_ratio(terms.stribeck) * load

@@ -92,5 +92,5 @@ def _sliding(system: System, v: Floats) -> Floats:
 def _smoothed(system: System, v: Floats) -> Floats:
     """The smoothed coefficient of (7)."""
     own = system.friction
-    found: Floats = own.kinetic * friction.smoothed(v, own.smoothing, own.stribeck)
+    found: Floats = own.kinetic * friction.smoothed_coefficient(v, own.smoothing, own.stribeck)
     return found

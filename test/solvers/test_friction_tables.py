@@ -116,7 +116,7 @@ def test_the_peak_of_several_exponentials_is_the_first(shape: str) -> None:
     for sigma in (50.0, 1e3, 1e6):
         at, value = friction.peak(sigma, pairs)
         v = np.geomspace(1e-3 / sigma, 100.0, 400001)
-        law = friction.smoothed(v, sigma, pairs)
+        law = friction.smoothed_coefficient(v, sigma, pairs)
         falls = np.flatnonzero(np.diff(law) < -1e-15)
         if not math.isfinite(at):
             assert len(falls) == 0

@@ -27,7 +27,7 @@ def test_the_root_is_the_one_brentq_finds(w: float, size: float, smoothing: floa
     assert 0 <= count <= ITERATION_BOUND
 
     def residual(x: float) -> float:
-        return float(x + a * friction.smoothed(x, sigma, stribeck) - abs(w))
+        return float(x + a * friction.smoothed_coefficient(x, sigma, stribeck) - abs(w))
 
     expected = brentq(residual, 0.0, abs(w), xtol=1e-300, rtol=1e-15, maxiter=2000) if w else 0.0
     assert abs(v) == pytest.approx(expected, rel=1e-11, abs=max(2e-15 * abs(w), 1e-150))

@@ -23,7 +23,7 @@ def truth(system, t0, state, at):
     def rates(t, y):
         engine = equations.engine_torque(t, terms.mean_torque, terms.torque, terms.harmonics)
         load = equations.saturation_torque(t, terms.mean_load, terms.pulsation)
-        torque = load * friction.smoothed(y[0], terms.smoothing, terms.stribeck)
+        torque = load * friction.smoothed_coefficient(y[0], terms.smoothing, terms.stribeck)
         slip, plate = equations.accelerations(y[1], y[2], engine, torque, terms.linear)
         return [slip, y[2], plate]
 

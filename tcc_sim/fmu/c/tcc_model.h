@@ -521,7 +521,7 @@ static void tcc_outputs(tcc_model *m)
     x[at_flywheel_angle] = m->state[3];
     x[at_flywheel_speed] = v + m->state[2];
     x[at_applied_engine_torque] = torques._0;
-    x[at_friction_torque] = torques._1 * tcc_smoothed(v, s->smoothing, s->stribeck);
+    x[at_friction_torque] = torques._1 * tcc_smoothed_coefficient(v, s->smoothing, s->stribeck);
     x[at_stick_slip_state] = fabs(v) <= m->stick_speed ? 0.0 : v > 0.0 ? 1.0 : -1.0;
     x[at_shaft_torque] = x[at_driveline_damping] * (m->state[2] - x[at_output_speed])
         + x[at_driveline_stiffness] * (m->state[1] - m->around.far_angle);

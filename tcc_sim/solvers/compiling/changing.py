@@ -27,8 +27,8 @@ class Causes(dict[int, Any]):
 class Changing:
     """A number and a row of what it changes by, one lane for each cause; no row where it does not change.
 
-    A text run on such numbers is differentiated by running it: the rules are those of sums, products and quotients
-    (forward mode; A. Griewank and A. Walther, Evaluating Derivatives, SIAM 2008, Section 3.1).
+    A staged function run on such numbers is differentiated by running it: the rules are those of sums, products and
+    quotients (forward mode; A. Griewank and A. Walther, Evaluating Derivatives, SIAM 2008, Section 3.1).
     """
 
     def __init__(self, value: Any, change: Any = None) -> None:

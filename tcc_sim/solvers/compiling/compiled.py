@@ -266,7 +266,7 @@ def fast(function: Function) -> Function:
     return compiled(function, fastmath={"contract"})
 
 
-smoothed = compiled(friction.smoothed)
+smoothed_coefficient = compiled(friction.smoothed_coefficient)
 smoothed_and_slope = compiled(friction.smoothed_and_slope)
 engine_torque = compiled(equations.engine_torque)
 saturation_torque = compiled(equations.saturation_torque)

@@ -26,18 +26,18 @@ def registered(function: FunctionType, options: dict[str, Any], **how: Any) -> A
 
 
 @typeof_impl.register(Unrolled)  # type: ignore[untyped-decorator]
-def _(text: Unrolled, _context: Any) -> Any:
-    return _typed(text)
+def _(staged: Unrolled, _context: Any) -> Any:
+    return _typed(staged)
 
 
 @cache
-def _typed(text: Unrolled) -> Any:
-    """The type of a text that is run while compiling."""
+def _typed(staged: Unrolled) -> Any:
+    """The type of a staged function, which is run while compiling."""
     class Template(AbstractTemplate):  # type: ignore[misc]
-        key = text
+        key = staged
 
         def generic(self, kinds: Any, _names: Any) -> Any:
             return signature(types.void, *kinds)
 
-    lower_builtin(text, types.VarArg(types.Any))(text.write)
+    lower_builtin(staged, types.VarArg(types.Any))(staged.write)
     return types.Function(Template)

@@ -1,9 +1,9 @@
 """Straight-line machine code from ordinary Python, which runs once while compiling, on names instead of numbers.
 
 A recurrence to order 20 is a thousand products and sums. As loops they cost three times as much, for each waits for
-indices and memory; written out as Python source they take many seconds to compile. Here the Python text is run by the
-compiler: every operation on a `Name` leaves one instruction, loops and branches leave none. With plain numbers the same
-text computes the same thing, which is how it is tested.
+indices and memory; written out as Python source they take many seconds to compile. Here a staged function is run by the
+compiler: every operation on a `Name` leaves one instruction, loops and branches leave none. With plain numbers it
+computes the same thing, which is how it is tested.
 """
 
 from __future__ import annotations
@@ -236,7 +236,7 @@ def _items(builder: Any, value: Any) -> list[Any]:
 
 
 def _named(context: Any, builder: Any, kind: Any, argument: Any) -> Any:
-    """An argument as the staged text sees it: None, tuples and whole arrays keep their shape."""
+    """An argument as the staged function sees it: None, tuples and whole arrays keep their shape."""
     if kind.name == "none":
         return None
     if hasattr(kind, "types"):
@@ -247,13 +247,13 @@ def _named(context: Any, builder: Any, kind: Any, argument: Any) -> Any:
 
 
 class Unrolled:
-    """What stands for a text in compiled functions; `linked` says what calling it means."""
+    """What stands for a staged function in compiled functions; `linked` says what calling it means."""
 
-    def __init__(self, text: Callable[..., Any]) -> None:
-        self.py_func = text
+    def __init__(self, staged: Callable[..., Any]) -> None:
+        self.py_func = staged
 
     def write(self, context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        """Run the text, which writes the code."""
+        """Run the staged function, which writes the code."""
         names = [_named(context, builder, k, a) for k, a in zip(signature.args[1:], arguments[1:])]
         end = builder.append_basic_block("reached")
         for k in self.py_func(*names) or ():
@@ -266,13 +266,13 @@ class Unrolled:
         return context.get_dummy_value()
 
 
-def unrolled(text: Callable[..., Any]) -> Callable[..., None]:
-    """The compiled form of `text`, to be called from compiled functions, with the order before its own arguments.
+def unrolled(staged: Callable[..., Any]) -> Callable[..., None]:
+    """The compiled form of `staged`, to be called from compiled functions, with the order before its own arguments.
 
     Parameters
     ----------
-    text : a generator function of floats, tuples, None and arrays, that yields k where coefficients up to order k are
+    staged : a generator function of floats, tuples, None and arrays, that yields k where coefficients up to order k are
         written: the code ends at the first yield with k at or above the order asked for. Or an ordinary function, whose
         order is ignored.
     """
-    return cast(Callable[..., None], Unrolled(text))
+    return cast(Callable[..., None], Unrolled(staged))

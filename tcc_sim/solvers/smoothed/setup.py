@@ -113,7 +113,7 @@ def limits_of(terms: Terms, own: Terms, period: float, rtol: float, excess: floa
     creep_speed, peak = friction.peak(sigma, own.stribeck)
     if not math.isfinite(creep_speed):
         creep_speed = math.atanh(1.0 - FLAT_PEAK) / sigma
-        peak = float(friction.smoothed(creep_speed, sigma, own.stribeck))
+        peak = float(friction.smoothed_coefficient(creep_speed, sigma, own.stribeck))
     layer = max(min(0.5 * math.log(2.0 / (TANH_LEFT_OUT * rtol)), 19.0) / sigma, 1.01 * stick_speed)
     pairs = friction.exponentials(stribeck)
     far = max([layer, *(far_of(max(abs(share), excess), rate, rtol, layer) for share, rate in pairs)])
