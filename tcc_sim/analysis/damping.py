@@ -71,7 +71,7 @@ def damping_of_cycles(system: System, cycles: Cycles, first: int, period: int) -
 def _integrated(system: System, section: Floats, number: int, integrals: Floats) -> bool:
     """Add the integrals over one cycle of dT/dv v^2, v^2 and min(dT/dv, 0); False where it cannot be solved."""
     if system.friction.law == "smoothed":
-        from tcc_sim.solvers.smoothed.stroboscopic import slope_integrals
+        from tcc_sim.solvers.stroboscopic import slope_integrals
         try:
             integrals += slope_integrals(system, section, number, DEFAULTS.rtol)
         except NumericalFailure:

@@ -15,8 +15,9 @@ from tcc_sim.errors import InputError
 from tcc_sim.model.elements import list_of
 from tcc_sim.model.parameters import DEFAULTS, System, replace, unknown_key, values_of
 from tcc_sim.model.sines import common_cycles
-from tcc_sim.solvers.event_driven.margins import ARRIVAL, GRADIENT, GRAZING, GROWS, STUCK, VALUE
-from tcc_sim.solvers.stroboscopic import SCALES, Prepared, Stroboscopic, prepared
+from tcc_sim.solvers.engine import GRADIENT, GROWS, SCALES, VALUE
+from tcc_sim.solvers.event_driven.margins import ARRIVAL, GRAZING, STUCK
+from tcc_sim.solvers.stroboscopic import Prepared, Stroboscopic
 from tcc_sim.sweeps.steady_state import settled_from_start
 from tcc_sim.trajectory import Cycles
 
@@ -50,7 +51,7 @@ class DrivelineMap:
         self._last: tuple[Any, Stroboscopic] | None = None
         if self.piecewise:
             # What has no derivatives is refused before it is followed.
-            prepared(system, self.keys, tolerance)
+            Prepared(system, self.keys, tolerance)
 
     @cached_property
     def coarse(self) -> DrivelineMap:
@@ -90,7 +91,7 @@ class DrivelineMap:
     def _prepare(self, values: Values) -> Prepared:
         """The system at these values, ready to be evaluated at many states."""
         if self._prepared is None or self._prepared[0] != values:
-            self._prepared = values, prepared(self.system_at(values), self.keys, self.tolerance)
+            self._prepared = values, Prepared(self.system_at(values), self.keys, self.tolerance)
         return self._prepared[1]
 
     def _each(self, states: Floats, values: Values, firsts: Sequence[float],

@@ -21,7 +21,8 @@ from tcc_sim.model import friction
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.solvers import solve
-from tcc_sim.solvers.stroboscopic import SCALES, prepared
+from tcc_sim.solvers.engine import SCALES
+from tcc_sim.solvers.stroboscopic import Prepared
 from tcc_sim.solvers.terms import Terms, excitation_frequency, stick_speed_of, terms_of
 from tcc_sim.sweeps.steady_state import settled_from_start
 from tcc_sim.trajectory import Floats
@@ -283,7 +284,7 @@ def halved(motion: Periodic) -> Periodic:
 
 def _parts(system: System, period: int, state: Floats, count: int = DEFAULTS.parts) -> tuple[list[Part], Floats]:
     """The parts from `state` on, so many a cycle, and the state at their end."""
-    of = prepared(system, (PRESSURE, TORQUE), DEFAULTS.rtol)
+    of = Prepared(system, (PRESSURE, TORQUE), DEFAULTS.rtol)
     parts = []
     for cycle in range(period):
         for i in range(count):

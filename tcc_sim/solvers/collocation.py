@@ -63,12 +63,13 @@ FROM_ANGLE, FROM_SPEED, FROM_MEAN, FROM_WAVES = 0, 1, 2, 3
 
 class Tables(NamedTuple):
     """Of one system, longest step first: arrays of RUNG (levels,), SOURCE (levels, FROM_WAVES + 2 waves), TURN
-    (levels,).
+    (levels,); and `Response.torque`, where derivatives are asked for.
     """
 
     rungs: NDArray[Any]
     sources: NDArray[Any]
     turns: NDArray[Any]
+    torque: NDArray[Any] | None = None
 
 
 class Response(NamedTuple):

@@ -24,8 +24,10 @@ from tcc_sim.solvers.problem import LEAST_REST, Problem, assemble
 from tcc_sim.solvers.series import ANGLE, FLYWHEEL, SLIP, SPEED
 from tcc_sim.trajectory import Cycles, Floats, Statistics, Status, Trajectory, Transitions
 
-DONE, FULL, STEP_LIMIT, STEP_TOO_SMALL, EVENT_LIMIT, NOT_FINITE = range(6)
-"""How a call of an engine's loop ends: at the end, to go on with room for transitions, or with a failure."""
+DONE, FULL, STEP_LIMIT, STEP_TOO_SMALL, EVENT_LIMIT, NOT_FINITE, DEGENERATE = range(7)
+"""How a call of an engine's loop ends: at the end, to go on with room for transitions, or with a failure, the last one
+of which is that of derivatives where slip ends with v' = 0.
+"""
 STATUSES = {DONE: Status.DONE, STEP_LIMIT: Status.STEP_LIMIT, STEP_TOO_SMALL: Status.STEP_TOO_SMALL,
             EVENT_LIMIT: Status.EVENT_LIMIT, NOT_FINITE: Status.NOT_FINITE}
 
@@ -36,10 +38,10 @@ CYCLE = np.dtype([("slip_speed", np.float64), ("plate_angle", np.float64), ("pla
 MOVE = np.dtype([("time", np.float64), ("before", np.int64), ("after", np.int64)])
 """A transition: seconds since the start of cycle 0, mode before and after."""
 
-OUTPUT = np.dtype([("cycle", np.int64), ("samples", np.int64), ("moves", np.int64), ("mode", np.int64),
-                   ("highest", np.float64), ("lowest", np.float64), ("stick_time", np.float64)])
-"""How far the output is: whole cycles, samples and transitions kept; the mode now; what the cycle has come to so
-far.
+OUTPUT = np.dtype([("started", np.int64), ("cycle", np.int64), ("samples", np.int64), ("moves", np.int64),
+                   ("mode", np.int64), ("highest", np.float64), ("lowest", np.float64), ("stick_time", np.float64)])
+"""How far the output is: whether the run has started; whole cycles, samples and transitions kept; the mode now; what
+the cycle has come to so far.
 """
 
 MOVES = 65536
@@ -59,21 +61,18 @@ class Store(NamedTuple):
 
 
 class _Scratch(threading.local):
-    """Where the transitions of a thread's solves go, one after the other: to ask for it anew costs more than a short
-    solve.
+    """What a thread's solves work in, one after the other: to ask for it anew costs more than a short solve.
+
+    moves : where transitions are kept
+    memories : an engine's memory by its name, and all of that as bytes
     """
 
-    moves = np.empty(0, MOVE)
+    def __init__(self) -> None:
+        self.moves = np.empty(0, MOVE)
+        self.memories: dict[str, tuple[NDArray[np.uint8], Any]] = {}
 
 
-_scratch = _Scratch()
-
-
-def room_for_moves(count: int) -> NDArray[Any]:
-    """Where so many transitions fit, until the thread's next solve."""
-    if len(_scratch.moves) < count:
-        _scratch.moves = np.empty(count, MOVE)
-    return _scratch.moves[:count]
+scratch = _Scratch()
 
 
 def transitions_of(found: list[NDArray[Any]]) -> Transitions:
@@ -82,6 +81,13 @@ def transitions_of(found: list[NDArray[Any]]) -> Transitions:
         return Transitions.none()
     moves = found[0] if len(found) == 1 else np.concatenate(found)
     return Transitions(moves["time"].copy(), moves["before"].astype(np.int8), moves["after"].astype(np.int8))
+
+
+@fast
+def begin_output(output: Any, slip_speed: float, mode: int) -> None:
+    """Nothing is kept yet of a run that starts now."""
+    output.started, output.cycle, output.samples, output.moves, output.mode = 1, 0, 0, 0, mode
+    output.highest, output.lowest, output.stick_time = slip_speed, slip_speed, 0.0
 
 
 @fast
@@ -265,18 +271,22 @@ class Kept:
         self.cycles[0, :3] = problem.state.numbers
         self.loads = room_for_loads(problem)
         self.moves: list[NDArray[Any]] = []
+        if len(scratch.moves) < MOVES + more:
+            scratch.moves = np.empty(MOVES + more, MOVE)
         self.store = Store(self.cycles.view(CYCLE)[:, 0], self.samples, problem.samples_per_cycle,
-                           room_for_moves(MOVES + more), self.loads)
+                           scratch.moves[:MOVES + more], self.loads)
 
-    def run(self, loop: Callable[..., object], *arguments: Any) -> Status:
-        """Call an engine's loop, with the store and whether theta1 is asked for behind its arguments, until it ends."""
+    def run(self, loop: Callable[..., object], *arguments: Any) -> int:
+        """Call an engine's loop, with the store and whether theta1 is asked for behind its arguments, until it ends;
+        how it did.
+        """
         ended, angle = FULL, True if self.problem.flywheel_angle else None
         while ended == FULL:
             self.output["moves"] = 0
             ended, spent = timed(loop, *arguments, self.store, angle)
             self.seconds += spent
             self.moves.append(self.store.moves[:int(self.output["moves"])].copy())
-        return STATUSES[ended]
+        return ended
 
     def trajectory(self, solver: str, status: Status, first: tuple[float, ...], last: tuple[float, ...], tau: float,
                    detail: str, statistics: Statistics, modes: bool = False) -> Trajectory:

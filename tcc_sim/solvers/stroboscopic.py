@@ -4,15 +4,19 @@ many motions in one compiled call.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+import math
+import threading
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from tcc_sim.errors import NumericalFailure
 from tcc_sim.model.parameters import System
-from tcc_sim.solvers.changes import LANES
-from tcc_sim.solvers.compiling.compiled import fast
+from tcc_sim.solvers.changes import ALONG, CHANGES, LANES
+from tcc_sim.solvers.compiling.compiled import Partial
+from tcc_sim.solvers.engine import GRADIENT, PART, EngineShell, Room, Tangent
+from tcc_sim.solvers.kept import CYCLE, DONE, MOVE, STATUSES
 from tcc_sim.solvers.key_derivatives import (
     DECAY,
     EXCESS_RATIO,
@@ -23,12 +27,7 @@ from tcc_sim.solvers.key_derivatives import (
     key_derivatives,
 )
 from tcc_sim.solvers.terms import terms_of
-from tcc_sim.trajectory import NO_ORBITS, Floats, Orbits
-
-SCALES = np.array([10.0, 0.1, 10.0])
-"""Natural sizes of slip speed (rad/s), plate angle (rad) and plate speed (rad/s)."""
-WITHIN = 1.0 - 1e-9
-"""Part of a reach that a motion must be within to end: whoever asks again, with other roundings, finds the same."""
+from tcc_sim.trajectory import NO_ORBITS, Floats, Orbits, event_sequence
 
 
 class Stroboscopic(NamedTuple):
@@ -41,7 +40,7 @@ class Stroboscopic(NamedTuple):
     heights : (N,) the largest |slip speed| of every cycle, rad/s; a part of a cycle counts as one
     heights_derivatives : (N, 3 + P) of `heights`, likewise
     stick_time : s
-    moves : (time in s, mode before, mode after) of each change of mode; only the set-valued law's
+    moves : (time in s, mode before, mode after) of each change of mode
     margins : (3, 2 + 3 + P) rows GRAZING, ARRIVAL, STUCK of `event_driven.margins`: value, whether stick's margin
         grows, derivatives by the state and the keys; inf where there is no such place. None where they were not asked
         for, and under the smoothed law
@@ -67,8 +66,8 @@ class Stroboscopic(NamedTuple):
         return self.derivatives[:, 3:]
 
 
-class Prepared(ABC):
-    """A system with keys, ready to be evaluated at many states.
+class Prepared:
+    """A system with keys, ready to be evaluated at many states by the engine of its friction law.
 
     changes : (len(NUMBERS), P) `key_derivatives`
     terms : the scene's, and those that it has not but that there are derivatives by
@@ -76,13 +75,12 @@ class Prepared(ABC):
     forced : (groups,) a bit for every lane of a key
     shaped : whether alpha or sigma changes with a key
     period, count : engine cycle, s; columns of the derivatives
-    fastest : rate of the fastest sine by whose amplitude there are derivatives, rad/s, 0 for none: no step is longer
-        than its series hold, for the motion need not show it
+    fastest : see `engine.Tangent`
     """
 
-    def __init__(self, system: System, keys: tuple[str, ...]) -> None:
+    def __init__(self, system: System, keys: tuple[str, ...], rtol: float) -> None:
         system.check_repeats("a map of the section")
-        self.changes = key_derivatives(system, keys)
+        self.engine, self.changes = engine_of(system), key_derivatives(system, keys)
         self.period, self.count = system.cycle, 3 + len(keys)
         terms, omega, self.fastest = terms_of(system), system.engine.frequency, 0.0
         if self.changes[TORQUE_AMPLITUDE].any():
@@ -92,32 +90,102 @@ class Prepared(ABC):
             terms, self.fastest = terms._replace(pulsation=pulsation), max(self.fastest, pulsation[1])
         if terms.stribeck is None and self.changes[EXCESS_RATIO].any():
             terms = terms._replace(stribeck=(0.0, system.friction.decay))
-        self.terms = terms
         self.by = np.zeros((-(-self.count // LANES), len(NUMBERS), LANES))
         for k in range(3, self.count):
             self.by[k // LANES, :, k % LANES] = self.changes[:, k - 3]
         self.forced = [(1 << self.count) - 8 >> LANES * k & (1 << LANES) - 1 for k in range(len(self.by))]
         self.shaped = bool(self.changes[[DECAY, SMOOTHING]].any())
+        self.setup = self.engine.setup_of_changes(system, terms, self.changes, rtol)
 
     def over(self, state: Floats, start: float, end: float, margins: bool = False) -> Stroboscopic:
         """From the phase `start` to the phase `end`, in engine cycles; see `stroboscopic_map`."""
-        return self.each(state[None], [start], [end], margins)[0]
+        found, = self.each(state[None], [start], [end], margins)
+        return found
 
-    @abstractmethod
     def each(self, states: Floats, starts: Sequence[float], ends: Sequence[float],
              margins: bool = False) -> list[Stroboscopic]:
-        """`over` for several starts, states (m, 3)."""
+        """`over` for several starts, states (m, 3), by one compiled call; margins are those of the last of them."""
+        room = self.passed(states, starts, ends, margins)
+        count, most = len(states), room.heights.shape[1]
+        by = room.ends[:count].transpose(0, 2, 1, 3).reshape(count, 3, -1)[..., :self.count].copy()
+        heights = room.heights[:count].copy()
+        peaks = room.climbs[:count].reshape(count, most, -1)[..., :self.count].copy()
+        least = room.tangent.margins if margins else None
+        if least is not None:
+            least = least[:, :GRADIENT + self.count].copy()
+        out = []
+        for k, part in enumerate(room.parts[:count].copy()):
+            _, cycles, _, tail, _, state, _, moved, mode, stick_time = part.item()
+            n, moves = cycles + (tail > 0.0), room.moves[k, :moved]
+            out.append(Stroboscopic(
+                state, by[k], event_sequence([*moves["before"][:1].tolist(), *moves["after"].tolist()] or [mode]),
+                heights[k, :n], peaks[k, :n], stick_time, moves.tolist(), least))
+        return out
+
+    def passed(self, states: Floats, starts: Sequence[float], ends: Sequence[float], asked: bool = False) -> Room:
+        """`each`, as the engine leaves it in the room of this thread; `asked` is that of `engine.Tangent`.
+
+        Raises
+        ------
+        NumericalFailure
+            The engine stopped early.
+        """
+        period, count, setup, engine = self.period, len(states), self.setup, self.engine
+        spans = [(math.floor(start), math.floor(end), start, end) for start, end in zip(starts, ends)]
+        most = max([last - first for first, last, _, _ in spans]) + 1
+        room, solve = rooms.of(engine, len(self.by), most, count)
+        tangent = room.tangent
+        tangent.groups["by"], tangent.groups["forced"], tangent.along["shaped"] = self.by, self.forced, self.shaped
+        tangent.shared["fastest"], tangent.shared["asked"] = self.fastest, asked
+        for k, (first, last, start, end) in enumerate(spans):
+            room.parts[k] = (first, last - first, (start - first) * period, (end - last) * period,
+                             engine.steps_of_changes(setup, last - first + 1), states[k], DONE, 0, 0, 0.0)
+        solve(count, setup)
+        for k, status in enumerate(room.parts["status"][:count].tolist()):
+            if status != DONE:
+                why = engine.why(setup, status) or STATUSES[status].value
+                raise NumericalFailure(f"{engine.name}: {why} after phase {starts[k]:g} of the engine cycle")
+        return room
 
 
-def prepared(system: System, keys: tuple[str, ...], rtol: float) -> Prepared:
-    """A system ready to be evaluated at many states, with derivatives by the state and by scene keys."""
+class _Rooms(threading.local):
+    """The room of a thread, used again as long as it is of the kind that is asked for and large enough."""
+
+    def __init__(self) -> None:
+        self.asked: tuple[EngineShell, int, int, int] | None = None
+        self.room: Any = None
+        self.kernel: Any = None
+
+    def of(self, engine: EngineShell, groups: int, most: int, count: int) -> tuple[Room, Partial]:
+        """Room for so many groups of lanes, cycles in a part, and parts; and the kernel with it."""
+        if self.asked is not None and self.asked[:2] == (engine, groups):
+            if most <= self.asked[2] and count <= self.asked[3]:
+                return self.room, self.kernel
+            most, count = max(most, self.asked[2]), max(count, self.asked[3])
+        tangent = Tangent(np.zeros(groups, CHANGES), np.zeros(1, ALONG)[0], np.zeros(1, engine.shared)[0],
+                          np.zeros((most, groups, LANES)),
+                          np.zeros((3, GRADIENT + groups * LANES)) if engine.columns else None)
+        self.asked = engine, groups, most, count
+        self.room = Room(np.zeros(count, PART), np.zeros((count, engine.moves * most), MOVE),
+                         np.empty((count, groups, 3, LANES)), np.empty((count, most)),
+                         np.empty((count, most, groups, LANES)), tangent, engine.memory()[1],
+                         np.zeros(most + 1, CYCLE), np.empty((0, engine.columns or 3)))
+        self.kernel = Partial(engine.parts, self.room)
+        return self.room, self.kernel
+
+
+rooms = _Rooms()
+
+
+def engine_of(system: System) -> EngineShell:
+    """The engine of a system's friction law; the other one is not loaded."""
     if system.friction.law == "set_valued":
-        from tcc_sim.solvers.event_driven import stroboscopic as event_driven
+        from tcc_sim.solvers.event_driven import solve as exact
 
-        return event_driven.SetValued(system, keys, rtol)
-    from tcc_sim.solvers.smoothed import stroboscopic as smoothed
+        return exact.ENGINE
+    from tcc_sim.solvers.smoothed import solve as smooth
 
-    return smoothed.Smoothed(system, keys, rtol)
+    return smooth.ENGINE
 
 
 def stroboscopic_map(system: System, state: Floats, cycles: float, *, start_cycle: float = 0, rtol: float = 1e-12,
@@ -139,29 +207,7 @@ def stroboscopic_map(system: System, state: Floats, cycles: float, *, start_cycl
     NumericalFailure
         The engine stopped early, the state is not finite, or has no derivative.
     """
-    return prepared(system, tuple(parameters), rtol).over(state, start_cycle, start_cycle + cycles, margins)
-
-
-@fast
-def within_reach(point: Any, k: int, orbits: Orbits) -> bool:
-    """Whether a section point is within the reach of that of an orbit."""
-    slip_speed = point[0] / SCALES[0] - orbits.points[k, 0]
-    plate_angle = point[1] / SCALES[1] - orbits.points[k, 1]
-    plate_speed = point[2] / SCALES[2] - orbits.points[k, 2]
-    square = slip_speed * slip_speed + plate_angle * plate_angle + plate_speed * plate_speed
-    return bool(square <= WITHIN * orbits.reach[k])
-
-
-@fast
-def ends(section: Any, since: int, until: int, output: Any, first: int, cycles: Any, orbits: Orbits) -> bool:
-    """Take the points of a motion after cycle `since`; whether it ends there, as where it did not come to `until`."""
-    for i in range(since + 1, output.cycle + 1):
-        section[i, 0], section[i, 1], section[i, 2] = cycles[i].slip_speed, cycles[i].plate_angle, cycles[i].plate_speed
-        for k in range(orbits.reach.shape[0]):
-            if ((first + i - 1 - orbits.cycle[k]) % orbits.forcing == 0 and within_reach(section[i - 1], k, orbits)
-                    and within_reach(section[i], orbits.following[k], orbits)):
-                return True
-    return bool(output.cycle < until)
+    return Prepared(system, tuple(parameters), rtol).over(state, start_cycle, start_cycle + cycles, margins)
 
 
 def sections(system: System, starts: Floats, first: int, cycles: int, rtol: float,
@@ -179,11 +225,21 @@ def sections(system: System, starts: Floats, first: int, cycles: int, rtol: floa
     Section points, NaN from where a motion ended or could not be solved further. The interpreter's lock is free
     meanwhile.
     """
-    if system.friction.law == "set_valued":
-        from tcc_sim.solvers.event_driven.solve import fill_sections
-    else:
-        from tcc_sim.solvers.smoothed.solve import fill_sections
     out = np.full((len(starts), cycles + 1, 3), np.nan)
     out[:, 0] = starts
-    fill_sections(out, system, first, rtol, orbits)
+    engine_of(system).fill_sections(out, system, first, rtol, orbits)
     return out
+
+
+def slope_integrals(system: System, state: Floats, cycle: int, rtol: float) -> Floats:
+    """The integrals over engine cycle number `cycle` of dT/dv v^2, v^2 and min(dT/dv, 0), (3,), by quadrature on the
+    polynomials of the steps; see (21). Only of the smoothed law.
+
+    Raises
+    ------
+    NumericalFailure
+        The engine stopped early.
+    """
+    room = Prepared(system, (), rtol).passed(state[None], [cycle], [cycle + 1], asked=True)
+    found: Floats = room.tangent.shared["slopes"].copy()
+    return found

@@ -26,7 +26,7 @@ from tcc_sim.model.parameters import System
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.result import Described, reported
 from tcc_sim.solvers import solve
-from tcc_sim.solvers.stroboscopic import prepared
+from tcc_sim.solvers.stroboscopic import Prepared
 from tcc_sim.solvers.terms import Terms, natural_frequency, terms_of
 from tcc_sim.sweeps.settings import DEFAULTS
 from tcc_sim.trajectory import Cycles, Floats, State, Status, concatenated
@@ -188,7 +188,7 @@ def floquet_exponent(system: System, state: Floats, first: int, period: int) -> 
 def mapped(system: System, state: Floats, first: int, cycles: int, tolerance: float) -> tuple[Floats, Floats]:
     """The state after some engine cycles and the tangent map of the way, (3, 3); NaN where the steps fail."""
     try:
-        found = prepared(system, (), tolerance).over(state, first, first + cycles)
+        found = Prepared(system, (), tolerance).over(state, first, first + cycles)
     except NumericalFailure:
         return np.full(3, math.nan), np.full((3, 3), math.nan)
     return found.state, found.derivative
@@ -218,7 +218,7 @@ def tangent_growth(system: System, state: Floats, first: int, cycles: int) -> tu
     growth, difference = np.full(cycles, np.nan), np.full(cycles // every, np.nan)
     i1, i2, _, stiffness = terms_of(system).linear
     energy = np.sqrt(np.array([[i1, 0.0, i1], [0.0, 0.0, i2], [0.0, stiffness, 0.0]]))
-    fine, coarse = (prepared(system, (), tolerance) for tolerance in (DEFAULTS.fine, DEFAULTS.coarse))
+    fine, coarse = (Prepared(system, (), tolerance) for tolerance in (DEFAULTS.fine, DEFAULTS.coarse))
     vector = FIRST  # Its growth is among those that the caller leaves out.
     for begin in range(0, cycles, DEFAULTS.together):
         count = min(DEFAULTS.together, cycles - begin)

@@ -10,9 +10,9 @@ from scipy.optimize import brentq
 from tcc_sim.model import pure_slip
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import Status, solve
-from tcc_sim.solvers.event_driven.step import SHAPE, monotone
+from tcc_sim.solvers.event_driven.step import monotone
 from tcc_sim.solvers.polynomial import variation
-from tcc_sim.solvers.series import SLIP
+from tcc_sim.solvers.series import COLUMNS, ROWS, SLIP
 
 BASE = replace(System(), {"friction.law": "set_valued", "friction.kinetic_coefficient": 0.3, "pressure.mean": 225e3,
                           "pressure.amplitude": 0.0, "engine.frequency": 150.0, "initial.slip_speed": 10.0})
@@ -89,7 +89,7 @@ def test_a_duration_ends_exactly_and_free_of_load_it_coasts():
 def test_what_is_called_monotone_is():
     random, found = np.random.default_rng(2), 0
     for _ in range(300):
-        rows = np.zeros(SHAPE)
+        rows = np.zeros((ROWS, COLUMNS))
         rows[SLIP, :9] = random.normal(size=9) * 0.5 ** np.arange(9)
         x = float(random.uniform(0.05, 1.5))
         if monotone(rows, 8, x, variation(rows, SLIP, 8, x)):

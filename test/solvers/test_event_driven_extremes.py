@@ -78,7 +78,8 @@ def test_near_grazing_breakaway(offset):
 
 def test_chattering_ends_with_a_sentence(monkeypatch):
     from tcc_sim.solvers.event_driven import solve as event_driven
-    monkeypatch.setattr(event_driven, "event_limit", lambda terms, cycle: 3)
+    limits_of = event_driven.bounds_of
+    monkeypatch.setattr(event_driven, "bounds_of", lambda *given: limits_of(*given)._replace(events=3))
     system = replace(System(),
                      {"friction.law": "set_valued", "engine.mean_torque": 0.0, "engine.torque_amplitude": 900.0})
     run = solve(system, cycles=50)

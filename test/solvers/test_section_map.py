@@ -10,7 +10,8 @@ from tcc_sim.continuation.motions import ContinuationPlan, check
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.solvers import solve
-from tcc_sim.solvers.event_driven.margins import ARRIVAL, GRADIENT, GRAZING, STUCK, VALUE
+from tcc_sim.solvers.engine import GRADIENT, VALUE
+from tcc_sim.solvers.event_driven.margins import ARRIVAL, GRAZING, STUCK
 from tcc_sim.solvers.stroboscopic import stroboscopic_map
 from tcc_sim.trajectory import State
 

@@ -1,8 +1,4 @@
-"""The loop of the exact engine: from event to event through engine cycles, in one compiled call.
-
-Which mode of the set-valued law (6) holds after slip has ended is decided from torques and their rates, never from the
-sign of a rounded slip speed: in stick v = 0 exactly, and slip begins at v = 0 exactly.
-"""
+"""The loop of the exact engine: from event to event through engine cycles, in one compiled call."""
 
 from __future__ import annotations
 
@@ -12,28 +8,27 @@ from typing import Any
 from tcc_sim.model.equations import Linear
 from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.bernstein import to_bernstein
-from tcc_sim.solvers.collocation import Tables
 from tcc_sim.solvers.compiling.compiled import compiled, fast
-from tcc_sim.solvers.event_driven.setup import UNKNOWN, Bounds, Memory, Setup
-from tcc_sim.solvers.event_driven.step import (
-    BREAKAWAY,
-    LAW_VARIES,
-    NO_EVENT,
-    REST,
-    Step,
-    monotone,
-    slip_arc,
-    stick_arc,
+from tcc_sim.solvers.engine import Memory, Setup
+from tcc_sim.solvers.event_driven.modes import begin, finish, step_on
+from tcc_sim.solvers.event_driven.sensitivity import (
+    carry_event,
+    carry_step,
+    end_changes_of_cycle,
+    resolved_step,
+    start_changes,
 )
-from tcc_sim.solvers.event_driven.stiff_step import FRESH, stiff_arc
-from tcc_sim.solvers.excitation import clamp_edge, excite, load_phase
+from tcc_sim.solvers.event_driven.step import Step, monotone
+from tcc_sim.solvers.excitation import load_phase
 from tcc_sim.solvers.kept import (
+    DEGENERATE,
     DONE,
     EVENT_LIMIT,
     FULL,
     NOT_FINITE,
     STEP_LIMIT,
     Store,
+    begin_output,
     end_cycle,
     end_of_cycle,
     full,
@@ -44,123 +39,10 @@ from tcc_sim.solvers.kept import (
 )
 from tcc_sim.solvers.loads import keep_breakaway, keep_loads
 from tcc_sim.solvers.series import FLYWHEEL, SLIP, add_integral
-from tcc_sim.solvers.terms import Terms
-from tcc_sim.trajectory import FREE, NEGATIVE, POSITIVE, STICK
+from tcc_sim.trajectory import STICK
 
 AHEAD = 0.6
 """Longest step, in engine cycles: it meets the end of one cycle at most."""
-
-
-@fast
-def mode_at_rest(plate_angle: float, plate_speed: float, drive: Any, ratio: float, tolerance: float,
-                 linear: Linear) -> int:
-    """The mode that follows v = 0 under load: stick where |lambda| <= r Ts, else slip in the direction of lambda.
-
-    Within `tolerance` (N m) of breakaway the rate of the margin decides: stick if it grows.
-    """
-    flywheel, plate, damping, stiffness = linear
-    both = flywheel + plate
-    spring = damping * plate_speed + stiffness * plate_angle
-    torque = (plate * drive.torque + flywheel * spring) / both
-    margin = ratio * drive.load - abs(torque)
-    if margin > tolerance:
-        return STICK
-    direction = POSITIVE if torque > 0.0 else NEGATIVE
-    if margin < -tolerance:
-        return direction
-    acceleration = (drive.torque - spring) / both
-    torque_rate = (plate * drive.torque_rate + flywheel * (damping * acceleration + stiffness * plate_speed)) / both
-    growth = ratio * drive.load_rate - (torque_rate if torque > 0.0 else -torque_rate)
-    return STICK if growth >= 0.0 else direction
-
-
-@fast
-def mode_of(slip_speed: float, loaded: bool, plate_angle: float, plate_speed: float, drive: Any, ratio: float,
-            tolerance: float, linear: Linear) -> int:
-    """The mode of a state where a run starts, or where the load sets in or ends."""
-    if not loaded:
-        return FREE
-    if slip_speed != 0.0:
-        return POSITIVE if slip_speed > 0.0 else NEGATIVE
-    return int(mode_at_rest(plate_angle, plate_speed, drive, ratio, tolerance, linear))
-
-
-@fast
-def begin(bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any) -> None:
-    """The mode in which a state moves on, from the torques and their rates there; and when the clamp next acts."""
-    state.load_edge = math.inf
-    state.level = FRESH
-    loaded = terms.mean_load > 0.0
-    if bounds.clamped:
-        state.load_edge, loaded = clamp_edge(state.tau, math.inf, state.shift, terms.mean_load, terms.pulsation,
-                                             None)
-    excite(state.tau, state.shift, loaded, terms.mean_torque, waves, terms.mean_load, terms.pulsation, None, drive)
-    state.mode = mode_of(state.slip_speed, loaded, state.plate_angle, state.plate_speed, drive, bounds.ratio,
-                         bounds.torque_tolerance, terms.linear)
-    state.at_rest = 1 if state.slip_speed == 0.0 and state.mode != FREE else 0
-
-
-@fast
-def step_on(bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any, goal: float, work: Any,
-            tables: Tables | None) -> Step:
-    """The next step, at most to `goal` (s into the cycle) or to where the clamp acts; the state stays where it is."""
-    remaining = min(goal, state.load_edge) - state.tau
-    excite(state.tau, state.shift, state.mode != FREE, terms.mean_torque, waves, terms.mean_load, terms.pulsation,
-           None, drive)
-    rows, workspace = work.rows, work.bernstein
-    if tables is not None:  # noqa: SIM102 (Numba leaves out what None rules out only where it is a test of its own)
-        if (bounds.stiff_stick and state.mode == STICK) or (bounds.stiff_slip and state.mode != STICK):
-            if state.level >= 0:
-                step = stiff_arc(bounds, terms, waves, state, drive, remaining, tables, work.stages)
-                if step.degree > 0:
-                    return step
-                state.level = FRESH
-            state.level += 1
-    if state.mode == STICK:
-        return stick_arc(bounds, terms.linear, terms.mean_torque, waves, terms.mean_load, terms.pulsation, state, drive,
-                         remaining, rows, workspace)
-    return slip_arc(bounds, terms.linear, terms.mean_torque, waves, terms.mean_load, terms.pulsation, terms.stribeck,
-                    state, drive, remaining, rows, workspace)
-
-
-@fast
-def finish(bounds: Bounds, terms: Terms, waves: Any, step: Step, goal: float, state: Any, drive: Any, rows: Any,
-           angle: Any) -> bool:
-    """Bring the state to the end of a step and decide the mode that follows; True where it may be another one."""
-    until = min(goal, state.load_edge)
-    full = step.event == NO_EVENT and step.x * step.unit >= (until - state.tau) * (1.0 - 1e-13)
-    if step.x > 0.0:
-        slip_speed, state.plate_angle, state.plate_speed = polynomial.values(rows, step.degree, step.x)
-        if angle is not None:
-            state.flywheel_angle = polynomial.value(rows, FLYWHEEL, step.degree, step.x)
-        if state.mode != STICK:
-            state.slip_speed = slip_speed
-            state.at_rest = 0
-    state.tau = until if full else state.tau + step.x * step.unit
-    if abs(state.plate_speed) < 1e-26 * bounds.speed_scale:
-        # An arc that has died down: products of what is left would be denormal, and slow.
-        state.plate_speed = 0.0
-    if step.event != NO_EVENT or state.load_edge <= state.tau:
-        state.level = FRESH
-    if step.event == BREAKAWAY:
-        state.mode = step.direction
-        state.at_rest = 1
-        return True
-    if state.load_edge <= state.tau:
-        if abs(state.slip_speed) <= bounds.slip_tolerance:
-            state.slip_speed = 0.0
-        begin(bounds, terms, waves, state, drive)
-        return True
-    stopped = (state.mode == POSITIVE and state.slip_speed <= 0.0) or (state.mode == NEGATIVE
-                                                                       and state.slip_speed >= 0.0)
-    if step.event == REST or (stopped and state.at_rest == 0 and step.event != LAW_VARIES):
-        state.slip_speed = 0.0
-        excite(state.tau, state.shift, True, terms.mean_torque, waves, terms.mean_load, terms.pulsation, None, drive)
-        state.mode = mode_at_rest(state.plate_angle, state.plate_speed, drive, bounds.ratio, bounds.torque_tolerance,
-                                  terms.linear)
-        state.at_rest = 1
-        return True
-    return False
 
 
 @fast
@@ -213,40 +95,63 @@ def keep_slip(step: Step, cut: float, rows: Any, output: Any, cycles: Any, moves
         keep_cycle(rows, step.degree, step.x, cut, 0.0, output, cycles, workspace)
 
 
+@fast
+def start(first: int, setup: Setup, memory: Memory, tangent: Any) -> None:
+    """Set up all but the state, where a motion starts."""
+    bounds, terms, ratio, waves, _ = setup
+    state, _, drive, _, counters, output = memory
+    counters.steps, counters.cycle, counters.cycle_steps, counters.cycle_events = 0, 0, 0, 0
+    state.shift = load_phase(ratio, terms.pulsation, first)
+    begin(bounds, terms, waves, state, drive)
+    state.first_mode = state.mode
+    begin_output(output, state.slip_speed, state.mode)
+    if tangent is not None:
+        start_changes(state, output, tangent)
+
+
 @compiled
-def integrate(first: int, whole: int, rest: float, step_limit: int, setup: Setup, memory: Memory, store: Store,
-              angle: Any) -> int:
+def integrate(first: int, whole: int, rest: float, step_limit: int, setup: Setup, memory: Memory, tangent: Any,
+              store: Store, angle: Any) -> int:
     """Solve engine cycles from number `first` on: `whole` of them, and then `rest` seconds.
 
-    Goes on where `memory` is; returns how it ended. `angle` is None where theta1 is not asked for.
+    Starts from the state, or goes on where `memory` is; returns how it ended. `tangent` and `angle` are None where
+    derivatives and theta1 are not asked for. With derivatives steps end at the ends of cycles.
     """
-    bounds, terms, waves, ratio, event_limit = setup
-    state, drive, counters, output, work = memory
+    bounds, terms, ratio, waves, tables = setup
+    state, _, drive, work, counters, output = memory
     rows, workspace = work.rows, work.bernstein
     period = bounds.period
     all_cycles = whole + (1 if rest > 0.0 else 0)
+    if output.started == 0:
+        start(first, setup, memory, tangent)
     while output.cycle < all_cycles:
         n = output.cycle
         if counters.cycle != n:
             counters.cycle = n
             counters.cycle_steps = 0
             counters.cycle_events = 0
-        if state.mode == UNKNOWN:
-            state.shift = load_phase(ratio, terms.pulsation, first + n)
-            begin(bounds, terms, waves, state, drive)
-            state.first_mode = state.mode
         goal = rest if n == whole else period if n == whole - 1 else state.tau + AHEAD * period
         mode, tau = state.mode, state.tau
-        step = step_on(bounds, terms, waves, state, drive, goal, work, work.tables)
+        if tangent is None:
+            step = step_on(bounds, terms, waves, state, drive, goal, work, tables)
+        else:
+            step, goal = resolved_step(rest if n == whole else period, setup, memory, tangent)
         if not step.x >= 0.0:
             return NOT_FINITE
         if angle is not None:
             rows[FLYWHEEL, 0] = state.flywheel_angle
             add_integral(rows, step.degree, step.unit)
+        if tangent is not None and step.x > 0.0:
+            carry_step(step, setup, memory, tangent)
         event = finish(bounds, terms, waves, step, goal, state, drive, rows, angle)
         if not abs(state.slip_speed) + abs(state.plate_angle) + abs(state.plate_speed) < math.inf:
             return NOT_FINITE
-        if step.x > 0.0:
+        if tangent is not None:
+            if event and step.x > 0.0 and not carry_event(mode, step, setup, memory, tangent):
+                return DEGENERATE
+            if state.tau >= period:
+                end_changes_of_cycle(state, output, tangent, store.cycles)
+        elif step.x > 0.0:
             keep(step, mode, tau, state.tau, period, terms.linear, rows, output, store, angle, workspace)
         if event and state.mode != mode:
             note_move((first + n) * period + state.tau, mode, state.mode, output, store.moves)
@@ -260,12 +165,12 @@ def integrate(first: int, whole: int, rest: float, step_limit: int, setup: Setup
         counters.cycle_steps += 1
         if event:
             counters.cycle_events += 1
-            if counters.cycle_events >= event_limit:
+            if counters.cycle_events >= bounds.events:
                 return EVENT_LIMIT
         if n == whole and state.tau >= rest:
             break
         if counters.cycle_steps >= step_limit:
             return STEP_LIMIT
-        if output.cycle > n and full(store.moves, output.moves + event_limit + 1):
+        if tangent is None and output.cycle > n and full(store.moves, output.moves + bounds.events + 1):
             return FULL
     return DONE

@@ -26,6 +26,7 @@ from tcc_sim.solvers.changes import LANES, OF_ENGINE, OF_LOAD, changed_at, linea
 from tcc_sim.solvers.compiling.changing import Changing
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.compiling.unrolled import unrolled
+from tcc_sim.solvers.engine import GRADIENT, GROWS, VALUE
 from tcc_sim.solvers.event_driven.step import DOWNWARD, UPWARD, Step
 from tcc_sim.solvers.excitation import Pulsation
 from tcc_sim.solvers.series import SLIP
@@ -34,8 +35,6 @@ from tcc_sim.trajectory import FREE, STICK
 GRAZING, ARRIVAL, STUCK = range(3)
 """Rows of margins: |v| at its smallest extremum in slip, rad/s; r Ts + sgn(v) lambda where slip ends, N m (negative
 where slip goes on the other way), the one nearest to 0; r Ts - |lambda| at its smallest minimum in stick, N m."""
-VALUE, GROWS, GRADIENT = 0, 1, 2
-"""Columns of margins: the value; 1 where stick's margin grows at that end of slip; derivatives by the disturbances."""
 
 
 @fast
@@ -86,7 +85,7 @@ def smallest_dip(c: Any, row: int, degree: int, x_end: float, sign: float, below
 
 def arrival_change(out: Any, now: Any, by: Any, angle: Any, speed: Any, engine: Any, load: Any, sines: Any,
                    amplitude: Any, ratio: Any, side: Any, linear: Linear) -> None:
-    """What r Ts + side * lambda changes by at constant phase, lambda in stick's form; text for `unrolled`."""
+    """What r Ts + side * lambda changes by at constant phase, lambda in stick's form; staged function."""
     flywheel, plate, damping, stiffness = linear_of(linear, by)
     sine, load_sine, load_cosine = sines
     spring = damping * Changing(speed, now.row(2)) + stiffness * Changing(angle, now.row(1))

@@ -8,16 +8,34 @@ since mubar(0+) = mu_s/mu_k.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
+
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
-from tcc_sim.solvers.changes import LANES, Rows, carry_slip, changing, linear_of
+from tcc_sim.solvers import polynomial
+from tcc_sim.solvers.changes import (
+    LANES,
+    Rows,
+    carry_slip,
+    changed_at,
+    changing,
+    end_changes,
+    expand_sines,
+    hold_phase,
+    linear_of,
+)
 from tcc_sim.solvers.compiling.changing import Changing
-from tcc_sim.solvers.compiling.compiled import fast
+from tcc_sim.solvers.compiling.compiled import compiled, fast
 from tcc_sim.solvers.compiling.unrolled import unrolled
-from tcc_sim.solvers.event_driven.step import Step, stuck
+from tcc_sim.solvers.engine import VALUE, Memory, Setup, Tangent
+from tcc_sim.solvers.event_driven.margins import note_arrival, note_gradient, note_step, smallest_dip
+from tcc_sim.solvers.event_driven.modes import step_on
+from tcc_sim.solvers.event_driven.setup import Bounds
+from tcc_sim.solvers.event_driven.step import FALLING_ORDER, Step, monotone, stuck
 from tcc_sim.solvers.excitation import Pulsation
 from tcc_sim.solvers.key_derivatives import EXCESS_RATIO
 from tcc_sim.solvers.series import INVERSE, SLIP
@@ -28,6 +46,13 @@ CONVERGED = 1e-10
 """Last terms of the friction's exponential, of its first, up to which its series counts as the exponential."""
 SMALL = 0.02
 """mu_s/mu_k - 1 up to which the motion need not show that exponential, though its derivatives do."""
+LINEAR_REACH, FALLING_REACH = 3.3, 1.6
+"""Rates times length at which the last term of a disturbance's series is 1e-14 of it, to the orders of the two."""
+SHORTER = 0.6
+"""Factor of a step in which the friction's exponential has not converged, though the motion has (mu_k near mu_s)."""
+SHARED = np.dtype([("fastest", np.float64), ("asked", np.int64), ("places", np.float64, 3),
+                   ("room", np.float64, LANES)])
+"""What the lanes share: see `Tangent`, whose margins are the further results; and room to work in."""
 
 
 def changed_stick(rows: Any, changes: Any, now: Any, by: Any, sines: Any, unit: Any, linear: Linear, ratio: Any,
@@ -101,3 +126,140 @@ def land(mode: int, following: int, state: Any, drive: Any, ratio: float, linear
             now[2, lane] += (new_rate - speed_rate) / slip_rate * now[0, lane]
             now[0, lane] *= share
     return True
+
+
+@fast
+def longest_step(bounds: Bounds, linear: Linear, load: float, stribeck: Stribeck, fastest: float, state: Any) -> float:
+    """Length up to which the series of disturbances hold, s, whatever the motion shows of the rates they have."""
+    mode, inertia = state.mode, linear[1]
+    if mode == STICK:
+        inertia += linear[0]
+    rate = max(math.sqrt(linear[3] / inertia) + linear[2] / inertia, fastest)
+    if stribeck is not None and mode != STICK and mode != FREE and abs(state.slip_speed) <= 1.01 * bounds.far:
+        fall = stribeck[1] * abs(stribeck[0]) * math.exp(-stribeck[1] * abs(state.slip_speed))
+        for j in range(2, len(stribeck), 2):
+            fall += stribeck[j + 1] * abs(stribeck[j]) * math.exp(-stribeck[j + 1] * abs(state.slip_speed))
+        return FALLING_REACH / (rate + fall * load * (1.0 / linear[0] + 1.0 / linear[1]))
+    return LINEAR_REACH / rate
+
+
+@fast
+def note_height(mode: int, step: Step, rows: Any, height: float, workspace: Any) -> tuple[float, float, float]:
+    """The largest |slip speed| so far after a step, its place in it, and its sign; place -1 where it lies before."""
+    place, sign = -1.0, 0.0
+    if mode == STICK or abs(rows[SLIP, 0]) + step.reach <= height:
+        return height, place, sign
+    one_way = monotone(rows, step.degree, step.x, step.reach)
+    end = polynomial.value(rows, SLIP, step.degree, step.x)
+    for k in range(2):
+        side = 1.0 - 2.0 * k
+        if mode != FREE and side != mode:
+            continue
+        if not one_way:
+            value, at = smallest_dip(rows, SLIP, step.degree, step.x, -side, -height, workspace)
+            if at > 0.0:
+                height, place, sign = -value, at, side
+        if side * end > height:
+            height, place, sign = side * end, step.x, side
+    return height, place, sign
+
+
+@fast
+def start_changes(state: Any, output: Any, tangent: Tangent) -> None:
+    """Project a start in stick on v = 0, look for the smallest margins anew, and begin a cycle."""
+    groups, margins = tangent.groups, tangent.margins
+    margins[:] = 0.0
+    margins[:, VALUE] = math.inf
+    if state.mode == STICK:
+        for block in range(groups.shape[0]):
+            groups[block].now[0, :] = 0.0
+    start_height(state, output, groups)
+
+
+@fast
+def start_height(state: Any, output: Any, groups: Any) -> None:
+    """The largest |slip speed| of a cycle at its start: `output.highest`, beside which `output.lowest` is nothing."""
+    output.highest, output.lowest = abs(state.slip_speed), 0.0
+    for block in range(groups.shape[0]):
+        for lane in range(LANES):
+            groups[block].peak[lane] = math.copysign(1.0, state.slip_speed) * groups[block].now[0, lane]
+
+
+@fast
+def end_changes_of_cycle(state: Any, output: Any, tangent: Tangent, cycles: Any) -> None:
+    """Keep what a cycle has come to, and begin the next one."""
+    done, groups = cycles[output.cycle], tangent.groups
+    done.highest, done.lowest, done.stick_time = output.highest, output.lowest, output.stick_time
+    for block in range(groups.shape[0]):
+        for lane in range(LANES):
+            tangent.peaks[output.cycle, block, lane] = groups[block].peak[lane]
+    output.cycle += 1
+    output.stick_time = 0.0
+    start_height(state, output, groups)
+
+
+@fast
+def falls_along(step: Step, mode: int, stribeck: Stribeck) -> bool:
+    """Whether the friction coefficient varies in a step."""
+    if stribeck is None:
+        return False
+    return step.degree == FALLING_ORDER and mode != STICK and mode != FREE
+
+
+@compiled
+def resolved_step(until: float, setup: Setup, memory: Memory, tangent: Tangent) -> tuple[Step, float]:
+    """The next step, no longer than the series of disturbances hold, and the time that it was to reach, at most
+    `until`, s into the cycle.
+    """
+    bounds, terms, _, waves, tables = setup
+    state, drive, work, sines = memory.state, memory.drive, memory.work, tangent.along.sines
+    amplitude: float = terms.pulsation[0]  # type: ignore[index]
+    goal = min(until, state.tau + longest_step(bounds, terms.linear, terms.mean_load + amplitude, terms.stribeck,
+                                               tangent.shared.fastest, state))
+    while True:
+        step = step_on(bounds, terms, waves, state, drive, goal, work, tables)
+        falls = falls_along(step, state.mode, terms.stribeck)
+        if not (falls and step.x > 0.0 and unresolved(step, state.mode, terms.stribeck, work.rows, sines[0])):
+            return step, goal
+        goal = state.tau + SHORTER * step.x * step.unit
+
+
+@compiled
+def carry_step(step: Step, setup: Setup, memory: Memory, tangent: Tangent) -> None:
+    """Carry the changes over a step, with the largest |slip speed|, the time in stick and, where they are asked for,
+    the margins.
+    """
+    bounds, terms, _, waves, _ = setup
+    state, _, drive, work, _, output = memory
+    groups, along, shared, _, margins = tangent
+    rows, mode, degree, places = work.rows, state.mode, step.degree, shared.places
+    found = shared.asked != 0 and note_step(mode, degree, step.x, rows, margins, places, work.bernstein)
+    output.highest, peak, side = note_height(mode, step, rows, output.highest, work.bernstein)
+    if mode == STICK:
+        output.stick_time += step.x * step.unit
+    expand_sines(along.sines, degree + 1, step.unit, waves, terms.pulsation, drive)
+    carry(mode, falls_along(step, mode, terms.stribeck), step, bounds.ratio, terms, groups, along, rows,
+          terms.pulsation, terms.stribeck, found)
+    for block in range(groups.shape[0]):
+        group = groups[block]
+        if peak > 0.0:
+            for lane in range(LANES):
+                group.peak[lane] = side * changed_at(group, SLIP, lane, degree, degree, peak, rows)
+        if found:
+            note_gradient(mode, degree, block, group, rows, margins, places)
+        end_changes(degree, group.now, group.rows, step.x)
+        hold_phase(group, degree, step.x, rows)
+
+
+@compiled
+def carry_event(mode: int, step: Step, setup: Setup, memory: Memory, tangent: Tangent) -> bool:
+    """Carry the changes over a change of mode, and note the margin there; False where there is no derivative."""
+    bounds, terms, _, _, _ = setup
+    state, drive, groups = memory.state, memory.drive, tangent.groups
+    memory.output.mode = state.mode
+    if mode in (STICK, FREE) or state.mode in (mode, FREE):
+        return True
+    if tangent.shared.asked != 0:
+        note_arrival(mode, step, state, drive, terms.linear, bounds.ratio, groups, tangent.along.sines,
+                     terms.pulsation, tangent.shared.room, tangent.margins)
+    return land(mode, state.mode, state, drive, bounds.ratio, terms.linear, groups)

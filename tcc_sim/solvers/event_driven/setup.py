@@ -5,12 +5,11 @@ changes as it goes.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from tcc_sim.model.friction import exponentials, largest_ratio
-from tcc_sim.solvers.collocation import Tables
 from tcc_sim.solvers.terms import Terms, excitation_frequency, peak_load, steps_allowed, torque_swing
 
 EXACT = 1e-16
@@ -21,10 +20,10 @@ SHARE = 1.0
 FAR_SHARE = 1.5e-2
 """What is left of the exponential of (5), in tolerances, where it counts as gone."""
 
+EVENTS = 1000
+"""Events that any engine cycle may have."""
 STIFF = 10.0
 """Damping over the critical one from which the fast part is left to collocation; a series takes it along below."""
-
-
 STEPS_ALLOWED = 50
 """Steps of an engine cycle with its sensitivity per those of `steps_allowed`: a heavy damper makes them short."""
 
@@ -61,10 +60,15 @@ class Bounds(NamedTuple):
     """Most steps of an engine cycle of which the sensitivity is asked."""
     steepest: float
     """Slip that begins at breakaway may fall this fast, rad/s^2, in rounding."""
+    events: int
+    """Most events of an engine cycle."""
 
 
 def bounds_of(terms: Terms, period: float, rtol: float) -> Bounds:
-    """The constants of a system whose engine cycle is `period`, for a relative tolerance."""
+    """The constants of a system whose engine cycle is `period`, for a relative tolerance.
+
+    A cycle may have 1000 events, and 40 for each natural or excitation period in it.
+    """
     flywheel, plate, damping, stiffness = terms.linear
     pairs = exponentials(terms.stribeck)
     ratio = 1.0 + sum(share for share, _ in pairs)
@@ -90,25 +94,9 @@ def bounds_of(terms: Terms, period: float, rtol: float) -> Bounds:
         far=far, truncation=truncation, torque_tolerance=tolerance, slip_tolerance=1e-14 * scale, speed_scale=scale,
         stiff_slip=stiff(plate), stiff_stick=stiff(flywheel + plate),
         steps=STEPS_ALLOWED * steps_allowed(terms, period), creep=min(scale, torque / max(damping, 1e-300)),
-        steepest=2.0 * tolerance * (1.0 / flywheel + 1.0 / plate))
+        steepest=2.0 * tolerance * (1.0 / flywheel + 1.0 / plate),
+        events=EVENTS + int(min(40.0 * max(math.sqrt(stiffness / plate), excitation) * period / (2.0 * math.pi), 1e6)))
 
-
-class Setup(NamedTuple):
-    """What a system comes to at a tolerance; `waves` are a solve's own, which keeps sines in them.
-
-    ratio : omega_f/omega
-    event_limit : most events of one engine cycle
-    """
-
-    bounds: Bounds
-    terms: Terms
-    waves: Any
-    ratio: float
-    event_limit: int
-
-
-UNKNOWN = 9
-"""Mode of a state before the first step."""
 
 COUNTERS = np.dtype([("steps", np.int64), ("cycle", np.int64), ("cycle_steps", np.int64), ("cycle_events", np.int64)])
 """Steps in all; the present engine cycle, and the steps and events in it."""
@@ -121,24 +109,3 @@ STATE = np.dtype([("slip_speed", np.float64), ("plate_angle", np.float64), ("pla
 start of the cycle, rad; when the clamp next sets in or ends, s into the cycle; whether slip has just begun at v = 0;
 the mode at the start of the run; the rung of the next step of a stiff arc, below 0 while series steps are due.
 """
-
-
-class Work(NamedTuple):
-    """Work space: of polynomials, of Bernstein coefficients, and for stiff arcs what `stages` works in, of which those
-    are parts, with the ladder's tables (None without them).
-    """
-
-    rows: Any
-    bernstein: Any
-    stages: Any
-    tables: Tables | None
-
-
-class Memory(NamedTuple):
-    """What one solve changes as it goes."""
-
-    state: Any
-    drive: Any
-    counters: Any
-    output: Any
-    work: Work

@@ -8,77 +8,45 @@ stick v = 0 exactly.
 
 from __future__ import annotations
 
-import math
-from typing import Any
-
-import numpy as np
-
+from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
-from tcc_sim.solvers import SOLVERS, collocation
-from tcc_sim.solvers.bernstein import WORKSPACE
-from tcc_sim.solvers.compiling.compiled import compiled
+from tcc_sim.solvers import collocation
+from tcc_sim.solvers.engine import EngineShell, Memory, Setup
 from tcc_sim.solvers.event_driven.integrate import integrate
-from tcc_sim.solvers.event_driven.setup import COUNTERS, STATE, UNKNOWN, Memory, Setup, Work, bounds_of
-from tcc_sim.solvers.event_driven.step import SHAPE
-from tcc_sim.solvers.event_driven.stiff_step import FRESH
+from tcc_sim.solvers.event_driven.sensitivity import SHARED
+from tcc_sim.solvers.event_driven.setup import COUNTERS, EVENTS, STATE, Bounds, bounds_of
 from tcc_sim.solvers.excitation import DRIVE, waves_of
-from tcc_sim.solvers.kept import CYCLE, OUTPUT, Kept, Store
-from tcc_sim.solvers.problem import Problem
+from tcc_sim.solvers.kept import DEGENERATE, EVENT_LIMIT, NOT_FINITE, OUTPUT, STEP_LIMIT
+from tcc_sim.solvers.key_derivatives import DECAY, EXCESS_RATIO
 from tcc_sim.solvers.stages import WORK
-from tcc_sim.solvers.stroboscopic import ends
 from tcc_sim.solvers.terms import Terms, load_frequency, per_system, terms_of
-from tcc_sim.trajectory import Floats, Orbits, Statistics, Status, Trajectory
+from tcc_sim.trajectory import Floats
 
 STEP_MAXIMUM = 1_000_000
 """Most steps of one engine cycle."""
+FINER = 1e-2
+"""Tolerance of a step per that of a solve: derivatives want more digits than states."""
+REACH = 10.0
+"""Most that a step with derivatives is long, per time in which the fastest part dies down."""
+SLOWEST = 1e-30
+"""Decay of the friction coefficient with slip speed, s/rad, that stands for 0."""
 
 
 @per_system
 def setup_of(system: System, rtol: float) -> Setup:
     """What a solve of a system needs to know beforehand; `waves` is to be copied for every solve."""
     terms = constant_law(terms_of(system))
-    waves = waves_of(terms)
+    bounds, waves, tables = bounds_of(terms, system.cycle, rtol), waves_of(terms), None
     waves.setflags(write=False)
-    return Setup(bounds_of(terms, system.cycle, rtol),
-                 terms._replace(torque=None, harmonics=None, smoothing=None), waves,  # They are the waves.
-                 system.pressure.frequency_ratio, event_limit(terms, system.cycle))
+    if bounds.stiff_slip or bounds.stiff_stick:
+        tables = collocation.tables(terms.linear, tuple(waves["rate"].tolist()), load_frequency(terms),
+                                    *collocation.ladder_of(bounds.slip_rate, bounds.period))
+    return Setup(bounds, without_torque(terms), system.pressure.frequency_ratio, waves, tables)
 
 
-def work_of(setup: Setup) -> Work:
-    """Work space for a solve."""
-    bounds = setup.bounds
-    if not (bounds.stiff_slip or bounds.stiff_stick):
-        return Work(np.zeros(SHAPE), np.zeros(WORKSPACE), None, None)
-    stages = np.zeros(1, WORK)[0]
-    rates = tuple(setup.waves["rate"].tolist())
-    ladder = collocation.ladder_of(bounds.slip_rate, bounds.period)
-    tables = collocation.tables(setup.terms.linear, rates, load_frequency(setup.terms), *ladder)
-    return Work(stages["rows"], stages["bernstein"], stages, tables)
-
-
-def solve(problem: Problem) -> Trajectory:
-    """Solve (1), (2) with the set-valued law (6), exact to rounding where mu_k = mu_s.
-
-    `problem.rtol` bounds the truncation of the power series where mu_k < mu_s. Transitions are the changes of mode.
-    After a failure the trajectory ends with the state and the time that were reached.
-    """
-    setup = setup_of(problem.system, SOLVERS["event_driven"].default if problem.rtol is None else problem.rtol)
-    setup = setup._replace(waves=setup.waves.copy())
-    state, counters, output = np.zeros(1, STATE), np.zeros(1, COUNTERS), np.zeros(1, OUTPUT)
-    s = problem.state
-    state[0] = (s.slip_speed, s.plate_angle, s.plate_speed, s.flywheel_angle, UNKNOWN, 0.0, 0.0, math.inf, 0, UNKNOWN,
-                FRESH)
-    output["highest"] = output["lowest"] = s.slip_speed
-    kept = Kept(problem, output[0], 5, setup.event_limit)
-    memory = Memory(state[0], np.zeros(1, DRIVE)[0], counters[0], output[0], work_of(setup))
-    status = kept.run(integrate, problem.start_cycle, problem.whole_cycles, problem.rest, STEP_MAXIMUM, setup, memory)
-    last = state[0]
-    detail = {Status.EVENT_LIMIT: f"{setup.event_limit} events in one engine cycle",
-              Status.STEP_LIMIT: f"{STEP_MAXIMUM} steps in one engine cycle"}.get(status, "")
-    return kept.trajectory(
-        "event_driven", status, (s.slip_speed, s.plate_angle, s.plate_speed, s.flywheel_angle, last["first_mode"]),
-        tuple(last[["slip_speed", "plate_angle", "plate_speed", "flywheel_angle", "mode"]]), float(last["tau"]), detail,
-        Statistics(int(counters["steps"][0])), modes=True)
+def without_torque(terms: Terms) -> Terms:
+    """The terms without those of the engine torque, which are the waves, and without smoothing."""
+    return terms._replace(torque=None, harmonics=None, smoothing=None)
 
 
 def constant_law(terms: Terms) -> Terms:
@@ -90,41 +58,45 @@ def constant_law(terms: Terms) -> Terms:
                           pulsation=None if load is None else (ratio * load[0], *load[1:]))
 
 
-def event_limit(terms: Terms, cycle: float) -> int:
-    """Most events of one engine cycle: 1000, and 40 for each natural or excitation period in it."""
-    fastest: Any = math.sqrt(terms.linear[3] / terms.linear[1])
-    if terms.pulsation is not None:
-        fastest = max(fastest, terms.pulsation[1])
-    if terms.harmonics is not None:
-        fastest = max(fastest, float(terms.harmonics[:, 0].max()))
-    return 1000 + int(min(40.0 * fastest * cycle / (2.0 * math.pi), 1e6))
+def exact_bounds(terms: Terms, system: System, rtol: float, numbers: Floats) -> Bounds:
+    """The bounds of a run in which mubar and its derivatives by the keys are constant from `far` on."""
+    if terms.stribeck is None or not (numbers[EXCESS_RATIO].any() or numbers[DECAY].any()):
+        return bounds_of(terms, system.cycle, rtol)
+    excess, decay = terms.stribeck[:2]
+    wide = bounds_of(terms._replace(stribeck=(max(abs(excess), 1.0), decay)), system.cycle, rtol)
+    return wide._replace(ratio=1.0 + excess)
 
 
-@compiled
-def integrate_each(first: int, count: int, stride: int, setup: Setup, memories: Memory, store: Store, orbits: Orbits,
-                   sections: Any) -> None:
-    """`integrate` for every state, by itself, `stride` cycles at a time until it ends; `sections` (m, count + 1, 3) is
-    filled as far as each was solved. `memories` holds arrays (m,) of states, counters and outputs.
+def setup_of_changes(system: System, terms: Terms, changes: Floats, rtol: float) -> Setup:
+    """What motions with derivatives need to know beforehand.
+
+    Raises
+    ------
+    InputError
+        A damper whose decay takes too many steps.
     """
-    states, drive, counters, outputs, work = memories
-    for k in range(sections.shape[0]):
-        for since in range(0, count, stride):
-            until = min(since + stride, count)
-            integrate(first, until, 0.0, STEP_MAXIMUM, setup, Memory(
-                states[k], drive, counters[k], outputs[k], work), store, None)
-            if ends(sections[k], since, until, outputs[k], first, store.cycles, orbits):
-                break
+    if terms.stribeck is not None:
+        terms = terms._replace(stribeck=(terms.stribeck[0], max(terms.stribeck[1], SLOWEST), *terms.stribeck[2:]))
+    bounds, waves = exact_bounds(terms, system, FINER * rtol, changes), waves_of(terms)
+    if bounds.stiff_slip and bounds.slip_rate * bounds.period > REACH * bounds.steps:
+        raise InputError(f"driveline.damping is {system.driveline.damping:g} N m s/rad; over driveline.plate_inertia "
+                         f"it decays at {bounds.slip_rate:.3g} 1/s, and the derivatives of the set-valued motion, "
+                         f"which follow that decay, take more than {bounds.steps} steps a cycle; those of "
+                         "friction.law smoothed step over it")
+    pressure = system.pressure
+    if terms.pulsation is None:  # One compiled kernel serves with and without a pulsating load.
+        terms = terms._replace(pulsation=(0.0, pressure.frequency_ratio * system.engine.frequency, pressure.phase))
+    return Setup(bounds._replace(events=EVENTS), without_torque(terms), pressure.frequency_ratio, waves, None)
 
 
-def fill_sections(out: Floats, system: System, first: int, rtol: float, orbits: Orbits) -> None:
-    """Fill `out`, in which the starts are, with what `stroboscopic.sections` returns."""
-    setup, count = setup_of(system, rtol), out.shape[1] - 1
-    states, counters, outputs = (np.zeros(len(out), kind) for kind in (STATE, COUNTERS, OUTPUT))
-    states["slip_speed"], states["plate_angle"], states["plate_speed"] = out[:, 0].T
-    states["mode"] = states["first_mode"] = UNKNOWN
-    states["load_edge"], states["level"] = math.inf, FRESH
-    outputs["highest"] = outputs["lowest"] = out[:, 0, 0]
-    memories = Memory(states, np.zeros(1, DRIVE)[0], counters, outputs, work_of(setup))
-    # Whether a motion ends is asked every other cycle: the end of one costs a step.
-    integrate_each(first, count, 2 if len(orbits.reach) else count, setup._replace(waves=setup.waves.copy()), memories,
-                   Store(np.zeros(count + 2, CYCLE), np.empty((0, 5)), 0, None), orbits, out)
+def why(setup: Setup, ended: int) -> str:
+    """A sentence on a failure."""
+    return {EVENT_LIMIT: f"{setup.limits.events} events in one engine cycle", NOT_FINITE: "the state is not finite",
+            STEP_LIMIT: f"{STEP_MAXIMUM} steps in one engine cycle", DEGENERATE: "slip ends where its rate is 0 too"
+            }.get(ended, "")
+
+
+ENGINE = EngineShell("event_driven", integrate, Memory(STATE, None, DRIVE, WORK, COUNTERS, OUTPUT), SHARED, setup_of,
+                setup_of_changes, lambda _, cycles: STEP_MAXIMUM, lambda setup, cycles: setup.limits.steps, why,
+                moves=EVENTS, more_moves=lambda setup: setup.limits.events, columns=5, stride=2)
+solve = ENGINE.solve

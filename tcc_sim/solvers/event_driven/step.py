@@ -13,13 +13,11 @@ from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.compiling.unrolled import unrolled
 from tcc_sim.solvers.event_driven.setup import Bounds
 from tcc_sim.solvers.excitation import expand_excitation
-from tcc_sim.solvers.series import ANGLE, COLUMNS, ENGINE, INVERSE, LOAD, ROWS, SLIP, SPEED
+from tcc_sim.solvers.series import ANGLE, ENGINE, INVERSE, LOAD, ROWS, SLIP, SPEED
 from tcc_sim.trajectory import FREE
 
 UPWARD, DOWNWARD = ROWS, ROWS + 1
 """Rows of the margins to breakaway, N m: r Ts - lambda and r Ts + lambda."""
-SHAPE = (ROWS + 2, COLUMNS)
-"""Shape of the coefficients of a step."""
 
 LINEAR_ORDER = 28
 """Order where all is linear: a term costs little there, and steps grow in proportion to it."""
@@ -45,7 +43,7 @@ class Step(NamedTuple):
 
 
 def stuck(rows: Any, unit: Any, linear: Any, ratio: Any, pulsation: Any) -> Iterator[int]:
-    """Coefficients of flywheel and plate as one, and of the margins to breakaway; text for `unrolled`.
+    """Coefficients of flywheel and plate as one, and of the margins to breakaway; staged function.
 
     (I1 + I2) theta2'' + C23 theta2' + K23 theta2 = Te, and lambda = (I2 Te + I1 (C23 theta2' + K23 theta2))/(I1 + I2).
     """

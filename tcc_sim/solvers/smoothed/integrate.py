@@ -12,6 +12,7 @@ from tcc_sim.model.profile import STARTED
 from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.bernstein import to_bernstein
 from tcc_sim.solvers.compiling.compiled import fast
+from tcc_sim.solvers.engine import Memory, Setup
 from tcc_sim.solvers.excitation import clamp_edge, excite, load_phase
 from tcc_sim.solvers.kept import (
     DONE,
@@ -20,6 +21,7 @@ from tcc_sim.solvers.kept import (
     STEP_LIMIT,
     STEP_TOO_SMALL,
     Store,
+    begin_output,
     end_of_cycle,
     full,
     keep_step,
@@ -29,12 +31,14 @@ from tcc_sim.solvers.rungs import fill_plate, state_at_end
 from tcc_sim.solvers.series import COLUMNS, FLYWHEEL, SLIP, add_integral
 from tcc_sim.solvers.smoothed.collocation_step import collocation_step
 from tcc_sim.solvers.smoothed.sensitivity import carry
-from tcc_sim.solvers.smoothed.sensitivity_series import resolved
+from tcc_sim.solvers.smoothed.sensitivity_series import reach_of, resolved
 from tcc_sim.solvers.smoothed.series_step import LocalFriction, friction_here, series_step
-from tcc_sim.solvers.smoothed.setup import CREEP, REFUSED, SERIES, Limits, Memory, Setup, Step
+from tcc_sim.solvers.smoothed.setup import CREEP, REFUSED, SERIES, Limits, Step
 from tcc_sim.solvers.smoothed.switching import (
+    SETTLED,
     after_refusal,
     after_step,
+    begin,
     begin_cycle,
     choose_method,
 )
@@ -50,6 +54,19 @@ MOVES_AT_ONCE = 2 * COLUMNS
 """Most transitions of one step."""
 GOES_ON = -1
 """No way in which a call ends."""
+
+
+@fast
+def start(limits: Limits, memory: Memory, tangent: Any) -> None:
+    """Set up all but the state, where a motion starts."""
+    state, control, _, _, counters, output = memory
+    v = state.slip_speed
+    begin(state, control)
+    if tangent is not None:
+        control.waited, control.unsettled = SETTLED, limits.forgotten
+        tangent.shared.peak, tangent.shared.slopes[:] = -1.0, 0.0
+    counters.steps, counters.rejected, counters.iterations, counters.iterations_max = 0, 0, 0, 0
+    begin_output(output, v, 0 if abs(v) <= limits.stick_speed else 1 if v > 0.0 else -1)
 
 
 @fast
@@ -120,11 +137,11 @@ def step_on(place: Place, friction: LocalFriction, to_edge: float, to_stop: floa
         x = step.x
         if tangent is not None:
             x = resolved(step, place, friction, work.rows, terms.stribeck, control, limits, terms, drive,
-                         tangent.shared.reach)
+                         tangent.shared.fastest)
     else:
         longest = to_edge
         if tangent is not None:
-            longest = min(longest, COLLOCATION_REACH * tangent.shared.reach)
+            longest = min(longest, COLLOCATION_REACH * reach_of(limits, tangent.shared.fastest))
         step = collocation_step(place, longest, loaded, state, control, limits, terms, waves, drive, tables, work,
                                 counters)
         x = min(step.x, to_stop / step.unit) if step.status != REFUSED else 0.0
@@ -198,13 +215,15 @@ def integrate(first: int, count: int, tail: float, step_limit: int, setup: Setup
               store: Store, angle: Any) -> int:
     """Solve `count` engine cycles from cycle `first` on, and then `tail` seconds of one more.
 
-    Goes on where `memory` is, after `output.cycle` of them; returns how it ended. Steps run across the ends of cycles,
-    whose section points are values of the polynomial; they end at the edges of the clamp and of the regions, and at the
-    end of the run. `tangent` and `angle` are None where what the state and its largest slip speed change by, and
-    theta1, are not asked for.
+    Starts from the state, or goes on where `memory` is, after `output.cycle` of them; returns how it ended. Steps run
+    across the ends of cycles, whose section points are values of the polynomial; they end at the edges of the clamp and
+    of the regions, and at the end of the run. `tangent` and `angle` are None where derivatives and theta1 are not asked
+    for.
     """
     limits, terms, ratio, waves, tables = setup
     state, control, drive, work, counters, output = memory
+    if output.started == 0:
+        start(limits, memory, tangent)
     period, shift = limits.period, load_phase(ratio, terms.pulsation, first + output.cycle)
     while True:
         end = (count - output.cycle) * period + tail

@@ -21,13 +21,14 @@ from tcc_sim.solvers import key_derivatives as of
 from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.bernstein import BERNSTEIN
 from tcc_sim.solvers.changes import LANES, changed_at, end_changes, hold_phase
-from tcc_sim.solvers.collocation import DEGREE, FROM_ANGLE, FROM_SPEED, NODES, TERMS, TO_CHEBYSHEV, C, Tables
+from tcc_sim.solvers.collocation import DEGREE, FROM_ANGLE, FROM_SPEED, NODES, TERMS, TO_CHEBYSHEV, C
 from tcc_sim.solvers.compiling.compiled import fast
+from tcc_sim.solvers.engine import Memory, Setup
 from tcc_sim.solvers.rungs import fill_plate
 from tcc_sim.solvers.series import ANGLE, SLIP, SPEED
 from tcc_sim.solvers.smoothed.sensitivity_series import carry_series
 from tcc_sim.solvers.smoothed.series_step import LocalFriction, law_here
-from tcc_sim.solvers.smoothed.setup import SERIES, Limits, Memory, Step
+from tcc_sim.solvers.smoothed.setup import SERIES, Limits, Step
 from tcc_sim.solvers.stages import LAYER, Place, eliminate_rows, law_at_nodes
 from tcc_sim.solvers.terms import Terms
 
@@ -41,7 +42,7 @@ SAMPLES = 8
 
 @fast
 def change_at_nodes(group: Any, lane: int, level: int, sign: float, loaded: bool, limits: Limits, waves: Any,
-                    tables: Tables, drive: Any, work: Any, pulsation: tuple[float, float, float] | None,
+                    tables: Any, drive: Any, work: Any, pulsation: tuple[float, float, float] | None,
                     stribeck: Stribeck) -> None:
     """Torque on flywheel and plate together, and what the balance of the nodes changes by, of one lane."""
     by, rows, turn, h = group.by, work.rows, tables.turns[level], tables.rungs[level].length
@@ -86,7 +87,7 @@ def change_at_nodes(group: Any, lane: int, level: int, sign: float, loaded: bool
 
 
 @fast
-def carry_collocation(tangent: Any, place: Place, level: int, loaded: bool, limits: Limits, waves: Any, tables: Tables,
+def carry_collocation(tangent: Any, place: Place, level: int, loaded: bool, limits: Limits, waves: Any, tables: Any,
                       drive: Any, work: Any, pulsation: tuple[float, float, float] | None, stribeck: Stribeck) -> None:
     """Changes of the slip speed at the nodes of a collocation step."""
     rung = tables.rungs[level]
@@ -104,7 +105,7 @@ def carry_collocation(tangent: Any, place: Place, level: int, loaded: bool, limi
                                 stribeck)
                 for m in range(NODES):
                     for n in range(NODES):
-                        nodes[lane, m] += tangent.torque[level, m, n] * group.applied[lane, n]
+                        nodes[lane, m] += tables.torque[level, m, n] * group.applied[lane, n]
         eliminate_rows(0, nodes, rung.coupling, work.grip, work.slope)
 
 
@@ -127,7 +128,7 @@ def look_at(x: float, rung: Any, shared: Any) -> None:
 
 
 @fast
-def end_collocation(tangent: Any, level: int, x: float, whole: bool, limits: Limits, tables: Tables) -> None:
+def end_collocation(tangent: Any, level: int, x: float, whole: bool, limits: Limits, tables: Any) -> None:
     """All changes at x of a collocation step, its end where it is taken whole."""
     rung, shared = tables.rungs[level], tangent.shared
     if not whole:
@@ -147,8 +148,8 @@ def end_collocation(tangent: Any, level: int, x: float, whole: bool, limits: Lim
                     angle += rung.end_angle[n] * nodes[lane, n]
                     speed += rung.end_speed[n] * nodes[lane, n]
                     if forced:
-                        angle += tangent.torque[level, NODES + 2 * TERMS, n] * group.applied[lane, n]
-                        speed += tangent.torque[level, NODES + 2 * TERMS + 1, n] * group.applied[lane, n]
+                        angle += tables.torque[level, NODES + 2 * TERMS, n] * group.applied[lane, n]
+                        speed += tables.torque[level, NODES + 2 * TERMS + 1, n] * group.applied[lane, n]
             else:
                 v, angle, speed = shared.slip[0] * now[0, lane], 0.0, 0.0
                 for k in range(DEGREE + 1):
@@ -157,8 +158,8 @@ def end_collocation(tangent: Any, level: int, x: float, whole: bool, limits: Lim
                     to += w0 * from_speed.speed[k]
                     if forced:
                         for n in range(NODES):
-                            at += tangent.torque[level, NODES + k, n] * group.applied[lane, n]
-                            to += tangent.torque[level, NODES + TERMS + k, n] * group.applied[lane, n]
+                            at += tables.torque[level, NODES + k, n] * group.applied[lane, n]
+                            to += tables.torque[level, NODES + TERMS + k, n] * group.applied[lane, n]
                     angle += shared.basis[k] * at
                     speed += shared.basis[k] * to
                 for n in range(NODES):
@@ -280,14 +281,13 @@ def keep_peak(tangent: Any, cycle: int) -> None:
 
 @fast
 def carry(tangent: Any, method: int, place: Place, friction: LocalFriction, step: Step, degree: int, x: float,
-          whole: bool, cut: float, loaded: bool, setup: Any, memory: Memory) -> None:
+          whole: bool, cut: float, loaded: bool, setup: Setup, memory: Memory) -> None:
     """Carry the tangent over [0, x] of a step that starts where the state is now; the rest as `integrate.integrate`.
 
     Parameters
     ----------
     degree : of the polynomial of the slip speed
     cut : where the engine cycle ends; beyond x where it does not
-    setup : `integrate.Setup`
     """
     limits, terms, _, waves, tables = setup
     drive, work, level, order = memory.drive, memory.work, memory.control.level, step.degree
@@ -300,7 +300,7 @@ def carry(tangent: Any, method: int, place: Place, friction: LocalFriction, step
         fill_plate(rung, tables.sources, level, limits.kappa, work)
         carry_collocation(tangent, place, level, loaded, limits, waves, tables, drive, work, terms.pulsation,
                           terms.stribeck)
-    if tangent.shared.averaged:
+    if tangent.shared.asked:
         average_slopes(tangent.shared.slopes, x, step.unit, degree, loaded, limits, terms, drive, rows)
     carry_peak(tangent, order, degree, 0.0, min(cut, x), series, rung, rows, work)
     if cut <= x:

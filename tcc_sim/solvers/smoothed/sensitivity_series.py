@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+import math
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers.changes import carry_slip, expand_sines
@@ -19,41 +19,37 @@ from tcc_sim.solvers.stages import LAYER, SLIDING, Place
 from tcc_sim.solvers.terms import Terms
 
 SHARED = np.dtype([("basis", np.float64, TERMS), ("slip", np.float64, NODES + 1), ("angle", np.float64, NODES),
-                   ("speed", np.float64, NODES), ("peak", np.float64), ("averaged", np.int64),
-                   ("slopes", np.float64, 3), ("reach", np.float64)])
+                   ("speed", np.float64, NODES), ("peak", np.float64), ("asked", np.int64),
+                   ("slopes", np.float64, 3), ("fastest", np.float64)])
 """Room that the lanes share: Chebyshev polynomials where a step is asked, and what the slip speeds
 at its nodes add there to slip speed (that at the start first), plate angle and plate speed + kappa slip speed; the
-largest |slip speed| of the cycle so far; whether the integrals of `sensitivity.add_slopes` are asked for, and
-they; the longest series step that shows a sine by whose amplitude there are derivatives, s.
+largest |slip speed| of the cycle so far; the integrals of `sensitivity.add_slopes`, which are the further results of
+`engine.Tangent`.
 """
+SINE = 0.7
+"""Angle of a sine within a series step that shows it, per `Limits.resolved`, which takes it that changes decay."""
 
 
-class Tangent(NamedTuple):
-    """What the kernel carries along: an array of CHANGES (groups,), ALONG, SHARED, the torque's share in a collocation
-    step (`collocation.Response.torque`), and per cycle the change of the largest |slip speed|, (cycles, groups, LANES).
-    """
-
-    groups: NDArray[Any]
-    along: Any
-    shared: Any
-    torque: NDArray[np.float64]
-    peaks: NDArray[np.float64]
+@fast
+def reach_of(limits: Limits, fastest: float) -> float:
+    """The longest series step that shows the fastest sine by whose amplitude there are derivatives, s."""
+    return SINE * limits.resolved / fastest if fastest > 0.0 else math.inf
 
 
 @fast
 def resolved(step: Step, place: Place, friction: LocalFriction, rows: Any, stribeck: Stribeck, control: Any,
-             limits: Limits, terms: Terms, drive: Any, reach: float) -> float:
+             limits: Limits, terms: Terms, drive: Any, fastest: float) -> float:
     """The part of a series step over which the series of its changes hold too.
 
     The motion may have forgotten what decays: in stick it is on its slow manifold, and a step is as long as the creep's
     series allow. A change of the start, or of the scene, is not on it and decays with friction's own rate. And where
-    mu_k is nearly mu_s the motion does not know the exponential that mu_s/mu_k changes it by, nor, beyond `reach`
-    seconds, a sine of no amplitude.
+    mu_k is nearly mu_s the motion does not know the exponential that mu_s/mu_k changes it by, nor a sine of no
+    amplitude.
     """
     rate = terms.linear[2] / terms.linear[1]
     if place.region == LAYER:
         rate += limits.beta * drive.load * max(friction.slope, 0.0)
-    x = min(step.x, reach / step.unit)
+    x = min(step.x, reach_of(limits, fastest) / step.unit)
     if rate > 0.0:
         x = min(x, limits.resolved / (rate * step.unit))
     if stribeck is not None and place.region != SLIDING:

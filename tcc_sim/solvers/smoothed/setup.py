@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tcc_sim.model import friction
-from tcc_sim.solvers.collocation import Tables
 from tcc_sim.solvers.series import FRICTION_ORDER_MAXIMUM, ORDER_MAXIMUM
 from tcc_sim.solvers.terms import (
     Terms,
@@ -156,19 +155,6 @@ def order_of(wished: float, most: int) -> int:
     return min(max(2 * round(0.5 * wished), 8), most)
 
 
-class Setup(NamedTuple):
-    """What a system comes to at a tolerance; `waves` are a solve's own, which keeps sines in them.
-
-    ratio : omega_f/omega
-    """
-
-    limits: Limits
-    terms: Terms
-    ratio: float
-    waves: Any
-    tables: Tables
-
-
 ACCEPTED, REFUSED, FAILED = range(3)
 """How a step ends: taken; to be tried again with the method and the length now in `control`; no step is possible."""
 
@@ -198,16 +184,6 @@ unsettled : where changes are carried along, what they have still to decay by be
 
 COUNTERS = np.dtype([("steps", np.int64), ("rejected", np.int64), ("iterations", np.int64),
                      ("iterations_max", np.int64)])
-
-class Memory(NamedTuple):
-    """What one solve changes as it goes; `drive` is that of `excitation`, `output` that of `kept`."""
-
-    state: Any
-    control: Any
-    drive: Any
-    work: Any
-    counters: Any
-    output: Any
 
 
 class Step(NamedTuple):

@@ -169,6 +169,15 @@ def after_step(step: Step, x: float, control: Any, limits: Limits, tables: Table
 
 
 @fast
+def begin(state: Any, control: Any) -> None:
+    """Nothing is known yet of what steps are chosen by, but the size of the state."""
+    control.method, control.level, control.rate, control.last, control.streak = SERIES, 0, 0.0, 0.0, 0
+    control.released, control.waited, control.calm, control.patience = 0.0, 0, CALM, PATIENCE
+    control.unsettled, control.slip_before, control.speed_before = 0.0, 0.0, 0.0
+    control.slip_now, control.speed_now = abs(state.slip_speed), abs(state.plate_speed)
+
+
+@fast
 def begin_cycle(state: Any, control: Any) -> None:
     """What the engine knows of the size of the motion is that of this cycle and of the one before."""
     control.slip_before, control.slip_now = control.slip_now, abs(state.slip_speed)

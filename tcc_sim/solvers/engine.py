@@ -1,0 +1,279 @@
+"""The shell of both engines: a solve, section points of many motions, and motions with their derivatives.
+
+An engine is a compiled loop, `integrate`, with all that it is given and changes; the shell is the same for both laws.
+A loop sets up the memory that is not `output.started` from the state in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tcc_sim.model.parameters import System
+from tcc_sim.solvers import SOLVERS
+from tcc_sim.solvers.changes import LANES
+from tcc_sim.solvers.compiling.compiled import fast
+from tcc_sim.solvers.kept import CYCLE, DONE, STATUSES, Kept, Store, scratch
+from tcc_sim.solvers.problem import Problem
+from tcc_sim.solvers.terms import Terms
+from tcc_sim.trajectory import Floats, Orbits, Statistics, Trajectory
+
+SCALES = np.array([10.0, 0.1, 10.0])
+"""Natural sizes of slip speed (rad/s), plate angle (rad) and plate speed (rad/s)."""
+VALUE, GROWS, GRADIENT = 0, 1, 2
+"""Columns of margins: the value; 1 where stick's margin grows at that end of slip; derivatives by the disturbances."""
+WITHIN = 1.0 - 1e-9
+"""Part of a reach that a motion must be within to end: whoever asks again, with other roundings, finds the same."""
+
+
+class Setup(NamedTuple):
+    """What a system comes to at a tolerance; `waves` are a solve's own, which keeps sines in them.
+
+    limits : tolerances and rates of the engine
+    ratio : omega_f/omega
+    tables : of collocation, None where no step needs it
+    """
+
+    limits: Any
+    terms: Terms
+    ratio: float
+    waves: Any
+    tables: Any
+
+
+class Memory(NamedTuple):
+    """What one solve changes as it goes; `drive` is that of `excitation`, `work` that of `stages`, `output` that of
+    `kept`; the others are the engine's.
+    """
+
+    state: Any
+    control: Any
+    drive: Any
+    work: Any
+    counters: Any
+    output: Any
+
+
+class Tangent(NamedTuple):
+    """What a loop carries along with a motion for its derivatives.
+
+    groups, along : array of CHANGES, and record of ALONG
+    shared : record of the engine's, with `fastest`, the rate of the fastest sine by whose amplitude there are
+        derivatives, rad/s, 0 for none: no step is longer than its series hold, for the motion need not show it; and
+        `asked`, whether the engine's further results are asked for
+    peaks : (cycles, groups, LANES) changes of the largest |slip speed| of every cycle
+    margins : (3, GRADIENT + groups * LANES) `event_driven.margins`; None under the smoothed law
+    """
+
+    groups: Any
+    along: Any
+    shared: Any
+    peaks: Any
+    margins: Any
+
+
+Stretch = tuple[Setup, int, float]
+"""One call: with what, up to how many cycles from the start of the solve, and how many seconds of the one after."""
+PART = np.dtype([("first", np.int64), ("cycles", np.int64), ("tau", np.float64), ("tail", np.float64),
+                 ("steps", np.int64), ("state", np.float64, 3), ("status", np.int64), ("moves", np.int64),
+                 ("mode", np.int64), ("stick_time", np.float64)])
+"""A part: number of the cycle in which it starts, ends of cycles that it passes, time at its start within that cycle,
+and at its end within the last one (s); the most steps; the state at its start, then at its end; how it ended; the
+transitions on the way; the mode at its end; its time in stick (s)."""
+
+
+class Room(NamedTuple):
+    """What parts are given in, what becomes of them, and work space; all of it is used again by the next ones.
+
+    parts : (m,) array of PART
+    moves : (m, k) array of MOVE, their transitions
+    ends : (m, groups, 3, LANES) array, the tangents at their ends
+    heights, climbs : (m, n), (m, n, groups, LANES) arrays, the largest |slip speed| of every cycle or part of one, and
+        what it changes by
+    """
+
+    parts: Any
+    moves: Any
+    ends: Any
+    heights: Any
+    climbs: Any
+    tangent: Tangent
+    memory: Memory
+    cycles: Any
+    samples: Any
+
+
+@dataclass(frozen=True, eq=False)
+class EngineShell:
+    """An engine: its loop, and what the shell must know of its law.
+
+    name : of SOLVERS
+    integrate : `integrate(first, count, tail, step_limit, setup, memory, tangent, store, angle)`, how it ended
+    kinds : kinds of the records of `Memory`; None for none
+    shared : kind of the record of `Tangent`
+    setup : (system, rtol), whose `waves` are to be copied for every solve
+    setup_of_changes : (system, terms, `key_derivatives`, rtol), with derivatives
+    steps, steps_of_changes : (setup, cycles), most steps, as `integrate` counts them
+    why : (setup, how it ended), a sentence on a failure
+    stretches : the calls that make a solve
+    moves : transitions that are kept of a part per engine cycle
+    more_moves : transitions for which a call asks for room beforehand
+    columns : numbers of a sample with the mode; 0 where the mode follows from the slip speed
+    stride : cycles after which a motion that may end is looked at
+    bound : most iterations
+    """
+
+    name: str
+    integrate: Callable[..., int]
+    kinds: Memory
+    shared: Any
+    setup: Callable[[System, float], Setup]
+    setup_of_changes: Callable[[System, Terms, Floats, float], Setup]
+    steps: Callable[[Setup, int], int]
+    steps_of_changes: Callable[[Setup, int], int]
+    why: Callable[[Setup, int], str]
+    moves: int
+    more_moves: Callable[[Setup], int] = lambda _: 0
+    stretches: Callable[[Problem, Setup], Iterable[Stretch]] = lambda problem, setup: (
+        (setup, problem.whole_cycles, problem.rest),)
+    columns: int = 0
+    stride: int = 1
+    bound: int = 0
+
+    @cached_property
+    def sections(self) -> Callable[..., None]:
+        """`sections_by` its loop."""
+        return sections_by(self.integrate)
+
+    @cached_property
+    def parts(self) -> Callable[..., None]:
+        """`parts_by` its loop."""
+        return parts_by(self.integrate)
+
+    def memory(self) -> tuple[NDArray[np.uint8], Memory]:
+        """Memory, as bytes that are 0 and as its parts."""
+        there = {name: kind for name, kind in self.kinds._asdict().items() if kind is not None}
+        whole = np.zeros(1, np.dtype(list(there.items())))
+        return whole.view(np.uint8), Memory(*(whole[0][name] if name in there else None for name in Memory._fields))
+
+    def solve(self, problem: Problem) -> Trajectory:
+        """Solve (1), (2) with the engine's law, only with the terms that the system has.
+
+        Returns
+        -------
+        Trajectory with `cycles` and `transitions`; a run that cannot go on ends early, with its Status and the states
+        so far.
+        """
+        setup = self.setup(problem.system, SOLVERS[self.name].default if problem.rtol is None else problem.rtol)
+        setup = setup._replace(waves=setup.waves.copy())
+        if self.name not in scratch.memories:
+            scratch.memories[self.name] = self.memory()
+        content, memory = scratch.memories[self.name]
+        content.fill(0)
+        state, counters, numbers = memory.state, memory.counters, (*problem.state.numbers, problem.state.flywheel_angle)
+        state["slip_speed"], state["plate_angle"], state["plate_speed"], state["flywheel_angle"] = numbers
+        kept = Kept(problem, memory.output, self.columns or len(problem.first), self.more_moves(setup))
+        limit = self.steps(setup, problem.whole_cycles + 1)
+        for own, cycles, rest in self.stretches(problem, setup):
+            ended = kept.run(self.integrate, problem.start_cycle, cycles, rest, limit, own, memory, None)
+            if ended != DONE:
+                break
+        first: tuple[float, ...] = problem.first
+        if self.columns:
+            first = *numbers, state["first_mode"]
+        cost = dict(zip(counters.dtype.names, counters.item()))
+        return kept.trajectory(self.name, STATUSES[ended], first, state.item()[:len(first)], float(state["tau"]),
+                               self.why(setup, ended), Statistics(cost["steps"], cost.get("rejected", 0), cost.get(
+                                   "iterations", 0), cost.get("iterations_max", 0), self.bound),
+                               modes=bool(self.columns))
+
+    def fill_sections(self, out: Floats, system: System, first: int, rtol: float, orbits: Orbits) -> None:
+        """Fill `out`, in which the starts are, with what `stroboscopic.sections` returns."""
+        setup, count = self.setup(system, rtol), out.shape[1] - 1
+        store = Store(np.zeros(count + 2, CYCLE), np.empty((0, self.columns or 3)), 0, None)
+        # The end of a run costs a step of the exact engine: whether a motion ends is asked every `stride` cycles.
+        self.sections(first, count, self.stride if len(orbits.reach) else count, self.steps(setup, count),
+                      setup._replace(waves=setup.waves.copy()), self.memory()[1], store, orbits, out)
+
+
+@fast
+def within_reach(point: Any, k: int, orbits: Orbits) -> bool:
+    """Whether a section point is within the reach of that of an orbit."""
+    slip_speed = point[0] / SCALES[0] - orbits.points[k, 0]
+    plate_angle = point[1] / SCALES[1] - orbits.points[k, 1]
+    plate_speed = point[2] / SCALES[2] - orbits.points[k, 2]
+    square = slip_speed * slip_speed + plate_angle * plate_angle + plate_speed * plate_speed
+    return bool(square <= WITHIN * orbits.reach[k])
+
+
+@fast
+def ends(section: Any, since: int, until: int, output: Any, first: int, cycles: Any, orbits: Orbits) -> bool:
+    """Take the points of a motion after cycle `since`; whether it ends there, as where it did not come to `until`."""
+    for i in range(since + 1, output.cycle + 1):
+        section[i, 0], section[i, 1], section[i, 2] = cycles[i].slip_speed, cycles[i].plate_angle, cycles[i].plate_speed
+        for k in range(orbits.reach.shape[0]):
+            if ((first + i - 1 - orbits.cycle[k]) % orbits.forcing == 0 and within_reach(section[i - 1], k, orbits)
+                    and within_reach(section[i], orbits.following[k], orbits)):
+                return True
+    return bool(output.cycle < until)
+
+
+def sections_by(integrate: Callable[..., int]) -> Callable[..., None]:
+    """`integrate` for every state, by itself, some cycles at a time until it ends."""
+    @fast
+    def sections(first: int, count: int, stride: int, step_limit: int, setup: Setup, memory: Memory, store: Store,
+                 orbits: Orbits, out: Any) -> None:
+        state, output = memory.state, memory.output
+        for k in range(out.shape[0]):
+            state.slip_speed, state.plate_angle, state.plate_speed = out[k, 0, 0], out[k, 0, 1], out[k, 0, 2]
+            state.tau, output.started = 0.0, 0
+            for since in range(0, count, stride):
+                until = min(since + stride, count)
+                integrate(first, until, 0.0, step_limit, setup, memory, None, store, None)
+                if ends(out[k], since, until, output, first, store.cycles, orbits):
+                    break
+
+    return sections
+
+
+def parts_by(integrate: Callable[..., int]) -> Callable[..., None]:
+    """`integrate` for every part, with the tangent the identity at its start."""
+    @fast
+    def parts(room: Room, count: int, setup: Setup) -> None:
+        parts, moves, ends, heights, climbs, tangent, memory, cycles, samples = room
+        state, output, groups = memory.state, memory.output, tangent.groups
+        for k in range(count):
+            part = parts[k]
+            state.slip_speed, state.plate_angle, state.plate_speed = part.state[0], part.state[1], part.state[2]
+            state.tau, output.started = part.tau, 0
+            for i in range(groups.shape[0]):
+                for c in range(3):
+                    for lane in range(LANES):
+                        groups[i].now[c, lane] = 1.0 if i == 0 and c == lane else 0.0
+            part.status = integrate(part.first, part.cycles, part.tail, part.steps, setup, memory, tangent,
+                                    Store(cycles, samples, 0, moves[k], None), None)
+            if part.status != DONE:
+                return
+            part.state[0], part.state[1], part.state[2] = state.slip_speed, state.plate_angle, state.plate_speed
+            part.moves, part.mode = output.moves, output.mode
+            part.stick_time = output.stick_time if part.tail > 0.0 else 0.0
+            for n in range(part.cycles):
+                part.stick_time += cycles[n].stick_time
+                heights[k, n] = max(cycles[n].highest, -cycles[n].lowest)
+            if part.tail > 0.0:
+                heights[k, part.cycles] = max(output.highest, -output.lowest)
+            for i in range(groups.shape[0]):
+                for lane in range(LANES):
+                    for c in range(3):
+                        ends[k, i, c, lane] = groups[i].now[c, lane]
+                    for n in range(part.cycles):
+                        climbs[k, n, i, lane] = tangent.peaks[n, i, lane]
+                    if part.tail > 0.0:
+                        climbs[k, part.cycles, i, lane] = groups[i].peak[lane]
+
+    return parts
