@@ -39,11 +39,7 @@ class Judder:
 
 @dataclass(frozen=True, repr=False)
 class Orders(Result):
-    """Orders in windows of 16 engine cycles along a run; W windows, N orders, K orders of the engine torque.
-
-    heat : (W,) work of the friction torque from the start of the run to there, J
-    modes : natural frequencies with the clutch stuck and slipping, rad/s
-    """
+    """Orders in windows of 16 engine cycles along a run; W windows, N orders, K orders of the engine torque."""
 
     time: Floats = field(metadata=reported("middle of each window, (W,)", "s"))
     frequency: Floats = field(metadata=reported("frequency of the engine there, (W,)", "rad/s"))
@@ -55,8 +51,9 @@ class Orders(Result):
     torque_order: Floats = field(metadata=reported("orders that the engine torque has, (K,)"))
     transmissibility: Floats = field(metadata=reported("shaft torque over engine torque at these orders, (W, K)"))
     judder: Judder = field(metadata=reported("how the slip speed shakes in each window"))
-    heat: Floats
-    modes: tuple[float, float]
+    heat: Floats = field(metadata=reported("work of the friction torque from the start of the run to there, (W,)", "J"))
+    modes: tuple[float, float] = field(metadata=reported(
+        "natural frequencies with the clutch stuck and slipping", "rad/s"))
 
     def __repr__(self) -> str:
         return (f"<Orders: {len(self.time)} windows, {self.frequency.min():.6g} to {self.frequency.max():.6g} rad/s, "

@@ -41,6 +41,8 @@ GROUPS: dict[str, dict[str, str]] = {
     "running nodes": {
         "watch": "show running nodes live in Rerun",
         "control": "reset, pause, step, set parameters of running nodes and send them commands"},
+    "pictures": {
+        "plot": "draw the result that a command wrote to a .json or .npz file again"},
     "other programs": {
         "fmu": "write the real-time tick of a scene in C, as a co-simulation FMU"},
     "the paper": {

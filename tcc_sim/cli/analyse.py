@@ -6,7 +6,7 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from tcc_sim.cli.arguments import add_outputs, check_outputs, plot_result, present
+from tcc_sim.cli.arguments import add_outputs, check_outputs, document_of, plot_result, present
 from tcc_sim.errors import require
 from tcc_sim.output.terminal import say
 from tcc_sim.topics import JOINT_NAMES
@@ -87,7 +87,8 @@ def run(arguments: argparse.Namespace) -> int:
         found = replace(found, orders=orders)
         lines += order_lines(orders)
     if arguments.out is not None:
-        write_samples(arguments.out, samples, recording.scene.text(), recorded=True)
+        write_samples(arguments.out, samples, recording.scene.text(), recorded=True,
+                      document=document_of(arguments, found.scene, found))
     plot_result(arguments, drawn, arguments.recording.name)
     present(arguments, found.scene, found, lines)
     return 1 if found.verification is not None and found.verification.undecided else 0

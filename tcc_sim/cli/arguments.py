@@ -286,12 +286,18 @@ def present(arguments: argparse.Namespace, scene: Scene | System, result: Any,
     scene : what was solved or recorded, which the JSON says
     result : a result, or a function that gives one
     """
-    from tcc_sim.output.provenance import document, warnings_of
+    from tcc_sim.output.provenance import warnings_of
 
     for warning in warnings_of(scene):
         print(f"tcc-sim: {warning}", file=sys.stderr)
     if arguments.json is not None:
-        found = result() if callable(result) else result
-        write_json(arguments.json, document(arguments.verb, found, scene, arguments.words))
+        write_json(arguments.json, document_of(arguments, scene, result() if callable(result) else result))
     if arguments.json != STANDARD_OUTPUT and (said := "\n".join(lines)):
         say(said)
+
+
+def document_of(arguments: argparse.Namespace, scene: Scene | System, result: Any) -> dict[str, Any]:
+    """The JSON of a result of this command, for --json and within a .npz."""
+    from tcc_sim.output.provenance import document
+
+    return document(arguments.verb, result, scene, arguments.words)

@@ -12,6 +12,7 @@ from tcc_sim.cli.arguments import (
     add_scene,
     add_workers,
     check_outputs,
+    document_of,
     drawn,
     present,
     refuse_swept,
@@ -55,12 +56,13 @@ def run(arguments: argparse.Namespace) -> int:
         found = basins(scene, plane, cycles=arguments.cycles, over=over, jobs=arguments.jobs, dask=arguments.dask,
                        part=part, progress=True, said=said("basin_rows", scene, arguments.words))
         # Drawing takes longest; interrupted in it, nothing is written, and the same command goes on.
+        values = Planes(found, over, arguments.boundary)
         with drawn(arguments, found, scene.name):
             if arguments.out is not None:
                 from tcc_sim.output.samples import write_basins
 
-                write_basins(arguments.out, found, over)
-            present(arguments, scene, Planes(found, over, arguments.boundary),
+                write_basins(arguments.out, found, over, document_of(arguments, scene, values))
+            present(arguments, scene, values,
                     _lines(found, over, arguments.boundary))
     except (BasinsInterrupted, KeyboardInterrupt):
         kept = f"; the same command goes on from {part}" if part is not None else ""

@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tcc_sim.cli.arguments import add_outputs, add_scene, check_outputs, plot_result, present, scene_of, spaced
+from tcc_sim.cli.arguments import (
+    add_outputs,
+    add_scene,
+    check_outputs,
+    document_of,
+    plot_result,
+    present,
+    scene_of,
+    spaced,
+)
 from tcc_sim.errors import InputError, counted
 
 if TYPE_CHECKING:
@@ -45,6 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Check everything, linearise, write what was asked for, and print the result."""
     from tcc_sim.estimation.linearise import linearise
     from tcc_sim.output.files import draft
+    from tcc_sim.output.samples import documented
     from tcc_sim.sweeps.executors import progress_bar
 
     scene = scene_of(arguments)
@@ -57,7 +67,8 @@ def run(arguments: argparse.Namespace) -> int:
                           controller=controller, tick=bar.update)
     if arguments.out is not None:
         with draft(arguments.out) as part, open(part, "wb") as file:
-            np.savez(file, **found.arrays())  # type: ignore[arg-type]
+            said = documented(document_of(arguments, scene, found))
+            np.savez(file, **found.arrays(), **said)  # type: ignore[arg-type]
     plot_result(arguments, found, scene.name)
     present(arguments, scene, found, _lines(found))
     return 0

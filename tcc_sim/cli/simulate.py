@@ -88,7 +88,8 @@ def run(arguments: argparse.Namespace) -> int:
         found = replace(found, orders=orders)
         lines += order_lines(orders)
     if arguments.out is not None:
-        write_samples(arguments.out, found.trajectory, scene.text())
+        write_samples(arguments.out, found.trajectory, scene.text(),
+                      document=common.document_of(arguments, scene, found))
         lines.append(f"{counted(len(found.trajectory.t), 'sample')} in {arguments.out}")
     common.plot_result(arguments, drawn, scene.name)
     if arguments.plot is not None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,7 @@ from tcc_sim.messages import cdr
 from tcc_sim.output.files import draft
 from tcc_sim.recording.table import hold_line
 from tcc_sim.topics import INPUTS, topic
-from tcc_sim.trajectory import UNITS, Trajectory, integral
+from tcc_sim.trajectory import UNITS, Cycles, Trajectory, integral
 
 if TYPE_CHECKING:
     from tcc_sim.basins.results import Axis, Basins
@@ -21,13 +22,39 @@ if TYPE_CHECKING:
 SUFFIXES = (".npz", ".csv", ".mcap")
 
 
-def write_samples(path: Path, trajectory: Trajectory, scene_text: str, *, recorded: bool = False) -> None:
+def documented(document: Mapping[str, Any]) -> dict[str, Any]:
+    """The JSON of a command as an array of a .npz, so that the file says where it is from and can be drawn again."""
+    return {"document": np.array(json.dumps(document, allow_nan=False))}
+
+
+def cycles_in(arrays: Mapping[str, Any]) -> Cycles | None:
+    """The engine cycles in the arrays of a .npz; None where it has none."""
+    if "cycle_highest" not in arrays:
+        return None
+    return Cycles(arrays["section_states"][:, [1, 0, 2]], arrays["cycle_highest"], arrays["cycle_lowest"],
+                  arrays["cycle_stick_time"], starts=arrays.get("cycle_starts"))
+
+
+def _cycle_columns(cycles: Cycles | None) -> dict[str, Any]:
+    """The engine cycles that a solver worked out, as `cycles_in` reads them."""
+    if cycles is None:
+        return {}
+    return {"section_states": cycles.section[:, [1, 0, 2]], "cycle_highest": cycles.highest,
+            "cycle_lowest": cycles.lowest, "cycle_stick_time": cycles.stick_time,
+            **({} if cycles.starts is None else {"cycle_starts": cycles.starts})}
+
+
+def write_samples(path: Path, trajectory: Trajectory, scene_text: str, *, recorded: bool = False,
+                  document: Mapping[str, Any] | None = None) -> None:
     """Write every sample of `trajectory`.
 
-    A .npz holds the units too, in the order of its arrays, and the scene (YAML), as a .mcap does. A .csv keeps every
-    digit; its first line names the columns and its second line gives their units. What was `recorded` under a commanded
-    pressure has that too, Pa, where it is known throughout; and its .csv begins with the scene, and with how the inputs
-    hold between two rows, in lines that begin with #.
+    A .npz holds the units too, in the order of its arrays, and the scene (YAML), as a .mcap does; where the solver
+    worked out engine cycles `section_states` (plate angle, slip speed, plate speed at the start of each and at the end
+    of the last) and `cycle_highest`, `cycle_lowest` (rad/s), `cycle_stick_time` and, where they differ in length,
+    `cycle_starts` (s); and `document`, the JSON of the command, where it is given. A .csv keeps every digit; its first
+    line names the columns and its second line gives their units. What was `recorded` under a commanded pressure has
+    that too, Pa, where it is known throughout; and its .csv begins with the scene, and with how the inputs hold between
+    two rows, in lines that begin with #.
 
     Raises
     ------
@@ -43,7 +70,8 @@ def write_samples(path: Path, trajectory: Trajectory, scene_text: str, *, record
         if path.suffix == ".mcap":
             write_trajectory(part, trajectory, scene_text)
         elif path.suffix == ".npz":
-            np.savez(part, **columns, units=np.array(list(units.values())), scene=np.array(scene_text))
+            more = {**_cycle_columns(trajectory.cycles), **({} if document is None else documented(document))}
+            np.savez(part, **columns, **more, units=np.array(list(units.values())), scene=np.array(scene_text))
         else:
             rows = zip(*(values.tolist() for values in columns.values()))
             with part.open("w", encoding="utf-8", newline="\n") as file:
@@ -97,10 +125,10 @@ def write_trajectory(path: Path, trajectory: Trajectory, scene_text: str | None 
         raise
 
 
-def write_basins(path: Path, found: Sequence[Basins], over: Axis | None) -> None:
+def write_basins(path: Path, found: Sequence[Basins], over: Axis | None, document: Mapping[str, Any]) -> None:
     """Write `labels` and `cycles`, (second, first) arrays, and the values of both axes; `over` adds a first axis.
 
-    Labels: -1 undecided, -2 runaway, else an index into the attractors of the JSON.
+    Labels: -1 undecided, -2 runaway, else an index into the attractors of the JSON, which is there too as `document`.
     """
     labels, cycles = np.stack([one.labels for one in found]), np.stack([one.cycles for one in found])
     first, second = found[0].plane
@@ -110,4 +138,4 @@ def write_basins(path: Path, found: Sequence[Basins], over: Axis | None) -> None
     else:
         arrays["over_values"] = np.array(over.values)
     with draft(path) as part, part.open("wb") as stream:
-        np.savez_compressed(stream, labels=labels, cycles=cycles, **arrays)
+        np.savez_compressed(stream, labels=labels, cycles=cycles, **arrays, **documented(document))

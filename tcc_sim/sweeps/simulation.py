@@ -172,6 +172,7 @@ class Simulation(Result):
     damping: Damping | None = field(metadata=reported("equivalent damping", spread=True, asked_for=True))
     lyapunov: Lyapunov | None = field(metadata=reported("largest Lyapunov exponent", asked_for=True))
     end: Start
+    plan: Plan | None = field(default=None, metadata=reported("how it was solved", asked_for=True))
     orders: Orders | None = field(default=None, metadata=reported(
         "orders, transmissibility and judder", asked_for=True))
 
@@ -251,7 +252,7 @@ def simulate(scene: Scene | System | str | Path, plan: Plan | None = None, *, sa
         discarded = plan.dropped(plan.most, default_discard(plan.most) if system.profile is None else 0)
         run = _solve(system, plan, start, cycles=plan.most, loads_from=discarded, **kept)
         cycles = run.cycles
-    return _judged(system, plan, start, run, cycles, discarded)
+    return replace(_judged(system, plan, start, run, cycles, discarded), plan=plan)
 
 
 def _solve(system: System, plan: Plan, start: Start, **span: Any) -> Trajectory:

@@ -15,6 +15,7 @@ from tcc_sim.trajectory import Trajectory, no_cycles
 from tcc_sim.views import style
 from tcc_sim.views.dense import last_cycles
 from tcc_sim.views.overview import HISTORY_CYCLES, ORBIT_CYCLES, overview
+from tcc_sim.views.stored import Record, drawer_of, kind_of, read_stored, revived, title_of
 from tcc_sim.views.whole_runs import manoeuvre
 
 
@@ -39,8 +40,9 @@ def plot(result: Any, file: str | Path | None = None, width: str = "page", *, ti
 
     Parameters
     ----------
-    result : what any function of the package gives, or what `sweep --json` or `continue --json` holds; of a recording
-        its first run
+    result : a result of any function of the package; the JSON of a command, or the name of its .json or .npz file,
+        which is solved again where it has no samples; a scene, whose friction law is drawn; of a recording its first
+        run
     file : ends in .png, .svg or .pdf
     width : column or page, of a paper
     title : over the picture
@@ -74,6 +76,12 @@ def plot(result: Any, file: str | Path | None = None, width: str = "page", *, ti
     check_picture(path, width)
     if replaceable(path) and not force:
         raise InputError(f"{path} exists; it is not overwritten")
+    if isinstance(result, (str, Path)):
+        result = read_stored(Path(result))
+    if isinstance(result, Mapping):
+        title, result = title or title_of(result), revived(result)
+    if isinstance(result, Record):
+        return drawer_of(kind_of(vars(result)))(path, result, title=title, width=style.width_of(width))
     look = look_of(result)
     if look is not None:
         return look[0](path, result, title=title, width=style.width_of(width))
@@ -101,13 +109,19 @@ raises what `style.figure` and `style.save` do. What is a run, or has one, is dr
 """
 
 
+KINDS = {"sweep": "Sweep", "continue": "Motions", "basins": "Basins", "linearise": "Linearisation",
+         "identify": "Identification"}
+"""By kind of JSON the row of LOOKS that draws it."""
+
+
 def look_of(result: Any) -> tuple[Callable[..., Any], Callable[..., Any]] | None:
     """What draws a result, or its JSON, or a list of planes of basins, as LOOKS has it; None for what is no row of it.
     """
     name = type(result[0] if isinstance(result, list) and result else result).__name__
     if isinstance(result, Mapping):
-        swept = "Grid" if result.get("second_values") else "Sweep" if "max_slip_speed" in result else ""
-        name = "Motions" if "branches" in result else swept if "over" in result else ""
+        name = KINDS.get(kind_of(result), "")
+        if name == "Sweep":
+            name = "Scattered" if "scatter" in result else "Grid" if result.get("second_values") else "Sweep"
     if name not in LOOKS:
         return None
     module, whole, main = LOOKS[name]

@@ -135,11 +135,13 @@ def _round_places(drawn: Any) -> None:
 
 
 def save_both(drawn: Any, stem: Path) -> tuple[Path, Path]:
-    """Write `stem`.png and `stem`.svg, laid out once for both."""
+    """Write `stem`.png and `stem`.svg, laid out once for both; or one file where its suffix is that of a picture."""
     # An engine lays out anew in every pass, and a picture with one is drawn twice: it goes once its work is done.
     drawn.get_layout_engine().execute(drawn)
     drawn.set_layout_engine(None)
     _round_places(drawn)
+    if stem.suffix in SUFFIXES:
+        return stem, save(drawn, stem)
     raster = save(drawn, stem.with_name(stem.name + ".png"))
     return raster, save(drawn, stem.with_name(stem.name + ".svg"))
 

@@ -1,0 +1,28 @@
+"""A figure of the paper again, from its JSON."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from tcc_sim.paper.drawings import draw
+from tcc_sim.views.stored import Record
+
+ARRAYS = ("t", "slip_speed", "plate_angle", "friction_torque", "engine_torque", "saturation_torque", "state",
+          "coefficient", "slope", "near_slip_speed", "near_coefficient", "near_slope", "near_set_valued")
+"""Keys of the samples of curves and panels."""
+
+
+def draw_stored(path: Path, values: Record, title: str, width: float) -> Path:
+    """Draw a figure from its JSON; the width is the figure's own."""
+    if title:
+        vars(values)["title"] = title
+    for part in (values, *(values.curves or ()), *(values.panels or ()), *(values.steady or ())):
+        for name in ARRAYS:
+            if isinstance(getattr(part, name), list):
+                vars(part)[name] = np.array([np.nan if x is None else x for x in getattr(part, name)])
+        vars(part)["behind"] = part if part.branches is not None else None
+    vars(values)["numbers"] = values
+    draw(values, path)  # type: ignore[arg-type]
+    return path

@@ -1,0 +1,198 @@
+"""Results that commands wrote as JSON or NPZ, read back so that they can be drawn again."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import fields
+from importlib import import_module
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+
+from tcc_sim.analysis.orders import Judder, Orders
+from tcc_sim.errors import InputError
+from tcc_sim.model.parameters import System
+from tcc_sim.output.files import read_json
+from tcc_sim.output.samples import cycles_in
+from tcc_sim.scene import Operation, Scene
+from tcc_sim.sweeps.simulation import Plan, simulate
+from tcc_sim.trajectory import UNITS, Trajectory
+
+DRAWN = {"analyse": ("replay.again", "draw_again"), "figure": ("paper.redrawn", "draw_stored"),
+         "precision": ("benchmarks.redrawn", "draw_stored_precision"),
+         "stability": ("benchmarks.redrawn", "draw_stored_stability")}
+"""By kind of JSON the module and the function of a later room that draws it: they take a picture's file, a `Record`, a
+title and a width in inches.
+"""
+
+
+class Record:
+    """A JSON object whose keys are attributes as well; an attribute that it does not have is None."""
+
+    def __init__(self, values: Mapping[str, Any]) -> None:
+        vars(self).update(values)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+
+    def __getitem__(self, name: str) -> Any:
+        return vars(self)[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(vars(self))
+
+    def items(self) -> Any:
+        """The keys with their values."""
+        return vars(self).items()
+
+    @staticmethod
+    def of(value: Any) -> Any:
+        """A JSON value with a Record in the place of every object."""
+        if isinstance(value, Mapping):
+            return Record({name: Record.of(part) for name, part in value.items()})
+        return [Record.of(part) for part in value] if isinstance(value, list) else value
+
+
+def read_stored(path: Path) -> dict[str, Any]:
+    """The JSON that a command wrote to a .json, or within a .npz, whose arrays are then below `arrays`.
+
+    The arrays of a .npz that --out wrote beside a .json are taken along where both are of one command.
+
+    Raises
+    ------
+    InputError
+        Another suffix, a file that cannot be read, or one that no command of this version wrote.
+    """
+    if path.suffix == ".npz":
+        return _arrays_in(path)
+    if path.suffix != ".json":
+        raise InputError(f"{path} must end in .json or .npz")
+    found = read_json(path)
+    beside = option_of(found.get("command", []), "--out")
+    if beside is not None and beside.endswith(".npz"):
+        for place in (path.parent / Path(beside).name, Path(beside)):
+            if place.is_file() and (other := _arrays_in(place)).get("command") == found.get("command"):
+                return {**found, "arrays": other["arrays"]}
+    return found
+
+
+def _arrays_in(path: Path) -> dict[str, Any]:
+    """The JSON within a .npz, with its arrays."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+    except (OSError, ValueError, BadZipFile) as error:
+        raise InputError(f"{path} cannot be read as .npz: {error}") from None
+    if "document" not in arrays:
+        raise InputError(f"{path} does not say which command wrote it; write it again with --out")
+    found: dict[str, Any] = json.loads(str(arrays.pop("document")))
+    return {**found, "arrays": arrays}
+
+
+def option_of(words: list[str], name: str) -> str | None:
+    """The value of an option in the words of a command; None where it is not given."""
+    for k, word in enumerate(words):
+        if word.startswith(f"{name}="):
+            return word.partition("=")[2]
+        if word == name and k + 1 < len(words):
+            return words[k + 1]
+    return None
+
+
+def kind_of(values: Mapping[str, Any]) -> str:
+    """The verb that a JSON is of; of values without a format the one that its keys show."""
+    parts = str(values.get("format", "")).split()
+    if len(parts) == 3:
+        return parts[1]
+    for key, kind in (("branches", "continue"), ("plane", "basins"), ("scatter", "sweep"), ("over", "sweep"),
+                      ("gain", "linearise"), ("parameters", "identify")):
+        if key in values:
+            return kind
+    return ""
+
+
+def title_of(values: Mapping[str, Any]) -> str:
+    """The title that the command gave its picture."""
+    words, kind = values.get("command", []), kind_of(values)
+    given = option_of(words, "--title")
+    if given is not None or len(words) < 2 or kind in ("figure", "precision", "stability"):
+        return given or ""
+    return Path(words[1]).name if kind == "analyse" else Path(words[1]).stem
+
+
+def revived(values: Mapping[str, Any]) -> Any:
+    """A result that `plots.plot` draws, made of a JSON.
+
+    Raises
+    ------
+    InputError
+        A JSON of which there is no picture, or one without the data of its picture.
+    """
+    kind = kind_of(values)
+    if "orders" in values:
+        return _orders(values["orders"], scene_in(values))
+    if kind == "simulate":
+        return _simulation(values)
+    if kind == "explain":
+        return scene_in(values)
+    if kind == "basins" and "arrays" in values:
+        return {**values, "labels": values["arrays"]["labels"]}
+    if kind == "analyse" and "arrays" in values and not Path(values["command"][1]).exists():
+        return _simulation(values)
+    if kind in DRAWN:
+        return Record.of({name: part for name, part in values.items() if name != "arrays"})
+    if kind in ("sweep", "continue", "basins", "linearise", "identify"):
+        return values
+    raise InputError(f"there is no picture of a JSON of {kind}" if kind else "this is no result of a command")
+
+
+def drawer_of(kind: str) -> Callable[..., Path]:
+    """The function that draws a JSON of one of the kinds of DRAWN."""
+    module, name = DRAWN[kind]
+    found: Callable[..., Path] = getattr(import_module(f"tcc_sim.{module}"), name)
+    return found
+
+
+def missing_data(values: Mapping[str, Any]) -> str:
+    """What a JSON lacks for its picture and how that is made up for, in words; empty where it lacks nothing."""
+    kind = kind_of(values)
+    if "orders" in values or "arrays" in values:
+        return ""
+    if kind == "simulate":
+        return "has no samples: the scene is solved again"
+    if kind == "analyse":
+        return "has no samples: the recording is read again"
+    if kind == "basins" and "over" not in values:
+        return "has no cells: the attractors are drawn without them; basins ... --out FILE.npz keeps them"
+    return ""
+
+
+def scene_in(values: Mapping[str, Any]) -> Scene:
+    """The scene that a JSON states."""
+    return Scene(title_of(values), System(), Operation()).with_values(values["scene"])
+
+
+def _orders(values: Mapping[str, Any], scene: Scene) -> Orders:
+    """The orders of a run."""
+    found = {item.name: np.array(values[item.name]) for item in fields(Orders)
+             if item.name in values and item.name != "judder"}
+    judder = Judder(**{name: np.array(column) for name, column in values["judder"].items()})
+    return Orders(**found, judder=judder)
+
+
+def _simulation(values: Mapping[str, Any]) -> Any:
+    """The run of `simulate`: its samples where there are any, else the scene solved again as the JSON says."""
+    scene, arrays = scene_in(values), values.get("arrays")
+    if option_of(values["command"], "--inputs") is not None and arrays is None:
+        raise InputError("the inputs came from a table, which this JSON does not hold; simulate ... --out FILE.npz "
+                         "keeps the samples")
+    if arrays is None:
+        return simulate(scene, Plan(**values["plan"]))
+    run = Trajectory(**{name: arrays[name] for name in UNITS}, cycle=scene.system.cycle, solver=values["solver"],
+                     system=scene.system, cycles=cycles_in(arrays))
+    return SimpleNamespace(trajectory=run, summary=Record(values))

@@ -1,0 +1,141 @@
+"""A result that is read back from its JSON or NPZ is drawn as it was: every artist has the same numbers."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from driveline_bags import bag, ticked
+
+import tcc_sim
+from tcc_sim.cli import main
+from tcc_sim.errors import InputError
+from tcc_sim.scene import load_scene
+from tcc_sim.views import stored, style
+
+FALLING = ["--set", "pressure.amplitude=0"]
+
+
+@pytest.fixture(autouse=True)
+def _matplotlib() -> None:
+    pytest.importorskip("matplotlib")
+
+
+def artists(drawn: Any) -> list[Any]:
+    """Titles, labels and numbers of every line, collection and text of a figure."""
+    found: list[Any] = [text.get_text() for text in drawn.texts]
+    for axis in drawn.axes:
+        found += [axis.get_title(loc="left"), axis.get_xlabel(), axis.get_ylabel(), axis.get_xlim(), axis.get_ylim()]
+        found += [(line.get_label(), line.get_xydata()) for line in axis.lines]
+        found += [(c.get_array(), c.get_offsets(), [p.vertices for p in c.get_paths()]) for c in axis.collections]
+        found += [patch.get_path().vertices for patch in axis.patches]
+    return found
+
+
+@pytest.fixture
+def pictures(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """Artists of every picture that is saved."""
+    found: list[Any] = []
+    plain = style.save
+    monkeypatch.setattr(style, "save", lambda drawn, path: found.append(artists(drawn)) or plain(drawn, path))
+    return found
+
+
+def same(one: Any, other: Any) -> None:
+    """Fail where two pictures' artists differ."""
+    np.testing.assert_equal(other, one)
+
+
+@pytest.mark.parametrize(("words", "npz"), [
+    (["simulate", "fig02", "--cycles", "60", "--discard", "20"], True),
+    (["simulate", "fig02", "--cycles", "60"], False),
+    (["simulate", "fig02", "--duration", "0.9", "--orders"], False),
+    (["sweep", "fig02", "--over", "engine.frequency=100:140:3", "--cycles", "40"], False),
+    (["sweep", "fig02", "--over", "engine.frequency=100:140:3", "--over", "friction.kinetic_coefficient=0.2,0.28",
+      "--cycles", "20"], False),
+    (["sweep", "fig02", "--scatter", "pressure.mean=22e4:26e4", "--samples", "4", "--cycles", "20"], False),
+    (["sweep", "fig02", "--scatter", "pressure.mean=22e4:26e4", "--samples", "2", "--cycles", "20", "--over",
+      "engine.frequency=100:140:2"], False),
+    (["continue", "fig02", *FALLING, "--over", "friction.kinetic_coefficient=0.23:0.25"], False),
+    (["basins", "fig02", *FALLING, "--plane", "initial.slip_speed=0:300:3", "--plane", "initial.plate_angle=0:0.2:2"],
+     True),
+    (["linearise", "slip", "--slip", "20"], True), (["explain", "fig02"], False)])
+def test_a_result_redrawn_equals_its_picture(words: list[str], npz: bool, pictures: list[Any], tmp_path: Path,
+                                             capsys: pytest.CaptureFixture[str]) -> None:
+    json_, out = tmp_path / "a.json", tmp_path / "a.npz"
+    assert main([*words, "--json", str(json_), "--plot", str(tmp_path / "a.png"), *(["--out", str(out)] if npz else [])
+                 ]) == 0
+    for k, file in enumerate([json_, *([out] if npz else [])]):
+        assert main(["plot", str(file), "--plot", str(tmp_path / f"{k}.png")]) == 0
+        same(pictures[0], pictures[-1])
+        assert "picture in" in capsys.readouterr().out
+    tcc_sim.plot(json.loads(json_.read_text()), tmp_path / "p.png")
+    if words[0] != "basins":  # Its JSON alone has no cells.
+        same(pictures[0], pictures[-1])
+
+
+def test_a_recordings_json_names_it(pictures: list[Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It is read again while it is there; afterwards the samples of a .npz serve."""
+    recording = bag(tmp_path / "run", ticked(load_scene("fig02"), 1500), "fig02")
+    words = ["analyse", str(recording), "--discard", "5", "--plot", str(tmp_path / "a.png"), "--json",
+             str(tmp_path / "a.json"), "--out", str(tmp_path / "a.npz")]
+    assert main(words) == 0
+    capsys.readouterr()
+    assert main(["plot", str(tmp_path / "a.json"), "--plot", str(tmp_path / "b.png")]) == 0
+    same(pictures[0], pictures[1])
+    recording.rename(tmp_path / "elsewhere")
+    assert main(["plot", str(tmp_path / "a.npz"), "--plot", str(tmp_path / "c.png")]) == 0
+    assert len(pictures) == 3
+
+
+def test_a_json_without_cells_draws_the_attractors_and_says_so(pictures: list[Any], tmp_path: Path,
+                                                                capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["basins", "fig02", *FALLING, "--plane", "initial.slip_speed=0:300:3", "--plane",
+             "initial.plate_angle=0:0.2:2", "--json", str(tmp_path / "a.json")]
+    assert main(words) == 0
+    assert main(["plot", str(tmp_path / "a.json"), "--plot", str(tmp_path / "a.png"), "--title", "T", "--width",
+                 "column"]) == 0
+    assert "a.json has no cells" in capsys.readouterr().out
+    assert len(pictures) == 1
+
+
+@pytest.mark.parametrize(("content", "says"), [
+    ("{}", "no result of a command"), ('{"format": "tcc_sim soak 1"}', "no picture of a JSON of soak"),
+    ("[1]", "no JSON object"), ("{", "is no JSON")])
+def test_what_has_no_picture_is_refused_in_a_line(content: str, says: str, tmp_path: Path,
+                                                  capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "a.json"
+    file.write_text(content)
+    assert main(["plot", str(file), "--plot", str(tmp_path / "a.pdf")]) == 2
+    err = capsys.readouterr().err
+    assert says in err
+    assert err.count("\n") == 1
+    assert sorted(tmp_path.iterdir()) == [file]
+    np.savez(tmp_path / "a.npz", x=np.ones(2))
+    with pytest.raises(InputError, match="does not say which command wrote it"):
+        stored.read_stored(tmp_path / "a.npz")
+    with pytest.raises(InputError, match="must end in"):
+        stored.read_stored(tmp_path / "a.txt")
+
+
+def test_a_picture_is_a_pdf_by_default_and_never_overwritten(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                                             capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["explain", "minimal", "--json", "a.json"]) == 0
+    assert main(["plot", "a.json"]) == 0
+    before = (tmp_path / "a.pdf").read_bytes()
+    assert before.startswith(b"%PDF")
+    assert main(["plot", "a.json", "--width", "column"]) == 2
+    assert "not overwritten" in capsys.readouterr().err
+    assert (tmp_path / "a.pdf").read_bytes() == before
+    assert main(["plot", "a.json", "--width", "column", "--force"]) == 0
+    assert (tmp_path / "a.pdf").read_bytes() != before
+
+
+def test_a_run_driven_by_a_table_needs_its_samples(tmp_path: Path) -> None:
+    values = {"format": "tcc_sim simulate 1", "command": ["simulate", "fig02", "--inputs", "a.csv"], "scene": {}}
+    with pytest.raises(InputError, match=r"--out FILE.npz"):
+        tcc_sim.plot(values, tmp_path / "a.png")
