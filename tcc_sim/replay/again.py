@@ -16,9 +16,9 @@ from tcc_sim.views.stored import Record, option_of
 def draw_again(path: Path, values: Record, title: str, width: float) -> Path:
     """Draw what `analyse --plot` draws; InputError or RecordingError where the recording is not there any more."""
     words = values.command
-    run, start, end, discard, frequency = (
-        None if (text := option_of(words, f"--{name}")) is None else kind(text) for name, kind in (
-            ("run", int), ("from", float), ("to", float), ("discard", int), ("frequency", float)))
+    run, discard = (None if (text := option_of(words, name)) is None else int(text) for name in ("--run", "--discard"))
+    start, end, frequency = (None if (text := option_of(words, name)) is None else float(text)
+                             for name in ("--from", "--to", "--frequency"))
     recording = read(words[1], option_of(words, "--scene"))
     found: Any = replay(recording, discard=discard, frequency=frequency, window=Window(run, start, end))
     if found.scene.system.profile is not None:

@@ -22,9 +22,9 @@ from tcc_sim.scene import Operation, Scene
 from tcc_sim.sweeps.simulation import Plan, simulate
 from tcc_sim.trajectory import UNITS, Trajectory
 
-DRAWN = {"analyse": ("replay.again", "draw_again"), "figure": ("paper.redrawn", "draw_stored"),
-         "precision": ("benchmarks.redrawn", "draw_stored_precision"),
-         "stability": ("benchmarks.redrawn", "draw_stored_stability")}
+DRAWN = {"analyse": ("tcc_sim.replay.again", "draw_again"), "figure": ("tcc_sim.paper.redrawn", "draw_stored"),
+         "precision": ("tcc_sim.benchmarks.redrawn", "draw_stored_precision"),
+         "stability": ("tcc_sim.benchmarks.redrawn", "draw_stored_stability")}
 """By kind of JSON the module and the function of a later room that draws it: they take a picture's file, a `Record`, a
 title and a width in inches.
 """
@@ -154,7 +154,7 @@ def revived(values: Mapping[str, Any]) -> Any:
 def drawer_of(kind: str) -> Callable[..., Path]:
     """The function that draws a JSON of one of the kinds of DRAWN."""
     module, name = DRAWN[kind]
-    found: Callable[..., Path] = getattr(import_module(f"tcc_sim.{module}"), name)
+    found: Callable[..., Path] = getattr(import_module(module), name)
     return found
 
 
@@ -179,8 +179,8 @@ def scene_in(values: Mapping[str, Any]) -> Scene:
 
 def _orders(values: Mapping[str, Any], scene: Scene) -> Orders:
     """The orders of a run."""
-    found = {item.name: np.array(values[item.name]) for item in fields(Orders)
-             if item.name in values and item.name != "judder"}
+    found: dict[str, Any] = {item.name: np.array(values[item.name]) for item in fields(Orders)
+                             if item.name in values and item.name != "judder"}
     judder = Judder(**{name: np.array(column) for name, column in values["judder"].items()})
     return Orders(**found, judder=judder)
 

@@ -31,7 +31,7 @@ def refused(capsys, *arguments):
     return out.err
 
 
-ABOUT = ("units", "scene")
+ABOUT = ("units", "scene", "document", "section_states", "cycle_highest", "cycle_lowest", "cycle_stick_time")
 """What a file of samples says beside them."""
 
 
