@@ -6,10 +6,12 @@ import math
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
-from tcc_sim.analysis.control import Tracking, tracking_of
+from tcc_sim.analysis.control import Control, CycleMeans, Steps, Tracking, joined_means, tracking_of
+from tcc_sim.analysis.engine_clock import Uniform, clock_of_scene
 from tcc_sim.errors import InputError, counted
 from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.plant.driveline import Plant, Reading
@@ -70,6 +72,24 @@ class ControlledRun(Trajectory):
         far = [name for name in ("output_angle", "output_speed") if getattr(self, name) is not None]
         part = replace(self, **{name: getattr(self, name)[since:] for name in (*UNITS, *far)})
         return tracking_of(part, target, self.applied_pressure[since:], limits)
+
+    @property
+    def control(self) -> Control:
+        """Cycle means of the slip speed, target, and commanded and applied pressure, as pictures show them."""
+        running = CycleMeans(Uniform(self.cycle) if self.system is None else clock_of_scene(self.system))
+        ends, means = joined_means(running.feed(self.t, self.slip_speed))
+        # A sample has what was held through the tick that led to it.
+        held = {name: Steps(self.t[:-1], values[1:]) for name, values in self.commands.items()}
+        commanded, applied = held.get("actuation_pressure", Steps.none()), Steps(self.t[:-1], self.applied_pressure[1:])
+        return Control(ends.astype(np.float64) * 1e-9, means, self.target_steps(), commanded, applied)
+
+    def target_steps(self) -> Steps:
+        """The target slip speed, rad/s, where one is known."""
+        return Steps.none()
+
+    def columns(self) -> dict[str, Any]:
+        """The samples by name, with the commands of every input and the applied pressure."""
+        return {**super().columns(), **self.commands, "applied_pressure": self.applied_pressure}
 
     def __repr__(self) -> str:
         said = f"; {counted(self.refused, 'command')} refused" if self.refused else ""

@@ -14,12 +14,14 @@ from numpy.typing import NDArray
 
 from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.errors import counted, require
+from tcc_sim.recording.commands import TARGET
 from tcc_sim.recording.reader import TooManyStates, open_run
 from tcc_sim.recording.window import Window
 from tcc_sim.replay.segments import Segment, segments_of
 from tcc_sim.replay.timeline import Timeline, timeline_of, trajectory_of
 from tcc_sim.replay.timing import Timing, default_of, frequency_changes, recorded_scene, timing_of
 from tcc_sim.result import Result, html_of
+from tcc_sim.topics import topic
 from tcc_sim.trajectory import UNITS, Floats, Modes, Trajectory, no_cycles
 
 
@@ -176,7 +178,8 @@ class Recording(Result):
         return replace(found, cycles=longest.kept(0)[0] if longest.pieces else no_cycles())
 
     def to_pandas(self, run: int = 0, start: float | None = None, end: float | None = None) -> Any:
-        """The same samples as a pandas.DataFrame; its `attrs` hold the unit of each column and the scene.
+        """The same samples as a pandas.DataFrame, with the recorded pressures and target; its `attrs` hold the unit of
+        each column and the scene.
 
         Raises
         ------
@@ -188,9 +191,19 @@ class Recording(Result):
         require("pandas", "to_pandas")
         from pandas import DataFrame
 
-        found = self.trajectory(run, start, end)
-        frame = DataFrame(found.columns())
-        frame.attrs.update(units=dict(UNITS), scene=self.scene.text())
+        columns: dict[str, Any] = dict(self.trajectory(run, start, end).columns())
+        line = self.line(Window(run, start, end))
+        (states,) = line.runs
+        if states.applied_pressure is not None:
+            columns["applied_pressure"] = states.applied_pressure
+        for name in ("actuation_pressure", TARGET):
+            if name in line.commands:
+                rows, values, _ = line.commands[name]
+                last = np.searchsorted(rows, states.index + np.arange(len(states)), side="right") - 1
+                columns[name] = np.where(last >= 0, values[last], np.nan)
+        frame = DataFrame(columns)
+        units = {name: topic(name).unit for name in columns if name not in UNITS}
+        frame.attrs.update(units={**UNITS, **units}, scene=self.scene.text())
         return frame
 
     @cached_property

@@ -15,7 +15,9 @@ from pathlib import Path
 from types import FrameType
 from typing import TypeVar
 
-from tcc_sim.analysis.control import Tracking
+import numpy as np
+
+from tcc_sim.analysis.control import Steps, Tracking
 from tcc_sim.background import begun
 from tcc_sim.errors import InputError, TccError
 from tcc_sim.plant.closed_loop import ControlledRun
@@ -42,6 +44,10 @@ class LockstepRun(ControlledRun):
 
     missed: int = 0
     target: tuple[float, int] | None = None
+
+    def target_steps(self) -> Steps:
+        """The target slip speed from the sample on at which it was last changed, rad/s."""
+        return Steps.none() if self.target is None else Steps(self.t[self.target[1]:][:1], np.array([self.target[0]]))
 
     @cached_property
     def tracking(self) -> Tracking:

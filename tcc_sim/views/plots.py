@@ -172,8 +172,9 @@ def plot_run(solved: Trajectory, path: Path, width: str = "page", *, summary: Su
     solved : with per-cycle results, or shorter than a cycle and with samples
     summary : of its steady state; worked out by default
     """
+    control = getattr(solved, "control", None)  # What ran under commands has one.
     if solved.system is not None and solved.system.profile is not None:
-        return manoeuvre(path, solved, style.width_of(width), title)
+        return manoeuvre(path, solved, style.width_of(width), title, control)
     whole = solved.cycles is not None and len(solved.cycles) > 0
     if not whole and len(solved.t) > 2 and solved.t[-1] - solved.t[0] >= solved.cycle:
         solved = replace(solved, cycles=cycles_of(solved))
@@ -182,4 +183,5 @@ def plot_run(solved: Trajectory, path: Path, width: str = "page", *, summary: Su
         summary = summarise(solved)
     tail = last_cycles(solved, max(summary.period or ORBIT_CYCLES, HISTORY_CYCLES))
     cycles = solved.cycles if solved.cycles is not None else no_cycles()
-    return overview(path, tail, cycles, first_cycle_of(solved) if whole else 0, summary, title, width=width)
+    return overview(path, tail, cycles, first_cycle_of(solved) if whole else 0, summary, title,
+                    control=control, width=width)

@@ -10,8 +10,10 @@ import numpy as np
 from tcc_sim.solvers import solve
 from tcc_sim.trajectory import Floats, State, Trajectory, integral
 from tcc_sim.views import style
+from tcc_sim.views.overview import mean_slip_panel, pressure_panel
 
 if TYPE_CHECKING:
+    from tcc_sim.analysis.control import Control
     from tcc_sim.analysis.orders import Orders
 
 SAMPLES, ENOUGH = 100, 16
@@ -27,24 +29,34 @@ TWIN_CYCLES = 8
 """Engine cycles that are shown of the start and of the end beside a recording."""
 
 
-def manoeuvre(path: Path, run: Trajectory, width: float = style.PAGE, title: str = "") -> Path:
-    """Draw torques, slip speed with stick shaded, the shaft's torque and the clutch's heat over all of the time.
+def manoeuvre(path: Path, run: Trajectory, width: float = style.PAGE, title: str = "",
+              control: Control | None = None) -> Path:
+    """Draw torques, slip speed with stick shaded, the shaft's torque and the clutch's heat over all of the time; of a
+    run under commands also the cycle mean of the slip speed beside the target, and commanded and applied pressure.
 
     Parameters
     ----------
     run : with its system; one that kept few samples is solved again from its first state
     width : inch
+    control : target, cycle means and pressures of the run
     """
     run = _sampled(run)
+    controlled = control is not None and control.controlled
     assert run.system is not None
     driveline, dots = run.system.driveline, len(run.t) > SHARP
     twist, twisting = run.shaft_twist
     shaft = driveline.damping * twisting + driveline.stiffness * twist
     power = run.friction_torque * run.slip_speed
     heat = integral(power, run.t)
-    with style.figure(width, 6.4, title) as drawn:
-        axes = drawn.subplots(4, 1, sharex=True, height_ratios=(1.2, 1.2, 1.0, 0.7))
-        torques, slip, beside, warm = axes
+    heights = [1.2, 1.2, *([1.0, 1.0] if controlled else []), 1.0, 0.7]
+    with style.figure(width, 1.56 * sum(heights), title) as drawn:
+        axes = drawn.subplots(len(heights), 1, sharex=True, height_ratios=heights)
+        (torques, slip, *_, beside, warm), names = axes, ["Torques", "Slip speed"]
+        if control is not None and controlled:
+            mean_slip_panel(axes[2], control)
+            pressure_panel(axes[3], control)
+            axes[3].set_xlabel("")
+            names += ["Cycle mean of the slip speed", "Actuation pressure"]
 
         def line(axis: Any, values: Floats, colour: str, label: str = "", **look: Any) -> None:
             axis.plot(run.t, values, color=colour, label=label or None, rasterized=dots, linewidth=0.8, **look)
@@ -68,7 +80,7 @@ def manoeuvre(path: Path, run: Trajectory, width: float = style.PAGE, title: str
         warm.set(xlabel="time (s)", ylabel="heat (kJ)", xlim=(run.t[0], run.t[-1]))
         for axis in (torques, slip):
             style.legend_above(axis)
-        style.panel_titles(axes, ["Torques", "Slip speed", "Shaft torque", "Cumulative heat in the clutch"])
+        style.panel_titles(axes, [*names, "Shaft torque", "Cumulative heat in the clutch"])
         return style.save(drawn, path)
 
 

@@ -16,6 +16,8 @@ from pathlib import Path
 
 import pytest
 
+from tcc_sim.plant.driveline import Reading
+
 EXAMPLE = Path(__file__).resolve().parent / "example"
 PAGE = Path(__file__).resolve().parents[2] / ".github" / "guide" / "testing.md"
 BLOCK = re.compile(r"^```python (\S+)\n(.*?)^```", re.DOTALL | re.MULTILINE)
@@ -34,6 +36,11 @@ def test_the_page_shows_the_files_of_the_example() -> None:
     assert shown == {name: (EXAMPLE / name).read_text() for name in shown}
     files = {str(path.relative_to(EXAMPLE)) for path in EXAMPLE.glob("*/*.py")}
     assert set(shown) == files
+
+
+def test_the_page_names_every_field_of_a_reading() -> None:
+    text = PAGE.read_text()
+    assert all(f"`{name}`" in text for name in Reading._fields)
 
 
 @installed
