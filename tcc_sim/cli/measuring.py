@@ -12,8 +12,8 @@ from tcc_sim.errors import counted, require
 from tcc_sim.output.files import new_directory, write_json
 from tcc_sim.output.terminal import counted_bar, say, seconds_bar
 
-REPORTS = {"precision": "shorter ladders, done within half a minute",
-           "stability": "fewer scenes and coarser charts, done within half a minute"}
+REPORTS = {"precision": "shorter ladders, about 40 s of computing on one core",
+           "stability": "fewer scenes and coarser charts, about half a minute"}
 """Verbs that write a report, with what --quick does."""
 DURATIONS = {"realtime": (0.5, 60.0), "soak": (2.0, 600.0)}
 """Verbs that run nodes for a while and tell how well they did, with the shortest and the default duration, s."""

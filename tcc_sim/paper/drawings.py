@@ -81,7 +81,7 @@ def draw_orbit(axis: Any, x: Sequence[float], curve: Labelled, colour: str) -> N
 
 
 OTHER = "coexists: reached from a neighbour's state"
-SPIKE = "spike of a cold start beside it"
+SPIKE = "transient outlasting the dropped cycles"
 
 
 def draw_curve_maxima(axis: Any, x: Sequence[float], curve: Labelled, colour: str) -> None:

@@ -12,6 +12,8 @@ from tcc_sim.views.stored import Record
 ARRAYS = ("t", "slip_speed", "plate_angle", "friction_torque", "engine_torque", "saturation_torque", "state",
           "coefficient", "slope", "near_slip_speed", "near_coefficient", "near_slope", "near_set_valued")
 """Keys of the samples of curves and panels."""
+NUMBERS = ("peak_slip_speed", "first_half")
+"""Keys of numbers that are not finite where JSON has null."""
 
 
 def draw_stored(path: Path, values: Record, title: str, width: float) -> Path:
@@ -22,6 +24,7 @@ def draw_stored(path: Path, values: Record, title: str, width: float) -> Path:
         for name in ARRAYS:
             if isinstance(getattr(part, name), list):
                 vars(part)[name] = np.array([np.nan if x is None else x for x in getattr(part, name)])
+        vars(part).update({name: np.nan for name in NUMBERS if name in part and part[name] is None})
         vars(part)["behind"] = part if part.branches is not None else None
     vars(values)["numbers"] = values
     draw(values, path)  # type: ignore[arg-type]
