@@ -42,7 +42,9 @@ class Driveline(Group):
 class Friction(Group):
     """The friction law: (6) set-valued, (7) smoothed."""
 
-    law: str = quantity("smoothed", "friction law: (7) smoothed or (6) set_valued", choices=("smoothed", "set_valued"))
+    law: str = quantity("smoothed", "friction law: (7) smoothed or (6) set_valued", choices=("smoothed", "set_valued"),
+                        otherwise="; laws with memory, such as LuGre, are not modelled: sweep over friction "
+                        "tables instead")
     static_coefficient: float = quantity(0.3, "static friction coefficient mu_s", "", 0.0, 2.0, above=True, live=True)
     kinetic_coefficient: float = quantity(0.24, "kinetic friction coefficient mu_k, of fast slip", "", 0.0, 2.0,
                                           above=True, live=True)

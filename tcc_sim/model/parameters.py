@@ -169,6 +169,9 @@ def values_of(system: System) -> Iterator[tuple[str, Value]]:
 
 def unknown_key(key: str, known: Mapping[str, object] | list[str], kind: str = "a scene key") -> InputError:
     """The error for a key that does not exist, with the nearest one that does; `kind` says what it would be."""
+    if "temperature" in key:
+        return InputError(f"{key} is not {kind}: temperature is no state of this model; sweep over friction tables "
+                          "that were measured at several temperatures instead")
     near = difflib.get_close_matches(key[:100], list(known), n=1, cutoff=0.5)
     return InputError(f"{key} is not {kind}" + (f"; did you mean {near[0]}?" if near else ""))
 

@@ -44,6 +44,7 @@ class Quantity:
     """What a key means: its unit, its allowed range or choices, and whether a running node may change it.
 
     above : the lower bound itself is not allowed
+    otherwise : what the refusal of a choice adds
     zero : 0 is allowed beside the range
     """
 
@@ -55,6 +56,7 @@ class Quantity:
     choices: tuple[str, ...] = ()
     live: bool = False
     zero: bool = False
+    otherwise: str = ""
 
     @property
     def described(self) -> str:
@@ -75,7 +77,7 @@ class Quantity:
         """Raise InputError unless `value` is of the right kind and within the range."""
         if self.choices:
             if value not in self.choices:
-                raise InputError(f"{key} is {value!r}; it must be {self.interval()}")
+                raise InputError(f"{key} is {value!r}; it must be {self.interval()}{self.otherwise}")
             return
         for x in value if isinstance(value, tuple) else (value,):
             if isinstance(x, bool) or not isinstance(x, (int, float)):
@@ -98,9 +100,9 @@ def apart(value: float, *others: float) -> str:
 
 def quantity(default: Value | tuple[str, ...], description: str, unit: str = "", low: float = -math.inf,
              high: float = math.inf, *, above: bool = False, choices: tuple[str, ...] = (), live: bool = False,
-             zero: bool = False) -> Any:
+             zero: bool = False, otherwise: str = "") -> Any:
     """A dataclass field that carries its Quantity."""
-    meta = Quantity(description, unit, low, high, above, choices, live, zero)
+    meta = Quantity(description, unit, low, high, above, choices, live, zero, otherwise)
     return field(default=default, metadata={"quantity": meta})
 
 

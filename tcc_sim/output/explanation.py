@@ -99,7 +99,9 @@ def friction_lines(found: dict[str, Any]) -> list[str]:
     fit = "" if found["fit_error"] is None else (f"; the fit of the table is up to {found['fit_error']:.2%} of its "
                                                  f"largest coefficient off, at {found['fit_error_at']:g} rad/s")
     static, kinetic = found["constant"] + sum(found["amplitudes"]), found["constant"]
-    course = ("does not depend on slip speed" if static == kinetic else
+    signs = {amplitude > 0.0 for amplitude in found["amplitudes"]}
+    course = ("does not depend on slip speed" if not signs else
+              f"falls and rises between {static:.4g} without slip and {kinetic:.4g} in fast slip" if len(signs) > 1 else
               f"{'falls' if static > kinetic else 'rises'} with slip speed from {static:.4g} to {kinetic:.4g}")
     lines = [f"sliding friction: mu(v) = {' '.join(parts)}{fit}", f"  the coefficient {course}"]
     if found["stick_speed"] > 0.0:

@@ -167,3 +167,11 @@ def test_what_is_doubtful_of_a_table_goes_with_every_result(tmp_path: Path, caps
     text = load_scene("aged_fluid").text()
     assert "decay" not in text
     assert parse_scene(text, "aged_fluid").warnings() == []
+
+
+@pytest.mark.parametrize(("word", "sentence"), [
+    ("friction.law=lugre", "such as LuGre, are not modelled: sweep over friction tables instead"),
+    ("friction.temperature=80.0", "temperature is no state of this model; sweep over friction tables")])
+def test_what_is_not_modelled_is_refused_with_the_way_instead(word: str, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        load_scene("fig02").with_values(parse_assignments([word]))
