@@ -217,7 +217,9 @@ def section_varies_less(evidence: Evidence) -> Measured:
     variation = np.array([s.std(axis=0) / np.abs(s).mean(axis=0) for s in sections if repeats(s[:, 1]) != 1])
     share = float((variation[:, 1] < variation[:, 0]).mean()) if len(variation) else 1.0
     return Measured([share], {"ratios": len(variation), "part of them": share, "median variation of delta_1', delta_2":
-                              np.median(variation[:, :2], axis=0).tolist() if len(variation) else []})
+                              np.median(variation[:, :2], axis=0).tolist() if len(variation) else []},
+                    "" if share == 1.0 else "the section mostly lies in stick, where delta_1' is nearly 0 and delta_2 "
+                    "is what varies")
 
 
 def repeats(series: Floats) -> int:
