@@ -8,24 +8,23 @@ sine, not a power.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.analysis.settings import DEFAULTS
+from tcc_sim.analysis.signals import Signals, run_signals
 from tcc_sim.errors import InputError
-from tcc_sim.model import equations
-from tcc_sim.model.parameters import System
-from tcc_sim.model.profile import SWELL, SWELLS, phase_at
 from tcc_sim.result import Result, reported
-from tcc_sim.solvers.per_cycle import hermite
-from tcc_sim.solvers.terms import terms_of
-from tcc_sim.trajectory import Floats, Trajectory, integral
+from tcc_sim.trajectory import Floats, Trajectory
 
 HANN_LOBE = 3
 """Columns of a spectrum that the mean spreads over: half of the main lobe of Hann's window."""
+CUTS = (1.0, 2.0, 3.0, 4.0)
+"""Orders of the excitation that are drawn and listed by themselves."""
+LEAST = 1e-12
+"""Amplitudes below count as this one, so that they have a level."""
 
 
 @dataclass(frozen=True)
@@ -39,21 +38,24 @@ class Judder:
 
 @dataclass(frozen=True, repr=False)
 class Orders(Result):
-    """Orders in windows of 16 engine cycles along a run; W windows, N orders, K orders of the engine torque."""
+    """Orders in windows of 16 periods of the excitation along a run; W windows, N orders, K of the engine torque."""
 
     time: Floats = field(metadata=reported("middle of each window, (W,)", "s"))
-    frequency: Floats = field(metadata=reported("frequency of the engine there, (W,)", "rad/s"))
-    order: Floats = field(metadata=reported("multiples of the engine frequency, (N,)"))
+    frequency: Floats = field(metadata=reported("frequency of the excitation there, (W,)", "rad/s"))
+    order: Floats = field(metadata=reported(
+        "crank orders: multiples of the excitation's frequency times engine.order, (N,)"))
     slip_speed: Floats = field(metadata=reported(
         "amplitudes of the sines, (W, N); of order 0 the mean's size", "rad/s"))
     shaft_torque: Floats = field(metadata=reported(
         "amplitudes of the sines, (W, N); of order 0 the mean's size", "N m"))
-    torque_order: Floats = field(metadata=reported("orders that the engine torque has, (K,)"))
+    torque_order: Floats = field(metadata=reported("crank orders that the engine torque has, (K,)"))
     transmissibility: Floats = field(metadata=reported("shaft torque over engine torque at these orders, (W, K)"))
     judder: Judder = field(metadata=reported("how the slip speed shakes in each window"))
     heat: Floats = field(metadata=reported("work of the friction torque from the start of the run to there, (W,)", "J"))
     modes: tuple[float, float] = field(metadata=reported(
         "natural frequencies with the clutch stuck and slipping", "rad/s"))
+    per_revolution: float = field(default=1.0, metadata=reported(
+        "engine.order, periods of the excitation in a crank revolution"))
 
     def __repr__(self) -> str:
         return (f"<Orders: {len(self.time)} windows, {self.frequency.min():.6g} to {self.frequency.max():.6g} rad/s, "
@@ -62,7 +64,20 @@ class Orders(Result):
     def columns(self) -> dict[str, Floats]:
         """A row for every window: time, frequency, judder, heat, and the shaft torque of orders 1 to 4."""
         return {"time": self.time, "frequency": self.frequency, **vars(self.judder), "heat": self.heat,
-                **{f"shaft_torque_{n}": self.cut(n) for n in range(1, min(4, int(self.order[-1])) + 1)}}
+                **{f"shaft_torque_{order:g}": self.cut(order) for order in self.cuts}}
+
+    @property
+    def cuts(self) -> list[float]:
+        """The crank orders of the first multiples of the excitation that there are."""
+        return [self.per_revolution * order for order in CUTS if self.per_revolution * order <= self.order[-1]]
+
+    def first(self, windows: int, orders: int) -> Orders:
+        """The first so many windows and orders."""
+        w, n = slice(windows), slice(orders)
+        judder = Judder(self.judder.rms[w], self.judder.peak[w], self.judder.breakaways[w])
+        return replace(self, time=self.time[w], frequency=self.frequency[w], order=self.order[n], heat=self.heat[w],
+                       slip_speed=self.slip_speed[w, n], shaft_torque=self.shaft_torque[w, n], judder=judder,
+                       transmissibility=self.transmissibility[w])
 
     def cut(self, order: float, of: str = "shaft_torque") -> Floats:
         """The amplitude of one order along the run, (W,)."""
@@ -70,88 +85,98 @@ class Orders(Result):
         return found
 
 
-def orders_of(run: Trajectory) -> Orders:
+def orders_of(run: Trajectory | Signals) -> Orders:
     """The orders of a run from its samples.
 
     Parameters
     ----------
-    run : with its system, and samples of which there are `Settings.least_samples` to a cycle
+    run : with its system, or its signals, and samples of which there are `Settings.least_samples` to a period of the
+        excitation
 
     Raises
     ------
     InputError
-        Fewer than `Settings.window` cycles, too few samples, or no system.
+        Fewer than `Settings.window` periods, too few samples, or no system.
     """
-    system = run.system
-    if system is None:
-        raise InputError("the trajectory has no system, which says what the engine's phase is")
-    turns, when = _phase_of(run, system)
+    signals = run if isinstance(run, Signals) else run_signals(run)
+    turns, system = signals.turns, signals.system
     whole = math.floor(float(turns[-1] - turns[0]) + 1e-9)
     if whole < DEFAULTS.window:
-        raise InputError(f"orders need {DEFAULTS.window} engine cycles, and there are {whole}")
+        raise InputError(f"orders need {DEFAULTS.window} periods of the excitation, and there are {whole}")
     if len(turns) < DEFAULTS.least_samples * whole:
-        raise InputError(f"orders need {DEFAULTS.least_samples} samples in an engine cycle, and there are "
+        raise InputError(f"orders need {DEFAULTS.least_samples} samples in a period of the excitation, and there are "
                          f"{len(turns) / whole:.3g}")
     per_cycle = DEFAULTS.per_cycle
     begin = math.ceil(float(turns[0]) * per_cycle - 1e-6)
     count = (math.floor(float(turns[-1]) * per_cycle + 1e-6) - begin) // per_cycle * per_cycle + 1
-    at = when((begin + np.arange(count)) / per_cycle)
-    v, shaft, torque = _resampled(run, system, at)
+    at = signals.when((begin + np.arange(count)) / per_cycle)
+    v, shaft, torque = signals.at(at)
     length = DEFAULTS.window * per_cycle
     starts = np.arange(0, count - length, DEFAULTS.hop * per_cycle)
     highest = min(float(DEFAULTS.highest_order), 0.25 * len(turns) / whole)
     order = np.arange(math.floor(highest * DEFAULTS.window) + 1) / DEFAULTS.window
     spectra = [_amplitudes(x, starts, length, len(order)) for x in (v, shaft, torque)]
-    driven = _driven(system, spectra[2], order)
+    driven = _driven(spectra[2], order) if signals.driven is None else signals.driven
     driven = driven[driven <= order[-1]]
     places = np.rint(driven * DEFAULTS.window).astype(int)
     with np.errstate(divide="ignore", invalid="ignore"):
         passed = spectra[1][:, places] / spectra[2][:, places]
     apart = _about_cycle_mean(v)
     ends = starts + length
-    broke = _breakaways(run)
-    counts = np.searchsorted(broke, at[ends]) - np.searchsorted(broke, at[starts])
     lasted, middle = at[ends] - at[starts], at[(starts + ends) // 2]
-    power = run.friction_torque * run.slip_speed
-    heat = integral(power, run.t)
+    broke = signals.breakaways
+    counts = np.full(len(starts), np.nan) if broke is None else np.searchsorted(broke, at[ends]) - np.searchsorted(
+        broke, at[starts])
     judder = Judder(np.array([math.sqrt(float(np.mean(apart[a:b] ** 2))) for a, b in zip(starts, ends)]),
                     np.array([float(np.abs(apart[a:b]).max()) for a, b in zip(starts, ends)]), counts / lasted)
+    each = system.engine.order
     return Orders(
-        time=middle, frequency=2.0 * np.pi * DEFAULTS.window / lasted, order=order, slip_speed=spectra[0],
-        shaft_torque=spectra[1], torque_order=driven, transmissibility=passed,
-        judder=judder, heat=np.interp(middle, run.t, heat),
-        modes=(system.stuck_natural_frequency, system.natural_frequency))
+        time=middle, frequency=2.0 * np.pi * DEFAULTS.window / lasted, order=each * order, slip_speed=spectra[0],
+        shaft_torque=spectra[1], torque_order=each * driven, transmissibility=passed,
+        judder=judder, heat=np.interp(middle, signals.t, signals.heat),
+        modes=(system.stuck_natural_frequency, system.natural_frequency), per_revolution=each)
 
 
-def turns_at(system: System, t: Floats) -> Floats:
-    """Engine cycles passed at the times t, (n,)."""
-    return t / system.cycle if system.profile is None else np.asarray(phase_at(system.profile, t)) / (2.0 * math.pi)
+@dataclass(frozen=True, repr=False)
+class OrderComparison(Result):
+    """Orders of a measured run beside those of the simulated one, on the same windows."""
+
+    measured: Orders = field(metadata=reported("orders of the measurement"))
+    simulated: Orders = field(metadata=reported("orders of the simulation"))
+
+    def __repr__(self) -> str:
+        return f"<OrderComparison: {len(self.measured.time)} windows>"
+
+    def columns(self) -> dict[str, Floats]:
+        """A row for every window: time, frequency, and the differences of the drawn orders, dB."""
+        cuts = {f"{name}_{order:g}": self.difference(name, order)
+                for name in ("slip_speed", "shaft_torque") for order in self.measured.cuts}
+        return {"time": self.measured.time, "frequency": self.measured.frequency, **cuts}
+
+    def difference(self, of: str, order: float) -> Floats:
+        """Level of the simulated amplitude of one order less the measured one, dB, (W,)."""
+        return level(self.simulated.cut(order, of)) - level(self.measured.cut(order, of))
 
 
-def _phase_of(run: Trajectory, system: System) -> tuple[Floats, Callable[[Floats], Floats]]:
-    """Engine cycles passed at the samples, and when so many have passed: the scene's or, where the torque was
-    commanded, those that were told from it, each of one frequency.
+def compared(measured: Signals, run: Trajectory) -> OrderComparison:
+    """The orders of a measurement beside those of the run that it drove, both by the measured phase.
+
+    Raises
+    ------
+    InputError
+        As `orders_of`.
     """
-    if system.engine.source != "topic":
-        return turns_at(system, run.t), system.cycle_start
-    starts = run.cycles.starts if run.cycles is not None else None
-    if starts is None or len(starts) < 2 or not np.isfinite(starts).all():
-        raise InputError("the torque was commanded, and its engine cycles are not known: there are no orders")
-    numbers = np.arange(len(starts), dtype=np.float64)
-    within = run.t[(run.t >= starts[0]) & (run.t <= starts[-1])]
-    return np.interp(within, starts, numbers), lambda turns: np.interp(turns, numbers, starts)
+    inside = (measured.t >= run.t[0]) & (measured.t <= run.t[-1])
+    found = orders_of(replace(measured, turns=measured.turns[inside], t=measured.t[inside],
+                              heat=measured.heat[inside]))
+    own = orders_of(run_signals(run, (measured.turns, measured.when)))
+    count, orders = min(len(found.time), len(own.time)), min(len(found.order), len(own.order))
+    return OrderComparison(found.first(count, orders), own.first(count, orders))
 
 
-def _resampled(run: Trajectory, system: System, at: Floats) -> tuple[Floats, Floats, Floats]:
-    """Slip speed, shaft torque and engine torque at the times `at`, by cubics with the rates of the equations."""
-    d = system.driveline
-    twist, twisting = run.shaft_twist
-    slip, plate = equations.accelerations(twist, twisting, run.engine_torque, run.friction_torque,
-                                          terms_of(system).linear)
-    shaft = d.damping * twisting + d.stiffness * twist
-    return (hermite(at, run.t, run.slip_speed, slip),
-            hermite(at, run.t, shaft, d.damping * plate + d.stiffness * twisting),
-            hermite(at, run.t, run.engine_torque, np.gradient(run.engine_torque, run.t)))
+def level(amplitude: Floats) -> Floats:
+    """20 log10 of an amplitude, dB re 1 of its unit."""
+    return 20.0 * np.log10(np.maximum(amplitude, LEAST))
 
 
 def _amplitudes(values: Floats, starts: NDArray[np.int64], length: int, count: int) -> Floats:
@@ -164,18 +189,10 @@ def _amplitudes(values: Floats, starts: NDArray[np.int64], length: int, count: i
     return out
 
 
-def _driven(system: System, torque: Floats, order: Floats) -> Floats:
-    """The orders that the engine torque has: those of the scene or, where it was commanded or comes from data, the
-    peaks of its amplitudes, (W, N), that reach `DEFAULTS.driven` of the largest in their window, most of the time.
+def _driven(torque: Floats, order: Floats) -> Floats:
+    """The orders that a given torque has: the peaks of its amplitudes, (W, N), that reach `DEFAULTS.driven` of the
+    largest in their window, most of the time.
     """
-    engine = system.engine
-    if engine.source != "topic" and (system.inputs is None or system.inputs.torque is None):
-        terms = terms_of(system)
-        rate = 1.0 if terms.profile is not None else engine.frequency
-        driven = [] if terms.torque is None else [1.0]
-        driven += [] if terms.harmonics is None else np.round(terms.harmonics[:, 0] / rate).tolist()
-        driven += [] if terms.profile is None else terms.profile[0, SWELLS::SWELL].tolist()
-        return np.array(sorted(driven), dtype=np.float64)
     torque = torque.copy()
     torque[:, :HANN_LOBE] = 0.0  # The mean's, and what Hann's window spreads of it.
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -190,12 +207,3 @@ def _about_cycle_mean(v: Floats) -> Floats:
     whole = (len(v) - 1) // DEFAULTS.per_cycle * DEFAULTS.per_cycle
     cycles = v[:whole].reshape(-1, DEFAULTS.per_cycle)
     return np.append((cycles - cycles.mean(axis=1, keepdims=True)).ravel(), 0.0)
-
-
-def _breakaways(run: Trajectory) -> Floats:
-    """When the clutch goes from stick to slip, s, ascending."""
-    if len(run.transitions.time):
-        moves = run.transitions
-        return np.asarray(moves.time[moves.before == 0])
-    out: Floats = run.t[1:][(run.state[:-1] == 0) & (run.state[1:] != 0)]
-    return out

@@ -99,6 +99,16 @@ class Settings:
     least_samples: int = quantity(8, "samples that a cycle must have on average; orders up to a quarter of them, and "
                                   "`highest_order` at most, are given")
 
+    # Spectra of steady states (`spectra.py`).
+    spectrum_points: int = quantity(256, "points in a cycle of the excitation after resampling, at most")
+    spectrum_window: int = quantity(64, "length of a window of a motion without a period, at most",
+                                    "cycles of the excitation")
+    spectrum_least: int = quantity(16, "the same at least", "cycles of the excitation")
+    spectrum_cycles: int = quantity(1024, "length that a motion without a period is solved on for",
+                                    "cycles of the excitation")
+    subharmonic: float = quantity(1e-3, "part of the largest line above which one between the multiples of the "
+                                  "excitation is listed")
+
     # Equivalent damping (`damping.py`).
     averaged: int = quantity(16, "length that the averages are taken over", "engine cycles")
     rtol: float = quantity(1e-9, "relative tolerance of the motion and its integrals with the smoothed law")

@@ -145,6 +145,8 @@ class Summary(Result):
         "largest change of the section over the last period, relative to the size of the motion"))
     solver: str = field(metadata=reported("name of the solver"))
     elapsed_s: float = field(metadata=reported("computing time", "s"))
+    section_states: list[tuple[float, float, float]] | None = field(default=None, metadata=reported(
+        "plate angle, slip speed and plate speed at the points of the section", "rad, rad/s, rad/s", asked_for=True))
     runaway: bool = field(default=False, metadata=reported(
         "whether slip grows and never sticks, as where the friction torque is below the mean engine torque; such a "
         "motion has no period and has not settled"))
@@ -170,7 +172,7 @@ class Summary(Result):
 
     def columns(self) -> dict[str, list[Any]]:
         """The fields less those that are lists, as ``pandas.DataFrame`` and ``polars.DataFrame`` take a row."""
-        listed = "section", "covers"
+        listed = "section", "section_states", "covers"
         return {item.name: [getattr(self, item.name)] for item in fields(self) if item.name not in listed}
 
 
@@ -254,7 +256,8 @@ def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, t
                  "breakaways": int(breakaways.sum()) if np.isfinite(breakaways).all() else None}
     return Summary(
         max_slip_speed=max(abs(highest), abs(lowest)), min_slip_speed=lowest, period=found.period,
-        section=[(angle, v) for v, angle, _ in points.tolist()], stick_fraction=float(fraction),
+        section=[(angle, v) for v, angle, _ in points.tolist()],
+        section_states=[(angle, v, speed) for v, angle, speed in points.tolist()], stick_fraction=float(fraction),
         regime=regime_of(fraction), cycles=len(cycles) + dropped, discarded=dropped, settled=found.settled,
         section_change=found.change, solver=by.solver if by is not None else "",
         elapsed_s=by.statistics.seconds if by is not None else 0.0, runaway=runaway,

@@ -6,16 +6,20 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from tcc_sim.cli.arguments import add_outputs, check_outputs, document_of, plot_result, present
-from tcc_sim.errors import require
+from tcc_sim.cli.arguments import add_outputs, add_spectrum, check_outputs, document_of, plot_result, present
+from tcc_sim.errors import InputError, counted, require
 from tcc_sim.output.terminal import say
 from tcc_sim.topics import JOINT_NAMES
+
+DEFAULT_SCENE = "fig02"
+"""As `scene` has it, which is not loaded for this."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The recording and where its figures and samples go."""
-    parser.add_argument("recording", metavar="RUN", type=Path,
-                        help="bag directory or .mcap file, complete or cut short")
+    parser.add_argument("recording", metavar="RUN|FILE.csv", type=Path,
+                        help="bag directory or .mcap file, complete or cut short; or a table of measurements for "
+                        "--orders and --spectrum")
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--rrd", metavar="FILE", type=Path, help="write the run as a Rerun recording")
     where.add_argument("--spawn", action="store_true", help="start a Rerun viewer and stream the run to it")
@@ -42,7 +46,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="names of the two joints in a recording where they have others")
     parser.add_argument("--orders", action="store_true", help="work out orders, transmissibility and judder of the run "
                         "whose figures are shown; --plot then draws the order map")
-    parser.add_argument("--scene", metavar="SCENE", help="name or file, for a recording that holds none")
+    add_spectrum(parser)
+    parser.add_argument("--scene", metavar="SCENE", help="name or file, for a recording that holds none, and for the "
+                        f"shaft and the order of a table (default {DEFAULT_SCENE})")
 
 
 def joint_names(text: str) -> dict[str, str]:
@@ -56,11 +62,13 @@ def joint_names(text: str) -> dict[str, str]:
 def run(arguments: argparse.Namespace) -> int:
     """Check the outputs, read, write what was asked for, and print the figures."""
     from tcc_sim.output.samples import write_samples
-    from tcc_sim.output.tables import order_lines
+    from tcc_sim.output.tables import order_lines, spectrum_lines
     from tcc_sim.recording.window import Window
     from tcc_sim.replay.recorded import read
     from tcc_sim.replay.replay import replay
 
+    if arguments.recording.suffix == ".csv":
+        return _table(arguments)
     window = Window(arguments.run, arguments.start, arguments.end)
     check_outputs(arguments, (".csv", ".npz"), arguments.rrd)
     if arguments.rrd is not None or arguments.spawn or arguments.connect is not None:
@@ -77,7 +85,7 @@ def run(arguments: argparse.Namespace) -> int:
     drawn: object = found
     # Of a manoeuvre the whole is drawn, as `simulate --plot` does; of anything else its last cycles and its maxima.
     whole = arguments.plot is not None and found.scene.system.profile is not None
-    if arguments.out is not None or arguments.orders or whole:
+    if arguments.out is not None or arguments.orders or arguments.spectrum or whole:
         samples = recording.trajectory(found.run, arguments.start, arguments.end)
         drawn = samples if whole else found
     if arguments.orders:
@@ -86,9 +94,42 @@ def run(arguments: argparse.Namespace) -> int:
         drawn = orders = orders_of(samples)
         found = replace(found, orders=orders)
         lines += order_lines(orders)
+    if arguments.spectrum:
+        from tcc_sim.analysis.signals import run_signals
+        from tcc_sim.analysis.spectra import spectrum_of
+
+        spectrum = spectrum_of(run_signals(samples), found.summary.period)
+        found = replace(found, spectrum=spectrum)
+        drawn = drawn if arguments.orders else found
+        lines += spectrum_lines(spectrum)
     if arguments.out is not None:
         write_samples(arguments.out, samples, recording.scene.text(), recorded=True,
                       document=document_of(arguments, found.scene, found))
     plot_result(arguments, drawn, arguments.recording.name)
     present(arguments, found.scene, found, lines)
     return 1 if found.verification is not None and found.verification.undecided else 0
+
+
+def _table(arguments: argparse.Namespace) -> int:
+    """Orders and spectrum of a table of measurements."""
+    from tcc_sim.output.tables import order_lines, spectrum_lines
+    from tcc_sim.replay.measured import analyse_table
+    from tcc_sim.scene import load_scene
+
+    others = ("rrd", "spawn", "connect", "out", "discard", "frequency", "damping", "verify", "run", "joints")
+    given = [f"--{name}" for name in others if getattr(arguments, name) not in (None, False)]
+    if given:
+        raise InputError(f"{', '.join(given)}: a table takes --orders, --spectrum, --from, --to, --scene and --pulses; "
+                         "the rest is for recordings")
+    if not (arguments.orders or arguments.spectrum):
+        raise InputError("of a table --orders or --spectrum can be worked out; give one of them")
+    check_outputs(arguments)
+    scene = load_scene(arguments.scene or DEFAULT_SCENE)
+    found = analyse_table(arguments.recording, scene.system, orders=arguments.orders, spectrum=arguments.spectrum,
+                          pulses=arguments.pulses, start=arguments.start, end=arguments.end)
+    lines = [f"{arguments.recording}: {counted(found.samples, 'row')} over {found.seconds:.6g} s"]
+    lines += order_lines(found.orders) if found.orders is not None else []
+    lines += spectrum_lines(found.spectrum) if found.spectrum is not None else []
+    plot_result(arguments, found.orders or found.spectrum, arguments.recording.name)
+    present(arguments, scene, found, lines)
+    return 0

@@ -188,6 +188,14 @@ def add_solver(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--lyapunov", action="store_true", help="work out the largest Lyapunov exponent too")
 
 
+def add_spectrum(parser: argparse.ArgumentParser) -> None:
+    """--spectrum and --pulses of the verbs that take apart a run by frequency."""
+    parser.add_argument("--spectrum", action="store_true", help="work out the spectra of slip speed and shaft torque "
+                        "in the steady state too, over frequency and order; --plot then draws them")
+    parser.add_argument("--pulses", metavar="N", type=number(1, 10_000, kind=int), default=1,
+                        help="of the tacho column of a table in a crank revolution (default 1)")
+
+
 def solver_options(arguments: argparse.Namespace) -> dict[str, Any]:
     """What `add_solver` asks for, as `Plan` takes it."""
     return {name: getattr(arguments, name) for name in ("solver", "rtol", "step", "damping", "lyapunov")}

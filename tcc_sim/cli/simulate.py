@@ -40,7 +40,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         "before says, along a straight line, or as the row after says (default: what the table says, "
                         "else previous)")
     parser.add_argument("--orders", action="store_true",
-                        help="work out orders, transmissibility and judder too; --plot then draws the order map")
+                        help="work out orders, transmissibility and judder too; --plot then draws the order map, "
+                        "and beside it that of the slip speed in the table of --inputs")
+    common.add_spectrum(parser)
     parser.add_argument("--samples", metavar="N", type=int, default=SAMPLES,
                         help=f"samples per engine cycle in --out (default {SAMPLES})")
 
@@ -48,15 +50,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Check everything, solve, write what was asked for, and print the summary."""
     from tcc_sim.output.samples import SUFFIXES, write_samples
-    from tcc_sim.output.tables import order_lines, simulation_lines
+    from tcc_sim.output.tables import comparison_lines, order_lines, simulation_lines, spectrum_lines
     from tcc_sim.scene import parse_profiles
     from tcc_sim.sweeps.simulation import simulate
 
-    scene = common.scene_of(arguments, parse_profiles(arguments.profile))
+    scene, measured = common.scene_of(arguments, parse_profiles(arguments.profile)), None
+    if arguments.spectrum:
+        scene.system.check_repeats("a spectrum")
     if arguments.inputs is not None:
         from tcc_sim.replay.given_inputs import driven_by
 
         scene = driven_by(scene, arguments.inputs, arguments.hold)
+        if arguments.orders and arguments.inputs.suffix == ".csv":
+            from tcc_sim.replay.measured import at_measured_speed
+
+            scene, measured = at_measured_speed(scene, arguments.inputs, arguments.pulses)
     elif arguments.hold is not None:
         raise InputError("--hold says how the inputs of a table hold; give the table with --inputs")
     plan = common.plan_of(arguments)
@@ -82,11 +90,25 @@ def run(arguments: argparse.Namespace) -> int:
             drawn = twin
             lines.append(str(twin))
     if arguments.orders:
-        from tcc_sim.analysis.orders import orders_of
+        from tcc_sim.analysis.orders import compared, orders_of
 
-        drawn = orders = orders_of(found.trajectory)
-        found = replace(found, orders=orders)
+        if measured is None:
+            drawn = orders = orders_of(found.trajectory)
+            found = replace(found, orders=orders)
+        else:
+            drawn = both = compared(measured, found.trajectory)
+            orders = both.simulated
+            found = replace(found, orders=orders, measured_orders=both.measured)
+            lines += comparison_lines(both)
         lines += order_lines(orders)
+    if arguments.spectrum and found.summary is not None:
+        from tcc_sim.sweeps.steady_state import steady_spectrum
+
+        spectrum = steady_spectrum(scene.system, found.end, found.summary.period, solver=plan.solver, rtol=plan.rtol,
+                                   step=plan.step)
+        found = replace(found, spectrum=spectrum)
+        drawn = found if not arguments.orders and arguments.inputs is None else drawn
+        lines += spectrum_lines(spectrum)
     if arguments.out is not None:
         write_samples(arguments.out, found.trajectory, scene.text(),
                       document=common.document_of(arguments, scene, found))

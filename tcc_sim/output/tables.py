@@ -8,18 +8,23 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.analysis.summary import Summary, runaway_cause
 from tcc_sim.errors import counted
 
 if TYPE_CHECKING:
     from tcc_sim.analysis.damping import Damping
-    from tcc_sim.analysis.orders import Orders
+    from tcc_sim.analysis.orders import OrderComparison, Orders
+    from tcc_sim.analysis.spectra import Spectrum
     from tcc_sim.sweeps.exponents import Lyapunov
     from tcc_sim.sweeps.results import Sweep
     from tcc_sim.sweeps.scatter import Scattered
     from tcc_sim.sweeps.simulation import Simulation
 
+LINES_SHOWN = 6
+"""Most lines of a spectrum shown."""
 SECTION_LINES = 16
 """Most section points shown."""
 Row = dict[str, Any]
@@ -70,11 +75,47 @@ def order_lines(found: Orders) -> list[str]:
     pairs = [("orders", f"{counted(len(found.time), 'window')} from {found.frequency.min():.6g} to "
                         f"{found.frequency.max():.6g} rad/s, up to order {found.order[-1]:g}")]
     for order, passed in zip(found.torque_order, found.transmissibility.T):
-        pairs.append((f"order {order:g}", f"shaft torque to engine torque at most {passed.max():.4g}, at "
-                                          f"{found.frequency[passed.argmax()]:.6g} rad/s"))
+        if not np.isnan(passed).any():
+            pairs.append((f"order {order:g}", f"shaft torque to engine torque at most {passed.max():.4g}, at "
+                                              f"{found.frequency[passed.argmax()]:.6g} rad/s"))
     judder = found.judder
-    pairs.append(("judder", f"at most {judder.peak.max():.6g} rad/s about the cycle mean, rms {judder.rms.max():.6g}; "
-                            f"{judder.breakaways.max():.4g} breakaways a second"))
+    most = f"at most {judder.peak.max():.6g} rad/s about the cycle mean, rms {judder.rms.max():.6g} rad/s"
+    if not np.isnan(judder.breakaways).any():
+        most += f"; {judder.breakaways.max():.4g} breakaways a second"
+    pairs.append(("judder", most))
+    return aligned(pairs)
+
+
+def comparison_lines(found: OrderComparison) -> list[str]:
+    """How far simulated orders are from measured ones, each where it is within 30 dB of its largest."""
+    from tcc_sim.analysis.orders import level
+
+    pairs = []
+    for name in ("slip_speed", "shaft_torque"):
+        for order in found.measured.cuts:
+            measured = level(found.measured.cut(order, name))
+            if np.isnan(measured).any():
+                continue
+            apart = np.abs(found.difference(name, order))[measured > measured.max() - 30.0]
+            pairs.append((f"order {order:g} of {name.replace('_', ' ')}", f"simulated less measured at most "
+                          f"{apart.max():.3g} dB, median {np.median(apart):.3g} dB"))
+    return aligned(pairs)
+
+
+def spectrum_lines(found: Spectrum) -> list[str]:
+    """The window of a spectrum and its largest lines."""
+    pairs = [("spectrum window", found.window)]
+    if found.slip_speed is not None and found.shaft_torque is not None:
+        largest = np.sort(np.argsort(np.nan_to_num(found.slip_speed[1:]))[::-1][:LINES_SHOWN] + 1)
+        for k in largest.tolist():
+            torque = found.shaft_torque[k]
+            pairs.append((f"order {found.order[k]:g}", f"{found.frequency[k]:.6g} rad/s: slip speed "
+                          f"{found.slip_speed[k]:.6g} rad/s"
+                          + ("" if math.isnan(torque) else f", shaft torque {torque:.6g} N m")))
+        if len(found.subharmonics):
+            shown = ", ".join(f"{order:g}" for order in found.subharmonics[:LINES_SHOWN])
+            more = len(found.subharmonics) - LINES_SHOWN
+            pairs.append(("sub-harmonics", f"orders {shown}" + (f" and {more} more" if more > 0 else "")))
     return aligned(pairs)
 
 

@@ -22,6 +22,8 @@ from tcc_sim.trajectory import UNITS, Floats
 TIME = "t"
 CHANNELS = {"slip_speed": "rad/s", "plate_speed": "rad/s", "plate_angle": "rad"}
 """Columns of what a driveline did, with their units; beside them the time, s, and INPUTS, which drove it."""
+REFERENCES = ("engine_speed", "tacho")
+"""Columns that tell the phase of the engine: speed of the crankshaft, rad/s, and pulses of a tacho, in any unit."""
 HOLDS = ("previous", "linear", "next")
 """How an input goes on between two rows: as the row before says, along a straight line, as the row after says."""
 LARGEST_TABLE = 1 << 30
@@ -40,7 +42,7 @@ _LONGEST_LINE = 1 << 16
 class HeldColumns:
     """Columns of a CSV file, and how they hold between its rows.
 
-    columns : (n,) arrays of finite numbers by name: t, INPUTS and CHANNELS
+    columns : (n,) arrays of finite numbers by name: t, INPUTS, CHANNELS and REFERENCES
     hold : how an input goes on between two rows, one of HOLDS by the column's name, where the file says it
     """
 
@@ -126,7 +128,7 @@ def _read(path: Path, stream: TextIO, needed: Sequence[str], most: int) -> HeldC
         if math.isnan(_number(time)) and time.lower() != "nan":
             units, first = cells, None
     _check_units(path, names, units)
-    places = {name: place for place, name in enumerate(names) if name in (TIME, *INPUTS, *CHANNELS)}
+    places = {name: place for place, name in enumerate(names) if name in (TIME, *INPUTS, *CHANNELS, *REFERENCES)}
     columns = {name: array("d") for name in places}
     for count, (number, row) in enumerate(rows if first is None else chain([first], rows)):
         if count >= most:
@@ -152,14 +154,15 @@ def _number(text: str) -> float:
 def _check_units(path: Path, names: Sequence[str], units: Sequence[str]) -> None:
     """Raise InputError where a column that is used is in another unit than its own."""
     for name, unit in zip(names, units):
-        own = UNITS.get(name, topic(name).unit if name in INPUTS else "")
-        if unit and _PRODUCT.sub("", unit) != _PRODUCT.sub("", own) and name in (TIME, *INPUTS, *CHANNELS):
+        own = "rad/s" if name == REFERENCES[0] else UNITS.get(name, topic(name).unit if name in INPUTS else "")
+        used = name in (TIME, *INPUTS, *CHANNELS, REFERENCES[0])
+        if unit and _PRODUCT.sub("", unit) != _PRODUCT.sub("", own) and used:
             raise InputError(f"{path}: column {name} is in {one_line(unit)}; it must be in {own}")
 
 
 def _check_names(path: Path, names: Sequence[str], needed: Sequence[str]) -> None:
     """Raise InputError where the names of the columns are not those of a table."""
-    known = (TIME, *INPUTS, *CHANNELS)
+    known = (TIME, *INPUTS, *CHANNELS, *REFERENCES)
     for name in names:
         if name not in known and name not in UNITS:
             raise InputError(f"{path}: {unknown_key(one_line(name), list(known), 'a column')}; columns are "

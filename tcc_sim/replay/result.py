@@ -11,6 +11,7 @@ from typing import Any
 from tcc_sim.analysis.control import Control
 from tcc_sim.analysis.damping import Damping
 from tcc_sim.analysis.orders import Orders
+from tcc_sim.analysis.spectra import Spectrum
 from tcc_sim.analysis.summary import Summary
 from tcc_sim.errors import counted, printable
 from tcc_sim.output.tables import aligned, damping_row, summary_rows
@@ -67,6 +68,8 @@ class Replay(Result):
         "number of ticks that the driveline missed in real time; null where no diagnostics were recorded"))
     orders: Orders | None = field(default=None, metadata=reported(
         "orders, transmissibility and judder", asked_for=True))
+    spectrum: Spectrum | None = field(default=None, metadata=reported(
+        "amplitudes over frequency and order", asked_for=True))
 
     def __repr__(self) -> str:
         found, ended = self.summary, "complete" if self.complete else "cut short"

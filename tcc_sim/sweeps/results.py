@@ -21,7 +21,7 @@ from tcc_sim.sweeps.simulation import CONFIRMED, Plan
 from tcc_sim.sweeps.steady_state import Start
 from tcc_sim.trajectory import Floats, State
 
-SUMMARY_KEYS = tuple(item.name for item in fields(Summary))
+SUMMARY_KEYS = tuple(item.name for item in fields(Summary) if item.name != "section_states")
 """Keys of `simulate --json` that a sweep has per value."""
 MAY_BE_NAN = ("section_change", *(item.name for item in fields(Summary)
                                   if item.type == "float" and item.default is not MISSING))

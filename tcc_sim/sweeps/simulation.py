@@ -19,6 +19,7 @@ from tcc_sim.analysis.damping import Damping, damping_of_cycles
 from tcc_sim.analysis.orders import Orders
 from tcc_sim.analysis.periodicity import repeats_finely, stays
 from tcc_sim.analysis.settings import DEFAULTS as ANALYSIS
+from tcc_sim.analysis.spectra import Spectrum
 from tcc_sim.analysis.summary import (
     Summary,
     cycles_of,
@@ -175,6 +176,10 @@ class Simulation(Result):
     plan: Plan | None = field(default=None, metadata=reported("how it was solved", asked_for=True))
     orders: Orders | None = field(default=None, metadata=reported(
         "orders, transmissibility and judder", asked_for=True))
+    measured_orders: Orders | None = field(default=None, metadata=reported(
+        "the same of the measurement in --inputs", asked_for=True))
+    spectrum: Spectrum | None = field(default=None, metadata=reported(
+        "amplitudes over frequency and order", asked_for=True))
 
     def __repr__(self) -> str:
         if self.summary is None:

@@ -9,6 +9,8 @@ import numpy as np
 
 from tcc_sim.analysis.periodicity import periodicity, sizes_of
 from tcc_sim.analysis.settings import DEFAULTS as ANALYSIS
+from tcc_sim.analysis.signals import run_signals
+from tcc_sim.analysis.spectra import Spectrum, spectrum_of
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import solve
 from tcc_sim.sweeps.settings import DEFAULTS
@@ -68,6 +70,28 @@ def settled_from_start(system: System, most: int, **how: Any) -> tuple[Cycles, i
     cycles = found.cycles
     assert cycles is not None  # Whole cycles were asked for.
     return cycles, periodicity(cycles[len(cycles) // 2 if found.after is None else found.after:]).period
+
+
+def steady_spectrum(system: System, start: Start, period: int, **how: Any) -> Spectrum:
+    """The spectrum of a motion that has settled, solved on from `start`; `how` is what `solvers.solve` takes.
+
+    Parameters
+    ----------
+    period : in engine cycles; 0 where it has none
+
+    Raises
+    ------
+    InputError
+        The excitation does not repeat.
+    NumericalFailure
+        The solver stopped early.
+    """
+    system.check_repeats("a spectrum")
+    run = solve(system, cycles=period or ANALYSIS.spectrum_cycles, state=start.state, start_cycle=start.cycle,
+                samples_per_cycle=ANALYSIS.spectrum_points, **how).raise_for_status()
+    count = len(run.t) - 1
+    turns = start.cycle + np.arange(count + 1) / ANALYSIS.spectrum_points
+    return spectrum_of(run_signals(run, (turns, lambda at: at * system.cycle)), period)
 
 
 def repeats_after(cycles: Cycles) -> int | None:

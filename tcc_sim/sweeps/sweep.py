@@ -229,7 +229,7 @@ def solve_point(system: System, value: float, plan: Plan, start: Start | None = 
     summary, section = found.summary, np.empty((0, 2))
     if summary is not None:
         section = np.array(summary.section, dtype=np.float64).reshape(-1, 2)
-        summary = dataclasses.replace(summary, section=[])
+        summary = dataclasses.replace(summary, section=[], section_states=None)
     return Point(value, summary, section, found.confirmed, found.status, found.angles if plan.section_points else None,
                  found.damping, found.lyapunov, found.end)
 

@@ -13,10 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.analysis.control import Control, Event
+from tcc_sim.analysis.spectra import Spectrum
 from tcc_sim.analysis.summary import Summary
 from tcc_sim.trajectory import Cycles, Trajectory
 from tcc_sim.views import style
 from tcc_sim.views.dense import between
+from tcc_sim.views.order_maps import spectrum_panels
 
 HISTORY_CYCLES = 6
 """Engine cycles shown in the time histories."""
@@ -26,13 +28,15 @@ NARROWEST = 0.02
 """Least span of an axis, relative to the largest value on it: what is narrower stands still, but for rounding."""
 ORBIT_CYCLES = 12
 """Engine cycles drawn in the phase portrait of a motion without period."""
+FLAT = 0.02
+"""Part of the largest slip speed below which a point of the section counts as one in stick."""
 MOST_LABELS = 6
 """More events than this are marked without their texts."""
 LONGEST_LABEL = 42
 
 
 def overview(path: Path, tail: Trajectory, cycles: Cycles, first_cycle: int, summary: Summary, title: str = "", *,
-             control: Control | None = None, width: str = "page") -> Path:
+             control: Control | None = None, width: str = "page", spectrum: Spectrum | None = None) -> Path:
     """Draw a run: torques and slip speed over time with stick shaded, phase portrait with section, maxima per cycle.
 
     Where a pressure or a target was recorded, cycle means beside the target and pressures over the whole run come
@@ -48,6 +52,7 @@ def overview(path: Path, tail: Trajectory, cycles: Cycles, first_cycle: int, sum
     title : name of the scene or recording
     control : target, pressures and events of the run
     width : column or page
+    spectrum : of slip speed and shaft torque, below the rest
 
     Raises
     ------
@@ -61,6 +66,8 @@ def overview(path: Path, tail: Trajectory, cycles: Cycles, first_cycle: int, sum
     controlled = control is not None and control.controlled
     wide = style.width_of(width) == style.PAGE
     heights = [1.0, 1.0, *([0.9, 0.9] if controlled else []), *([1.35] if wide else [1.5, 1.35])]
+    end = len(heights) - 1
+    heights += [] if spectrum is None else [1.35] if wide else [1.35, 1.35]
     with style.figure(style.width_of(width), 1.612 * sum(heights), title) as drawn:
         grid = drawn.add_gridspec(len(heights), 2, height_ratios=heights)
         torques = drawn.add_subplot(grid[0, :])
@@ -73,14 +80,21 @@ def overview(path: Path, tail: Trajectory, cycles: Cycles, first_cycle: int, sum
             pressure_panel(pressure, control)
             panels += [means, pressure]
             titles += ["Cycle mean", "Actuation pressure"]
-        phase = drawn.add_subplot(grid[-1, 0] if wide else grid[-2, :])
-        maxima = drawn.add_subplot(grid[-1, 1] if wide else grid[-1, :])
+        phase = drawn.add_subplot(grid[end, 0] if wide else grid[end - 1, :])
+        maxima = drawn.add_subplot(grid[end, 1] if wide else grid[end, :])
         _histories(torques, slip, tail, control)
         _phase_portrait(phase, tail, summary)
         draw_cycle_maxima(maxima, cycles, first_cycle, summary)
         if control is not None and not controlled:
             mark_events(maxima, control.events, float(tail.t[-1]), tail.cycle)
-        style.panel_titles((*panels, phase, maxima), [*titles, "Phase portrait", "Maxima"])
+        panels += [phase, maxima]
+        titles += ["Phase portrait", "Maxima"]
+        if spectrum is not None:
+            below = [drawn.add_subplot(grid[-1, k] if wide else grid[k - 2, :]) for k in (0, 1)]
+            spectrum_panels(below, spectrum)
+            panels += below
+            titles += ["Spectrum of the slip speed", "Spectrum of the shaft torque"]
+        style.panel_titles(panels, titles)
         return style.save(drawn, path)
 
 
@@ -144,15 +158,19 @@ def shade_stick(axis: Any, t: NDArray[np.float64], state: NDArray[np.int8]) -> b
 
 
 def _phase_portrait(axis: Any, tail: Trajectory, summary: Summary) -> None:
-    """Slip speed against plate angle over the last period, or some cycles, and the section."""
+    """Slip speed against plate angle over the last period, or some cycles, and the section. Where most points of the
+    section stick they lie on a line there: the plate's speed takes the place of the slip speed then.
+    """
     part = _last(tail, summary.period or ORBIT_CYCLES)
-    axis.plot(tail.plate_angle[part], tail.slip_speed[part], color=style.BLUE, linewidth=0.9 if summary.period else 0.5)
-    points = np.array(summary.section).reshape(-1, 2)
+    points = np.array(summary.section_states or []).reshape(-1, 3)
+    flat = len(points) > 2 and bool(np.mean(np.abs(points[:, 1]) < FLAT * summary.max_slip_speed) > 0.5)
+    height = tail.plate_speed if flat else tail.slip_speed
+    axis.plot(tail.plate_angle[part], height[part], color=style.BLUE, linewidth=0.9 if summary.period else 0.5)
     if len(points):
-        axis.plot(points[:, 0], points[:, 1], linestyle="none", marker="o", color=style.RED, markeredgewidth=0.0,
-                  markersize=5.0 if summary.period else 2.5, zorder=4,
+        axis.plot(points[:, 0], points[:, 2 if flat else 1], linestyle="none", marker="o", color=style.RED,
+                  markeredgewidth=0.0, markersize=5.0 if summary.period else 2.5, zorder=4,
                   label=f"section, period {summary.period}" if summary.period else "section, no period found")
-    axis.set(xlabel="plate angle (rad)", ylabel="slip speed (rad/s)")
+    axis.set(xlabel="plate angle (rad)", ylabel=f"{'plate' if flat else 'slip'} speed (rad/s)")
     axis.margins(0.06)
     axis.set_xlim(_widened(axis.get_xlim()))
     axis.locator_params(axis="x", nbins=6)

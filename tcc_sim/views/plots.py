@@ -8,6 +8,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from tcc_sim.analysis.spectra import Spectrum
 from tcc_sim.analysis.summary import Summary, cycles_of, first_cycle_of, summarise
 from tcc_sim.errors import InputError, check_suffix, require
 from tcc_sim.output.files import replaceable
@@ -90,8 +91,9 @@ def plot(result: Any, file: str | Path | None = None, width: str = "page", *, ti
         return plot_run(run, path, width, title=title)
     if all(hasattr(result, name) for name in ("cycles", "first_cycle", "control")):
         return overview(path, run, result.cycles, result.first_cycle, result.summary, title or result.path.name,
-                        control=result.control, width=width)
-    return plot_run(run, path, width, summary=getattr(result, "summary", None), title=title)
+                        control=result.control, width=width, spectrum=result.spectrum)
+    return plot_run(run, path, width, summary=getattr(result, "summary", None), title=title,
+                    spectrum=getattr(result, "spectrum", None))
 
 
 LOOKS = {"Sweep": ("sweeps", "draw_sweep", "draw_maxima"), "Grid": ("sweeps", "draw_grid", "draw_largest"),
@@ -99,7 +101,9 @@ LOOKS = {"Sweep": ("sweeps", "draw_sweep", "draw_maxima"), "Grid": ("sweeps", "d
          "Motions": ("branch_diagram", "branch_diagram", "into"),
          "Basins": ("basin_map", "draw_basins", "into"), "Linearisation": ("estimation", "bode", "draw_gain"),
          "Identification": ("estimation", "identification", "draw_fit"),
-         "Orders": ("whole_runs", "plot_orders", "draw_shaft_map"),
+         "Orders": ("order_maps", "plot_orders", "draw_shaft_map"),
+         "OrderComparison": ("order_maps", "plot_comparison", "draw_slip_difference"),
+         "Spectrum": ("order_maps", "plot_spectrum", "draw_slip_spectrum"),
          "Scene": ("friction_law", "draw_friction", "draw_law"),
          "System": ("friction_law", "draw_friction", "draw_law"),
          "Twin": ("whole_runs", "draw_twin", "draw_slip_speeds")}
@@ -163,7 +167,7 @@ def draw_into(ax: Any, result: Any, title: str = "") -> Any:
 
 
 def plot_run(solved: Trajectory, path: Path, width: str = "page", *, summary: Summary | None = None,
-             title: str = "") -> Path:
+             title: str = "", spectrum: Spectrum | None = None) -> Path:
     """Draw a solved run; its last cycles are solved again with dense samples. One whose excitation varies in time is
     drawn from its beginning to its end.
 
@@ -171,6 +175,7 @@ def plot_run(solved: Trajectory, path: Path, width: str = "page", *, summary: Su
     ----------
     solved : with per-cycle results, or shorter than a cycle and with samples
     summary : of its steady state; worked out by default
+    spectrum : of its steady state, where it was asked for
     """
     control = getattr(solved, "control", None)  # What ran under commands has one.
     if solved.system is not None and solved.system.profile is not None:
@@ -184,4 +189,4 @@ def plot_run(solved: Trajectory, path: Path, width: str = "page", *, summary: Su
     tail = last_cycles(solved, max(summary.period or ORBIT_CYCLES, HISTORY_CYCLES))
     cycles = solved.cycles if solved.cycles is not None else no_cycles()
     return overview(path, tail, cycles, first_cycle_of(solved) if whole else 0, summary, title,
-                    control=control, width=width)
+                    control=control, width=width, spectrum=spectrum)

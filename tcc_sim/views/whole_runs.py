@@ -1,4 +1,4 @@
-"""Pictures of a run from its beginning to its end: a manoeuvre, its orders, and a simulation beside its recording."""
+"""Pictures of a run from its beginning to its end: a manoeuvre, and a simulation beside its recording."""
 
 from __future__ import annotations
 
@@ -14,17 +14,11 @@ from tcc_sim.views.overview import mean_slip_panel, pressure_panel
 
 if TYPE_CHECKING:
     from tcc_sim.analysis.control import Control
-    from tcc_sim.analysis.orders import Orders
 
 SAMPLES, ENOUGH = 100, 16
 """Samples in an engine cycle where the run is solved again, and those that serve as they are."""
 SHARP = 5000
 """Most points of a line that is not made of dots in a drawing of lines."""
-SHOWN = 60.0
-"""Range of a map of orders, dB."""
-CUTS = (1.0, 2.0, 3.0, 4.0)
-LEAST = 1e-12
-"""Amplitudes below count as this one, so that they have a level."""
 TWIN_CYCLES = 8
 """Engine cycles that are shown of the start and of the end beside a recording."""
 
@@ -91,80 +85,6 @@ def _sampled(run: Trajectory) -> Trajectory:
         return run
     first = State.of((run.slip_speed[0], run.plate_angle[0], run.plate_speed[0]))
     return solve(run.system, duration=length, samples_per_cycle=SAMPLES, state=first).raise_for_status()
-
-
-def plot_orders(path: Path, found: Orders, title: str = "", width: float = style.PAGE) -> Path:
-    """Draw the orders over the engine frequency where it rises or falls all the time, else over time."""
-    along, name = _along(found)
-    wide = style.wide(width)
-    with style.figure(width, 0.86 * width if wide else 2.6 * width) as drawn:
-        grid = drawn.add_gridspec(6, 2) if wide else drawn.add_gridspec(11, 1)
-        rows = [(slice(0, 3), 0), (slice(0, 3), 1), (slice(3, 6), 0), (slice(3, 5), 1), (5, 1)] if wide else [
-            (slice(0, 3), 0), (slice(3, 6), 0), (slice(6, 8), 0), (slice(8, 10), 0), (10, 0)]
-        shaft, slip, cuts, judder, heat = axes = [drawn.add_subplot(grid[place]) for place in rows]
-        draw_shaft_map(shaft, found)
-        _map(slip, found, found.slip_speed, "dB re 1 rad/s")
-        shown = [order for order in CUTS if order <= found.order[-1]]
-        for colour, order in zip(style.CYCLE, shown):
-            cuts.plot(along, level(found.cut(order)), color=colour, label=f"order {order:g}")
-        top = max(float(level(found.cut(order)).max()) for order in shown)
-        cuts.set(ylabel="shaft torque, dB re 1 N m", xlabel=name, ylim=(top - SHOWN, top + 0.05 * SHOWN))
-        cuts.legend(ncols=2)
-        judder.plot(along, found.judder.peak, color=style.BLUE, label="peak")
-        judder.plot(along, found.judder.rms, color=style.BLUE, ls=":", label="rms")
-        judder.set(ylabel="slip about its\ncycle mean, rad/s", ylim=(0.0, None))
-        judder.legend()
-        heat.plot(along, found.heat * 1e-3, color=style.ORANGE)
-        heat.set(ylabel="heat, kJ", xlabel=name, ylim=(0.0, None))
-        style.panel_titles(axes, ["Shaft torque", "Slip speed", "Orders of the shaft torque", "Judder",
-                                  "Cumulative heat"])
-        for axis in axes:
-            axis.set_xlim(float(along.min()), float(along.max()))
-        for axis in axes[:2] + axes[3:4] if wide else axes[:4]:
-            axis.set_xlabel("")
-            axis.tick_params(labelbottom=False)
-        if title:
-            drawn.suptitle(title, x=0.01, ha="left", fontsize=9, fontweight="bold")
-        return style.save(drawn, path)
-
-
-def draw_shaft_map(axis: Any, found: Orders) -> None:
-    """Draw the map of the shaft torque into an axis."""
-    _map(axis, found, found.shaft_torque, "dB re 1 N m")
-
-
-def _along(found: Orders) -> tuple[Floats, str]:
-    """What the orders are drawn over, and its name."""
-    steps = np.diff(found.frequency)
-    rises = len(steps) > 0 and bool(np.all(steps > 0.0) or np.all(steps < 0.0))
-    return (found.frequency, "engine frequency, rad/s") if rises else (found.time, "time, s")
-
-
-def level(amplitude: Floats) -> Floats:
-    """20 log10 of an amplitude, dB re 1 of its unit."""
-    return 20.0 * np.log10(np.maximum(amplitude, LEAST))
-
-
-def _map(axis: Any, found: Orders, amplitude: Floats, unit: str) -> None:
-    """One order map with its colour scale and the two linear modes."""
-    along, over = _along(found)
-    shown = found.order > 0.25
-    levels = level(amplitude[:, shown]).T
-    top = 5.0 * np.ceil(float(levels.max()) / 5.0)
-    image = axis.pcolormesh(along, found.order[shown], levels, cmap="magma", vmin=top - SHOWN, vmax=top,
-                            shading="nearest", rasterized=True)
-    axis.figure.colorbar(image, ax=axis, label=unit, pad=0.015, aspect=28,
-                         ticks=np.arange(top - SHOWN, top + 1.0, 10.0))
-    axis.grid(False)
-    highest = float(found.order[-1])
-    for omega, name, beside in zip(found.modes, ("stuck", "slipping"), (0.42, 2.3)):
-        order = omega / found.frequency
-        axis.plot(along, np.where(order <= highest, order, np.nan), color="white", lw=0.9, ls=(0, (4, 2)))
-        if order.min() < 0.9 * highest and order.max() > 0.3:
-            at = int(np.argmin(np.abs(order - beside)))
-            axis.annotate(f"{name}, {omega:.0f} rad/s", (along[at], order[at]), xytext=(4, 2), color="white",
-                          textcoords="offset points", fontsize=6.5)
-    axis.set(xlabel=over, ylabel="order", ylim=(0.25, highest))
 
 
 def draw_twin(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:

@@ -7,8 +7,9 @@ from dataclasses import replace as with_fields
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.orders import orders_of, turns_at
+from tcc_sim.analysis.orders import orders_of
 from tcc_sim.analysis.settings import DEFAULTS
+from tcc_sim.analysis.signals import turns_at
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import replace
 from tcc_sim.replay.given_inputs import driven_by
@@ -83,9 +84,9 @@ def test_judder_of_a_run_up_ends_where_breakaways_do():
 
 
 def test_what_is_too_short_or_too_coarse_is_refused():
-    with pytest.raises(InputError, match="orders need 16 engine cycles, and there are 4"):
+    with pytest.raises(InputError, match="orders need 16 periods of the excitation, and there are 4"):
         orders_of(solve(load_scene("slip"), cycles=4, samples_per_cycle=64))
-    with pytest.raises(InputError, match="orders need 8 samples in an engine cycle, and there are 4"):
+    with pytest.raises(InputError, match="orders need 8 samples in a period of the excitation, and there are 4"):
         orders_of(solve(load_scene("slip"), cycles=40, samples_per_cycle=4))
 
 

@@ -1,0 +1,113 @@
+"""Spectra of a steady state: amplitudes of slip speed and shaft torque over frequency and crank order.
+
+Where the motion has a period, whole periods are transformed without a window, and every line is a multiple of the
+motion's frequency. Where it has none there are densities: Welch's method with Hann's window.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tcc_sim.analysis.settings import DEFAULTS
+from tcc_sim.analysis.signals import Signals
+from tcc_sim.errors import InputError
+from tcc_sim.result import Result, reported
+from tcc_sim.trajectory import Floats
+
+
+@dataclass(frozen=True, repr=False)
+class Spectrum(Result):
+    """Spectrum of slip speed and shaft torque; N lines. Either the amplitudes are there or the densities."""
+
+    frequency: Floats = field(metadata=reported("angular frequency of each line, (N,)", "rad/s"))
+    order: Floats = field(metadata=reported("crank order of each line, (N,)"))
+    window: str = field(metadata=reported("window in time, and the cycles of the excitation in it"))
+    period: int = field(metadata=reported("period of the motion in cycles of the excitation, 0 where it has none"))
+    subharmonics: Floats = field(metadata=reported(
+        "crank orders between the multiples of the excitation's whose slip speed or shaft torque is above a thousandth "
+        "of the largest line"))
+    slip_speed: Floats | None = field(metadata=reported(
+        "amplitudes of the sines, (N,); of order 0 the mean", "rad/s", asked_for=True))
+    shaft_torque: Floats | None = field(metadata=reported(
+        "amplitudes of the sines, (N,); of order 0 the mean", "N m", asked_for=True))
+    slip_speed_density: Floats | None = field(metadata=reported(
+        "one-sided power density, (N,), of a motion without a period", "(rad/s)^2/Hz", asked_for=True))
+    shaft_torque_density: Floats | None = field(metadata=reported(
+        "one-sided power density, (N,), of a motion without a period", "(N m)^2/Hz", asked_for=True))
+
+    def __repr__(self) -> str:
+        return (f"<Spectrum: {len(self.order)} {'lines' if self.period else 'densities'} up to order "
+                f"{self.order[-1]:g}; {self.window}>")
+
+    def columns(self) -> dict[str, Floats]:
+        """A row for every line."""
+        names = ("slip_speed", "shaft_torque", "slip_speed_density", "shaft_torque_density")
+        values = {name: getattr(self, name) for name in names}
+        return {"frequency": self.frequency, "order": self.order,
+                **{name: found for name, found in values.items() if found is not None}}
+
+
+def spectrum_of(signals: Signals, period: int) -> Spectrum:
+    """The spectrum of the end of a run.
+
+    Parameters
+    ----------
+    period : of the motion in cycles of the excitation; 0 where it has none
+
+    Raises
+    ------
+    InputError
+        Fewer cycles than a period, or than `Settings.spectrum_least` where there is no period.
+    """
+    whole = math.floor(float(signals.turns[-1] - signals.turns[0]) + 1e-9)
+    needed = period or DEFAULTS.spectrum_least
+    if whole < needed:
+        raise InputError(f"a spectrum needs {needed} whole cycles of the excitation, and there are {whole}")
+    per_cycle = min(DEFAULTS.spectrum_points, 2 ** math.floor(math.log2(len(signals.turns) / whole)))
+    highest = min(float(DEFAULTS.highest_order), 0.25 * per_cycle)
+    cycles = whole // period * period if period else whole
+    begin = float(signals.turns[-1]) - cycles
+    at = signals.when(begin + np.arange(cycles * per_cycle + 1) / per_cycle)
+    omega = 2.0 * math.pi * cycles / float(at[-1] - at[0])
+    values = signals.at(at[:-1])[:2]
+    each = signals.system.engine.order
+    if period:
+        lines = math.floor(highest * period) + 1
+        order = np.arange(lines) / period
+        slip, shaft = (_lines(x, cycles // period, lines) for x in values)
+        return Spectrum(order * omega, each * order, f"none: {cycles // period} periods of {period}", period,
+                        each * order[np.logical_or(*(_between(order, period, x) for x in (slip, shaft)))], slip, shaft,
+                        None, None)
+    length = min(DEFAULTS.spectrum_window, whole)
+    lines = math.floor(highest * length) + 1
+    order = np.arange(lines) / length
+    slip, shaft = (_density(x, length * per_cycle, lines, per_cycle * omega / (2.0 * math.pi)) for x in values)
+    return Spectrum(order * omega, each * order, f"Hann of {length} cycles, half of each shared with the next", 0,
+                    np.empty(0), None, None, slip, shaft)
+
+
+def _lines(values: Floats, periods: int, count: int) -> Floats:
+    """Amplitudes of the first `count` multiples of the frequency of a motion, from so many whole periods."""
+    found: Floats = 2.0 * np.abs(np.fft.rfft(values)[::periods][:count]) / len(values)
+    found[0] *= 0.5
+    return found
+
+
+def _density(values: Floats, length: int, count: int, rate: float) -> Floats:
+    """P. D. Welch's one-sided power density (IEEE Trans. Audio Electroacoust. 15, 1967) of samples at a rate, 1/s."""
+    hann = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)
+    parts = [values[k:k + length] for k in range(0, len(values) - length + 1, length // 2)]
+    mean = values.mean()
+    power = np.mean([np.abs(np.fft.rfft((part - mean) * hann)[:count]) ** 2 for part in parts], axis=0)
+    power *= 2.0 / (rate * float(hann @ hann))
+    power[0] *= 0.5
+    return np.asarray(power)
+
+
+def _between(order: Floats, period: int, amplitude: Floats) -> Floats:
+    """Which lines lie between the multiples of the excitation and are high enough."""
+    high = amplitude > DEFAULTS.subharmonic * float(amplitude[1:].max(initial=0.0))
+    return np.asarray(high & (np.arange(len(order)) % period != 0) & np.isfinite(amplitude))

@@ -1,0 +1,244 @@
+"""Pictures over orders: the orders along a run, a measured run-up beside the simulated one, and spectra."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tcc_sim.trajectory import Floats
+from tcc_sim.views import style
+
+if TYPE_CHECKING:
+    from tcc_sim.analysis.orders import OrderComparison, Orders
+    from tcc_sim.analysis.spectra import Spectrum
+
+SHOWN = 60.0
+"""Range of a map of orders, dB."""
+DIFFERENCE = 12.0
+"""Range of a map of differences either way, dB."""
+HELD = 1e-3
+"""Least change of the frequency from window to window, over the mean change of one that doubles, to draw over it."""
+LINES = 5
+"""Decades that a spectrum shows."""
+QUANTITIES = {"slip_speed": ("Slip speed", "rad/s"), "shaft_torque": ("Shaft torque", "N m")}
+
+
+def plot_orders(path: Path, found: Orders, title: str = "", width: float = style.PAGE) -> Path:
+    """Draw the orders over the engine frequency where it rises or falls all the time, else over time."""
+    along, name = _along(found)
+    wide = style.wide(width)
+    with style.figure(width, 0.86 * width if wide else 2.6 * width, title) as drawn:
+        grid = drawn.add_gridspec(6, 2) if wide else drawn.add_gridspec(11, 1)
+        rows = [(slice(0, 3), 0), (slice(0, 3), 1), (slice(3, 6), 0), (slice(3, 5), 1), (5, 1)] if wide else [
+            (slice(0, 3), 0), (slice(3, 6), 0), (slice(6, 8), 0), (slice(8, 10), 0), (10, 0)]
+        shaft, slip, cuts, judder, heat = axes = [drawn.add_subplot(grid[place]) for place in rows]
+        known = bool(np.isfinite(found.shaft_torque).any())
+        if known:
+            draw_shaft_map(shaft, found)
+        else:
+            shaft.text(0.5, 0.5, "not measured", transform=shaft.transAxes, ha="center")
+        _map(slip, found, found.slip_speed, "dB re 1 rad/s")
+        _cuts(cuts, found, "shaft_torque" if known else "slip_speed")
+        judder.plot(along, found.judder.peak, color=style.BLUE, label="peak")
+        judder.plot(along, found.judder.rms, color=style.BLUE, ls=":", label="rms")
+        judder.set(ylabel="slip about its\ncycle mean (rad/s)", ylim=(0.0, None))
+        judder.legend()
+        if np.isfinite(found.heat).any():
+            heat.plot(along, found.heat * 1e-3, color=style.ORANGE)
+        else:
+            heat.text(0.5, 0.5, "not measured", transform=heat.transAxes, ha="center", va="center")
+        heat.set(ylabel="heat (kJ)", xlabel=name, ylim=(0.0, None))
+        style.panel_titles(axes, ["Shaft torque", "Slip speed", f"Orders of the {'shaft' if known else 'slip'} "
+                                  f"{'torque' if known else 'speed'}", "Judder", "Cumulative heat"])
+        for axis in axes:
+            axis.set_xlim(float(along.min()), float(along.max()))
+        for axis in axes[:2] + axes[3:4] if wide else axes[:4]:
+            axis.set_xlabel("")
+            axis.tick_params(labelbottom=False)
+        return style.save(drawn, path)
+
+
+def plot_comparison(path: Path, found: OrderComparison, title: str = "", width: float = style.PAGE) -> Path:
+    """Draw the maps of a measured and a simulated run with their difference, and the cuts of both."""
+    names = [name for name in QUANTITIES if np.isfinite(getattr(found.measured, name)).any()]
+    along, over = _along(found.measured)
+    with style.figure(width, 0.42 * width * len(names) + 0.36 * width, title) as drawn:
+        grid = drawn.add_gridspec(len(names) + 1, 6)
+        axes, titles = [], []
+        for row, name in enumerate(names):
+            word, unit = QUANTITIES[name]
+            runs = found.measured, found.simulated
+            top = max(_top(getattr(run, name), run) for run in runs)
+            for column, (run, which) in enumerate(zip(runs, ("measured", "simulated"))):
+                axis = drawn.add_subplot(grid[row, 2 * column:2 * column + 2])
+                _map(axis, run, getattr(run, name), f"dB re 1 {unit}" if column else "", top)
+                axes.append(axis)
+                titles.append(f"{word}, {which}")
+            axis = drawn.add_subplot(grid[row, 4:])
+            _difference(axis, found, name, top)
+            axes.append(axis)
+            titles.append("simulated less measured")
+            for axis in axes[-2:]:
+                axis.set_ylabel("")
+        for column, name in enumerate(names):
+            axis = drawn.add_subplot(grid[len(names), 6 // len(names) * column:6 // len(names) * (column + 1)])
+            _cuts(axis, found.measured, name, " measured", linewidth=2.4, alpha=0.45)
+            _cuts(axis, found.simulated, name, "", linewidth=0.9)
+            axes.append(axis)
+            titles.append("Wide: measured, thin: simulated")
+            handles, labels = axis.get_legend_handles_labels()
+            axis.legend(handles[len(handles) // 2:], labels[len(labels) // 2:], ncols=2)
+        for axis in axes:
+            axis.set_xlim(float(along.min()), float(along.max()))
+            axis.set_xlabel(over)
+        style.panel_titles(axes, titles)
+        return style.save(drawn, path)
+
+
+def draw_shaft_map(axis: Any, found: Orders) -> None:
+    """Draw the map of the shaft torque into an axis."""
+    _map(axis, found, found.shaft_torque, "dB re 1 N m")
+
+
+def draw_slip_difference(axis: Any, found: OrderComparison) -> None:
+    """Draw the difference of the maps of the slip speed into an axis."""
+    _difference(axis, found, "slip_speed", _top(found.measured.slip_speed, found.measured))
+
+
+def plot_spectrum(path: Path, found: Spectrum, title: str = "", width: float = style.PAGE) -> Path:
+    """Draw the spectra of slip speed and shaft torque over the crank order."""
+    with style.figure(width, 0.42 * width, title) as drawn:
+        axes = drawn.subplots(1, 2)
+        spectrum_panels(axes, found)
+        style.panel_titles(axes, ["Spectrum of the slip speed", "Spectrum of the shaft torque"])
+        return style.save(drawn, path)
+
+
+def draw_slip_spectrum(axis: Any, found: Spectrum) -> None:
+    """Draw the spectrum of the slip speed into an axis."""
+    _spectrum(axis, found, "slip_speed")
+
+
+def spectrum_panels(axes: Any, found: Spectrum) -> None:
+    """Draw both spectra into two axes."""
+    for axis, name in zip(axes, QUANTITIES):
+        _spectrum(axis, found, name)
+
+
+def _spectrum(axis: Any, found: Spectrum, name: str) -> None:
+    """Lines over the order, sub-harmonics in red, or a density; the frequency stands above."""
+    values, unit = getattr(found, name), QUANTITIES[name][1]
+    order = found.order[1:]
+    if values is not None:
+        heights = values[1:]
+        marked = np.isclose(order[:, None], found.subharmonics[None, :]).any(axis=1)
+        top = float(np.nanmax(heights, initial=1e-12))
+        for mine, colour, label in ((~marked, style.BLUE, "amplitude"), (marked, style.RED, "sub-harmonic")):
+            shown = mine & (heights > top * 10.0**-LINES)
+            if shown.any():
+                axis.vlines(order[shown], top * 10.0**-LINES, heights[shown], color=colour, linewidth=1.0)
+                axis.plot(order[shown], heights[shown], linestyle="none", marker="o", markersize=2.4, color=colour,
+                          label=label)
+        axis.set(ylabel=f"amplitude ({unit})")
+        if marked.any():
+            axis.legend(loc="upper right")
+    else:
+        heights = getattr(found, f"{name}_density")[1:]
+        top = float(np.nanmax(heights, initial=1e-12))
+        axis.plot(order, heights, color=style.BLUE, linewidth=0.7)
+        unit = f"({unit})" if "/" in unit or " " in unit else unit
+        axis.set(ylabel=f"density ({unit}$^2$/Hz)")
+    axis.set(yscale="log", ylim=(top * 10.0**-(LINES if values is not None else 2 * LINES), 3.0 * top),
+             xlabel="order", xlim=(0.0, float(order[-1])))
+    each = float(found.frequency[-1] / found.order[-1])
+    above = axis.secondary_xaxis("top", functions=(lambda x: x * each, lambda x: x / each))
+    above.set_xlabel("frequency (rad/s)")
+    above.spines["top"].set_visible(True)
+
+
+def _cuts(axis: Any, found: Orders, of: str, which: str = "", **look: Any) -> None:
+    """The first orders along the run, dB."""
+    from tcc_sim.analysis.orders import level
+
+    along, name = _along(found)
+    for colour, order in zip(style.CYCLE, found.cuts):
+        axis.plot(along, level(found.cut(order, of)), color=colour, label=f"order {order:g}{which}", **look)
+    top = max(float(level(found.cut(order, of)).max()) for order in found.cuts)
+    word, unit = QUANTITIES[of]
+    axis.set(ylabel=f"{word.lower()}, dB re 1 {unit}", xlabel=name, ylim=(top - SHOWN, top + 0.05 * SHOWN))
+    if not which:
+        axis.legend(ncols=2)
+
+
+def _along(found: Orders) -> tuple[Floats, str]:
+    """What the orders are drawn over, and its name: a frequency that is held somewhere leaves time."""
+    steps = np.diff(found.frequency)
+    least = HELD * float(found.frequency.mean()) / max(len(steps), 1)
+    rises = len(steps) > 0 and bool(np.all(steps > least) or np.all(steps < -least))
+    return (found.frequency, "engine frequency (rad/s)") if rises else (found.time, "time (s)")
+
+
+def _top(amplitude: Floats, found: Orders) -> float:
+    """The upper end of the colour scale of a map, dB."""
+    from tcc_sim.analysis.orders import level
+
+    return float(5.0 * np.ceil(float(np.nanmax(level(amplitude[:, _shown(found)]))) / 5.0))
+
+
+def _shown(found: Orders) -> Any:
+    """The orders that maps show."""
+    return found.order > 0.25 * found.per_revolution
+
+
+def _map(axis: Any, found: Orders, amplitude: Floats, unit: str, top: float | None = None) -> None:
+    """One order map with its colour scale, where it has a unit, and the two linear modes."""
+    from tcc_sim.analysis.orders import level
+
+    along, over = _along(found)
+    shown = _shown(found)
+    levels = level(amplitude[:, shown]).T
+    top = _top(amplitude, found) if top is None else top
+    image = axis.pcolormesh(along, found.order[shown], levels, cmap="magma", vmin=top - SHOWN, vmax=top,
+                            shading="nearest", rasterized=True)
+    if unit:
+        axis.figure.colorbar(image, ax=axis, label=unit, pad=0.015, aspect=28,
+                             ticks=np.arange(top - SHOWN, top + 1.0, 10.0))
+    axis.grid(False)
+    lowest, highest = 0.25 * found.per_revolution, float(found.order[-1])
+    for omega, name in zip(found.modes, ("stuck", "slipping")):
+        order = found.per_revolution * omega / found.frequency
+        axis.plot(along, np.where((order <= highest) & (order >= lowest), order, np.nan), color="white", lw=0.9,
+                  ls=(0, (4, 2)))
+        _name_mode(axis, along, order, f"{name}, {omega:.0f} rad/s", (lowest, highest), found.per_revolution)
+    axis.set(xlabel=over, ylabel="crank order" if found.per_revolution != 1.0 else "order", ylim=(lowest, highest))
+
+
+def _name_mode(axis: Any, along: Floats, order: Floats, text: str, within: tuple[float, float], each: float) -> None:
+    """Name a mode beside its line where the text lies inside and between the lines of the orders."""
+    low, high = within
+    place = (along - along.min()) / max(float(np.ptp(along)), 1e-300)
+    inside = (order > low + 0.06 * (high - low)) & (order < high - 0.1 * (high - low)) & (place > 0.02) & (place < 0.6)
+    if not inside.any():
+        return
+    between = np.abs((order / each + 0.5) % 1.0 - 0.5)  # Distance to the nearest order line, in multiples.
+    at = int(np.argmax(np.where(inside, between - 0.05 * place, -1.0)))
+    axis.annotate(text, (along[at], order[at]), xytext=(4, 0), color="white", textcoords="offset points",
+                  fontsize=6.5, va="center",
+                  bbox={"facecolor": "black", "alpha": 0.55, "edgecolor": "none", "pad": 0.8})
+
+
+def _difference(axis: Any, found: OrderComparison, name: str, top: float) -> None:
+    """A map of the simulated level less the measured one, blank where both are below the maps' range."""
+    from tcc_sim.analysis.orders import level
+
+    along, over = _along(found.measured)
+    shown = _shown(found.measured)
+    one, other = (level(getattr(run, name)[:, shown]).T for run in (found.measured, found.simulated))
+    apart = np.ma.masked_where(np.maximum(one, other) < top - SHOWN, other - one)
+    image = axis.pcolormesh(along, found.measured.order[shown], apart, cmap="RdBu_r", vmin=-DIFFERENCE, vmax=DIFFERENCE,
+                            shading="nearest", rasterized=True)
+    axis.figure.colorbar(image, ax=axis, label="dB", pad=0.015, aspect=28)
+    axis.grid(False)
+    axis.set(xlabel=over, ylabel="order", ylim=(0.25 * found.measured.per_revolution, float(found.measured.order[-1])))

@@ -1,0 +1,115 @@
+"""A table of SciPy's own run-up beside the simulated one, and what tells its phase."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from tcc_sim.cli import main
+
+I1, I2, C23, K23, MU_S, MU_K, ALPHA, SIGMA, LOAD = 0.2, 0.02, 0.6, 3000.0, 0.3, 0.24, 2.0, 50.0, 225e3 * 0.08 * 0.1
+SCENE = ["fig02", "--set", "pressure.amplitude=0", "--set", "initial.slip_speed=5"]
+END = 5.0
+
+
+def rates(t, y):
+    v, angle, speed, phase = y
+    torque = 300.0 + 250.0 * math.sin(phase) + 60.0 * math.sin(2.0 * phase + 0.3)
+    friction = (MU_K + (MU_S - MU_K) * math.exp(-ALPHA * abs(v))) * math.tanh(SIGMA * v) * LOAD
+    plate = (friction - C23 * speed - K23 * angle) / I2
+    return [(torque - friction) / I1 - plate, speed, plate, 130.0 + 20.0 * t]
+
+
+@pytest.fixture(scope="module")
+def columns():
+    t = np.arange(0.0, END, 1.25e-4)
+    v, angle, speed, phase = solve_ivp(rates, (0.0, END), [5.0, 0.0, 0.0, 0.0], "LSODA", t, rtol=1e-9, atol=1e-9).y
+    return {"t": t, "engine_torque": 300.0 + 250.0 * np.sin(phase) + 60.0 * np.sin(2.0 * phase + 0.3),
+            "actuation_pressure": np.full_like(t, 225e3), "slip_speed": v, "plate_speed": speed, "plate_angle": angle,
+            "engine_speed": 130.0 + 20.0 * t, "tacho": 5.0 * (np.sin(phase) > 0.0)}
+
+
+def table(path, columns, *left_out):
+    kept = {name: values for name, values in columns.items() if name not in left_out}
+    np.savetxt(path, np.column_stack(list(kept.values())), delimiter=",", header=",".join(kept), comments="",
+               fmt="%.12g")
+    return str(path)
+
+
+def beside(tmp_path, columns, *left_out, plot=()):
+    path = table(tmp_path / "run.csv", columns, *left_out)
+    out = tmp_path / "found.json"
+    assert main(["simulate", *SCENE, "--inputs", path, "--hold", "linear", "--orders", "--json", str(out), *plot]) == 0
+    return json.loads(out.read_text())
+
+
+def levels(found, name, order):
+    column = found["order"].index(order)
+    return 20.0 * np.log10(np.array(found[name])[:, column])
+
+
+@pytest.mark.parametrize("left_out", [("tacho",), ("engine_speed",), ("engine_speed", "tacho")])
+def test_simulated_orders_are_within_a_third_of_a_decibel_of_the_measured_ones(tmp_path, columns, left_out):
+    picture = tmp_path / "orders.png"
+    found = beside(tmp_path, columns, *left_out, plot=["--plot", str(picture)])
+    assert picture.stat().st_size > 10_000
+    for name in ("slip_speed", "shaft_torque"):
+        for order in (1.0, 2.0, 3.0, 4.0):
+            measured, simulated = (levels(found[run], name, order) for run in ("measured_orders", "orders"))
+            loud = measured > measured.max() - 30.0
+            assert loud.sum() > 5
+            assert np.abs(simulated - measured)[loud].max() < 0.3
+    speed = 130.0 + 20.0 * np.array(found["measured_orders"]["time"])
+    np.testing.assert_allclose(found["measured_orders"]["frequency"], speed, rtol=5e-3)
+
+
+def test_orders_of_a_table_alone_are_those_beside_the_simulation(tmp_path, columns, capsys):
+    found = beside(tmp_path, columns)
+    capsys.readouterr()
+    words = ["analyse", str(tmp_path / "run.csv"), "--orders"]
+    assert main([*words, "--json", str(tmp_path / "alone.json"), "--plot", str(tmp_path / "alone.png")]) == 0
+    alone = json.loads((tmp_path / "alone.json").read_text())["orders"]
+    count = len(found["measured_orders"]["time"])
+    np.testing.assert_allclose(np.array(alone["slip_speed"])[:count], found["measured_orders"]["slip_speed"], rtol=1e-9)
+    assert alone["torque_order"] == [1.0, 2.0]
+    assert "breakaways a second" not in capsys.readouterr().out
+
+
+def test_an_engine_with_two_periods_a_revolution_has_crank_orders(tmp_path, columns):
+    own = {**columns, "engine_speed": 0.5 * columns["engine_speed"]}
+    path = table(tmp_path / "run.csv", own, "tacho")
+    (tmp_path / "four.yaml").write_text("/**:\n  ros__parameters:\n    engine:\n      order: 2.0\n")
+    out = tmp_path / "four.json"
+    assert main(["analyse", path, "--orders", "--scene", str(tmp_path / "four.yaml"), "--json", str(out)]) == 0
+    found = json.loads(out.read_text())["orders"]
+    assert found["torque_order"] == [2.0, 4.0]
+    assert 0.5 in found["order"]
+    speed = 130.0 + 20.0 * np.array(found["time"])
+    np.testing.assert_allclose(found["frequency"], speed, rtol=5e-3)
+
+
+def test_pulses_of_a_tacho_are_counted_a_revolution(tmp_path, columns):
+    path = table(tmp_path / "run.csv", columns, "engine_speed")
+    out = tmp_path / "slow.json"
+    assert main(["analyse", path, "--orders", "--pulses", "2", "--json", str(out)]) == 0
+    found = json.loads(out.read_text())["orders"]
+    np.testing.assert_allclose(found["frequency"], 0.5 * (130.0 + 20.0 * np.array(found["time"])), rtol=1e-2)
+
+
+@pytest.mark.parametrize(("left_out", "words", "message"), [
+    (("engine_speed", "tacho", "engine_torque"), ["--orders"], "orders need one of the columns engine_speed, tacho"),
+    (("slip_speed",), ["--orders"], "there is no column slip_speed"),
+    ((), [], "--orders or --spectrum can be worked out"),
+    ((), ["--orders", "--verify"], "--verify: a table takes"),
+    ((), ["--orders", "--from", "4.9999"], "4 rows or more"),
+    ((), ["--orders", "--to", "0.3"], "orders need 16 periods of the excitation"),
+])
+def test_a_table_that_shows_no_orders_is_refused(tmp_path, columns, capsys, left_out, words, message):
+    path = table(tmp_path / "run.csv", columns, *left_out)
+    assert main(["analyse", path, *words, "--json", str(tmp_path / "none.json")]) == 2
+    said = capsys.readouterr().err
+    assert message in said
+    assert said.count("\n") == 1
+    assert not (tmp_path / "none.json").exists()
