@@ -13,6 +13,7 @@ import numpy as np
 
 from tcc_sim.estimation.linearise import INPUTS, OUTPUTS
 from tcc_sim.views import style
+from tcc_sim.views.stored import Record
 from tcc_sim.views.sweeps import label_of, numbers
 
 UNITS = INPUTS | OUTPUTS
@@ -62,21 +63,26 @@ def _name(values: Mapping[str, Any]) -> str:
 
 
 def identification(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
-    """Draw what `identify` gives."""
-    names = list(found.residuals)
-    rows = len(names) + 1 + bool(found.parameters) + (found.likelihood is not None) + (found.curve is not None)
-    with style.figure(width, 1.5 * rows + 0.6) as drawn:
-        axes = drawn.subplots(rows, 1)
-        draw_fit(axes[0], found)
+    """Draw the fit of `identify`, its residuals and parameters; of its JSON, which has no samples, the parameters."""
+    found = Record.of(found) if isinstance(found, Mapping) else found
+    if isinstance(found.curve, Record):
+        vars(found.curve).update({name: np.array(part) for name, part in vars(found.curve).items()})
+    names = list(found.residuals or ())
+    above = len(names) + 1 if names else 0
+    rows = above + bool(found.parameters) + (found.likelihood is not None) + (found.curve is not None)
+    with style.figure(width, 1.5 * rows + 0.6, title) as drawn:
+        axes = drawn.subplots(rows, 1, squeeze=False)[:, 0]
+        if names:
+            draw_fit(axes[0], found)
+            axes[above - 1].set_xlabel("time (s)")
         words = f"chi-square a degree of freedom {found.chi2_per_dof:.3g}" + ("" if found.accepted else ": no fit")
-        axes[0].set_title(f"{title}: {words}" if title else words)
+        axes[0].set_title(words)
         for axis, name in zip(axes[1:], names):
             residual = found.residuals[name] / found.noise[name]
             axis.plot(found.measurement.t[:len(residual)], residual, color=style.GREY, linewidth=0.5)
             axis.set_ylabel(f"{name.replace('_', ' ')}\nresidual / noise")
-        axes[len(names)].set_xlabel("time (s)")
         if found.parameters:
-            _parameters(axes[len(names) + 1], found)
+            _parameters(axes[above], found)
         if found.curve is not None:
             draw_curve(axes[-1 - (found.likelihood is not None)], found.curve)
         if found.likelihood is not None:

@@ -167,6 +167,8 @@ def missing_data(values: Mapping[str, Any]) -> str:
         return "has no samples: the scene is solved again"
     if kind == "analyse":
         return "has no samples: the recording is read again"
+    if kind == "identify":
+        return "has no samples: its parameters are drawn without the fit"
     if kind == "basins" and "over" not in values:
         return "has no cells: the attractors are drawn without them; basins ... --out FILE.npz keeps them"
     return ""

@@ -139,3 +139,10 @@ def test_a_run_driven_by_a_table_needs_its_samples(tmp_path: Path) -> None:
     values = {"format": "tcc_sim simulate 1", "command": ["simulate", "fig02", "--inputs", "a.csv"], "scene": {}}
     with pytest.raises(InputError, match=r"--out FILE.npz"):
         tcc_sim.plot(values, tmp_path / "a.png")
+
+
+def test_a_json_of_identify_draws_its_parameters(pictures: list[Any], tmp_path: Path) -> None:
+    parameter = {"key": "driveline.stiffness", "start": 3000.0, "value": 3030.0, "high": 3060.0}
+    values = {"parameters": [parameter], "chi2_per_dof": 1.0, "accepted": True}
+    tcc_sim.plot(values, tmp_path / "a.png")
+    assert any(isinstance(item, tuple) and np.array_equal(item[1], [[1.0, 0.0]]) for item in pictures[0])
