@@ -36,7 +36,7 @@ from tcc_sim.estimation.operating_point import (
     stuck_parts,
 )
 from tcc_sim.estimation.settings import DEFAULTS
-from tcc_sim.estimation.slip_loop import Gains, SlipLoop, slip_loop
+from tcc_sim.estimation.slip_loop import Gains, SlipLoop, actuator_response, slip_loop
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.result import Result, reported, reporting
 from tcc_sim.scene import SceneLike, as_scene
@@ -184,8 +184,11 @@ def linearise(scene: SceneLike, *, input: str = "actuation_pressure", output: st
     motion = operating_point(system, slip)
 
     def about(omegas: Floats, inputs: str = "actuation_pressure", output: str = "slip_speed") -> Linearisation:
-        return (_about_constant(motion, inputs, output, omegas) if isinstance(motion, Constant)
-                else _about_periodic(motion, inputs, output, omegas))
+        found = (_about_constant(motion, inputs, output, omegas) if isinstance(motion, Constant)
+                 else _about_periodic(motion, inputs, output, omegas))
+        if inputs != "actuation_pressure" or not system.pressure.actuated:
+            return found
+        return dataclasses.replace(found, response=found.response * actuator_response(system.pressure, omegas))
 
     found = about(asked, input, output)
     if controller is not None:

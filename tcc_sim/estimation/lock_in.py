@@ -18,6 +18,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.estimation.operating_point import Constant, Periodic
 from tcc_sim.estimation.settings import DEFAULTS
 from tcc_sim.model import equations
+from tcc_sim.model.actuator import pressure_after
 from tcc_sim.solvers.fixed_step import Stepper
 from tcc_sim.solvers.terms import Terms, holding, terms_of
 from tcc_sim.trajectory import Floats
@@ -69,10 +70,15 @@ def _driven(motion: Constant | Periodic, pressure: bool, sine: tuple[float, floa
     # At a constant slip speed the spring carries the mean torque.
     still = system.engine.mean_torque / system.driveline.stiffness
     stepper.state[:3] = motion.parts[0].state if isinstance(motion, Periodic) else (motion.slip_speed, still, 0.0)
-    height, omega, lead = sine
+    (height, omega, lead), own = sine, system.pressure
+    plates = own.mean
     for k in range(ticks):
         middle = (k + 0.5) * step
-        more = height * math.sin(omega * middle + lead)
+        more = height * math.sin(omega * (middle - own.delay * pressure) + lead)
+        if own.lagged:
+            before, command = plates, own.mean + more * pressure
+            plates = pressure_after(before, command, own.time_constant, own.rate_limit, step)
+            stepper.press(before, plates, system.torque_per_pressure)
         stepper.use(_held(system.torque_per_pressure, terms, pressure, middle, more))
         stepper.advance()
         out[k] = stepper.state[:3]

@@ -23,6 +23,7 @@ from tcc_sim.continuation.newton import largest_first
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.estimation.constant_motion import matrices_of
 from tcc_sim.estimation.operating_point import Constant, Periodic, closed, operating_point, refined
+from tcc_sim.model.groups import Pressure
 from tcc_sim.model.parameters import System
 from tcc_sim.result import Described, reported
 from tcc_sim.trajectory import Floats
@@ -106,6 +107,13 @@ def slip_loop(motion: Constant | Periodic, gains: Gains, rate: float,
                     _smallest_slip(motion, ticks, gains) if stable else None)
 
 
+def actuator_response(pressure: Pressure, omegas: Floats) -> Complex:
+    """Pressure at the plates over the commanded one, exp(-i omega delay)/(1 + i omega T); small commands meet no limit.
+    """
+    s = 1j * omegas
+    return np.asarray(np.exp(-s * pressure.delay) / (1.0 + s * pressure.time_constant))
+
+
 def motion_slip(motion: Constant | Periodic) -> float:
     """The mean slip speed, rad/s."""
     return motion.slip_speed if isinstance(motion, Constant) else motion.mean_slip
@@ -143,18 +151,26 @@ class _Loop:
     def multipliers(self, factor: float = 1.0, late: int = 0) -> Complex:
         """Eigenvalues of the loop's map over the motion's period, with raised gains and commands that come late.
 
-        State: the plant's, the integral part, the slip speeds of the cycle but the newest, the commands on their way.
+        State: the plant's, the integral part, the slip speeds of the cycle but the newest, the commands on their way
+        and, where the actuator lags, the pressure at the plates, whose mean over a tick acts in it.
         """
-        past = self.ticks - 1
-        whole = np.eye(4 + past + late)
-        x, integral, slips, waiting = whole[:3], whole[3], whole[4:4 + past], whole[4 + past:]
+        past, lag = self.ticks - 1, self.system.pressure.time_constant
+        late += round(self.system.pressure.delay / self.step)
+        whole = np.eye(4 + past + late + (lag > 0.0))
+        x, integral, slips, waiting = whole[:3], whole[3], whole[4:4 + past], whole[4 + past:4 + past + late]
+        plates = whole[4 + past + late:]
+        left = math.exp(-self.step / lag) if lag else 0.0
+        share = lag / self.step * (1.0 - left)
         proportional, rate = factor * self.gains.proportional, factor * self.gains.integral * self.step
         for by_state, by_pressure in self.maps:
             mean = (x[0] + slips.sum(0)) / self.ticks
             waiting = np.vstack([waiting, (proportional * mean + integral) / self.system.torque_per_pressure])
             integral, slips = integral + rate * mean, np.vstack([slips[1:], x[0]])
-            x, waiting = by_state @ x + np.outer(by_pressure, waiting[0]), waiting[1:]
-        return np.asarray(np.linalg.eigvals(np.vstack([x, integral, slips, waiting])), np.complex128)
+            command, waiting = waiting[0], waiting[1:]
+            acting = command + share * (plates[0] - command) if lag else command
+            plates = command + left * (plates - command)
+            x = by_state @ x + np.outer(by_pressure, acting)
+        return np.asarray(np.linalg.eigvals(np.vstack([x, integral, slips, waiting, plates])), np.complex128)
 
     def stable(self, factor: float = 1.0, late: int = 0) -> bool:
         """Whether every multiplier is inside the unit circle."""

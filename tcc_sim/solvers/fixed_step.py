@@ -193,6 +193,7 @@ class Stepper:
         start = system.initial
         self.state[:] = (start.slip_speed, start.plate_angle, start.plate_speed, start.plate_angle)
         self.tick = 0
+        self.press(system.pressure.mean, system.pressure.mean, system.torque_per_pressure)
         if self._far is not None:
             self._far[:] = 0.0
 
