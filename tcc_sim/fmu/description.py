@@ -88,12 +88,12 @@ def variables(scene: Scene) -> list[Variable]:
             assert isinstance(start, float)
             found.append(Variable(name, "input", "continuous", meant.unit, f"{name.replace('_', ' ')}, held through "
                                   "each step", start, meant.low, meant.high))
-    meant = QUANTITIES[topic(FAR_END).key]
-    found.append(Variable(FAR_END, "input", "continuous", meant.unit, "speed of the shaft's far end, held through each "
-                          "step; 0 holds it still, as the paper does", 0.0, meant.low, meant.high))
     found += [Variable(name, "output", "continuous", unit, text) for name, unit, text in OUTPUTS]
     found.append(Variable("stick_slip_state", "output", "discrete", "", "-1 negative slip, 0 stick, 1 positive slip",
                           kind="integer"))
+    meant = QUANTITIES[topic(FAR_END).key]
+    found.append(Variable(FAR_END, "input", "continuous", meant.unit, "speed of the shaft's far end, held through each "
+                          "step; 0 holds it still, as the paper does", 0.0, meant.low, meant.high))
     return [*found, *_parameters(scene)]
 
 

@@ -5,13 +5,16 @@ from __future__ import annotations
 import re
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from tcc_sim import closed_loop
 from tcc_sim.cli import main
 from tcc_sim.fmu.c_types import DOUBLE, Refused, Static
 from tcc_sim.fmu.export import compiler
 from tcc_sim.fmu.printer import Library
+from tcc_sim.plant.driveline import Reading
 
 PAGE = Path(__file__).resolve().parents[2] / ".github" / "guide" / "fmu.md"
 
@@ -23,10 +26,23 @@ def test_the_closed_loop_of_the_page_holds_its_target(tmp_path: Path, monkeypatc
     monkeypatch.chdir(tmp_path)
     assert main(["fmu", "controlled"]) == 0
     assert "tcc_sim_controlled.fmu: FMI 2.0 for co-simulation, sources in C99 and a binary" in capsys.readouterr().out
-    code, = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.S)
+    code, vehicle, _ = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.S)
     exec(compile(code, str(PAGE), "exec"), {})
     mean, = re.findall(r"mean slip speed of the last second: ([0-9.]+) rad/s", capsys.readouterr().out)
     assert float(mean) == pytest.approx(20.0, abs=0.5)
+    assert main(["fmu", "fig02"]) == 0
+    found: dict[str, Any] = {}
+    exec(compile(vehicle, str(PAGE), "exec"), found)
+    speed = 0.0
+
+    def law(reading: Reading) -> tuple[None, None, float]:
+        nonlocal speed
+        speed += 1e-3 * (reading.shaft_torque - 2.0 * speed) / 1.5
+        return None, None, speed
+
+    run = closed_loop("fig02", law, 1.0)
+    assert found["slip_speed"] == run.slip_speed[1:].tolist()
+    assert found["speed"] == speed == pytest.approx(111.1964, abs=0.3)   # LSODA's, with the vehicle in its equations
 
 
 def test_the_command_writes_sources_alone_the_same_each_time_and_never_over_a_file(

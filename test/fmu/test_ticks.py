@@ -107,3 +107,28 @@ def test_no_bit_differs_from_the_node_with_inputs_and_changes_on_the_way(name: s
     base, values = OTHERS.get(name, (name, {}))
     scene = lockstep(base, values)
     assert differing(scene, written(tmp_path, scene, version), TICKS, TICKS // 5) == 0
+
+
+@pytest.mark.parametrize(("version", "values"), [
+    (2, {"pressure.time_constant": 0.03, "pressure.delay": 0.005, "pressure.rate_limit": 2e6}),
+    (3, {"pressure.delay": 0.003})])
+def test_no_bit_differs_with_an_actuator_and_a_far_end_that_moves(version: int, values: dict[str, object],
+                                                                  tmp_path: Path) -> None:
+    names = (*NAMES[:4], "friction_torque", "applied_pressure", "shaft_torque")
+    scene = lockstep("controlled", values)
+    driven, plant = Driven(written(tmp_path, scene, version)).begin(), Plant(scene)
+    draw, pressure, speed = np.random.default_rng(1), 1e5, 0.0
+    assert driven.get(*names) == [getattr(plant.reading(), name) for name in names]
+    for tick in range(400):
+        if tick % 20 == 0:
+            pressure = float(draw.uniform(0.0, 3e5))
+        if tick > 200 and tick % 7 == 0:
+            speed = float(draw.uniform(-20.0, 20.0))
+        driven.put({"actuation_pressure": pressure, "output_speed": speed})
+        plant.hold(None, pressure)
+        plant.move_far_end(speed)
+        driven.go()
+        reading = plant.advance()
+        assert driven.get(*names) == [getattr(reading, name) for name in names], tick
+    assert "pressure.delay" not in driven.references
+    driven.close()

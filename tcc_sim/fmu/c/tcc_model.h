@@ -134,6 +134,7 @@ static void tcc_line(const double *x, int n, int times, int values, int apart, i
     found[0] = x[values + k * apart] + found[1] * (t - x[times + k]);
 }
 
+#if TCC_SWELLS > 0
 /* The columns of a harmonic whose amplitude varies; one that stays 0 has the number 0. */
 static void tcc_swell(const double *x, int number, double phase, int n, int times, int values, int apart, double t,
                       double found[TCC_SWELL])
@@ -143,6 +144,7 @@ static void tcc_swell(const double *x, int number, double phase, int n, int time
     found[1] = phase;
     tcc_line(x, n, times, values, apart, 0, t, found + 2);
 }
+#endif
 
 /* Add the times of n points to those that are sorted already, each once. */
 static int tcc_merge(double *sorted, int count, const double *times, int n)
