@@ -9,7 +9,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from tcc_sim.nodes.children import START_LIMIT, NodeProcess, OwnEnvironment
 from tcc_sim.nodes.driveline import SWITCH_INTERVAL, DrivelineNode
 from tcc_sim.nodes.pacing import LEAD, TIMER_SLACK_NS, Pacer, prepare_thread, release_memory
 from tcc_sim.nodes.process import created
+from tcc_sim.result import Described, reported
 
 SLICE = 5.0
 """Seconds that node and bare loop run in turn, so that both meet the same disturbances."""
@@ -65,6 +66,39 @@ def _trials() -> list[tuple[str, Settings, int, float]]:
             ("all of these", Settings(50, (core,), True), TIMER_SLACK_NS, LEAD)]
 
 
+@dataclass(frozen=True, kw_only=True)
+class LoopFigures:
+    """How late a loop was, and what it cost."""
+
+    lateness_p50_s: float = field(metadata=reported("median lateness of a tick", "s"))
+    lateness_p99_s: float = field(metadata=reported("lateness that 99 % of the ticks stay within", "s"))
+    lateness_max_s: float = field(metadata=reported("largest lateness", "s"))
+    cpu_fraction: float = field(metadata=reported("processor time, as a fraction of one core"))
+
+
+@dataclass(frozen=True)
+class Trial(LoopFigures):
+    """The bare loop with some settings."""
+
+    name: str = field(metadata=reported("the settings"))
+    refused: list[str] = field(metadata=reported("sentences on the settings that the system refused"))
+
+
+@dataclass(frozen=True)
+class PacingFigures(LoopFigures, Described):
+    """The driveline node's loop beside a bare one."""
+
+    rate: float = field(metadata=reported("ticks in a second", "Hz"))
+    ticks: int = field(metadata=reported("number of ticks of the node"))
+    missed_ticks: int = field(metadata=reported("number of ticks given up beyond the catch-up bound"))
+    drift_s: float = field(metadata=reported("largest drift of the node's clock against real time", "s"))
+    bare_lateness_p50_s: float = field(metadata=reported("median lateness of the bare loop", "s"))
+    bare_lateness_p99_s: float = field(metadata=reported("lateness that 99 % of its ticks stay within", "s"))
+    bare_lateness_max_s: float = field(metadata=reported("largest lateness of the bare loop", "s"))
+    bare_cpu_fraction: float = field(metadata=reported("its processor time, as a fraction of one core"))
+    settings: list[Trial] = field(metadata=reported("the bare loop with each setting by itself"))
+
+
 class Stretches:
     """What the stretches of one loop come to."""
 
@@ -89,7 +123,7 @@ class Stretches:
 
 
 def measure(rate: float, duration: float, progress: Callable[[float], Any], recorder: bool = False,
-            settings: Settings = Settings()) -> dict[str, Any]:
+            settings: Settings = Settings()) -> PacingFigures:
     """Run the node's loop with its publishing, and the bare loop, `duration` seconds each, with the same settings.
 
     Parameters
@@ -134,9 +168,8 @@ def measure(rate: float, duration: float, progress: Callable[[float], Any], reco
                 listener.stop()
             own.close()
     worst = max((p.drift for p in node_side.pacers), key=abs)
-    return {"rate": rate, "ticks": sum(p.ticks for p in node_side.pacers),
-            "missed_ticks": sum(p.missed_ticks for p in node_side.pacers), "drift_s": worst,
-            **node_side.figures(""), **bare_side.figures("bare_"), "settings": trials}
+    return PacingFigures(rate, sum(p.ticks for p in node_side.pacers), sum(p.missed_ticks for p in node_side.pacers),
+                         worst, **node_side.figures(""), **bare_side.figures("bare_"), settings=trials)
 
 
 def _alternated(node: DrivelineNode, rate: float, duration: float, progress: Callable[[float], Any],
@@ -156,14 +189,14 @@ def _alternated(node: DrivelineNode, rate: float, duration: float, progress: Cal
 
 
 def _trial(rate: float, length: float, name: str, settings: Settings, timer_slack_ns: int,
-           lead: float = 0.0) -> dict[str, Any]:
+           lead: float = 0.0) -> Trial:
     """The bare loop's figures with some settings, and the wishes among them that were refused."""
     pacer = Pacer(1.0 / rate, int(length * rate * 1.5) + 100, lead=lead)
     stretches, refused = Stretches(), list[str]()
     stretches.run(pacer, lambda: refused.extend(_bare_stretch(pacer, length, settings, timer_slack_ns)))
     if settings.lock_memory:
         release_memory()
-    return {"name": name, "refused": refused, **stretches.figures("")}
+    return Trial(name, refused, **stretches.figures(""))
 
 
 def _node_stretch(node: DrivelineNode, pacer: Pacer, length: float) -> None:

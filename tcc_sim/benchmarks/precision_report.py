@@ -11,7 +11,7 @@ from typing import Any
 
 from tcc_sim.benchmarks.peers import TIMED
 from tcc_sim.output.tables import markdown_table
-from tcc_sim.result import json_of
+from tcc_sim.result import json_of, reported
 from tcc_sim.solvers import SOLVERS
 
 TARGETS = (1e-3, 1e-6, 1e-9)
@@ -29,34 +29,29 @@ APART = 0.05
 class References:
     """The names of two references, and what they differ by: below that an error means nothing."""
 
-    solvers: Sequence[str]
-    floor: float
+    solvers: Sequence[str] = field(metadata=reported("names of the two references"))
+    floor: float = field(metadata=reported("relative difference of the references; an error below it means nothing"))
 
 
 @dataclass(frozen=True)
 class SteadyState:
-    """The motion that is reached from the initial state.
+    """The motion that is reached from the initial state."""
 
-    cycles : from there on
-    period : 0 for none up to 16
-    max_slip_speed : rad/s, of SciPy's solution; None where the motion has no period, or SciPy did not end
-    closure : by how much SciPy's solution misses its start after one period, relative to each signal's maximum
-    solvers : by which it was found, and solved again
-    """
-
-    cycles: int
-    period: int
-    max_slip_speed: float | None
-    closure: float | None
-    solvers: Sequence[str]
+    cycles: int = field(metadata=reported("number of engine cycles from the initial state"))
+    period: int = field(metadata=reported("period of the motion; 0 for none up to 16", "engine cycles"))
+    max_slip_speed: float | None = field(metadata=reported(
+        "largest |slip speed| of SciPy's solution; null where the motion has no period, or SciPy did not end", "rad/s"))
+    closure: float | None = field(metadata=reported(
+        "by how much SciPy's solution misses its start after one period, relative to each signal's maximum"))
+    solvers: Sequence[str] = field(metadata=reported("names of the solvers by which it was found and solved again"))
 
 
 @dataclass(frozen=True)
 class SolverSetting:
     """A solver at one of its tolerances or steps."""
 
-    solver: str
-    setting: float
+    solver: str = field(metadata=reported("name of the solver"))
+    setting: float = field(metadata=reported("relative tolerance, or step in s"))
 
 
 @dataclass(frozen=True)
@@ -65,13 +60,14 @@ class PrecisionResult(SolverSetting):
     not measured.
     """
 
-    error_final: float
-    error_section: float
-    error_max_slip: float
-    error_steady: float | None
-    seconds: float
-    slowest: float
-    steps: int | None
+    error_final: float = field(metadata=reported("error of the final state, relative to each signal's maximum"))
+    error_section: float = field(metadata=reported("largest error on the section, relative to each signal's maximum"))
+    error_max_slip: float = field(metadata=reported("relative error of the largest |slip speed|"))
+    error_steady: float | None = field(metadata=reported(
+        "relative error of the largest |slip speed| of the steady state; null where it was not measured"))
+    seconds: float = field(metadata=reported("run time, minimum of several runs", "s"))
+    slowest: float = field(metadata=reported("run time, maximum of several runs", "s"))
+    steps: int | None = field(metadata=reported("number of steps; null where it is not known"))
 
     @property
     def largest_error(self) -> float:
@@ -83,49 +79,48 @@ class PrecisionResult(SolverSetting):
 class Omitted(SolverSetting):
     """Why it has no result."""
 
-    why: str
+    why: str = field(metadata=reported("why it has no result"))
 
 
 @dataclass(frozen=True)
 class LongRun(SolverSetting):
     """Its time where the cost of a call no longer counts."""
 
-    cycles: int
-    seconds_per_100_cycles: float
+    cycles: int = field(metadata=reported("number of engine cycles"))
+    seconds_per_100_cycles: float = field(metadata=reported(
+        "run time of 100 engine cycles where the cost of a call no longer counts", "s"))
 
 
 @dataclass
 class StudiedScene:
     """What was measured on one scene; `warm_up` is each solver's first call, which compiles, s."""
 
-    scene: str
-    description: str
-    law: str
-    cycles: int
-    reference: References
-    steady: SteadyState
-    results: list[PrecisionResult] = field(default_factory=list)
-    omitted: list[Omitted] = field(default_factory=list)
-    warm_up: dict[str, float] = field(default_factory=dict)
-    long_run: list[LongRun] = field(default_factory=list)
+    scene: str = field(metadata=reported("name of the scene"))
+    description: str = field(metadata=reported("description of the scene"))
+    law: str = field(metadata=reported("friction law"))
+    cycles: int = field(metadata=reported("number of engine cycles solved"))
+    reference: References = field(metadata=reported("the two references"))
+    steady: SteadyState = field(metadata=reported("the motion that is reached from the initial state"))
+    results: list[PrecisionResult] = field(default_factory=list, metadata=reported("errors and run times"))
+    omitted: list[Omitted] = field(default_factory=list, metadata=reported("solvers without a result"))
+    warm_up: dict[str, float] = field(default_factory=dict, metadata=reported(
+        "time of each solver's first call, which compiles", "s"))
+    long_run: list[LongRun] = field(default_factory=list, metadata=reported(
+        "run times where the cost of a call no longer counts"))
 
 
 @dataclass(frozen=True)
 class PrecisionReport:
-    """What precision.json holds.
+    """What precision.json holds."""
 
-    peers : of each other program whether it took part
-    python_loop : seconds of a step of `dop853`, and of the twelve evaluations of the equations in it; empty where not
-        measured
-    machine : processor and versions
-    """
-
-    scenes: Sequence[StudiedScene]
-    peers: Mapping[str, str]
-    quick: bool
-    complete: bool
-    python_loop: Mapping[str, float] = field(default_factory=dict)
-    machine: str = field(default_factory=lambda: machine())
+    scenes: Sequence[StudiedScene] = field(metadata=reported(
+        "what was measured on each scene; the fields of the first stand at the top, too"))
+    peers: Mapping[str, str] = field(metadata=reported("by name of another program whether it took part"))
+    quick: bool = field(metadata=reported("whether ladders were shorter"))
+    complete: bool = field(metadata=reported("false where it was interrupted"))
+    python_loop: Mapping[str, float] = field(default_factory=dict, metadata=reported(
+        "time of a step of dop853, and of the twelve evaluations of the equations in it; empty where not measured", "s"))
+    machine: str = field(default_factory=lambda: machine(), metadata=reported("processor and versions"))
 
     def as_json(self) -> dict[str, Any]:
         """The record of the first scene with the report's own keys."""

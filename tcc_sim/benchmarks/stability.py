@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.model.friction import smoothed_and_slope
 from tcc_sim.model.parameters import DEFAULTS, System, replace
 from tcc_sim.output.tables import markdown_table
+from tcc_sim.result import reported
 from tcc_sim.solvers import SOLVERS, solve
 from tcc_sim.solvers.comparison.runge_kutta import rk4_limit
 from tcc_sim.solvers.fixed_step import advance
@@ -46,54 +47,53 @@ METHODS = {"fixed_step": np.geomspace(1e-5, 1e-2, 13), "SDIRK3, one step": np.ge
 class Quantiles:
     """Median, 90 %, 99 % and the largest; None where there is no value."""
 
-    median: float | None
-    p90: float | None
-    p99: float | None
-    max: float | None
+    median: float | None = field(metadata=reported("median; null where there is no value"))
+    p90: float | None = field(metadata=reported("value that 90 % stay below"))
+    p99: float | None = field(metadata=reported("value that 99 % stay below"))
+    max: float | None = field(metadata=reported("largest value"))
 
 
 @dataclass(frozen=True)
 class EngineSummary:
     """What one engine's cases come to: statuses, violations (none is right), quantiles of error and power residual."""
 
-    cases: int
-    statuses: Mapping[str, int]
-    not_finite: int
-    not_bounded: int
-    iterations_max: int
-    iterations_bound: int
-    past_iteration_bound: int
-    without_reference: int
-    error: Quantiles
-    power_residual: Quantiles
+    cases: int = field(metadata=reported("number of cases"))
+    statuses: Mapping[str, int] = field(metadata=reported("number of cases by status"))
+    not_finite: int = field(metadata=reported("number of runs that are not finite"))
+    not_bounded: int = field(metadata=reported("number of runs past the energy bound"))
+    iterations_max: int = field(metadata=reported("most iterations in a stage"))
+    iterations_bound: int = field(metadata=reported("largest bound of iterations"))
+    past_iteration_bound: int = field(metadata=reported("number of runs past the bound of iterations"))
+    without_reference: int = field(metadata=reported("number of runs without a reference"))
+    error: Quantiles = field(metadata=reported("error of the final state, relative to each signal's maximum"))
+    power_residual: Quantiles = field(metadata=reported("residual of the power balance"))
     longest_seconds: float
 
 
 @dataclass(frozen=True)
 class ErrorChart:
-    """Errors of one method over one key and its steps, s: rows are values, None where not finite.
+    """Errors of one method over one key and its steps, s: rows are values, None where not finite."""
 
-    limits : `rk4` and `uniqueness`, the theoretical limits of the step at every value, s
-    """
-
-    over: str
-    values: Sequence[float]
-    method: str
-    steps: Sequence[float]
-    errors: Sequence[Sequence[float | None]]
-    limits: Mapping[str, Sequence[float | None]]
+    over: str = field(metadata=reported("scene key"))
+    values: Sequence[float] = field(metadata=reported("its values", "{over}"))
+    method: str = field(metadata=reported("name of the method"))
+    steps: Sequence[float] = field(metadata=reported("steps", "s"))
+    errors: Sequence[Sequence[float | None]] = field(metadata=reported(
+        "errors: rows are values; null where not finite"))
+    limits: Mapping[str, Sequence[float | None]] = field(metadata=reported(
+        "theoretical limits of the step at every value, by name", "s"))
 
 
 @dataclass(frozen=True)
 class StabilityReport:
-    """What stability.json holds; `reasons` are sentences on the largest errors."""
+    """What stability.json holds."""
 
-    cases: Sequence[Examined]
-    summary: Mapping[str, EngineSummary]
-    charts: Sequence[ErrorChart]
-    quick: bool
-    complete: bool
-    reasons: Sequence[str] = ()
+    cases: Sequence[Examined] = field(metadata=reported("every case with every engine"))
+    summary: Mapping[str, EngineSummary] = field(metadata=reported("by engine"))
+    charts: Sequence[ErrorChart] = field(metadata=reported("errors over step and a key"))
+    quick: bool = field(metadata=reported("whether there were fewer scenes and coarser charts"))
+    complete: bool = field(metadata=reported("false where it was interrupted"))
+    reasons: Sequence[str] = field(default=(), metadata=reported("sentences on the largest errors"))
 
 
 def grid(quick: bool, done: Callable[[int, int, str], None]) -> Iterator[Examined]:

@@ -24,10 +24,11 @@ def run(arguments: argparse.Namespace) -> int:
     scene = scene_of(arguments)
     check_outputs(arguments)
     from tcc_sim.output.estimates import estimate_lines, estimates_of
-    from tcc_sim.output.explanation import closed_form_lines, explain, friction_lines
+    from tcc_sim.output.explanation import closed_form_lines, explained, friction_lines
 
-    found = explain(scene, cost=arguments.cost)
-    say(f"{found['scene']}: {found['description']}")
+    explanation = explained(scene, cost=arguments.cost)
+    found = explanation.as_json()
+    say(f"{found['name']}: {found['description']}")
     say("\n".join([*estimate_lines(estimates_of(scene.system)), *friction_lines(found["friction"]),
                    *closed_form_lines(found["closed_forms"])]))
     say(f"solver offline: {found['solver']}")
@@ -37,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
     say("kernel arguments\n  " + "; ".join(f"{name}: {kind}" for name, kind in found["kernel"].items()))
     _say_step(found["step"], arguments.cost)
     plot_result(arguments, scene, scene.name)
-    present(arguments, scene, lambda: {"name": scene.name, **found})
+    present(arguments, scene, explanation)
     return 0
 
 

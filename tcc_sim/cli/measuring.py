@@ -5,12 +5,16 @@ from __future__ import annotations
 import argparse
 import tempfile
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from tcc_sim.cli.arguments import new_file, number, present
 from tcc_sim.errors import counted, require
 from tcc_sim.output.files import new_directory, write_json
 from tcc_sim.output.terminal import counted_bar, say, seconds_bar
+
+if TYPE_CHECKING:
+    from tcc_sim.benchmarks.endurance import SoakFigures
+    from tcc_sim.benchmarks.pacing_benchmark import PacingFigures
 
 REPORTS = {"precision": "shorter ladders, about 40 s of computing on one core",
            "stability": "fewer scenes and coarser charts, about half a minute"}
@@ -50,14 +54,17 @@ def run(arguments: argparse.Namespace) -> int:
         require("matplotlib", "a picture")
         return (_precision if arguments.verb == "precision" else _stability)(arguments, folder)
     from tcc_sim.nodes.children import require_ros
+    from tcc_sim.result import json_of
     from tcc_sim.scene import load_scene
 
     require_ros()
     if arguments.json is not None:
         new_file(arguments.json)
+    found: PacingFigures | SoakFigures
     found, scene = (_realtime(arguments), "fig02") if arguments.verb == "realtime" else (_soak(arguments), "commands")
-    present(arguments, load_scene(scene).with_values({"rate": arguments.rate}), lambda: found)
-    return 0 if arguments.verb == "realtime" or found["count_is_honest"] else 1
+    figures = json_of(found)
+    present(arguments, load_scene(scene).with_values({"rate": arguments.rate}), found)
+    return 0 if figures.get("count_is_honest", True) else 1
 
 
 def _precision(arguments: argparse.Namespace, folder: Path) -> int:
@@ -118,14 +125,15 @@ def _stability(arguments: argparse.Namespace, folder: Path) -> int:
     return 0 if running.complete else 130
 
 
-def _realtime(arguments: argparse.Namespace) -> dict[str, Any]:
+def _realtime(arguments: argparse.Namespace) -> PacingFigures:
     """The driveline node's pacing beside a bare absolute-deadline loop."""
     from tcc_sim.benchmarks.pacing_benchmark import Settings, measure
 
     settings = Settings(arguments.thread_priority, tuple(arguments.cpu_affinity), arguments.lock_memory)
     with seconds_bar("realtime", 2.0 * arguments.duration) as done:
-        found = measure(arguments.rate, arguments.duration, lambda part: done(2.0 * arguments.duration * part),
-                        arguments.recorder, settings)
+        figures = measure(arguments.rate, arguments.duration, lambda part: done(2.0 * arguments.duration * part),
+                          arguments.recorder, settings)
+    found = figures.as_json()
     say(f"{found['ticks']:.0f} ticks at {found['rate']:g} Hz, {found['missed_ticks']:.0f} missed, "
         f"drift {found['drift_s'] * 1e3:.3f} ms")
     say(f"{'':22}{'driveline node':>15}{'bare loop':>15}{'ratio':>8}")
@@ -137,17 +145,16 @@ def _realtime(arguments: argparse.Namespace) -> dict[str, Any]:
         say(f"{name:<22}{node:>15.1f}{bare:>15.1f}{node / bare if bare > 0.0 else float('nan'):>8.2f}")
     say(f"{'bare loop with':<26}{'p50 (us)':>11}{'p99 (us)':>11}{'max (us)':>11}")
     for trial in found["settings"]:
-        figures = "".join(f"{trial[f'lateness_{key}_s'] * 1e6:>11.1f}" for key in ("p50", "p99", "max"))
-        say(f"{trial['name']:<26}{figures}{'  refused' if trial['refused'] else ''}")
+        row = "".join(f"{trial[f'lateness_{key}_s'] * 1e6:>11.1f}" for key in ("p50", "p99", "max"))
+        say(f"{trial['name']:<26}{row}{'  refused' if trial['refused'] else ''}")
     for sentence in sorted({sentence for trial in found["settings"] for sentence in trial["refused"]}):
         say(f"  {sentence}")
-    return found
+    return figures
 
 
-def _soak(arguments: argparse.Namespace) -> dict[str, Any]:
+def _soak(arguments: argparse.Namespace) -> SoakFigures:
     """Driveline, recorder and commands for a long time; the recording is made in a temporary folder."""
     from tcc_sim.benchmarks.endurance import soak
-    from tcc_sim.result import json_of
 
     with tempfile.TemporaryDirectory(prefix="tcc_sim_") as folder, seconds_bar("soak", arguments.duration) as done:
         found = soak(Path(folder) / "recording", arguments.rate, arguments.duration, done)
@@ -162,5 +169,4 @@ def _soak(arguments: argparse.Namespace) -> dict[str, Any]:
             f"after the warm-up, {node.cpu_fraction * 100.0:.1f} % of a core")
     for warning in recorded.warnings:
         say(f"warning: {warning}")
-    figures: dict[str, Any] = json_of(found)
-    return figures
+    return found

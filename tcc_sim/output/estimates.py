@@ -5,7 +5,7 @@ friction and the critical frequency of the paper.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from tcc_sim.model.parameters import System
 from tcc_sim.model.pure_slip import pure_slip
 from tcc_sim.model.pure_stick import stick_margin
 from tcc_sim.model.sines import common_cycles
+from tcc_sim.result import reported
 from tcc_sim.solvers.terms import terms_of, torques_at
 
 SAMPLES = 2000
@@ -27,46 +28,41 @@ CYCLES = 200
 class Mode:
     """A linear mode of the driveline: natural frequency (rad/s), and damping ratio of C23."""
 
-    frequency: float
-    damping_ratio: float
+    frequency: float = field(metadata=reported("natural frequency", "rad/s"))
+    damping_ratio: float = field(metadata=reported("damping ratio of C23"))
 
 
 @dataclass(frozen=True)
 class Torque:
     """Smallest, mean and largest value of a torque over the excitation's period, or over the profiles, N m."""
 
-    low: float
-    mean: float
-    high: float
+    low: float = field(metadata=reported("smallest value over the excitation's period, or over the profiles", "N m"))
+    mean: float = field(metadata=reported("mean value", "N m"))
+    high: float = field(metadata=reported("largest value", "N m"))
 
 
 @dataclass(frozen=True)
 class Estimates:
-    """Estimates of a scene from its parameters alone.
+    """Estimates of a scene from its parameters alone."""
 
-    slipping, stuck : sqrt(K23/I2) (17c) and sqrt(K23/(I1 + I2)) (27)
-    engine, static, kinetic : engine torque, and mu_s N R and mu_k N R of the clutch
-    stick_margin : smallest mu_s N R - |interface torque| of pure stick (10), N m; None where there is no closed form
-    expected : stick, slip, stick-slip or runaway, from these torques
-    critical_slope : slope of the friction torque over slip speed below which the oscillation at constant slip is no
-        longer damped, N m s/rad: where the pair of roots of (22) crosses, near -C23 of (23); None where it never does
-    steepest_slope : steepest fall of the friction torque of this scene at its mean pressure, N m s/rad
-    critical_frequency : sqrt(K23/(I1 + I2)) of (28), rad/s: below it positive slip falls into the first half of a
-        cycle, above it into the second
-    engine_frequency : lowest and highest of this scene, rad/s
-    """
-
-    slipping: Mode
-    stuck: Mode
-    engine: Torque
-    static: Torque
-    kinetic: Torque
-    stick_margin: float | None
-    expected: str
-    critical_slope: float | None
-    steepest_slope: float
-    critical_frequency: float
-    engine_frequency: tuple[float, float]
+    slipping: Mode = field(metadata=reported("mode sqrt(K23/I2) (17c) of the slipping clutch"))
+    stuck: Mode = field(metadata=reported("mode sqrt(K23/(I1 + I2)) (27) of the stuck clutch"))
+    engine: Torque = field(metadata=reported("engine torque"))
+    static: Torque = field(metadata=reported("mu_s N R of the clutch"))
+    kinetic: Torque = field(metadata=reported("mu_k N R of the clutch"))
+    stick_margin: float | None = field(metadata=reported(
+        "smallest mu_s N R - |interface torque| of pure stick (10); null where there is no closed form", "N m"))
+    expected: str = field(metadata=reported("stick, slip, stick-slip or runaway, from these torques"))
+    critical_slope: float | None = field(metadata=reported(
+        "slope of the friction torque over slip speed below which the oscillation at constant slip is no longer "
+        "damped: where the pair of roots of (22) crosses, near -C23 of (23); null where it never does", "N m s/rad"))
+    steepest_slope: float = field(metadata=reported(
+        "steepest fall of the friction torque of this scene at its mean pressure", "N m s/rad"))
+    critical_frequency: float = field(metadata=reported(
+        "sqrt(K23/(I1 + I2)) of (28): below it positive slip falls into the first half of a cycle, above it into the "
+        "second", "rad/s"))
+    engine_frequency: tuple[float, float] = field(metadata=reported(
+        "lowest and highest frequency of the engine", "rad/s"))
 
 
 def estimates_of(system: System) -> Estimates:

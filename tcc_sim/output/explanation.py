@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable
 from types import FunctionType, SimpleNamespace
@@ -18,6 +17,7 @@ from tcc_sim.model.parameters import System
 from tcc_sim.model.pure_slip import pure_slip
 from tcc_sim.model.pure_stick import plate_angle, stick_margin
 from tcc_sim.output.estimates import estimates_of
+from tcc_sim.output.explained import ClosedForms, Explained, FrictionFigures, Held, PureSlip, PureStick, StepFigures
 from tcc_sim.result import json_of
 from tcc_sim.scene import Scene
 from tcc_sim.solvers import choose
@@ -40,56 +40,44 @@ FUNCTIONS = {"sin": "sines", "exp": "exponentials", "tanh": "hyperbolic tangents
 
 
 def explain(scene: Scene, *, cost: bool = False) -> dict[str, Any]:
-    """Terms held and left out, kernel argument types, modules, topics, and the calls of a sub-step.
+    """The fields of `Explained` as JSON values, and the scene's name as `scene`; arguments as for `explained`."""
+    return {"scene": scene.name, **explained(scene, cost=cost).as_json()}
+
+
+def explained(scene: Scene, *, cost: bool = False) -> Explained:
+    """Explain a scene.
 
     Parameters
     ----------
     cost : measure also what a tick costs, with every term on, without each of those held, and with each of those left
         out; it compiles them
-
-    Returns
-    -------
-    A dict that can go to JSON: `terms`, `topics` and `modules` with `held` and `left_out`; `solver`; `kernel`: the type
-    of every term; `step`: `tick_s`, `sub_steps`, and per sub-step of the first tick `own_calls` and `general_calls` of
-    sine, exponential and hyperbolic tangent, with `cost` also `own_s`, `general_s`, their `ratio`, `terms_s`: what each
-    term held adds, `saved_s`: what each one left out would add, both None where that is below twice the noise of the
-    measurement, `noise_s` (`step` is None for the set-valued law, which the real-time solver does not take);
-    `closed_forms`: pure slip and pure stick as `closed_forms` gives them; `estimates`: as `estimates_of` gives them.
     """
     terms = terms_of(scene.system)
-    held, left_out = held_and_left_out(terms)
     needed = [row.name for row in TOPICS if row.wanted(scene.value)]
-    real_time = terms.smoothing is not None
-    return {
-        "scene": scene.name, "description": scene.description, "solver": choose(scene.system, "auto"),
-        "estimates": json_of(estimates_of(scene.system)),
-        "terms": {"held": held, "left_out": left_out},
-        "kernel": {name: _kind(value) for name, value in zip(terms._fields, terms)},
-        "topics": {"held": needed, "left_out": [row.name for row in TOPICS
-                                                if row.name not in needed and row.direction != "beside"]},
-        "modules": {"held": [], "left_out": list(OPTIONAL_MODULES)},  # What neither engine imports.
-        "step": {"tick_s": TICK, "sub_steps": substeps(terms_of(scene.system), TICK), **(_cost(scene) if cost else {}),
-                 **count_calls(scene.system)} if real_time else None,
-        "closed_forms": closed_forms(scene.system),
-        "friction": friction_of(scene.system),
-    }
+    topics = Held(needed, [row.name for row in TOPICS if row.name not in needed and row.direction != "beside"])
+    step = None
+    if terms.smoothing is not None:
+        figures: dict[str, Any] = {**count_calls(scene.system), **(_cost(scene) if cost else {})}
+        step = StepFigures(TICK, substeps(terms, TICK), **figures)
+    return Explained(
+        scene.name, scene.description, choose(scene.system, "auto"), estimates_of(scene.system),
+        Held(*held_and_left_out(terms)), {name: _kind(value) for name, value in zip(terms._fields, terms)}, topics,
+        Held([], OPTIONAL_MODULES),  # What neither engine imports.
+        step, closed_forms(scene.system), friction_of(scene.system))
 
 
 def friction_of(system: System) -> dict[str, Any]:
-    """Sliding coefficient mu(v) = constant + sum of amplitudes exp(-rates |v|), rates in s/rad; largest error of the
-    fit of a table relative to its largest coefficient, and the slip speed of that error (rad/s), None without a table;
-    slip speed up to which the law counts as stick (rad/s, 0 for the set-valued law), and the largest coefficient.
-    """
+    """The friction law: the fields of `FrictionFigures` as JSON values."""
     own = system.friction
     stick = stick_speed_of(terms_of(system))
     largest = own.static if stick == 0.0 else own.kinetic * peak(own.smoothing, own.stribeck)[1]
-    ends = {"stick_speed": stick, "largest_coefficient": largest}
-    if own.curve is not None:
-        return {"constant": own.curve.constant, "amplitudes": list(own.curve.amplitudes),
-                "rates": list(own.curve.rates), "fit_error": own.curve.error, "fit_error_at": own.curve.worst, **ends}
-    pairs = exponentials(own.stribeck)
-    return {"constant": own.kinetic, "amplitudes": [c * own.kinetic for c, _ in pairs], "rates": [a for _, a in pairs],
-            "fit_error": None, "fit_error_at": None, **ends}
+    curve, pairs = own.curve, exponentials(own.stribeck)
+    if curve is not None:
+        law = FrictionFigures(curve.constant, curve.amplitudes, curve.rates, curve.error, curve.worst, stick, largest)
+    else:
+        law = FrictionFigures(own.kinetic, [c * own.kinetic for c, _ in pairs], [a for _, a in pairs], None, None,
+                              stick, largest)
+    return dict(json_of(law))
 
 
 def friction_lines(found: dict[str, Any]) -> list[str]:
@@ -184,21 +172,13 @@ def _cost(scene: Scene) -> dict[str, Any]:
 
 
 def closed_forms(system: System) -> dict[str, Any] | None:
-    """`slip` and `stick`, each None where the scene has no such closed form; None for torques from a topic.
-
-    Returns
-    -------
-    slip : `mean` a0 and `amplitude` |a21| + |a22| of (15), `growth` a1 (rad/s^2), `margin` of (16), `least` slip speed
-        with the transient, `pure_slip` whether it lasts for ever, and, for the smoothed law, `tick_difference`: how far
-        the real-time solver is from (14) in 500 ticks of 1 ms; rad/s
-    stick : `margin` of (10), N m, `sticks`, and the plate angle's `mean` and `amplitude` by (8), rad
-    """
+    """The fields of `ClosedForms` as JSON values; None for torques from a topic."""
     if "topic" in (system.engine.source, system.pressure.source):
         return None
-    return {"slip": _slip(system), "stick": _stick(system)}
+    return dict(json_of(ClosedForms(_slip(system), _stick(system))))
 
 
-def _slip(system: System) -> dict[str, Any] | None:
+def _slip(system: System) -> PureSlip | None:
     """Pure slip in the direction of the initial slip."""
     direction = -1 if system.initial.slip_speed < 0.0 else 1
     try:
@@ -207,9 +187,8 @@ def _slip(system: System) -> dict[str, Any] | None:
         return None
     least = form.least_slip_speed
     lasting = least > 0.0
-    return {"direction": direction, "mean": form.a0, "amplitude": form.slip.swing(), "growth": form.a1,
-            "margin": form.margin, "least": least if math.isfinite(least) else None, "pure_slip": lasting,
-            "tick_difference": _difference(system, form.slip_speed) if lasting else None}
+    return PureSlip(direction, form.a0, form.slip.swing(), form.a1, form.margin, least, lasting,
+                    _difference(system, form.slip_speed) if lasting else None)
 
 
 def _difference(system: System, slip_speed: Any) -> float | None:
@@ -226,13 +205,13 @@ def _difference(system: System, slip_speed: Any) -> float | None:
     return float(np.abs(found - slip_speed(TICK * np.arange(1, COMPARED + 1))).max())
 
 
-def _stick(system: System) -> dict[str, Any] | None:
+def _stick(system: System) -> PureStick | None:
     """Pure stick."""
     try:
         margin, angle = stick_margin(system), plate_angle(system)
     except InputError:
         return None
-    return {"margin": margin.torque, "sticks": margin.sticks, "mean": angle.mean, "amplitude": angle.swing()}
+    return PureStick(margin.torque, margin.sticks, angle.mean, angle.swing())
 
 
 def closed_form_lines(found: dict[str, Any] | None) -> list[str]:
