@@ -17,7 +17,6 @@ else:
     import tomli as toml
 
 from tcc_sim import __version__
-from tcc_sim.output.provenance import FORMATS
 
 ROOT = Path(__file__).resolve().parent.parent
 PROJECT = toml.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -53,7 +52,7 @@ def test_the_sdist_holds_every_file_of_package_tests_and_scenes(built):
     assert "test/conftest.py" in wanted
 
 
-def test_the_wheel_finds_its_scenes_and_schemas_outside_the_checkout(built, tmp_path):
+def test_the_wheel_finds_its_scenes_outside_the_checkout(built, tmp_path):
     site = tmp_path / "lib" / "site-packages"
     with zipfile.ZipFile(built[1]) as file:
         for name in file.namelist():
@@ -63,16 +62,14 @@ def test_the_wheel_finds_its_scenes_and_schemas_outside_the_checkout(built, tmp_
             if not name.endswith("/"):
                 target.write_bytes(file.read(name))
     code = ("import sys; sys.path.insert(0, sys.argv[1]); import tcc_sim; from tcc_sim.scene import bundled_scenes\n"
-            "from tcc_sim.output.provenance import FORMATS, schema\n"
-            "print(tcc_sim.__file__); print(*bundled_scenes()); print(*(schema(kind)['$id'] for kind in FORMATS))")
+            "print(tcc_sim.__file__); print(*bundled_scenes())")
     ended = subprocess.run([sys.executable, "-c", code, str(site)], cwd=tmp_path, capture_output=True, text=True,
                            check=False,
                            env={"PATH": "", "HOME": str(Path.home())})
     assert ended.returncode == 0, ended.stderr
-    where, scenes, schemas = ended.stdout.splitlines()
+    where, scenes = ended.stdout.splitlines()
     assert where.startswith(str(site))
     assert scenes.split() == sorted(path.stem for path in (ROOT / "config").glob("*.yaml"))
-    assert len(schemas.split()) == len(FORMATS)
 
 
 def test_the_metadata_are_whole_and_hold_no_placeholder(built):

@@ -7,11 +7,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import metadata
 from pathlib import Path
-from typing import Any
 
 from tcc_sim.benchmarks.peers import TIMED
 from tcc_sim.output.tables import markdown_table
-from tcc_sim.result import json_of, reported
+from tcc_sim.result import Described, reported, reporting
 from tcc_sim.solvers import SOLVERS
 
 TARGETS = (1e-3, 1e-6, 1e-9)
@@ -110,7 +109,7 @@ class StudiedScene:
 
 
 @dataclass(frozen=True)
-class PrecisionReport:
+class PrecisionReport(Described):
     """What precision.json holds."""
 
     scenes: Sequence[StudiedScene] = field(metadata=reported(
@@ -122,9 +121,11 @@ class PrecisionReport:
         "time of a step of dop853, and of the twelve evaluations of the equations in it; empty where not measured", "s"))
     machine: str = field(default_factory=lambda: machine(), metadata=reported("processor and versions"))
 
-    def as_json(self) -> dict[str, Any]:
-        """The record of the first scene with the report's own keys."""
-        return {**json_of(self.scenes[0]), **json_of(self)}
+    @property
+    @reporting("the first scene", spread=True)
+    def first(self) -> StudiedScene:
+        """The first scene, whose record is at the top of the file too."""
+        return self.scenes[0]
 
 
 def fastest_results(record: StudiedScene, target: float) -> dict[str, PrecisionResult]:

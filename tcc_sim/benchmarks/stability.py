@@ -67,7 +67,7 @@ class EngineSummary:
     without_reference: int = field(metadata=reported("number of runs without a reference"))
     error: Quantiles = field(metadata=reported("error of the final state, relative to each signal's maximum"))
     power_residual: Quantiles = field(metadata=reported("residual of the power balance"))
-    longest_seconds: float
+    longest_seconds: float = field(metadata=reported("longest run time", "s"))
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,7 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.output.files import draft
     from tcc_sim.output.tables import text
     from tcc_sim.paper.catalogue import paper_system
+    from tcc_sim.paper.claim_figures import ClaimsReport
     from tcc_sim.paper.claims import PRESSURES, Verdict, claims_page, counts_of, judge
     from tcc_sim.paper.errata import errata_page
     from tcc_sim.result import json_of
@@ -67,8 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
     if not verdicts:
         return 130
     say(counts_of(verdicts))
-    present(arguments, paper_system(), lambda: {
-        "claims": [v.as_json() for v in verdicts], "complete": not interrupted})
+    present(arguments, paper_system(), ClaimsReport([v.as_json() for v in verdicts], not interrupted))
     if arguments.markdown is not None:
         with draft(arguments.markdown) as part:
             part.write_text(claims_page(verdicts, complete=not interrupted))

@@ -86,7 +86,7 @@ def _precision(arguments: argparse.Namespace, folder: Path) -> int:
     found = PrecisionReport(records, took_part(records), arguments.quick, running.complete,
                             python_loop(load_scene("fig02").system))
     folder.mkdir()
-    write_json(folder / "precision.json", document("precision", found.as_json(), load_scene("fig02"), arguments.words))
+    write_json(folder / "precision.json", document("precision", found, load_scene("fig02"), arguments.words))
     (folder / "precision.md").write_text(precision_page(found, "precision.png"), encoding="utf-8")
     draw_precision(folder / "precision", records)
     for line in [line for record in records for line in scene_lines(record)]:
@@ -102,7 +102,6 @@ def _stability(arguments: argparse.Namespace, folder: Path) -> int:
     from tcc_sim.benchmarks.worst_cases import reasons
     from tcc_sim.model.parameters import System
     from tcc_sim.output.provenance import document
-    from tcc_sim.result import json_of
 
     records, maps = [], []
     with counted_bar("scene") as running:
@@ -114,7 +113,7 @@ def _stability(arguments: argparse.Namespace, folder: Path) -> int:
     found = StabilityReport(records, engine_summaries(records), maps, arguments.quick, running.complete,
                             reasons(records) if running.complete else ())
     folder.mkdir()
-    write_json(folder / "stability.json", document("stability", json_of(found), System(), arguments.words))
+    write_json(folder / "stability.json", document("stability", found, System(), arguments.words))
     (folder / "stability.md").write_text(stability_page(found, "stability.png"), encoding="utf-8")
     draw_stability(folder / "stability", maps, records)
     for engine, total in found.summary.items():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import is_dataclass
+from dataclasses import is_dataclass, replace
 from typing import Any, get_args, get_type_hints
 
 from tcc_sim.analysis.damping import Damping
@@ -29,8 +29,8 @@ def unit_of_key(key: str) -> str:
 def units_in(result: Any) -> dict[str, str]:
     """The units of a result's fields in JSON by their names, joined by dots; fields without a unit are left out.
 
-    The field of an entry of a list stands for that of every entry; where these have different units, the numbers of the
-    entries are in the names.
+    The field of an entry of a list or a mapping stands for that of every entry; where these have different units, the
+    numbers of the entries are in the names.
     """
     return {path: unit for path, unit in _units(result, "", ()) if unit}
 
@@ -38,9 +38,8 @@ def units_in(result: Any) -> dict[str, str]:
 def _units(value: Any, path: str, owners: tuple[Any, ...]) -> Iterator[tuple[str, str]]:
     """Path and unit, empty where its key has none, of what is below a value within `owners`, the nearest first."""
     if isinstance(value, Mapping):
-        for key, part in value.items():
-            yield from _units(part, f"{path}{key}.", owners)
-    elif isinstance(value, (list, tuple)) and any(map(is_dataclass, value[:1])):
+        yield from _units(list(value.values()), path, owners)
+    elif _is_list(value):
         found = [dict(_units(part, path, owners)) for part in value]
         for name in dict.fromkeys(name for units in found for name in units):
             units = {k: one[name] for k, one in enumerate(found) if name in one}
@@ -55,7 +54,7 @@ def _units(value: Any, path: str, owners: tuple[Any, ...]) -> Iterator[tuple[str
             if part is None:
                 continue
             below = path if entry.spread or entry.listed else f"{path}{entry.name or name}."
-            if entry.of and not is_dataclass(part):
+            if entry.of and not (is_dataclass(part) or _is_list(part)):
                 yield from _units_of_class(entry.of[0], part, below, owners)
                 continue
             if entry.unit == "{*}":
@@ -64,6 +63,11 @@ def _units(value: Any, path: str, owners: tuple[Any, ...]) -> Iterator[tuple[str
                 yield below[:-1], _resolved(entry.unit, owners)
             else:
                 yield from _units(part, below, owners)
+
+
+def _is_list(value: Any) -> bool:
+    """Whether a value is a list of results."""
+    return isinstance(value, (list, tuple)) and any(map(is_dataclass, value[:1]))
 
 
 def _units_of_class(kind: type, values: Any, path: str, owners: tuple[Any, ...]) -> Iterator[tuple[str, str]]:
@@ -99,11 +103,14 @@ def fields_of(kind: type) -> Iterator[tuple[str, Reported]]:
     for name, entry in reported_of(kind).items():
         hint = hints[name] if name in hints else get_type_hints(getattr(kind, name).fget).get("return")
         below = entry.of or tuple(_classes_in(hint))
-        if not entry.spread:
+        if not (entry.spread or entry.listed):
             yield entry.name or name, entry
         for part in below:
             for field, each in fields_of(part):
-                yield field if entry.spread else f"{entry.name or name}.{field}", each
+                if entry.spread or entry.listed:
+                    yield field, replace(each, asked_for=each.asked_for or entry.asked_for)
+                else:
+                    yield f"{entry.name or name}.{field}", each
 
 
 def _classes_in(hint: Any) -> Iterator[type]:

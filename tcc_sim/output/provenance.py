@@ -1,14 +1,11 @@
-"""What every JSON says of itself: format, version of the package, scene with every key, and the command.
+"""What every JSON says of itself: format, version of the package, scene with every key, command, and units.
 
-The format names a JSON Schema that comes with the package: `schemas/<kind>.yaml` beside this module, with what several
-kinds share in `schemas/shared.yaml`. A schema lists every key with its meaning and unit; keys may be added within a
-format, and a key that changes its meaning makes a new one.
+Keys may be added within a format; a key that changes its meaning makes a new one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from importlib import resources
+from collections.abc import Sequence
 from typing import Any
 
 from tcc_sim import __version__
@@ -21,11 +18,16 @@ FORMATS: dict[str, int] = {
     "simulate": 1, "analyse": 1, "sweep": 1, "sweep_points": 1, "continue": 1, "basins": 1, "basin_rows": 1,
     "explain": 1, "figure": 1, "claims": 1, "precision": 1, "stability": 1, "soak": 1, "realtime": 1,
     "linearise": 1, "identify": 1}
-"""Kinds of JSON with the number of their schema; sweep_points and basin_rows are files of one line a point or row."""
+"""Kinds of JSON with the number of their format; sweep_points and basin_rows are files of one line a point or row."""
+HEAD = {"format": "kind of file and number of its format", "version": "version of the package that wrote it",
+        "scene": "every key of the scene with its value; node options too where a whole scene was given",
+        "command": "arguments of tcc-sim, the verb first", "units": "unit by field",
+        "warnings": "sentences on the scene, where there are some"}
+"""Keys that begin every JSON, with their meaning."""
 
 
 def format_of(kind: str) -> str:
-    """Name and version of the schema of one kind."""
+    """Name and number of one kind of JSON."""
     return f"tcc_sim {kind} {FORMATS[kind]}"
 
 
@@ -63,43 +65,3 @@ def scene_values(scene: Scene | System) -> dict[str, Any]:
     """
     values = dict(values_of(scene)) if isinstance(scene, System) else scene.values()
     return {key: list(value) if isinstance(value, tuple) else value for key, value in values.items()}
-
-
-def schema(kind: str) -> dict[str, Any]:
-    """The JSON Schema (draft 2020-12) of one kind, a key of FORMATS, complete by itself."""
-    shared, own = _read("shared"), _read(kind)
-    summary = shared["summary"]
-    nullable = {key: _nullable(rule) for key, rule in summary["properties"].items()}
-    shared["summary_or_null"] = {**summary, "properties": nullable}
-    shared["summary_lists"] = {**summary, "properties": {key: _lists(rule) for key, rule in nullable.items()}}
-    first = own["oneOf"][0] if "oneOf" in own else own
-    named = {"const": format_of(kind), "description": "name and version of this schema"}
-    first["properties"] = {"format": named, **first.get("properties", {})}
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": f"urn:tcc_sim:{kind}:{FORMATS[kind]}",
-            **own, "$defs": shared}
-
-
-def _read(name: str) -> dict[str, Any]:
-    """One of the files of `schemas`."""
-    import yaml
-
-    text = resources.files(__package__).joinpath("schemas").joinpath(f"{name}.yaml").read_text(encoding="utf-8")
-    found: dict[str, Any] = yaml.safe_load(text)
-    return found
-
-
-def _nullable(rule: Mapping[str, Any]) -> dict[str, Any]:
-    """The rule of a value that may be null as well."""
-    if "$ref" in rule or "anyOf" in rule:
-        return {"description": rule.get("description", ""), "anyOf": [rule, {"type": "null"}]}
-    if "enum" in rule:
-        return {**rule, "enum": [*rule["enum"], None]}
-    types = rule["type"] if isinstance(rule["type"], list) else [rule["type"]]
-    return {**rule, "type": list(dict.fromkeys([*types, "null"]))}
-
-
-def _lists(rule: Mapping[str, Any]) -> dict[str, Any]:
-    """The rule of a list of values of a rule, or of a list of such lists."""
-    bare = {key: value for key, value in rule.items() if key != "description"}
-    return {"description": rule.get("description", ""), "type": "array",
-            "items": {"anyOf": [bare, {"type": "array", "items": bare}]}}

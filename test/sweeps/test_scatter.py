@@ -6,11 +6,11 @@ import json
 
 import numpy as np
 import pytest
+from documents import valid
 from scipy.stats import qmc
 
 from tcc_sim.cli import main
 from tcc_sim.model.parameters import replace
-from tcc_sim.output.provenance import schema
 from tcc_sim.scene import load_scene
 from tcc_sim.sweeps.scatter import Tolerances, scatter
 from tcc_sim.sweeps.simulation import Plan, simulate
@@ -44,12 +44,11 @@ def test_each_sample_is_a_simulation_and_quantiles_are_numpys() -> None:
 
 
 def test_the_command_gives_quantiles_per_value(tmp_path, capsys) -> None:  # type: ignore[no-untyped-def]
-    jsonschema = pytest.importorskip("jsonschema")
     over = ["--over", "engine.frequency=100,120,150.5"]
     assert main([*WORDS, *over, "--seed", "5", "--json", str(tmp_path / "a.json"), "--out",
                  str(tmp_path / "a.jsonl")]) == 0
     found = json.loads((tmp_path / "a.json").read_text())
-    jsonschema.validate(found, schema("sweep"))
+    valid("sweep", found)
     assert (found["scatter"], found["samples"], found["seed"]) == ({AMPLITUDE: [10.0, 40.0]}, 8, 5)
     assert found["values"] == [100.0, 120.0, 150.5]
     assert np.shape(found["max_slip_speed"]) == (8, 3)
@@ -57,7 +56,7 @@ def test_the_command_gives_quantiles_per_value(tmp_path, capsys) -> None:  # typ
         found["max_slip_speed"], [0.05, 0.5, 0.95], axis=0).T.tolist()
     assert main([*WORDS, "--json", str(tmp_path / "b.json")]) == 0
     alone = json.loads((tmp_path / "b.json").read_text())
-    jsonschema.validate(alone, schema("sweep"))
+    valid("sweep", alone)
     assert len(alone["max_slip_speed"]) == len(alone["sampled"][AMPLITUDE]) == 8
     assert len(alone["quantiles"]["max_slip_speed"]) == 3
     capsys.readouterr()
