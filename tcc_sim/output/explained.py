@@ -56,7 +56,7 @@ class FrictionFigures:
 
 
 @dataclass(frozen=True)
-class PureSlip:
+class PureSlipFigures:
     """Pure slip (12) to (18) in the direction of the initial slip."""
 
     direction: int = field(metadata=reported("sign of the initial slip speed"))
@@ -73,7 +73,7 @@ class PureSlip:
 
 
 @dataclass(frozen=True)
-class PureStick:
+class PureStickFigures:
     """Pure stick (8) to (11)."""
 
     margin: float = field(metadata=reported("margin of (10)", "N m"))
@@ -86,14 +86,14 @@ class PureStick:
 class ClosedForms:
     """Closed forms of the paper."""
 
-    slip: PureSlip | None = field(metadata=reported(
+    slip: PureSlipFigures | None = field(metadata=reported(
         "pure slip (12) to (18); null where the scene has no such closed form"))
-    stick: PureStick | None = field(metadata=reported(
+    stick: PureStickFigures | None = field(metadata=reported(
         "pure stick (8) to (11); null where the stuck resonance is excited undamped"))
 
 
 @dataclass(frozen=True)
-class Explained(Described):
+class SceneExplanation(Described):
     """How a scene will behave, and what it builds and leaves out."""
 
     name: str = field(metadata=reported("name of the scene"))

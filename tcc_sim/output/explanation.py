@@ -17,7 +17,15 @@ from tcc_sim.model.parameters import System
 from tcc_sim.model.pure_slip import pure_slip
 from tcc_sim.model.pure_stick import plate_angle, stick_margin
 from tcc_sim.output.estimates import estimates_of
-from tcc_sim.output.explained import ClosedForms, Explained, FrictionFigures, Held, PureSlip, PureStick, StepFigures
+from tcc_sim.output.explained import (
+    ClosedForms,
+    FrictionFigures,
+    Held,
+    PureSlipFigures,
+    PureStickFigures,
+    SceneExplanation,
+    StepFigures,
+)
 from tcc_sim.result import json_of
 from tcc_sim.scene import Scene
 from tcc_sim.solvers import choose
@@ -40,11 +48,11 @@ FUNCTIONS = {"sin": "sines", "exp": "exponentials", "tanh": "hyperbolic tangents
 
 
 def explain(scene: Scene, *, cost: bool = False) -> dict[str, Any]:
-    """The fields of `Explained` as JSON values, and the scene's name as `scene`; arguments as for `explained`."""
+    """Explain a scene in JSON values: the fields of `SceneExplanation`, and the name as `scene`."""
     return {"scene": scene.name, **explained(scene, cost=cost).as_json()}
 
 
-def explained(scene: Scene, *, cost: bool = False) -> Explained:
+def explained(scene: Scene, *, cost: bool = False) -> SceneExplanation:
     """Explain a scene.
 
     Parameters
@@ -59,7 +67,7 @@ def explained(scene: Scene, *, cost: bool = False) -> Explained:
     if terms.smoothing is not None:
         figures: dict[str, Any] = {**count_calls(scene.system), **(_cost(scene) if cost else {})}
         step = StepFigures(TICK, substeps(terms, TICK), **figures)
-    return Explained(
+    return SceneExplanation(
         scene.name, scene.description, choose(scene.system, "auto"), estimates_of(scene.system),
         Held(*held_and_left_out(terms)), {name: _kind(value) for name, value in zip(terms._fields, terms)}, topics,
         Held([], OPTIONAL_MODULES),  # What neither engine imports.
@@ -178,7 +186,7 @@ def closed_forms(system: System) -> dict[str, Any] | None:
     return dict(json_of(ClosedForms(_slip(system), _stick(system))))
 
 
-def _slip(system: System) -> PureSlip | None:
+def _slip(system: System) -> PureSlipFigures | None:
     """Pure slip in the direction of the initial slip."""
     direction = -1 if system.initial.slip_speed < 0.0 else 1
     try:
@@ -187,7 +195,7 @@ def _slip(system: System) -> PureSlip | None:
         return None
     least = form.least_slip_speed
     lasting = least > 0.0
-    return PureSlip(direction, form.a0, form.slip.swing(), form.a1, form.margin, least, lasting,
+    return PureSlipFigures(direction, form.a0, form.slip.swing(), form.a1, form.margin, least, lasting,
                     _difference(system, form.slip_speed) if lasting else None)
 
 
@@ -205,13 +213,13 @@ def _difference(system: System, slip_speed: Any) -> float | None:
     return float(np.abs(found - slip_speed(TICK * np.arange(1, COMPARED + 1))).max())
 
 
-def _stick(system: System) -> PureStick | None:
+def _stick(system: System) -> PureStickFigures | None:
     """Pure stick."""
     try:
         margin, angle = stick_margin(system), plate_angle(system)
     except InputError:
         return None
-    return PureStick(margin.torque, margin.sticks, angle.mean, angle.swing())
+    return PureStickFigures(margin.torque, margin.sticks, angle.mean, angle.swing())
 
 
 def closed_form_lines(found: dict[str, Any] | None) -> list[str]:

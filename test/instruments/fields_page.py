@@ -11,7 +11,7 @@ from tcc_sim.benchmarks.stability import StabilityReport
 from tcc_sim.continuation.motions import Motions
 from tcc_sim.estimation.identify import Identification
 from tcc_sim.estimation.linearise import Linearisation
-from tcc_sim.output.explained import Explained
+from tcc_sim.output.explained import SceneExplanation
 from tcc_sim.output.fields import fields_of
 from tcc_sim.output.provenance import HEAD
 from tcc_sim.output.tables import escape, markdown_table
@@ -31,7 +31,7 @@ KINDS: dict[str, tuple[str, tuple[type, ...]]] = {
               (Sweep, Grid, Scattered)),
     "continue": ("tcc-sim continue --json", (Motions,)),
     "basins": ("tcc-sim basins --json", (Planes,)),
-    "explain": ("tcc-sim explain --json", (Explained,)),
+    "explain": ("tcc-sim explain --json", (SceneExplanation,)),
     "linearise": ("tcc-sim linearise --json", (Linearisation,)),
     "identify": ("tcc-sim identify --json", (Identification,)),
     "figure": ("figNN.json of tcc-sim figure", (Figure,)),
