@@ -118,7 +118,7 @@ class PrecisionReport(Described):
     quick: bool = field(metadata=reported("whether ladders were shorter"))
     complete: bool = field(metadata=reported("false where it was interrupted"))
     python_loop: Mapping[str, float] = field(default_factory=dict, metadata=reported(
-        "time of a step of dop853, and of the twelve evaluations of the equations in it; empty where not measured", "s"))
+        "time of a step of dop853, and of its twelve evaluations of the equations; empty where not measured", "s"))
     machine: str = field(default_factory=lambda: machine(), metadata=reported("processor and versions"))
 
     @property
