@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from pathlib import Path
 
 import pytest
@@ -29,7 +30,7 @@ def test_every_field_has_a_meaning_and_a_unit_that_is_one(kind: str) -> None:
     for name, entry in fields_by_kind(kind).items():
         assert entry.meaning, name
         for part in entry.unit.split(", "):
-            words = part.replace("/", " ").replace("^2", "").replace("1", "").split()
+            words = re.sub(r"[/()1]|\^2", " ", part).split()
             assert "{" in part or set(words) <= factors, f"{name}: {entry.unit}"
 
 
