@@ -83,6 +83,7 @@ class RerunStream:
         self._strip: Floats = np.empty((0, 2))
         self._cycle_number: int | None = None
         self._mean = 0.0
+        self._target: float | None = None
         self._controlled = controlled
         self._extents: deque[Floats] = deque(maxlen=layout.PORTRAIT_CYCLES)
         self._axes: layout.PhaseAxes | None = None
@@ -162,6 +163,11 @@ class RerunStream:
         for name, (stamps, values) in signals.items():
             if len(stamps):
                 self._send(layout.SIGNALS[name], stamps, self._rr.Scalars.columns(scalars=values))
+        for value in signals.get("target_slip_speed", ((), ()))[1][-1:]:
+            self._target = float(value)
+        if self._target is not None and self._last_ns is not None:  # One point makes no line.
+            self._send(layout.SIGNALS["target_slip_speed"], np.array([self._last_ns]),
+                       self._rr.Scalars.columns(scalars=[self._target]))
         if "mean_slip" in signals and len(signals["mean_slip"][1]):
             self._mean = float(signals["mean_slip"][1][-1])
         for event in events:

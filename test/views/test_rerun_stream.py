@@ -180,7 +180,7 @@ def test_a_controllers_test_is_in_the_file_and_in_the_layout(tmp_path):
     assert rerun_tool("verify", path).returncode == 0
     found = rows(path)
     static = 1
-    expected = {"/control/mean": 2, "/control/target": 1, "/pressure/applied": 2, "/pressure/command": 1,
+    expected = {"/control/mean": 2, "/control/target": 2, "/pressure/applied": 2, "/pressure/command": 1,
                 "/torque/engine_command": 1, "/event/mark": 2}
     assert {entity: found[entity] for entity in expected} == {entity: n + static for entity, n in expected.items()}
     assert found["/events"] == 2
