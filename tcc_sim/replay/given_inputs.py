@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from tcc_sim.errors import InputError, counted, printable
+from tcc_sim.model.actuator import pressure_after
+from tcc_sim.model.groups import Pressure
 from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.model.profile import Inputs, held_lines, joined_lines
 from tcc_sim.recording.table import HOLDS, TIME, looks_smooth, read_columns, table_of
@@ -17,6 +19,9 @@ from tcc_sim.replay.recorded import read
 from tcc_sim.scene import Scene
 from tcc_sim.topics import INPUTS, topic
 from tcc_sim.trajectory import Floats, Trajectory
+
+MOST_PARTS = 100_000
+"""Parts of a commanded pressure that an actuator follows."""
 
 
 def driven_by(scene: Scene, path: Path, hold: str | None = None) -> Scene:
@@ -29,7 +34,8 @@ def driven_by(scene: Scene, path: Path, hold: str | None = None) -> Scene:
 
     Parameters
     ----------
-    path : the recording or the table
+    path : the recording or the table; the scene's actuator follows the pressure of a table, which is commanded, while
+        that of a recording was at the plates
     hold : how a table's inputs go on between two rows, one of `recording.table.HOLDS`; None takes what the file says,
         else `previous`
 
@@ -40,7 +46,12 @@ def driven_by(scene: Scene, path: Path, hold: str | None = None) -> Scene:
     """
     if path.suffix != ".csv" and hold is not None:
         raise InputError(f"--hold is for tables; {path} is a recording, which tells by itself how its inputs held")
-    inputs = of_table(path, hold) if path.suffix == ".csv" else of_recording(path)
+    if path.suffix == ".csv":
+        inputs, own = of_table(path, hold), scene.system.pressure
+        if inputs.pressure is not None and own.actuated:
+            inputs = replace(inputs, pressure=followed(inputs.pressure, own, inputs.end))
+    else:
+        inputs = of_recording(path)
     return replace(scene, system=replace(scene.system, inputs=inputs))
 
 
@@ -54,10 +65,33 @@ def of_recording(path: Path) -> Inputs:
     lines: list[Floats | None] = []
     for values, source in ((run.engine_torque, system.engine.source), (pressure, system.pressure.source)):
         # A command was held through the tick before the state that tells it.
-        lines.append(_lines(t, values, "next" if source == "topic" else "linear"))
+        lagged = values is pressure and system.pressure.lagged
+        lines.append(_lines(t, values, "next" if source == "topic" and not lagged else "linear"))
     if all(line is None for line in lines):
         raise InputError(f"{path}: neither torque nor pressure was recorded")
     return Inputs(lines[0], lines[1], float(t[-1]))
+
+
+def followed(command: Floats, actuator: Pressure, end: float) -> Floats:
+    """Return the pressure with which an actuator follows a commanded one, both as lines, Pa; it starts at the mean.
+
+    Each line is cut into parts of a hundredth of the time constant, at most MOST_PARTS in all; the pressure is exact at
+    their ends where the command is held, and straight between, which errs by 1.3e-5 of the pressure that is missing.
+    """
+    known = np.concatenate([[[-np.inf, actuator.mean, 0.0]], command + np.array([actuator.delay, 0.0, 0.0])])
+    step = max(actuator.time_constant / 100.0 or end / 1000.0, end / MOST_PARTS)
+    times = np.unique(np.concatenate([np.arange(0.0, end, step), known[1:, 0], [end]]))
+    times = times[times <= end]
+    place = np.searchsorted(known[:, 0], times, side="right") - 1
+    rate = known[place, 2]
+    asked = known[place, 1] + np.where(rate == 0.0, 0.0, rate * (times - np.where(rate == 0.0, 0.0, known[place, 0])))
+    if not actuator.lagged:
+        return np.stack([times, asked, rate], axis=1)
+    halves = np.diff(times, append=times[-1]) * 0.5
+    values = [actuator.mean]
+    for target, seconds in zip((asked + rate * halves)[:-1].tolist(), (2.0 * halves)[:-1].tolist()):
+        values.append(pressure_after(values[-1], target, actuator.time_constant, actuator.rate_limit, seconds))
+    return joined_lines(times, np.array(values))
 
 
 def _lines(t: Floats, values: Floats, hold: str) -> Floats | None:

@@ -182,3 +182,15 @@ def test_what_is_no_file_of_a_bounded_size_is_refused_unread(tmp_path, capsys, m
     assert next(rows) == 7  # The rest was not looked at.
     assert main(["simulate", "commands", "--inputs", "/proc/self/mem"]) == 2
     assert "/proc/self/mem cannot be read" in capsys.readouterr().err
+
+
+def test_an_actuator_follows_the_pressure_of_a_table_after_its_dead_time(tmp_path):
+    (tmp_path / "in.csv").write_text("t,actuation_pressure\n0,100000\n0.1,150000\n0.3,90000\n0.5,90000\n")
+    keys = {"pressure.time_constant": 0.03, "pressure.delay": 0.02}
+    driven = driven_by(load_scene("controlled").with_values(keys), tmp_path / "in.csv").system
+    t = np.linspace(0.0, 0.499, 300)
+    found = torques_at(terms_of(driven), t)[1] / driven.torque_per_pressure
+    risen = 1.5e5 - 5e4 * np.exp(-(t - 0.12) / 0.03)
+    top = 1.5e5 - 5e4 * np.exp(-0.2 / 0.03)
+    expected = np.select([t < 0.12, t < 0.32], [1e5, risen], 9e4 + (top - 9e4) * np.exp(-(t - 0.32) / 0.03))
+    np.testing.assert_allclose(found, expected, atol=1.0)
