@@ -20,6 +20,7 @@ from typing import NoReturn
 
 from tcc_sim import __version__
 from tcc_sim.errors import InputError, TccError, one_line
+from tcc_sim.output.shown_units import show_in
 from tcc_sim.output.terminal import open_streams, terminal_width, wrapped
 
 GROUPS: dict[str, dict[str, str]] = {
@@ -117,6 +118,7 @@ def _status_of(words: list[str]) -> int:
     """Run one verb; the exit status, once what went wrong is said."""
     try:
         arguments = build_parser(_check_verb(words)).parse_args(words, argparse.Namespace(words=words))
+        show_in(getattr(arguments, "units", "rad"))
         status: int = import_module(f"tcc_sim.cli.{module_of(arguments.verb)}").run(arguments)
         sys.stdout.flush()
         return status

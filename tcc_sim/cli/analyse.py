@@ -8,6 +8,7 @@ from pathlib import Path
 
 from tcc_sim.cli.arguments import add_outputs, add_spectrum, check_outputs, document_of, plot_result, present
 from tcc_sim.errors import InputError, counted, require
+from tcc_sim.output.shown_units import show_order
 from tcc_sim.output.terminal import say
 from tcc_sim.topics import JOINT_NAMES
 
@@ -81,6 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
     found = replay(recording, rrd=arguments.rrd, spawn=arguments.spawn, connect=arguments.connect,
                    discard=arguments.discard, frequency=arguments.frequency,
                    verify=arguments.verify, damping=arguments.damping, window=window, progress=True)
+    show_order(found.scene.system.engine.order)
     lines = found.lines()
     drawn: object = found
     # Of a manoeuvre the whole is drawn, as `simulate --plot` does; of anything else its last cycles and its maxima.
@@ -125,6 +127,7 @@ def _table(arguments: argparse.Namespace) -> int:
         raise InputError("of a table --orders or --spectrum can be worked out; give one of them")
     check_outputs(arguments)
     scene = load_scene(arguments.scene or DEFAULT_SCENE)
+    show_order(scene.system.engine.order)
     found = analyse_table(arguments.recording, scene.system, orders=arguments.orders, spectrum=arguments.spectrum,
                           pulses=arguments.pulses, start=arguments.start, end=arguments.end)
     lines = [f"{arguments.recording}: {counted(found.samples, 'row')} over {found.seconds:.6g} s"]

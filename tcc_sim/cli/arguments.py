@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from tcc_sim.errors import InputError, check_folder, check_suffix, printable, require
 from tcc_sim.output.files import STANDARD_OUTPUT, check_name, draft, replaceable, write_json
+from tcc_sim.output.shown_units import in_words, show_order
 from tcc_sim.output.terminal import say
 
 if TYPE_CHECKING:
@@ -161,7 +162,9 @@ def scene_of(arguments: argparse.Namespace, more: Mapping[str, Any] | None = Non
     for key in given:
         if f"{key}_times" in (more or {}):
             raise InputError(f"--set {key} beside --profile {key}: the profile takes its place; leave one of them out")
-    return load_scene(arguments.scene).with_values({**given, **(more or {})})
+    scene = load_scene(arguments.scene).with_values({**given, **(more or {})})
+    show_order(scene.system.engine.order)
+    return scene
 
 
 def refuse_swept(assignments: list[str], keys: Sequence[str]) -> None:
@@ -230,6 +233,8 @@ def add_outputs(parser: argparse.ArgumentParser, json: str, out: str = "", metav
     parser.add_argument("--plot", metavar="FILE", type=Path, help="a picture of the result: .png, .svg or .pdf")
     parser.add_argument("--width", choices=("column", "page"), default="page", help="of the picture in a paper (page)")
     parser.add_argument("--title", metavar="T", help="over the picture (default: the scene or recording)")
+    parser.add_argument("--units", choices=("rad", "rpm", "hz"), default="rad", help="of speeds and frequencies in "
+                        "what is printed and drawn: rad/s, revolutions a minute, or hertz; files stay in rad/s (rad)")
     parser.add_argument("--force", action="store_true", help=force)
 
 
@@ -301,7 +306,7 @@ def present(arguments: argparse.Namespace, scene: Scene | System, result: Any,
     if arguments.json is not None:
         write_json(arguments.json, document_of(arguments, scene, result() if callable(result) else result))
     if arguments.json != STANDARD_OUTPUT and (said := "\n".join(lines)):
-        say(said)
+        say(in_words(said))
 
 
 def document_of(arguments: argparse.Namespace, scene: Scene | System, result: Any) -> dict[str, Any]:

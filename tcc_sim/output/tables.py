@@ -72,12 +72,12 @@ def simulation_lines(name: str, found: Simulation) -> list[str]:
 
 def order_lines(found: Orders) -> list[str]:
     """The orders of a run in a few figures."""
-    pairs = [("orders", f"{counted(len(found.time), 'window')} from {found.frequency.min():.6g} to "
+    pairs = [("orders", f"{counted(len(found.time), 'window')} from engine frequency {found.frequency.min():.6g} to "
                         f"{found.frequency.max():.6g} rad/s, up to order {found.order[-1]:g}")]
     for order, passed in zip(found.torque_order, found.transmissibility.T):
         if not np.isnan(passed).any():
             pairs.append((f"order {order:g}", f"shaft torque to engine torque at most {passed.max():.4g}, at "
-                                              f"{found.frequency[passed.argmax()]:.6g} rad/s"))
+                                              f"engine frequency {found.frequency[passed.argmax()]:.6g} rad/s"))
     judder = found.judder
     most = f"at most {judder.peak.max():.6g} rad/s about the cycle mean, rms {judder.rms.max():.6g} rad/s"
     if not np.isnan(judder.breakaways).any():

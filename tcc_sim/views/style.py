@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from tcc_sim.errors import InputError, check_suffix, require
+from tcc_sim.views.unit_axes import on_axes
 
 COLUMN = 3.5
 """Width of a picture in one column of a paper, inch."""
@@ -115,6 +116,7 @@ def save(drawn: Any, path: Path) -> Path:
         Another suffix than those of SUFFIXES.
     """
     check_suffix(path, SUFFIXES)
+    on_axes(drawn)
     _lay_out(drawn)
     drawn.savefig(path, metadata=SUFFIXES[path.suffix])
     return path
