@@ -27,7 +27,8 @@ def valid(kind: str, found: dict[str, Any]) -> dict[str, Any]:
     assert not missing or kind in ("sweep", "figure"), f"not there: {missing}"
     for path, unit in found["units"].items():
         name = re.sub(r"\[\d+\]", "", path)
-        declared = next(documented[part].unit for part in beginnings(name) if part in documented)
+        declared = next(documented[part].unit for start in beginnings(name)
+                        for part in (start, f"{start.rpartition('.')[0]}.*") if part in documented)
         assert declared == unit or "{" in declared, f"{path}: {unit}"
     lacking = {name for name in there & set(found) if documented[name].unit and "{" not in documented[name].unit
                and found[name] is not None} - set(found["units"])
@@ -51,6 +52,8 @@ def paths_in(value: Any, names: set[str], path: str = "") -> set[str]:
     for key, each in value.items() if isinstance(value, dict) else ():
         if path and f"{path}{key}" not in names and isinstance(each, (dict, list)):
             found |= paths_in(each, names, path)  # The key of a mapping.
+        elif f"{path}{key}" not in names and f"{path}*" in names and (key in QUANTITIES or key == "cycles"):
+            found.add(f"{path}*")
         else:
             found |= {f"{path}{key}", *paths_in(each, names, f"{path}{key}.")}
     return found

@@ -105,6 +105,8 @@ def fields_of(kind: type) -> Iterator[tuple[str, Reported]]:
         below = entry.of or tuple(_classes_in(hint))
         if not (entry.spread or entry.listed):
             yield entry.name or name, entry
+        elif not below:
+            yield "*", entry  # The keys of a mapping.
         for part in below:
             for field, each in fields_of(part):
                 if entry.spread or entry.listed:

@@ -29,17 +29,17 @@ def test_the_minimal_scene_leaves_out_what_it_does_not_have() -> None:
     assert (kernel["stribeck"], kernel["pulsation"], kernel["harmonics"]) == ("left out",) * 3
     assert {"rclpy", "mcap", "matplotlib", "rerun"} <= set(found["modules"]["left_out"])
     assert set(found["topics"]["left_out"]) == {"engine_torque", "actuation_pressure", "applied_pressure",
-                                                "input_source", "/clock"}
+                                                "input_source", "/clock", "shaft_torque"}
     assert found["step"]["sub_steps"] == 10
 
 
 def test_arrays_that_a_kernel_is_given_are_told_by_their_size() -> None:
-    """A profile has a row of eight numbers for each of its two pieces; it was called an array of sines."""
+    """A profile has a row of eleven numbers for each of its two pieces; it was called an array of sines."""
     scene = load_scene("runup")
     pieces = scene.system.profile
     assert pieces is not None
-    assert pieces.shape == (2, 8)
-    assert explain(scene)["kernel"]["profile"] == "array of 2 by 8 numbers"
+    assert pieces.shape == (2, 11)
+    assert explain(scene)["kernel"]["profile"] == "array of 2 by 11 numbers"
 
 
 @pytest.mark.parametrize(("name", "sines"), [("minimal", 3.0), ("stick", 3.0), ("fig02", 6.0)])
