@@ -26,7 +26,7 @@ def on_axes(drawn: Any) -> None:
 
 def _rescale(axis: Any, factor: float) -> None:
     """Give an axis ticks at round numbers of another unit; its data stay as they are."""
-    from matplotlib.ticker import FuncFormatter, MaxNLocator
+    from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 
     class Round(MaxNLocator):
         """Round numbers after scaling."""
@@ -36,6 +36,10 @@ def _rescale(axis: Any, factor: float) -> None:
             return np.asarray(super().tick_values(low * factor, high * factor)) / factor
 
     shown: Callable[[float, int], str] = lambda x, _: f"{x * factor:.6g}"  # noqa: E731
-    if axis.get_scale() == "linear":
+    if axis.get_scale() == "log":
+        low, high = (np.log10(x * factor) for x in axis.get_view_interval())
+        axis.set_major_locator(FixedLocator((10.0 ** np.arange(np.ceil(low), np.floor(high) + 1.0) / factor).tolist()))
+        axis.set_minor_locator(NullLocator())
+    else:
         axis.set_major_locator(Round(nbins=6, steps=[1, 2, 2.5, 5, 10]))
     axis.set_major_formatter(FuncFormatter(shown))
