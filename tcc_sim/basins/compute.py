@@ -30,8 +30,9 @@ from tcc_sim.errors import BasinsInterrupted, InputError
 from tcc_sim.model.parameters import DEFAULTS as SCENE_KEYS
 from tcc_sim.model.parameters import System, replace, unknown_key, values_of
 from tcc_sim.scene import Scene, system_of
-from tcc_sim.sweeps.executors import Attendance, each_done, progress_bar, workers
+from tcc_sim.sweeps.executors import Attendance, each_done, workers
 from tcc_sim.sweeps.file import SweepFile
+from tcc_sim.sweeps.progress import progress_bar
 from tcc_sim.trajectory import State
 
 PLANE_KEYS = ("initial.slip_speed", "initial.plate_angle", "initial.plate_speed")
@@ -123,7 +124,7 @@ def basins(scene: Scene | System | str, plane: Sequence[Axis | tuple[str, Sequen
     dask : address of a Dask scheduler whose workers do the work instead
     part : file that keeps every finished row; the same call continues from it
     said : further keys of that file's first line, such as the command
-    progress : show a bar on a terminal
+    progress : show a bar on a terminal or in a notebook, elsewhere a line a minute
 
     Raises
     ------

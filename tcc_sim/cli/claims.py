@@ -13,6 +13,8 @@ from tcc_sim.output.terminal import say
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Where the table goes, and how many threads."""
+    parser.epilog = ("Takes 8 to 10 minutes of processor time for each pressure, about half an hour at the three; "
+                     "--thresholds about 10 minutes more. With --kept an interrupted run goes on.")
     parser.add_argument("--json", metavar="FILE", type=Path, help="claims with numbers, criteria and verdicts")
     parser.add_argument("--markdown", metavar="FILE", type=Path, help="the same as a page")
     parser.add_argument("--errata", metavar="FILE", type=Path, help="the paper's errata as a page, with numbers")

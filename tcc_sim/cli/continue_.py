@@ -40,7 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.continuation.initial_orbits import seeds_in
     from tcc_sim.continuation.motions import ContinuationPlan, Motions, check, continue_motions
     from tcc_sim.output.files import read_json
-    from tcc_sim.sweeps.executors import point_bar
+    from tcc_sim.sweeps.progress import point_bar
 
     scene = scene_of(arguments)
     key, low, high = bounds_of_range(arguments.over, "--over")

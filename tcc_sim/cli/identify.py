@@ -46,7 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.estimation.identify import given, identify
     from tcc_sim.output.files import draft
     from tcc_sim.scene import load_scene, parse_assignments
-    from tcc_sim.sweeps.executors import progress_bar
+    from tcc_sim.sweeps.progress import progress_bar
 
     measured, scene = given(arguments.measured, None if arguments.scene is None else load_scene(arguments.scene))
     scene = scene.with_values(parse_assignments(arguments.set))

@@ -55,7 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.estimation.linearise import linearise
     from tcc_sim.output.files import draft
     from tcc_sim.output.samples import documented
-    from tcc_sim.sweeps.executors import progress_bar
+    from tcc_sim.sweeps.progress import progress_bar
 
     scene = scene_of(arguments)
     frequencies = None if arguments.frequencies is None else spaced(arguments.frequencies, "--frequencies")

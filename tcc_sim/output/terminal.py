@@ -62,7 +62,7 @@ def open_streams() -> None:
 
 
 class CountedBar:
-    """A bar for what is done part by part.
+    """Progress of what is done part by part.
 
     complete : whether it came to its end
     """
@@ -81,10 +81,10 @@ class CountedBar:
 
 @contextmanager
 def counted_bar(unit: str) -> Iterator[CountedBar]:
-    """A bar on a terminal for what Ctrl-C may end early; it then says so, and leaves `complete` False."""
-    from tqdm import tqdm
+    """Progress of what Ctrl-C may end early; it then says so, and leaves `complete` False."""
+    from tcc_sim.sweeps.progress import progress_bar
 
-    with tqdm(unit=unit, disable=None, leave=False) as bar:
+    with progress_bar(unit, leave=False) as bar:
         found = CountedBar(bar)
         try:
             yield found
@@ -95,9 +95,9 @@ def counted_bar(unit: str) -> Iterator[CountedBar]:
 
 @contextmanager
 def seconds_bar(name: str, total: float) -> Iterator[Callable[[float], None]]:
-    """A bar on a terminal for what runs `total` s; what it gives is called with the seconds done so far."""
-    from tqdm import tqdm
+    """Progress of what runs `total` s; what it gives is called with the seconds done so far."""
+    from tcc_sim.sweeps.progress import progress_bar
 
-    with tqdm(total=total, desc=name, disable=None, leave=False,
-              bar_format="{desc} {percentage:3.0f}%|{bar}| {n:.1f}/{total:.1f} s") as bar:
+    with progress_bar("s", total, desc=name, leave=False,
+                      bar_format="{desc} {percentage:3.0f}%|{bar}| {n:.1f}/{total:.1f} s") as bar:
         yield lambda done: bar.update(done - bar.n)

@@ -26,7 +26,8 @@ from tcc_sim.paper.evidence import JUMP, later
 from tcc_sim.paper.figure_results import JumpBehind, MotionsBehind
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
-from tcc_sim.sweeps.executors import each_in_a_process, point_bar, processes_for
+from tcc_sim.sweeps.executors import each_in_a_process, processes_for
+from tcc_sim.sweeps.progress import point_bar
 from tcc_sim.sweeps.steady_state import Start
 from tcc_sim.sweeps.sweep import Curve, Sweep
 from tcc_sim.trajectory import State

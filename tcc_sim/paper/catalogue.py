@@ -210,7 +210,7 @@ class FigureOptions:
     direction : of the sweeps; None takes what the figure has
     law : smoothed, as in the paper, or set_valued
     jobs : threads; None takes all cores
-    progress : show a bar on a terminal
+    progress : show a bar on a terminal or in a notebook, elsewhere a line a minute
     branches : follow the branches behind the points, and tell what each jump is
     kept : curves that were swept already; figures share some of them
     """

@@ -28,7 +28,8 @@ from tcc_sim.model.sines import common_cycles
 from tcc_sim.paper.branches_behind import RUNS, seen_in, surveyed
 from tcc_sim.paper.catalogue import NORMALISED
 from tcc_sim.paper.evidence import CYCLES, FREQUENCY, LATER, Evidence, Values, share_where
-from tcc_sim.sweeps.executors import progress_bar, workers
+from tcc_sim.sweeps.executors import workers
+from tcc_sim.sweeps.progress import progress_bar
 from tcc_sim.sweeps.sweep import Sweep
 from tcc_sim.trajectory import Floats, State
 

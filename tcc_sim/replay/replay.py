@@ -31,6 +31,7 @@ from tcc_sim.replay.timing import Timing, default_of, frequency_changes, pace_of
 from tcc_sim.replay.verification import verify as verification_of
 from tcc_sim.scene import Scene
 from tcc_sim.solvers.terms import natural_frequency, stick_speed_of, terms_of
+from tcc_sim.sweeps.progress import begin_progress
 from tcc_sim.trajectory import modes_of
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
     damping : work out the equivalent damping (21) of the last cycles
     window : a run and a part of its time; None for all of the recording
     joints : names that flywheel and clutch_plate have in the recording, where they have others
-    progress : show a bar on a terminal
+    progress : show a bar on a terminal or in a notebook, elsewhere a line a minute
 
     Raises
     ------
@@ -106,7 +107,7 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
 
 
 class _Bar:
-    """A bar on a terminal, anew for each stage."""
+    """Progress, anew for each stage."""
 
     def __init__(self, shown: bool) -> None:
         self._shown = shown
@@ -121,12 +122,9 @@ class _Bar:
 
     def begin(self, stage: str) -> None:
         """Begin with a stage."""
-        from tqdm import tqdm
-
         if self._bar is not None:
             self._bar.close()
-        self._bar = tqdm(desc=stage, unit=" states", unit_scale=True, leave=False,
-                         disable=None if self._shown else True)
+        self._bar = begin_progress(" states", shown=self._shown, desc=stage, unit_scale=True, leave=False)
 
     def advance(self, states: int) -> None:
         """Count states."""

@@ -1,5 +1,4 @@
-"""Who does the tasks of long work: threads, one that may be left behind, processes, or workers of a Dask cluster; a bar
-that counts them.
+"""Who does the tasks of long work: threads, one that may be left behind, processes, or workers of a Dask cluster.
 
 A cluster reschedules what a lost worker had in hand. What follows branches holds the interpreter lock most of the time,
 and is given to processes.
@@ -10,7 +9,6 @@ from __future__ import annotations
 import os
 import re
 import signal
-import threading
 import time
 from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import (
@@ -27,6 +25,7 @@ from typing import Any, TypeVar
 
 from tcc_sim.background import begun
 from tcc_sim.errors import InputError, WorkersLost, counted, require
+from tcc_sim.sweeps.progress import progress_bar
 from tcc_sim.sweeps.settings import DEFAULTS
 
 Task = TypeVar("Task")
@@ -34,9 +33,6 @@ Done = TypeVar("Done")
 Part = TypeVar("Part")
 ADDRESS = re.compile(r"(?:(tcp|tls|ws|wss)://)?(\[[0-9a-fA-F:.%]+\]|[^\s:/\[\]]+):(\d{1,5})/?")
 """Protocol, host and port."""
-_lock = threading.RLock()
-"""Of all bars of a process. tqdm's own is a semaphore of the system too, which a process that is ended leaves behind.
-"""
 
 
 class Attendance:
@@ -209,7 +205,7 @@ def each_in_a_process(work: Callable[[Part], Any], parts: Sequence[Part], jobs: 
     Parameters
     ----------
     jobs : processes, all cores by default; with one, or for one part, `work` is called here
-    unit, progress : what a part is called, and whether a bar counts them on a terminal
+    unit, progress : what a part is called, and whether progress is shown
 
     Where a process is killed, as where memory runs out, what is done is kept, and what is not is done by half as many.
 
@@ -256,32 +252,3 @@ def _in_a_pool(work: Callable[[Part], Any], parts: Sequence[Part], count: int, f
         raise
     finally:
         pool.shutdown(cancel_futures=True)
-
-
-@contextmanager
-def progress_bar(unit: str, total: int | None = None, done: int = 0, shown: bool = True) -> Iterator[Any]:
-    """A bar, moved by its `update`; there is none where standard error is no terminal.
-
-    Parameters
-    ----------
-    unit : what a part is called
-    total : parts; None where nobody knows
-    done : parts at the start
-    shown : False: none on a terminal either
-    """
-    from tqdm import tqdm
-
-    tqdm.set_lock(_lock)
-    with tqdm(total=total, initial=done, disable=None if shown else True, unit=unit, smoothing=0.05) as bar:
-        yield bar
-
-
-@contextmanager
-def point_bar(shown: bool = True) -> Iterator[Callable[[Any], None]]:
-    """A function to call with every point of a branch, which moves a count of them and names the last."""
-    with progress_bar("point", shown=shown) as bar:
-        def tick(point: Any) -> None:
-            bar.set_postfix_str(f"{point.value:.6g}, period {point.orbit.period}", refresh=False)
-            bar.update()
-
-        yield tick

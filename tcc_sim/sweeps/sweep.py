@@ -27,8 +27,9 @@ from tcc_sim.model.sines import common_cycles
 from tcc_sim.result import json_of
 from tcc_sim.scene import Scene, system_of
 from tcc_sim.solvers import SOLVERS, choose
-from tcc_sim.sweeps.executors import Attendance, each_done, progress_bar, workers
+from tcc_sim.sweeps.executors import Attendance, each_done, workers
 from tcc_sim.sweeps.file import SweepFile
+from tcc_sim.sweeps.progress import progress_bar
 from tcc_sim.sweeps.results import Curve, Grid, Point, Sweep
 from tcc_sim.sweeps.settings import DEFAULTS
 from tcc_sim.sweeps.simulation import PAPER, Plan, simulate, with_plan_fields
@@ -109,7 +110,7 @@ def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | Non
     dask : address of a Dask scheduler whose workers do the work instead
     out : file that takes every point as it is done; where it holds points of the same sweep, those are not solved again
     said : what the first line of that file says besides, such as scene and command
-    progress : show a bar on a terminal
+    progress : show a bar on a terminal or in a notebook, elsewhere a line a minute
 
     Raises
     ------

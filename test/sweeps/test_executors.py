@@ -23,7 +23,7 @@ def refuse(*_):
     raise RuntimeError("a semaphore of the system was asked for")
 
 multiprocessing.RLock = refuse
-from tcc_sim.sweeps.executors import progress_bar
+from tcc_sim.sweeps.progress import progress_bar
 
 with progress_bar("part", 3) as bar:
     bar.update()
