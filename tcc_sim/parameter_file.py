@@ -1,8 +1,12 @@
-"""The text of a ROS 2 parameter file, read so that nothing in it is executed, repeated or taken for something else."""
+"""Parameter files of ROS 2: where the bundled ones are, and how their text is read: nothing in it is executed, repeated
+or taken for something else.
+"""
 
 from __future__ import annotations
 
+import sys
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 from tcc_sim.errors import InputError
@@ -95,3 +99,22 @@ def description_in(text: str) -> str:
     """The comment in the first line of a parameter file."""
     first = text.lstrip().partition("\n")[0]
     return first.lstrip("# ").strip() if first.startswith("#") else ""
+
+
+def bundled_scenes(module: str = __file__, prefix: str = sys.prefix) -> dict[str, Path]:
+    """Name and file of every scene that comes with the package, found from colcon, pip or the source tree.
+
+    module, prefix : where this file and Python are installed
+    """
+    for folder in _config_folders(Path(module).resolve(), Path(prefix)):
+        found = {p.stem: p for p in sorted(folder.glob("*.yaml"))}
+        if found:
+            return found
+    return {}
+
+
+def _config_folders(module: Path, prefix: Path) -> list[Path]:
+    """Where the bundled scenes may be, best first."""
+    source = module.parent.parent / "config"
+    folders = [source] if (source.parent / "setup.py").is_file() else []
+    return [*folders, *(parent / "share" / "tcc_sim" / "config" for parent in (*module.parents, prefix))]

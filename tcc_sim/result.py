@@ -10,11 +10,16 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import Field, dataclass, fields, is_dataclass, replace
 from html import escape
-from typing import Any, TypeVar
+from types import MappingProxyType
+from typing import Any, TypeVar, get_args, get_type_hints
+
+from tcc_sim.topics import TOPICS
 
 ROWS_SHOWN = 20
 PLAIN = {str, int, bool, type(None)}
 """Types of values that are in JSON as they are; most of a result is, and numbers."""
+KEY_UNITS: dict[str, str] = {}
+"""Units of scene keys, which `model.parameters` declares."""
 _KNOWN: dict[type, dict[str, Reported]] = {}
 Getter = TypeVar("Getter", bound=Callable[..., Any])
 
@@ -77,6 +82,42 @@ def units_of(kind: type) -> dict[str, str]:
     return {name: entry.unit for name, entry in reported_of(kind).items()}
 
 
+def fields_of(kind: type) -> Iterator[tuple[str, Reported]]:
+    """All fields that JSON may have of a class, with the names of those within others joined by dots."""
+    hints = get_type_hints(kind)
+    for name, entry in reported_of(kind).items():
+        hint = hints[name] if name in hints else get_type_hints(getattr(kind, name).fget).get("return")
+        below = entry.of or tuple(_classes_in(hint))
+        if not (entry.spread or entry.listed):
+            yield entry.name or name, entry
+        elif not below:
+            yield "*", entry  # The keys of a mapping.
+        for part in below:
+            for field, each in fields_of(part):
+                if entry.spread or entry.listed:
+                    yield field, replace(each, asked_for=each.asked_for or entry.asked_for)
+                else:
+                    yield f"{entry.name or name}.{field}", each
+
+
+def _classes_in(hint: Any) -> Iterator[type]:
+    """The classes with reported fields in an annotation."""
+    if isinstance(hint, type) and is_dataclass(hint) and reported_of(hint):
+        yield hint
+    for part in get_args(hint):
+        yield from _classes_in(part)
+
+
+def units_of_columns(kind: type, names: Iterable[str]) -> dict[str, str]:
+    """The units of columns of a result's table by name: those of scene keys, of topics, and of the fields of the class
+    and, less near, of the classes within it. A column whose unit depends on the result is left out.
+    """
+    found = {row.name: row.unit for row in TOPICS} | KEY_UNITS
+    for name, entry in sorted(fields_of(kind), key=lambda item: -item[0].count(".")):
+        found |= dict.fromkeys((name.rpartition(".")[2], name.replace(".", "_")), entry.unit)
+    return {name: unit for name in names if (unit := found.get(name, "")) and "{" not in unit}
+
+
 class Described:
     """A dataclass whose text is one line: its numbers and words, and of what is long how much there is."""
 
@@ -111,8 +152,9 @@ class Result(Described):
         raise NotImplementedError
 
     def _repr_html_(self) -> str:
-        """A notebook's view: the line of text, and the first rows."""
-        return f"<p>{escape(repr(self))}</p>{html_of(self.columns())}"
+        """A notebook's view: the line of text, and the first rows with the units of the columns."""
+        columns = self.columns()
+        return f"<p>{escape(repr(self))}</p>{html_of(columns, units_of_columns(type(self), columns))}"
 
 
 def json_of(value: Any) -> Any:
@@ -166,13 +208,14 @@ def as_lists(parts: Iterable[Any], kind: type) -> dict[str, list[Any]]:
     return {name: [row.get(name) for row in rows] for name in names}
 
 
-def html_of(columns: Mapping[str, Any]) -> str:
-    """A table in HTML of the first ROWS_SHOWN lines of some columns."""
+def html_of(columns: Mapping[str, Any], units: Mapping[str, str] = MappingProxyType({}), most: int = ROWS_SHOWN) -> str:
+    """A table in HTML of the first `most` lines of some columns, whose units stand beside the names."""
     length = len(next(iter(columns.values()), ()))
     cells = "".join(f"<tr>{''.join(f'<td>{escape(_cell(column[k]))}</td>' for column in columns.values())}</tr>"
-                    for k in range(min(length, ROWS_SHOWN)))
-    head = "".join(f"<th>{escape(name)}</th>" for name in columns)
-    left = f"<p>{length - ROWS_SHOWN} more lines</p>" if length > ROWS_SHOWN else ""
+                    for k in range(min(length, most)))
+    heads = (f"{name} ({units[name]})" if name in units else name for name in columns)
+    left = f"<p>{length - most} more lines</p>" if length > most else ""
+    head = "".join(f"<th>{escape(name)}</th>" for name in heads)
     return f"<table><thead><tr>{head}</tr></thead><tbody>{cells}</tbody></table>{left}"
 
 

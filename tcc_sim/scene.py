@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from html import escape
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -21,7 +21,8 @@ from tcc_sim.model.elements import list_of
 from tcc_sim.model.groups import TABLE, TABULATED
 from tcc_sim.model.parameters import System
 from tcc_sim.model.quantity import PROFILED, PROFILES, Options, Quantity, quantity
-from tcc_sim.parameter_file import LARGEST_FILE, description_in, read_parameters
+from tcc_sim.parameter_file import LARGEST_FILE, bundled_scenes, description_in, read_parameters
+from tcc_sim.result import html_of
 
 DEFAULT_SCENE, NODE_SCENE = "fig02", "commands"
 """The driveline node runs the second where nothing says otherwise: it takes commands, and moves by itself before."""
@@ -149,24 +150,12 @@ class Scene:
         body = yaml.safe_dump({"/**": {"ros__parameters": tree}}, sort_keys=False)
         return f"# {self.description or self.name}\n{body}"
 
-
-def bundled_scenes(module: str = __file__, prefix: str = sys.prefix) -> dict[str, Path]:
-    """Name and file of every scene that comes with the package, found from colcon, pip or the source tree.
-
-    module, prefix : where this file and Python are installed
-    """
-    for folder in _config_folders(Path(module).resolve(), Path(prefix)):
-        found = {p.stem: p for p in sorted(folder.glob("*.yaml"))}
-        if found:
-            return found
-    return {}
-
-
-def _config_folders(module: Path, prefix: Path) -> list[Path]:
-    """Where the bundled scenes may be, best first."""
-    source = module.parent.parent / "config"
-    folders = [source] if (source.parent / "setup.py").is_file() else []
-    return [*folders, *(parent / "share" / "tcc_sim" / "config" for parent in (*module.parents, prefix))]
+    def _repr_html_(self) -> str:
+        """A notebook's view: every key with its value, unit and meaning."""
+        values = self.values()
+        table = {"key": list(values), "value": list(values.values()), "unit": [MEANINGS[key].unit for key in values],
+                 "meaning": [MEANINGS[key].description for key in values]}
+        return f"<p>{escape(self.name)}: {escape(self.description)}</p>{html_of(table, most=len(values))}"
 
 
 def _is_file(path: Path) -> bool:

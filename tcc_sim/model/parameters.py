@@ -19,6 +19,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.model.elements import with_whole_lists
 from tcc_sim.model.groups import TABULATED, Clutch, Driveline, Engine, Friction, Initial, Pressure
 from tcc_sim.model.quantity import PROFILES, Group, Quantity, Value, number_of
+from tcc_sim.result import KEY_UNITS
 
 if TYPE_CHECKING:
     from tcc_sim.model.profile import Floats, Inputs
@@ -155,6 +156,8 @@ QUANTITIES: dict[str, Quantity] = {
     f"{name}.{item.name}": item.metadata["quantity"] for name,
     group in GROUPS.items() for item in dataclasses.fields(group)}
 """Every scene key of the model with its meaning."""
+
+KEY_UNITS.update({key: meaning.unit for key, meaning in QUANTITIES.items()})
 
 _FIELDS = [item.name for item in dataclasses.fields(System)]
 _PLACES = [(key, *key.split(".")) for key in QUANTITIES]

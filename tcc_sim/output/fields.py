@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import is_dataclass, replace
-from typing import Any, get_args, get_type_hints
+from dataclasses import is_dataclass
+from typing import Any
 
 from tcc_sim.analysis.damping import Damping
 from tcc_sim.analysis.orders import Orders
 from tcc_sim.analysis.summary import Summary
 from tcc_sim.model.parameters import QUANTITIES
-from tcc_sim.result import Reported, reported_of
+from tcc_sim.result import fields_of, reported_of
 from tcc_sim.topics import TOPICS
 from tcc_sim.trajectory import UNITS
 
@@ -95,29 +95,3 @@ def _named(owner: Any, name: str) -> Iterator[Any]:
             yield from _named(part, name)
         elif name == (entry.name or attribute):
             yield getattr(owner, attribute)
-
-
-def fields_of(kind: type) -> Iterator[tuple[str, Reported]]:
-    """All fields that JSON may have of a class, with the names of those within others joined by dots."""
-    hints = get_type_hints(kind)
-    for name, entry in reported_of(kind).items():
-        hint = hints[name] if name in hints else get_type_hints(getattr(kind, name).fget).get("return")
-        below = entry.of or tuple(_classes_in(hint))
-        if not (entry.spread or entry.listed):
-            yield entry.name or name, entry
-        elif not below:
-            yield "*", entry  # The keys of a mapping.
-        for part in below:
-            for field, each in fields_of(part):
-                if entry.spread or entry.listed:
-                    yield field, replace(each, asked_for=each.asked_for or entry.asked_for)
-                else:
-                    yield f"{entry.name or name}.{field}", each
-
-
-def _classes_in(hint: Any) -> Iterator[type]:
-    """The classes with reported fields in an annotation."""
-    if isinstance(hint, type) and is_dataclass(hint) and reported_of(hint):
-        yield hint
-    for part in get_args(hint):
-        yield from _classes_in(part)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from tcc_sim.analysis.spectra import Spectrum
@@ -18,6 +19,23 @@ from tcc_sim.views.dense import last_cycles
 from tcc_sim.views.overview import HISTORY_CYCLES, ORBIT_CYCLES, overview
 from tcc_sim.views.stored import Record, drawer_of, kind_of, read_stored, revived, title_of
 from tcc_sim.views.whole_runs import manoeuvre
+
+
+@dataclass(frozen=True, repr=False)
+class Picture:
+    """A picture that no file holds; a notebook shows it.
+
+    png : the bytes of a .png file
+    """
+
+    png: bytes
+
+    def __repr__(self) -> str:
+        return f"<Picture: {len(self.png)} bytes of PNG>"
+
+    def _repr_png_(self) -> bytes:
+        """What a notebook shows."""
+        return self.png
 
 
 def check_picture(path: Path, width: str = "page") -> None:
@@ -44,7 +62,7 @@ def plot(result: Any, file: str | Path | None = None, width: str = "page", *, ti
     result : a result of any function of the package; the JSON of a command, or the name of its .json or .npz file,
         which is solved again where it has no samples; a scene, whose friction law is drawn; of a recording its first
         run
-    file : ends in .png, .svg or .pdf
+    file : ends in .png, .svg or .pdf; without a file or an axis the picture is returned, and a notebook shows it
     width : column or page, of a paper
     title : over the picture
     ax : matplotlib's axis that takes the main curve instead: slip speed over time, the largest slip speed over a key,
@@ -53,12 +71,12 @@ def plot(result: Any, file: str | Path | None = None, width: str = "page", *, ti
 
     Returns
     -------
-    The path of the picture, or `ax`
+    The path of the picture, `ax`, or a `Picture`
 
     Raises
     ------
     InputError
-        Something else, another suffix or width, neither file nor axis or both, or a file that exists.
+        Something else, another suffix or width, a file and an axis, or a file that exists.
     MissingPackage
         matplotlib is not installed.
 
@@ -69,10 +87,13 @@ def plot(result: Any, file: str | Path | None = None, width: str = "page", *, ti
     >>> tcc_sim.plot(run, folder / "run.png").name
     'run.png'
     """
-    if (file is None) == (ax is None):
+    if file is not None and ax is not None:
         raise InputError("give either a file or an axis to draw into")
-    if file is None:
+    if ax is not None:
         return draw_into(ax, result, title)
+    if file is None:
+        with TemporaryDirectory(prefix="tcc_sim_") as folder:
+            return Picture(plot(result, Path(folder) / "picture.png", width, title=title).read_bytes())
     path = Path(file)
     check_picture(path, width)
     if replaceable(path) and not force:

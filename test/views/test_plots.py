@@ -291,7 +291,7 @@ def test_an_axis_takes_the_main_curve_and_no_file_is_overwritten(tmp_path) -> No
     assert found._repr_html_().count("<tr>") == 3
     path = tmp_path / "a.svg"
     path.write_text("mine")
-    for wrong in ({"file": path}, {}, {"file": path, "ax": ax}):
+    for wrong in ({"file": path}, {"file": path, "ax": ax}):
         with pytest.raises(InputError):
             plots.plot(found, **wrong)
     assert path.read_text() == "mine"
