@@ -1,6 +1,8 @@
 """The frame of the command: exit statuses, one line for wrong input, and nothing written then."""
 
 import os
+import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -12,6 +14,7 @@ from child_output import without_compiling
 
 from tcc_sim import __version__, cli
 from tcc_sim.cli.arguments import bounds_of_range, values_of_range
+from tcc_sim.cli.verbs import Verb
 from tcc_sim.errors import InputError, MissingPackage, NumericalFailure
 from tcc_sim.nodes import executables, signals
 from tcc_sim.scene import bundled_scenes, load_scene
@@ -73,9 +76,9 @@ def test_help_and_version_go_to_standard_output(capsys: pytest.CaptureFixture[st
     assert capsys.readouterr().out == f"tcc-sim {__version__}\n"
     assert cli.main(["--help"]) == 0
     out = capsys.readouterr().out
-    for verb, text in cli.VERBS.items():
-        assert verb in out
-        assert " ".join(text.split()) in " ".join(out.split())
+    for name, verb in cli.VERBS.items():
+        assert f"{name} " in out
+        assert verb.line in out
 
 
 def test_every_verb_is_in_one_group_and_a_misspelt_one_gets_a_suggestion(capsys: pytest.CaptureFixture[str]) -> None:
@@ -100,10 +103,25 @@ def test_scenes_and_explain_take_changes(capsys: pytest.CaptureFixture[str]) -> 
     assert "--show" in refused(["scenes", "--set", "engine.frequency=120"], capsys)
 
 
-@pytest.mark.parametrize("verb", cli.VERBS)
-def test_every_verb_explains_itself(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main([verb, "--help"]) == 0
-    assert f"tcc-sim {verb}" in capsys.readouterr().out
+@pytest.mark.parametrize("name", cli.VERBS)
+def test_help_of_a_verb_has_an_example_results_and_options_by_purpose(
+        name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    assert cli.main([name, "--help"]) == 0
+    out = capsys.readouterr().out
+    assert max(map(len, out.splitlines())) <= 80
+    verb, words = cli.VERBS[name], " ".join(out.split())
+    for part in (f"example: tcc-sim {verb.example}", f"prints: {verb.prints}", f"writes: {verb.writes}"):
+        assert part in words
+    example = shlex.split(verb.example)
+    assert example[0] == name
+    cli.build_parser(name).parse_args(example)
+    untitled = re.search(r"\noptions:\n((?: .*\n)*)", out)
+    assert untitled is not None
+    assert re.findall(r"^ +(-.*?)  ", untitled.group(1), re.MULTILINE) == ["-h, --help"]
+    assert "positional arguments:" not in out
+    options = set(re.findall(r"--[a-z-]+", " ".join([verb.prints, verb.writes])))
+    assert options <= set(re.findall(r"--[a-z-]+", out.partition("\noptions:")[2].partition("\nexample:")[0]))
 
 
 @pytest.mark.parametrize(("error", "status", "line"), [
@@ -120,7 +138,7 @@ def test_every_way_to_fail_has_a_status_and_one_line(error: BaseException, statu
     def run(_: object) -> int:
         raise error
 
-    monkeypatch.setitem(cli.VERBS, "fail", "fail on purpose")
+    monkeypatch.setitem(cli.VERBS, "fail", Verb("fail on purpose"))
     monkeypatch.setitem(sys.modules, "tcc_sim.cli.fail", SimpleNamespace(add_arguments=lambda parser: None, run=run))
     assert cli.main(["fail"]) == status
     assert capsys.readouterr() == ("", line)
@@ -141,7 +159,7 @@ def run(arguments):
     print("as far as it came")
     raise KeyboardInterrupt
 
-cli.VERBS["long"] = "take long"
+cli.VERBS["long"] = cli.verbs.Verb("take long")
 sys.modules["tcc_sim.cli.long"] = SimpleNamespace(add_arguments=lambda parser: None, run=run)
 sys.argv = ["tcc-sim", "long"]
 sys.exit(cli.main())
@@ -256,5 +274,5 @@ def test_ctrl_c_does_not_wait_for_the_compiler(tmp_path: Path) -> None:
 def test_a_value_beside_its_profile_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     words = ["simulate", "fig02", "--set", "pressure.mean=1e5", "--profile", "pressure.mean=0:1e5,1:2e5"]
     assert cli.main(words) == 2
-    assert capsys.readouterr().err == ("tcc-sim: --set pressure.mean beside --profile pressure.mean: the profile takes "
-                                       "its place; leave one of them out\n")
+    assert capsys.readouterr().err == ("tcc-sim: --set pressure.mean beside --profile pressure.mean: both set "
+                                       "pressure.mean; remove one of them\n")

@@ -1,4 +1,4 @@
-"""`tcc-sim analyse`: a recording, complete or cut short, as figures, JSON and a stream to Rerun."""
+"""`tcc-sim analyse`: figures, JSON and a Rerun stream of a recording, complete or cut short."""
 
 from __future__ import annotations
 
@@ -13,47 +13,49 @@ from tcc_sim.output.terminal import say
 from tcc_sim.topics import JOINT_NAMES
 
 DEFAULT_SCENE = "fig02"
-"""As `scene` has it, which is not loaded for this."""
+"""Copy of the default in `scene`, which need not be imported for it."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The recording and where its figures and samples go."""
-    parser.add_argument("recording", metavar="RUN|FILE.csv", type=Path,
-                        help="bag directory or .mcap file, complete or cut short; or a table of measurements for "
-                        "--orders and --spectrum")
-    where = parser.add_mutually_exclusive_group()
+    """Add the recording, the part of it to analyse, further figures, Rerun, and outputs."""
+    recording = parser.add_argument_group("recording")
+    recording.add_argument("recording", metavar="RUN|FILE.csv", type=Path,
+                           help="bag directory or .mcap file, complete or cut short; or a table of measurements for "
+                           "--orders and --spectrum")
+    recording.add_argument("--scene", metavar="SCENE", help="name or file, for a recording without a scene, and for "
+                           f"the shaft and the order of a table (default {DEFAULT_SCENE})")
+    recording.add_argument("--joints", metavar="flywheel=NAME,clutch_plate=NAME", type=joint_names,
+                           help="names of the two joints in a recording of another program")
+    recording.add_argument("--frequency", metavar="RAD_PER_S", type=float,
+                           help="frequency of the engine torque (default: the scene's; for a torque from a topic, "
+                           "estimated from the recording)")
+    part = parser.add_argument_group("part of the recording")
+    part.add_argument("--run", metavar="N", type=int,
+                      help="only this run, counted from 0 (default: all runs, and figures of the longest one)")
+    part.add_argument("--from", metavar="S", type=float, dest="start", help="only from this simulation time on, s")
+    part.add_argument("--to", metavar="S", type=float, dest="end", help="only up to this simulation time, s")
+    part.add_argument("--discard", metavar="CYCLES", type=int,
+                      help="engine cycles dropped from the figures at the start (default 50, or half of the cycles if "
+                      "there are fewer than 100; 0 for a scene with profiles)")
+    figures = parser.add_argument_group("further figures")
+    figures.add_argument("--verify", action="store_true",
+                         help="solve the run again from the recording alone and compare")
+    figures.add_argument("--damping", action="store_true", help="add the equivalent damping (21) of the last cycles")
+    figures.add_argument("--orders", action="store_true", help="add orders, transmissibility and judder of the run; "
+                         "--plot then draws the order map")
+    add_spectrum(figures)
+    rerun = parser.add_argument_group("Rerun")
+    where = rerun.add_mutually_exclusive_group()
     where.add_argument("--rrd", metavar="FILE", type=Path, help="write the run as a Rerun recording")
     where.add_argument("--spawn", action="store_true", help="start a Rerun viewer and stream the run to it")
     where.add_argument("--connect", metavar="URL", help="stream to a running viewer, rerun+http://HOST:9876/proxy")
-    parser.add_argument("--layout", action="store_true", help="write a layout beside the recording, with which Rerun "
-                        "shows its signals without conversion: rerun RUN_0.mcap RUN_0.rbl")
-    add_outputs(parser, "the figures", "write the samples as .csv or .npz, with their units and the scene; of the run "
-                "whose figures are shown")
-    parser.add_argument("--discard", metavar="CYCLES", type=int,
-                        help="engine cycles dropped from the figures at the start "
-                        "(default 50, or half of them where there are fewer than 100; none of a scene with profiles)")
-    parser.add_argument("--frequency", metavar="RAD_PER_S", type=float,
-                        help="of the engine torque (default: the scene's or, "
-                        "where the torque came from a topic, found in the recording)")
-    parser.add_argument("--damping", action="store_true",
-                        help="work out the equivalent damping (21) of the last cycles too")
-    parser.add_argument("--verify", action="store_true",
-                        help="solve the run again from the recording alone and compare")
-    parser.add_argument("--run", metavar="N", type=int, help="only this run, counted from 0 (default: all of them, and "
-                        "the figures of the longest)")
-    parser.add_argument("--from", metavar="S", type=float, dest="start", help="only from this simulation time on, s")
-    parser.add_argument("--to", metavar="S", type=float, dest="end", help="only up to this simulation time, s")
-    parser.add_argument("--joints", metavar="flywheel=NAME,clutch_plate=NAME", type=joint_names,
-                        help="names of the two joints in a recording where they have others")
-    parser.add_argument("--orders", action="store_true", help="work out orders, transmissibility and judder of the run "
-                        "whose figures are shown; --plot then draws the order map")
-    add_spectrum(parser)
-    parser.add_argument("--scene", metavar="SCENE", help="name or file, for a recording that holds none, and for the "
-                        f"shaft and the order of a table (default {DEFAULT_SCENE})")
+    rerun.add_argument("--layout", action="store_true", help="write a layout beside the recording, with which Rerun "
+                       "shows its signals without conversion: rerun RUN_0.mcap RUN_0.rbl")
+    add_outputs(parser, "the figures", "the samples of the analysed run as .csv or .npz, with units and scene")
 
 
 def joint_names(text: str) -> dict[str, str]:
-    """Names by joint, from `flywheel=NAME,clutch_plate=NAME`."""
+    """Return the names of the joints in `flywheel=NAME,clutch_plate=NAME`."""
     found = dict(part.partition("=")[::2] for part in text.split(","))
     if not all(found.values()) or not set(found) <= set(JOINT_NAMES):
         raise argparse.ArgumentTypeError(f"{text!r} must be flywheel=NAME,clutch_plate=NAME")
@@ -61,7 +63,7 @@ def joint_names(text: str) -> dict[str, str]:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Check the outputs, read, write what was asked for, and print the figures."""
+    """Check the outputs, analyse the recording, write the files, and print the figures."""
     from tcc_sim.output.samples import write_samples
     from tcc_sim.output.tables import order_lines, spectrum_lines
     from tcc_sim.recording.window import Window
@@ -85,7 +87,7 @@ def run(arguments: argparse.Namespace) -> int:
     show_order(found.scene.system.engine.order)
     lines = found.lines()
     drawn: object = found
-    # Of a manoeuvre the whole is drawn, as `simulate --plot` does; of anything else its last cycles and its maxima.
+    # A manoeuvre is drawn whole, as by `simulate --plot`; any other run by its last cycles and its maxima.
     whole = arguments.plot is not None and found.scene.system.profile is not None
     if arguments.out is not None or arguments.orders or arguments.spectrum or whole:
         samples = recording.trajectory(found.run, arguments.start, arguments.end)
@@ -113,7 +115,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _table(arguments: argparse.Namespace) -> int:
-    """Orders and spectrum of a table of measurements."""
+    """Print and write orders and spectrum of a table of measurements."""
     from tcc_sim.output.tables import order_lines, spectrum_lines
     from tcc_sim.replay.measured import analyse_table
     from tcc_sim.scene import load_scene
@@ -121,10 +123,10 @@ def _table(arguments: argparse.Namespace) -> int:
     others = ("rrd", "spawn", "connect", "out", "discard", "frequency", "damping", "verify", "run", "joints")
     given = [f"--{name}" for name in others if getattr(arguments, name) not in (None, False)]
     if given:
-        raise InputError(f"{', '.join(given)}: a table takes --orders, --spectrum, --from, --to, --scene and --pulses; "
-                         "the rest is for recordings")
+        raise InputError(f"{', '.join(given)}: only for recordings; a table takes --orders, --spectrum, --from, --to, "
+                         "--scene and --pulses")
     if not (arguments.orders or arguments.spectrum):
-        raise InputError("of a table --orders or --spectrum can be worked out; give one of them")
+        raise InputError("a table needs --orders or --spectrum; give one of them")
     check_outputs(arguments)
     scene = load_scene(arguments.scene or DEFAULT_SCENE)
     show_order(scene.system.engine.order)

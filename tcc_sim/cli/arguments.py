@@ -1,4 +1,4 @@
-"""What several verbs ask for: numbers within a range, ranges of scene keys, and files that must not exist yet."""
+"""Options and checks that several verbs share: numbers in a range, ranges of scene keys, scene, solver, outputs."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 
 
 def number(low: float, high: float, unit: str = "", kind: type[float] | type[int] = float) -> Callable[[str], Any]:
-    """An argparse type: a number from `low` to `high`; the error names the value, the unit and the range.
+    """Return an argparse type for numbers from `low` to `high`; its error names the value, the unit and the range.
 
     Parameters
     ----------
-    kind : int takes whole numbers only
+    kind : int for whole numbers
     """
     what = "a whole number" if kind is int else "a number"
 
@@ -44,13 +44,14 @@ def number(low: float, high: float, unit: str = "", kind: type[float] | type[int
 
 
 def values_of_range(text: str, option: str = "--over", even: bool = False) -> tuple[str, list[float]]:
-    """KEY and its values: evenly spaced, or evenly in logarithm with `:log`, both ends included; or those of a list.
-    `even` takes evenly spaced ones only.
+    """Return the key and the values of KEY=START:STOP:COUNT[:log] or KEY=VALUE,VALUE,...
+
+    A range includes both ends; `:log` spaces its values evenly in logarithm. `even` allows KEY=START:STOP:COUNT only.
 
     Raises
     ------
     InputError
-        Anything else.
+        The text has another form.
 
     Examples
     --------
@@ -71,12 +72,12 @@ def values_of_range(text: str, option: str = "--over", even: bool = False) -> tu
 
 
 def spaced(text: str, option: str, logarithmic: bool = True, wrong: InputError | None = None) -> list[float]:
-    """The values of START:STOP:COUNT, both ends included, evenly in logarithm or evenly.
+    """Return the values of START:STOP:COUNT, both ends included, spaced evenly or evenly in logarithm.
 
     Raises
     ------
     InputError
-        Anything else: `wrong` where it is given.
+        The text has another form (then `wrong`, if given), or the count or the ends are out of range.
     """
     wrong = wrong or InputError(f"{option} is {text!r}; it must be START:STOP:COUNT, two numbers and a whole number")
     parts = text.split(":")
@@ -87,25 +88,25 @@ def spaced(text: str, option: str, logarithmic: bool = True, wrong: InputError |
         count = int(parts[2])
     except ValueError:
         raise wrong from None
-    from tcc_sim.sweeps.settings import DEFAULTS  # What most verbs need not load.
+    from tcc_sim.sweeps.settings import DEFAULTS  # Most verbs do not need this import.
 
     if not 1 <= count <= DEFAULTS.most_values:
         raise InputError(f"{option} has a count of {count}; it must be 1 to {DEFAULTS.most_values}")
     if logarithmic and not start * stop > 0.0:
-        raise InputError(f"{option} goes from {start:g} to {stop:g}; values that are even in logarithm must be above "
-                         "0, or all below it")
+        raise InputError(f"{option} goes from {start:g} to {stop:g}; values spaced evenly in logarithm must all "
+                         "be above 0, or all below 0")
     import numpy as np
 
     return [float(x) for x in (np.geomspace if logarithmic else np.linspace)(start, stop, count)]
 
 
 def bounds_of_range(text: str, option: str, names: str = "START:STOP") -> tuple[str, float, float]:
-    """KEY, the smaller and the larger number of KEY=LOW:HIGH, which must differ.
+    """Return the key and the two numbers of KEY=LOW:HIGH, the smaller one first.
 
     Raises
     ------
     InputError
-        Anything else.
+        The text has another form, or the numbers are equal.
     """
     key, equals, numbers = text.partition("=")
     wrong = InputError(f"{option} is {text!r}; it must be KEY={names}")
@@ -119,7 +120,7 @@ def bounds_of_range(text: str, option: str, names: str = "START:STOP") -> tuple[
 
 
 def _numbers(words: Sequence[str], wrong: InputError) -> list[float]:
-    """Finite numbers; `wrong` is raised for anything else."""
+    """Return the words as finite numbers; raise `wrong` if one of them is none."""
     try:
         found = [float(word) for word in words]
     except ValueError:
@@ -130,13 +131,13 @@ def _numbers(words: Sequence[str], wrong: InputError) -> list[float]:
 
 
 def new_file(path: Path, force: bool = False) -> Path:
-    """`path`, once it is sure that nothing is overwritten and that its directory is there.
+    """Return `path` after checking that a file can be written there without overwriting another one.
 
     Raises
     ------
     InputError
-        The file exists and `force` is off, what is there is no regular file, its name is too long, or it has no
-        directory to be in.
+        The file exists and `force` is off, a directory or another special file has this name, the name is too long, or
+        its directory does not exist.
     """
     check_name(path)
     if path.is_dir():
@@ -148,64 +149,70 @@ def new_file(path: Path, force: bool = False) -> Path:
 
 
 def add_scene(parser: argparse.ArgumentParser, more: str = "") -> None:
-    """SCENE and --set of the verbs that work on a scene; `more` is what the verb has to say of --set."""
-    parser.add_argument("scene", metavar="SCENE", help="name of a bundled scene, or a file")
-    parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[],
-                        help=f"change a key of the scene{more}")
+    """Add SCENE and --set of the verbs that work on a scene; `more` ends the help of --set."""
+    group = parser.add_argument_group("scene")
+    group.add_argument("scene", metavar="SCENE", help="name of a bundled scene, or a file")
+    group.add_argument("--set", metavar="KEY=VALUE", action="append", default=[],
+                       help=f"change a key of the scene{more}; may be repeated")
 
 
 def scene_of(arguments: argparse.Namespace, more: Mapping[str, Any] | None = None) -> Scene:
-    """The scene that SCENE names, with the changes of --set and `more`."""
+    """Load the scene that SCENE names, with the changes of --set and `more`."""
     from tcc_sim.scene import load_scene, parse_assignments
 
     given = parse_assignments(arguments.set)
     for key in given:
         if f"{key}_times" in (more or {}):
-            raise InputError(f"--set {key} beside --profile {key}: the profile takes its place; leave one of them out")
+            raise InputError(f"--set {key} beside --profile {key}: both set {key}; remove one of them")
     scene = load_scene(arguments.scene).with_values({**given, **(more or {})})
     show_order(scene.system.engine.order)
     return scene
 
 
 def refuse_swept(assignments: list[str], keys: Sequence[str]) -> None:
-    """Raise InputError where `--set` gives a key that the command goes through itself."""
+    """Raise InputError if --set fixes a key that the command varies."""
     for word in assignments:
         key = word.partition("=")[0]
         if key in keys:
-            raise InputError(f"--set {word}: the command goes through {key} itself; leave one of the two out")
+            raise InputError(f"--set {word}: the command itself varies {key}; remove one of the two")
+
+
+def add_namespace(parser: argparse.ArgumentParser, default: str = "") -> None:
+    """Add --namespace of the verbs that talk to a running driveline."""
+    parser.add_argument_group("nodes").add_argument("--namespace", metavar="NS", default=default,
+                                                    help="namespace of the driveline node")
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:
-    """--jobs and --dask of the verbs whose work is many equal parts."""
-    where = parser.add_mutually_exclusive_group()
+    """Add --jobs and --dask of the verbs whose work is many independent parts."""
+    where = parser.add_argument_group("workers").add_mutually_exclusive_group()
     where.add_argument("--jobs", metavar="N", type=int, help="threads (default: all cores)")
     where.add_argument("--dask", metavar="ADDRESS", help="Dask scheduler, such as tcp://127.0.0.1:8786")
 
 
-def add_solver(parser: argparse.ArgumentParser) -> None:
-    """How a scene is solved, and what costs more than the figures that are always given."""
-    parser.add_argument("--solver", metavar="NAME", default="auto", help="name of a solver (default auto)")
-    parser.add_argument("--rtol", metavar="R", type=float, help="relative tolerance of an adaptive solver")
-    parser.add_argument("--step", metavar="H", type=float, help="step of a fixed-step solver, s")
-    parser.add_argument("--damping", action="store_true", help="work out the equivalent damping (21) too")
-    parser.add_argument("--lyapunov", action="store_true", help="work out the largest Lyapunov exponent too")
+def add_solver(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
+    """Add the solver, and the group of figures that cost extra time, which is returned for more of them."""
+    group = parser.add_argument_group("solver")
+    group.add_argument("--solver", metavar="NAME", default="auto",
+                       help="name of a solver; auto (default) takes smoothed or event_driven, by friction law")
+    group.add_argument("--rtol", metavar="R", type=float, help="relative tolerance of an adaptive solver")
+    group.add_argument("--step", metavar="H", type=float, help="step of a fixed-step solver, s")
+    figures = parser.add_argument_group("further figures")
+    figures.add_argument("--damping", action="store_true", help="add the equivalent damping (21)")
+    figures.add_argument("--lyapunov", action="store_true", help="add the largest Lyapunov exponent")
+    return figures
 
 
-def add_spectrum(parser: argparse.ArgumentParser) -> None:
-    """--spectrum and --pulses of the verbs that take apart a run by frequency."""
-    parser.add_argument("--spectrum", action="store_true", help="work out the spectra of slip speed and shaft torque "
-                        "in the steady state too, over frequency and order; --plot then draws them")
-    parser.add_argument("--pulses", metavar="N", type=number(1, 10_000, kind=int), default=1,
-                        help="of the tacho column of a table in a crank revolution (default 1)")
-
-
-def solver_options(arguments: argparse.Namespace) -> dict[str, Any]:
-    """What `add_solver` asks for, as `Plan` takes it."""
-    return {name: getattr(arguments, name) for name in ("solver", "rtol", "step", "damping", "lyapunov")}
+def add_spectrum(figures: argparse._ArgumentGroup) -> None:
+    """Add --spectrum and --pulses to the group of figures of a verb."""
+    figures.add_argument("--spectrum", action="store_true", help="add the spectra of slip speed and shaft torque in "
+                         "the steady state, over frequency and order; --plot then draws them")
+    figures.add_argument("--pulses", metavar="N", type=number(1, 10_000, kind=int), default=1,
+                         help="pulses per crank revolution in the tacho column of a table (default 1)")
 
 
 def plan_of(arguments: argparse.Namespace, **more: Any) -> Plan:
-    """How a motion is solved, from --cycles, --duration, --discard and what `add_solver` asks for.
+    """Return the plan of a simulation from --cycles, --duration, --discard and the options of `add_solver`.
 
     Raises
     ------
@@ -220,38 +227,48 @@ def plan_of(arguments: argparse.Namespace, **more: Any) -> Plan:
             discard = int(discard)
         except ValueError:
             raise InputError(f"--discard is {discard!r}; it must be a number of cycles or auto") from None
-    return Plan(cycles=arguments.cycles, duration=arguments.duration, discard=discard, **solver_options(arguments),
-                **more)
+    return Plan(discard=discard, **more, **{name: getattr(arguments, name) for name in (
+        "cycles", "duration", "solver", "rtol", "step", "damping", "lyapunov")})
 
 
 def add_outputs(parser: argparse.ArgumentParser, json: str, out: str = "", metavar: str = "FILE",
-                force: str = "replace files that exist") -> None:
-    """--json, --out where `out` says what it is, --plot, --width, --title and --force of verbs that draw a result."""
-    parser.add_argument("--json", metavar="FILE", type=Path, help=f"{json}; - is standard output")
+                force: str = "replace existing files") -> argparse._ArgumentGroup:
+    """Add --json, --out with the help `out` if that is not empty, and --force; --plot, --width and --title of the
+    picture. Return the group of outputs.
+    """
+    output = parser.add_argument_group("output")
+    output.add_argument("--json", metavar="FILE", type=Path, help=f"write {json} as JSON; - is standard output")
     if out:
-        parser.add_argument("--out", metavar=metavar, type=Path, help=out)
-    parser.add_argument("--plot", metavar="FILE", type=Path, help="a picture of the result: .png, .svg or .pdf")
-    parser.add_argument("--width", choices=("column", "page"), default="page", help="of the picture in a paper (page)")
-    parser.add_argument("--title", metavar="T", help="over the picture (default: the scene or recording)")
-    parser.add_argument("--units", choices=("rad", "rpm", "hz"), default="rad", help="of speeds and frequencies in "
-                        "what is printed and drawn: rad/s, revolutions a minute, or hertz; files stay in rad/s (rad)")
-    parser.add_argument("--force", action="store_true", help=force)
+        output.add_argument("--out", metavar=metavar, type=Path, help=f"write {out}")
+    output.add_argument("--units", choices=("rad", "rpm", "hz"), default="rad", help="unit of printed and drawn speeds "
+                        "and frequencies: rad/s, revolutions per minute or hertz; files stay in rad/s (default rad)")
+    output.add_argument("--force", action="store_true", help=force)
+    add_picture(parser, "draw the result: .png, .svg or .pdf", "the scene or recording")
+    return output
+
+
+def add_picture(parser: argparse.ArgumentParser, plot: str, title: str) -> None:
+    """Add --plot with its help, --width and --title with its default in words."""
+    picture = parser.add_argument_group("picture")
+    picture.add_argument("--plot", metavar="FILE", type=Path, help=plot)
+    picture.add_argument("--width", choices=("column", "page"), default="page",
+                         help="width of the picture in a paper (default page)")
+    picture.add_argument("--title", metavar="T", help=f"title above the picture (default: {title})")
 
 
 def check_outputs(arguments: argparse.Namespace, suffixes: Sequence[str] = (), *more: Path | None) -> None:
-    """Raise before anything is computed where one of the files that --json, --out and --plot name, or one of `more`,
-    cannot become a new one.
+    """Check, before the computation, the files of --json, --out, --plot and `more`.
 
     Parameters
     ----------
-    suffixes : that --out may have; any where there are none, and then the verb looks after --out itself
+    suffixes : allowed suffixes of --out; if empty, the verb checks --out itself
 
     Raises
     ------
     InputError
-        Another suffix, a file that exists and is not to be replaced, or one that is asked for twice.
+        A wrong suffix, an existing file without --force, or one file for two options.
     MissingPackage
-        matplotlib is not installed, and --plot asks for it, or what --dask needs.
+        --plot without matplotlib, or --dask without distributed.
     """
     plot, out = getattr(arguments, "plot", None), getattr(arguments, "out", None)
     if out is not None and suffixes:
@@ -259,7 +276,7 @@ def check_outputs(arguments: argparse.Namespace, suffixes: Sequence[str] = (), *
     named = [path for path in (arguments.json, out, plot, *more) if path not in (None, STANDARD_OUTPUT)]
     for k, path in enumerate(named):
         if path.absolute() in [other.absolute() for other in named[:k]]:
-            raise InputError(f"{path} is asked for twice")
+            raise InputError(f"two options name the file {path}")
     if plot is not None:
         from tcc_sim.views.plots import check_picture
 
@@ -273,7 +290,7 @@ def check_outputs(arguments: argparse.Namespace, suffixes: Sequence[str] = (), *
 
 @contextmanager
 def drawn(arguments: argparse.Namespace, result: Any, title: str = "") -> Iterator[None]:
-    """Draw a result where --plot asks for it, below --title or else `title`; the file appears when the `with` ends."""
+    """Draw a result for --plot, with the title --title or else `title`; the file appears when the `with` block ends."""
     if arguments.plot is None:
         yield
         return
@@ -285,19 +302,19 @@ def drawn(arguments: argparse.Namespace, result: Any, title: str = "") -> Iterat
 
 
 def plot_result(arguments: argparse.Namespace, result: Any, title: str = "") -> None:
-    """Draw a result where --plot asks for it."""
+    """Draw a result for --plot."""
     with drawn(arguments, result, title):
         pass
 
 
 def present(arguments: argparse.Namespace, scene: Scene | System, result: Any,
             lines: Iterable[str] = ()) -> None:
-    """Write a result as JSON where --json asks for it, and print the lines unless that is what is printed.
+    """Write a result as JSON for --json, and print the lines unless the JSON goes to standard output.
 
     Parameters
     ----------
-    scene : what was solved or recorded, which the JSON says
-    result : a result, or a function that gives one
+    scene : solved or recorded scene, which the JSON contains
+    result : a result, or a function that returns one
     """
     from tcc_sim.output.provenance import warnings_of
 
@@ -305,12 +322,12 @@ def present(arguments: argparse.Namespace, scene: Scene | System, result: Any,
         print(f"tcc-sim: {warning}", file=sys.stderr)
     if arguments.json is not None:
         write_json(arguments.json, document_of(arguments, scene, result() if callable(result) else result))
-    if arguments.json != STANDARD_OUTPUT and (said := "\n".join(lines)):
-        say(in_words(said))
+    if arguments.json != STANDARD_OUTPUT and (shown := "\n".join(lines)):
+        say(in_words(shown))
 
 
 def document_of(arguments: argparse.Namespace, scene: Scene | System, result: Any) -> dict[str, Any]:
-    """The JSON of a result of this command, for --json and within a .npz."""
+    """Return the JSON document of a result of this command, for --json and for a .npz."""
     from tcc_sim.output.provenance import document
 
     return document(arguments.verb, result, scene, arguments.words)

@@ -26,22 +26,24 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The plane, what is varied, where it is worked out, and where the results go."""
+    """Add scene, plane, length of the simulations, further figures, workers and outputs."""
     add_scene(parser)
-    parser.add_argument("--plane", metavar="KEY=START:STOP:COUNT", action="append", required=True,
-                        help="an initial.* key and its evenly spaced values; give it twice")
-    parser.add_argument("--over", metavar="KEY=START:STOP:COUNT",
-                        help="scene key; the plane is worked out at every value")
-    parser.add_argument("--cycles", metavar="N", type=int, default=600,
-                        help="most engine cycles that a cell is followed (default 600)")
-    parser.add_argument("--boundary", action="store_true", help="work out the uncertainty exponent of the boundary too")
+    plane = parser.add_argument_group("plane")
+    plane.add_argument("--plane", metavar="KEY=START:STOP:COUNT", action="append", required=True,
+                       help="an initial.* key and its evenly spaced values; give this option twice")
+    plane.add_argument("--over", metavar="KEY=START:STOP:COUNT",
+                       help="scene key; the plane is computed at each of its values")
+    plane.add_argument("--cycles", metavar="N", type=int, default=600,
+                       help="most engine cycles solved for a cell (default 600)")
+    parser.add_argument_group("further figures").add_argument(
+        "--boundary", action="store_true", help="add the uncertainty exponent of the basin boundary")
     add_workers(parser)
-    add_outputs(parser, "attractors and fractions", "labels and cycles of every cell (.npz); until it is whole its "
-                "rows are in FILE.part, from which the same command goes on")
+    add_outputs(parser, "attractors and fractions", "label and cycles of every cell (.npz); until it is complete, "
+                "finished rows are in FILE.part, and the same command resumes from them")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Check everything, work the basins out, write what was asked for, and print a summary."""
+    """Check the input, compute the basins, write the files, and print a summary."""
     from tcc_sim.basins.compute import basins
     from tcc_sim.basins.results import Planes
     from tcc_sim.output.provenance import said
@@ -55,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         found = basins(scene, plane, cycles=arguments.cycles, over=over, jobs=arguments.jobs, dask=arguments.dask,
                        part=part, progress=True, said=said("basin_rows", scene, arguments.words))
-        # Drawing takes longest; interrupted in it, nothing is written, and the same command goes on.
+        # Drawing takes longest; if it is interrupted, no file is written, and the same command resumes.
         values = Planes(found, over, arguments.boundary)
         with drawn(arguments, found, scene.name):
             if arguments.out is not None:
@@ -65,8 +67,8 @@ def run(arguments: argparse.Namespace) -> int:
             present(arguments, scene, values,
                     _lines(found, over, arguments.boundary))
     except (BasinsInterrupted, KeyboardInterrupt):
-        kept = f"; the same command goes on from {part}" if part is not None else ""
-        print(f"tcc-sim: interrupted{kept}", file=sys.stderr)
+        resume = f"; the same command resumes from {part}" if part is not None else ""
+        print(f"tcc-sim: interrupted{resume}", file=sys.stderr)
         return 130
     if part is not None:
         part.unlink()
@@ -74,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _axis(option: str, text: str) -> Axis:
-    """KEY=START:STOP:COUNT."""
+    """Return the axis KEY=START:STOP:COUNT of an option."""
     from tcc_sim.basins.results import Axis
 
     key, values = values_of_range(text, option, even=True)
@@ -82,7 +84,7 @@ def _axis(option: str, text: str) -> Axis:
 
 
 def _lines(found: list[Basins], over: Axis | None, boundary: bool) -> Iterator[str]:
-    """The summary for a terminal."""
+    """Yield the lines of the summary."""
     for k, one in enumerate(found):
         if over is not None:
             yield f"{over.key} = {over.values[k]:.9g}"
@@ -92,6 +94,6 @@ def _lines(found: list[Basins], over: Axis | None, boundary: bool) -> Iterator[s
             yield (f"  boundary: uncertainty exponent {uncertain.exponent:.3f} (standard error {uncertain.error:.3f}), "
                    f"dimension {uncertain.dimension:.3f}")
         elif boundary:
-            yield "  boundary: too few neighbouring cells differ for an uncertainty exponent"
+            yield "  boundary: no uncertainty exponent, too few neighbouring cells have different labels"
         yield (f"  {counted(one.labels.size, 'cell')} in {one.seconds:.3g} s, "
-               f"{float(one.cycles.mean()):.1f} cycles a cell")
+               f"{float(one.cycles.mean()):.1f} cycles per cell")

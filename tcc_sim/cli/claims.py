@@ -1,4 +1,4 @@
-"""`tcc-sim claims`: what the paper claims, what comes out, and the verdict."""
+"""`tcc-sim claims`: claims of the paper, computed numbers, and verdicts."""
 
 from __future__ import annotations
 
@@ -12,24 +12,27 @@ from tcc_sim.output.terminal import say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Where the table goes, and how many threads."""
-    parser.epilog = ("Takes 8 to 10 minutes of processor time for each pressure, about half an hour at the three; "
-                     "--thresholds about 10 minutes more. With --kept an interrupted run goes on.")
-    parser.add_argument("--json", metavar="FILE", type=Path, help="claims with numbers, criteria and verdicts")
-    parser.add_argument("--markdown", metavar="FILE", type=Path, help="the same as a page")
-    parser.add_argument("--errata", metavar="FILE", type=Path, help="the paper's errata as a page, with numbers")
-    parser.add_argument("--kept", metavar="FILE", type=Path,
-                        help="lines of what was judged; a run that was interrupted goes on from them")
-    parser.add_argument("--pressures", metavar="KPA", type=number(100.0, 1000.0, "kPa"), nargs="+",
-                        help="mean pressures of Figs. 4 to 18 to judge at (225 230 240)")
-    parser.add_argument("--thresholds", action="store_true",
-                        help="judge with every threshold halved and doubled too, at the first pressure")
-    parser.add_argument("--force", action="store_true", help="replace files that exist")
-    parser.add_argument("--jobs", metavar="N", type=int, help="threads (default: all cores)")
+    """Add pressures and thresholds, threads, and outputs."""
+    judged = parser.add_argument_group("judgement")
+    judged.add_argument("--pressures", metavar="KPA", type=number(100.0, 1000.0, "kPa"), nargs="+",
+                        help="mean pressures at which claims of Figs. 4 to 18 are judged, kPa (default 225 230 240)")
+    judged.add_argument("--thresholds", action="store_true",
+                        help="judge again with every threshold halved and doubled, at the first pressure")
+    parser.add_argument_group("workers").add_argument("--jobs", metavar="N", type=int,
+                                                      help="threads (default: all cores)")
+    output = parser.add_argument_group("output")
+    output.add_argument("--json", metavar="FILE", type=Path,
+                        help="write claims with numbers, criteria and verdicts as JSON; - is standard output")
+    output.add_argument("--markdown", metavar="FILE", type=Path, help="write the claims as a Markdown page")
+    output.add_argument("--errata", metavar="FILE", type=Path,
+                        help="write the errata of the paper, with numbers, as a Markdown page")
+    output.add_argument("--kept", metavar="FILE", type=Path,
+                        help="write each judged claim at once; an interrupted command resumes from this file")
+    output.add_argument("--force", action="store_true", help="replace existing files")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Judge every claim, print each as it is reached, and write what was asked for."""
+    """Judge every claim, print each verdict at once, and write the files."""
     from tcc_sim.output.files import draft
     from tcc_sim.output.tables import text
     from tcc_sim.paper.catalogue import paper_system

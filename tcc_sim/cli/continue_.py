@@ -16,27 +16,28 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What is followed, what is looked for, and where the results go."""
-    add_scene(parser, "; the value of the key of --over is where it begins")
-    parser.add_argument("--over", metavar="KEY=START:STOP", required=True,
-                        help="scene key that is followed, and its range")
-    parser.add_argument("--period", metavar="N", type=int,
-                        help="engine cycles of the motion to begin with (default: those of the settled motion)")
-    parser.add_argument("--at", metavar="VALUE", type=float, action="append", default=[],
-                        help="give the motions at exactly this value of the key, on every branch")
-    parser.add_argument("--switch", metavar="DEPTH", type=int, nargs="?", const=1, default=0,
-                        help="follow the branches of doubled period too, DEPTH doublings deep (1 if not given)")
-    parser.add_argument("--second", metavar="KEY=START:STOP",
-                        help="follow every fold, doubling, Neimark-Sacker and stick border in a second key too")
-    parser.add_argument("--limit", action="store_true",
-                        help="follow every bifurcation of the smoothed law to the set-valued one")
-    parser.add_argument("--seeds", metavar="FILE", type=Path,
-                        help="follow the branches through the attractors that basins --json wrote to FILE instead")
-    add_outputs(parser, "everything that was found")
+    """Add the scene, the key to follow, further branches and curves, and outputs."""
+    add_scene(parser, "; for the key of --over, its first value")
+    followed = parser.add_argument_group("branches")
+    followed.add_argument("--over", metavar="KEY=START:STOP", required=True, help="scene key to vary, and its range")
+    followed.add_argument("--period", metavar="N", type=int,
+                          help="period of the first motion in engine cycles (default: that of the settled motion)")
+    followed.add_argument("--seeds", metavar="FILE", type=Path,
+                          help="start from the attractors in FILE, which basins --json wrote")
+    followed.add_argument("--switch", metavar="DEPTH", type=int, nargs="?", const=1, default=0,
+                          help="follow branches of doubled period too, through DEPTH doublings (default 1)")
+    figures = parser.add_argument_group("further figures")
+    figures.add_argument("--at", metavar="VALUE", type=float, action="append", default=[],
+                         help="add the motions of every branch at exactly this value of the key; may be repeated")
+    figures.add_argument("--second", metavar="KEY=START:STOP",
+                         help="follow every fold, doubling, Neimark-Sacker and stick border in a second key")
+    figures.add_argument("--limit", action="store_true",
+                         help="follow every bifurcation from the smoothed friction law to the set-valued one")
+    add_outputs(parser, "branches, bifurcations and curves")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Follow the branches, write what was asked for, and print what was found."""
+    """Follow the branches, write the files, and print branches and bifurcations."""
     from tcc_sim.continuation.initial_orbits import seeds_in
     from tcc_sim.continuation.motions import ContinuationPlan, Motions, check, continue_motions
     from tcc_sim.output.files import read_json
@@ -60,13 +61,13 @@ def run(arguments: argparse.Namespace) -> int:
     if found.branches:
         plot_result(arguments, found, scene.name)
     if interrupted:
-        print("tcc-sim: interrupted; what was found until then is kept", file=sys.stderr)
+        print("tcc-sim: interrupted; the results up to here are complete", file=sys.stderr)
         return 130
     return 0
 
 
 def _lines(found: Motions) -> Iterator[str]:
-    """The branches, their ends and their bifurcations."""
+    """Yield lines for the branches, their ends and their bifurcations."""
     for number, branch in enumerate(found.branches):
         values = [s.value for s in branch.points]
         yield (f"branch {number}: period {branch.period}, {found.plan.over} {min(values):.9g} to {max(values):.9g}, "

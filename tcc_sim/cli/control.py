@@ -1,4 +1,4 @@
-"""`tcc-sim control`: what `ros2 service`, `param` and `topic pub` do to a running driveline, with the wheels alone."""
+"""`tcc-sim control`: services, parameters and commands of a running driveline, without the `ros2` command."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import argparse
 import math
 from functools import partial
 
-from tcc_sim.cli.arguments import number
+from tcc_sim.cli.arguments import add_namespace, number
 from tcc_sim.output.terminal import say
 
 ACTIONS = {
-    "reset": "back to the initial state and simulation time 0",
+    "reset": "return to the initial state and simulation time 0",
     "pause": "stop simulated time",
-    "resume": "let it go on",
-    "step": "one tick while paused",
-    "set": "change parameters, all or none",
+    "resume": "continue simulated time",
+    "step": "advance a paused driveline by one tick",
+    "set": "change parameters together; if one is refused, none changes",
     "get": "print parameters with their units",
     "torque": "send an engine torque command, N m",
     "pressure": "send an actuation pressure command, Pa",
@@ -22,24 +22,27 @@ ACTIONS = {
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What to do, with its values, and the namespace."""
-    parser.add_argument("--namespace", metavar="NS", default="", help="of the driveline node")
-    actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True, parser_class=type(parser))
+    """Add the actions with their values, and the namespace."""
+    add_namespace(parser)
+    actions = parser.add_subparsers(title="actions", dest="action", metavar="ACTION", required=True,
+                                    parser_class=type(parser))
     for name, text in ACTIONS.items():
         action = actions.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
+        values = action.add_argument_group("values")
         if name == "set":
-            action.add_argument("assignments", nargs="+", metavar="KEY=VALUE", help="scene keys and node options")
+            values.add_argument("assignments", nargs="+", metavar="KEY=VALUE", help="scene keys and node options")
         elif name == "get":
-            action.add_argument("keys", nargs="+", metavar="KEY", help="scene keys and node options")
+            values.add_argument("keys", nargs="+", metavar="KEY", help="scene keys and node options")
         elif name in ("torque", "pressure"):
-            action.add_argument("value", type=number(-math.inf, math.inf, ""), metavar="X", help="in SI units")
-            action.add_argument("--rate", type=number(0.1, 1000.0, "Hz"), metavar="HZ",
-                                help="send it again so many times a second until Ctrl-C")
-        action.add_argument("--namespace", metavar="NS", default=argparse.SUPPRESS, help="of the driveline node")
+            values.add_argument("value", type=number(-math.inf, math.inf, ""), metavar="X",
+                                help="value in the unit above")
+            values.add_argument("--rate", type=number(0.1, 1000.0, "Hz"), metavar="HZ",
+                                help="repeat the command at this rate, Hz, until Ctrl-C")
+        add_namespace(action, argparse.SUPPRESS)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Ask the driveline, print its answer."""
+    """Send the request to the driveline and print its answer."""
     from tcc_sim.nodes.children import require_ros
     from tcc_sim.scene import meaning_of, parse_assignments
 
@@ -64,5 +67,5 @@ def run(arguments: argparse.Namespace) -> int:
             try:
                 say(ask.command(arguments.action, arguments.value, arguments.rate or 0.0, tell=tell))
             except KeyboardInterrupt:
-                say("no more is sent")
+                say("interrupted; no more commands are sent")
     return 0

@@ -1,5 +1,4 @@
-"""`tcc-sim demo`: the whole chain on real ROS 2, from a scene to a recording, its analysis, a Rerun file and a picture.
-"""
+"""`tcc-sim demo`: run a scene on ROS 2, record it, analyse the recording, and write a Rerun file and a picture."""
 
 from __future__ import annotations
 
@@ -21,27 +20,28 @@ if TYPE_CHECKING:
     from tcc_sim.scene import Scene
 
 TARGET = 20.0
-"""What the slip controller holds in scenes that take the pressure from one, rad/s."""
+"""Target slip speed of the slip controller in scenes with a commanded pressure, rad/s."""
 CONTROLLED = "controlled"
-"""The scene that a controller of the user's is tried on."""
+"""Default scene for the user's controller."""
 STEP = 0.1
-"""Seconds between two looks at the nodes."""
+"""Time between two checks of the nodes, s."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Scene, duration and directory."""
-    parser.add_argument("--scene", metavar="S", help="name of a bundled scene, or a file (default: "
-                        "commands, with a node beside that publishes both commands)")
-    parser.add_argument("--controller", metavar="COMMAND", help="a command that starts your controller, such as "
-                        "'python my_node.py', in the place of the example; the scene is then controlled unless --scene "
-                        "names another")
-    parser.add_argument("--duration", type=number(0.5, 86400.0, "s"), default=10.0, metavar="SECONDS",
-                        help="seconds recorded (10)")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="directory to create (default: tcc_demo_ and the time)")
+    """Add scene, controller, duration and directory."""
+    plant = parser.add_argument_group("scene")
+    plant.add_argument("--scene", metavar="S", help="name of a bundled scene, or a file (default: commands, with a "
+                       "node that publishes both commands)")
+    plant.add_argument("--controller", metavar="COMMAND", help="command that starts your controller instead of the "
+                       "example, such as 'python my_node.py'; the default scene is then controlled")
+    plant.add_argument("--duration", type=number(0.5, 86400.0, "s"), default=10.0, metavar="SECONDS",
+                       help="recorded time, s (default 10)")
+    parser.add_argument_group("output").add_argument(
+        "--out", type=Path, metavar="DIR", help="directory to create (default: tcc_demo_ and the time)")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Record, analyse, draw, and say what was made."""
+    """Record, analyse, draw, and print the summary and the files."""
     from tcc_sim.nodes.children import require_ros
     from tcc_sim.scene import NODE_SCENE, load_scene
 
@@ -53,7 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
     missing = [name for name in ("rerun", "matplotlib") if importlib.util.find_spec(name) is None]
     if missing:
         say(f"{' and '.join(missing)} not installed: no {'run.rrd' if 'rerun' in missing else 'overview.png'}"
-            f"{' and no overview.png' if len(missing) == 2 else ''}; pip install 'tcc_sim[view]' brings them")
+            f"{' and no overview.png' if len(missing) == 2 else ''}; to get both: pip install 'tcc_sim[view]'")
     directory.mkdir()
     recording = directory / "recording"
     _record(scene, name, recording, arguments.duration, controller,
@@ -62,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _words(command: str, scene: Scene) -> list[str]:
-    """The words of a command that starts a controller, which a shell would split alike."""
+    """Split the command that starts a controller into words, as a shell would."""
     try:
         words = shlex.split(command)
     except ValueError as error:
@@ -104,7 +104,7 @@ def _record(scene: Scene, name: str, recording: Path, duration: float,
                 if sender is not None:
                     sender.check()
     except KeyboardInterrupt:
-        say("stopped early; what was recorded is analysed")
+        say("stopped early; the recording up to here is analysed")
     finally:
         if sender is not None:
             sender.stop()
@@ -112,7 +112,7 @@ def _record(scene: Scene, name: str, recording: Path, duration: float,
 
 
 def controller_of(scene: Scene) -> dict[str, object] | None:
-    """Parameters of a slip controller for a scene that needs one: an engine of its own, a pressure to be commanded."""
+    """Return slip controller parameters for a scene whose pressure alone is commanded, else None."""
     system = scene.system
     if (system.engine.source, system.pressure.source) != ("harmonic", "topic"):
         return None
@@ -121,7 +121,7 @@ def controller_of(scene: Scene) -> dict[str, object] | None:
 
 
 def _analyse(scene: Scene, recording: Path, directory: Path, missing: list[str], words: list[str]) -> int:
-    """Replay the recording into analysis.json, run.rrd and overview.png, and print the figures that matter."""
+    """Replay the recording into analysis.json, run.rrd and overview.png, and print the summary."""
     from tcc_sim.output.files import write_json
     from tcc_sim.output.provenance import document
     from tcc_sim.replay.replay import replay

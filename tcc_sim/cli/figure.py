@@ -19,26 +19,28 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which figures, with which options, and where they go."""
-    parser.add_argument("figure", metavar="N|all",
-                        help="number of a figure in the paper, 2 to 18, or all of them")
-    parser.add_argument("--out", metavar="DIR", type=Path, default=Path("figures"),
+    """Add the figures, their options, threads, and the directory."""
+    figure = parser.add_argument_group("figure")
+    figure.add_argument("figure", metavar="N|all", help="number of a figure in the paper, 2 to 18, or all of them")
+    figure.add_argument("--quick", action="store_true", help="compute only a quarter of the values")
+    figure.add_argument("--law", choices=("smoothed", "set_valued"), default="smoothed",
+                        help="friction law: smoothed (7), as in the paper (default), or set_valued (6), solved exactly")
+    figure.add_argument("--direction", choices=("cold", "up", "down"),
+                        help="start of each value in a sweep: cold from the initial state, up or down from the last "
+                        "state of the neighbour below or above (default: by figure)")
+    figure.add_argument("--branches", action="store_true",
+                        help="draw branches of periodic motions, stable and unstable, and name the bifurcation at each "
+                        "jump; with all, for the figures that have points on branches")
+    parser.add_argument_group("workers").add_argument("--jobs", metavar="N", type=int,
+                                                      help="threads (default: all cores)")
+    output = parser.add_argument_group("output")
+    output.add_argument("--out", metavar="DIR", type=Path, default=Path("figures"),
                         help="directory for figNN.png, figNN.svg and figNN.json (default: figures)")
-    parser.add_argument("--quick", action="store_true", help="a quarter of the values")
-    parser.add_argument("--law", choices=("smoothed", "set_valued"), default="smoothed",
-                        help="friction law (7), as the paper, or (6) by the exact solver")
-    parser.add_argument("--direction", choices=("cold", "up", "down"),
-                        help="how sweeps start every value: from the initial state, or from the neighbour below or "
-                             "above")
-    parser.add_argument("--branches", action="store_true",
-                        help="draw the branches of periodic motions, stable or not, and say what each jump is; with "
-                             "all, where a figure has points on branches")
-    parser.add_argument("--jobs", metavar="N", type=int, help="threads (default: all cores)")
-    parser.add_argument("--force", action="store_true", help="replace figures that are there")
+    output.add_argument("--force", action="store_true", help="replace existing figures")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Work out, draw and write every figure asked for."""
+    """Compute, draw and write the figures."""
     from tcc_sim.output.files import replaceable
     from tcc_sim.paper.catalogue import FIGURES, FigureOptions, check_options
     from tcc_sim.paper.drawings import draw
@@ -54,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
     files = [stem.with_suffix(suffix) for stem in stems.values() for suffix in (".png", ".svg", ".json")]
     there = [path for path in files if replaceable(path)]
     if there and not arguments.force:
-        raise RecordingError(f"{there[0]} is there already; choose another --out, or --force to replace it")
+        raise RecordingError(f"{there[0]} exists already; choose another --out, or give --force to replace it")
     if arguments.jobs is not None and arguments.jobs < 1:
         raise InputError(f"jobs is {arguments.jobs}; it must be 1 or more")
     options = FigureOptions(arguments.quick, arguments.direction, arguments.law, arguments.jobs, progress=True,
@@ -67,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
         (number, stem), = stems.items()
         _write(number, stem, options, draw, arguments.words)
         return 0
-    # A picture takes as long as its numbers and holds the interpreter lock: it is drawn in another process meanwhile.
+    # Drawing takes as long as computing and holds the interpreter lock, so another process draws.
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), signal.signal,
                              (signal.SIGINT, signal.SIG_IGN)) as painter:
         drawn = [_write(number, stem, options, lambda data, where: painter.submit(draw, data, where), arguments.words)
@@ -79,7 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _write(number: int, stem: Path, options: FigureOptions, draw: Callable[[Figure, Path], Any],
            words: list[str]) -> Any:
-    """Work out one figure, write its numbers and have it drawn."""
+    """Compute one figure, write its numbers, and draw it with `draw`."""
     from tcc_sim.output.files import write_json
     from tcc_sim.output.provenance import document
     from tcc_sim.paper.catalogue import SWEPT, plain

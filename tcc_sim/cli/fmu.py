@@ -1,4 +1,4 @@
-"""`tcc-sim fmu`: the real-time tick of a scene in C, as a co-simulation FMU."""
+"""`tcc-sim fmu`: export the real-time step of a scene in C as a co-simulation FMU."""
 
 from __future__ import annotations
 
@@ -11,16 +11,19 @@ from tcc_sim.output.terminal import say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The scene, the version of FMI and where the FMU goes."""
+    """Add the scene, the version of FMI, and the file."""
     add_scene(parser)
-    parser.add_argument("--fmi", type=int, choices=(2, 3), default=2, help="version of FMI (2)")
-    parser.add_argument("--step", metavar="S", type=number(5e-5, 1.0, "s"), help="a tick (default: the scene's rate)")
-    parser.add_argument("--sources-only", action="store_true", help="leave the binary for this machine out")
-    parser.add_argument("--out", metavar="FILE.fmu", type=Path, help="file to write (default: tcc_sim_SCENE.fmu)")
+    unit = parser.add_argument_group("FMU")
+    unit.add_argument("--fmi", type=int, choices=(2, 3), default=2, help="version of FMI (default 2)")
+    unit.add_argument("--step", metavar="S", type=number(5e-5, 1.0, "s"),
+                      help="length of a tick, s (default: from the scene's rate)")
+    unit.add_argument("--sources-only", action="store_true", help="leave out the binary for this machine")
+    parser.add_argument_group("output").add_argument(
+        "--out", metavar="FILE.fmu", type=Path, help="file to write (default: tcc_sim_SCENE.fmu)")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the FMU and say what is in it."""
+    """Write the FMU and print its contents."""
     scene = scene_of(arguments)
     from tcc_sim.fmu.export import compiler, export
 
@@ -33,6 +36,6 @@ def run(arguments: argparse.Namespace) -> int:
     elif arguments.sources_only or compiler() is not None:
         held = "sources in C99; importers compile them"
     else:
-        held = "sources in C99; there is no C compiler here, so importers compile them"
+        held = "sources in C99; no C compiler was found here, so importers compile them"
     say(f"{path}: FMI {arguments.fmi}.0 for co-simulation, {held}")
     return 0

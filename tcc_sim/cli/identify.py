@@ -21,28 +21,34 @@ WORDS = {"previous": "held from each sample on (--hold previous)", "linear": "li
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What was measured, what is free, and where the results go."""
-    parser.add_argument("measured", metavar="RUN|FILE.csv", type=Path,
-                        help="a recording, or a table with the columns t, slip_speed, plate_speed, plate_angle, "
-                        "engine_torque, actuation_pressure, as far as they were measured (SI)")
-    parser.add_argument("--free", metavar="KEY[=START]", action="append", required=True,
-                        help="a key to identify; engine_torque.offset and actuation_pressure.offset are what the "
-                        "sensors show too much; friction.curve[=N] is the friction coefficient over slip speed as a "
-                        "constant and N exponentials (default 2)")
-    parser.add_argument("--scene", metavar="SCENE",
-                        help="name of a bundled scene, or a file: what is not free (default: the recording's own)")
-    parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of the scene")
-    parser.add_argument("--noise", metavar="CHANNEL=S,...",
-                        help="standard deviations, such as slip_speed=0.1,plate_speed=0.1 (default: estimated)")
-    parser.add_argument("--hold", choices=list(WORDS),
-                        help="what a measured input is between two samples: the value of the previous one, linear, or "
-                        "the value of the next one (default: what fits best)")
-    parser.add_argument("--likelihood", metavar="KEY", help="work out the profile likelihood of a free key too")
-    add_outputs(parser, "everything that was found", "the scene with the values found", "SCENE.yaml")
+    """Add the measurement, the scene, the free keys, further figures and outputs."""
+    measurement = parser.add_argument_group("measurement")
+    measurement.add_argument("measured", metavar="RUN|FILE.csv", type=Path,
+                             help="a recording, or a table with those of the columns t, slip_speed, plate_speed, "
+                             "plate_angle, engine_torque, actuation_pressure that were measured (SI units)")
+    measurement.add_argument("--noise", metavar="CHANNEL=S,...",
+                             help="standard deviations, such as slip_speed=0.1,plate_speed=0.1 (default: estimated)")
+    measurement.add_argument("--hold", choices=list(WORDS),
+                             help="measured input between two samples: value of the previous one, linear, or value of "
+                             "the next one (default: the one that fits best)")
+    scene = parser.add_argument_group("scene")
+    scene.add_argument("--scene", metavar="SCENE",
+                       help="name of a bundled scene, or a file, with the keys that are not free (default: the "
+                       "recording's scene)")
+    scene.add_argument("--set", metavar="KEY=VALUE", action="append", default=[],
+                       help="change a key of the scene; may be repeated")
+    free = parser.add_argument_group("parameters")
+    free.add_argument("--free", metavar="KEY[=START]", action="append", required=True,
+                      help="key to estimate, may be repeated; engine_torque.offset and actuation_pressure.offset are "
+                      "offsets of the sensors; friction.curve[=N] is the friction coefficient over slip speed as a "
+                      "constant and N exponentials (default 2)")
+    parser.add_argument_group("further figures").add_argument(
+        "--likelihood", metavar="KEY", help="add the profile likelihood of a free key")
+    add_outputs(parser, "estimates, residuals and verdicts", "the scene with the estimated values", "SCENE.yaml")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Check everything, fit, write what was asked for, and print the verdicts."""
+    """Check the input, fit, write the files, and print the verdicts."""
     from tcc_sim.estimation.identify import given, identify
     from tcc_sim.output.files import draft
     from tcc_sim.scene import load_scene, parse_assignments
@@ -66,7 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
     plot_result(arguments, found, scene.name)
     present(arguments, scene, found, _lines(found))
     if not found.accepted:
-        print(f"tcc-sim: no fit: {found.why}", file=sys.stderr)
+        print(f"tcc-sim: no acceptable fit: {found.why}", file=sys.stderr)
         return 1
     if arguments.out is not None:
         with draft(arguments.out) as part:
@@ -75,9 +81,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _lines(found: Identification) -> Iterator[str]:
-    """The verdicts."""
-    yield (f"{counted(len(found.measurement.t), 'sample')} of {', '.join(found.noise)}; chi-square a degree of freedom "
-           f"{found.chi2_per_dof:.4g}, {counted(found.starts, 'start')}, {found.seconds:.3g} s")
+    """Yield the quality of the fit, and a line for each parameter."""
+    yield (f"{counted(len(found.measurement.t), 'sample')} of {', '.join(found.noise)}; chi-square per degree of "
+           f"freedom {found.chi2_per_dof:.4g}, {counted(found.starts, 'start')}, {found.seconds:.3g} s")
     if found.hold is not None:
         yield f"measured inputs fit best as {WORDS[found.hold]}"
     for p in found.parameters:
@@ -87,24 +93,24 @@ def _lines(found: Identification) -> Iterator[str]:
 
 
 def _curve_lines(curve: IdentifiedCurve) -> Iterator[str]:
-    """The friction curve in some rows."""
+    """Yield the formula of the friction curve and every tenth of its points."""
     terms = "".join(f" {c:+.6g} exp(-{a:.4g} |v|)" for c, a in zip(curve.amplitudes, curve.rates))
     yield f"sliding friction: mu(v) = {curve.constant:.6g}{terms}"
     yield "      slip speed  coefficient, 95 % band"
     for k in range(0, len(curve.slip_speeds), 10):
-        told = (f"{curve.coefficient[k]:.5f}, {curve.low[k]:.5f} to {curve.high[k]:.5f}" if curve.visited[k] else
+        shown = (f"{curve.coefficient[k]:.5f}, {curve.low[k]:.5f} to {curve.high[k]:.5f}" if curve.visited[k] else
                 "not visited")
-        yield f"{curve.slip_speeds[k]:10.4g} rad/s  {told}; the scene has {curve.scene[k]:.5f}"
+        yield f"{curve.slip_speeds[k]:10.4g} rad/s  {shown}; the scene has {curve.scene[k]:.5f}"
     v = curve.slip_speeds[curve.visited]
     yield f"not visited: slip speeds below {v[0]:.4g} and above {v[-1]:.4g} rad/s"
 
 
 def _assigned(option: str, word: str) -> tuple[str, float | None]:
-    """KEY and number of KEY=NUMBER; None without one."""
+    """Return the key and the number of KEY=NUMBER; None for a key alone."""
     key, equals, text = word.partition("=")
     if not equals:
         return key, None
     try:
         return key, float(text)
     except ValueError:
-        raise InputError(f"{option} is {word!r}; {text!r} is no number") from None
+        raise InputError(f"{option} is {word!r}; {text!r} is not a number") from None

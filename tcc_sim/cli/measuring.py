@@ -1,4 +1,4 @@
-"""`tcc-sim precision`, `stability`, `realtime` and `soak`: what is measured, as a report or as figures."""
+"""`tcc-sim precision`, `stability`, `realtime` and `soak`: measurements of the program, as reports or figures."""
 
 from __future__ import annotations
 
@@ -18,37 +18,39 @@ if TYPE_CHECKING:
 
 REPORTS = {"precision": "shorter ladders, about 40 s of computing on one core",
            "stability": "fewer scenes and coarser charts, about half a minute"}
-"""Verbs that write a report, with what --quick does."""
+"""Verbs that write a report, with the help of --quick."""
 DURATIONS = {"realtime": (0.5, 60.0), "soak": (2.0, 600.0)}
-"""Verbs that run nodes for a while and tell how well they did, with the shortest and the default duration, s."""
+"""Verbs that measure running nodes, with the shortest and the default duration, s."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Where the report goes and how much it does, or rate, duration and where the figures go."""
+    """Add extent and directory of a report, or rate, duration, settings and file of a run of nodes."""
     verb = parser.prog.rpartition(" ")[2]
+    extent, output = parser.add_argument_group("extent"), parser.add_argument_group("output")
     if verb in REPORTS:
-        parser.add_argument("--out", type=Path, default=Path(verb), metavar="DIR",
+        extent.add_argument("--quick", action="store_true", help=REPORTS[verb])
+        output.add_argument("--out", type=Path, default=Path(verb), metavar="DIR",
                             help=f"new directory for {verb}.png, .svg, .json and .md (default {verb})")
-        parser.add_argument("--quick", action="store_true", help=REPORTS[verb])
         return
     shortest, default = DURATIONS[verb]
-    parser.add_argument("--rate", type=number(1.0, 20000.0, "Hz"), default=1000.0, metavar="HZ",
-                        help="ticks a second, and commands where there are any (1000)")
-    parser.add_argument("--duration", type=number(shortest, 1e6, "s"), default=default, metavar="S",
-                        help=f"of what is measured, seconds ({default:g})")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here")
+    extent.add_argument("--rate", type=number(1.0, 20000.0, "Hz"), default=1000.0, metavar="HZ",
+                        help=f"rate of the ticks{' and commands' if verb == 'soak' else ''}, Hz (default 1000)")
+    extent.add_argument("--duration", type=number(shortest, 1e6, "s"), default=default, metavar="S",
+                        help=f"duration of the measurement, s (default {default:g})")
+    output.add_argument("--json", type=Path, metavar="FILE", help="write all numbers as JSON")
     if verb == "realtime":
-        parser.add_argument("--recorder", action="store_true",
-                            help="publish to a recorder in a process of its own, which competes for the cores")
-        parser.add_argument("--thread-priority", type=number(0, 99, kind=int), default=0, metavar="N",
-                            help="SCHED_FIFO priority of both loops (0: as it is)")
-        parser.add_argument("--cpu-affinity", type=number(0, 1023, kind=int), nargs="+", default=[], metavar="CORE",
-                            help="cores that both loops may run on (all)")
-        parser.add_argument("--lock-memory", action="store_true", help="lock the memory of both loops")
+        loops = parser.add_argument_group("both loops")
+        loops.add_argument("--recorder", action="store_true",
+                           help="run a recorder in another process, which competes for the cores")
+        loops.add_argument("--thread-priority", type=number(0, 99, kind=int), default=0, metavar="N",
+                           help="SCHED_FIFO priority; 0, the default, changes nothing")
+        loops.add_argument("--cpu-affinity", type=number(0, 1023, kind=int), nargs="+", default=[], metavar="CORE",
+                           help="cores to run on (default: all)")
+        loops.add_argument("--lock-memory", action="store_true", help="lock memory")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Check where it goes, measure, print what came out, and write it."""
+    """Check the outputs, measure, print the results, and write them."""
     if arguments.verb in REPORTS:
         folder = new_directory(arguments.out)
         require("matplotlib", "a picture")
@@ -68,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _precision(arguments: argparse.Namespace, folder: Path) -> int:
-    """Error against run time of every solver; an interrupted study writes the scenes that are complete."""
+    """Measure error against run time of every solver; an interrupted study writes its complete scenes."""
     from tcc_sim.benchmarks import work_precision as precision
     from tcc_sim.benchmarks.peers import python_loop
     from tcc_sim.benchmarks.precision_report import PrecisionReport, precision_page, scene_lines, took_part
@@ -96,7 +98,7 @@ def _precision(arguments: argparse.Namespace, folder: Path) -> int:
 
 
 def _stability(arguments: argparse.Namespace, folder: Path) -> int:
-    """Stiff and extreme cases; an interrupted report holds what is done."""
+    """Try stiff and extreme scenes; an interrupted report contains the finished ones."""
     from tcc_sim.benchmarks.report_drawings import draw_stability
     from tcc_sim.benchmarks.stability import StabilityReport, engine_summaries, error_charts, grid, stability_page
     from tcc_sim.benchmarks.worst_cases import reasons
@@ -125,7 +127,7 @@ def _stability(arguments: argparse.Namespace, folder: Path) -> int:
 
 
 def _realtime(arguments: argparse.Namespace) -> PacingFigures:
-    """The driveline node's pacing beside a bare absolute-deadline loop."""
+    """Measure the pacing of the driveline node and of a bare absolute-deadline loop."""
     from tcc_sim.benchmarks.pacing_benchmark import Settings, measure
 
     settings = Settings(arguments.thread_priority, tuple(arguments.cpu_affinity), arguments.lock_memory)
@@ -152,7 +154,7 @@ def _realtime(arguments: argparse.Namespace) -> PacingFigures:
 
 
 def _soak(arguments: argparse.Namespace) -> SoakFigures:
-    """Driveline, recorder and commands for a long time; the recording is made in a temporary folder."""
+    """Run driveline, recorder and commands for a long time; the recording goes to a temporary folder."""
     from tcc_sim.benchmarks.endurance import soak
 
     with tempfile.TemporaryDirectory(prefix="tcc_sim_") as folder, seconds_bar("soak", arguments.duration) as done:
@@ -160,11 +162,10 @@ def _soak(arguments: argparse.Namespace) -> SoakFigures:
     recorded = found.recorded
     say(f"{recorded.simulated_s:.1f} s simulated in real time at {found.rate:g} Hz, drift "
         f"{recorded.drift_s * 1e3:.1f} ms")
-    judged = "as many as" if recorded.count_is_honest else "which is not what"
-    say(f"{counted(sum(recorded.messages.values()), 'message')}; {recorded.lost_messages} of joint_states missing by "
-        f"the stamps, {judged} the recorder counted")
+    say(f"{counted(sum(recorded.messages.values()), 'message')}; by the stamps {recorded.lost_messages} of "
+        f"joint_states are missing; recorder's own count: {'agrees' if recorded.count_is_honest else 'differs'}")
     for name, node in (("driveline", found.driveline), ("recorder", found.recorder)):
-        say(f"{name}: {node.memory_last_bytes / 1e6:.1f} MB, grown by {node.memory_growth_bytes / 1e6:.2f} MB "
+        say(f"{name}: {node.memory_last_bytes / 1e6:.1f} MB, {node.memory_growth_bytes / 1e6:.2f} MB more than "
             f"after the warm-up, {node.cpu_fraction * 100.0:.1f} % of a core")
     for warning in recorded.warnings:
         say(f"warning: {warning}")

@@ -1,4 +1,4 @@
-"""`tcc-sim recover`: a complete, indexed bag beside a recording that was cut short or damaged."""
+"""`tcc-sim recover`: make a complete, indexed bag from a recording that was cut short or damaged."""
 
 from __future__ import annotations
 
@@ -9,18 +9,19 @@ from tcc_sim.errors import counted, one_line, printable
 from tcc_sim.output.terminal import say
 
 TOPICS_SHOWN = 100
-"""Most topics that are listed."""
+"""Largest number of topics listed."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The recording and where the new one goes."""
-    parser.add_argument("recording", metavar="RUN", type=Path, help="bag directory or .mcap file; it stays as it is")
-    parser.add_argument("--out", metavar="DIR", type=Path,
-                        help="directory to create (default: RUN_recovered beside it)")
+    """Add the recording and the new directory."""
+    parser.add_argument_group("recording").add_argument(
+        "recording", metavar="RUN", type=Path, help="bag directory or .mcap file, which stays unchanged")
+    parser.add_argument_group("output").add_argument(
+        "--out", metavar="DIR", type=Path, help="directory to create (default: RUN_recovered beside it)")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Recover and say what is missing."""
+    """Recover the recording and print the missing parts."""
     from tcc_sim.recording.reader import open_run
     from tcc_sim.recording.recovery import default_directory, recover
 

@@ -1,4 +1,4 @@
-"""`tcc-sim scenes`: the bundled scenes, one line each, or one of them as a file to start from."""
+"""`tcc-sim scenes`: list the bundled scenes, or print one as a parameter file."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from tcc_sim.scene import bundled_scenes, load_scene, parse_assignments
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which scene to show, if any."""
-    parser.add_argument("--show", metavar="NAME",
-                        help="print this scene (or a file) as a parameter file with every key")
-    parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of that scene")
+    """Add the scene to print."""
+    scene = parser.add_argument_group("scene")
+    scene.add_argument("--show", metavar="NAME", help="print this scene (or a file) as a parameter file with every key")
+    scene.add_argument("--set", metavar="KEY=VALUE", action="append", default=[],
+                       help="change a key of that scene; may be repeated")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -24,7 +25,7 @@ def run(arguments: argparse.Namespace) -> int:
         sys.stdout.write(load_scene(arguments.show).with_values(parse_assignments(arguments.set)).text())
         return 0
     if arguments.set:
-        raise InputError("--set changes the scene that --show prints; name one")
+        raise InputError("--set changes the scene that --show prints; give --show NAME too")
     scenes = bundled_scenes()
     width = max(map(len, scenes), default=0)
     for name, path in scenes.items():

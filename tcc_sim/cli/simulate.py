@@ -1,4 +1,4 @@
-"""`tcc-sim simulate`: solve a scene offline, give the figures of its steady state and, on request, its samples."""
+"""`tcc-sim simulate`: solve a scene offline and summarise its steady state."""
 
 from __future__ import annotations
 
@@ -14,41 +14,42 @@ from tcc_sim.errors import InputError, counted
 Result = TypeVar("Result")
 SAMPLES, LARGEST_OUTPUT = 200, 50_000_000
 HOLDS = ("previous", "linear", "next")
-"""As `recording.table` has them, which is not loaded for this."""
+"""Copy of the ways to hold in `recording.table`, which need not be imported for it."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What is solved, for how long, how, and where the results go."""
+    """Add scene, inputs, length, solver, further figures and outputs."""
     common.add_scene(parser)
-    parser.add_argument("--profile", metavar="KEY=T:V,T:V", action="append", default=[],
-                        help="engine.frequency, engine.mean_torque, engine.torque_amplitude, "
-                        "engine.harmonic_amplitudes[n] or pressure.mean linear between points in time, s")
-    span = parser.add_mutually_exclusive_group()
+    inputs = parser.add_argument_group("inputs")
+    inputs.add_argument("--profile", metavar="KEY=T:V,T:V", action="append", default=[],
+                        help="linear course between points in time (s) of engine.frequency, engine.mean_torque, "
+                        "engine.torque_amplitude, engine.harmonic_amplitudes[n] or pressure.mean; may be repeated")
+    inputs.add_argument("--inputs", metavar="RUN|FILE.csv", type=Path,
+                        help="torque and pressure from a recording, or from the columns t, engine_torque and "
+                        "actuation_pressure of a table; --plot draws simulation and recording together")
+    inputs.add_argument("--hold", choices=HOLDS, help="input of a table between two rows: value of the previous row, "
+                        "linear, or value of the next row (default: as the table says, else previous)")
+    length = parser.add_argument_group("length")
+    span = length.add_mutually_exclusive_group()
     span.add_argument("--cycles", metavar="N", type=int, help="engine cycles solved (default 150)")
     span.add_argument("--duration", metavar="S", type=float,
-                      help="seconds solved instead (a scene with profiles: up to their last point)")
-    parser.add_argument("--discard", metavar="N|auto",
+                      help="seconds solved instead (default for a scene with profiles: up to their last point)")
+    length.add_argument("--discard", metavar="N|auto",
                         help="cycles dropped from the summary at the start (default 50, but at most half of --cycles, "
-                        "at most a third of the whole cycles in --duration, and none of a scene with profiles); auto "
-                        "drops those until the section has settled, and solves no more")
-    common.add_solver(parser)
-    common.add_outputs(parser, "the summary", "the samples: .npz, .csv or .mcap")
-    parser.add_argument("--inputs", metavar="RUN|FILE.csv", type=Path,
-                        help="torque and pressure from a recording, or from the columns t, engine_torque and "
-                        "actuation_pressure of a table; --plot draws the simulation beside what was recorded")
-    parser.add_argument("--hold", choices=HOLDS, help="how the inputs of a table go on between two rows: as the row "
-                        "before says, along a straight line, or as the row after says (default: what the table says, "
-                        "else previous)")
-    parser.add_argument("--orders", action="store_true",
-                        help="work out orders, transmissibility and judder too; --plot then draws the order map, "
-                        "and beside it that of the slip speed in the table of --inputs")
-    common.add_spectrum(parser)
-    parser.add_argument("--samples", metavar="N", type=int, default=SAMPLES,
+                        "at most a third of the whole cycles in --duration, and 0 for a scene with profiles); auto "
+                        "stops as soon as the section has settled, and drops the cycles before")
+    figures = common.add_solver(parser)
+    figures.add_argument("--orders", action="store_true",
+                         help="add orders, transmissibility and judder; --plot then draws the order map, and beside it "
+                         "the map of the slip speed measured in the table of --inputs")
+    common.add_spectrum(figures)
+    output = common.add_outputs(parser, "the summary", "the samples: .npz, .csv or .mcap")
+    output.add_argument("--samples", metavar="N", type=int, default=SAMPLES,
                         help=f"samples per engine cycle in --out (default {SAMPLES})")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Check everything, solve, write what was asked for, and print the summary."""
+    """Check the input, solve, write the files, and print the summary."""
     from tcc_sim.output.samples import SUFFIXES, write_samples
     from tcc_sim.output.tables import comparison_lines, order_lines, simulation_lines, spectrum_lines
     from tcc_sim.scene import parse_profiles
@@ -66,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
 
             scene, measured = at_measured_speed(scene, arguments.inputs, arguments.pulses)
     elif arguments.hold is not None:
-        raise InputError("--hold says how the inputs of a table hold; give the table with --inputs")
+        raise InputError("--hold is for the inputs of a table; give the table with --inputs")
     plan = common.plan_of(arguments)
     cycle, duration = scene.system.cycle, plan.seconds(scene.system)
     common.check_outputs(arguments, SUFFIXES)
@@ -84,7 +85,7 @@ def run(arguments: argparse.Namespace) -> int:
 
         if arguments.hold is None and (smooth := smooth_inputs(arguments.inputs)):
             lines.append(f"note: {' and '.join(smooth)} of {arguments.inputs.name} changes smoothly from row to row "
-                         "but is held through each; --hold linear joins the rows")
+                         "but is held constant between rows; --hold linear joins the rows by straight lines")
         twin = twin_of(arguments.inputs, found.trajectory)
         if twin is not None:
             drawn = twin
@@ -121,7 +122,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _check_samples(arguments: argparse.Namespace, cycles: float) -> None:
-    """Raise InputError for a number of samples that there cannot be, or for too many of them in a file."""
+    """Raise InputError for a number of samples per cycle out of range, or for too many samples in a file."""
     if not 1 <= arguments.samples <= 1_000_000:
         raise InputError(f"--samples is {arguments.samples}; it must be 1 to 1000000 per engine cycle")
     samples = cycles * arguments.samples

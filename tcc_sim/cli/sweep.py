@@ -1,4 +1,4 @@
-"""`tcc-sim sweep`: a scene at many values of one key, on all cores or on a cluster."""
+"""`tcc-sim sweep`: solve a scene at many values of one key or two, on all cores or on a cluster."""
 
 from __future__ import annotations
 
@@ -18,35 +18,39 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What is swept, how, where, and where the results go."""
+    """Add scene, values, samples, length, solver, workers and outputs."""
     common.add_scene(parser)
-    parser.add_argument("--over", metavar="KEY=START:STOP:COUNT[:log]|KEY=V,V,...", action="append", default=[],
+    values = parser.add_argument_group("values")
+    values.add_argument("--over", metavar="KEY=START:STOP:COUNT[:log]|KEY=V,V,...", action="append", default=[],
                         help="scene key and its values; given twice, a grid of two keys")
-    parser.add_argument("--scatter", metavar="KEY=LOW:HIGH", action="append", default=[],
-                        help="scene key and the bounds of its tolerance; samples give quantiles of every result")
-    parser.add_argument("--samples", metavar="N", type=int, help="of the scattered keys; a power of 2 is best")
-    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the samples (default 0)")
-    parser.add_argument("--every-sample", action="store_true",
-                        help="take quantiles over every sample, also over those that ran away or have not settled")
-    span = parser.add_mutually_exclusive_group()
+    values.add_argument("--direction", choices=("cold", "up", "down"), default="cold",
+                        help="start of each value of the first key: cold from the scene's initial state (default), up "
+                        "or down from the last state of the neighbour below or above, with the phases of torque and "
+                        "load")
+    samples = parser.add_argument_group("tolerances")
+    samples.add_argument("--scatter", metavar="KEY=LOW:HIGH", action="append", default=[],
+                         help="scene key and the bounds of its tolerance, may be repeated; samples give "
+                         "quantiles of every result")
+    samples.add_argument("--samples", metavar="N", type=int, help="number of samples; best a power of 2")
+    samples.add_argument("--seed", metavar="N", type=int, default=0, help="seed of the samples (default 0)")
+    samples.add_argument("--every-sample", action="store_true",
+                         help="include samples that ran away or have not settled in the quantiles")
+    length = parser.add_argument_group("length")
+    span = length.add_mutually_exclusive_group()
     span.add_argument("--cycles", metavar="N", type=int, help="engine cycles solved per value (default 150)")
     span.add_argument("--duration", metavar="S", type=float,
-                      help="seconds solved instead (a scene with profiles: up to their last point)")
-    parser.add_argument("--discard", metavar="N|auto", default=None,
-                        help="cycles dropped (default 50); auto drops those until the section has settled, and solves "
-                             "no more")
-    parser.add_argument("--direction", choices=("cold", "up", "down"), default="cold",
-                        help="start every value from the scene's initial state, or go on from the neighbour's last "
-                             "state along "
-                        "the first key, with the phases of torque and load")
+                      help="seconds solved instead (default for a scene with profiles: up to their last point)")
+    length.add_argument("--discard", metavar="N|auto", default=None,
+                        help="cycles dropped (default 50); auto stops as soon as the section has settled, and drops "
+                        "the cycles before")
     common.add_solver(parser)
     common.add_workers(parser)
-    common.add_outputs(parser, "results in value order", "take every point as it is done; run the same command again "
-                       "to go on from there", force="replace the --json file if it exists")
+    common.add_outputs(parser, "results in value order", "each point as soon as it is solved; the same command resumes "
+                       "from this file", force="replace an existing --json file or picture")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Sweep, write what was asked for, and print a table where no file was."""
+    """Sweep, write the files, and print a table unless a file holds the points."""
     from tcc_sim.output.provenance import said
     from tcc_sim.output.tables import quantile_lines, sweep_lines, unsettled_lines
     from tcc_sim.sweeps.scatter import Scattered
@@ -75,19 +79,19 @@ def run(arguments: argparse.Namespace) -> int:
         second = (found.second_key, found.second_values) if isinstance(found, Grid) else ("", ())
         lines = sweep_lines(sweeps, *second, terminal_width())
     if resumable and arguments.json != STANDARD_OUTPUT:
-        arguments.json = None  # What the same command would not overwrite is left to it.
+        arguments.json = None  # Else the resumed command would refuse to overwrite this file.
     common.present(arguments, scene, found, lines)
     if not resumable:
         common.plot_result(arguments, found, scene.name)
     if ended:
-        kept = f"; the same command goes on from {arguments.out}" if resumable else ""
-        print(f"tcc-sim: {ended}{kept}", file=sys.stderr)
+        resume = f"; the same command resumes from {arguments.out}" if resumable else ""
+        print(f"tcc-sim: {ended}{resume}", file=sys.stderr)
         return 130 if ended == "interrupted" else 1
     return 0
 
 
 def _work(arguments: argparse.Namespace, system: System) -> tuple[list[Curve], Callable[[list[Sweep]], Any]]:
-    """What is to be solved, and what makes a result of it."""
+    """Return the curves to solve, and the function that makes a result of the solved ones."""
     from tcc_sim.sweeps.scatter import Scattered, Tolerances, scattered_curves
     from tcc_sim.sweeps.sweep import Curve, Grid, curves_of
 
@@ -96,18 +100,19 @@ def _work(arguments: argparse.Namespace, system: System) -> tuple[list[Curve], C
     common.refuse_swept(arguments.set, [key for key, _ in over] + [key for key, _, _ in bounds])
     if bounds:
         if len(over) > 1:
-            raise InputError("--over is given twice beside --scatter; samples are swept over one key at most")
+            raise InputError("--over is given twice; with --scatter it can be given once")
         if arguments.samples is None:
             raise InputError("--scatter needs --samples N, the number of samples")
-        told, (key, values) = Tolerances(bounds, arguments.samples, arguments.seed), (*over, ("", []))[0]
+        tolerances, (key, values) = Tolerances(bounds, arguments.samples, arguments.seed), (*over, ("", []))[0]
         every = arguments.every_sample
-        return scattered_curves(system, told, key, values), lambda sweeps: Scattered(told, key, sweeps, every)
+        return (scattered_curves(system, tolerances, key, values),
+                lambda sweeps: Scattered(tolerances, key, sweeps, every))
     if arguments.every_sample:
-        raise InputError("--every-sample needs --scatter KEY=LOW:HIGH, whose quantiles it is about")
+        raise InputError("--every-sample needs --scatter KEY=LOW:HIGH")
     if arguments.samples is not None:
-        raise InputError("--samples needs --scatter KEY=LOW:HIGH, the tolerance that is sampled")
+        raise InputError("--samples needs --scatter KEY=LOW:HIGH")
     if not 1 <= len(over) <= 2:
-        raise InputError(f"--over is given {len(over)} times; a sweep has one key, a grid two")
+        raise InputError(f"--over is given {len(over)} times; give it once for a sweep, twice for a grid")
     (key, values), *second = over
     if second:
         key_two, values_two = second[0]

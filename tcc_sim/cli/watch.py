@@ -1,4 +1,4 @@
-"""`tcc-sim watch`: running nodes, live in Rerun."""
+"""`tcc-sim watch`: show running nodes live in Rerun."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ import sys
 from contextlib import ExitStack
 from pathlib import Path
 
-from tcc_sim.cli.arguments import new_file
+from tcc_sim.cli.arguments import add_namespace, new_file
 from tcc_sim.output.terminal import say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Where the stream goes, and the namespace of the nodes."""
-    where = parser.add_mutually_exclusive_group()
-    where.add_argument("--rrd", type=Path, metavar="FILE", help="write a Rerun file; at 1 kHz it grows by about 5 MB "
-                       "a minute, and memory by half a MB")
+    """Add the viewer or file, and the namespace of the nodes."""
+    where = parser.add_argument_group("viewer or file").add_mutually_exclusive_group()
+    where.add_argument("--rrd", type=Path, metavar="FILE", help="write a Rerun file; at 1 kHz the file grows by about "
+                       "5 MB a minute, memory by half a MB")
     where.add_argument("--spawn", action="store_true", help="start a viewer (the default)")
     where.add_argument("--connect", metavar="URL", help="send to a running viewer, rerun+http://HOST:PORT/proxy")
     where.add_argument("--web", action="store_true",
                        help="serve a viewer for a browser on this machine, and print its address")
-    parser.add_argument("--namespace", metavar="NS", default="", help="of the driveline node")
+    add_namespace(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Watch until Ctrl-C or SIGTERM, and say what was shown and what was missed."""
+    """Watch until Ctrl-C or SIGTERM, and print the number of states shown and missed."""
     from tcc_sim.nodes.children import require_ros
 
     require_ros()

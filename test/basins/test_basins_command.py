@@ -78,7 +78,7 @@ def test_basins_interrupted_while_they_are_drawn_go_on_by_the_same_command(tmp_p
     with monkeypatch.context() as patch:
         patch.setattr(basin_map, "draw_basins", interrupted)
         assert main(words) == 130
-    assert capsys.readouterr().err.endswith(f"tcc-sim: interrupted; the same command goes on from {files[0]}.part\n")
+    assert capsys.readouterr().err.endswith(f"tcc-sim: interrupted; the same command resumes from {files[0]}.part\n")
     assert [path.name for path in tmp_path.iterdir()] == ["b.npz.part"]
     assert main(words) == 0
     assert sorted(tmp_path.iterdir()) == sorted(files)

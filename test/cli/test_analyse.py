@@ -126,7 +126,7 @@ def test_of_a_manoeuvre_the_whole_is_drawn(monkeypatch, recording, tmp_path, pro
     (["--frequency", "0"], "frequency is 0 rad/s"), (["--scene", "nowhere"], "there is no scene"),
     (["--from", "nan"], "the window's start is nan s"), (["--to=-inf"], "the window's end is -inf s"),
     (["--rrd", "no/run.rrd"], "no directory"), (["--json", "."], "is a directory"),
-    (["--rrd", "x", "--json", "x"], "is asked for twice"),
+    (["--rrd", "x", "--json", "x"], "two options name the file x"),
     (["--spawn", "--rrd", "x"], "not allowed with"), (["--connect", "http://x"], "is not the URL"),
 ])
 def test_wrong_input_ends_with_status_2_and_writes_nothing(capsys, monkeypatch, recording, arguments, words):

@@ -142,7 +142,7 @@ def test_the_table_names_units(capsys):
     (["fig02", "--duration", "1e-12"], "it must be 4.19e-10 to 1e6 s"),
     (["runup", "--duration", "1e-12"], "duration is 1e-12 s"),
     (["fig02", "--out", "run.npz", "--cycles", "1000000"], "at most"),
-    (["fig02", "--out", "run.csv", "--json", "run.csv"], "is asked for twice"),
+    (["fig02", "--out", "run.csv", "--json", "run.csv"], "two options name the file run.csv"),
 ])
 def test_wrong_input_ends_with_status_2_and_writes_nothing(capsys, monkeypatch, tmp_path, arguments, words):
     monkeypatch.chdir(tmp_path)

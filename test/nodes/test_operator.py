@@ -171,7 +171,7 @@ def test_a_command_that_is_sent_again_and_again_says_so_until_it_is_interrupted(
     assert process.stdout is not None
     assert process.stdout.readline() == "engine_torque 310 N m is sent 20 times a second; Ctrl-C ends it\n"
     process.send_signal(signal.SIGINT)
-    assert (process.communicate(timeout=60)[0], process.returncode) == ("no more is sent\n", 0)
+    assert (process.communicate(timeout=60)[0], process.returncode) == ("interrupted; no more commands are sent\n", 0)
 
 
 STATIC = 1

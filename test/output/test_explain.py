@@ -92,14 +92,14 @@ def test_a_saving_is_given_where_it_can_be_measured(noise: float, tmp_path: Path
     out = capsys.readouterr().out
     step = valid("explain", json.loads(file.read_text()))["step"]
     assert step["terms_s"] == {"engine torque sine": None}
-    assert "engine torque sine costs: below what can be measured" in out
+    assert "engine torque sine takes less than the noise" in out
     assert list(step["saved_s"]) == ["engine torque harmonics", "pressure sine", "Stribeck exponential"]
     assert step["ratio"] == pytest.approx(step["general_s"] / step["own_s"])
     if noise:
         assert step["saved_s"]["Stribeck exponential"] is None
     else:
         assert step["saved_s"]["Stribeck exponential"] == pytest.approx(2e-6)
-        assert "Stribeck exponential left out, saves: 2.00 us, 200 %" in out
+        assert "Stribeck exponential is left out and saves 2.00 us, 200 %" in out
 
 
 def test_the_command_prints_and_writes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -131,7 +131,7 @@ def test_a_scheduler_without_workers_is_said_and_one_that_dies_ends_the_sweep(  
         on_point(lambda count: processes[0].kill())
         assert main([*command, "--dask", address]) == 1
         said = capsys.readouterr().err
-        assert "goes on from" in said
+        assert "resumes from" in said
         assert len(out.read_text().splitlines()) > 1
     finally:
         for process in processes:

@@ -77,8 +77,8 @@ def test_the_picture_shows_samples_or_bands(over: list[str], tmp_path) -> None: 
     (["--scatter", f"{AMPLITUDE}=1", "--samples", "4"], "KEY=LOW:HIGH"),
     (["--scatter", f"{AMPLITUDE}=1:2", "--samples", "1"], "samples is 1"),
     (["--scatter", f"{AMPLITUDE}=1:2", "--samples", "4", "--over", f"{AMPLITUDE}=1:2:3"], "swept and scattered"),
-    (["--scatter", f"{AMPLITUDE}=1:2", "--samples", "4", "--set", f"{AMPLITUDE}=3"], "goes through"),
-    (["--over", f"{AMPLITUDE}=1:2:3", "--set", f"{AMPLITUDE}=3"], "goes through"),
+    (["--scatter", f"{AMPLITUDE}=1:2", "--samples", "4", "--set", f"{AMPLITUDE}=3"], "itself varies"),
+    (["--over", f"{AMPLITUDE}=1:2:3", "--set", f"{AMPLITUDE}=3"], "itself varies"),
     (["--over", f"{AMPLITUDE}=-1:2:3:log"], "logarithm"), (["--over", f"{AMPLITUDE}=1:2:3:lin"], "must be KEY="),
     (["--over", f"{AMPLITUDE}=1,,2"], "must be KEY=")])
 def test_wrong_input_is_one_line(words: list[str], said: str, capsys) -> None:  # type: ignore[no-untyped-def]

@@ -165,7 +165,7 @@ def test_the_command_that_was_interrupted_goes_on_by_itself(  # type: ignore[no-
                                                   str(tmp_path / "s.jsonl"), "--jobs", "1"]
     on_point(interrupt)
     assert main(words) == 130
-    assert capsys.readouterr().err.endswith(f"interrupted; the same command goes on from {tmp_path / 's.jsonl'}\n")
+    assert capsys.readouterr().err.endswith(f"interrupted; the same command resumes from {tmp_path / 's.jsonl'}\n")
     assert [path.name for path in tmp_path.iterdir()] == ["s.jsonl"]
     on_point(None)
     assert main(words) == 0
@@ -200,7 +200,7 @@ def test_the_command_writes_json_and_keeps_what_is_done_on_ctrl_c(  # type: igno
     on_point(interrupt)
     assert main([*words, "--json", str(tmp_path / "b.json"), "--out", str(tmp_path / "b.jsonl")]) == 130
     assert not (tmp_path / "b.json").exists()
-    assert "goes on from" in capsys.readouterr().err
+    assert "resumes from" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("words", [
