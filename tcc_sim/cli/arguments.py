@@ -257,11 +257,8 @@ def add_picture(parser: argparse.ArgumentParser, plot: str, title: str) -> None:
 
 
 def check_outputs(arguments: argparse.Namespace, suffixes: Sequence[str] = (), *more: Path | None) -> None:
-    """Check, before the computation, the files of --json, --out, --plot and `more`.
-
-    Parameters
-    ----------
-    suffixes : allowed suffixes of --out; if empty, the verb checks --out itself
+    """Check, before the computation, the files of --json, --out (with one of `suffixes`; if there are none, the verb
+    checks --out itself), --plot and `more`.
 
     Raises
     ------
@@ -309,19 +306,13 @@ def plot_result(arguments: argparse.Namespace, result: Any, title: str = "") -> 
 
 def present(arguments: argparse.Namespace, scene: Scene | System, result: Any,
             lines: Iterable[str] = ()) -> None:
-    """Write a result as JSON for --json, and print the lines unless the JSON goes to standard output.
-
-    Parameters
-    ----------
-    scene : solved or recorded scene, which the JSON contains
-    result : a result, or a function that returns one
-    """
+    """Write a result as JSON for --json, and print the lines unless the JSON goes to standard output."""
     from tcc_sim.output.provenance import warnings_of
 
     for warning in warnings_of(scene):
         print(f"tcc-sim: {warning}", file=sys.stderr)
     if arguments.json is not None:
-        write_json(arguments.json, document_of(arguments, scene, result() if callable(result) else result))
+        write_json(arguments.json, document_of(arguments, scene, result))
     if arguments.json != STANDARD_OUTPUT and (shown := "\n".join(lines)):
         say(in_words(shown))
 

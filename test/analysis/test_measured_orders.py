@@ -101,7 +101,7 @@ def test_pulses_of_a_tacho_are_counted_a_revolution(tmp_path, columns):
 @pytest.mark.parametrize(("left_out", "words", "message"), [
     (("engine_speed", "tacho", "engine_torque"), ["--orders"], "orders need one of the columns engine_speed, tacho"),
     (("slip_speed",), ["--orders"], "there is no column slip_speed"),
-    ((), [], "--orders or --spectrum can be worked out"),
+    ((), [], "a table needs --orders or --spectrum"),
     ((), ["--orders", "--verify"], "--verify: only for recordings; a table takes"),
     ((), ["--orders", "--from", "4.9999"], "4 rows or more"),
     ((), ["--orders", "--to", "0.3"], "orders need 16 periods of the excitation"),
