@@ -1,0 +1,66 @@
+"""The tutorial runs from end to end as its page has it, and prints the lines that the page shows."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PAGE = Path(__file__).resolve().parent.parent / ".github" / "guide" / "tutorial.md"
+STEP = re.compile(r"^```(python|text) ?(\S*)\n(.*?)^```|^    (\S[^\n]*)\n", re.DOTALL | re.MULTILINE)
+AT_ANY_LOAD = {"--scene controlled --duration 3": "--scene paced.yaml --duration 2"}
+"""The recording is made in lock-step, in which a busy machine loses nothing."""
+NOT_RUN = ("tcc-sim demo --scene rig.yaml",)
+"""Commands that need a quiet machine: a node against the clock."""
+NUMBER = r"[-+]?\d+(?:\.\d+)?"
+WITHIN = 0.02
+"""Relative difference that a number of the page may have from what is printed."""
+
+
+def run(words: list[str], folder: Path) -> str:
+    """Run a program of this environment in a folder, and return what it printed."""
+    paths = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    ended = subprocess.run(words, cwd=folder, env={**os.environ, "PATH": paths, "MPLBACKEND": "Agg"}, timeout=300,
+                           capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, f"{words}\n{ended.stdout}\n{ended.stderr}"
+    return ended.stdout
+
+
+def agrees(shown: str, printed: str) -> bool:
+    """Whether a line of the page is a printed line: words alike, numbers within a tolerance, anything for dots."""
+    parts = re.split(rf"({NUMBER}|\.\.\.)", " ".join(shown.split()))
+    pattern = "".join(".*" if part == "..." else f"({NUMBER})" if re.fullmatch(NUMBER, part) else re.escape(part)
+                      for part in parts)
+    found = re.fullmatch(pattern, " ".join(printed.split()))
+    numbers = [float(part) for part in parts if re.fullmatch(NUMBER, part)]
+    return found is not None and all(abs(float(other) - number) <= WITHIN * abs(number)
+                                     for number, other in zip(numbers, found.groups()))
+
+
+@pytest.mark.parametrize(("printed", "agreeing"), [("  gain  4.44", True), ("gain 4.9", False), ("loss 4.43", False)])
+def test_a_line_agrees_by_words_and_numbers(printed: str, agreeing: bool) -> None:
+    assert agrees("gain 4.43", printed) == agreeing
+
+
+def test_the_tutorial_runs_and_prints_what_it_shows(tmp_path: Path) -> None:
+    pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+    pytest.importorskip("matplotlib")
+    scene = run(["tcc-sim", "scenes", "--show", "controlled"], tmp_path)
+    (tmp_path / "paced.yaml").write_text(scene.replace("pacing: real_time", "pacing: lockstep"))
+    printed = ""
+    for kind, name, code, command in STEP.findall(PAGE.read_text()):
+        if name:
+            (tmp_path / name).write_text(code)
+        elif kind == "python":
+            printed = run([sys.executable, "-c", code], tmp_path)
+        elif kind == "text":
+            lines = printed.splitlines()
+            assert [line for line in code.splitlines() if not any(agrees(line, other) for other in lines)] == [], printed
+        elif not command.startswith(NOT_RUN):
+            for page, here in AT_ANY_LOAD.items():
+                command = command.replace(page, here)
+            printed = run(["sh", "-c", command], tmp_path)
