@@ -1,4 +1,4 @@
-"""The code of the page on Python runs as it stands."""
+"""The code of the page on solvers and Python runs as it stands."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-PAGE = Path(__file__).resolve().parent.parent / ".github" / "guide" / "python.md"
+PAGE = Path(__file__).resolve().parent.parent / ".github" / "guide" / "solvers.md"
 QUICKER = {"seeds, generations, samples = range(5), 30, 256": "seeds, generations, samples = range(1), 2, 8"}
-"""Lines of the page that take long, and what is run in their place."""
+"""Slow lines of the page, and the quicker ones that run instead."""
 BLOCKS = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
 
 
@@ -23,5 +23,5 @@ def test_the_code_runs(block: str, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     exec(compile(block, str(PAGE), "exec"), {})
 
 
-def test_what_is_run_in_the_place_of_others_is_on_the_page() -> None:
+def test_every_replaced_line_is_on_the_page() -> None:
     assert all(sum(line in block for block in BLOCKS) == 1 for line in QUICKER)

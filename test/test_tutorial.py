@@ -59,7 +59,8 @@ def test_the_tutorial_runs_and_prints_what_it_shows(tmp_path: Path) -> None:
             printed = run([sys.executable, "-c", code], tmp_path)
         elif kind == "text":
             lines = printed.splitlines()
-            assert [line for line in code.splitlines() if not any(agrees(line, other) for other in lines)] == [], printed
+            absent = [line for line in code.splitlines() if not any(agrees(line, other) for other in lines)]
+            assert absent == [], printed
         elif not command.startswith(NOT_RUN):
             for page, here in AT_ANY_LOAD.items():
                 command = command.replace(page, here)
