@@ -12,11 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tcc_sim.analysis.control import Control
 from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.errors import counted, require
 from tcc_sim.recording.commands import TARGET
 from tcc_sim.recording.reader import TooManyStates, open_run
 from tcc_sim.recording.window import Window
+from tcc_sim.replay.control import signals_of
 from tcc_sim.replay.segments import Segment, segments_of
 from tcc_sim.replay.timeline import Timeline, timeline_of, trajectory_of
 from tcc_sim.replay.timing import Timing, default_of, frequency_changes, recorded_scene, timing_of
@@ -54,6 +56,16 @@ class Command:
 
     def __repr__(self) -> str:
         return f"<Command: {counted(len(self.t), 'message')}>"
+
+
+@dataclass(frozen=True, repr=False)
+class RecordedTrajectory(Trajectory):
+    """The samples of a recorded run.
+
+    control : cycle means of the slip speed, target, commanded and applied pressure and events, as pictures show them
+    """
+
+    control: Control | None = None
 
 
 class Recording(Result):
@@ -168,7 +180,9 @@ class Recording(Result):
         timing = self._timing if self._line is not None else self._timing_of(line)
         clock = timing.clock if timing.source == "found" else timing_of(replace(self.scene, system=system), None,
                                                                         line.runs).clock
-        found = trajectory_of(states, system, clock, self.file.solver)
+        samples = trajectory_of(states, system, clock, self.file.solver)
+        control = signals_of(line, states, clock, self.file.stamps.tick).control(clock.cycle)
+        found = RecordedTrajectory(**vars(samples), control=control)
         if not clock.told:
             return found
         stream = CycleStream(system, clock)

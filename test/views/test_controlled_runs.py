@@ -7,10 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from driveline_bags import bag, ticked
 
 import tcc_sim
+from tcc_sim.cli import main
 from tcc_sim.plant.driveline import Reading
 from tcc_sim.scene import load_scene
+from tcc_sim.views import whole_runs
 
 
 def law(reading: Reading) -> float:
@@ -55,3 +58,25 @@ def test_the_picture_of_a_run_shows_pressures_and_cycle_means(tmp_path: Path, mo
     assert tcc_sim.plot(run, tmp_path / "run.png").is_file()
     assert "Actuation pressure" in titles
     assert any(title.startswith("Cycle mean") for title in titles)
+
+
+def test_the_picture_of_a_recorded_manoeuvre_shows_pressure_target_and_cycle_means(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("matplotlib")
+    drawn = []
+    for name in ("mean_slip_panel", "pressure_panel"):
+        kept = getattr(whole_runs, name)
+        monkeypatch.setattr(whole_runs, name, lambda axis, control, kept=kept: (kept(axis, control),
+                                                                               drawn.append((axis, control))))
+    scene = load_scene("controlled").with_values({"engine.mean_torque_times": [0.0, 0.3],
+                                                  "engine.mean_torque_values": [200.0, 250.0]})
+    rows = ticked(scene, 501, pressure=lambda tick: 8e4 + 1e4 * (tick // 100))
+    bag(tmp_path / "run", rows, scene, targets=[(0, 20.0), (250, 25.0)])
+    assert main(["analyse", str(tmp_path / "run"), "--plot", str(tmp_path / "run.png")]) == 0
+    (means, control), (pressures, _) = drawn
+    assert [line.get_label() for line in means.lines[:2]] == ["cycle mean", "target"]
+    assert control.target.values.tolist() == [20.0, 25.0]
+    assert control.target.t.tolist() == [0.0, 0.25]
+    assert pressures.lines[0].get_label() == "applied"
+    assert set(pressures.lines[0].get_ydata()) >= {80.0, 90.0, 100.0, 110.0, 120.0}
+    assert len(control.mean_slip) == int(0.5 // (2.0 * np.pi / 150.0))
