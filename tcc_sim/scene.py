@@ -50,7 +50,8 @@ class Operation(Options):
     publish_scalars: bool = quantity(True, "publish slip_speed, friction_torque and stick_slip_state")
     publish_shaft_torque: bool = quantity(False, "publish shaft_torque, for a vehicle that answers with output_speed")
     publish_diagnostics: bool = quantity(True, "publish /diagnostics at 1 Hz")
-    publish_clock: bool = quantity(False, "publish /clock")
+    publish_clock: bool = quantity(False, "publish /clock, unless another node does; in lock-step it is published "
+                                  "anyway where a node with use_sim_time listens")
     thread_priority: int = quantity(0, "SCHED_FIFO priority of the real-time thread, one less for the others; 0: none",
                                     "", 0, 99)
     cpu_affinity: tuple[int, ...] = quantity((), "cores that the real-time thread may run on; empty: all", "", 0, 1023)

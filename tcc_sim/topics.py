@@ -59,6 +59,8 @@ DIAGNOSTIC_STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
 DIAGNOSTIC_ARRAY = "diagnostic_msgs/msg/DiagnosticArray"
 CLOCK = "rosgraph_msgs/msg/Clock"
 
+CLOCK_TOPIC = "/clock"
+
 JOINT_NAMES = ("flywheel", "clutch_plate")
 """The two joints of joint_states, in this order."""
 OUTPUT_JOINT = "output"
@@ -111,7 +113,9 @@ TOPICS: tuple[Topic, ...] = (
           "are more", latched=True),
     Topic("/diagnostics", DIAGNOSTIC_ARRAY, "", "out", (("publish_diagnostics", True),),
           "rate reached, missed ticks, lateness, iterations, refused and timed-out commands; once a second"),
-    Topic("/clock", CLOCK, "", "out", (("publish_clock", True),), "simulation time", fields=("stamp_ns",)),
+    Topic(CLOCK_TOPIC, CLOCK, "", "out", (("publish_clock", True),),
+          "simulation time; in lock-step also where a node with use_sim_time listens; never beside another publisher",
+          fields=("stamp_ns",)),
 )
 
 INPUTS = "engine_torque", "actuation_pressure"

@@ -98,6 +98,7 @@ class DrivelineNode(Node):
             self.diagnostics.publish_when_due()
         self.loop.outputs.tell_unsent()
         self._look_for_vehicle()
+        self._look_for_clock()
         if self.loop.clock_started.is_set() and not self._announced:
             self._announced = True
             log(self, CLOCK_STARTED)
@@ -122,6 +123,12 @@ class DrivelineNode(Node):
             far_end, compiling = self._vehicle
             compiling.result()
             loop.request(lambda: loop.attach(far_end))
+
+    def _look_for_clock(self) -> None:
+        """Publish /clock where it has become due while running."""
+        loop = self.loop
+        if loop.clock_started.is_set() and loop.clock.due:
+            loop.request(lambda: loop.clock.begin(loop.plant.stamp_ns))
 
     def destroy_node(self) -> None:
         """Stop the loop, then destroy everything."""

@@ -23,14 +23,15 @@ from rclpy.node import Node
 from tcc_sim.messages import cdr
 from tcc_sim.nodes.loop_requests import Outcome, Request
 from tcc_sim.nodes.loop_topics import CommandedInput, Outputs
-from tcc_sim.nodes.pacing import Pacer, attend, prepare_thread
+from tcc_sim.nodes.pacing import Pacer, attend, prepare_thread, tick_time_of
+from tcc_sim.nodes.simulation_clock import SimulationClock, await_peer
 from tcc_sim.plant.driveline import Plant, Reading
 from tcc_sim.recording.announcements import source_text
 from tcc_sim.scene import Scene
 from tcc_sim.topics import FAR_END, topic
 
-SETTLED, MEETING = 0.3, 1.0
-"""Real time, s, without a new subscription, after which those waited for count as complete; for a vehicle to be met."""
+SETTLED = 0.3
+"""Real time, s, without a new subscription, after which those waited for count as complete."""
 LOOK = 0.02
 """Real time, s, between two looks for subscribers, and between two tries to send what a reader was too slow for."""
 LOCKSTEP_LOOK, LOCKSTEP_REST, LOCKSTEP_EAGER = 2e-5, 1e-3, 0.05
@@ -49,7 +50,7 @@ class RealTimeLoop:
     def __init__(self, node: Node, scene: Scene) -> None:
         self._node, self._context = node, node.context
         self.plant = Plant(scene)
-        self.pacer = Pacer(_period(scene))
+        self.pacer = Pacer(tick_time_of(scene.operation.rate, scene.operation.real_time_factor))
         self.paused = False
         self.stick_ticks = self.slip_ticks = 0
         self.failure: BaseException | None = None
@@ -67,6 +68,7 @@ class RealTimeLoop:
         self._inputs = tuple(self.commands)
         self.far_end: CommandedInput | None = None
         self.outputs = Outputs(node, scene)
+        self.clock = SimulationClock(node, self.outputs, scene.operation)
         self._answer_ticks = scene.operation.answer_ticks
         self._unanswered: list[CommandedInput] | None = None
         self._waits_since = 0.0
@@ -120,17 +122,20 @@ class RealTimeLoop:
             self.far_end = far_end
             self.commands.append(far_end)
             self.plant.stepper.move_far_end(0.0)
-            self.outputs.add_output_state()
+            self.outputs.add("output_state", cdr.output_state)
         return True
 
-    def attach_where_published(self) -> None:
-        """Take output_speed where somebody publishes it, once what that needs is compiled and the two have met."""
+    def meet(self) -> None:
+        """Take output_speed where somebody publishes it, once what that needs is compiled and the two have met; publish
+        /clock where it is due.
+        """
         if self.vehicle_waits:
-            far_end, since = CommandedInput(self._node, topic(FAR_END)), time.monotonic()
+            far_end = CommandedInput(self._node, topic(FAR_END))
             self.plant.warm_up_far_end()
-            while not far_end.subscription.get_publisher_count() and time.monotonic() - since < MEETING:
-                time.sleep(LOCKSTEP_REST)
+            await_peer(far_end.subscription.get_publisher_count)
             self.attach(far_end)
+        if self.clock.due:
+            self.clock.begin()
 
     @property
     def running(self) -> bool:
@@ -182,7 +187,7 @@ class RealTimeLoop:
     def begin(self) -> None:
         """The initial state, where the loop is stepped by its owner and not by its thread."""
         self.plant.warm_up()
-        self.attach_where_published()
+        self.meet()
         self.clock_started.set()
         self._publish(self.plant.reading())
 
@@ -194,10 +199,10 @@ class RealTimeLoop:
 
     def use(self, scene: Scene) -> bool:
         """Take changed parameters from the next tick on, all or none; InputError where they cannot be computed."""
-        period = self.scene.operation.real_time_factor
+        before, factor = self.scene.operation.real_time_factor, scene.operation.real_time_factor
         self.plant.use(scene)
-        if scene.operation.real_time_factor != period:
-            self.pacer.period_ns = _period(scene) * 1e9
+        if factor != before:
+            self.pacer.period_ns = tick_time_of(scene.operation.rate, factor) * 1e9
             self.pacer.anchor()
         return True
 
@@ -208,7 +213,7 @@ class RealTimeLoop:
             self.refused_wishes = prepare_thread(wishes.thread_priority, wishes.cpu_affinity, wishes.lock_memory)
             if not self._await_subscribers():
                 return
-            self.attach_where_published()
+            self.meet()
             self._publish(self.plant.reading())
             self.pacer.anchor()
             self.clock_started.set()
@@ -322,9 +327,3 @@ class RealTimeLoop:
 def _value(command: CommandedInput | None) -> float | None:
     """What a command holds, None where the scene's own input applies."""
     return None if command is None else command.value
-
-
-def _period(scene: Scene) -> float:
-    """Real time of a tick, s; 0 where it is as fast as possible."""
-    factor = scene.operation.real_time_factor
-    return 1.0 / (scene.operation.rate * factor) if factor > 0.0 else 0.0

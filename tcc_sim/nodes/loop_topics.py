@@ -32,7 +32,7 @@ from tcc_sim.plant.closed_loop import check_command
 from tcc_sim.plant.driveline import Reading
 from tcc_sim.plant.sensors import Sensors
 from tcc_sim.scene import Scene
-from tcc_sim.topics import FLUID_PRESSURE, TOPICS, Topic, topic
+from tcc_sim.topics import CLOCK_TOPIC, FLUID_PRESSURE, TOPICS, Topic, topic
 
 HISTORY = 0.25
 """Seconds of messages that a publisher keeps for a slow reader in real time."""
@@ -152,20 +152,17 @@ class Outputs:
         self._publishers: dict[str, Any] = {}
         self._states = qos
         for row in TOPICS:
-            if row.fields and row.wanted(scene.value):
-                self._say_every_tick(row, cdr.ENCODERS[row.type])
+            if row.fields and row.name != CLOCK_TOPIC and row.wanted(scene.value):
+                self.add(row.name)
         for name, profile in (("scene", LATCHED), ("input_source", CHANGES)):
             if topic(name).wanted(scene.value):
                 self._create(name, profile)
 
-    def add_output_state(self) -> None:
-        """Send output_state too from now on."""
-        self._say_every_tick(topic("output_state"), cdr.output_state)
-
-    def _say_every_tick(self, row: Topic, encode: Callable[..., bytes]) -> None:
-        """Create the publisher of a topic that every tick fills."""
+    def add(self, name: str, encode: Callable[..., bytes] | None = None) -> None:
+        """Create the publisher of a topic that every tick fills from now on."""
+        row = topic(name)
         values = itemgetter(*map(Reading._fields.index, ("stamp_ns", *row.fields)))
-        self._every_tick.append((self._create(row.name, self._states), encode, values))
+        self._every_tick.append((self._create(name, self._states), encode or cdr.ENCODERS[row.type], values))
 
     def state(self, reading: Reading) -> None:
         """Send every topic of a tick."""
@@ -202,6 +199,10 @@ class Outputs:
         """Subscriptions of joint_states, and of all that is said every tick."""
         return (int(self._publishers["joint_states"].get_subscription_count()),
                 sum(publisher.get_subscription_count() for publisher, *_ in self._every_tick))
+
+    def listeners(self, name: str) -> int:
+        """Subscriptions that messages on a topic reach."""
+        return int(self._publishers[name].get_subscription_count())
 
     def handles(self) -> list[Any]:
         """What a thread that publishes holds, so that nothing is destroyed under it."""

@@ -32,6 +32,17 @@ _PR_SET_TIMERSLACK = 29
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
 
 
+def tick_time_of(rate: float, factor: float) -> float:
+    """Return the real time of a tick, s; 0 where it is as fast as possible.
+
+    Parameters
+    ----------
+    rate : ticks per simulated second, Hz
+    factor : simulated seconds per second of real time
+    """
+    return 1.0 / (rate * factor) if factor > 0.0 else 0.0
+
+
 class Pacer:
     """Deadlines one period apart, counted from an anchor, and what was late.
 

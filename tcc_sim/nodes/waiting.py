@@ -52,6 +52,8 @@ class Waiting:
             missing = {command.name: f"no command on {self._topic(command)}, the fallback applies "
                        f"({self._fallback(command)}); {self.publishers(command)}"
                        for command in loop.commands if command.fallen_back}
+        if loop.clock_started.is_set() and (clock := loop.clock.sentence()):
+            missing["/clock"] = clock
         now = self._clock()
         self._since = {what: self._since.get(what, now) for what in missing}
         found = {what: f"{sentence}; since {now - since:.0f} s" for what, sentence in missing.items()

@@ -211,7 +211,7 @@ class Rig:
 
     def _begin(self) -> list[CommandedInput]:
         """The commands that are waited for; the initial state is said when those who take part are there."""
-        self._loop.attach_where_published()
+        self._loop.meet()
         commands = [command for command in self._loop.commands if command.subscription.get_publisher_count()]
         if self._loop.commands and not commands:
             names = " and ".join(command.name for command in self._loop.commands)

@@ -12,7 +12,8 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 from rclpy.parameter import Parameter
 
 from tcc_sim.nodes.driveline import DrivelineNode
-from tcc_sim.topics import TOPICS
+from tcc_sim.nodes.loop_topics import CommandedInput
+from tcc_sim.topics import TOPICS, topic
 
 
 def start(bench: Any, **parameters: Any) -> DrivelineNode:
@@ -29,8 +30,11 @@ def test_the_page_says_the_quality_of_service_that_is_offered(bench: Any) -> Non
             said |= {name.strip("`/ "): cells[1:] for name in cells[0].split(",")}
         elif said:
             break
-    patient = start(bench, scene="commands", publish_clock=True, pacing="lockstep")
-    node = start(bench, scene="commands", publish_clock=True)
+    patient = start(bench, scene="commands", publish_shaft_torque=True, pacing="lockstep")
+    node = start(bench, scene="commands", publish_shaft_torque=True)
+    for one in (patient, node):
+        one.loop.clock.begin()
+        one.loop.attach(CommandedInput(one, topic("output_speed")))
     kept = {p.topic_name.strip("/"): p.qos_profile.history.name for p in patient.publishers}
     node.loop.outputs.unsent["joint_states"] = 1
     node.loop.outputs.tell_unsent()

@@ -61,8 +61,10 @@ def test_an_input_on_its_fallback_names_its_topic_and_who_publishes_there(bench:
     assert "; 1 publisher on /actuation_pressure: hasty (best effort, volatile, which does not match: publish " \
            "reliably); " in judged.said()["actuation_pressure"]
     # Within one participant ROS 2 allows no other type on a topic.
-    stranger = SimpleNamespace(node_name="stranger", topic_type="std_msgs/msg/Float64", qos_profile=COMMANDS)
-    monkeypatch.setattr(judged.node, "get_publishers_info_by_topic", lambda _: [stranger])
+    stranger = SimpleNamespace(node_name="stranger", node_namespace="/", topic_type="std_msgs/msg/Float64",
+                               qos_profile=COMMANDS)
+    monkeypatch.setattr(judged.node, "get_publishers_info_by_topic",
+                        lambda topic: [stranger] if topic == "/actuation_pressure" else [])
     assert "stranger (std_msgs/msg/Float64, reliable, volatile, which is not sensor_msgs/msg/FluidPressure)" in \
         judged.said()["actuation_pressure"]
 

@@ -1,0 +1,101 @@
+"""/clock: who publishes it, who follows it, and whether the driveline does."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+
+from rclpy.node import Node
+from rclpy.qos import ReliabilityPolicy
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+
+from tcc_sim.messages import cdr
+from tcc_sim.nodes.loop_topics import Outputs
+from tcc_sim.scene import Operation
+from tcc_sim.topics import CLOCK_TOPIC
+
+MEETING, LOOK = 1.0, 1e-3
+"""Real time, s, that a peer which is known may take until messages reach it, and between two looks."""
+
+
+def await_peer(met: Callable[[], object]) -> None:
+    """Wait until `met()` is true, at most MEETING."""
+    since = time.monotonic()
+    while not met() and time.monotonic() - since < MEETING:
+        time.sleep(LOOK)
+
+
+class SimulationClock:
+    """Publishes /clock where `publish_clock` asks for it, and in lock-step where a node with use_sim_time listens; in
+    neither case beside another publisher.
+
+    Parameters
+    ----------
+    node : of the driveline
+    outputs : its topics
+    operation : its options
+
+    Attributes
+    ----------
+    published : whether the driveline publishes it
+    """
+
+    def __init__(self, node: Node, outputs: Outputs, operation: Operation) -> None:
+        self._node, self._outputs = node, outputs
+        self._asked, self._lockstep = operation.publish_clock, operation.pacing == "lockstep"
+        self._topic = node.resolve_topic_name(CLOCK_TOPIC)
+        self.published = False
+
+    @property
+    def followers(self) -> list[str]:
+        """Names of the other nodes with use_sim_time: rclpy and rclcpp subscribe with best effort for them, and who
+        only looks at the topic, as a recorder does, reliably.
+        """
+        me = self._node.get_fully_qualified_name()
+        return [name for name in _names([info for info in self._node.get_subscriptions_info_by_topic(self._topic)
+                                         if info.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT])
+                if name != me]
+
+    @property
+    def rivals(self) -> list[str]:
+        """Names of the others that publish /clock."""
+        names, me = _names(self._node.get_publishers_info_by_topic(self._topic)), self._node.get_fully_qualified_name()
+        if self.published and me in names:
+            names.remove(me)
+        return names
+
+    @property
+    def due(self) -> bool:
+        """Whether the driveline is to publish it and does not yet."""
+        return not self.published and (self._asked or (self._lockstep and bool(self.followers))) and not self.rivals
+
+    def begin(self, stamp_ns: int | None = None) -> bool:
+        """Publish it from the next state on, and the time of the last state, ns, where there was one.
+
+        Who listens is met first, but not by a driveline that keeps real time.
+        """
+        self._outputs.add(CLOCK_TOPIC)
+        self.published = True
+        if self._lockstep or stamp_ns is None:
+            known = self._node.count_subscribers(self._topic)
+            await_peer(lambda: self._outputs.listeners(CLOCK_TOPIC) >= known)
+        if stamp_ns is not None:
+            self._outputs.say(CLOCK_TOPIC, cdr.clock(stamp_ns))
+        return True
+
+    def sentence(self) -> str:
+        """Return what is wrong with the clock, empty for nothing."""
+        rivals = ", ".join(self.rivals)
+        if rivals and self.published:
+            return f"{self._topic} is published by {rivals} too, and simulation time jumps: end one of them"
+        if rivals and self._asked:
+            return f"{self._topic} is published by {rivals} already, so this node does not publish it"
+        followers = ", ".join(self.followers)
+        if followers and not rivals and not self.published and not self._lockstep:
+            return f"{followers} with use_sim_time waits for {self._topic}, which nobody publishes: set publish_clock"
+        return ""
+
+
+def _names(endpoints: Sequence[TopicEndpointInfo]) -> list[str]:
+    """The whole names of the nodes that have these endpoints."""
+    return [f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in endpoints]

@@ -1,0 +1,129 @@
+"""/clock: published where it is asked for or, in lock-step, followed; never beside another publisher."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+import rclpy
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import FluidPressure, JointState
+from test_driveline import listener, stamp_of, start
+from test_waiting import begun
+
+PERIOD_NS = 10_000_000
+
+
+class Timed(Node):
+    """A controller with a timer of 10 ms of simulation time; a command goes out once the state of its time is there."""
+
+    def __init__(self, context: Any) -> None:
+        super().__init__("timed", context=context, parameter_overrides=[Parameter("use_sim_time", value=True)])
+        self.due, self.slip, self.times = 0, {}, []
+        self.publisher = self.create_publisher(FluidPressure, "actuation_pressure", 10)
+        self.create_subscription(JointState, "joint_states", self.on_state, 100)
+        self.create_timer(0.01, self.on_timer)
+
+    def on_timer(self) -> None:
+        self.due = self.get_clock().now().nanoseconds
+        self.times.append(self.due)
+        self.command()
+
+    def on_state(self, state: JointState) -> None:
+        self.slip[stamp_of(state)] = state.velocity[0] - state.velocity[1]
+        self.command()
+
+    def command(self) -> None:
+        if (slip := self.slip.pop(self.due, None)) is not None:
+            self.publisher.publish(FluidPressure(fluid_pressure=min(max(9e4 + 800.0 * (slip - 20.0), 0.0), 4e5)))
+
+
+def lockstep_run(bench: Any, seconds: float) -> tuple[Timed, list[JointState]]:
+    """The states of a driveline whose controller has a timer of simulation time."""
+    timed = bench.add(Timed(bench.context))
+    heard = listener(bench, JointState, "joint_states")
+    node = start(bench, scene="controlled", pacing="lockstep", command_period=0.01, command_timeout=0.0,
+                 wait_for_subscribers=2, publish_scalars=False, publish_diagnostics=False)
+    node.start()
+    bench.until(lambda: len(heard) > 1000 * seconds)
+    node.loop.stop()
+    assert node.loop.clock.published
+    assert node.loop.pressure_command.timeouts == node.loop.pressure_command.refused == 0
+    for one in (timed, node):
+        bench.nodes.remove(one)
+        bench.executor.remove_node(one)
+        one.destroy_node()
+    return timed, heard[:round(1000 * seconds) + 1]
+
+
+def test_a_timer_of_simulation_time_controls_a_driveline_in_lock_step_with_the_same_bits(bench: Any) -> None:
+    runs = [lockstep_run(bench, 0.5) for _ in range(2)]
+    for timed, heard in runs:
+        assert timed.times[:49] == [k * PERIOD_NS for k in range(1, 50)]
+        assert [stamp_of(state) for state in heard] == [k * 1_000_000 for k in range(501)]
+    first, again = (np.array([[*state.position, *state.velocity, *state.effort] for state in heard])
+                    for _, heard in runs)
+    assert first.tobytes() == again.tobytes()
+    assert np.ptp(first[:, 5]) > 10.0  # The friction torque follows the commands.
+
+
+def test_in_real_time_a_follower_without_a_clock_is_told_of(bench: Any) -> None:
+    judged = begun(bench)
+    bench.add(Node("timed", context=bench.context, parameter_overrides=[Parameter("use_sim_time", value=True)]))
+    bench.until(lambda: judged.node.loop.clock.followers)
+    judged.node.housekeeping()
+    assert not judged.node.loop.clock.published
+    assert judged.said()["/clock"].startswith(
+        "/timed with use_sim_time waits for /clock, which nobody publishes: set publish_clock; since ")
+
+
+def test_who_only_looks_at_the_clock_is_no_follower(bench: Any) -> None:
+    heard = listener(bench, Clock, "/clock")
+    states = listener(bench, JointState, "joint_states")
+    node = start(bench, scene="minimal", pacing="lockstep", wait_for_subscribers=1, real_time_factor=0.0)
+    node.start()
+    bench.until(lambda: len(states) > 20)
+    assert not node.loop.clock.published
+    assert not heard
+
+
+def test_a_follower_that_comes_late_gets_the_time_from_then_on(bench: Any) -> None:
+    states = listener(bench, JointState, "joint_states")
+    node = start(bench, scene="controlled", pacing="lockstep", command_timeout=0.0, wait_for_subscribers=1)
+    node.start()
+    bench.until(lambda: states)
+    assert not node.loop.clock.published
+    late = bench.add(Node("late", context=bench.context, parameter_overrides=[Parameter("use_sim_time", value=True)]))
+    heard = listener(bench, Clock, "/clock")
+    bench.until(lambda: (node.housekeeping(), node.loop.clock.published)[1])
+    publisher = bench.context_node.create_publisher(FluidPressure, "actuation_pressure", 10)
+    bench.until(publisher.get_subscription_count)
+    publisher.publish(FluidPressure(fluid_pressure=1e5))
+    bench.until(lambda: late.get_clock().now().nanoseconds == 1_000_000)
+    bench.until(lambda: len(heard) == 2)
+    assert [message.clock.nanosec for message in heard] == [0, 1_000_000]
+
+
+def test_another_publisher_of_the_clock_is_named_and_goes_first(bench: Any) -> None:
+    other = bench.add(rclpy.create_node("gazebo", context=bench.context))
+    other.create_publisher(Clock, "/clock", 10)
+    judged = begun(bench, publish_clock=True)
+    assert not judged.node.loop.clock.published
+    assert judged.said()["/clock"].startswith("/clock is published by /gazebo already, so this node does not publish "
+                                              "it; since ")
+    bench.nodes.remove(other)
+    bench.executor.remove_node(other)
+    other.destroy_node()
+    bench.until(lambda: (judged.node.housekeeping(), judged.node.loop.clock.published)[1])
+    assert "/clock" not in judged.said()
+    again = bench.add(rclpy.create_node("gazebo", context=bench.context))
+    again.create_publisher(Clock, "/clock", 10)
+    bench.until(lambda: judged.node.loop.clock.rivals)
+    assert judged.said()["/clock"].startswith("/clock is published by /gazebo too, and simulation time jumps: end one "
+                                              "of them; since ")
