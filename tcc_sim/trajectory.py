@@ -17,8 +17,18 @@ from tcc_sim.result import Result, reported, units_of
 
 Floats = NDArray[np.float64]
 Modes = NDArray[np.int8]
-FarEnd = tuple[Floats | float, Floats | float]
-"""Angle (rad) and speed (rad/s) of the shaft's far end."""
+
+
+class FarEnd(NamedTuple):
+    """Angle (rad), speed (rad/s) and acceleration (rad/s^2) of the shaft's far end, numbers or (n,) arrays."""
+
+    angle: Floats | float = 0.0
+    speed: Floats | float = 0.0
+    acceleration: Floats | float = 0.0
+
+
+STILL = FarEnd()
+"""A far end that does not move."""
 
 
 class Status(Enum):
@@ -198,9 +208,9 @@ class Statistics:
 class Trajectory(Result):
     """A solved or recorded run.
 
-    The columns are (n,) arrays; so are `flywheel_angle` (rad), which is there for those who asked, and `output_angle`
-    (rad) and `output_speed` (rad/s), which are there where the shaft's far end moves. `cycles` comes from solvers that
-    work it out on the way, and `rest`, a single one that ends with the run, from those that end within a cycle;
+    The columns are (n,) arrays; so is `flywheel_angle` (rad), which is there for those who asked. `output_angle` and
+    `output_speed` are there where the shaft's far end moves. `cycles` comes from solvers that work it out on the way,
+    and `rest`, a single one that ends with the run, from those that end within a cycle;
     `analysis.summary.cycle_parts_of` derives both from samples otherwise.
 
     Examples
@@ -229,8 +239,10 @@ class Trajectory(Result):
     status: Status = Status.DONE
     detail: str = ""
     statistics: Statistics = Statistics()
-    output_angle: Floats | None = None
-    output_speed: Floats | None = None
+    output_angle: Floats | None = field(default=None, metadata=reported(
+        "angle of the shaft's far end", "rad", asked_for=True))
+    output_speed: Floats | None = field(default=None, metadata=reported(
+        "speed of the shaft's far end", "rad/s", asked_for=True))
 
     def __repr__(self) -> str:
         long = f"{float(self.t[-1] - self.t[0]):.6g} s" if len(self.t) else "no time"
@@ -240,17 +252,17 @@ class Trajectory(Result):
 
     def columns(self) -> dict[str, Floats | Modes]:
         """The samples by name, (n,) arrays, as ``pandas.DataFrame`` and ``polars.DataFrame`` take them."""
-        return {name: getattr(self, name) for name in UNITS}
+        return {name: column for name in UNITS if (column := getattr(self, name)) is not None}
 
     @property
     def far_end(self) -> FarEnd:
-        """Angle (rad) and speed (rad/s) of the shaft's far end, (n,) arrays, or 0 where it stands still."""
+        """How the shaft's far end moves, as it was sampled; its speed is held in between."""
         return far_end_of(self.output_angle, self.output_speed)
 
     @property
     def shaft_twist(self) -> tuple[Floats, Floats]:
         """(n,) angle (rad) and speed (rad/s) by which the plate is ahead of the shaft's far end."""
-        angle, speed = self.far_end
+        angle, speed, _ = self.far_end
         return self.plate_angle - angle, self.plate_speed - speed
 
     @property
@@ -284,7 +296,7 @@ UNITS = units_of(Trajectory)
 
 def far_end_of(angle: Floats | None, speed: Floats | None) -> FarEnd:
     """Angle and speed of the shaft's far end where they are known, 0 where not."""
-    return (0.0, 0.0) if angle is None or speed is None else (np.nan_to_num(angle), np.nan_to_num(speed))
+    return STILL if angle is None or speed is None else FarEnd(np.nan_to_num(angle), np.nan_to_num(speed))
 
 
 def integral(values: Floats, t: Floats) -> Floats:

@@ -20,6 +20,7 @@ from tcc_sim.model.profile import SWELL, SWELLS, phase_at
 from tcc_sim.recording.table import REFERENCES, TIME
 from tcc_sim.solvers.per_cycle import hermite
 from tcc_sim.solvers.terms import terms_of
+from tcc_sim.topics import FAR_END
 from tcc_sim.trajectory import Floats, Trajectory, integral
 
 Phase = tuple[Floats, Callable[[Floats], Floats]]
@@ -90,7 +91,8 @@ def run_signals(run: Trajectory, phase: Phase | None = None) -> Signals:
 
 
 def measured_signals(columns: Mapping[str, Floats], system: System, pulses: int = 1, source: str = "") -> Signals:
-    """The signals in the columns of a table; the shaft torque is that of plate_angle and plate_speed.
+    """The signals in the columns of a table; the shaft torque is that of plate_angle and plate_speed, less
+    output_angle and output_speed where the far end moved.
 
     Parameters
     ----------
@@ -113,6 +115,9 @@ def measured_signals(columns: Mapping[str, Floats], system: System, pulses: int 
     if "plate_angle" in columns:
         angle = columns["plate_angle"]
         speed = columns["plate_speed"] if "plate_speed" in columns else CubicSpline(t, angle)(t, 1)
+        if FAR_END in columns:
+            speed = speed - columns[FAR_END]
+            angle = angle - (columns["output_angle"] if "output_angle" in columns else integral(columns[FAR_END], t))
         shaft = d.damping * speed + d.stiffness * angle
     curves = [None if np.isnan(x).any() else CubicSpline(t, x)
               for x in (columns["slip_speed"], shaft, columns.get("engine_torque", unknown))]

@@ -18,7 +18,7 @@ from tcc_sim.recording.columns import JointStates
 from tcc_sim.recording.stamps import Break, StampCounter, Stamps
 from tcc_sim.solvers.per_cycle import STAMP, cycles_from_samples
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
-from tcc_sim.trajectory import Cycles, FarEnd, Floats, Loads, concatenated, far_end_of
+from tcc_sim.trajectory import STILL, Cycles, FarEnd, Floats, Loads, concatenated, far_end_of
 
 
 @dataclass(frozen=True)
@@ -137,9 +137,9 @@ class CycleStream:
 
     def feed(self, stamp_ns: Stamps, slip_speed: Floats, plate_angle: Floats, plate_speed: Floats,
              engine_torque: Floats, friction_torque: Floats, run: int = 0,
-             far: FarEnd = (0.0, 0.0)) -> list[CyclePiece]:
+             far: FarEnd = STILL) -> list[CyclePiece]:
         """Take the next batch, (n,) arrays in ns, rad/s, rad, rad/s, N m, N m, and give the cycles that it completes.
-        `far` is the angle and the speed of the shaft's far end.
+        `far` is how the shaft's far end moves, whose speed is held between samples.
 
         A sample that is not finite is left out and counted, which makes it a gap. `run` is the batch's own number where
         the recording tells runs apart.
@@ -151,7 +151,7 @@ class CycleStream:
         """
         t = np.asarray(stamp_ns, dtype=np.float64) * 1e-9
         rows = np.stack(np.broadcast_arrays(t, slip_speed, plate_angle, plate_speed, engine_torque, friction_torque,
-                                            *far))
+                                            far.angle, far.speed))
         finite = np.isfinite(rows).all(axis=0)
         if not finite.all():
             self.not_finite += int(np.count_nonzero(~finite))
@@ -242,7 +242,7 @@ class CycleStream:
         found = []
         for first, starts in whole:
             cycles = cycles_from_samples(t, slip_speed, slip, plate_angle, plate_speed, plate, starts=starts,
-                                         stick_speed=self._stick_speed, linear=self._linear, far=(far[0], far[1]))
+                                         stick_speed=self._stick_speed, linear=self._linear, far=FarEnd(*far))
             found.append(CyclePiece(len(self.runs) - 1, first, replace(cycles, starts=starts)))
             self.runs[-1].add(found[-1])
         self._from = float(whole[-1][1][-1])

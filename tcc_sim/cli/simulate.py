@@ -25,8 +25,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="linear course between points in time (s) of engine.frequency, engine.mean_torque, "
                         "engine.torque_amplitude, engine.harmonic_amplitudes[n] or pressure.mean; may be repeated")
     inputs.add_argument("--inputs", metavar="RUN|FILE.csv", type=Path,
-                        help="torque and pressure from a recording, or from the columns t, engine_torque and "
-                        "actuation_pressure of a table; --plot draws simulation and recording together")
+                        help="torque, pressure and speed of the shaft's far end from a recording, or from the columns "
+                        "t, engine_torque, actuation_pressure and output_speed of a table; --plot draws simulation "
+                        "and recording together")
     inputs.add_argument("--hold", choices=HOLDS, help="input of a table between two rows: value of the previous row, "
                         "linear, or value of the next row (default: as the table says, else previous)")
     length = parser.add_argument_group("length")

@@ -12,7 +12,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.estimation.settings import DEFAULTS
 from tcc_sim.recording.table import CHANNELS, HOLDS, TIME, read_columns
 from tcc_sim.scene import Scene, parse_scene
-from tcc_sim.topics import INPUTS
+from tcc_sim.topics import FAR_END, INPUTS
 from tcc_sim.trajectory import Floats
 
 
@@ -73,9 +73,10 @@ def read_table(path: Path) -> Measurement:
     Raises
     ------
     InputError
-        See `recording.table.read_columns`; or what cannot be used.
+        See `recording.table.read_columns`; a far end of the shaft that moves; or what cannot be used.
     """
     columns = read_columns(path, (TIME, "slip_speed"), DEFAULTS.most)
+    _check_still(path, columns.get(FAR_END))
     return Measurement(columns[TIME], {name: columns[name] for name in CHANNELS if name in columns},
                        {name: columns[name] for name in INPUTS if name in columns}, str(path))
 
@@ -89,7 +90,7 @@ def read_recording(path: Path) -> tuple[Measurement, Scene]:
     Raises
     ------
     InputError
-        The recording holds no scene, or its scene changed while it ran.
+        The recording holds no scene, its scene changed while it ran, or the far end of the shaft moved.
     RecordingError
         Nothing can be read.
     """
@@ -101,6 +102,7 @@ def read_recording(path: Path) -> tuple[Measurement, Scene]:
         raise InputError(f"{path} holds no scene; give --scene and a table instead")
     if len({scene.text for scene in recorded.scenes}) > 1:
         raise InputError(f"{path}: the scene changed while it ran; identification needs one scene")
+    _check_still(path, states.output_speed)
     scene = parse_scene(recorded.scene_text, str(path))
     inputs = {}
     if scene.system.engine.source == "topic":
@@ -109,6 +111,13 @@ def read_recording(path: Path) -> tuple[Measurement, Scene]:
         inputs["actuation_pressure"] = _held(states.applied_pressure)
     channels = {"slip_speed": states.flywheel_speed - states.plate_speed, "plate_speed": states.plate_speed}
     return Measurement(states.stamp_ns.astype(np.float64) * 1e-9, channels, inputs, str(path), HOLDS[0]), scene
+
+
+def _check_still(path: Path, speed: Floats | None) -> None:
+    """Raise InputError where the far end of the shaft moved."""
+    if speed is not None and np.nan_to_num(speed).any():
+        raise InputError(f"{path}: the far end of the shaft moved (output_speed up to "
+                         f"{np.nanmax(np.abs(speed)):.4g} rad/s); identification needs one that stands still")
 
 
 def _held(applied: Floats) -> Floats:

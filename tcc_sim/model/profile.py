@@ -34,6 +34,11 @@ SWELLS, SWELL = SHIFT + 1, 4
 that changes by in a second.
 """
 
+FAR_ANGLE, FAR_SPEED, FAR_RATE = range(1, 4)
+"""Columns of the motion of the shaft's far end behind TIME: theta3 (rad), w3 (rad/s) and what it changes by in a
+second, from then on.
+"""
+
 
 class Origin(NamedTuple):
     """Where the phase is counted from, after omega or r were changed while running: phi at a time, and by how much the
@@ -55,11 +60,13 @@ class Inputs:
     torque : N m; None leaves the scene's own
     pressure : Pa; None leaves the scene's own
     end : time up to which they are known, s
+    output_speed : of the shaft's far end, rad/s; None where it stands still
     """
 
     torque: Floats | None
     pressure: Floats | None
     end: float
+    output_speed: Floats | None = None
 
 
 def held_lines(t: Floats, values: Floats) -> Floats:
@@ -94,7 +101,8 @@ def profile_of(engine: Engine, pressure: Pressure, inputs: Inputs | None = None,
     swells = _swells(engine) if inputs is None or inputs.torque is None else []
     origin = START if engine.frequency_times else origin
     lines = [frequency, torque, load, *(line for _, _, line in swells)]
-    times = np.unique(np.concatenate([[origin.time], *(line[:, 0] for line in lines)]))
+    moved = [] if inputs is None or inputs.output_speed is None else [inputs.output_speed]
+    times = np.unique(np.concatenate([[origin.time], *(line[:, 0] for line in (*lines, *moved))]))
     times = times[times >= origin.time]
     profile = np.zeros((len(times), SWELLS + SWELL * len(swells)))
     profile[:, TIME] = times
@@ -108,6 +116,28 @@ def profile_of(engine: Engine, pressure: Pressure, inputs: Inputs | None = None,
     gained = steps * (profile[:-1, FREQUENCY] + 0.5 * profile[:-1, FREQUENCY_RATE] * steps)
     profile[:, PHASE] = origin.phase + np.concatenate([[0.0], np.cumsum(gained)])
     return profile
+
+
+def motion_of_far_end(speed: Floats, times: Floats) -> Floats:
+    """The motion of the shaft's far end from each of the times on, (m, 4) with the columns TIME, FAR_ANGLE, FAR_SPEED
+    and FAR_RATE; its angle is 0 at time 0.
+
+    Parameters
+    ----------
+    speed : lines, rad/s, that begin at time 0
+    times : (m,) s, not before it, with those of the lines among them
+    """
+    past = np.diff(speed[:, 0])
+    angle = np.concatenate([[0.0], np.cumsum(past * (speed[:-1, 1] + 0.5 * speed[:-1, 2] * past))])
+    known = np.column_stack([speed[:, 0], angle, speed[:, 1:]])
+    return np.column_stack([times, *far_end_at(known, times)])
+
+
+def far_end_at(far: Floats, t: Any) -> tuple[Floats, Floats, Floats]:
+    """Angle (rad), speed (rad/s) and acceleration (rad/s^2) of the shaft's far end at times t, s, by its motion."""
+    row = np.moveaxis(far[pieces(far, t)], -1, 0)
+    past, rate = t - row[TIME], row[FAR_RATE]
+    return row[FAR_ANGLE] + past * (row[FAR_SPEED] + 0.5 * rate * past), row[FAR_SPEED] + rate * past, rate
 
 
 def _lines(times: tuple[float, ...], values: tuple[float, ...], constant: float) -> Floats:

@@ -13,7 +13,7 @@ from tcc_sim.errors import check_suffix
 from tcc_sim.messages import cdr
 from tcc_sim.output.files import draft
 from tcc_sim.recording.table import hold_line
-from tcc_sim.topics import INPUTS, topic
+from tcc_sim.topics import FAR_END, INPUTS, topic
 from tcc_sim.trajectory import UNITS, Cycles, Trajectory, integral
 
 if TYPE_CHECKING:
@@ -62,8 +62,9 @@ def write_samples(path: Path, trajectory: Trajectory, scene_text: str, *, record
         Another suffix than those of SUFFIXES.
     """
     check_suffix(path, SUFFIXES)
-    columns: dict[str, Any] = {**trajectory.columns()}
-    units, system, load = dict(UNITS), trajectory.system, trajectory.saturation_torque
+    columns: dict[str, Any] = dict(Trajectory.columns(trajectory))
+    units = {name: UNITS[name] for name in columns}
+    system, load = trajectory.system, trajectory.saturation_torque
     if recorded and system is not None and system.pressure.source == "topic" and np.isfinite(load).all():
         columns["actuation_pressure"], units["actuation_pressure"] = load / system.torque_per_pressure, "Pa"
     with draft(path) as part:
@@ -86,7 +87,8 @@ def _holds(recorded: Trajectory) -> dict[str, str]:
     """How the inputs of recorded samples hold between two of them: a command through the tick that ends at a state."""
     system = recorded.system
     commanded = [] if system is None else [system.engine.source == "topic", system.pressure.source == "topic"]
-    return {name: "next" if held else "linear" for name, held in zip(INPUTS, commanded)}
+    held = dict(zip(INPUTS, commanded)) | ({} if recorded.output_speed is None else {FAR_END: True})
+    return {name: "next" if tick else "linear" for name, tick in held.items()}
 
 
 def write_trajectory(path: Path, trajectory: Trajectory, scene_text: str | None = None) -> None:

@@ -19,7 +19,7 @@ from tcc_sim.plant.sensors import Sensor, Sensors
 from tcc_sim.plant.timed_changes import TimedChanges
 from tcc_sim.scene import SceneLike, as_scene
 from tcc_sim.topics import FAR_END, INPUTS, topic
-from tcc_sim.trajectory import UNITS, Floats, Trajectory
+from tcc_sim.trajectory import Floats, Trajectory
 
 SAME = ("slip_speed", "plate_angle", "plate_speed", "engine_torque", "friction_torque", "flywheel_angle",
         "applied_pressure")
@@ -69,8 +69,8 @@ class ControlledRun(Trajectory):
 
     def tracking_of(self, target: float, since: int = 0, limits: tuple[float, float] = (0.0, math.inf)) -> Tracking:
         """How well the slip speed held a target, rad/s, from the sample `since` on; `limits` of the pressure, Pa."""
-        far = [name for name in ("output_angle", "output_speed") if getattr(self, name) is not None]
-        part = replace(self, **{name: getattr(self, name)[since:] for name in (*UNITS, *far)})
+        columns: dict[str, Any] = {name: column[since:] for name, column in Trajectory.columns(self).items()}
+        part = replace(self, **columns)
         return tracking_of(part, target, self.applied_pressure[since:], limits)
 
     @property

@@ -16,12 +16,14 @@ import numpy as np
 
 from tcc_sim.errors import InputError, one_line
 from tcc_sim.model.parameters import unknown_key
-from tcc_sim.topics import INPUTS, topic
+from tcc_sim.topics import FAR_END, INPUTS, topic
 from tcc_sim.trajectory import UNITS, Floats
 
 TIME = "t"
 CHANNELS = {"slip_speed": "rad/s", "plate_speed": "rad/s", "plate_angle": "rad"}
-"""Columns of what a driveline did, with their units; beside them the time, s, and INPUTS, which drove it."""
+"""Columns of what a driveline did, with their units; beside them the time, s, and DRIVING."""
+DRIVING = (*INPUTS, FAR_END)
+"""Columns of what drove it: engine torque, pressure, and speed of the shaft's far end."""
 REFERENCES = ("engine_speed", "tacho")
 """Columns that tell the phase of the engine: speed of the crankshaft, rad/s, and pulses of a tacho, in any unit."""
 HOLDS = ("previous", "linear", "next")
@@ -42,7 +44,7 @@ _LONGEST_LINE = 1 << 16
 class HeldColumns:
     """Columns of a CSV file, and how they hold between its rows.
 
-    columns : (n,) arrays of finite numbers by name: t, INPUTS, CHANNELS and REFERENCES
+    columns : (n,) arrays of finite numbers by name: t, DRIVING, CHANNELS, REFERENCES and output_angle
     hold : how an input goes on between two rows, one of HOLDS by the column's name, where the file says it
     """
 
@@ -116,7 +118,7 @@ def _read(path: Path, stream: TextIO, needed: Sequence[str], most: int) -> HeldC
             break
         text = ",".join(row).lstrip("# ")
         if text.startswith(_HOLD):
-            hold = {name: how for name, how in _SAID.findall(text) if name in INPUTS}
+            hold = {name: how for name, how in _SAID.findall(text) if name in DRIVING}
     given = [_NAMED.fullmatch(name) for name in names]
     names = [found[1] if found else name for found, name in zip(given, names)]
     units = [found[2] if found else "" for found in given]
@@ -128,7 +130,8 @@ def _read(path: Path, stream: TextIO, needed: Sequence[str], most: int) -> HeldC
         if math.isnan(_number(time)) and time.lower() != "nan":
             units, first = cells, None
     _check_units(path, names, units)
-    places = {name: place for place, name in enumerate(names) if name in (TIME, *INPUTS, *CHANNELS, *REFERENCES)}
+    places = {name: place for place, name in enumerate(names) if name in (TIME, *DRIVING, *CHANNELS, *REFERENCES,
+                                                                            "output_angle")}
     columns = {name: array("d") for name in places}
     for count, (number, row) in enumerate(rows if first is None else chain([first], rows)):
         if count >= most:
@@ -154,15 +157,15 @@ def _number(text: str) -> float:
 def _check_units(path: Path, names: Sequence[str], units: Sequence[str]) -> None:
     """Raise InputError where a column that is used is in another unit than its own."""
     for name, unit in zip(names, units):
-        own = "rad/s" if name == REFERENCES[0] else UNITS.get(name, topic(name).unit if name in INPUTS else "")
-        used = name in (TIME, *INPUTS, *CHANNELS, REFERENCES[0])
+        own = "rad/s" if name == REFERENCES[0] else UNITS.get(name, topic(name).unit if name in DRIVING else "")
+        used = name in (TIME, *DRIVING, *CHANNELS, REFERENCES[0])
         if unit and _PRODUCT.sub("", unit) != _PRODUCT.sub("", own) and used:
             raise InputError(f"{path}: column {name} is in {one_line(unit)}; it must be in {own}")
 
 
 def _check_names(path: Path, names: Sequence[str], needed: Sequence[str]) -> None:
     """Raise InputError where the names of the columns are not those of a table."""
-    known = (TIME, *INPUTS, *CHANNELS, *REFERENCES)
+    known = (TIME, *DRIVING, *CHANNELS, *REFERENCES)
     for name in names:
         if name not in known and name not in UNITS:
             raise InputError(f"{path}: {unknown_key(one_line(name), list(known), 'a column')}; columns are "

@@ -1,5 +1,5 @@
-"""Engine torque and actuation pressure from a recording or from a table, to drive a scene by, and its digital twin: the
-simulation beside what was recorded.
+"""Engine torque, actuation pressure and speed of the shaft's far end from a recording or from a table, to drive a scene
+by, and its digital twin: the simulation beside what was recorded.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from tcc_sim.model.actuator import pressure_after
 from tcc_sim.model.groups import Pressure
 from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.model.profile import Inputs, held_lines, joined_lines
-from tcc_sim.recording.table import HOLDS, TIME, looks_smooth, read_columns, table_of
+from tcc_sim.recording.table import DRIVING, HOLDS, TIME, looks_smooth, read_columns, table_of
 from tcc_sim.replay.recorded import read
 from tcc_sim.scene import Scene
-from tcc_sim.topics import INPUTS, topic
+from tcc_sim.topics import topic
 from tcc_sim.trajectory import Floats, Trajectory
 
 MOST_PARTS = 100_000
@@ -26,11 +26,11 @@ MOST_PARTS = 100_000
 
 def driven_by(scene: Scene, path: Path, hold: str | None = None) -> Scene:
     """`scene` with the torque and the pressure of a recording's first run, or of a table's columns, in the place of its
-    own; what these do not tell stays the scene's.
+    own, and with a far end of the shaft that moves as they tell; what these do not tell stays the scene's.
 
     What a command held in a recording is held through the tick that applied it; what the driveline made by itself is
-    joined by straight lines. A table (CSV) has the column t, s, and engine_torque, N m, or actuation_pressure, Pa, or
-    both.
+    joined by straight lines. A table (CSV) has the column t, s, and one or more of engine_torque, N m,
+    actuation_pressure, Pa, and output_speed, rad/s; the far end starts at angle 0.
 
     Parameters
     ----------
@@ -69,7 +69,8 @@ def of_recording(path: Path) -> Inputs:
         lines.append(_lines(t, values, "next" if source == "topic" and not lagged else "linear"))
     if all(line is None for line in lines):
         raise InputError(f"{path}: neither torque nor pressure was recorded")
-    return Inputs(lines[0], lines[1], float(t[-1]))
+    moved = None if run.output_speed is None else _lines(t, run.output_speed, "next")
+    return Inputs(lines[0], lines[1], float(t[-1]), moved)
 
 
 def followed(command: Floats, actuator: Pressure, end: float) -> Floats:
@@ -108,17 +109,17 @@ def smooth_inputs(path: Path) -> list[str]:
     if path.suffix != ".csv":
         return []
     table = table_of(path)
-    return [name for name in INPUTS if name in table.columns and name not in table.hold
+    return [name for name in DRIVING if name in table.columns and name not in table.hold
             and looks_smooth(table.columns[name])]
 
 
 def of_table(path: Path, hold: str | None = None) -> Inputs:
     """The inputs in the columns of a CSV file."""
     table = table_of(path, (TIME,))
-    columns = {name: values for name, values in table.columns.items() if name in (TIME, *INPUTS)}
+    columns = {name: values for name, values in table.columns.items() if name in (TIME, *DRIVING)}
     t = columns.pop(TIME)
     if not columns:
-        raise InputError(f"{path}: the first line must name the column {' or '.join(INPUTS)}")
+        raise InputError(f"{path}: the first line must name the column {', '.join(DRIVING[:-1])} or {DRIVING[-1]}")
     if len(t) < 2:
         raise InputError(f"{path}: it has {counted(len(t), 'row')}; it must have 2 or more")
     if t[0] < 0.0 or not np.all(np.diff(t) > 0.0):
@@ -129,9 +130,9 @@ def of_table(path: Path, hold: str | None = None) -> Inputs:
         if len(wrong):
             raise InputError(f"{path}: {name} is {values[wrong[0]]:g} {meant.unit} at {t[wrong[0]]:g} s; it must be "
                              f"{meant.interval()}")
-    torque, pressure = (_lines(t, columns[name], hold or table.hold.get(name, HOLDS[0])) if name in columns else None
-                        for name in INPUTS)
-    return Inputs(torque, pressure, float(t[-1]))
+    torque, pressure, speed = (_lines(t, columns[name], hold or table.hold.get(name, HOLDS[0]))
+                               if name in columns else None for name in DRIVING)
+    return Inputs(torque, pressure, float(t[-1]), speed)
 
 
 @dataclass(frozen=True)

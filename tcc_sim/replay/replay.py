@@ -92,6 +92,9 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
         line = whole.within(part)
         if not line.runs:
             part.refuse(run.stamps.runs)
+        if damping and any(states.output_speed is not None and np.isfinite(states.output_speed).any()
+                           for states in line.runs):
+            raise InputError("the far end of the shaft moved; --damping is for recordings in which it stands still")
         timing = timing_of(own, frequency, line.runs, frequency_changes(run))
         where = (rrd, spawn, connect) if rrd is not None or spawn or connect is not None else None
         view = _view(stack, printable(recording.path.name), timing, own, where, run.controlled) if where else None

@@ -144,4 +144,11 @@ def trajectory_of(states: JointStates, system: System, clock: EngineClock, solve
         engine_torque=states.engine_torque, saturation_torque=load, friction_torque=states.friction_torque,
         state=modes_of(np.nan_to_num(slip_speed), stick_speed_of(terms)), cycle=clock.cycle, solver=solver,
         system=system, flywheel_angle=states.flywheel_angle, cycles=None if clock.told else no_cycles(),
-        output_angle=states.output_angle, output_speed=states.output_speed)
+        output_angle=_moved(states.output_angle), output_speed=_moved(states.output_speed))
+
+
+def _moved(column: Floats | None) -> Floats | None:
+    """What was recorded of the shaft's far end: 0 until it first moved, None where it never did."""
+    if column is None or not (known := np.isfinite(column)).any():
+        return None
+    return np.where(np.arange(len(column)) < int(known.argmax()), 0.0, column)

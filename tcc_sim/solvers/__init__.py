@@ -30,6 +30,8 @@ class Entry:
     default: float = 0.0
     profiles: bool = True
     """Whether it solves profiles in time and inputs from data."""
+    far_end: bool = False
+    """Whether it moves the shaft's far end."""
 
     def load(self) -> Callable[[Problem], Trajectory]:
         """The solver's function."""
@@ -51,7 +53,7 @@ SHORTEST = 1e-8
 
 SOLVERS: dict[str, Entry] = {
     "fixed_step": Entry("fixed_step_solve", "solve", "real-time solver: SDIRK3, implicit friction, fixed ticks",
-                        SMOOTHED, "step", 1e-3),
+                        SMOOTHED, "step", 1e-3, far_end=True),
     "smoothed": Entry("smoothed.solve", "solve", "adaptive: Taylor series in slip, implicit in the layer and in stick",
                       SMOOTHED, "rtol", 1e-8),
     "event_driven": Entry("event_driven.solve", "solve", "exact: closed forms between located events",
@@ -78,7 +80,8 @@ def solve(scene: Scene | System | str, *, cycles: int | None = None, duration: f
     scene : a scene, its name or file, or a system
     cycles, duration : one of the two; engine cycles, or s
     samples_per_cycle : uniform samples kept per engine cycle; 0 keeps the two ends and the per-cycle results
-    solver : a name of SOLVERS, or auto: event_driven for the set-valued law, smoothed for the smoothed one
+    solver : a name of SOLVERS, or auto: fixed_step where inputs move the shaft's far end, else event_driven for the
+        set-valued law, smoothed for the smoothed one
     rtol, step : tolerance of an adaptive solver, or step in s of a fixed-step one
     start_cycle : the engine cycle at which the run starts, which sets the phase of the excitation
     state : initial state; the system's own by default
@@ -156,7 +159,9 @@ def check_setting(name: str, rtol: float | None, step: float | None) -> None:
 
 def choose(system: System, solver: str) -> str:
     """The registered name behind `solver`, checked against the system's friction law."""
-    law = system.friction.law
+    law, moved = system.friction.law, system.inputs is not None and system.inputs.output_speed is not None
+    if solver == "auto" and moved:
+        solver = "fixed_step"
     if solver == "auto":
         solver = "event_driven" if law == "set_valued" else "smoothed"
     if solver not in SOLVERS:
@@ -164,6 +169,9 @@ def choose(system: System, solver: str) -> str:
     if law not in SOLVERS[solver].laws:
         raise InputError(f"solver {solver} does not solve friction.law {law}; "
                          f"those that do are {', '.join(n for n, e in SOLVERS.items() if law in e.laws)}")
+    if moved and not SOLVERS[solver].far_end:
+        raise InputError(f"solver {solver} does not move the shaft's far end, and the inputs have output_speed; those "
+                         f"that do are {', '.join(n for n, e in SOLVERS.items() if e.far_end)}")
     if system.profile is not None and not SOLVERS[solver].profiles:
         raise InputError(f"solver {solver} does not solve {', '.join(system.varying)}; those that do are "
                          f"{', '.join(n for n, e in SOLVERS.items() if e.profiles)}, with friction.law smoothed")

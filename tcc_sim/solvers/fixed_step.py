@@ -18,10 +18,11 @@ from tcc_sim.model.actuator import approach_between
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.parameters import System
+from tcc_sim.model.profile import FAR_ANGLE, FAR_SPEED
 from tcc_sim.solvers.compiling.compiled import Call, compiled, smoothed_coefficient
 from tcc_sim.solvers.scalar import ITERATION_BOUND, scalar_root
 from tcc_sim.solvers.terms import Terms, same_but_means, substeps, terms_of
-from tcc_sim.solvers.torques import FAR_ANGLE, FAR_SPEED, break_after, piece_at, pull_of_far_end, torques_now
+from tcc_sim.solvers.torques import break_after, piece_at, pull_of_far_end, torques_now
 from tcc_sim.trajectory import Floats
 
 GAMMA = 0.43586652150845899942

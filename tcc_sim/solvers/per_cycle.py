@@ -12,9 +12,9 @@ from tcc_sim.model.equations import Linear
 from tcc_sim.model.parameters import System
 from tcc_sim.model.profile import TIME
 from tcc_sim.solvers.jumps import slopes_between_jumps, with_peaks
-from tcc_sim.solvers.problem import rates_along
+from tcc_sim.solvers.problem import far_end_along, rates_along
 from tcc_sim.solvers.terms import Terms, stick_speed_of
-from tcc_sim.trajectory import Cycles, FarEnd, Floats, Loads
+from tcc_sim.trajectory import STILL, Cycles, FarEnd, Floats, Loads
 
 STAMP = 1e-9
 """What the rounding of a stamp to whole nanoseconds may take from a cycle, s."""
@@ -74,12 +74,12 @@ def cycles_of_states(t: Floats, states: Floats, terms: Terms, starts: Floats) ->
         held[-1] = np.nextafter(t[-1], -np.inf)  # Samples that end at a jump end before it.
     slip, _, plate = rates_along(held, states, terms).T
     return cycles_from_samples(t, states[:, 0], slip, states[:, 1], states[:, 2], plate, starts=starts,
-                               stick_speed=stick_speed_of(terms), linear=terms.linear)
+                               stick_speed=stick_speed_of(terms), linear=terms.linear, far=far_end_along(held, terms))
 
 
 def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats, plate_angle: Floats,
                         plate_speed: Floats, plate_acceleration: Floats, *, starts: Floats,
-                        stick_speed: float, linear: Linear | None = None, far: FarEnd = (0.0, 0.0)) -> Cycles:
+                        stick_speed: float, linear: Linear | None = None, far: FarEnd = STILL) -> Cycles:
     """What each whole engine cycle within the samples comes to.
 
     The slip speed is the piecewise cubic through v and v'. Its extremes, its value where a cycle starts and the time it
@@ -182,14 +182,14 @@ def _loads(grid: _Grid, v: Floats, slip: Floats, angle: Floats, speed: Floats, p
     """
     (i1, i2, damping, stiffness), t, starts, place = linear, grid.t, grid.starts, grid.place
     h = np.diff(t)
-    far_angle, far_speed = np.broadcast_to(far[0], t.shape), far[1]
-    twist, twisting = angle - far_angle, speed - far_speed
-    shaft, rise = damping * twisting + stiffness * twist, damping * plate + stiffness * twisting
+    far_angle, far_speed, far_acceleration = np.broadcast_to(far.angle, t.shape), far.speed, far.acceleration
+    twist, twisting, jerking = angle - far_angle, speed - far_speed, plate - far_acceleration
+    shaft, rise = damping * twisting + stiffness * twist, damping * jerking + stiffness * twisting
     friction = i2 * plate + shaft
     engine = friction + i1 * (slip + plate)
     net = engine * (v + speed) - damping * twisting**2 - shaft * far_speed
     change = (slopes_between_jumps(t, engine) * (v + speed) + engine * (slip + plate)
-              - 2.0 * damping * twisting * plate - rise * far_speed)
+              - 2.0 * damping * twisting * jerking - rise * far_speed - shaft * far_acceleration)
     parts = h * (0.5 * (net[:-1] + net[1:]) + h / 12.0 * (change[:-1] - change[1:]))
     total = np.concatenate([[0.0], np.cumsum(parts)])
     stored = 0.5 * (i1 * (section[:, 0] + section[:, 2]) ** 2 + i2 * section[:, 2] ** 2

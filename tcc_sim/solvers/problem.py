@@ -8,12 +8,13 @@ import numpy as np
 
 from tcc_sim.model import equations, friction
 from tcc_sim.model.parameters import System
-from tcc_sim.model.profile import TIME
+from tcc_sim.model.profile import TIME, far_end_at
 from tcc_sim.solvers.terms import Terms, stick_speed_of, terms_of, torques_at
 from tcc_sim.trajectory import (
     FREE,
     STICK,
     Cycles,
+    FarEnd,
     Floats,
     Modes,
     State,
@@ -128,8 +129,14 @@ def rates_along(t: Floats, states: Floats, terms: Terms) -> Floats:
     v, angle, speed = states[:, 0], states[:, 1], states[:, 2]
     engine, load = torques_at(terms, t)
     torque = load * friction.smoothed_coefficient(v, terms.smoothing, terms.stribeck)
-    slip, plate = equations.accelerations(angle, speed, engine, torque, terms.linear)
+    moved, moving = far_end_along(t, terms)[:2]
+    slip, plate = equations.accelerations(angle - moved, speed - moving, engine, torque, terms.linear)
     return np.stack([slip, speed, plate, v + speed][:states.shape[1]], axis=1)
+
+
+def far_end_along(t: Floats, terms: Terms) -> FarEnd:
+    """How the shaft's far end moves at the times t, (n,), s."""
+    return FarEnd() if terms.far is None else FarEnd(*far_end_at(terms.far, t))
 
 
 def assemble(problem: Problem, solver: str, t: Floats, states: Floats, *, modes: Modes | None = None,
@@ -143,6 +150,7 @@ def assemble(problem: Problem, solver: str, t: Floats, states: Floats, *, modes:
     terms = terms_of(problem.system)
     v = states[:, 0]
     engine, load = torques_at(terms, t)
+    far = (None, None) if terms.far is None else far_end_at(terms.far, t)
     if modes is None:
         assert terms.smoothing is not None
         state = modes_of(v, stick_speed_of(terms))
@@ -156,4 +164,5 @@ def assemble(problem: Problem, solver: str, t: Floats, states: Floats, *, modes:
         saturation_torque=load, friction_torque=np.asarray(torque), state=state,
         cycle=problem.system.cycle, solver=solver, system=problem.system,
         flywheel_angle=states[:, 3] if states.shape[1] > 3 else None, cycles=cycles, rest=rest,
-        transitions=transitions or Transitions.none(), status=status, detail=detail, statistics=statistics)
+        transitions=transitions or Transitions.none(), status=status, detail=detail, statistics=statistics,
+        output_angle=far[0], output_speed=far[1])

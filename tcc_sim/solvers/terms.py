@@ -31,10 +31,12 @@ from tcc_sim.model.profile import (
     START,
     SWELL,
     SWELLS,
+    TIME,
     TORQUE,
     Floats,
     Origin,
     along,
+    motion_of_far_end,
     pieces,
     profile_of,
     swelling,
@@ -58,7 +60,8 @@ class Terms(NamedTuple):
     phi instead of the time, so that their rates are in rad per rad, and the means are those of the profile.
 
     The real-time solver alone takes `approach`, the (1, 4) course of the load in a tick of an actuator, and `far`, the
-    (m, 4) motion of the shaft's far end: `excitation` has their columns. Their arrays are filled anew for each tick.
+    (m, 4) motion of the shaft's far end, a row for each piece of the profile: `torques` and `model.profile` have their
+    columns. A Stepper fills their arrays anew for each tick.
     """
 
     linear: Linear
@@ -129,6 +132,7 @@ def _terms(system: System, profile: Floats | None, lead: float) -> Terms:
     pulsation = None
     if own_pressure and p.amplitude > 0.0:
         pulsation = (system.saturation_amplitude, p.frequency_ratio * omega, p.phase + lead)
+    moved = None if inputs is None or profile is None else inputs.output_speed
     return Terms(
         linear=(d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness),
         mean_torque=e.mean_torque,
@@ -139,6 +143,7 @@ def _terms(system: System, profile: Floats | None, lead: float) -> Terms:
         smoothing=f.smoothing if f.law == "smoothed" else None,
         stribeck=f.stribeck,
         profile=None if profile is None else with_loads(profile, system.torque_per_pressure),
+        far=None if moved is None or profile is None else motion_of_far_end(moved, profile[:, TIME]),
     )
 
 
@@ -218,7 +223,7 @@ def piece_of(terms: Terms, begin: float, end: float) -> Terms:
     if terms.profile is None:
         return terms
     k = pieces(terms.profile, 0.5 * (begin + end))
-    return terms._replace(profile=terms.profile[k:k + 1])
+    return terms._replace(profile=terms.profile[k:k + 1], far=None if terms.far is None else terms.far[k:k + 1])
 
 
 def peak_load(terms: Terms) -> float:

@@ -7,6 +7,7 @@ from __future__ import annotations
 import numpy as np
 
 from tcc_sim.model.equations import Linear
+from tcc_sim.model.profile import FAR_ANGLE, FAR_RATE, FAR_SPEED
 from tcc_sim.solvers.compiling.compiled import compiled, engine_torque, saturation_torque, swelling
 from tcc_sim.solvers.compiling.compiled import reached as reached_unfused
 from tcc_sim.solvers.terms import Terms
@@ -16,8 +17,6 @@ START, BEFORE, RISE, RATE = range(4)
 """Columns of an approach: time, s, at which the load is BEFORE, N m; then it is BEFORE + RISE (1 - exp(-RATE t)), or
 BEFORE + RISE t where RATE, 1/s, is 0.
 """
-FAR_ANGLE, FAR_SPEED, FAR_RATE = range(1, 4)
-"""Columns of the far end behind START: theta3 (rad), w3 (rad/s) and what it changes by in a second, from then on."""
 
 
 @compiled

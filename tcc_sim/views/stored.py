@@ -195,6 +195,6 @@ def _simulation(values: Mapping[str, Any]) -> Any:
                          "keeps the samples")
     if arrays is None:
         return simulate(scene, Plan(**values["plan"]))
-    run = Trajectory(**{name: arrays[name] for name in UNITS}, cycle=scene.system.cycle, solver=values["solver"],
-                     system=scene.system, cycles=cycles_in(arrays))
+    run = Trajectory(**{name: arrays[name] for name in UNITS if name in arrays}, cycle=scene.system.cycle,
+                     solver=values["solver"], system=scene.system, cycles=cycles_in(arrays))
     return SimpleNamespace(trajectory=run, summary=Record(values))

@@ -6,10 +6,12 @@ import os
 
 import numpy as np
 import pytest
-from driveline_bags import bag, ticked
+from driveline_bags import bag, readings, ticked
+from scipy.integrate import solve_ivp
 
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError
+from tcc_sim.model.friction import smoothed_coefficient
 from tcc_sim.output.samples import write_samples, write_trajectory
 from tcc_sim.plant.driveline import Plant
 from tcc_sim.recording import table as reading
@@ -17,6 +19,7 @@ from tcc_sim.replay.given_inputs import driven_by
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import terms_of, torques_at
+from tcc_sim.trajectory import State
 
 STEPS = 120
 
@@ -79,7 +82,7 @@ def test_a_command_that_no_tick_tells_is_left_to_the_scene(tmp_path):
 
 @pytest.mark.parametrize(("text", "message"), [
     ("t,torque\n0,1\n1,1\n", "torque is not a column; did you mean engine_torque"),
-    ("t,slip_speed\n0,1\n1,1\n", "must name the column engine_torque or actuation_pressure"),
+    ("t,slip_speed\n0,1\n1,1\n", "must name the column engine_torque, actuation_pressure or output_speed"),
     ("t,engine_torque\n0,1\n1\n", "line 3 has 1 values; the first line names 2"),
     ("t,engine_torque\n0,1\n", "has 1 row;"), ("t,engine_torque\n0,1\n0,1\n", "must begin at 0 or later and increase"),
     ("t,engine_torque\n0,1\n1,x\n", "line 3 has no number in column engine_torque"),
@@ -194,3 +197,94 @@ def test_an_actuator_follows_the_pressure_of_a_table_after_its_dead_time(tmp_pat
     top = 1.5e5 - 5e4 * np.exp(-0.2 / 0.03)
     expected = np.select([t < 0.12, t < 0.32], [1e5, risen], 9e4 + (top - 9e4) * np.exp(-(t - 0.32) / 0.03))
     np.testing.assert_allclose(found, expected, atol=1.0)
+
+
+def shaft_torque(t, x, system, begin, before, rate):
+    twist, twisting = x[1] - x[3], x[2] - before - rate * (t - begin)
+    return system.driveline.damping * twisting + system.driveline.stiffness * twist
+
+
+def change(t, x, system, begin, before, rate):
+    """Of slip speed, plate angle, plate speed, angle of the far end, whose speed is linear, and energy of the clutch.
+    """
+    torque, load = torques_at(terms_of(system), np.array(t))
+    friction = load * smoothed_coefficient(x[0], system.friction.smoothing, system.friction.stribeck)
+    speeding = (friction - shaft_torque(t, x, system, begin, before, rate)) / system.driveline.plate_inertia
+    return [(torque - friction) / system.driveline.flywheel_inertia - speeding, x[2], speeding,
+            before + rate * (t - begin), friction * x[0]]
+
+
+@pytest.mark.parametrize("hold", ["previous", "linear", "next"])
+def test_a_table_moves_the_far_end_as_scipy_does(tmp_path, hold):
+    times = np.arange(0.0, 0.105, 0.01)
+    speeds = 20.0 * (1.0 - np.cos(30.0 * times))
+    path = table(tmp_path / "in.csv", **{"t [s]": times, "output_speed [rad/s]": speeds})
+    system = load_scene("fig02").system
+    run = solve(driven_by(load_scene("fig02"), path, hold), duration=0.1, samples_per_cycle=100, step=1e-5,
+                loads_from=0)
+    ends = {"previous": (speeds[:-1], speeds[:-1]), "linear": (speeds[:-1], speeds[1:]),
+            "next": (speeds[1:], speeds[1:])}[hold]
+    shafts, state = [], np.array([*State.at_start(system).numbers, 0.0, 0.0])
+    for begin, before, after in zip(times, *ends):
+        given = system, begin, before, (after - before) / 0.01
+        part = solve_ivp(change, (begin, begin + 0.01), state, "Radau", rtol=1e-8, atol=1e-8, max_step=5e-4,
+                         args=given)
+        state = part.y[:, -1]
+        shafts.append(shaft_torque(part.t, part.y, *given))
+    final = run.final
+    assert (final.slip_speed, final.plate_angle, final.plate_speed) == pytest.approx(state[:3], rel=1e-4)
+    assert run.output_angle[-1] == pytest.approx(state[3], rel=1e-9)
+    parts = [run.cycles.loads, run.rest.loads]
+    assert sum(float(part.energy.sum()) for part in parts) == pytest.approx(state[4], rel=2e-4)
+    assert max(float(part.highest_shaft_torque.max()) for part in parts) == pytest.approx(np.concatenate(shafts).max(),
+                                                                                          rel=1e-3)
+
+
+def test_a_far_end_in_a_table_is_solved_by_ticks_or_refused(tmp_path, capsys):
+    path = table(tmp_path / "in.csv", t=[0.0, 0.1, 0.2], output_speed=[0.0, 30.0, 10.0])
+    assert main(["simulate", "fig02", "--inputs", str(path), "--solver", "smoothed"]) == 2
+    assert ("solver smoothed does not move the shaft's far end, and the inputs have output_speed; those that do are "
+            "fixed_step\n") in capsys.readouterr().err
+    for out in ("run.csv", "run.npz"):
+        assert main(["simulate", "fig02", "--inputs", str(path), "--out", str(tmp_path / out)]) == 0
+    lines = (tmp_path / "run.csv").read_text().splitlines()
+    assert (lines[0].split(",")[-2:], lines[1].split(",")[-2:]) == (["output_angle", "output_speed"], ["rad", "rad/s"])
+    with np.load(tmp_path / "run.npz") as found:
+        assert found["output_angle"][-1] == pytest.approx(3.0)
+        assert dict(zip(found.files, found["units"].tolist()))["output_angle"] == "rad"
+    path.write_text("t,output_speed\ns,rpm\n0,1\n1,1\n")
+    assert main(["simulate", "fig02", "--inputs", str(path)]) == 2
+    assert "column output_speed is in rpm; it must be in rad/s" in capsys.readouterr().err
+    path.write_text("t,output_speed\n0,1\n1,1e7\n")
+    assert main(["simulate", "fig02", "--inputs", str(path)]) == 2
+    assert "output_speed is 1e+07 rad/s at 1 s; it must be" in capsys.readouterr().err
+
+
+def test_a_far_end_of_a_recording_moves_again_and_is_in_its_samples(tmp_path, capsys):
+    scene = load_scene("fig02")
+    rows, ends = readings(scene, 300, lambda _: None, lambda k: 20.0 * math.sin(0.05 * k) if k > 100 else None)
+    path = bag(tmp_path / "run", rows, scene, ends=ends)
+    assert main(["analyse", str(path), "--discard", "0", "--out", str(tmp_path / "run.csv")]) == 0
+    text = (tmp_path / "run.csv").read_text()
+    assert "output_speed next" in text
+    written = reading.table_of(tmp_path / "run.csv").columns
+    angles, speeds = ([0.0] * 101 + [end[k] for end in ends] for k in (1, 2))
+    assert (written["output_angle"].tolist(), written["output_speed"].tolist()) == (angles, speeds)
+    for source in (path, tmp_path / "run.csv"):
+        run = solve(driven_by(scene, source), duration=0.299, step=1e-3)
+        assert run.output_angle[-1] == pytest.approx(ends[-1][1], rel=1e-12)
+        assert run.final.plate_angle == pytest.approx(rows[-1][2], rel=5e-3)
+
+
+def test_what_needs_a_far_end_that_stands_still_refuses_one_that_moved(tmp_path, capsys):
+    scene = load_scene("fig02")
+    rows, ends = readings(scene, 60, lambda _: None, lambda k: 0.1 * k)
+    path = bag(tmp_path / "run", rows, scene, ends=ends)
+    assert main(["identify", str(path), "--free", "driveline.stiffness"]) == 2
+    assert "the far end of the shaft moved (output_speed up to 5.9 rad/s); identification" in capsys.readouterr().err
+    assert main(["analyse", str(path), "--damping"]) == 2
+    assert "the far end of the shaft moved; --damping is for recordings in which it" in capsys.readouterr().err
+    with_column = table(tmp_path / "in.csv", t=np.arange(60) * 1e-3, slip_speed=np.arange(60) % 7,
+                        output_speed=[2.0] * 60)
+    assert main(["identify", str(with_column), "--free", "driveline.stiffness", "--scene", "fig02"]) == 2
+    assert "the far end of the shaft moved (output_speed up to 2 rad/s)" in capsys.readouterr().err
