@@ -1,1 +1,1 @@
-"""What a result is written as: new files that appear whole, tables for a terminal, samples, what a scene builds."""
+"""Output of results: files written whole or not at all, lines for a terminal, samples, explanations of scenes."""

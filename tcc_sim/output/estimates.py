@@ -19,9 +19,9 @@ from tcc_sim.result import reported
 from tcc_sim.solvers.terms import terms_of, torques_at
 
 SAMPLES = 2000
-"""Samples in a cycle over which torques are taken."""
+"""Samples of the torques per engine cycle."""
 CYCLES = 200
-"""Most cycles over which they are: a profile's, or those of a load that never repeats with the engine."""
+"""Largest number of sampled cycles, for long profiles and for a load that never repeats with the engine."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Estimates:
 
 
 def estimates_of(system: System) -> Estimates:
-    """Estimate how a scene behaves; torques from a topic are those of their fallback."""
+    """Estimate how a scene behaves; a torque from a topic is replaced by its fallback value."""
     d = system.driveline
     both = d.flywheel_inertia + d.plate_inertia
     slipping, stuck = (Mode(math.sqrt(d.stiffness / inertia), 0.5 * d.damping / math.sqrt(d.stiffness * inertia))
@@ -85,7 +85,7 @@ def estimates_of(system: System) -> Estimates:
 
 
 def _torques(system: System) -> tuple[Torque, Torque]:
-    """Engine torque and mu_k N R over the excitation's period, or over the profiles."""
+    """Return engine torque and mu_k N R over the excitation's period, or over the profiles."""
     if system.profile is None:
         span = (min(common_cycles(system), CYCLES) or CYCLES) * system.cycle
     else:
@@ -98,7 +98,7 @@ def _torques(system: System) -> tuple[Torque, Torque]:
 
 
 def _steepest(system: System) -> float:
-    """The most negative slope of the sliding coefficient over mu_k, s/rad; 0 where it does not fall."""
+    """Return the most negative slope of the sliding coefficient over mu_k, s/rad; 0 if it falls nowhere."""
     stribeck = system.friction.stribeck
     if stribeck is None:
         return 0.0
@@ -119,12 +119,12 @@ def critical_slope(system: System) -> float | None:
     root = linear * linear - 4.0 * square * constant
     if root < 0.0:
         return None
-    slope = -2.0 * constant / (linear + math.sqrt(root))  # The form without cancellation.
-    return slope if i1 * k + slope * c > 0.0 else None  # Below 0 the two roots are real, of opposite signs.
+    slope = -2.0 * constant / (linear + math.sqrt(root))  # Form of the root without cancellation.
+    return slope if i1 * k + slope * c > 0.0 else None  # For a value below 0 the two roots are real, of opposite signs.
 
 
 def _expected(system: System, engine: Torque, kinetic: Torque, margin: float | None) -> str:
-    """Stick, slip, stick-slip or runaway, from torques and from the closed form of pure slip where there is one."""
+    """Return stick, slip, stick-slip or runaway, from the torques and the closed form of pure slip, if it exists."""
     if margin is not None and margin >= 0.0:
         return "stick"
     if abs(engine.mean) > kinetic.mean:
@@ -137,15 +137,15 @@ def _expected(system: System, engine: Torque, kinetic: Torque, margin: float | N
 
 
 WORDS = {
-    "stick": "the clutch carries every peak of the torque, so that pure stick is possible",
-    "runaway": "the mean engine torque is above what the sliding clutch carries, so that slip grows once it is fast",
-    "slip": "the slip never ends from this start",
+    "stick": "the clutch carries every peak of the torque, so pure stick is possible",
+    "runaway": "the mean engine torque exceeds the torque of the sliding clutch, so fast slip grows without end",
+    "slip": "slip never ends from this initial state",
     "stick-slip": "the clutch carries the mean torque but not its peaks"}
-"""What is expected, in words."""
+"""Printed reason for each expected motion."""
 
 
 def estimate_lines(found: Estimates) -> list[str]:
-    """The estimates for a terminal."""
+    """Return the lines of the estimates."""
     def mode(name: str, formula: str, one: Mode) -> str:
         return (f"  {name:<9} {one.frequency:.6g} rad/s ({one.frequency / (2.0 * math.pi):.4g} Hz), damping ratio "
                 f"{one.damping_ratio:.4g}   {formula}")
@@ -156,17 +156,18 @@ def estimate_lines(found: Estimates) -> list[str]:
 
     margin = "" if found.stick_margin is None else f"; margin of pure stick (10): {found.stick_margin:.6g} N m"
     least = found.critical_slope
-    critical = "none, the oscillation of steady slip is damped at every slope" if least is None else (
-        f"{least:.4g} N m s/rad, friction torque over slip speed; this law's is down to {found.steepest_slope:.4g} N m "
-        f"s/rad, so that " + ("steady slip at such speeds judders" if found.steepest_slope < least else
-                              "the oscillation of steady slip is damped"))
+    critical = "none, because the oscillation of steady slip is damped at every slope" if least is None else (
+        f"{least:.4g} N m s/rad, friction torque over slip speed; the steepest slope of this law is "
+        f"{found.steepest_slope:.4g} N m s/rad, so " + ("steady slip at such speeds judders"
+                                                        if found.steepest_slope < least else
+                                                        "the oscillation of steady slip is damped"))
     low, high = found.engine_frequency
     if low < found.critical_frequency < high:
         side = f"the engine passes it between {low:.6g} and {high:.6g} rad/s"
     else:
         half, word = ("first", "below") if high < found.critical_frequency else ("second", "above")
-        side = (f"the engine's {low:.6g}{f' to {high:.6g}' if low < high else ''} rad/s is {word} it, so that positive "
-                f"slip falls into the {half} half of a cycle")
+        side = (f"engine frequency {low:.6g}{f' to {high:.6g}' if low < high else ''} rad/s is {word} it, so "
+                f"positive slip falls into the {half} half of a cycle")
     return ["natural frequencies",
             mode("slipping", "sqrt(K23/I2)", found.slipping), mode("stuck", "sqrt(K23/(I1 + I2))", found.stuck),
             "torques over a cycle", torque("engine", found.engine), torque("clutch, mu_s N R", found.static),

@@ -1,4 +1,4 @@
-"""What `explain` finds about a scene, as JSON has it."""
+"""Results of `explain`, as JSON has them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tcc_sim.result import Described, reported
 
 @dataclass(frozen=True)
 class Held:
-    """What a scene uses, and what it leaves out."""
+    """Names in use, and names left out, by a scene."""
 
     held: Sequence[str] = field(metadata=reported("names of those that the scene uses"))
     left_out: Sequence[str] = field(metadata=reported("names of those that it leaves out"))
@@ -94,7 +94,7 @@ class ClosedForms:
 
 @dataclass(frozen=True)
 class SceneExplanation(Described):
-    """How a scene will behave, and what it builds and leaves out."""
+    """Expected behaviour of a scene, and its terms, topics and packages in use and left out."""
 
     name: str = field(metadata=reported("name of the scene"))
     description: str = field(metadata=reported("description of the scene"))

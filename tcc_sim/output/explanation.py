@@ -1,5 +1,5 @@
-"""Explain a scene: its estimates and friction law, the paper's closed forms (pure slip (12) to (18), pure stick (8) to
-(11)) beside the ticks; then its terms, kernel, modules and topics, held and left out, and the cost of a step.
+"""Explain a scene: estimates, friction law, closed forms of the paper (pure slip (12) to (18), pure stick (8) to (11)),
+terms, kernel, modules and topics in use and left out, and the cost of a step.
 """
 
 from __future__ import annotations
@@ -33,18 +33,18 @@ from tcc_sim.solvers.terms import Terms, general_terms, held_and_left_out, stick
 from tcc_sim.topics import TOPICS
 
 OPTIONAL_MODULES = ("scipy", "mcap", "matplotlib", "rerun", "rclpy", "distributed")
-"""Packages that only some scenes and verbs need."""
+"""Optional packages, which only some scenes and verbs need."""
 TICK = 1e-3
-"""The tick whose cost is measured and whose states are held against the closed form, s."""
+"""Length of a tick for the cost and for the comparison with closed forms, s."""
 COMPARED = 500
-"""Ticks that are held against the closed form."""
+"""Number of ticks compared with a closed form."""
 ROUNDS, TICKS = 10, 400
-"""Turns of every kernel whose cost is measured, and ticks in a turn."""
+"""Measurements of the run time of each kernel, and ticks in a measurement."""
 OPTIONAL = {"torque": "engine torque sine", "harmonics": "engine torque harmonics", "pulsation": "pressure sine",
             "stribeck": "Stribeck exponential"}
-"""Terms whose cost is measured by leaving them out or putting them in, with their names for people."""
+"""Terms whose cost is measured by removing or adding them, with their printed names."""
 FUNCTIONS = {"sin": "sines", "exp": "exponentials", "tanh": "hyperbolic tangents"}
-"""NumPy's functions that the kernels call, the dear part of a sub-step."""
+"""Costly functions of NumPy that the kernels call, with their printed names."""
 
 
 def explain(scene: Scene, *, cost: bool = False) -> dict[str, Any]:
@@ -57,8 +57,8 @@ def explained(scene: Scene, *, cost: bool = False) -> SceneExplanation:
 
     Parameters
     ----------
-    cost : measure also what a tick costs, with every term on, without each of those held, and with each of those left
-        out; it compiles them
+    cost : measure the run time of a tick too: of this scene's kernel, with all terms, without each term in use, and
+        with each term left out; this compiles a kernel for each
     """
     terms = terms_of(scene.system)
     needed = [row.name for row in TOPICS if row.wanted(scene.value)]
@@ -70,12 +70,12 @@ def explained(scene: Scene, *, cost: bool = False) -> SceneExplanation:
     return SceneExplanation(
         scene.name, scene.description, choose(scene.system, "auto"), estimates_of(scene.system),
         Held(*held_and_left_out(terms)), {name: _kind(value) for name, value in zip(terms._fields, terms)}, topics,
-        Held([], OPTIONAL_MODULES),  # What neither engine imports.
+        Held([], OPTIONAL_MODULES),  # No solver of this package imports them.
         step, closed_forms(scene.system), friction_of(scene.system))
 
 
 def friction_of(system: System) -> dict[str, Any]:
-    """The friction law: the fields of `FrictionFigures` as JSON values."""
+    """Return the friction law: the fields of `FrictionFigures` as JSON values."""
     own = system.friction
     stick = stick_speed_of(terms_of(system))
     largest = own.static if stick == 0.0 else own.kinetic * peak(own.smoothing, own.stribeck)[1]
@@ -89,11 +89,11 @@ def friction_of(system: System) -> dict[str, Any]:
 
 
 def friction_lines(found: dict[str, Any]) -> list[str]:
-    """The friction law in words."""
+    """Return the lines of the friction law."""
     parts = [f"{found['constant']:.6g}", *(f"{c:+.6g} exp(-{a:.4g} |v|)"
                                            for c, a in zip(found["amplitudes"], found["rates"]))]
-    fit = "" if found["fit_error"] is None else (f"; the fit of the table is up to {found['fit_error']:.2%} of its "
-                                                 f"largest coefficient off, at {found['fit_error_at']:g} rad/s")
+    fit = "" if found["fit_error"] is None else (f"; largest error of the fit {found['fit_error']:.2%} of the largest "
+                                                 f"coefficient of the table, at {found['fit_error_at']:g} rad/s")
     static, kinetic = found["constant"] + sum(found["amplitudes"]), found["constant"]
     signs = {amplitude > 0.0 for amplitude in found["amplitudes"]}
     course = ("does not depend on slip speed" if not signs else
@@ -101,13 +101,13 @@ def friction_lines(found: dict[str, Any]) -> list[str]:
               f"{'falls' if static > kinetic else 'rises'} with slip speed from {static:.4g} to {kinetic:.4g}")
     lines = [f"sliding friction: mu(v) = {' '.join(parts)}{fit}", f"  the coefficient {course}"]
     if found["stick_speed"] > 0.0:
-        lines.append(f"  smoothed through 0: up to {found['stick_speed']:.4g} rad/s counts as stick, where friction is "
-                     f"at most {found['largest_coefficient']:.4g}")
+        lines.append(f"  smoothed through 0: slip speeds up to {found['stick_speed']:.4g} rad/s count as stick; "
+                     f"largest coefficient {found['largest_coefficient']:.4g}")
     return lines
 
 
 def _kind(value: object) -> str:
-    """A term as the compiler sees it."""
+    """Return the type of a term as the compiler sees it."""
     if value is None:
         return "left out"
     if isinstance(value, np.ndarray):
@@ -116,7 +116,7 @@ def _kind(value: object) -> str:
 
 
 def count_calls(system: System) -> dict[str, dict[str, float]]:
-    """Calls per sub-step of the first tick, whose kernel runs as Python: `own_calls`, `general_calls`."""
+    """Count the calls of costly functions per sub-step of the first tick, with the kernel run as Python."""
     from tcc_sim.solvers.fixed_step import Stepper, advance
 
     found: dict[str, dict[str, float]] = {}
@@ -138,7 +138,7 @@ def count_calls(system: System) -> dict[str, dict[str, float]]:
 
 
 def _interpreted(kernel: Any, numpy: Any, known: dict[Any, Any]) -> Callable[..., Any]:
-    """A kernel as Python, and all those that it calls, with another NumPy."""
+    """Return a kernel, and all kernels that it calls, as Python functions with another NumPy."""
     if kernel not in known:
         names = {**kernel.py_func.__globals__, "np": numpy}
         known[kernel] = FunctionType(kernel.py_func.__code__, names)
@@ -150,8 +150,9 @@ def _interpreted(kernel: Any, numpy: Any, known: dict[Any, Any]) -> Callable[...
 
 
 def _cost(scene: Scene) -> dict[str, Any]:
-    """Seconds of a tick of the node's solver with this scene's kernel and with every term on; what each term held adds,
-    and what each one left out would add. The kernels take turns, and the fastest of several counts.
+    """Measure the run time of a tick, s: of this scene's kernel, of one with all terms, and the share of each term.
+
+    The kernels are measured in turns; the fastest of several measurements counts.
     """
     from tcc_sim.solvers.fixed_step import Stepper, advance
 
@@ -168,7 +169,7 @@ def _cost(scene: Scene) -> dict[str, Any]:
             advance(state, 0.0, TICK / n, TICKS * n, terms, True, None)
             seconds[name][turn] = (time.thread_time() - began) / TICKS
     best = {name: float(found.min()) for name, found in seconds.items()}
-    # The fastest of one half of the turns differs from that of the other by this much: less is noise.
+    # Noise: difference between the fastest of the even and of the odd measurements.
     noise = max(abs(float(found[::2].min() - found[1::2].min())) for found in seconds.values())
     added = {name: abs(best[name] - best["own"]) if (best[name] > best["own"]) is (getattr(own, name) is None) else 0.0
              for name in OPTIONAL}
@@ -180,14 +181,14 @@ def _cost(scene: Scene) -> dict[str, Any]:
 
 
 def closed_forms(system: System) -> dict[str, Any] | None:
-    """The fields of `ClosedForms` as JSON values; None for torques from a topic."""
+    """Return the fields of `ClosedForms` as JSON values; None for torques from a topic."""
     if "topic" in (system.engine.source, system.pressure.source):
         return None
     return dict(json_of(ClosedForms(_slip(system), _stick(system))))
 
 
 def _slip(system: System) -> PureSlipFigures | None:
-    """Pure slip in the direction of the initial slip."""
+    """Return pure slip in the direction of the initial slip; None if the scene has no such closed form."""
     direction = -1 if system.initial.slip_speed < 0.0 else 1
     try:
         form = pure_slip(system, direction)
@@ -200,7 +201,7 @@ def _slip(system: System) -> PureSlipFigures | None:
 
 
 def _difference(system: System, slip_speed: Any) -> float | None:
-    """The largest difference of the real-time solver from v(t), rad/s; None for a law that it does not take."""
+    """Return the largest difference of the real-time solver from v(t), rad/s; None for the set-valued law."""
     if system.friction.law != "smoothed":
         return None
     from tcc_sim.solvers.fixed_step import Stepper
@@ -214,7 +215,7 @@ def _difference(system: System, slip_speed: Any) -> float | None:
 
 
 def _stick(system: System) -> PureStickFigures | None:
-    """Pure stick."""
+    """Return pure stick; None if the stuck resonance is excited undamped."""
     try:
         margin, angle = stick_margin(system), plate_angle(system)
     except InputError:
@@ -223,26 +224,27 @@ def _stick(system: System) -> PureStickFigures | None:
 
 
 def closed_form_lines(found: dict[str, Any] | None) -> list[str]:
-    """The closed forms for a terminal."""
+    """Return the lines of the closed forms."""
     if found is None:
-        return ["closed forms: none, a torque comes from a topic or varies in time"]
+        return ["closed forms: none, because a torque comes from a topic or varies in time"]
     slip, stick = found["slip"], found["stick"]
     lines = ["closed forms"]
     if slip is None:
-        lines.append("  pure slip (12) to (18): none, it needs mu_k = mu_s and a pressure above 0")
+        lines.append("  pure slip (12) to (18): none, because it needs mu_k = mu_s and a pressure above 0")
     else:
-        lines.append(f"  pure slip (15): {slip['mean']:.6g} rad/s and sines of {slip['amplitude']:.6g} rad/s"
+        lines.append(f"  pure slip (15): {slip['mean']:.6g} rad/s plus sines of {slip['amplitude']:.6g} rad/s"
                      + (f", growing by {slip['growth']:.4g} rad/s^2" if slip["growth"] else ""))
-        least = "ends, since the friction torque outweighs the engine's" if slip["least"] is None else (
-            f"{slip['least']:.6g} rad/s, so it {'lasts for ever' if slip['pure_slip'] else 'does not last'}")
-        lines.append(f"    margin of (16) {slip['margin']:.6g} rad/s; least slip with the transient: {least}")
+        least = "slip ends, because the friction torque outweighs the engine torque" if slip["least"] is None else (
+            f"smallest slip speed with the transient {slip['least']:.6g} rad/s, so pure slip "
+            f"{'lasts for ever' if slip['pure_slip'] else 'does not last'}")
+        lines.append(f"    margin of (16) {slip['margin']:.6g} rad/s; {least}")
         if slip["tick_difference"] is not None:
             lines.append(f"    the real-time solver is within {slip['tick_difference']:.2g} rad/s of (14) over "
                          f"{COMPARED} ticks")
     if stick is None:
-        lines.append("  pure stick (8) to (11): none, the stuck resonance is excited undamped")
+        lines.append("  pure stick (8) to (11): none, because the stuck resonance is excited without damping")
     else:
         possible = "is possible" if stick["sticks"] else "is not possible"
-        lines.append(f"  pure stick (10): margin {stick['margin']:.6g} N m, so it {possible}; plate angle (8) "
-                     f"{stick['mean']:.6g} rad and sines of {stick['amplitude']:.6g} rad")
+        lines.append(f"  pure stick (10): margin {stick['margin']:.6g} N m, so pure stick {possible}; plate "
+                     f"angle (8) {stick['mean']:.6g} rad plus sines of {stick['amplitude']:.6g} rad")
     return lines

@@ -1,4 +1,4 @@
-"""Fields of JSON files, read from the classes of results: the units of one result, and all fields of a class."""
+"""Units of the fields of JSON files, read from the classes of results."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ REFERENCE = re.compile(r"{([\w*]+)}")
 
 
 def unit_of_key(key: str) -> str:
-    """The unit of a scene key, a result, a signal or its offset; empty for what has none."""
+    """Return the unit of a scene key, a result, a signal or its offset; empty for a dimensionless one."""
     return QUANTITIES[key].unit if key in QUANTITIES else KNOWN.get(key.removesuffix(".offset"), "")
 
 
 def units_in(result: Any) -> dict[str, str]:
-    """The units of a result's fields in JSON by their names, joined by dots; fields without a unit are left out.
+    """Return the units of a result's fields in JSON, by names joined with dots; fields without a unit are left out.
 
-    The field of an entry of a list or a mapping stands for that of every entry; where these have different units, the
-    numbers of the entries are in the names.
+    A field of the entries of a list or a mapping has one name for all entries; if its units differ, the names contain
+    the numbers of the entries.
     """
     return {path: unit for path, unit in _units(result, "", ()) if unit}
 
 
 def _units(value: Any, path: str, owners: tuple[Any, ...]) -> Iterator[tuple[str, str]]:
-    """Path and unit, empty where its key has none, of what is below a value within `owners`, the nearest first."""
+    """Yield path and unit (maybe empty) of the fields below a value; `owners` contain it, the nearest one first."""
     if isinstance(value, Mapping):
         yield from _units(list(value.values()), path, owners)
     elif _is_list(value):
@@ -66,12 +66,12 @@ def _units(value: Any, path: str, owners: tuple[Any, ...]) -> Iterator[tuple[str
 
 
 def _is_list(value: Any) -> bool:
-    """Whether a value is a list of results."""
+    """Return whether a value is a list of results."""
     return isinstance(value, (list, tuple)) and any(map(is_dataclass, value[:1]))
 
 
 def _units_of_class(kind: type, values: Any, path: str, owners: tuple[Any, ...]) -> Iterator[tuple[str, str]]:
-    """Path and unit of the fields of a class that mappings, or lists of the class, have."""
+    """Yield path and unit of the fields of a class in a mapping, or in a list of results or mappings."""
     first = values if isinstance(values, Mapping) else next(iter(values), {})
     for field, entry in fields_of(kind):
         if (is_dataclass(first) or field.partition(".")[0] in first) and (unit := _resolved(entry.unit, owners)):
@@ -79,7 +79,7 @@ def _units_of_class(kind: type, values: Any, path: str, owners: tuple[Any, ...])
 
 
 def _resolved(unit: str, owners: tuple[Any, ...]) -> str:
-    """A unit whose references are replaced by the units of the keys that the owners name; empty where there is none."""
+    """Return a unit with each reference replaced by the unit of a key that an owner names; empty without one."""
     for name in REFERENCE.findall(unit):
         known = unit_of_key(next((str(key) for owner in owners for key in _named(owner, name)), ""))
         if not known:
@@ -89,7 +89,7 @@ def _resolved(unit: str, owners: tuple[Any, ...]) -> str:
 
 
 def _named(owner: Any, name: str) -> Iterator[Any]:
-    """The values that JSON has of an object under a name, at its own level."""
+    """Yield the values that an object has in JSON under a name, at its own level."""
     for attribute, entry in reported_of(type(owner)).items():
         if entry.spread and is_dataclass(part := getattr(owner, attribute)):
             yield from _named(part, name)

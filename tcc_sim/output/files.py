@@ -1,4 +1,4 @@
-"""New files that appear whole or not at all, and never over existing ones unless that was asked for."""
+"""Files that are written whole or not at all, and replace existing ones only on request."""
 
 from __future__ import annotations
 
@@ -18,36 +18,35 @@ from tcc_sim.errors import InputError
 
 STANDARD_OUTPUT = Path("-")
 FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
-"""What a disk says that takes no more."""
+"""Error numbers of a full disk."""
 _NAME, _PATH = 255, 4096
-"""Bytes of a name and of a whole path that Linux allows, where the file system does not say."""
+"""Longest name and path on Linux, bytes, if the file system gives no limit."""
 
 
 def check_name(path: Path, reserve: int = 0) -> None:
-    """Raise InputError where a name is longer than its file system allows, with `reserve` bytes to be added to it."""
+    """Raise InputError if a name, extended by `reserve` bytes, is longer than its file system allows."""
     whole = os.fsencode(path)
     if b"\0" in whole:
-        raise InputError(f"the name {path} has a NUL in it, which no file can have")
+        raise InputError(f"the name {path} contains a NUL character, which no file name can contain")
     try:
         longest = os.pathconf(path.parent, "PC_NAME_MAX")
     except (OSError, ValueError):
         longest = _NAME
     name = max(os.fsencode(path.name), *map(os.fsencode, path.parts), b"", key=len)
     if len(name) > longest or len(os.fsencode(path.name)) + reserve > longest:
-        kept = f", and {reserve} of them are needed here" if reserve else ""
+        kept = f", and this command adds {reserve} bytes" if reserve else ""
         raise InputError(f"the name {path.name} is too long: {longest} bytes are allowed{kept}")
     if len(whole) + reserve >= _PATH:
         raise InputError(f"{path} is too long: {_PATH - 1} bytes are allowed")
 
 
 def replaceable(path: Path) -> bool:
-    """Whether something is at `path`.
+    """Return whether a regular file exists at `path`.
 
     Raises
     ------
     InputError
-        What is there is no regular file (a directory, a device, a pipe, a symbolic link), so that nothing may take its
-        place.
+        A directory, a device, a pipe or a symbolic link has this name; it is never replaced.
     """
     try:
         mode = path.lstat().st_mode
@@ -62,12 +61,12 @@ def replaceable(path: Path) -> bool:
 
 
 def new_directory(path: Path) -> Path:
-    """`path`, once it is sure that it does not exist and can be created.
+    """Return `path` after checking that a directory can be created there.
 
     Raises
     ------
     InputError
-        It exists, its name is too long, or it has no directory to be in.
+        The path exists, its name is too long, or its parent directory does not exist.
     """
     check_name(path)
     if os.path.lexists(path):
@@ -79,18 +78,18 @@ def new_directory(path: Path) -> Path:
 
 @contextmanager
 def draft(path: Path) -> Iterator[Path]:
-    """A path of the same name that takes the place of `path` when the `with` ends well and is removed otherwise.
+    """Yield the path of a draft, which becomes `path` if the `with` block succeeds and is removed otherwise.
 
-    It lies in a new directory beside `path` that only this user can enter, with a name that nobody can know before, so
-    whatever opens it neither finds a file nor follows a link that somebody else put there. What appears at `path`
-    meanwhile is not replaced.
+    The draft has the same file name, in a new directory beside `path` with an unpredictable name that only this user
+    can enter; so no other user can place a file or a link there. A file that appears at `path` in the meantime is not
+    replaced.
 
     Raises
     ------
     InputError
-        Something is at `path` that is no regular file, or a file has appeared there.
+        No regular file is at `path`, but a directory or another special file; or a file has appeared there.
     OSError
-        With the name `path`, where the disk takes no more.
+        The disk is full; the error names `path`.
     """
     check_name(path)
     existed = replaceable(path)
@@ -104,7 +103,7 @@ def draft(path: Path) -> Iterator[Path]:
             _link(part, path)
     except OSError as error:
         if (error.errno in FULL and error.filename is None) or str(error.filename).startswith(str(folder)):
-            # The user knows the file by its own name, not by the draft's, and a full disk names none.
+            # The error must name the user's file, not the draft; the error of a full disk names no file.
             raise OSError(error.errno, error.strerror, str(path)) from None
         raise
     finally:
@@ -112,14 +111,14 @@ def draft(path: Path) -> Iterator[Path]:
 
 
 def _link(part: Path, path: Path) -> None:
-    """Put a finished file where none is; where the file system knows no second names, as near to that as it allows."""
+    """Move a finished file to an unused name; without hard links, a file may appear there between check and move."""
     try:
         os.link(part, path, follow_symlinks=False)
     except FileExistsError:
-        raise InputError(f"{path} has appeared meanwhile and is not overwritten") from None
+        raise InputError(f"{path} has appeared in the meantime and is not overwritten") from None
     except OSError:
         if path.exists():
-            raise InputError(f"{path} has appeared meanwhile and is not overwritten") from None
+            raise InputError(f"{path} has appeared in the meantime and is not overwritten") from None
         part.replace(path)
 
 
@@ -134,19 +133,19 @@ def write_json(path: Path, values: Mapping[str, Any]) -> None:
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """The object that a JSON file holds.
+    """Return the object in a JSON file.
 
     Raises
     ------
     InputError
-        There is no such file, or it holds something else.
+        The file cannot be read, or contains no JSON object.
     """
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}") from None
     except (ValueError, RecursionError):
-        raise InputError(f"{path} is no JSON") from None
+        raise InputError(f"{path} is not a JSON file") from None
     if not isinstance(found, dict):
-        raise InputError(f"{path} holds no JSON object")
+        raise InputError(f"{path} contains no JSON object")
     return found

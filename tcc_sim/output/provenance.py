@@ -1,4 +1,4 @@
-"""What every JSON says of itself: format, version of the package, scene with every key, command, and units.
+"""Head of every JSON document: format, version of the package, scene with every key, command, and units.
 
 Keys may be added within a format; a key that changes its meaning makes a new one.
 """
@@ -18,7 +18,7 @@ FORMATS: dict[str, int] = {
     "simulate": 1, "analyse": 1, "sweep": 1, "sweep_points": 1, "continue": 1, "basins": 1, "basin_rows": 1,
     "explain": 1, "figure": 1, "claims": 1, "precision": 1, "stability": 1, "soak": 1, "realtime": 1,
     "linearise": 1, "identify": 1}
-"""Kinds of JSON with the number of their format; sweep_points and basin_rows are files of one line a point or row."""
+"""Format number of each kind of JSON; files of sweep_points and basin_rows have one line per point or row."""
 HEAD = {"format": "kind of file and number of its format", "version": "version of the package that wrote it",
         "scene": "every key of the scene with its value; node options too where a whole scene was given",
         "command": "arguments of tcc-sim, the verb first", "units": "unit by field",
@@ -27,30 +27,30 @@ HEAD = {"format": "kind of file and number of its format", "version": "version o
 
 
 def format_of(kind: str) -> str:
-    """Name and number of one kind of JSON."""
+    """Return name and number of the format of one kind of JSON."""
     return f"tcc_sim {kind} {FORMATS[kind]}"
 
 
 def said(kind: str, scene: Scene | System, command: Sequence[str]) -> dict[str, Any]:
-    """The keys that begin every JSON: four, and `warnings` where the scene has some.
+    """Return the keys that begin every JSON: four, and `warnings` if the scene has any.
 
     Parameters
     ----------
     kind : a key of FORMATS
-    scene : what was solved or recorded; where there are several, the one that they are changes of
-    command : the arguments of `tcc-sim`, the verb first
+    scene : the solved or recorded scene; for several scenes, the one from which they differ
+    command : arguments of `tcc-sim`, the verb first
     """
     head = {"format": format_of(kind), "version": __version__, "scene": scene_values(scene), "command": list(command)}
     return {**head, "warnings": warnings} if (warnings := warnings_of(scene)) else head
 
 
 def warnings_of(scene: Scene | System) -> list[str]:
-    """Sentences on a scene that go with every result."""
+    """Return the warnings about a scene that accompany every result."""
     return (scene if isinstance(scene, Scene) else Scene("system", scene)).warnings()
 
 
 def document(kind: str, result: Any, scene: Scene | System, command: Sequence[str]) -> dict[str, Any]:
-    """A result as JSON values, with what is said of it before (see `said`) and with the units of its fields."""
+    """Return a result as JSON values, with the head (see `said`) and the units of its fields."""
     head = {**said(kind, scene, command), "units": units_in(result)}
     values = json_of(result)
     if "warnings" in values:  # A recording has its own.
@@ -59,9 +59,9 @@ def document(kind: str, result: Any, scene: Scene | System, command: Sequence[st
 
 
 def scene_values(scene: Scene | System) -> dict[str, Any]:
-    """Every key of a scene with its value, from which `Scene.with_values` makes the same scene again.
+    """Return every key of a scene with its value; `Scene.with_values` makes the same scene from them.
 
-    A System has no node options, so they are left out then.
+    For a System, which has no node options, those are left out.
     """
     values = dict(values_of(scene)) if isinstance(scene, System) else scene.values()
     return {key: list(value) if isinstance(value, tuple) else value for key, value in values.items()}

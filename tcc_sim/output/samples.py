@@ -1,4 +1,4 @@
-"""Arrays as files: samples of a run as NumPy arrays (.npz), a table (.csv) or a recording (.mcap), labels of basins."""
+"""Files of arrays: samples of a run as .npz, table (.csv) or recording (.mcap), and labels of basins."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ SUFFIXES = (".npz", ".csv", ".mcap")
 
 
 def documented(document: Mapping[str, Any]) -> dict[str, Any]:
-    """The JSON of a command as an array of a .npz, so that the file says where it is from and can be drawn again."""
+    """Return the JSON of a command as an array of a .npz, which thus names its origin and can be drawn again."""
     return {"document": np.array(json.dumps(document, allow_nan=False))}
 
 
 def cycles_in(arrays: Mapping[str, Any]) -> Cycles | None:
-    """The engine cycles in the arrays of a .npz; None where it has none."""
+    """Return the engine cycles in the arrays of a .npz, or None."""
     if "cycle_highest" not in arrays:
         return None
     return Cycles(arrays["section_states"][:, [1, 0, 2]], arrays["cycle_highest"], arrays["cycle_lowest"],
@@ -36,7 +36,7 @@ def cycles_in(arrays: Mapping[str, Any]) -> Cycles | None:
 
 
 def _cycle_columns(cycles: Cycles | None) -> dict[str, Any]:
-    """The engine cycles that a solver worked out, as `cycles_in` reads them."""
+    """Return the engine cycles of a solver as the arrays that `cycles_in` reads."""
     if cycles is None:
         return {}
     return {"section_states": cycles.section[:, [1, 0, 2]], "cycle_highest": cycles.highest,
@@ -46,20 +46,20 @@ def _cycle_columns(cycles: Cycles | None) -> dict[str, Any]:
 
 def write_samples(path: Path, trajectory: Trajectory, scene_text: str, *, recorded: bool = False,
                   document: Mapping[str, Any] | None = None) -> None:
-    """Write every sample of `trajectory`.
+    """Write every sample of `trajectory` to a .npz, .csv or .mcap file.
 
-    A .npz holds the units too, in the order of its arrays, and the scene (YAML), as a .mcap does; where the solver
-    worked out engine cycles `section_states` (plate angle, slip speed, plate speed at the start of each and at the end
-    of the last) and `cycle_highest`, `cycle_lowest` (rad/s), `cycle_stick_time` and, where they differ in length,
-    `cycle_starts` (s); and `document`, the JSON of the command, where it is given. A .csv keeps every digit; its first
-    line names the columns and its second line gives their units. What was `recorded` under a commanded pressure has
-    that too, Pa, where it is known throughout; and its .csv begins with the scene, and with how the inputs hold between
-    two rows, in lines that begin with #.
+    A .npz contains the columns, their units in the same order, the scene (YAML), the JSON `document` if given, and the
+    engine cycles of the solver: `section_states` (plate angle, slip speed, plate speed at the start of each cycle and
+    at the end of the last), `cycle_highest`, `cycle_lowest` (rad/s), `cycle_stick_time` and, for cycles of different
+    lengths, `cycle_starts` (s). A .csv has every digit, the names of the columns in its first line and their units in
+    its second. For `recorded` samples of a commanded pressure that is known throughout, both have the pressure, Pa; and
+    a .csv begins with the scene, and the interpolation of the inputs between rows, in lines that begin with #. A .mcap
+    contains the scene too.
 
     Raises
     ------
     InputError
-        Another suffix than those of SUFFIXES.
+        The suffix is not one of SUFFIXES.
     """
     check_suffix(path, SUFFIXES)
     columns: dict[str, Any] = dict(Trajectory.columns(trajectory))
@@ -77,14 +77,14 @@ def write_samples(path: Path, trajectory: Trajectory, scene_text: str, *, record
             rows = zip(*(values.tolist() for values in columns.values()))
             with part.open("w", encoding="utf-8", newline="\n") as file:
                 if recorded:
-                    said = "# " + hold_line(_holds(trajectory))
-                    file.writelines(f"# {line}\n" for line in (*scene_text.splitlines(), said))
+                    holds = "# " + hold_line(_holds(trajectory))
+                    file.writelines(f"# {line}\n" for line in (*scene_text.splitlines(), holds))
                 file.writelines(",".join(line) + "\n" for line in (columns, units.values()))
                 file.writelines(",".join(map(repr, row)) + "\n" for row in rows)
 
 
 def _holds(recorded: Trajectory) -> dict[str, str]:
-    """How the inputs of recorded samples hold between two of them: a command through the tick that ends at a state."""
+    """Return how to interpolate recorded inputs: a command holds through the tick that ends at the sample."""
     system = recorded.system
     commanded = [] if system is None else [system.engine.source == "topic", system.pressure.source == "topic"]
     held = dict(zip(INPUTS, commanded)) | ({} if recorded.output_speed is None else {FAR_END: True})
@@ -92,11 +92,11 @@ def _holds(recorded: Trajectory) -> dict[str, str]:
 
 
 def write_trajectory(path: Path, trajectory: Trajectory, scene_text: str | None = None) -> None:
-    """Write joint_states, slip_speed, friction_torque and stick_slip_state of every sample to a new MCAP file, as the
-    driveline node would have published them.
+    """Write every sample to a new MCAP file, as the topics joint_states, slip_speed, friction_torque and
+    stick_slip_state of the driveline node.
 
-    All times in it are simulation time. The flywheel angle, where the trajectory has none, is the plate angle plus the
-    integral of the slip speed (trapezoidal rule) from 0.
+    All times in the file are simulation time. For a trajectory without flywheel angle, that angle is the plate angle
+    plus the integral of the slip speed (trapezoidal rule) from 0.
 
     Raises
     ------
@@ -128,9 +128,9 @@ def write_trajectory(path: Path, trajectory: Trajectory, scene_text: str | None 
 
 
 def write_basins(path: Path, found: Sequence[Basins], over: Axis | None, document: Mapping[str, Any]) -> None:
-    """Write `labels` and `cycles`, (second, first) arrays, and the values of both axes; `over` adds a first axis.
+    """Write basins as .npz: `labels` and `cycles`, (second, first) arrays, the values of both axes, and `document`.
 
-    Labels: -1 undecided, -2 runaway, else an index into the attractors of the JSON, which is there too as `document`.
+    `over` adds a first axis. Labels: -1 undecided, -2 runaway, else an index into the attractors in `document`.
     """
     labels, cycles = np.stack([one.labels for one in found]), np.stack([one.cycles for one in found])
     first, second = found[0].plane

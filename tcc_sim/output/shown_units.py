@@ -1,8 +1,8 @@
-"""Units in which speeds and frequencies are shown: printed lines and axes of pictures; files stay in SI.
+"""Units of speeds and frequencies in printed lines and on axes of pictures; files stay in SI.
 
-What a command shows is written in rad/s everywhere. `in_words` and `shown_axis` turn that into revolutions a minute or
-hertz. The frequency of the excitation becomes the engine speed, in revolutions of the crankshaft, where rpm is asked
-for: a revolution has `engine.order` periods of the excitation.
+All lines and labels are made in rad/s. `in_words` and `shown_axis` convert them to revolutions per minute or hertz. In
+rpm, the frequency of the excitation becomes the engine speed, in revolutions of the crankshaft: one revolution has
+`engine.order` periods of the excitation.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import re
 from contextvars import ContextVar
 
 UNITS = {"rad": ("rad/s", 1.0), "rpm": ("rpm", 30.0 / math.pi), "hz": ("Hz", 0.5 / math.pi)}
-"""By its name a unit, and how many of it are 1 rad/s."""
+"""Unit, and factor from rad/s, by the name of --units."""
 _SHOWN: ContextVar[tuple[str, float]] = ContextVar("shown", default=("rad", 1.0))
 _NUMBER = r"-?\d[\d.]*(?:e[-+]?\d+)?"
 _SPEEDS = re.compile(rf"(engine frequency )?(?<!re )({_NUMBER})( to {_NUMBER})? rad/s(?![\^/)])")
@@ -21,24 +21,24 @@ _ENGINE = ("engine frequency", "angular frequency omega of the first harmonic", 
 
 
 def show_in(units: str, order: float = 1.0) -> None:
-    """Show speeds in one of UNITS from now on, with so many periods of the excitation in a crank revolution."""
+    """Select one of UNITS, and the number of periods of the excitation per crank revolution."""
     _SHOWN.set((units, order))
 
 
 def show_order(order: float) -> None:
-    """Show engine speeds with so many periods of the excitation in a crank revolution from now on."""
+    """Set the number of periods of the excitation per crank revolution, for engine speeds."""
     _SHOWN.set((_SHOWN.get()[0], order))
 
 
 def in_words(text: str) -> str:
-    """Printed text with its speeds in the units that are shown, in as many digits as before."""
+    """Return a printed text with its speeds in the selected units, with the same number of digits."""
     units, order = _SHOWN.get()
     if units == "rad":
         return text
     unit, factor = UNITS[units]
 
     def converted(found: re.Match[str]) -> str:
-        """One number or a range."""
+        """Convert one number or a range."""
         engine, own = found[1] or "", factor
         if engine and units == "rpm":
             engine, own = "engine speed ", factor / order
@@ -50,7 +50,7 @@ def in_words(text: str) -> str:
 
 
 def shown_axis(label: str) -> tuple[str, float] | None:
-    """Label of an axis and factor of its numbers in the units that are shown; None where they stay as they are."""
+    """Return label and factor of an axis in the selected units; None if the axis stays unchanged."""
     units, order = _SHOWN.get()
     found = _LABEL.fullmatch(label)
     if units == "rad" or found is None:
@@ -64,6 +64,6 @@ def shown_axis(label: str) -> tuple[str, float] | None:
 
 
 def _scaled(number: str, factor: float) -> str:
-    """A number in as many digits, times a factor."""
+    """Return a number times a factor, with the same number of digits."""
     digits = len(re.sub(r"^0+", "", number.partition("e")[0].lstrip("-").replace(".", "")))
     return f"{float(number) * factor:.{max(digits, 5)}g}"

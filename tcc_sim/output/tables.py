@@ -1,6 +1,4 @@
-"""Results as tables: a run, a sweep and its quantiles as lines for a terminal, and Markdown for the pages that commands
-write.
-"""
+"""Results as text: lines of a run, a sweep and its quantiles for a terminal, and Markdown tables for written pages."""
 
 from __future__ import annotations
 
@@ -24,9 +22,9 @@ if TYPE_CHECKING:
     from tcc_sim.sweeps.simulation import Simulation
 
 LINES_SHOWN = 6
-"""Most lines of a spectrum shown."""
+"""Largest number of spectral lines shown."""
 SECTION_LINES = 16
-"""Most section points shown."""
+"""Largest number of section points shown."""
 Row = dict[str, Any]
 Column = tuple[str, int, Callable[[Row], str]]
 
@@ -35,7 +33,7 @@ COLUMNS: list[Column] = [
     ("period", 7, lambda r: _period(r)),
     ("stick", 6, lambda r: f"{r['stick_fraction']:.4f}"),
     ("regime", 10, lambda r: str(r["regime"]))]
-"""Heading, width and text of the columns that are always there."""
+"""Heading, width and text of the columns of every sweep."""
 DAMPING: list[Column] = [
     ("Cf (21)", 9, lambda r: _number(r.get("equivalent_damping"))),
     ("neg. slope", 10, lambda r: _number(r.get("negative_slope_mean")))]
@@ -48,13 +46,13 @@ QUANTILES = (("max_slip_speed", "largest |slip speed|", "rad/s", 1.0), ("stick_f
 
 
 def aligned(pairs: list[tuple[str, str]]) -> list[str]:
-    """Names and what they are, in two columns."""
+    """Return names and values in two aligned columns."""
     width = max((len(name) for name, _ in pairs), default=0)
     return [f"  {name:<{width}}  {value}" for name, value in pairs]
 
 
 def simulation_lines(name: str, found: Simulation) -> list[str]:
-    """A simulation of a scene: how it was solved, its summary, and the extras that were asked for."""
+    """Return the lines of a simulation: solver, summary and further figures."""
     run = found.trajectory
     lines = [f"{name}: {run.t[-1]:.6g} s, solved by {run.solver} in {counted(run.statistics.steps, 'step')} in "
              f"{run.statistics.seconds:.3g} s"]
@@ -71,23 +69,23 @@ def simulation_lines(name: str, found: Simulation) -> list[str]:
 
 
 def order_lines(found: Orders) -> list[str]:
-    """The orders of a run in a few figures."""
+    """Return the main results of an order analysis."""
     pairs = [("orders", f"{counted(len(found.time), 'window')} from engine frequency {found.frequency.min():.6g} to "
                         f"{found.frequency.max():.6g} rad/s, up to order {found.order[-1]:g}")]
     for order, passed in zip(found.torque_order, found.transmissibility.T):
         if not np.isnan(passed).any():
-            pairs.append((f"order {order:g}", f"shaft torque to engine torque at most {passed.max():.4g}, at "
+            pairs.append((f"order {order:g}", f"shaft torque over engine torque at most {passed.max():.4g}, at "
                                               f"engine frequency {found.frequency[passed.argmax()]:.6g} rad/s"))
     judder = found.judder
     most = f"at most {judder.peak.max():.6g} rad/s about the cycle mean, rms {judder.rms.max():.6g} rad/s"
     if not np.isnan(judder.breakaways).any():
-        most += f"; {judder.breakaways.max():.4g} breakaways a second"
+        most += f"; {judder.breakaways.max():.4g} breakaways per second"
     pairs.append(("judder", most))
     return aligned(pairs)
 
 
 def comparison_lines(found: OrderComparison) -> list[str]:
-    """How far simulated orders are from measured ones, each where it is within 30 dB of its largest."""
+    """Return the differences of simulated and measured orders, where an order is within 30 dB of its largest value."""
     from tcc_sim.analysis.orders import level
 
     pairs = []
@@ -97,13 +95,13 @@ def comparison_lines(found: OrderComparison) -> list[str]:
             if np.isnan(measured).any():
                 continue
             apart = np.abs(found.difference(name, order))[measured > measured.max() - 30.0]
-            pairs.append((f"order {order:g} of {name.replace('_', ' ')}", f"simulated less measured at most "
-                          f"{apart.max():.3g} dB, median {np.median(apart):.3g} dB"))
+            pairs.append((f"order {order:g} of {name.replace('_', ' ')}", f"simulated and measured differ by at "
+                          f"most {apart.max():.3g} dB, median {np.median(apart):.3g} dB"))
     return aligned(pairs)
 
 
 def spectrum_lines(found: Spectrum) -> list[str]:
-    """The window of a spectrum and its largest lines."""
+    """Return the window of a spectrum and its largest lines."""
     pairs = [("spectrum window", found.window)]
     if found.slip_speed is not None and found.shaft_torque is not None:
         largest = np.sort(np.argsort(np.nan_to_num(found.slip_speed[1:]))[::-1][:LINES_SHOWN] + 1)
@@ -120,13 +118,13 @@ def spectrum_lines(found: Spectrum) -> list[str]:
 
 
 def summary_rows(summary: Summary) -> list[tuple[str, str]]:
-    """The figures of a steady state with their units."""
+    """Return the results of a steady state with their units."""
     if summary.runaway:
         period = "none: slip grows and never sticks"
     elif summary.period:
         period = counted(summary.period, "engine cycle")
         period += (", settled" if summary.settled else
-                   f", still converging: it changes by {summary.section_change:.1e} of it")
+                   f", still converging: the section changes by {summary.section_change:.1e}, relative, per period")
     else:
         period = f"none up to {DEFAULTS.maximum_period} engine cycles" + (
             "; the motion has not settled: raise --cycles" if summary.transient else "")
@@ -150,7 +148,7 @@ def summary_rows(summary: Summary) -> list[tuple[str, str]]:
 
 
 def covers_row(summary: Summary, begin: float, end: float) -> list[tuple[str, str]]:
-    """From when to when the figures of a run from `begin` to `end`, s, are taken, where that is not all of it."""
+    """Return the time span that the figures of a run from `begin` to `end`, s, cover, unless they cover all of it."""
     first, last = summary.covers
     near = 1e-9 * (end - begin)
     if first <= begin + near and last >= end - near:
@@ -159,7 +157,7 @@ def covers_row(summary: Summary, begin: float, end: float) -> list[tuple[str, st
 
 
 def damping_row(found: Damping) -> tuple[str, str]:
-    """The equivalent damping (21) beside what (23) compares it with."""
+    """Return the equivalent damping (21), with the mean slope and the threshold of (23)."""
     if math.isnan(found.weighted):
         reason = "no whole engine cycle could be solved" if math.isnan(found.negative_mean) else "there is no slip"
         return "equivalent damping (21)", f"none: {reason}"
@@ -169,15 +167,16 @@ def damping_row(found: Damping) -> tuple[str, str]:
 
 
 def lyapunov_row(found: Lyapunov) -> tuple[str, str]:
-    """The largest Lyapunov exponent with its confidence interval."""
+    """Return the largest Lyapunov exponent with its confidence interval."""
     return ("largest Lyapunov exponent", f"{found.exponent:.4g} 1/s, {found.low:.4g} to {found.high:.4g} at "
             f"{100.0 * found.confidence:g} % confidence: {found.diagnosis}")
 
 
 def sweep_lines(sweeps: Sequence[Sweep], second_key: str = "", second_values: Sequence[float] = (),
                 width: int | None = None) -> list[str]:
-    """A heading and a line per point; a grid has the value of its second key first. Columns beyond the width of the
-    terminal make tables of their own below.
+    """Return a heading and one line per point; in a grid, the value of the second key comes first.
+
+    Columns that do not fit in the width of the terminal form further tables below.
     """
     extras = {name for sweep in sweeps for name in sweep.lists}
     columns = [*COLUMNS, *(DAMPING if "equivalent_damping" in extras else []),
@@ -199,14 +198,14 @@ def sweep_lines(sweeps: Sequence[Sweep], second_key: str = "", second_values: Se
 
 
 def unsettled_lines(sweeps: Sequence[Sweep], mark: str = "") -> list[str]:
-    """How many motions have not settled, and what to do; nothing where all have."""
+    """Return a line with the number of motions that have not settled, and the remedy; no line if all have settled."""
     count, values = sum(s.not_settled for s in sweeps), sum(len(s.points) for s in sweeps)
     return [f"{mark}{count} of {counted(values, 'point')} {'has' if count == 1 else 'have'} not settled; raise --cycles"
             ] if count else []
 
 
 def quantile_lines(found: Scattered) -> list[str]:
-    """Quantiles of the main results over the samples, per value where there is another key."""
+    """Return quantiles of the main results over the samples, for each value of a swept key."""
     from tcc_sim.sweeps.scatter import PROBABILITIES
 
     values = found.sweeps[0].curve.values if found.over else ()
@@ -215,9 +214,9 @@ def quantile_lines(found: Scattered) -> list[str]:
     left_out = found.left_out
     if any(left_out.values()):
         lines.append(f"quantiles leave out {counted(left_out['runaway'], 'result')} that ran away and "
-                     f"{left_out['not_settled']} that have not settled; raise --cycles, or take --every-sample")
-    for name, told, unit, scale in QUANTILES:
-        lines.append(f"{told} ({unit})" + "".join(f"  {100.0 * p:g} %" for p in PROBABILITIES))
+                     f"{left_out['not_settled']} that have not settled; raise --cycles, or give --every-sample")
+    for name, label, unit, scale in QUANTILES:
+        lines.append(f"{label} ({unit})" + "".join(f"  {100.0 * p:g} %" for p in PROBABILITIES))
         for k, row in enumerate(scale * found.quantiles(name)):
             start = f"  {found.over} {values[k]:.8g}" if found.over else " "
             lines.append(start + "".join(f"  {x:.6g}" for x in row))
@@ -225,7 +224,7 @@ def quantile_lines(found: Scattered) -> list[str]:
 
 
 def _tables(columns: list[Column], start: int, width: int | None) -> list[list[Column]]:
-    """The columns in as many tables as the width asks for, each behind `start` characters of keys."""
+    """Distribute the columns over tables no wider than `width`, each after `start` characters of keys."""
     tables: list[list[Column]] = [[]]
     for column in columns:
         used = start + sum(2 + wide for _, wide, _ in tables[-1])
@@ -236,39 +235,40 @@ def _tables(columns: list[Column], start: int, width: int | None) -> list[list[C
 
 
 def _period(record: Row) -> str:
-    """The period in engine cycles, with a star where it has not settled; runaway, or none."""
+    """Return the period in engine cycles, with a star if the motion has not settled; else runaway or none."""
     if record["runaway"]:
         return "runaway"
     return f"{record['period'] or 'none'}{'*' if record['transient'] else ''}"
 
 
 def _number(value: float | None) -> str:
-    """Four digits, or none."""
+    """Return a number with four digits, or none."""
     return "none" if value is None else f"{value:.4g}"
 
 
 def _half(found: Row) -> str:
-    """Half the width of an interval."""
+    """Return half the width of a confidence interval."""
     return "none" if found["low"] is None else f"{0.5 * (found['high'] - found['low']):.2g}"
 
 
 def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]], align: str = "---",
                    first: str | None = None) -> list[str]:
-    """The lines of a table; `align` is the rule below every heading: ``---`` to the left, ``---:`` to the right.
+    """Return the lines of a Markdown table.
 
-    `first` is the rule below the first heading where it is another.
+    `align` is the rule below every heading, ``---`` for left and ``---:`` for right alignment; `first` is the rule
+    below the first heading if that differs.
     """
     rules = [align if first is None else first, *[align] * (len(head) - 1)]
     return ["| " + " | ".join(cells) + " |" for cells in (head, rules, *rows)]
 
 
 def escape(words: str) -> str:
-    """Words with the signs that Markdown would take for its own."""
+    """Return words with the special characters of Markdown escaped."""
     return words.replace("|", "\\|").replace("*", "\\*").replace("_", "\\_").replace("<", "&lt;")
 
 
 def text(value: Any) -> str:
-    """Numbers for people, with five digits."""
+    """Return a value of a result as text, numbers with five digits."""
     if isinstance(value, Mapping):
         return ", ".join(f"{k}: {text(v)}" for k, v in value.items())
     if isinstance(value, (list, tuple)):

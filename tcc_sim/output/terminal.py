@@ -1,6 +1,4 @@
-"""What a terminal shows: lines that are no wider than it, of which what is broken goes on under the place where its
-text begins, and bars for what takes a while.
-"""
+"""Output on a terminal: lines wrapped to its width, with continuation lines indented, and progress bars."""
 
 from __future__ import annotations
 
@@ -15,20 +13,20 @@ from contextlib import contextmanager
 from typing import Any
 
 NARROWEST = 40
-"""Columns that are filled even where a terminal has fewer."""
+"""Smallest width used, even if the terminal is narrower, columns."""
 
 
 def terminal_width() -> int | None:
-    """Columns of the terminal that is standard output, or what COLUMNS says; None for a file or a pipe."""
+    """Return the columns of the terminal on standard output, or COLUMNS; None for a file or a pipe."""
     columns = shutil.get_terminal_size(fallback=(0, 0)).columns
     return max(columns, NARROWEST) if columns else None
 
 
 def wrapped(text: str, width: int | None) -> str:
-    """`text` with every line that is wider than `width` broken between words; as it is where `width` is None.
+    """Return `text` with each line wider than `width` broken between words; unchanged if `width` is None.
 
-    The parts go on under the last column that begins within the left half of the line: two spaces or more stand before
-    it. A line without columns goes on two places further in than it begins.
+    Continuation lines begin under the last column that starts in the left half of the line, where a column follows two
+    spaces or more. For a line without columns they are indented by two characters more than the line.
     """
     if width is None:
         return text
@@ -39,19 +37,19 @@ def wrapped(text: str, width: int | None) -> str:
 
 
 def _indent(line: str, width: int) -> int:
-    """Where the second part of a broken line begins."""
+    """Return the indent of the continuation lines of a line."""
     columns = [found.end() for found in re.finditer(r"\S {2,}(?=\S)", line) if found.end() <= width // 2]
     return columns[-1] if columns else len(line) - len(line.lstrip()) + 2
 
 
 def say(text: str, *, flush: bool = False) -> None:
-    """Print what a command has to say on standard output."""
+    """Print a text on standard output, wrapped to the terminal."""
     print(wrapped(text, terminal_width()), flush=flush)
 
 
 def open_streams() -> None:
-    """Take whatever is printed: a stream that the caller closed takes it to nowhere, and one whose encoding lacks a
-    character gets that escaped.
+    """Prepare standard output and standard error for any text: a closed stream discards it, and a character that the
+    encoding of a stream lacks is escaped.
     """
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
@@ -62,9 +60,9 @@ def open_streams() -> None:
 
 
 class CountedBar:
-    """Progress of what is done part by part.
+    """Progress bar of a task with a known number of parts.
 
-    complete : whether it came to its end
+    complete : whether the task was finished
     """
 
     def __init__(self, bar: Any) -> None:
@@ -73,7 +71,7 @@ class CountedBar:
         self._bar = bar
 
     def done(self, count: int, total: int, following: str) -> None:
-        """Say how much of it is done, and what comes next."""
+        """Show the number of parts done and the name of the next one."""
         self._bar.total = total
         self._bar.set_description_str(following, refresh=False)
         self._bar.update(count - self._bar.n)
@@ -81,7 +79,7 @@ class CountedBar:
 
 @contextmanager
 def counted_bar(unit: str) -> Iterator[CountedBar]:
-    """Progress of what Ctrl-C may end early; it then says so, and leaves `complete` False."""
+    """Show progress; on Ctrl-C, print that the task was interrupted, and leave `complete` False."""
     from tcc_sim.sweeps.progress import progress_bar
 
     with progress_bar(unit, leave=False) as bar:
@@ -95,7 +93,7 @@ def counted_bar(unit: str) -> Iterator[CountedBar]:
 
 @contextmanager
 def seconds_bar(name: str, total: float) -> Iterator[Callable[[float], None]]:
-    """Progress of what runs `total` s; what it gives is called with the seconds done so far."""
+    """Show progress of a task that runs for `total` s; call the yielded function with the seconds done so far."""
     from tcc_sim.sweeps.progress import progress_bar
 
     with progress_bar("s", total, desc=name, leave=False,

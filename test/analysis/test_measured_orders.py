@@ -74,7 +74,7 @@ def test_orders_of_a_table_alone_are_those_beside_the_simulation(tmp_path, colum
     count = len(found["measured_orders"]["time"])
     np.testing.assert_allclose(np.array(alone["slip_speed"])[:count], found["measured_orders"]["slip_speed"], rtol=1e-9)
     assert alone["torque_order"] == [1.0, 2.0]
-    assert "breakaways a second" not in capsys.readouterr().out
+    assert "breakaways per second" not in capsys.readouterr().out
 
 
 def test_an_engine_with_two_periods_a_revolution_has_crank_orders(tmp_path, columns):

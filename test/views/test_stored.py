@@ -104,7 +104,7 @@ def test_a_json_without_cells_draws_the_attractors_and_says_so(pictures: list[An
 
 @pytest.mark.parametrize(("content", "says"), [
     ("{}", "no result of a command"), ('{"format": "tcc_sim soak 1"}', "no picture of a JSON of soak"),
-    ("[1]", "no JSON object"), ("{", "is no JSON")])
+    ("[1]", "no JSON object"), ("{", "is not a JSON file")])
 def test_what_has_no_picture_is_refused_in_a_line(content: str, says: str, tmp_path: Path,
                                                   capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "a.json"
