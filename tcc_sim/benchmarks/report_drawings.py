@@ -49,15 +49,16 @@ LOWEST = -9.0
 """Colours end at this power of ten."""
 
 
-def draw_precision(stem: Path, scenes: Sequence[StudiedScene]) -> tuple[Path, Path]:
+def draw_precision(stem: Path, scenes: Sequence[StudiedScene], title: str = "") -> tuple[Path, Path]:
     """Draw `stem`.png and `stem`.svg, a column per scene and a row per group of solvers with the largest of three
     errors, and `stem`_section.png and .svg with the section of the first scene, a column per group.
     """
     columns = list(dict.fromkeys(record.scene.removesuffix(SET_VALUED) for record in scenes))
     of = {name: [r for r in scenes if r.scene.removesuffix(SET_VALUED) == name] for name in columns}
     _draw(stem.with_name(f"{stem.name}_section"), [[(of[columns[0]], group) for group in GROUPS]], "error_section",
-          list(GROUPS))
-    return _draw(stem, [[(of[name], group) for name in columns] for group in GROUPS], "largest_error", columns)
+          list(GROUPS), title)
+    return _draw(stem, [[(of[name], group) for name in columns] for group in GROUPS], "largest_error", columns,
+                 title)
 
 
 def looks_of(names: list[str]) -> dict[str, Look]:
@@ -67,9 +68,9 @@ def looks_of(names: list[str]) -> dict[str, Look]:
 
 
 def _draw(stem: Path, grid: Sequence[Sequence[tuple[list[StudiedScene], str]]], key: str,
-          titles: Sequence[str]) -> tuple[Path, Path]:
+          titles: Sequence[str], over: str) -> tuple[Path, Path]:
     """One picture of panels with the scenes and the group of each; a scene's set-valued runs are in its panel."""
-    with style.figure(2.6 * max(len(titles), 2) + 0.6, 2.2 * len(grid) + 1.4) as drawn:
+    with style.figure(2.6 * max(len(titles), 2) + 0.6, 2.2 * len(grid) + 1.4, over) as drawn:
         axes = drawn.subplots(len(grid), len(titles), sharex=True, sharey=True, squeeze=False)
         handles: dict[str, Any] = {}
         for row, panels in zip(axes, grid):
@@ -128,10 +129,11 @@ def _wrapped(text: str) -> str:
     return lines
 
 
-def draw_stability(stem: Path, charts: Sequence[ErrorChart], cases: Sequence[Examined]) -> tuple[Path, Path]:
+def draw_stability(stem: Path, charts: Sequence[ErrorChart], cases: Sequence[Examined],
+                   title: str = "") -> tuple[Path, Path]:
     """Draw `stem`.png and `stem`.svg."""
     keys, methods = list(dict.fromkeys(c.over for c in charts)), list(dict.fromkeys(c.method for c in charts))
-    with style.figure(9.0, 2.5 * len(methods) + 3.4) as drawn:
+    with style.figure(9.0, 2.5 * len(methods) + 3.4, title) as drawn:
         upper, lower = drawn.subfigures(2, 1, height_ratios=(2.5 * len(methods) + 0.4, 3.0))
         axes = upper.subplots(len(methods), max(len(keys), 1), squeeze=False, sharex="row")
         shade: Any = None

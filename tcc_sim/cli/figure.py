@@ -7,10 +7,11 @@ import multiprocessing
 import signal
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tcc_sim.errors import InputError, RecordingError, require
+from tcc_sim.errors import InputError, RecordingError, printable, require
 from tcc_sim.output.terminal import say
 
 if TYPE_CHECKING:
@@ -36,6 +37,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     output = parser.add_argument_group("output")
     output.add_argument("--out", metavar="DIR", type=Path, default=Path("figures"),
                         help="directory for figNN.png, figNN.svg and figNN.json (default: figures)")
+    output.add_argument("--width", choices=("column", "page"), default="page", help="width in a paper (default page)")
+    output.add_argument("--title", metavar="T", default="",
+                        help="title over the picture of one figure (default: its number and title)")
     output.add_argument("--force", action="store_true", help="replace existing figures")
 
 
@@ -44,6 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.output.files import replaceable
     from tcc_sim.paper.catalogue import FIGURES, FigureOptions, check_options
     from tcc_sim.paper.drawings import draw
+    from tcc_sim.views.style import width_of
 
     try:
         numbers = list(FIGURES) if arguments.figure == "all" else [int(arguments.figure)]
@@ -57,6 +62,8 @@ def run(arguments: argparse.Namespace) -> int:
     there = [path for path in files if replaceable(path)]
     if there and not arguments.force:
         raise RecordingError(f"{there[0]} exists already; choose another --out, or give --force to replace it")
+    if arguments.title and len(numbers) > 1:
+        raise InputError("--title is for one figure; leave it out with all")
     if arguments.jobs is not None and arguments.jobs < 1:
         raise InputError(f"jobs is {arguments.jobs}; it must be 1 or more")
     options = FigureOptions(arguments.quick, arguments.direction, arguments.law, arguments.jobs, progress=True,
@@ -65,14 +72,16 @@ def run(arguments: argparse.Namespace) -> int:
         check_options(numbers[0], options)
     require("matplotlib", "a picture")
     arguments.out.mkdir(parents=True, exist_ok=True)
+    draw_one = partial(draw, title=printable(arguments.title), width=width_of(arguments.width))
     if len(stems) == 1:
         (number, stem), = stems.items()
-        _write(number, stem, options, draw, arguments.words)
+        _write(number, stem, options, draw_one, arguments.words)
         return 0
     # Drawing takes as long as computing and holds the interpreter lock, so another process draws.
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), signal.signal,
                              (signal.SIGINT, signal.SIG_IGN)) as painter:
-        drawn = [_write(number, stem, options, lambda data, where: painter.submit(draw, data, where), arguments.words)
+        drawn = [_write(number, stem, options, lambda data, where: painter.submit(draw_one, data, where),
+                        arguments.words)
                  for number, stem in stems.items()]
         for picture in drawn:
             picture.result()

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tcc_sim.cli.arguments import new_file, number, present
-from tcc_sim.errors import counted, require
+from tcc_sim.errors import counted, printable, require
 from tcc_sim.output.files import new_directory, write_json
 from tcc_sim.output.terminal import counted_bar, say, seconds_bar
 
@@ -31,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         extent.add_argument("--quick", action="store_true", help=REPORTS[verb])
         output.add_argument("--out", type=Path, default=Path(verb), metavar="DIR",
                             help=f"new directory for {verb}.png, .svg, .json and .md (default {verb})")
+        output.add_argument("--title", metavar="T", default="", help="title over the pictures (default: none)")
         return
     shortest, default = DURATIONS[verb]
     extent.add_argument("--rate", type=number(1.0, 20000.0, "Hz"), default=1000.0, metavar="HZ",
@@ -90,7 +91,7 @@ def _precision(arguments: argparse.Namespace, folder: Path) -> int:
     folder.mkdir()
     write_json(folder / "precision.json", document("precision", found, load_scene("fig02"), arguments.words))
     (folder / "precision.md").write_text(precision_page(found, "precision.png"), encoding="utf-8")
-    draw_precision(folder / "precision", records)
+    draw_precision(folder / "precision", records, printable(arguments.title))
     for line in [line for record in records for line in scene_lines(record)]:
         say(line)
     say(f"{folder}/precision.png, .svg, .json, .md; precision_section.png, .svg: the first scene")
@@ -117,7 +118,7 @@ def _stability(arguments: argparse.Namespace, folder: Path) -> int:
     folder.mkdir()
     write_json(folder / "stability.json", document("stability", found, System(), arguments.words))
     (folder / "stability.md").write_text(stability_page(found, "stability.png"), encoding="utf-8")
-    draw_stability(folder / "stability", maps, records)
+    draw_stability(folder / "stability", maps, records, printable(arguments.title))
     for engine, total in found.summary.items():
         ended = ", ".join(f"{name} {count}" for name, count in total.statuses.items())
         say(f"{engine}: {counted(total.cases, 'case')} ({ended}), {total.not_finite} not finite, "

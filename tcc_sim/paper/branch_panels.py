@@ -72,7 +72,8 @@ def label_jumps(axis: Any, curves: Sequence[Labelled], unit: float, colours: Seq
                 axis.axvline(x, color=colour, linewidth=0.5, alpha=0.7, zorder=1.5)
                 named.setdefault((CAUSES.get(cause, cause.replace("_", " ")), f"{x:.4f}"), (x, colour))
     labels = sorted((x, f"{name} {value}", colour) for (name, value), (x, colour) in named.items())
-    places = spread([x for x, _, _ in labels], NARROWEST * (high - low), low, high)
+    least = NARROWEST if style.wide(axis.figure.get_figwidth()) else 1.4 * NARROWEST
+    places = spread([x for x, _, _ in labels], least * (high - low), low, high)
     for place, (x, text, colour) in zip(places, labels):
         axis.annotate(text, (x, 1.0), (place, 1.06), xycoords=("data", "axes fraction"), rotation=90,
                       textcoords=("data", "axes fraction"), ha="center", va="bottom", fontsize=5.2, color=colour,
@@ -130,7 +131,8 @@ def legend_of(axis: Any, curves: Sequence[Labelled], swept: Sequence[Labelled], 
     if any(jump.cause in UNNAMED for jump in behind(swept).jumps):
         handles += axis.plot([], [], color=style.INK, linewidth=0.4, linestyle=(0, (1, 3)),
                              label="jump off the branches")
-    axis.legend(handles=handles, loc="center", ncols=4, fontsize=6.2).set_in_layout(False)
+    columns = 4 if style.wide(axis.figure.get_figwidth()) else 2
+    axis.legend(handles=handles, loc="center", ncols=columns, fontsize=6.2).set_in_layout(False)
 
 
 @dataclass(frozen=True)

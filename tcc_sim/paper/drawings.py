@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -19,30 +20,42 @@ from tcc_sim.views.sweeps import numbers
 MAXIMUM = r"max $|\dot\delta_1|$ (rad/s)"
 SECTION = r"$\delta_2$ (rad)"
 WIDEST = 125
-"""Characters of a caption's line."""
+"""Characters of a caption's line over a page."""
+NARROW = 72
+"""Characters of the lines of a caption and of a title in a column."""
 DIRECTIONS = {"cold": ("from the initial state (13)", style.BLUE), "up": ("continued upward", style.RED),
               "down": ("continued downward", style.GREEN)}
 
 
-def draw(data: Figure, stem: Path) -> None:
-    """Write the picture of one figure as `stem`.png and `stem`.svg."""
+def draw(data: Figure, stem: Path, title: str = "", width: float = style.PAGE) -> None:
+    """Write the picture of one figure as `stem`.png and `stem`.svg.
+
+    Parameters
+    ----------
+    title : over it; by default number and title of the figure
+    width : inch; in a column panels that stand beside each other on a page are narrower or below each other
+    """
     height, paint = KINDS[data.kind]
-    with style.figure(style.PAGE, height(data)) as drawn:
+    wide, caption = style.wide(width), caption_of(data, width)
+    more = 0.0 if wide else 0.15 * (caption.count("\n") + 1)
+    with style.figure(width, (height if wide else COLUMN_HEIGHTS.get(data.kind, height))(data) + more) as drawn:
         extra = [] if data.law == "smoothed" or data.kind in ("law", "solvers") else ["set-valued law"]
         if data.kind in ("map", "damping"):
             directions = {curve.direction for curve in data.numbers.curves}
             extra += [DIRECTIONS[d][0] for d in sorted(directions)] if directions != {"cold"} else []
         note = f" ({', '.join(extra)})" if extra else ""
-        drawn.suptitle(f"Fig. {data.figure}. {data.title}{note}", x=0.01, ha="left", fontsize=9.5, fontweight="bold")
+        words = title or f"Fig. {data.figure}. {data.title}{note}"
+        drawn.suptitle(words if wide else "\n".join(_lines(_words(words), " ", 42)), x=0.01, ha="left",
+                       fontsize=9.5 if wide else 8.5, fontweight="bold")
         paint(drawn, data)
-        drawn.supxlabel(caption_of(data), x=0.01, ha="left", fontsize=7.0, color=style.GREY)
+        drawn.supxlabel(caption, x=0.01, ha="left", fontsize=7.0 if wide else 6.5, color=style.GREY)
         for axis in drawn.axes:
             # A tick label in mathematical typesetting takes ten times as long and looks the same.
             axis.ticklabel_format(useMathText=False)
         style.save_both(drawn, stem)
 
 
-def caption_of(data: Figure) -> str:
+def caption_of(data: Figure, width: float = style.PAGE) -> str:
     """The lines below a picture: parameters, and what was dropped and kept."""
     parts = data.caption.replace("\n", " ").split("; ")
     if data.kind in SWEPT:
@@ -52,13 +65,25 @@ def caption_of(data: Figure) -> str:
                   rf"$\delta_2$ at $t = 2\pi n/\omega$ over the last {most}"]
         if any(mark is panels.SETTLING for mark in panels.marks_met(found.curves)):
             parts.append("grey: still settling to a period")
+    if style.wide(width):
+        return ";\n".join(_lines(parts, "; ", WIDEST))
+    return "\n".join(_lines(_words("; ".join(parts)), " ", NARROW))
+
+
+def _words(text: str) -> list[str]:
+    """The words of a text; mathematics stay whole."""
+    return re.findall(r"(?:\$[^$]*\$|[^\s$])+", text)
+
+
+def _lines(parts: Sequence[str], between: str, most: int) -> list[str]:
+    """Parts joined to lines of at most so many characters."""
     lines = [parts[0]]
     for part in parts[1:]:
-        if len(plain(f"{lines[-1]}; {part}")) > WIDEST:
+        if len(plain(f"{lines[-1]}{between}{part}")) > most:
             lines.append(part)
         else:
-            lines[-1] += f"; {part}"
-    return ";\n".join(lines)
+            lines[-1] += f"{between}{part}"
+    return lines
 
 
 def _marks(axis: Any, data: Figure) -> None:
@@ -113,10 +138,16 @@ def _paint_map(drawn: Any, data: Figure) -> None:
     curves, x = data.numbers.curves, data.numbers.x
     branched = curves[0].behind is not None
     top = 1.06 * max(float(np.nanmax(panels.bounded(curve), initial=1e-6)) for curve in curves)
-    count = len(curves)
-    grid = drawn.add_gridspec(count + 1, 2, width_ratios=(1.55 if branched else 1.0, 1.0),
-                              height_ratios=[1.0] * count + [0.24 if branched else 0.36])
-    maxima, orbits = ([drawn.add_subplot(grid[k, side]) for k in range(count)] for side in range(2))
+    count, wide = len(curves), style.wide(drawn.get_figwidth())
+    if branched and not wide:  # Causes of jumps need the whole width: the orbit diagram is below its maxima.
+        grid = drawn.add_gridspec(2 * count + 1, 1, height_ratios=[1.4, 1.0] * count + [0.8])
+        maxima, orbits = ([drawn.add_subplot(grid[2 * k + side, 0]) for k in range(count)] for side in range(2))
+    else:
+        below_all = 0.24 if branched else 0.36 if wide else 0.8
+        grid = drawn.add_gridspec(count + 1, 2, width_ratios=(1.55 if branched else 1.0, 1.0),
+                                  height_ratios=[1.0] * count + [below_all])
+        maxima, orbits = ([drawn.add_subplot(grid[k, side]) for k in range(count)] for side in range(2))
+    beside = wide or branched
     beyond = 0
     for k, (curve, left, right) in enumerate(zip(curves, maxima, orbits)):
         colour = style.CYCLE[k]
@@ -130,29 +161,32 @@ def _paint_map(drawn: Any, data: Figure) -> None:
             draw_curve_maxima(left, x, curve, colour)
             left.set_ylim(0.0, top)
         draw_orbit(right, x, curve, colour)
-        left.set_ylabel(MAXIMUM.replace(" (", "\n("))
-        right.set_ylabel(SECTION)
+        if beside:
+            left.set_ylabel(MAXIMUM.replace(" (", "\n("))
+            right.set_ylabel(SECTION)
         for axis in (right,) if branched else (left, right):
             axis.set_title(curve.label, loc="right", fontweight="normal", fontsize=7.5, color=colour, pad=2.0)
         right.margins(y=0.08)
         for axis in (left, right):
             axis.locator_params(axis="y", nbins=4)
-            axis.locator_params(axis="x", nbins=6)
+            axis.locator_params(axis="x", nbins=6 if beside else 3)
             axis.tick_params(labelbottom=k == count - 1)
             _marks(axis, data)
     for axis in (maxima[-1], orbits[-1]):
         axis.set_xlabel(panels.AXES[data.numbers.axis])
-    room = panels.room_above(curves[:1]) if branched else 6.0
-    for axis, title in ((maxima[0], "(a) maximum slip speed"), (orbits[0], "(b) orbit diagrams")):
-        axis.annotate(title, (0.0, 1.0), (0.0, room), xycoords="axes fraction", textcoords="offset points",
-                      fontsize=8.5, fontweight="bold")
+    room = panels.room_above(curves[:1]) if branched else 6.0 if wide else 13.0
+    titles = ("(a) maximum slip speed", "(b) orbit diagrams") if beside else (f"(a) {MAXIMUM}", f"(b) {SECTION}")
+    for axis, title in zip((maxima[0], orbits[0]), titles):
+        axis.annotate(title, (0.0, 1.0), (0.0, room if wide or axis is maxima[0] or not branched else 6.0),
+                      xycoords="axes fraction", textcoords="offset points", fontsize=8.5 if wide else 7.5,
+                      fontweight="bold")
     below = drawn.add_subplot(grid[-1, :])
     if branched:
         panels.legend_of(below, curves, curves, beyond)
         return
     below.set_axis_off()
     legend_of_marks(below, curves)
-    below.legend(loc="lower center", ncols=3, fontsize=6.5).set_in_layout(False)
+    below.legend(loc="lower center", ncols=3 if wide else 1, fontsize=6.5 if wide else 6.0).set_in_layout(False)
 
 
 def _maxima_on_branches(axis: Any, curve: Labelled, data: Figure, colour: str) -> int:
@@ -275,6 +309,12 @@ def _of_numbers(paint: Callable[[Any, Any], None]) -> Callable[[Any, Figure], No
     """A painter that needs nothing but the numbers."""
     return lambda drawn, data: paint(drawn, data.numbers)
 
+
+COLUMN_HEIGHTS: dict[str, Callable[[Figure], float]] = {
+    "map": lambda data: (1.9 + (3.2 if data.numbers.curves[0].behind is not None else 1.05) * len(data.numbers.curves)),
+    "law": lambda data: 6.6, "histories": lambda data: 0.6 + 2.3 * len(data.numbers.panels),
+    "delay": lambda data: 0.5 + 1.5 * len(data.numbers.panels), "solvers": lambda data: 7.6}
+"""Height in inch of pictures in a column, where it differs from that on a page."""
 
 KINDS: dict[str, tuple[Callable[[Figure], float], Callable[[Any, Figure], None]]] = {
     "map": (_map_height, _paint_map),

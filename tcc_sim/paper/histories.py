@@ -19,7 +19,7 @@ def paint_histories(drawn: Any, data: Numbers) -> None:
     The sections lie in stick, where the slip speed is 0.
     """
     panels = data.panels
-    axes = drawn.subplots(len(panels), 3, width_ratios=(1.25, 1.25, 1.0), sharex="col", sharey="col")
+    axes = _rows_of_three(drawn, len(panels))
     for k, (row, panel) in enumerate(zip(axes, panels)):
         speed, angle, section = row
         t = panel.t
@@ -36,12 +36,26 @@ def paint_histories(drawn: Any, data: Numbers) -> None:
         speed.set_xlim(t[0], t[-1])
         angle.set_xlim(t[0], t[-1])
         speed.set_title(f"({'abc'[k]}) {panel.label}")
-        section.set_title(_diagnosis(panel), loc="right", fontweight="normal", fontsize=7.0)
+        # In a column the section is too narrow for its words; the slip speed is as wide as the picture.
+        (section if style.wide(drawn.get_figwidth()) else speed).set_title(_diagnosis(panel), loc="right",
+                                                                           fontweight="normal", fontsize=7.0)
     axes[-1][0].set_xlabel(CYCLES)
     axes[-1][1].set_xlabel(CYCLES)
     axes[-1][2].set_xlabel(r"$\delta_2$ (rad)")
     for axis in axes[:, 2]:
         axis.locator_params(axis="x", nbins=4)
+
+
+def _rows_of_three(drawn: Any, count: int) -> Any:
+    """(count, 3) axes, each column in shared ranges: in a row, or in a column the first above the two others."""
+    if style.wide(drawn.get_figwidth()):
+        return drawn.subplots(count, 3, width_ratios=(1.25, 1.25, 1.0), sharex="col", sharey="col")
+    grid, axes = drawn.add_gridspec(2 * count, 2, width_ratios=(1.25, 1.0)), np.empty((count, 3), dtype=object)
+    for k in range(count):
+        for place, cell in enumerate((grid[2 * k, :], grid[2 * k + 1, 0], grid[2 * k + 1, 1])):
+            first = axes[0, place] if k else None
+            axes[k, place] = drawn.add_subplot(cell, sharex=first, sharey=first)
+    return axes
 
 
 def _diagnosis(panel: Labelled) -> str:
@@ -57,7 +71,8 @@ def _diagnosis(panel: Labelled) -> str:
 
 def paint_delay(drawn: Any, data: Numbers) -> None:
     """Fig. 9: slip speed with positive slip shaded, and the engine torque above it."""
-    grid = drawn.subplots(2, 2, sharex=True)
+    wide = style.wide(drawn.get_figwidth())
+    grid = drawn.subplots(2, 2, sharex=True) if wide else drawn.subplots(len(data.panels), 1, sharex=True)
     for k, (axis, panel) in enumerate(zip(grid.ravel(), data.panels)):
         t, v = panel.t, panel.slip_speed
         axis.fill_between(t, 0.0, np.where(panel.state == 1, v, 0.0), color=style.STICK, linewidth=0.0)
@@ -68,14 +83,14 @@ def paint_delay(drawn: Any, data: Numbers) -> None:
         other.grid(False)
         other.spines["right"].set_visible(True)
         other.tick_params(colors=style.ORANGE)
-        if k % 2:
+        if k % 2 or not wide:
             other.set_ylabel(r"$T_e$ (N m)", color=style.ORANGE)
-        else:
+        if k % 2 == 0 or not wide:
             axis.set_ylabel(SLIP, color=style.BLUE)
         share = panel.first_half
         text = f"{100.0 * share:.0f} % in first half cycle" if np.isfinite(share) else "no positive slip"
         axis.set_title(text, loc="right", fontweight="normal", fontsize=7.0)
-        if k > 1:
+        if k > 1 and (wide or k == len(data.panels) - 1):
             axis.set_xlabel(CYCLES)
 
 
@@ -133,8 +148,12 @@ def paint_solvers(drawn: Any, data: Numbers) -> None:
     for axis in (whole, close):
         axis.set(ylabel=SLIP, xlabel="time (s)")
     handles, labels = whole.get_legend_handles_labels()
-    whole.legend(handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.02), ncols=3, fontsize=6.8,
-                 title="in brackets: rms difference from the first curve, relative to its maximum", title_fontsize=6.8)
+    columns, between = (3, " ") if style.wide(drawn.get_figwidth()) else (1, "\n")
+    if columns == 1:
+        close.locator_params(axis="x", nbins=5)
+    whole.legend(handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.02), ncols=columns, fontsize=6.8,
+                 title=f"in brackets: rms difference from the first curve,{between}relative to its maximum",
+                 title_fontsize=6.8)
     _paint_steady(steady, data)
     after = f"steady state of each law from (13), after {data.steady_cycles} cycles"
     style.panel_titles((whole, close, steady), ["from one state", "leaving stick", after])
@@ -149,14 +168,15 @@ def _paint_steady(axis: Any, data: Numbers) -> None:
         axis.plot(row.t, row.slip_speed, label=f"{row.label}: period {row.period}, "
                   f"{row.max_slip_speed:.2f} rad/s", **look)
     axis.set_xlim(0.0, data.steady[0].t[-1])
-    axis.set_ylim(top=1.4 * max(row.max_slip_speed for row in data.steady))
+    wide = style.wide(axis.figure.get_figwidth())
+    axis.set_ylim(top=(1.4 if wide else 1.9) * max(row.max_slip_speed for row in data.steady))
     axis.set(ylabel=SLIP, xlabel=CYCLES)
-    axis.legend(loc="upper center", ncols=3, fontsize=6.5)
+    axis.legend(loc="upper center", ncols=3 if wide else 1, fontsize=6.5)
 
 
 def paint_law(drawn: Any, data: Numbers) -> None:
     """Fig. 3: law, zoom, slope."""
-    wide, near, slope = drawn.subplots(1, 3)
+    wide, near, slope = drawn.subplots(1, 3) if style.wide(drawn.get_figwidth()) else drawn.subplots(3, 1)
     for k, curve in enumerate(data.curves):
         colour = style.CYCLE[k]
         wide.plot(data.slip_speed, curve.coefficient, color=colour, label=curve.label)

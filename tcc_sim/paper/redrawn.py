@@ -17,9 +17,7 @@ NUMBERS = ("peak_slip_speed", "first_half")
 
 
 def draw_stored(path: Path, values: Record, title: str, width: float) -> Path:
-    """Draw a figure from its JSON; the width is the figure's own."""
-    if title:
-        vars(values)["title"] = title
+    """Draw a figure from its JSON."""
     for part in (values, *(values.curves or ()), *(values.panels or ()), *(values.steady or ())):
         for name in ARRAYS:
             if isinstance(getattr(part, name), list):
@@ -27,5 +25,5 @@ def draw_stored(path: Path, values: Record, title: str, width: float) -> Path:
         vars(part).update({name: np.nan for name in NUMBERS if name in part and part[name] is None})
         vars(part)["behind"] = part if part.branches is not None else None
     vars(values)["numbers"] = values
-    draw(values, path)  # type: ignore[arg-type]
+    draw(values, path, title, width)  # type: ignore[arg-type]
     return path

@@ -152,7 +152,15 @@ def panel_titles(axes: Any, titles: list[str]) -> None:
     """Letter the panels of a picture, (a), (b), ..., each with its title; above a legend where both need the row."""
     for letter, axis, title in zip("abcdefghijklmnop", axes, titles):
         words = f"({letter}) {title}" if len(axes) > 1 else title
-        axis.set_title(words, pad=16.0 if _crowded(axis, words) else None)
+        if not wide(axis.figure.get_figwidth()) and "$" not in words:
+            words = textwrap.fill(words, 44)
+        axis.set_title(words, pad=16.0 + 10.0 * (_rows_of(axis.get_legend()) - 1) if _crowded(axis, words) else None)
+
+
+def _rows_of(legend: Any) -> int:
+    """Lines of a legend, with those of its title."""
+    heading = legend.get_title().get_text()
+    return -(-len(legend.get_texts()) // legend._ncols) + (heading.count("\n") + 1 if heading else 0)
 
 
 def _crowded(axis: Any, title: str) -> bool:
@@ -162,8 +170,13 @@ def _crowded(axis: Any, title: str) -> bool:
         return False
     columns = place.get_gridspec().ncols / len(place.colspan)
     room = 72.0 * axis.figure.get_figwidth() / columns - 40.0
-    entries = [(_letters(text.get_text()), text.get_fontsize()) for text in legend.get_texts()]
-    return bool(5.6 * len(title) + sum((0.58 * letters + 2.6) * size for letters, size in entries) > room)
+    entries = [_entry(text.get_text(), text.get_fontsize()) for text in legend.get_texts()]
+    return 5.6 * len(title) + sum(entries) > room
+
+
+def _entry(text: str, size: float) -> float:
+    """Width of an entry of a legend with its line, in points, by about what letters need."""
+    return (0.58 * _letters(text) + 2.6) * size
 
 
 def _letters(text: str) -> int:
@@ -172,12 +185,15 @@ def _letters(text: str) -> int:
 
 
 def legend_above(axis: Any) -> None:
-    """The legend in one row above the right end of the axes, where it hides nothing."""
+    """The legend above the right end of the axes, where it hides nothing: in one row, or in rows that fit a column."""
     handles, labels = axis.get_legend_handles_labels()
     narrow = not wide(axis.figure.get_figwidth())
     small = {"fontsize": 6.5, "handlelength": 1.1, "columnspacing": 0.8, "handletextpad": 0.4} if narrow else {}
+    columns = len(handles)
+    while narrow and columns > 1 and columns * max(_entry(name, 6.5) for name in labels) > 72.0 * COLUMN - 50.0:
+        columns -= 1
     if handles:
-        axis.legend(handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(handles), **small)
+        axis.legend(handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, **small)
 
 
 def legend_below(drawn: Any, axes: Sequence[Any]) -> None:

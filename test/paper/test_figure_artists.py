@@ -92,3 +92,42 @@ def test_every_curve_of_a_map_has_a_row_with_the_others_pale_behind_it(count: in
         for axis in left:
             pale = [line for line in axis.lines if line.get_alpha() == 0.45]
             assert sorted(float(line.get_ydata()[0]) for line in pale) == [10.0 + k for k in range(count)]
+
+
+def column_numbers(kind: str) -> Any:
+    """Numbers of a figure of one kind with every mark and as many curves as the paper's."""
+    if kind in ("map", "orbit", "damping"):
+        more: dict[str, Any] = {"settled": [True, False] + [True] * 9, "period": [1] * 8 + [0] * 3,
+                                "runaway": [True] + [False] * 10, "label": r"$\mu_k = 0.667\mu_s$",
+                                "equivalent_damping": [-0.1] * 11, "negative_slope_mean": [-0.2] * 11}
+        directions = {"map": ["cold"] * 4, "orbit": ["cold", "up", "down"], "damping": ["cold"]}[kind]
+        return replace(curves_of([curve_of([900.0, *range(10)], direction=name, **more) for name in directions]),
+                       threshold=-0.6)
+    t, slip = np.array([0.0, 1.5, 3.0]), np.array([0.0, 30.0, 0.0])
+    panel = Labelled(label="$\\omega/\\omega_n = 0.36$", t=t, slip_speed=slip, plate_angle=t, section=[(0.1, 5.0)],
+                     engine_torque=t, saturation_torque=t, state=np.array([0, 1, 0]), first_half=0.25, period=0,
+                     lyapunov=Lyapunov(2.0, 1.5, 2.5, 0.95, 100, "chaotic"))
+    return Numbers(panels=[panel] * (4 if kind == "delay" else 3))
+
+
+@pytest.mark.parametrize("kind", ["map", "orbit", "damping", "histories", "delay", "actuation"])
+def test_a_picture_in_a_column_has_no_strips_and_nothing_cut(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    found: list[Any] = []
+    monkeypatch.setattr(style, "save_both", lambda drawn, stem: found.append(drawn))
+    caption = r"constant load, $\mu_s N_m R = 540$ N m; dotted: $\omega/\omega_n = 1/6, 1/5, 1/4, 1/3$"
+    with style.figure():  # The fonts of pictures hold while they are measured.
+        data = figure_of(kind, column_numbers(kind), caption=caption)
+        drawings.draw(data, Path("none"), "a title that is far too long for one line of a narrow column", style.COLUMN)
+        drawn, = found
+        drawn.draw_without_rendering()
+        assert drawn.get_figwidth() == style.COLUMN
+        assert drawn.get_suptitle().replace("\n", " ") == (
+            "a title that is far too long for one line of a narrow column")
+        page = drawn.bbox
+        for axis in drawn.axes:
+            box = axis.get_tightbbox()
+            assert page.x0 - 1.0 <= box.x0
+            assert box.x1 <= page.x1 + 1.0
+            assert axis.get_window_extent().width > 0.24 * page.width
+        for text in drawn.texts:
+            assert text.get_window_extent().x1 < page.x1
