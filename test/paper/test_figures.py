@@ -127,6 +127,18 @@ def test_figures_without_a_sweep_are_drawn(number: int, tmp_path) -> None:  # ty
     assert valid("figure", json.loads((tmp_path / f"fig{number:02d}.json").read_text()))["figure"] == number
 
 
+def test_a_figure_in_a_column_has_its_title_and_is_redrawn_so(tmp_path: Path,
+                                                              capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["--width", "column", "--title", "Friction"]
+    assert main(["figure", "3", *words, "--out", str(tmp_path)]) == 0
+    assert int.from_bytes((tmp_path / "fig03.png").read_bytes()[16:20], "big") == 700
+    assert main(["plot", str(tmp_path / "fig03.json"), "--plot", str(tmp_path / "a.png"), "--width", "column"]) == 0
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "fig03.png").read_bytes()
+    capsys.readouterr()
+    assert main(["figure", "all", *words, "--out", str(tmp_path / "all")]) == 2
+    assert "--title is for one figure" in capsys.readouterr().err
+
+
 def as_written(number: int, data: Figure, folder: Path) -> dict[str, Any]:
     """The numbers of a figure as its file has them, once they are what the schema says."""
     file = folder / f"fig{number:02d}.json"
