@@ -159,8 +159,8 @@ def panel_titles(axes: Any, titles: list[str]) -> None:
 
 def _rows_of(legend: Any) -> int:
     """Lines of a legend, with those of its title."""
-    heading = legend.get_title().get_text()
-    return -(-len(legend.get_texts()) // legend._ncols) + (heading.count("\n") + 1 if heading else 0)
+    heading, entries, columns = str(legend.get_title().get_text()), len(legend.get_texts()), int(legend._ncols)
+    return -(-entries // columns) + (heading.count("\n") + 1 if heading else 0)
 
 
 def _crowded(axis: Any, title: str) -> bool:
@@ -171,7 +171,7 @@ def _crowded(axis: Any, title: str) -> bool:
     columns = place.get_gridspec().ncols / len(place.colspan)
     room = 72.0 * axis.figure.get_figwidth() / columns - 40.0
     entries = [_entry(text.get_text(), text.get_fontsize()) for text in legend.get_texts()]
-    return 5.6 * len(title) + sum(entries) > room
+    return bool(5.6 * len(title) + sum(entries) > room)
 
 
 def _entry(text: str, size: float) -> float:
