@@ -31,6 +31,8 @@ def run(arguments: argparse.Namespace) -> int:
     say(f"{found['name']}: {found['description']}")
     say("\n".join([*estimate_lines(estimates_of(scene.system)), *friction_lines(found["friction"]),
                    *closed_form_lines(found["closed_forms"])]))
+    torque = "published" if scene.operation.publish_shaft_torque else "not published (publish_shaft_torque)"
+    say(f"far end of the shaft: still, until output_speed moves it; shaft_torque is {torque}")
     say(f"solver offline: {found['solver']}")
     for what in ("terms", "topics", "modules"):
         say(f"{what}\n  in use:   {', '.join(found[what]['held']) or 'none'}"

@@ -42,6 +42,20 @@ class Torque:
 
 
 @dataclass(frozen=True)
+class ActuatorEffect:
+    """The actuator between a commanded pressure and the plates, for small sines at the slipping mode."""
+
+    time_constant: float = field(metadata=reported("first-order lag", "s"))
+    delay: float = field(metadata=reported("dead time", "s"))
+    rate_limit: float = field(metadata=reported("rate limit; 0 for none", "Pa/s"))
+    phase: float = field(metadata=reported(
+        "phase of the applied pressure over the commanded one at the slipping mode, without jumps of 2 pi", "rad"))
+    gain: float = field(metadata=reported("amplitude over that of the commanded pressure there"))
+    largest_amplitude: float | None = field(metadata=reported(
+        "amplitude of the applied pressure there at which the rate limit is reached; null without one", "Pa"))
+
+
+@dataclass(frozen=True)
 class Estimates:
     """Estimates of a scene from its parameters alone."""
 
@@ -63,6 +77,8 @@ class Estimates:
         "second", "rad/s"))
     engine_frequency: tuple[float, float] = field(metadata=reported(
         "lowest and highest frequency of the engine", "rad/s"))
+    actuator: ActuatorEffect | None = field(default=None, metadata=reported(
+        "actuator of the commanded pressure", asked_for=True))
 
 
 def estimates_of(system: System) -> Estimates:
@@ -81,7 +97,18 @@ def estimates_of(system: System) -> Estimates:
     frequencies = system.engine.frequency_values or (system.engine.frequency,)
     return Estimates(slipping, stuck, engine, static, kinetic, margin, _expected(system, engine, kinetic, margin),
                      critical_slope(system), _steepest(system) * kinetic.mean, stuck.frequency,
-                     (min(frequencies), max(frequencies)))
+                     (min(frequencies), max(frequencies)), _actuator(system, slipping.frequency))
+
+
+def _actuator(system: System, omega: float) -> ActuatorEffect | None:
+    """The effect of the actuator at omega, rad/s, by exp(-i omega delay)/(1 + i omega T); None without one."""
+    p = system.pressure
+    if not p.actuated:
+        return None
+    return ActuatorEffect(p.time_constant, p.delay, p.rate_limit,
+                          -omega * p.delay - math.atan(omega * p.time_constant),
+                          1.0 / math.hypot(1.0, omega * p.time_constant),
+                          p.rate_limit / omega if p.rate_limit > 0.0 else None)
 
 
 def _torques(system: System) -> tuple[Torque, Torque]:
@@ -174,4 +201,16 @@ def estimate_lines(found: Estimates) -> list[str]:
             torque("clutch, mu_k N R", found.kinetic),
             f"  expected: {found.expected}; {WORDS[found.expected]}{margin}",
             f"critical slope (22): {critical}",
-            f"critical frequency (28): {found.critical_frequency:.6g} rad/s; {side}"]
+            f"critical frequency (28): {found.critical_frequency:.6g} rad/s; {side}",
+            *([] if found.actuator is None else [_actuator_line(found.actuator, found.slipping.frequency)])]
+
+
+def _actuator_line(found: ActuatorEffect, omega: float) -> str:
+    """The actuator for a terminal."""
+    parts = [f"{name} {value:g} {unit}" for name, value, unit in (
+        ("lag", found.time_constant, "s"), ("dead time", found.delay, "s"),
+        ("rate limit", found.rate_limit, "Pa/s")) if value]
+    limit = "" if found.largest_amplitude is None else (
+        f"; the rate limit allows an amplitude of {found.largest_amplitude:.4g} Pa there")
+    return (f"actuator: {', '.join(parts)}; at the slipping mode, {omega:.6g} rad/s, it costs "
+            f"{-math.degrees(found.phase):.4g} degrees of phase and leaves {found.gain:.1%} of the amplitude{limit}")

@@ -230,3 +230,23 @@ def test_the_friction_law_is_drawn(width: str, tmp_path: Path, monkeypatch: pyte
                      "      coefficients: [0.14, 0.12, 0.11, 0.105]\n")
     assert main(["explain", str(table), "--plot", str(tmp_path / "b.svg")]) == 0
     assert seen[1][0].lines[2].get_xydata().tolist() == [[0.0, 0.14], [1.0, 0.12], [2.0, 0.11], [4.0, 0.105]]
+
+
+def test_an_actuator_costs_phase_at_the_slipping_mode_and_has_a_line(capsys: pytest.CaptureFixture[str]) -> None:
+    keys = {"pressure.time_constant": 0.03, "pressure.delay": 0.005, "pressure.rate_limit": 2e6}
+    scene = load_scene("controlled").with_values(keys)
+    omega = math.sqrt(3000.0 / 0.02)
+    passed = np.exp(-0.005j * omega) / (1.0 + 0.03j * omega)
+    found = estimates_of(scene.system).actuator
+    assert found is not None
+    assert np.exp(1j * found.phase) * found.gain == pytest.approx(passed, rel=1e-12)
+    assert (found.phase < -math.pi, found.largest_amplitude) == (True, pytest.approx(2e6 / omega))
+    words = [word for key, value in keys.items() for word in ("--set", f"{key}={value}")]
+    assert main(["explain", "controlled", *words]) == 0
+    out = capsys.readouterr().out
+    assert ("actuator: lag 0.03 s, dead time 0.005 s, rate limit 2e+06 Pa/s; at the slipping mode, 387.298 rad/s, it "
+            "costs 196 degrees of phase and leaves 8.6% of the amplitude; the rate limit allows an amplitude of 5164 "
+            "Pa there\n") in out
+    assert "far end of the shaft: still, until output_speed moves it; shaft_torque is not published" in out
+    assert "actuator" not in explain(load_scene("controlled"))["estimates"]
+    assert not any("actuator" in line for line in estimate_lines(estimates_of(load_scene("controlled").system)))
