@@ -108,7 +108,7 @@ def command_age(line: Timeline, tick: int) -> CommandAge | None:
         acts = np.diff(rows[low:high], append=-1) != 0  # Of several before one tick the last acts.
         answered, acted = answers[low:high][acts], states.stamp_ns[rows[low:high][acts] - states.index]
         count += len(answered)
-        said = (answered >= states.stamp_ns[0]) & (answered < acted)
+        said = (answered > 0) & (answered >= states.stamp_ns[0]) & (answered < acted)  # 0 is no stamp.
         ages.append(np.maximum(acted[said] - answered[said] - tick, 0))
     every = np.concatenate(ages) * 1e-9
     if 2 * len(every) <= count or not len(every):

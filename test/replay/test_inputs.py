@@ -36,7 +36,7 @@ def test_the_seconds_of_commands_and_fallback_are_those_of_the_ticks(tmp_path):
     assert {name: held.scene for name, held in own.items()} == pytest.approx(dict.fromkeys(own, 0.899))
 
 
-@pytest.mark.parametrize("late", [0, 7])
+@pytest.mark.parametrize("late", [0, 7, None])
 def test_the_age_of_commands_is_that_of_the_states_they_answer(tmp_path, late):
     writer = BagWriter(tmp_path / "run", COMMANDS.text())
     joints, applied = writer.channel("/joint_states", JOINT_STATE), writer.channel("/applied_pressure", FLUID_PRESSURE)
@@ -47,8 +47,9 @@ def test_the_age_of_commands_is_that_of_the_states_they_answer(tmp_path, late):
         log = START + k * TICK
         writer.write(joints, log, log, cdr.joint_state(stamp, *columns), k)
         writer.write(applied, log, log, cdr.fluid_pressure(stamp, 2e5), k)
-        if k >= late:
-            writer.write(commands[k % 2], log + 1000, log + 1000, cdr.fluid_pressure(stamp - late * TICK, 2e5), k)
+        if k >= (late or 0):
+            answered = 0 if late is None else stamp - late * TICK  # A stamp of 0 names no state.
+            writer.write(commands[k % 2], log + 1000, log + 1000, cdr.fluid_pressure(answered, 2e5), k)
         if k in (500, 1000, 1400):  # The counts of a driveline that is started again begin at 0.
             counts = {500: (3, 5), 1000: (4, 6), 1400: (2, 1)}[k]
             data = diagnostics({"missed ticks": counts[0], "actuation_pressure refused": counts[1], "regime": "slip"})
@@ -56,7 +57,8 @@ def test_the_age_of_commands_is_that_of_the_states_they_answer(tmp_path, late):
     writer.close({"lost": {}})
     found = replay(tmp_path / "run", discard=0)
     age = found.as_json()["command_age"]
-    assert age == pytest.approx({"median": late * 1e-3, "p95": late * 1e-3, "largest": late * 1e-3}, abs=1e-12)
+    same = dict.fromkeys(("median", "p95", "largest"), (late or 0) * 1e-3)
+    assert age == (None if late is None else pytest.approx(same, abs=1e-12))
     assert any("7 ticks late" in text for text in found.warnings) is (late == 7)
     held = found.inputs["actuation_pressure"]
     assert (held.publishers, held.refused, found.missed_ticks) == (2, 7, 6)
