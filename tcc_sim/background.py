@@ -1,4 +1,4 @@
-"""Work in a thread that no end of the process waits for, and that Ctrl-C does not wait for either."""
+"""Work in a daemon thread, for which neither the end of the process nor Ctrl-C waits."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import TypeVar
 
 Done = TypeVar("Done")
 LOOK = 0.2
-"""Seconds between two looks at work that is waited for; Ctrl-C is noticed by then."""
+"""Interval between two checks for the end of the work, and thus for Ctrl-C, s."""
 
 
 def begun(work: Callable[[], Done], name: str = "background") -> tuple[Future[Done], threading.Thread]:
-    """Start `work` in a daemon thread; gives the future of its result and the thread.
+    """Start `work` in a daemon thread; return the future of its result, and the thread.
 
-    The future holds the result or whatever `work` raised. The executors of `concurrent.futures` wait for their
-    threads when the process ends, and so cannot leave one behind.
+    The future holds the result, or the exception that `work` raised. The executors of `concurrent.futures` are no
+    alternative: they wait for their threads when the process ends.
     """
     found: Future[Done] = Future()
 
@@ -32,8 +32,8 @@ def begun(work: Callable[[], Done], name: str = "background") -> tuple[Future[Do
 
 
 def awaited(work: Callable[[], Done]) -> Done:
-    """Return what `work` gives; in the main thread another one does it, since Ctrl-C cannot interrupt compiled code or
-    the compiler.
+    """Return the result of `work`. Called in the main thread, this runs `work` in another one, because Ctrl-C cannot
+    interrupt compiled code or the compiler.
     """
     if threading.current_thread() is not threading.main_thread():
         return work()

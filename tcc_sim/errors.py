@@ -1,4 +1,4 @@
-"""Every exception of the package. Wrong input ends a command with status 2, anything else with status 1."""
+"""Exceptions of the package, and the text of messages. Wrong input ends a command with status 2, others with 1."""
 
 from __future__ import annotations
 
@@ -8,19 +8,20 @@ from pathlib import Path
 from typing import Any
 
 LONGEST_SENTENCE = 1000
-"""Characters of a refusal; what wrong input holds beyond that is left out."""
+"""Longest error message, characters; the middle of a longer one is left out."""
 
 
 def printable(text: str) -> str:
-    """`text` in printable characters, the others escaped: everything that comes from a file, a topic or a command line
-    passes through here before it reaches a terminal.
+    """Return `text` with unprintable characters escaped.
+
+    Text from a file, a topic or a command line passes through this function before it reaches a terminal.
     """
     return text if text.isprintable() else "".join(c if c.isprintable() else c.encode("unicode_escape").decode()
                                                    for c in text)
 
 
 def one_line(text: str) -> str:
-    """`text` in printable characters; the middle of what is too long is left out."""
+    """Return `text` in printable characters, without its middle if it is too long."""
     if len(text) > LONGEST_SENTENCE:
         half = LONGEST_SENTENCE // 2
         text = f"{text[:half]} ... {text[-half:]}"
@@ -28,7 +29,7 @@ def one_line(text: str) -> str:
 
 
 def counted(number: int, thing: str) -> str:
-    """A number and what it counts: 1 message, 2 messages, 3 branches."""
+    """Return a number with its noun: 1 message, 2 messages, 3 branches."""
     return f"{number} {thing}{'' if number == 1 else 'es' if thing.endswith('ch') else 's'}"
 
 
@@ -37,32 +38,32 @@ class TccError(Exception):
 
 
 class InputError(TccError, ValueError):
-    """Wrong input: the sentence names the value, its unit and the allowed range, in one line whatever the input was."""
+    """Wrong input. The message names the value, its unit and the allowed range, always in one line."""
 
     def __init__(self, sentence: object) -> None:
         super().__init__(one_line(str(sentence)))
 
 
 class RecordingError(InputError):
-    """A recording that cannot be read, or an output that must not be written."""
+    """A recording cannot be read, or an output must not be written."""
 
 
 class NumericalFailure(TccError, ArithmeticError):
-    """A solver stopped before the end; `status` says why in a sentence."""
+    """A solver stopped before the end; the message gives the reason."""
 
 
 class MissingPackage(TccError, ImportError):
-    """An optional package is not installed; the sentence names the extra that brings it."""
+    """An optional package is not installed; the message names the extra of this package that installs it."""
 
 
 def check_folder(path: Path) -> None:
-    """Raise InputError where a file has no directory to be in."""
+    """Raise InputError if the directory of a file does not exist."""
     if not path.parent.is_dir():
         raise InputError(f"{path}: there is no directory {path.parent}")
 
 
 def check_suffix(path: Path, suffixes: Iterable[str], prefix: str = "") -> None:
-    """Raise InputError where a file has none of some suffixes; `prefix` stands before its name in the sentence."""
+    """Raise InputError if a file has none of the suffixes; `prefix` precedes its name in the message."""
     *first, last = suffixes
     if path.suffix not in (*first, last):
         raise InputError(f"{prefix}{path} must end in {', '.join(first)}{' or ' if first else ''}{last}")
@@ -70,16 +71,16 @@ def check_suffix(path: Path, suffixes: Iterable[str], prefix: str = "") -> None:
 
 EXTRAS = {"matplotlib": ("matplotlib", "view"), "rerun": ("rerun-sdk", "view"),
           "distributed": ("distributed", "cluster"), "pandas": ("pandas", "table")}
-"""Optional packages by the name of their module: name for pip, and the extra that brings it."""
+"""Optional packages by module: name for pip, and the extra of this package that installs it."""
 
 
 def require(module: str, what: str) -> None:
-    """Raise MissingPackage where an optional package is not installed; call it before anything is computed or written.
+    """Raise MissingPackage if an optional package is not installed; call this before any computation.
 
     Parameters
     ----------
     module : a key of EXTRAS
-    what : that needs it, for the sentence
+    what : option or output that needs the package, for the message
     """
     if importlib.util.find_spec(module) is None:
         package, extra = EXTRAS[module]
@@ -88,7 +89,7 @@ def require(module: str, what: str) -> None:
 
 
 class WorkersLost(TccError):
-    """Those who did the work are gone; `sweeps` holds what a sweep had done until then."""
+    """All workers of a sweep are gone; `sweeps` holds the results up to then."""
 
     def __init__(self, sentence: str) -> None:
         super().__init__(sentence)
@@ -96,7 +97,7 @@ class WorkersLost(TccError):
 
 
 class SweepInterrupted(KeyboardInterrupt):
-    """Ctrl-C during a sweep; `sweeps` holds what was done until then."""
+    """Ctrl-C during a sweep; `sweeps` holds the results up to then."""
 
     def __init__(self, sweeps: list[Any]) -> None:
         super().__init__("interrupted")
@@ -104,7 +105,7 @@ class SweepInterrupted(KeyboardInterrupt):
 
 
 class BasinsInterrupted(KeyboardInterrupt):
-    """Ctrl-C while basins were worked out; what was done stands in their file, where one was given."""
+    """Ctrl-C during a computation of basins; a file, if given, holds the finished rows."""
 
     def __init__(self) -> None:
         super().__init__("interrupted")

@@ -1,4 +1,4 @@
-"""Friction tables in files of their own: CSV with the columns slip_speed (rad/s) and coefficient."""
+"""Files of friction tables: CSV with the columns slip_speed (rad/s) and coefficient."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from tcc_sim.model.groups import TABLE
 from tcc_sim.model.quantity import MOST_POINTS
 
 TABLE_FILE = "friction.table"
-"""The key that names such a file in the place of TABLE."""
+"""Key that names such a file instead of the keys TABLE."""
 
 
 def with_table(values: dict[str, object], folder: Path) -> dict[str, object]:
-    """Scene values with the table that `friction.table` names, relative to `folder`, in its place.
+    """Return scene values with `friction.table`, a file relative to `folder`, replaced by its table.
 
     Raises
     ------
     InputError
-        A file that cannot be read, has other columns or no number in a field, or values that have a table already.
+        The file cannot be read, has other columns or no number in a field, or the values have a table already.
     """
     if TABLE_FILE not in values:
         return values
     for key in TABLE:
         if key in values:
-            raise InputError(f"{TABLE_FILE} and {key} are both given; leave one of them out")
+            raise InputError(f"{TABLE_FILE} and {key} are both given; remove one of them")
     path = folder / str(values[TABLE_FILE])
     if path.exists() and not path.is_file():
-        raise InputError(f"{TABLE_FILE}: {path} is no regular file")
+        raise InputError(f"{TABLE_FILE}: {path} is not a regular file")
     try:
         with path.open(newline="", encoding="utf-8") as stream:
             rows = list(islice(csv.DictReader(stream), MOST_POINTS + 1))

@@ -1,6 +1,4 @@
-"""Parameter files of ROS 2: where the bundled ones are, and how their text is read: nothing in it is executed, repeated
-or taken for something else.
-"""
+"""Parameter files of ROS 2: folders of the bundled ones, and a reader that refuses tags, aliases and duplicate keys."""
 
 from __future__ import annotations
 
@@ -12,18 +10,18 @@ from typing import Any
 from tcc_sim.errors import InputError
 
 LARGEST_FILE = 1 << 16
-"""A scene file of more bytes is refused unread: a scene needs 1 kB, and the YAML reader some seconds for each MB."""
+"""Largest scene file, bytes; a scene needs 1 kB, and the YAML reader takes seconds per MB."""
 DEEPEST = 20
-"""Nesting that a scene file may have; the time that the YAML reader takes grows with its square."""
+"""Deepest nesting in a scene file; the time of the YAML reader grows with its square."""
 
 
 def read_parameters(text: str) -> dict[str, object]:
-    """The parameters of the one node of a parameter file, by dotted keys as ROS 2 names them.
+    """Return the parameters of the only node in a parameter file, by dotted keys, as ROS 2 names them.
 
     Raises
     ------
     InputError
-        Not YAML, not a parameter file, an alias, a tag, a duplicated key, or nesting beyond any scene's.
+        The text is not YAML or not a parameter file, or has an alias, a tag, a duplicate key or too deep nesting.
     """
     import yaml
 
@@ -35,7 +33,7 @@ def read_parameters(text: str) -> dict[str, object]:
             if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None):
                 raise InputError(f"line {line}: YAML anchors and aliases are not allowed in a scene")
             if depth > DEEPEST:
-                raise InputError(f"line {line}: nested more than {DEEPEST} deep, which no scene is")
+                raise InputError(f"line {line}: nested more than {DEEPEST} deep; a scene needs at most 3")
             if getattr(event, "tag", None):
                 raise InputError(f"line {line}: YAML tags are not allowed in a scene")
         tree = yaml.load(text, Loader=_unique_loader())  # noqa: S506
@@ -48,15 +46,15 @@ def read_parameters(text: str) -> dict[str, object]:
     except (RecursionError, ValueError):
         raise InputError("not valid YAML (unreadable)") from None
     if not isinstance(tree, dict) or len(tree) != 1:
-        raise InputError("not a scene: it must hold one node, '/**:', with ros__parameters")
+        raise InputError("not a scene: it must contain one node, '/**:', with ros__parameters")
     node = next(iter(tree.values()))
     if not isinstance(node, dict) or set(node) != {"ros__parameters"} or not isinstance(node["ros__parameters"], dict):
-        raise InputError("not a scene: '/**:' must hold ros__parameters and nothing else")
+        raise InputError("not a scene: '/**:' must contain ros__parameters and nothing else")
     return _flatten(node["ros__parameters"])
 
 
 def _flatten(tree: dict[str, Any], prefix: str = "", depth: int = 0) -> dict[str, object]:
-    """Nested parameters as dotted keys, as ROS 2 names them."""
+    """Return nested parameters by dotted keys."""
     out: dict[str, object] = {}
     for key, value in tree.items():
         name = f"{prefix}{key}"
@@ -73,14 +71,14 @@ def _flatten(tree: dict[str, Any], prefix: str = "", depth: int = 0) -> dict[str
 
 @cache
 def _unique_loader() -> Any:
-    """A SafeLoader that refuses a key given twice; built when the first file is read."""
+    """Return a SafeLoader that refuses duplicate keys, made when the first file is read."""
     import yaml
 
     class UniqueLoader(yaml.SafeLoader):
-        """SafeLoader without silent overwriting."""
+        """SafeLoader that refuses duplicate keys."""
 
         def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
-            """A mapping whose keys are all different."""
+            """Construct a mapping; raise InputError for a duplicate key."""
             seen = set()
             for key_node, _ in node.value:
                 key = self.construct_object(key_node, deep=True)
@@ -96,15 +94,15 @@ def _unique_loader() -> Any:
 
 
 def description_in(text: str) -> str:
-    """The comment in the first line of a parameter file."""
+    """Return the comment in the first line of a parameter file."""
     first = text.lstrip().partition("\n")[0]
     return first.lstrip("# ").strip() if first.startswith("#") else ""
 
 
 def bundled_scenes(module: str = __file__, prefix: str = sys.prefix) -> dict[str, Path]:
-    """Name and file of every scene that comes with the package, found from colcon, pip or the source tree.
+    """Return name and file of every bundled scene, installed by colcon or pip or in the source tree.
 
-    module, prefix : where this file and Python are installed
+    module, prefix : this file, and the prefix of the Python installation
     """
     for folder in _config_folders(Path(module).resolve(), Path(prefix)):
         found = {p.stem: p for p in sorted(folder.glob("*.yaml"))}
@@ -114,7 +112,7 @@ def bundled_scenes(module: str = __file__, prefix: str = sys.prefix) -> dict[str
 
 
 def _config_folders(module: Path, prefix: Path) -> list[Path]:
-    """Where the bundled scenes may be, best first."""
+    """Return the possible folders of the bundled scenes, best first."""
     source = module.parent.parent / "config"
     folders = [source] if (source.parent / "setup.py").is_file() else []
     return [*folders, *(parent / "share" / "tcc_sim" / "config" for parent in (*module.parents, prefix))]

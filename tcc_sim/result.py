@@ -1,4 +1,4 @@
-"""What every result is to those who look at it: a line of text, columns, a table in a notebook, and JSON.
+"""Presentation of results: a line of text, columns, a table in a notebook, and JSON.
 
 Fields of result classes are declared with `reported`: their meaning and unit. JSON, headers of tables, axes
 of pictures and the page of fields read them there; no other list of them exists.
@@ -17,7 +17,7 @@ from tcc_sim.topics import TOPICS
 
 ROWS_SHOWN = 20
 PLAIN = {str, int, bool, type(None)}
-"""Types of values that are in JSON as they are; most of a result is, and numbers."""
+"""Types of values that JSON takes unchanged."""
 KEY_UNITS: dict[str, str] = {}
 """Units of scene keys, which `model.parameters` declares."""
 _KNOWN: dict[type, dict[str, Reported]] = {}
@@ -28,13 +28,13 @@ Getter = TypeVar("Getter", bound=Callable[..., Any])
 class Reported:
     """How a field or property of a result is reported.
 
-    meaning, unit : in words; the unit is empty for what has none. In a unit, {over} is the unit of the scene key that
-        the nearest field `over` names, and {*} that of each key of a mapping
-    name : in JSON, where it differs from the attribute's
-    asked_for : JSON omits it where it is None
-    spread : JSON has its fields in its place
-    listed : likewise, but of a sequence: each of its fields becomes a list of the values
-    of : classes of what it holds, where the annotation does not name them
+    meaning, unit : in words; the unit is empty for a dimensionless value. In a unit, {over} is the unit of the scene
+        key that the nearest field `over` names, and {*} that of each key of a mapping
+    name : name in JSON, if it differs from that of the attribute
+    asked_for : JSON omits the field if it is None
+    spread : JSON has the fields of the value instead of the field
+    listed : the same for a sequence: each field of its members becomes a list of their values
+    of : classes of the value or its members, if the annotation does not name them
     """
 
     meaning: str
@@ -47,17 +47,17 @@ class Reported:
 
 
 def reported(meaning: str, unit: str = "", **how: Any) -> dict[str, Reported]:
-    """Return the metadata of a dataclass field that is reported; arguments as those of `Reported`."""
+    """Return the metadata of a reported dataclass field; arguments as for `Reported`."""
     return {"reported": Reported(meaning, unit, **how)}
 
 
 def as_in(kind: type, name: str, **how: Any) -> dict[str, Reported]:
-    """Return the metadata of a field that is reported as one of another class; `how` says what differs."""
+    """Return the metadata of a field reported like one of another class, except for `how`."""
     return {"reported": replace(reported_of(kind)[name], **how)}
 
 
 def reporting(meaning: str, unit: str = "", **how: Any) -> Callable[[Getter], Getter]:
-    """Return a decorator for the getter of a property that is reported; arguments as those of `Reported`."""
+    """Return a decorator for the getter of a reported property; arguments as for `Reported`."""
     def marked(getter: Getter) -> Getter:
         getter.reported = Reported(meaning, unit, **how)  # type: ignore[attr-defined]
         return getter
@@ -65,7 +65,7 @@ def reporting(meaning: str, unit: str = "", **how: Any) -> Callable[[Getter], Ge
 
 
 def reported_of(kind: type) -> dict[str, Reported]:
-    """The reported fields of a class, then its properties, by the name of the attribute."""
+    """Return the reported fields of a class, then its reported properties, by attribute."""
     if kind in _KNOWN:
         return _KNOWN[kind]
     found = {item.name: item.metadata["reported"] for item in fields(kind) if "reported" in item.metadata}
@@ -78,12 +78,12 @@ def reported_of(kind: type) -> dict[str, Reported]:
 
 
 def units_of(kind: type) -> dict[str, str]:
-    """The units of the reported fields of a class, by name."""
+    """Return the units of the reported fields of a class, by name."""
     return {name: entry.unit for name, entry in reported_of(kind).items()}
 
 
 def fields_of(kind: type) -> Iterator[tuple[str, Reported]]:
-    """All fields that JSON may have of a class, with the names of those within others joined by dots."""
+    """Yield every field that a class may have in JSON, with the names of nested fields joined by dots."""
     hints = get_type_hints(kind)
     for name, entry in reported_of(kind).items():
         hint = hints[name] if name in hints else get_type_hints(getattr(kind, name).fget).get("return")
@@ -101,7 +101,7 @@ def fields_of(kind: type) -> Iterator[tuple[str, Reported]]:
 
 
 def _classes_in(hint: Any) -> Iterator[type]:
-    """The classes with reported fields in an annotation."""
+    """Yield the classes with reported fields in an annotation."""
     if isinstance(hint, type) and is_dataclass(hint) and reported_of(hint):
         yield hint
     for part in get_args(hint):
@@ -109,8 +109,10 @@ def _classes_in(hint: Any) -> Iterator[type]:
 
 
 def units_of_columns(kind: type, names: Iterable[str]) -> dict[str, str]:
-    """The units of columns of a result's table by name: those of scene keys, of topics, and of the fields of the class
-    and, less near, of the classes within it. A column whose unit depends on the result is left out.
+    """Return the units of the columns of a result's table, by name.
+
+    They are those of scene keys, topics and fields of the class; an outer field precedes a nested one of the same name.
+    Columns whose unit depends on the result are left out.
     """
     found = {row.name: row.unit for row in TOPICS} | KEY_UNITS
     for name, entry in sorted(fields_of(kind), key=lambda item: -item[0].count(".")):
@@ -119,7 +121,7 @@ def units_of_columns(kind: type, names: Iterable[str]) -> dict[str, str]:
 
 
 class Described:
-    """A dataclass whose text is one line: its numbers and words, and of what is long how much there is."""
+    """Dataclass with a text of one line: its numbers and words, and the lengths of its sequences."""
 
     __slots__ = ()
 
@@ -133,33 +135,35 @@ class Described:
             cls.__doc__ = "\n    ".join([cls.__doc__.rstrip(), "", *lines, ""])
 
     def as_json(self) -> dict[str, Any]:
-        """The reported fields as JSON values; null for a number that is not finite."""
+        """Return the reported fields as JSON values; null for a number that is not finite."""
         return dict(json_of(self))
 
     def __repr__(self) -> str:
         found = ((item.name.replace("_", " "), getattr(self, item.name)) for item in fields(self))  # type: ignore[arg-type]
-        said = [text for name, value in found if (text := _said(name, value))]
-        return f"<{type(self).__name__}: {', '.join(said)}>"
+        parts = [text for name, value in found if (text := _short(name, value))]
+        return f"<{type(self).__name__}: {', '.join(parts)}>"
 
 
 class Result(Described):
-    """What a public function gives. `columns` are what ``pandas.DataFrame`` and ``polars.DataFrame`` take."""
+    """Result of a public function. ``pandas.DataFrame`` and ``polars.DataFrame`` take its `columns`."""
 
     __slots__ = ()
 
     def columns(self) -> Mapping[str, Any]:
-        """Arrays or lists of one length, by name."""
+        """Return arrays or lists of the same length, by name."""
         raise NotImplementedError
 
     def _repr_html_(self) -> str:
-        """A notebook's view: the line of text, and the first rows with the units of the columns."""
+        """Return the view in a notebook: the line of text, and the first rows with the units of the columns."""
         columns = self.columns()
         return f"<p>{escape(repr(self))}</p>{html_of(columns, units_of_columns(type(self), columns))}"
 
 
 def json_of(value: Any) -> Any:
-    """A value as JSON has it: a dataclass as its reported fields (all where none is) by name, a complex number as a
-    pair, NumPy's arrays and numbers as Python's, and null for a number that is not finite.
+    """Return a value as JSON has it.
+
+    A dataclass becomes its reported fields by name (all fields, if none is reported), a complex number a pair, an array
+    a list, and a number that is not finite None.
     """
     if type(value) is float:
         return value if math.isfinite(value) else None
@@ -179,7 +183,7 @@ def json_of(value: Any) -> Any:
 
 
 def _items(value: Any) -> Iterator[tuple[str, Any]]:
-    """The reported fields of a dataclass, or the items of a mapping."""
+    """Yield name and value of the reported fields of a dataclass, or the items of a mapping."""
     if isinstance(value, Mapping):
         yield from value.items()
         return
@@ -196,20 +200,20 @@ def _items(value: Any) -> Iterator[tuple[str, Any]]:
 
 
 def names_in(kind: type) -> list[str]:
-    """The names in JSON of the reported fields that are always there."""
+    """Return the names in JSON of the reported fields that are never omitted."""
     return [part for name, entry in reported_of(kind).items() if not entry.asked_for
             for part in (names_in(entry.of[0]) if entry.spread else [entry.name or name])]
 
 
 def as_lists(parts: Iterable[Any], kind: type) -> dict[str, list[Any]]:
-    """For each reported field of a class the values in a list, None where there is none."""
+    """Return a list of values for each reported field of a class, with None for a missing part."""
     rows = [dict.fromkeys(names_in(kind)) if part is None else dict(_items(part)) for part in parts]
     names = dict.fromkeys(name for row in rows for name in row)
     return {name: [row.get(name) for row in rows] for name in names}
 
 
 def html_of(columns: Mapping[str, Any], units: Mapping[str, str] = MappingProxyType({}), most: int = ROWS_SHOWN) -> str:
-    """A table in HTML of the first `most` lines of some columns, whose units stand beside the names."""
+    """Return an HTML table of the first `most` rows of the columns, with their units beside the names."""
     length = len(next(iter(columns.values()), ()))
     cells = "".join(f"<tr>{''.join(f'<td>{escape(_cell(column[k]))}</td>' for column in columns.values())}</tr>"
                     for k in range(min(length, most)))
@@ -220,12 +224,12 @@ def html_of(columns: Mapping[str, Any], units: Mapping[str, str] = MappingProxyT
 
 
 def _cell(value: Any) -> str:
-    """A value in a table."""
+    """Return the text of a value in a table."""
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def _said(name: str, value: Any) -> str:
-    """A field in a line; empty for what has no short text."""
+def _short(name: str, value: Any) -> str:
+    """Return a field in a line of text; empty for a value without a short text."""
     if isinstance(value, bool):
         return name if value else ""
     if isinstance(value, float):

@@ -1,4 +1,4 @@
-"""Scenes: a ROS 2 parameter file <-> System and node options. The only place that knows configuration files.
+"""Scenes: System and node options, read from and written to ROS 2 parameter files. No other module reads these files.
 
 A scene file is a ROS 2 parameter file (`/**: ros__parameters: ...`), so `--ros-args --params-file` takes it too.
 """
@@ -25,14 +25,14 @@ from tcc_sim.parameter_file import LARGEST_FILE, bundled_scenes, description_in,
 from tcc_sim.result import html_of
 
 DEFAULT_SCENE, NODE_SCENE = "fig02", "commands"
-"""The driveline node runs the second where nothing says otherwise: it takes commands, and moves by itself before."""
+"""Default scene of the driveline, and of the driveline node; the latter takes commands and runs without them too."""
 LONGEST_VALUE = 4000
-"""Characters of a value on the command line; the longest list of harmonics needs fewer than 1000."""
+"""Longest value on the command line, characters; the longest list of harmonics needs fewer than 1000."""
 
 
 @dataclass(frozen=True)
 class Operation(Options):
-    """How the driveline node runs a scene: everything that is not physics. Defaults are those of the node."""
+    """Options of the driveline node that are not physics: rate, pacing, topics, threads."""
 
     rate: float = quantity(1000.0, "tick rate of the physics and of the topics", "Hz", 1.0, 20000.0)
     real_time_factor: float = quantity(1.0, "simulated seconds per second of real time; 0 is as fast as possible", "",
@@ -65,21 +65,21 @@ class Operation(Options):
 
     @property
     def answer_ticks(self) -> int:
-        """Ticks from one command that lock-step waits for to the next."""
+        """Ticks between two commands for which lock-step waits."""
         return max(1, round(self.command_period * self.rate))
 
 
 OPERATION_QUANTITIES = Operation.quantities()
-"""Every node option that a scene file may hold, with its meaning."""
+"""Node options of a scene file, with their meanings."""
 
 MEANINGS: dict[str, Quantity] = {**parameters.QUANTITIES, **OPERATION_QUANTITIES}
-"""Every scene key and node option with its meaning."""
+"""Scene keys and node options, with their meanings."""
 KNOWN_KEYS = list(MEANINGS)
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A validated scene: what is simulated, how the node runs it, and its name.
+    """A validated scene: name, physical system, options of the driveline node, and description.
 
     Examples
     --------
@@ -94,24 +94,24 @@ class Scene:
     operation: Operation = field(default_factory=Operation)
     description: str = ""
     unused: tuple[str, ...] = field(default=(), compare=False)
-    """Keys that the scene's file gives although a friction table takes their place."""
+    """Keys in the scene's file that a friction table replaces."""
 
     def warnings(self) -> list[str]:
-        """Sentences on the scene that go with every result."""
+        """Return the warnings about the scene that accompany every result."""
         own = self.system.friction
         unused = self.unused if own.curve is not None else ()
-        return [*(f"{key} is not used, since the friction table takes its place" for key in unused), *own.doubts]
+        return [*(f"{key} is not used, because the friction table replaces it" for key in unused), *own.doubts]
 
     def __post_init__(self) -> None:
         delay_ticks(self.system.pressure, 1.0 / self.operation.rate)
 
     def with_values(self, values: Mapping[str, object]) -> Scene:
-        """This scene with some keys changed, checked together.
+        """Return this scene with some keys changed; the new values are checked together.
 
         Raises
         ------
         InputError
-            An unknown key (the nearest valid one is named), a wrong type, or a value out of its range.
+            A key is unknown (the message suggests the nearest one), a type is wrong, or a value is out of range.
         """
         model = {k: v for k, v in values.items() if k not in OPERATION_QUANTITIES}
         options: dict[str, Any] = {k: v for k, v in values.items() if k in OPERATION_QUANTITIES}
@@ -121,30 +121,30 @@ class Scene:
                                    operation=dataclasses.replace(self.operation, **options))
 
     def values(self) -> dict[str, Any]:
-        """Every scene key and node option with its value."""
+        """Return every scene key and node option with its value."""
         return {**dict(parameters.values_of(self.system)), **vars(self.operation)}
 
     def value(self, key: str) -> object:
-        """The value of a scene key or of a node option.
+        """Return the value of a scene key or of a node option.
 
         Raises
         ------
         InputError
-            An unknown key; the nearest valid one is named.
+            The key is unknown; the message suggests the nearest one.
         """
         meaning_of(key)
         group, _, name = key.rpartition(".")
         return getattr(getattr(self.system, group) if group else self.operation, name)
 
     def text(self) -> str:
-        """The scene as a parameter file with every key, from which the same scene is read back exactly."""
+        """Return the text of a parameter file with every key; reading it gives exactly the same scene."""
         import yaml
 
         tree: dict[str, Any] = {}
         tabulated = TABULATED if self.system.friction.curve is not None else ()
         for key, value in self.values().items():
             group, _, name = key.rpartition(".")
-            # ROS 2 cannot read an empty list, and it is the default; a table takes the place of others.
+            # ROS 2 cannot read an empty list, the default; a friction table replaces some keys.
             if value != () and not (key in tabulated and value == parameters.DEFAULTS[key]):
                 place = tree.setdefault(group, {}) if group else tree
                 place[name] = list(value) if isinstance(value, tuple) else value
@@ -152,7 +152,7 @@ class Scene:
         return f"# {self.description or self.name}\n{body}"
 
     def _repr_html_(self) -> str:
-        """A notebook's view: every key with its value, unit and meaning."""
+        """Return the view in a notebook: every key with its value, unit and meaning."""
         values = self.values()
         table = {"key": list(values), "value": list(values.values()), "unit": [MEANINGS[key].unit for key in values],
                  "meaning": [MEANINGS[key].description for key in values]}
@@ -160,7 +160,7 @@ class Scene:
 
 
 def _is_file(path: Path) -> bool:
-    """Whether a file is there; InputError where no file can be, as under a name that is too long."""
+    """Return whether a file exists; InputError for an impossible name, such as one that is too long."""
     try:
         return path.is_file()
     except OSError as error:
@@ -168,13 +168,13 @@ def _is_file(path: Path) -> bool:
 
 
 def load_scene(name_or_file: str | Path) -> Scene:
-    """The scene of a bundled name or of a file.
+    """Load a bundled scene by its name, or a scene file.
 
     Raises
     ------
     InputError
-        No such scene (the nearest name is given), or a file that is not a valid scene; names file, key, value and
-        range.
+        The scene does not exist (the message suggests the nearest name), or the file is not a valid scene (the message
+        names file, key, value and range).
 
     Examples
     --------
@@ -205,11 +205,11 @@ def load_scene(name_or_file: str | Path) -> Scene:
 
 
 SceneLike: TypeAlias = Scene | System | str | Path
-"""A scene, its system, its name or its file."""
+"""A scene, its system, its name or its file, as public functions accept it."""
 
 
 def system_of(scene: SceneLike) -> System:
-    """The physics of a scene, of a scene's name or file, or of what is a system already.
+    """Return the system of a scene, given as such, by name or file, or as a system.
 
     Raises
     ------
@@ -220,7 +220,7 @@ def system_of(scene: SceneLike) -> System:
 
 
 def as_scene(scene: SceneLike) -> Scene:
-    """The scene of a name or a file, a scene as it is, or a system with the node's own options.
+    """Return a scene given as such, by name or file, or as a system, which gets the default node options.
 
     Raises
     ------
@@ -233,14 +233,14 @@ def as_scene(scene: SceneLike) -> Scene:
 
 
 def parse_scene(text: str, name: str, folder: Path = Path()) -> Scene:
-    """The scene in the text of a parameter file. Keys that the text leaves out keep their defaults.
+    """Return the scene in the text of a parameter file; missing keys have their default values.
 
-    `friction.table` names a CSV file relative to `folder` in the place of friction.slip_speeds and .coefficients.
+    `friction.table` names a CSV file relative to `folder` that replaces friction.slip_speeds and .coefficients.
 
     Raises
     ------
     InputError
-        Not a parameter file, a duplicated or unknown key, a wrong type, or a value out of its range.
+        The text is not a parameter file, or has a duplicate or unknown key, a wrong type, or a value out of range.
     """
     if len(text) > LARGEST_FILE:
         raise InputError(f"the text is longer than {LARGEST_FILE} characters, the most allowed for a scene")
@@ -250,12 +250,12 @@ def parse_scene(text: str, name: str, folder: Path = Path()) -> Scene:
 
 
 def meaning_of(key: str) -> Quantity:
-    """The meaning of a scene key, of a number in a list (`KEY[n]`), or of a node option.
+    """Return the meaning of a scene key, of a number in a list (`KEY[n]`), or of a node option.
 
     Raises
     ------
     InputError
-        An unknown key; the nearest valid one is named.
+        The key is unknown; the message suggests the nearest one.
     """
     if list_of(key) not in MEANINGS:
         raise parameters.unknown_key(key, KNOWN_KEYS)
@@ -263,12 +263,12 @@ def meaning_of(key: str) -> Quantity:
 
 
 def parse_assignments(assignments: list[str]) -> dict[str, object]:
-    """KEY=VALUE words of a command line as scene values; a value is read as YAML reads it.
+    """Return the scene values in KEY=VALUE words of a command line; each value is read as YAML.
 
     Raises
     ------
     InputError
-        A word without '=', an unreadable value, or an unknown key.
+        A word has no '=', a value is unreadable, or a key is unknown.
     """
     import yaml
 
@@ -291,12 +291,12 @@ def parse_assignments(assignments: list[str]) -> dict[str, object]:
 
 
 def parse_profiles(words: list[str]) -> dict[str, object]:
-    """KEY=T:V,T:V words of a command line as values of the keys KEY_times and KEY_values.
+    """Return the values of KEY_times and KEY_values in KEY=T:V,T:V words of a command line.
 
     Raises
     ------
     InputError
-        A key without a profile, one given twice, or a point that is not two numbers.
+        A key cannot have a profile or is given twice, or a point is not two numbers.
     """
     found: dict[str, object] = {}
     for word in words:

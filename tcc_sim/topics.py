@@ -1,6 +1,6 @@
-"""Every topic of the driveline, one row each: what it is, when it is there, what fills it and where a viewer shows it.
+"""Topics of the driveline, one row each: type, unit, direction, condition, contents, and place in a viewer.
 
-The rows drive the nodes (publishers, subscriptions, encoding), the recorder, `explain` and the README.
+Nodes (publishers, subscriptions, encoding), recorder, `explain` and the page of topics read these rows.
 """
 
 from __future__ import annotations
@@ -13,17 +13,17 @@ from dataclasses import dataclass
 class Topic:
     """One topic.
 
-    name : as given to ROS 2: relative to the node's namespace, or absolute
+    name : name in ROS 2, relative to the node's namespace or absolute
     type : message type, package/msg/Name
-    unit : SI unit of the value; empty where it has none or several
-    direction : in (the driveline subscribes), out (it publishes) or beside (not there from the start: another node of
-        this package publishes it, or the driveline where it has something to say)
-    there_when : scene keys or node parameters, each with the value that creates the topic; empty: always there
-    carries : what one message says
-    view : entity path in Rerun; empty where it is not shown
-    latched : the last message is kept for those who subscribe later
-    fields : what fills it every tick, names of `plant.driveline.Reading`; empty where it is not said every tick
-    key : the scene key that has the range of a command
+    unit : SI unit of the value; empty for a dimensionless value or several units
+    direction : in (the driveline subscribes), out (it publishes) or beside (created later: by another node of this
+        package, or by the driveline with its first message)
+    there_when : scene keys or node parameters, each with the value that creates the topic; empty: always created
+    carries : contents of a message
+    view : entity path in Rerun; empty for a topic that Rerun does not show
+    latched : late subscribers receive the last message (transient local)
+    fields : names of `plant.driveline.Reading` published every tick; empty for a topic not published every tick
+    key : scene key with the allowed range of a command
     """
 
     name: str
@@ -39,12 +39,12 @@ class Topic:
 
     @property
     def switch(self) -> str:
-        """The condition in words; empty: always there."""
+        """Condition for the topic in words; empty: always created."""
         return " or ".join(f"{key}: {str(value).lower() if isinstance(value, bool) else value}"
                            for key, value in self.there_when)
 
     def wanted(self, value_of: Callable[[str], object]) -> bool:
-        """Whether the driveline creates it where `value_of(key)` gives the values of scene keys and parameters."""
+        """Return whether the driveline creates the topic; `value_of(key)` gives values of scene keys and parameters."""
         return self.direction != "beside" and (not self.there_when
                                                or any(value_of(key) == value for key, value in self.there_when))
 
@@ -62,9 +62,9 @@ CLOCK = "rosgraph_msgs/msg/Clock"
 CLOCK_TOPIC = "/clock"
 
 JOINT_NAMES = ("flywheel", "clutch_plate")
-"""The two joints of joint_states, in this order."""
+"""Joints of joint_states, in this order."""
 OUTPUT_JOINT = "output"
-"""The joint of output_state: the shaft's far end."""
+"""Joint of output_state: the shaft's far end."""
 
 _TORQUE = (("engine.source", "topic"),)
 _PRESSURE = (("pressure.source", "topic"),)
@@ -119,17 +119,17 @@ TOPICS: tuple[Topic, ...] = (
 )
 
 INPUTS = "engine_torque", "actuation_pressure"
-"""Topics of the two inputs that a scene gives or commands do."""
+"""Topics of the two inputs, which come from the scene or from commands."""
 FAR_END = "output_speed"
-"""Topic of the shaft's far end, which moves where somebody publishes it."""
+"""Topic of the speed of the shaft's far end, which is fixed without publisher."""
 
 
 def topic(name: str) -> Topic:
-    """The row of `name`.
+    """Return the row of topic `name`.
 
     Raises
     ------
     KeyError
-        No such topic.
+        The topic does not exist.
     """
     return {row.name: row for row in TOPICS}[name]

@@ -1,4 +1,4 @@
-"""Trajectory: the one currency. Every solver and a replayed recording give this type, and every analysis takes it."""
+"""Trajectory: the type that every solver and every replayed recording returns, and that every analysis takes."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ STILL = FarEnd()
 
 
 class Status(Enum):
-    """How a solve ended; the value is the sentence shown to people."""
+    """End of a solve; the value is the printed sentence."""
 
     DONE = "reached the end"
     STEP_LIMIT = "stopped: the number of steps passed its limit before the end time"
@@ -53,17 +53,17 @@ class State:
 
     @staticmethod
     def of(numbers: Iterable[float]) -> State:
-        """The state with these slip speed, plate angle and plate speed."""
+        """Return the state of slip speed, plate angle and plate speed."""
         return State(*map(float, numbers))
 
     @staticmethod
     def at_start(system: System) -> State:
-        """The initial state of a system."""
+        """Return the initial state of a system."""
         start = system.initial
         return State(start.slip_speed, start.plate_angle, start.plate_speed)
 
     def starting(self, system: System) -> System:
-        """A system with this for its initial state."""
+        """Return a system with this initial state."""
         return replace(system, initial=Initial(*self.numbers))
 
     @property
@@ -74,12 +74,12 @@ class State:
 
 @dataclass(frozen=True)
 class Loads:
-    """What clutch and shaft bear within each of N engine cycles; (N,) arrays, NaN where it was not worked out.
+    """Clutch heat and shaft torque within each of N engine cycles; (N,) arrays, NaN for values not computed.
 
     energy : work of the friction torque, integral of Tf v, J
     peak_power : largest Tf v, W
-    highest_shaft_torque, lowest_shaft_torque : of C23 theta2' + K23 theta2, N m
-    breakaways : changes from stick to slip
+    highest_shaft_torque, lowest_shaft_torque : largest and smallest C23 theta2' + K23 theta2, N m
+    breakaways : number of changes from stick to slip
     """
 
     energy: Floats
@@ -89,19 +89,19 @@ class Loads:
     breakaways: Floats
 
     def columns(self) -> list[Floats]:
-        """The arrays in order."""
+        """Return the arrays in the order of the fields."""
         return list(vars(self).values())
 
 
 @dataclass(frozen=True)
 class Cycles:
-    """What an engine cycle comes to, for N whole cycles, as exact as the solver makes it.
+    """Section states, extremes and stick time of N whole engine cycles, with the accuracy of the solver.
 
     section : (N + 1, 3) array, states (slip speed, plate angle, plate speed) at t = 2 pi n/omega, both ends included
     highest, lowest : (N,) arrays, largest and smallest (signed) slip speed within each cycle, rad/s
     stick_time : (N,) array, time in stick within each cycle, s
-    loads : of clutch and shaft within each cycle; None where nobody asked for them
-    starts : (N + 1,) array, s, when each starts and the last one ends; None where cycle n starts at t = 2 pi n/omega
+    loads : loads of clutch and shaft within each cycle; None if not requested
+    starts : (N + 1,) array, start of each cycle and end of the last, s; None if cycle n starts at t = 2 pi n/omega
     """
 
     section: Floats
@@ -121,10 +121,10 @@ class Cycles:
         return found
 
     def __getitem__(self, kept: slice) -> Cycles:
-        """A run of consecutive cycles."""
+        """Return a range of consecutive cycles."""
         first, last, stride = kept.indices(len(self))
         if stride != 1:
-            raise ValueError("cycles are taken consecutively")
+            raise ValueError("cycles must be consecutive; the stride must be 1")
         ends = slice(first, max(first, last) + 1)
         loads = None if self.loads is None else Loads(*(column[first:last] for column in self.loads.columns()))
         return Cycles(self.section[ends], self.highest[first:last], self.lowest[first:last],
@@ -132,18 +132,18 @@ class Cycles:
 
 
 def split_cycles(cycles: Cycles, whole: int) -> tuple[Cycles, Cycles | None]:
-    """The first `whole` cycles, and the part of one more that follows them, if any."""
+    """Return the first `whole` cycles, and the partial cycle after them or None."""
     return cycles[:whole], cycles[whole:] if len(cycles) > whole else None
 
 
 def no_cycles() -> Cycles:
-    """None at all, as where nobody knows when they start."""
+    """Return zero cycles, for a run whose engine cycles are unknown."""
     nothing = np.empty(0)
     return Cycles(np.empty((0, 3)), nothing, nothing, nothing, starts=nothing)
 
 
 def concatenated(parts: Sequence[Cycles]) -> Cycles:
-    """Runs of cycles that follow each other as one run."""
+    """Join successive ranges of cycles."""
     sections = [p.section[:-1] for p in parts[:-1]] + [parts[-1].section]
     loads = [p.loads for p in parts if p.loads is not None]
     joined = Loads(*map(np.concatenate, zip(*(x.columns() for x in loads)))) if len(loads) == len(parts) else None
@@ -154,13 +154,13 @@ def concatenated(parts: Sequence[Cycles]) -> Cycles:
 
 
 class Orbits(NamedTuple):
-    """The section points of periodic motions, one after the other.
+    """Section points of periodic motions, concatenated.
 
-    points : (k, n) in the natural sizes of the states
-    reach : (k,) squares of the distances within which a motion counts as there
-    cycle : (k,) number of the cycle, modulo `forcing`, at whose start a motion is there
-    following : (k,) index of the point after it
-    forcing : cycles after which the excitation repeats
+    points : (k, n), states divided by their natural scales
+    reach : (k,) squared distance within which a motion counts as at the point
+    cycle : (k,) number of the cycle, modulo `forcing`, at whose start the motion is at the point
+    following : (k,) index of the next point of the motion
+    forcing : period of the excitation, cycles
     """
 
     points: Floats
@@ -173,12 +173,12 @@ class Orbits(NamedTuple):
 NO_ORBITS = Orbits(np.empty((0, 3)), np.empty(0), np.empty(0, np.int64), np.empty(0, np.int64), 1)
 
 NEGATIVE, STICK, POSITIVE, FREE = -1, 0, 1, 2
-"""Modes: negative slip, stick, positive slip, and no load as the pressure is clamped at 0."""
+"""Modes: negative slip, stick, positive slip, and free, without load because the pressure is clamped at 0."""
 
 
 @dataclass(frozen=True)
 class Transitions:
-    """Changes of mode as data: time (s), mode before and after (-1 negative slip, 0 stick, 1 positive slip, 2 free)."""
+    """Changes of mode: time (s), mode before and after (-1 negative slip, 0 stick, 1 positive slip, 2 free)."""
 
     time: Floats
     before: Modes
@@ -186,14 +186,14 @@ class Transitions:
 
     @staticmethod
     def none() -> Transitions:
-        """No transition."""
+        """Return zero transitions."""
         return Transitions(np.empty(0), np.empty(0, np.int8), np.empty(0, np.int8))
 
 
 @dataclass(frozen=True)
 class Statistics:
-    """What a solve cost: steps taken, steps refused, scalar or stage iterations in all and at most in one, and its
-    bound.
+    """Cost of a solve: accepted and rejected steps, iterations in total, in the worst step, and their bound, run time
+    (s).
     """
 
     steps: int = 0
@@ -208,10 +208,10 @@ class Statistics:
 class Trajectory(Result):
     """A solved or recorded run.
 
-    The columns are (n,) arrays; so is `flywheel_angle` (rad), which is there for those who asked. `output_angle` and
-    `output_speed` are there where the shaft's far end moves. `cycles` comes from solvers that work it out on the way,
-    and `rest`, a single one that ends with the run, from those that end within a cycle;
-    `analysis.summary.cycle_parts_of` derives both from samples otherwise.
+    The columns are (n,) arrays. So are `flywheel_angle` (rad), if requested, and `output_angle` (rad) and
+    `output_speed` (rad/s), if the shaft's far end moves. `cycles` comes from solvers that compute cycles, and `rest`,
+    one partial cycle at the end, from solvers that can stop within a cycle; otherwise
+    `analysis.summary.cycle_parts_of` derives both from samples.
 
     Examples
     --------
@@ -251,17 +251,17 @@ class Trajectory(Result):
         return f"<{type(self).__name__} by {self.solver}: {samples} over {long}{cycles}; {self.status.value}>"
 
     def columns(self) -> dict[str, Floats | Modes]:
-        """The samples by name, (n,) arrays, as ``pandas.DataFrame`` and ``polars.DataFrame`` take them."""
+        """Return the samples by name, (n,) arrays, as ``pandas.DataFrame`` and ``polars.DataFrame`` take them."""
         return {name: column for name in UNITS if (column := getattr(self, name)) is not None}
 
     @property
     def far_end(self) -> FarEnd:
-        """How the shaft's far end moves, as it was sampled; its speed is held in between."""
+        """Sampled motion of the shaft's far end; its speed is held between samples."""
         return far_end_of(self.output_angle, self.output_speed)
 
     @property
     def shaft_twist(self) -> tuple[Floats, Floats]:
-        """(n,) angle (rad) and speed (rad/s) by which the plate is ahead of the shaft's far end."""
+        """Angle (rad) and speed (rad/s) of the plate relative to the shaft's far end, (n,) arrays."""
         angle, speed, _ = self.far_end
         return self.plate_angle - angle, self.plate_speed - speed
 
@@ -273,16 +273,22 @@ class Trajectory(Result):
 
     @property
     def solved_cycles(self) -> Cycles:
-        """The cycles that the solver worked out; ValueError where it gives none, and where it did not come to its end
-        NumericalFailure as in `raise_for_status`.
+        """Cycles that the solver computed.
+
+        Raises
+        ------
+        ValueError
+            The solver computes no cycles.
+        NumericalFailure
+            The solve did not reach the end, see `raise_for_status`.
         """
         found = self.raise_for_status().cycles
         if found is None:
-            raise ValueError(f"{self.solver} works out no cycles")
+            raise ValueError(f"{self.solver} computes no cycles")
         return found
 
     def raise_for_status(self) -> Trajectory:
-        """This trajectory, or NumericalFailure with the sentence of its status."""
+        """Return this trajectory, or raise NumericalFailure with the sentence of its status."""
         if self.status is not Status.DONE:
             reached = f" at t = {self.t[-1]:.6g} s" if len(self.t) else ""
             raise NumericalFailure(f"{self.solver}: "
@@ -291,24 +297,24 @@ class Trajectory(Result):
 
 
 UNITS = units_of(Trajectory)
-"""The columns of a trajectory, and their units."""
+"""Columns of a trajectory, with their units."""
 
 
 def far_end_of(angle: Floats | None, speed: Floats | None) -> FarEnd:
-    """Angle and speed of the shaft's far end where they are known, 0 where not."""
+    """Return angle and speed of the shaft's far end, with 0 for unknown values."""
     return STILL if angle is None or speed is None else FarEnd(np.nan_to_num(angle), np.nan_to_num(speed))
 
 
 def integral(values: Floats, t: Floats) -> Floats:
-    """Of samples over time, from the first to each of them, (n,), by the trapezoidal rule."""
+    """Return the integral of samples over time from the first to each sample, (n,), by the trapezoidal rule."""
     return np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(t))])
 
 
 def modes_of(slip_speed: Floats, stick_speed: float) -> Modes:
-    """-1, 0, 1 for negative slip, stick and positive slip."""
+    """Return -1, 0, 1 for negative slip, stick and positive slip."""
     return np.subtract(slip_speed > stick_speed, slip_speed < -stick_speed, dtype=np.int8)
 
 
 def event_sequence(modes: Iterable[int]) -> str:
-    """Modes in order as letters: S stick, + and - slip, F free."""
+    """Return the sequence of modes as letters: S stick, + and - slip, F free."""
     return "".join(["S+F-"[mode] for mode in modes])
