@@ -16,7 +16,7 @@ from tcc_sim.model.groups import Pressure
 
 
 def delay_ticks(pressure: Pressure, step: float) -> int:
-    """Return the dead time in ticks of `step` s; raises InputError where it is no whole number of them."""
+    """Return the dead time in ticks of `step` s; raise InputError unless it is a whole number."""
     ticks = pressure.delay / step
     if (ticks + 1e-6) % 1.0 > 2e-6:
         raise InputError(f"pressure.delay is {pressure.delay:g} s; it must be a whole number of ticks of {step:g} s")
@@ -24,13 +24,13 @@ def delay_ticks(pressure: Pressure, step: float) -> int:
 
 
 def pressure_after(now: float, target: float, time_constant: float, rate_limit: float, seconds: float) -> float:
-    """Return the pressure, Pa, after a time, s, in which the command is held: the exact solution of the lag.
+    """Return the pressure, Pa, after a time `seconds` with constant command: the exact solution of the lag.
 
     Parameters
     ----------
-    now, target : Pa
-    time_constant : T, s; 0 for none
-    rate_limit : R, Pa/s; 0 for none
+    now, target : pressure at the plates and commanded pressure, Pa
+    time_constant : T, s; 0 for no lag
+    rate_limit : R, Pa/s; 0 for no limit
     """
     gap, left = target - now, seconds
     if rate_limit > 0.0:
@@ -46,10 +46,10 @@ def pressure_after(now: float, target: float, time_constant: float, rate_limit: 
 
 def approach_between(before: float, after: float, time_constant: float, rate_limit: float,
                      step: float) -> tuple[float, float]:
-    """Return how the pressure goes from one value to another, Pa, within a tick of `step` s: (rise, rate).
+    """Return the course of the pressure between two values, Pa, within a tick of `step` s: (rise, rate).
 
-    With a rate above 0, 1/s, it is before + rise (1 - exp(-rate t)), else before + rise t. The two values alone say
-    which, so that a recording of them gives the same torque to the last bit.
+    With a rate above 0, 1/s, the pressure is before + rise (1 - exp(-rate t)), else before + rise t. The choice depends
+    on the two values alone, so a recording of them gives the same torque to the last bit.
     """
     change = after - before
     if time_constant > 0.0:
@@ -60,21 +60,21 @@ def approach_between(before: float, after: float, time_constant: float, rate_lim
 
 
 class Actuator:
-    """The actuator of one driveline, tick by tick.
+    """Actuator of one driveline, advanced tick by tick.
 
     Parameters
     ----------
-    pressure : its keys
-    step : a tick, s
+    pressure : keys of the actuator and its initial pressure
+    step : length of a tick, s
 
     Attributes
     ----------
-    pressure : at the plates now, Pa
+    pressure : present pressure at the plates, Pa
 
     Raises
     ------
     InputError
-        A dead time that is no whole number of ticks.
+        The dead time is not a whole number of ticks.
     """
 
     def __init__(self, pressure: Pressure, step: float) -> None:
@@ -83,17 +83,17 @@ class Actuator:
         self.reset(pressure.mean)
 
     def reset(self, pressure: float) -> None:
-        """Settle at a pressure, Pa."""
+        """Set the pressure at the plates and all delayed commands, Pa."""
         self.pressure = pressure
         self._waiting = deque([pressure] * self._ticks)
 
     @property
     def highest(self) -> float:
-        """Bound of the pressure, Pa, that commands taken until now lead to."""
+        """Upper bound of the pressure that the commands so far lead to, Pa."""
         return max(self.pressure, *self._waiting, 0.0)
 
     def advance(self, command: float) -> tuple[float, float]:
-        """Take the command, Pa, that is held through the next tick; the pressure before and after that tick, Pa."""
+        """Advance by a tick with a command held through it; return the pressure before and after it, Pa."""
         self._waiting.append(command)
         before = self.pressure
         self.pressure = pressure_after(before, self._waiting.popleft(), self._time_constant, self._rate_limit,

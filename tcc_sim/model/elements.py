@@ -1,4 +1,4 @@
-"""One number of a list among scene values: `engine.harmonic_amplitudes[1]` is the first one, that of harmonic 2.
+"""Single numbers of lists in scene values: `engine.harmonic_amplitudes[1]` is the first number, of harmonic 2.
 
 A list that has a profile (`model.quantity.PROFILES`) takes a profile of one of its numbers too: `KEY[n]_times` and
 `KEY[n]_values`; the others stay as the scene has them.
@@ -18,22 +18,22 @@ _ELEMENT = re.compile(r"([\w.]+)\[(\d+)\](_times|_values)?")
 
 
 def list_of(key: str) -> str:
-    """The key of the list that `key` names a number of, or a number's times or values; `key` itself otherwise."""
+    """Return the key of the list whose number, or times or values of a number, `key` names; else `key` itself."""
     found = _ELEMENT.fullmatch(key)
     return key if found is None else found[1] + (found[3] or "")
 
 
 def with_whole_lists(values: Mapping[str, object], value_of: Callable[[str], Any]) -> Mapping[str, object]:
-    """Scene values in which lists stand in the place of their single numbers.
+    """Return scene values with single numbers of lists replaced by the whole lists.
 
     Parameters
     ----------
-    value_of : gives the value that the scene has for a key
+    value_of : returns the present value of a key
 
     Raises
     ------
     InputError
-        The list has no such number, what is given is none, or the numbers' profiles do not fit together.
+        The list has no such number, a value is not a number, or the profiles of the numbers do not match.
     """
     if not any("[" in key for key in values):
         return values
@@ -46,7 +46,7 @@ def with_whole_lists(values: Mapping[str, object], value_of: Callable[[str], Any
         whole, place, part = found[1], int(found[2]), found[3]
         now = out.get(whole, value_of(whole))
         if not isinstance(now, Sequence) or isinstance(now, str):
-            raise InputError(f"{key}: {whole} is no list")
+            raise InputError(f"{key}: {whole} is not a list")
         if not 1 <= place <= len(now):
             has = f"has {len(now)} values, [1] to [{len(now)}]" if now else "is empty"
             raise InputError(f"{whole}[{place}] does not exist: {whole} {has}; give the whole list first")
@@ -65,7 +65,7 @@ def with_whole_lists(values: Mapping[str, object], value_of: Callable[[str], Any
 
 
 def _profile(whole: str, given: Mapping[int, Mapping[str, Any]], now: Sequence[float]) -> dict[str, object]:
-    """Times and values of a list some of whose numbers, by their place, have a profile; the others keep theirs."""
+    """Return times and values of a list in which some numbers, by index, have profiles and the others are constant."""
     for place, part in given.items():
         times, values = (part.get(name, []) for name in ("_times", "_values"))
         if whole not in PROFILES or len(times) != len(values):
@@ -81,7 +81,7 @@ def _profile(whole: str, given: Mapping[int, Mapping[str, Any]], now: Sequence[f
 
 
 def _between(t: float, times: Sequence[float], values: Sequence[float]) -> float:
-    """The value at time t, linear between points and constant outside; NumPy is not loaded for this."""
+    """Return the value at time t, linear between points and constant outside, without loading NumPy."""
     for (before, low), (after, high) in itertools.pairwise(zip(times, values)):
         if before <= t <= after and after > before:
             return low + (high - low) * (t - before) / (after - before)

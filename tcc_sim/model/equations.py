@@ -1,7 +1,7 @@
 """Equations of motion (1), (2) with the slip speed as a state, and the excitation.
 
-States: slip speed v (rad/s), plate angle theta2 (rad), plate speed omega2 (rad/s). The slip speed is a state of its own
-because in stick it is a small difference of large numbers. theta1 is cyclic; it is a quadrature for those who ask.
+States: slip speed v (rad/s), plate angle theta2 (rad), plate speed omega2 (rad/s). The slip speed is a state because in
+stick it is a small difference of large numbers. theta1 is cyclic; it is integrated separately, only on request.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def engine_torque(t: Any, mean: float, torque: tuple[float, float] | None,
     ----------
     t : float or (n,) array, s
     mean : Tm, N m
-    torque : (Tp in N m, omega in rad/s), or None where Tp = 0
+    torque : (Tp in N m, omega in rad/s), or None for Tp = 0
     harmonics : (m, 3) array of angular frequency (rad/s), amplitude (N m), phase (rad), or None
     """
     out = mean + 0.0 * t

@@ -1,8 +1,8 @@
-"""Friction laws (6) and (7) of the paper, normalised by mu_k, their slope (20b), and where they peak.
+"""Friction laws (6) and (7) of the paper, normalised by mu_k, their slope (20b), and their maximum.
 
-The functions take plain floats or arrays and are compiled for the solvers from this same text. `stribeck` is
-(c_1, a_1, c_2, a_2, ...): the sliding coefficient over that of fast slip is 1 + sum over j of c_j exp(-a_j |v|). The
-law of the paper has one exponential, (mu_s/mu_k - 1, alpha); None stands for none, where mu_k = mu_s.
+The functions take plain floats or arrays, and are compiled for the solvers. `stribeck` is (c_1, a_1, c_2, a_2, ...):
+the ratio of the sliding coefficient to that of fast slip is 1 + sum over j of c_j exp(-a_j |v|). The law of the paper
+has one exponential, (mu_s/mu_k - 1, alpha); None means no exponential, for mu_k = mu_s.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def smoothed_coefficient(v: Any, sigma: float, stribeck: Stribeck) -> Any:
     ----------
     v : float or (n,) array, slip speed, rad/s
     sigma : smoothing factor, s/rad
-    stribeck : amplitudes and rates, s/rad, in turn, or None where mu_k = mu_s
+    stribeck : amplitudes and rates (s/rad) alternately, or None for mu_k = mu_s
 
     Returns
     -------
@@ -40,7 +40,7 @@ def smoothed_coefficient(v: Any, sigma: float, stribeck: Stribeck) -> Any:
 
 
 def smoothed_and_slope(v: Any, sigma: float, stribeck: Stribeck, tanh: Any = None) -> Any:
-    """mubar of (7) and its slope d(mubar)/dv of (20b), s/rad; `tanh` is tanh(sigma v) where it is known already."""
+    """mubar of (7) and its slope d(mubar)/dv of (20b), s/rad; `tanh` is tanh(sigma v), if already computed."""
     if tanh is None:
         step = np.tanh(sigma * v)
     else:
@@ -70,35 +70,35 @@ def sliding(v: Any, sign: Any, stribeck: Stribeck) -> Any:
 
 
 def sliding_slope(v: Any, stribeck: Stribeck) -> Any:
-    """Slope of the set-valued coefficient of (6) by |v|, s/rad, at v, a float or an array."""
+    """Slope of the set-valued coefficient of (6) over |v|, s/rad, at v, a float or an array."""
     if stribeck is None:
         return 0.0 * v
     return sum((-a * c * np.exp(-a * np.abs(v)) for c, a in exponentials(stribeck)), 0.0 * v)
 
 
 def steepest_fall(stribeck: Stribeck) -> float:
-    """Bound of how steeply the sliding coefficient over that of fast slip falls, s/rad."""
+    """Return a bound of the falling slope of the sliding coefficient, relative to that of fast slip, s/rad."""
     return sum(max(share, 0.0) * rate for share, rate in exponentials(stribeck))
 
 
 def largest_ratio(stribeck: Stribeck) -> float:
-    """Bound of the sliding coefficient over that of fast slip."""
+    """Return an upper bound of the sliding coefficient, relative to that of fast slip."""
     return 1.0 + sum(max(share, 0.0) for share, _ in exponentials(stribeck))
 
 
 def exponentials(stribeck: Stribeck) -> list[tuple[float, float]]:
-    """Pairs of amplitude and rate, s/rad."""
+    """Return pairs of amplitude and rate (s/rad)."""
     return [] if stribeck is None else list(zip(stribeck[::2], stribeck[1::2]))
 
 
 @lru_cache(maxsize=256)
 def peak(sigma: float, stribeck: Stribeck) -> tuple[float, float]:
-    """Slip speed (rad/s) and value of the first maximum of the smoothed mubar (7), the root of the slope (20b).
+    """Return slip speed (rad/s) and value of the first maximum of the smoothed mubar (7), the root of the slope (20b).
 
-    The slope is below 0 where alpha sinh(2 sigma v) > 2 sigma (1 + exp(alpha v)/(r - 1)), which is compared in
-    logarithms: 1 - tanh^2 is lost in rounding before an exponential that dies down faster. Where mu_k = mu_s, or where
-    that exponential leaves nothing to fall from, the law has no maximum: (inf, 1). The peak lies below mu_s/mu_k and
-    falls with it (Fig. 3).
+    The slope is negative if alpha sinh(2 sigma v) > 2 sigma (1 + exp(alpha v)/(r - 1)). Logarithms are compared,
+    because 1 - tanh^2 underflows before an exponential that decays faster. For mu_k = mu_s, or if the exponential has
+    decayed before tanh reaches 1, the law has no maximum: (inf, 1). The maximum is below mu_s/mu_k and falls with it
+    (Fig. 3).
     """
     if stribeck is None:
         return math.inf, 1.0
@@ -113,24 +113,24 @@ def peak(sigma: float, stribeck: Stribeck) -> tuple[float, float]:
     step, rate = math.log(excess), math.log(4.0 * sigma / decay)
 
     def fall(v: float) -> float:
-        """Above 0 where mubar falls, v > 0: the logarithm of what lets it fall over what lets it rise."""
+        """Return a logarithm that is positive where mubar falls, v > 0: of its falling over its rising share."""
         push = decay * v - step
         rising = rate + max(push, 0.0) + math.log1p(math.exp(-abs(push)))
         return 2.0 * sigma * v + math.log(-math.expm1(-4.0 * sigma * v)) - rising
 
     def falls(v: float) -> bool:
-        """Whether mubar falls at v > 0."""
+        """Return whether mubar falls at v > 0."""
         return fall(v) > 0.0
 
     def past_nearest(v: float) -> bool:
-        """Whether v lies behind the place where the two sides come nearest: cosh(2 sigma v) = exp(alpha v)/(r - 1)."""
+        """Return whether v is above the closest approach of the two sides: cosh(2 sigma v) = exp(alpha v)/(r - 1)."""
         return decay * v - math.log(excess) >= float(np.logaddexp(2.0 * sigma * v, -2.0 * sigma * v)) - math.log(2.0)
 
     high = 20.0 / sigma + (math.log(sigma + decay) - math.log(decay)) / sigma
     if not falls(high):
         if decay <= 2.0 * sigma or excess <= 1.0:
             return math.inf, 1.0
-        # It rises to 1 in the end; before that it falls only if it does so here.
+        # mubar finally rises to 1; it falls before that only if it falls at the closest approach.
         high = _first(math.log(excess) / (decay - 2.0 * sigma), past_nearest)
         if not falls(high):
             return math.inf, 1.0
@@ -139,12 +139,12 @@ def peak(sigma: float, stribeck: Stribeck) -> tuple[float, float]:
 
 
 def _peak_of_several(sigma: float, stribeck: tuple[float, ...]) -> tuple[float, float]:
-    """`peak` of a law of several exponentials, by the first change of sign of the slope, (inf, 1) without one.
+    """Return the maximum of a law with several exponentials at the first sign change of the slope, else (inf, 1).
 
-    The slope is taken over 1 - tanh^2, so that it keeps its digits where tanh is nearly 1.
+    The slope is divided by 1 - tanh^2 to keep its digits where tanh is nearly 1.
     """
     def fall(v: Any) -> Any:
-        """-mubar'/(sigma (1 - T^2)): above 0 where mubar falls."""
+        """Return -mubar'/(sigma (1 - T^2)), which is positive where mubar falls."""
         ratio = 1.0 + sum(c * np.exp(-a * v) for c, a in exponentials(stribeck))
         return -sliding_slope(v, stribeck) * 0.5 * np.sinh(np.minimum(2.0 * sigma * v, 600.0)) / sigma - ratio
 
@@ -157,8 +157,8 @@ def _peak_of_several(sigma: float, stribeck: tuple[float, ...]) -> tuple[float, 
 
 
 def _beside(f: Callable[[float], float], at: float, slope: float) -> tuple[float, float] | None:
-    """A narrow bracket of a root of f below `at` by Newton's method with a slope that is nearly f's; None without
-    one.
+    """Return a narrow bracket of a root of f below `at`, by Newton's method with an approximate constant slope, or
+    None.
     """
     high = at
     for _ in range(12):
@@ -173,7 +173,7 @@ def _beside(f: Callable[[float], float], at: float, slope: float) -> tuple[float
 
 
 def _around(f: Callable[[float], float], low: float, high: float) -> tuple[float, float]:
-    """A narrow bracket of a root of f, which is above 0 at `high`, by the Illinois method; (0, high) without one."""
+    """Return a narrow bracket of a root of f, positive at `high`, by the Illinois method, else (0, high)."""
     below, above = f(low), f(high)
     if not below < 0.0:
         return 0.0, high
@@ -190,7 +190,7 @@ def _around(f: Callable[[float], float], low: float, high: float) -> tuple[float
 
 
 def _first(high: float, holds: Callable[[float], bool], low: float = 0.0, nearer: float = math.inf) -> float:
-    """Where a condition sets in that holds at `high` (and at `nearer`) and not at `low`, to the last bit."""
+    """Bisect to the last bit for the onset of a condition that holds at `high` (and `nearer`), but not at `low`."""
     high = min(high, nearer)
     while low < (middle := 0.5 * (low + high)) < high:
         if holds(middle):
@@ -201,9 +201,9 @@ def _first(high: float, holds: Callable[[float], bool], low: float = 0.0, nearer
 
 
 def stick_speed(sigma: float, stribeck: Stribeck) -> float:
-    """Slip speed, rad/s, at or below which the smoothed law counts as stick.
+    """Return the slip speed, rad/s, up to which the smoothed law counts as stick.
 
-    It is where mubar peaks; where there is no peak (mu_k = mu_s), where tanh(sigma |v|) = 0.99.
+    This is the slip speed of the maximum of mubar; without a maximum (mu_k = mu_s), of tanh(sigma |v|) = 0.99.
     """
     v, _ = peak(sigma, stribeck)
     return v if math.isfinite(v) else math.atanh(0.99) / sigma

@@ -20,11 +20,11 @@ from tcc_sim.errors import InputError
 Floats = npt.NDArray[np.float64]
 MOST_TERMS = 3
 MOST_POINTS = 1000
-"""Points that a table may have."""
+"""Largest number of points in a table."""
 GOOD_ENOUGH = 1e-3
-"""Largest error, relative to the largest coefficient, below which no further exponential is tried."""
+"""Error relative to the largest coefficient below which no further exponential is tried."""
 DOUBTFUL, REFUSED = 0.02, 0.05
-"""Largest error, likewise, above which results carry a warning, and above which the table is refused."""
+"""Errors relative to the largest coefficient above which results have a warning, and a table is refused."""
 LARGEST_RATIO = 20.0
 """Bound of m against the largest coefficient and of mu(0) against m, either way."""
 SLOWEST, FASTEST, FASTEST_RATE = 0.3, 5.0, 1e3
@@ -40,9 +40,9 @@ class FrictionCurve:
     Attributes
     ----------
     constant : float
-        m, the coefficient that fast slip tends to.
+        m, limit of the coefficient for fast slip.
     amplitudes, rates : tuple of float
-        c_j and a_j, s/rad, in the order of falling rates.
+        c_j (dimensionless) and a_j (s/rad), rates in descending order.
     error : float
         Largest difference from the table, relative to its largest coefficient.
     worst : float
@@ -67,9 +67,9 @@ class FrictionCurve:
 
 
 def check_table(slip_speeds: tuple[float, ...], coefficients: tuple[float, ...]) -> None:
-    """Raise InputError unless the lists make a table: three points or more, speeds that rise from 0.
+    """Raise InputError unless the lists form a table: at least three points, speeds rising from 0.
 
-    The ranges of single values are those of the scene keys and are checked with them.
+    The ranges of single values are checked with the scene keys.
     """
     speeds, values = "friction.slip_speeds", "friction.coefficients"
     if len(slip_speeds) != len(coefficients):
@@ -86,11 +86,11 @@ def check_table(slip_speeds: tuple[float, ...], coefficients: tuple[float, ...])
 
 @lru_cache(maxsize=64)
 def fit_curve(slip_speeds: tuple[float, ...], coefficients: tuple[float, ...]) -> FrictionCurve:
-    """Fit a friction table by a constant and as few exponentials as come within 0.1 %, at most three.
+    """Fit a friction table by a constant and the fewest exponentials, at most three, with an error below 0.1 %.
 
-    The rates are found by nonlinear least squares from several starts, the constant and the amplitudes by linear least
-    squares within (variable projection: Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973). Between the points of the
-    table the curve stays within the range of the table and 5 % of its largest coefficient.
+    Nonlinear least squares from several starts give the rates; for each set of rates, linear least squares give the
+    constant and the amplitudes (variable projection: Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973). Between its
+    points the curve leaves the range of the table by at most 5 % of the largest coefficient.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def fit_curve(slip_speeds: tuple[float, ...], coefficients: tuple[float, ...]) -
     Raises
     ------
     InputError
-        Lists that make no table, or a table that no such curve meets within 5 % of its largest coefficient.
+        The lists form no table, or the error of every such curve exceeds 5 % of the largest coefficient.
     """
     check_table(slip_speeds, coefficients)
     v, mu = np.array(slip_speeds), np.array(coefficients)
@@ -121,7 +121,7 @@ def fit_curve(slip_speeds: tuple[float, ...], coefficients: tuple[float, ...]) -
 
 
 def _candidates(v: Floats, mu: Floats, count: int) -> list[FrictionCurve]:
-    """The curves of `count` exponentials that least squares finds from several starts and that stay in range."""
+    """Fit curves with `count` exponentials from several starts; return those that stay in range."""
     if count == 0:
         return [_curve(v, mu, np.empty(0))]
     from scipy.optimize import least_squares
@@ -145,7 +145,7 @@ def _candidates(v: Floats, mu: Floats, count: int) -> list[FrictionCurve]:
 
 
 def _projected(v: Floats, mu: Floats, rates: Floats) -> tuple[Floats, Floats]:
-    """Constant and amplitudes (k + 1,) that fit best with these logarithms of rates (k,), and the residuals (n,)."""
+    """Return constant and amplitudes (k + 1,) for given logarithms of rates (k,), and the residuals (n,)."""
     columns = np.exp(-np.exp(rates)[None, :] * v[:, None])
     factors = np.linalg.lstsq(np.column_stack([np.ones_like(v), columns]), mu, rcond=None)[0]
     least = 1.01 * mu.max() / LARGEST_RATIO
@@ -155,7 +155,7 @@ def _projected(v: Floats, mu: Floats, rates: Floats) -> tuple[Floats, Floats]:
 
 
 def _curve(v: Floats, mu: Floats, rates: Floats) -> FrictionCurve:
-    """The curve with these logarithms of rates (k,), and its largest error."""
+    """Return the curve for given logarithms of rates (k,), with its largest error."""
     factors, residuals = _projected(v, mu, rates)
     order = np.argsort(-rates)
     worst = int(np.abs(residuals).argmax())

@@ -19,17 +19,17 @@ FIG02_PRESSURE = 500.0 / (0.24 * 0.08 * 0.1)
 """Mean pressure, Pa, at which Tsm = 500 N m with mu_k = 0.8 mu_s, as the caption of Fig. 2 states."""
 PRESSURE_MAXIMUM, TORQUE_MAXIMUM = 1e7, 1e5
 LARGEST_RATIO = 20.0
-"""Bound of mu_s/mu_k, and of mu_k/mu_s."""
+"""Upper bound of mu_s/mu_k and of mu_k/mu_s."""
 
 TABULATED = ("friction.static_coefficient", "friction.kinetic_coefficient", "friction.decay")
-"""Keys that a friction table takes the place of."""
+"""Keys that a friction table replaces."""
 TABLE = ("friction.slip_speeds", "friction.coefficients")
-"""The keys of the table."""
+"""Keys of a friction table."""
 
 
 @dataclass(frozen=True)
 class Driveline(Group):
-    """The linear part of equations (1): two inertias, and the spring and damper that hold the plate."""
+    """Linear part of equations (1): two inertias, and the spring and damper between plate and far end."""
 
     flywheel_inertia: float = quantity(0.20, "flywheel inertia I1", "kg m^2", 1e-6, 1e3)
     plate_inertia: float = quantity(0.02, "clutch plate inertia I2 (friction shoe and pressure plate)", "kg m^2", 1e-6,
@@ -40,7 +40,7 @@ class Driveline(Group):
 
 @dataclass(frozen=True)
 class Friction(Group):
-    """The friction law: (6) set-valued, (7) smoothed."""
+    """Friction law: (6) set-valued, (7) smoothed."""
 
     law: str = quantity("smoothed", "friction law: (7) smoothed or (6) set_valued", choices=("smoothed", "set_valued"),
                         otherwise="; laws with memory, such as LuGre, are not modelled: sweep over friction "
@@ -58,7 +58,7 @@ class Friction(Group):
 
     @property
     def curve(self) -> FrictionCurve | None:
-        """The fit of the measured coefficients; None where they are not given."""
+        """Fit of the measured coefficients; None without a table."""
         if not (self.slip_speeds or self.coefficients):
             return None
         from tcc_sim.model.friction_curve import fit_curve
@@ -67,7 +67,7 @@ class Friction(Group):
 
     @property
     def doubts(self) -> list[str]:
-        """A sentence on a table whose fit is so far off that results carry a warning."""
+        """Warning about a poor fit of the friction table, as a list of at most one sentence."""
         from tcc_sim.model.friction_curve import DOUBTFUL
 
         curve = self.curve
@@ -110,7 +110,7 @@ class Friction(Group):
 
 @dataclass(frozen=True)
 class Clutch(Group):
-    """The geometry that turns pressure into torque."""
+    """Geometry of the clutch, which relates pressure and torque."""
 
     area: float = quantity(0.08, "pressure area A", "m^2", 0.0, 10.0, above=True)
     radius: float = quantity(0.1, "friction moment arm R", "m", 0.0, 10.0, above=True)
@@ -118,7 +118,7 @@ class Clutch(Group):
 
 @dataclass(frozen=True)
 class Excitation(Group):
-    """A part of the excitation, which the scene gives or commands on a topic do."""
+    """Part of the excitation, given by the scene or by commands on a topic."""
 
     source: str = quantity("harmonic", "where it comes from: the scene, or commands", choices=("harmonic", "topic"))
     fallback: str = quantity("mean", "with source topic, what applies until the first command and after a time-out: "
@@ -127,7 +127,7 @@ class Excitation(Group):
 
     @property
     def harmonic(self) -> bool:
-        """Whether the scene's own excitation ever applies: always, or as the fallback beside commands."""
+        """Whether the harmonic excitation of the scene ever applies: always, or as the fallback for commands."""
         return "harmonic" in (self.source, self.fallback)
 
 
@@ -164,7 +164,7 @@ class Engine(Excitation):
                                                              "engine.harmonic_amplitudes", "N m", 0.0, TORQUE_MAXIMUM)
 
     def check_together(self) -> None:
-        """Raise InputError unless profiles and harmonics have as many values in each list."""
+        """Raise InputError unless the lists of profiles and harmonics have matching lengths."""
         self.check_profile("frequency")
         self.check_profile("mean_torque")
         self.check_profile("torque_amplitude")
@@ -203,7 +203,7 @@ class Pressure(Excitation):
 
     @property
     def actuated(self) -> bool:
-        """Whether there is an actuator between a command and the plates."""
+        """Whether an actuator changes the commanded pressure."""
         return self.lagged or self.delay > 0.0
 
     def check_together(self) -> None:

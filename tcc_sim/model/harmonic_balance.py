@@ -1,13 +1,13 @@
-"""Periodic motions by harmonic balance: the series (30) to (34) of the paper in the form that balances.
+"""Periodic motions by harmonic balance: the series (30) to (34) of the paper in a corrected form.
 
-Printed, (30) to (32) start at n = 1 and (31) has Tm + Tp sin(omega t/N) for its first factor. Here the slip speed and
-the friction coefficient have a mean, and the load is Ts(t) of (5b):
+In the print, (30) to (32) start at n = 1, and the first factor of (31) is Tm + Tp sin(omega t/N). Here the slip speed
+and the friction coefficient have a mean, and the load is Ts(t) of (5b):
 
     v = a0 + sum a_n cos(n w t) + b_n sin(n w t),  w = omega/N                                     (30)
     Tf = [Tsm + Tsp sin(omega_f t + psi)] [c0 + sum c_n cos(n w t) + d_n sin(n w t)]               (31)
 
-The mean of (32) is then Tf's, which must be Tm: c0 Tsm + (Tsp/2)(c_M sin psi + d_M cos psi) = Tm. Without c0 the
-product with the load's sine is all that is left, and |d_M| <= (4/pi) mu_s/mu_k: at most (2/pi) (mu_s/mu_k) Tsp.
+The mean of (32) is then that of Tf, which must be Tm: c0 Tsm + (Tsp/2)(c_M sin psi + d_M cos psi) = Tm. Without c0
+only the product with the load's sine remains. As |d_M| <= (4/pi) mu_s/mu_k, it is at most (2/pi) (mu_s/mu_k) Tsp.
 """
 
 from __future__ import annotations
@@ -24,17 +24,18 @@ from tcc_sim.model.parameters import System
 from tcc_sim.model.sines import Floats, engine_series, load_series
 
 LADDER = (0.001, 0.004, 0.01, 0.02, 0.04, 0.1, 0.2, 0.4, 1.0)
-"""Parts of sigma at which the balance is solved in turn, each from the one before: stick is all but linear first."""
+"""Fractions of sigma for which the balance is solved in turn, each from the one before; the first is nearly linear."""
 ITERATIONS, HALVINGS = 80, 12
 OVERSAMPLING = 8
-"""Points per harmonic at which the friction coefficient is taken."""
+"""Samples of the friction coefficient per harmonic."""
 
 
 @dataclass(frozen=True)
 class Balance:
-    """A periodic motion as series.
+    """Periodic motion as Fourier series.
 
-    period : in engine cycles; base : w, rad/s
+    period : engine cycles
+    base : w, rad/s
     slip : (2 n + 1,) a0, a_1 ... a_n, b_1 ... b_n of (30), rad/s
     coefficient : (2 n + 1,) c0, c_n, d_n of (31)
     residual : largest remainder of any harmonic of (32), N m
@@ -47,12 +48,12 @@ class Balance:
     residual: float
 
     def slip_speed(self, t: Floats) -> Floats:
-        """v at the times t (n,), rad/s."""
+        """Return v at the times t (n,), rad/s."""
         return series(self.slip, self.base, t)
 
 
 def series(coefficients: Floats, base: float, t: Floats) -> Floats:
-    """a0 + sum a_n cos(n w t) + b_n sin(n w t) at the times t."""
+    """Return a0 + sum a_n cos(n w t) + b_n sin(n w t) at the times t."""
     count = len(coefficients) // 2
     angle = np.multiply.outer(np.asarray(t, dtype=np.float64), base * np.arange(1, count + 1))
     out: Floats = coefficients[0] + np.cos(angle) @ coefficients[1:count + 1] + np.sin(angle) @ coefficients[count + 1:]
@@ -60,9 +61,9 @@ def series(coefficients: Floats, base: float, t: Floats) -> Floats:
 
 
 def mean_friction_torque(system: System, coefficient: Floats, period: int, *, printed: bool = False) -> float:
-    """Return the mean of (31), N m: c0 Tsm and what the load's sine shares with the coefficient.
+    """Return the mean of (31), N m: c0 Tsm plus the mean product of the load's sine and the coefficient.
 
-    printed : without c0, and with Tm + Tp sin(omega t/N) in the place of the load
+    printed : take the form of the print, without c0 and with the load Tm + Tp sin(omega t/N)
     """
     count, load = len(coefficient) // 2, load_series(system)
     if printed:
@@ -77,25 +78,25 @@ def mean_friction_torque(system: System, coefficient: Floats, period: int, *, pr
 
 
 def harmonic_balance(system: System, period: int, harmonics: int, iterations: int = ITERATIONS) -> Balance:
-    """Solve (32) for a motion of `period` engine cycles by Newton's method, from no slip and a soft friction law on.
+    """Solve (32) for a motion of `period` engine cycles by Newton's method, starting with zero slip and a soft law.
 
-    The motion found may be unstable, and where several exist it is one of them.
+    The motion may be unstable; if several exist, the result is one of them.
 
     Parameters
     ----------
-    system : with the smoothed law and torques that repeat after `period` engine cycles
-    harmonics : n of the series, of w = omega/period
-    iterations : most steps of Newton's method at a smoothing factor
+    system : system with the smoothed law and torques that repeat after `period` engine cycles
+    harmonics : number n of harmonics of w = omega/period
+    iterations : largest number of Newton steps per smoothing factor
 
     Raises
     ------
     InputError
-        The set-valued law, no whole period or no harmonic.
+        The friction law is set-valued, or `period` or `harmonics` is below 1.
     NumericalFailure
-        Newton's method did not end.
+        Newton's method did not converge.
     """
     if system.friction.law != "smoothed":
-        raise InputError(f"friction.law is {system.friction.law}; the harmonic balance is that of the smoothed law")
+        raise InputError(f"friction.law is {system.friction.law}; the harmonic balance needs the smoothed law")
     if period < 1 or harmonics < 1:
         raise InputError(f"period is {period} and harmonics {harmonics}; both must be 1 or more")
     d, base = system.driveline, system.engine.frequency / period
@@ -126,7 +127,7 @@ def harmonic_balance(system: System, period: int, harmonics: int, iterations: in
 
 
 def _real_form(factor: NDArray[np.complex128]) -> Floats:
-    """The matrix that multiplies the phasors a - i b by `factor`, on (mean, a, b); the mean is left out."""
+    """Return the matrix on (mean, a, b) that multiplies the phasors a - i b by `factor` and the mean by 0."""
     n = len(factor)
     k = np.arange(1, n + 1)
     out = np.zeros((2 * n + 1, 2 * n + 1))
@@ -137,7 +138,7 @@ def _real_form(factor: NDArray[np.complex128]) -> Floats:
 
 def _newton(slip: Floats, basis: Floats, project: Floats, linear: Floats, drive: Floats, load: Floats, sigma: float,
             stribeck: friction.Stribeck, iterations: int) -> tuple[Floats, float]:
-    """The slip's coefficients for one smoothing factor, with halved steps, and the largest remainder, N m."""
+    """Return the coefficients of the slip for one smoothing factor, by damped Newton steps, and the residual, N m."""
     def remainder(x: Floats) -> tuple[Floats, Floats]:
         value, slope = friction.smoothed_and_slope(basis @ x, sigma, stribeck)
         return linear @ x + project @ (load * value) - drive, load * slope
@@ -157,5 +158,5 @@ def _newton(slip: Floats, basis: Floats, project: Floats, linear: Floats, drive:
         slip, rest = slip - step, further
     if float(np.abs(rest).max()) <= 1e-8 * size:
         return slip, float(np.abs(rest).max())
-    raise NumericalFailure(f"harmonic balance at sigma = {sigma:g} s/rad: a remainder of {np.abs(rest).max():.3g} N "
-                           f"m is left")
+    raise NumericalFailure(f"harmonic balance at sigma = {sigma:g} s/rad: the residual is still "
+                           f"{np.abs(rest).max():.3g} N m")

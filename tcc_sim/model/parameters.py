@@ -1,6 +1,6 @@
-"""The parameters of the driveline: its groups of scene keys together, and keys by name.
+"""Parameters of the driveline: all groups of scene keys, and access by key.
 
-Every field of a group is a scene key, `group.field`. SI units, angles in rad. The sign convention of the whole package:
+Every field of a group is a scene key, `group.field`. SI units, angles in rad. Sign convention of the whole package:
 slip speed is flywheel speed minus clutch plate speed, and a positive friction torque slows the flywheel and drives the
 plate.
 """
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class System:
-    """One driveline with its friction law, excitation and initial state. Frozen; every group is checked.
+    """Driveline with friction law, excitation and initial state; frozen and checked.
 
     Examples
     --------
@@ -44,18 +44,18 @@ class System:
     pressure: Pressure = Pressure()
     initial: Initial = Initial()
     inputs: Inputs | None = None
-    """Torque and pressure from data instead of the scene's own."""
+    """Torque, pressure and far-end speed from data, instead of the scene's own."""
 
     @cached_property
     def profile(self) -> Floats | None:
-        """What varies in time besides the sines, as `profile_of` says; None where nothing does."""
+        """Profile of the excitation (see `profile_of`); None if nothing but the sines varies in time."""
         if not self.varying:
             return None
         from tcc_sim.model.profile import profile_of
         return profile_of(self.engine, self.pressure, self.inputs)
 
     def cycle_start(self, number: Any) -> Any:
-        """When engine cycles of these numbers, an array or one, start: where phi = 2 pi n; s."""
+        """Return the start of engine cycle `number` (or an array of numbers), where phi = 2 pi number, s."""
         if self.profile is None:
             return number * self.cycle
         from tcc_sim.model.profile import time_at
@@ -63,7 +63,7 @@ class System:
         return time_at(self.profile, 2.0 * math.pi * number)
 
     def cycles_until(self, t: float) -> float:
-        """Engine cycles passed at time t, s: phi/(2 pi)."""
+        """Return the number of engine cycles up to time t (s), phi/(2 pi)."""
         if self.profile is None:
             return t / self.cycle
         from tcc_sim.model.profile import phase_at
@@ -71,32 +71,32 @@ class System:
         return float(phase_at(self.profile, t)) / (2.0 * math.pi)
 
     def whole_cycles(self, first: int, duration: float) -> int:
-        """Whole engine cycles in so many seconds from the start of cycle `first` on."""
+        """Return the number of whole engine cycles in `duration` s from the start of cycle `first`."""
         if self.profile is None:
             return int(duration / self.cycle * (1.0 + 1e-12))
         return int(self.cycles_until(float(self.cycle_start(first)) + duration) * (1.0 + 1e-12)) - first
 
     @property
     def varying(self) -> list[str]:
-        """What the profile holds, as keys."""
+        """Keys that vary in time."""
         return [f"{key}_times" for key in PROFILES if self._times(key)] + (["inputs"] if self.inputs else [])
 
     def _times(self, key: str) -> tuple[float, ...]:
-        """The times of a key's profile; none where it has none."""
+        """Return the times of a key's profile; empty without one."""
         group, name = key.split(".")
         found: tuple[float, ...] = getattr(getattr(self, group), f"{name}_times")
         return found
 
     @property
     def span(self) -> float:
-        """The last time that a profile or the inputs tell of, s; 0 where there are none."""
+        """Last time of the profiles or the inputs, s; 0 without any."""
         end = self.inputs.end if self.inputs else 0.0
         return max(t[-1] for t in (*map(self._times, PROFILES), (end,)) if t)
 
     def check_repeats(self, what: str) -> None:
-        """Raise InputError, which says who can, where the excitation does not repeat and `what` needs that it does."""
+        """Raise InputError if the excitation does not repeat; `what` names the analysis that needs a periodic one."""
         if self.profile is not None:
-            raise InputError(f"{what} needs an excitation that repeats, and this scene has {', '.join(self.varying)}; "
+            raise InputError(f"{what} needs a periodic excitation, and this scene has {', '.join(self.varying)}; "
                              "simulate and the driveline node solve it")
 
     @property
@@ -106,7 +106,7 @@ class System:
 
     @property
     def largest_friction_ratio(self) -> float:
-        """Bound of the friction coefficient at any slip speed over mu_k, at least 1."""
+        """Upper bound of the friction coefficient at any slip speed, relative to mu_k; at least 1."""
         from tcc_sim.model.friction import largest_ratio
 
         return largest_ratio(self.friction.stribeck)
@@ -123,7 +123,7 @@ class System:
 
     @property
     def saturation_amplitude(self) -> float:
-        """Tsp of (5b), N m; 0 where the pressure comes from a topic and falls back to its mean."""
+        """Tsp of (5b), N m; 0 for a pressure from a topic with the mean as fallback."""
         return self.torque_per_pressure * self.pressure.amplitude if self.pressure.harmonic else 0.0
 
     @property
@@ -145,7 +145,7 @@ class System:
 
     @property
     def cycle(self) -> float:
-        """One engine cycle 2 pi/omega, s; the shortest where omega varies in time."""
+        """Engine cycle 2 pi/omega, s; the shortest one if omega varies in time."""
         return 2.0 * math.pi / max(self.engine.frequency_values or (self.engine.frequency,))
 
 
@@ -155,7 +155,7 @@ GROUPS: dict[str, type[Group]] = {"driveline": Driveline, "friction": Friction, 
 QUANTITIES: dict[str, Quantity] = {
     f"{name}.{item.name}": item.metadata["quantity"] for name,
     group in GROUPS.items() for item in dataclasses.fields(group)}
-"""Every scene key of the model with its meaning."""
+"""Scene keys of the model, with their meanings."""
 
 KEY_UNITS.update({key: meaning.unit for key, meaning in QUANTITIES.items()})
 
@@ -165,13 +165,13 @@ DEFAULTS: dict[str, Value] = {key: getattr(GROUPS[group], name) for key, group, 
 
 
 def values_of(system: System) -> Iterator[tuple[str, Value]]:
-    """Every scene key of `system` with its value, in the order of QUANTITIES."""
+    """Yield every scene key of `system` with its value, in the order of QUANTITIES."""
     for key, group, name in _PLACES:
         yield key, getattr(getattr(system, group), name)
 
 
 def unknown_key(key: str, known: Mapping[str, object] | list[str], kind: str = "a scene key") -> InputError:
-    """The error for a key that does not exist, with the nearest one that does; `kind` says what it would be."""
+    """Return the error for an unknown key, with the nearest valid one; `kind` is the expected kind of name."""
     if "temperature" in key:
         return InputError(f"{key} is not {kind}: temperature is no state of this model; sweep over friction tables "
                           "that were measured at several temperatures instead")
@@ -180,7 +180,7 @@ def unknown_key(key: str, known: Mapping[str, object] | list[str], kind: str = "
 
 
 def coerce(key: str, value: object) -> Value:
-    """A value as read from a file or a command line, as the type of `key`; an integer serves as a float."""
+    """Convert a value from a file or a command line to the type of `key`; integers become floats."""
     if key not in QUANTITIES:
         raise unknown_key(key, QUANTITIES)
     quantity_, default = QUANTITIES[key], DEFAULTS[key]
@@ -203,12 +203,12 @@ def coerce(key: str, value: object) -> Value:
 
 
 def replace(system: System, values: Mapping[str, object]) -> System:
-    """`system` with the given scene keys changed, checked together; `KEY[n]` is number n of a list, from 1.
+    """Return `system` with some scene keys changed and checked together; `KEY[n]` is number n of a list, from 1.
 
     Raises
     ------
     InputError
-        An unknown key (with the nearest valid one), a wrong type, or a value out of its range.
+        A key is unknown (the message suggests the nearest one), a type is wrong, or a value is out of range.
     """
     changes: dict[str, dict[str, Value]] = {}
     values = with_whole_lists(values, lambda key: dict(values_of(system)).get(key))
@@ -221,7 +221,7 @@ def replace(system: System, values: Mapping[str, object]) -> System:
                              "change that table instead")
         group, name = key.split(".")
         changes.setdefault(group, {})[name] = checked
-    out = object.__new__(System)  # Its fields are known to be right; a branch asks for one for every motion.
+    out = object.__new__(System)  # The fields are already checked; continuation makes a system for every motion.
     for name in _FIELDS:
         own = getattr(system, name)
         vars(out)[name] = own.changed(changes[name]) if name in changes else own

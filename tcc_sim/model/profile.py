@@ -5,8 +5,8 @@ The phase phi is the integral of the engine frequency omega from t = 0, exact fo
 a function of it: Te = Tm(t) + sum_n Tpn(t) sin(n phi + phi_n), P = Pm(t) + Pp sin(r phi + psi). Engine cycle n lasts
 from phi = 2 pi n to 2 pi (n + 1).
 
-The *profile* of a system has the profiles of its keys as rows, one for every piece of time within which omega, Tm, Tpn
-and Pm are linear. Without any there is none, and the phase is omega t.
+The *profile* of a system is an array with one row for each interval of time in which omega, Tm, Tpn and Pm are linear.
+A system without profiles of keys has no such array; its phase is omega t.
 """
 
 from __future__ import annotations
@@ -22,27 +22,25 @@ from tcc_sim.model.groups import Engine, Pressure
 Floats = NDArray[np.float64]
 
 TIME, PHASE, FREQUENCY, FREQUENCY_RATE, TORQUE, TORQUE_RATE, LOAD, LOAD_RATE = range(8)
-"""Columns of a profile: start of the piece, s; there phi (rad), omega (rad/s), Tm (N m) and Pm (Pa; as the terms of a
-solver Tsm, N m), and what each changes by in a second.
+"""Columns of a profile: start of the interval, s; at the start phi (rad), omega (rad/s), Tm (N m) and Pm (Pa; in the
+terms of a solver Tsm, N m), and the rates of change per second.
 """
 UNTIL, STARTED, SHIFT = range(LOAD_RATE + 1, LOAD_RATE + 4)
-"""Columns that an engine fills in a row of its own: how long the piece holds; when the cycle started, s since time 0,
-and the load's phase there, rad.
+"""Columns that a solver fills in its own row: end of the interval; start of the cycle, s since time 0, and phase of
+the load there, rad.
 """
 SWELLS, SWELL = SHIFT + 1, 4
-"""First of the columns of harmonics whose amplitude varies, and how many each has: n, phi_n (rad), Tpn (N m) and what
-that changes by in a second.
+"""First column of the harmonics with varying amplitude, and columns per harmonic: n, phi_n (rad), Tpn (N m) and its
+rate per second.
 """
 
 FAR_ANGLE, FAR_SPEED, FAR_RATE = range(1, 4)
-"""Columns of the motion of the shaft's far end behind TIME: theta3 (rad), w3 (rad/s) and what it changes by in a
-second, from then on.
-"""
+"""Columns of the motion of the shaft's far end after TIME: theta3 (rad), w3 (rad/s) and its rate (rad/s^2)."""
 
 
 class Origin(NamedTuple):
-    """Where the phase is counted from, after omega or r were changed while running: phi at a time, and by how much the
-    load's angle is ahead of r phi + psi. Time in s, angles in rad.
+    """Reference of the phase after a change of omega or r in a running system: time (s), phi then (rad), and the
+    lead of the load's angle on r phi + psi (rad).
     """
 
     time: float = 0.0
@@ -55,12 +53,12 @@ START = Origin()
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """What drives a plant from outside, as lines: (k, 3) arrays of time (s), value there and change in a second.
+    """External inputs of a driveline as piecewise linear functions: (k, 3) arrays of time (s), value and rate per second.
 
-    torque : N m; None leaves the scene's own
-    pressure : Pa; None leaves the scene's own
-    end : time up to which they are known, s
-    output_speed : of the shaft's far end, rad/s; None where it stands still
+    torque : N m; None keeps the scene's input
+    pressure : Pa; None keeps the scene's input
+    end : time up to which the inputs are known, s
+    output_speed : speed of the shaft's far end, rad/s; None for a fixed end
     """
 
     torque: Floats | None
@@ -70,27 +68,27 @@ class Inputs:
 
 
 def held_lines(t: Floats, values: Floats) -> Floats:
-    """Values held from each time to the next, as lines; before the first time it is the first value."""
+    """Return lines with each value held to the next time, and the first value before the first time."""
     return _from_the_start(np.stack([t, values, np.zeros(len(t))], axis=1))
 
 
 def joined_lines(t: Floats, values: Floats) -> Floats:
-    """Values joined by straight lines, constant outside."""
+    """Return lines that join the values, constant outside."""
     return _from_the_start(np.stack([t, values, np.append(np.diff(values) / np.diff(t), 0.0)], axis=1))
 
 
 def _from_the_start(lines: Floats) -> Floats:
-    """Lines that begin at time 0."""
+    """Return the lines extended to time 0."""
     return lines if lines[0, 0] <= 0.0 else np.concatenate([[[0.0, lines[0, 1], 0.0]], lines])
 
 
 def profile_of(engine: Engine, pressure: Pressure, inputs: Inputs | None = None, origin: Origin = START) -> Floats:
-    """The profile, (m, SWELLS + SWELL k) array of pieces in order of time; k harmonics have an amplitude that varies.
+    """Return the profile, (m, SWELLS + SWELL k), with m intervals in order of time, k harmonics of varying amplitude.
 
     Parameters
     ----------
-    inputs : torque and pressure from data, which take the place of the scene's own
-    origin : where the phase is counted from; nothing before it is in the profile
+    inputs : torque and pressure from data, which replace those of the scene
+    origin : reference of the phase; the profile starts there
     """
     torque = _lines(engine.mean_torque_times, engine.mean_torque_values, engine.mean_torque)
     load = _lines(pressure.mean_times, pressure.mean_values, pressure.mean)
@@ -119,13 +117,13 @@ def profile_of(engine: Engine, pressure: Pressure, inputs: Inputs | None = None,
 
 
 def motion_of_far_end(speed: Floats, times: Floats) -> Floats:
-    """The motion of the shaft's far end from each of the times on, (m, 4) with the columns TIME, FAR_ANGLE, FAR_SPEED
+    """Return the motion of the shaft's far end from each time on, (m, 4) with the columns TIME, FAR_ANGLE, FAR_SPEED
     and FAR_RATE; its angle is 0 at time 0.
 
     Parameters
     ----------
     speed : lines, rad/s, that begin at time 0
-    times : (m,) s, not before it, with those of the lines among them
+    times : (m,) s, from 0 on, including the times of the lines
     """
     past = np.diff(speed[:, 0])
     angle = np.concatenate([[0.0], np.cumsum(past * (speed[:-1, 1] + 0.5 * speed[:-1, 2] * past))])
@@ -134,19 +132,19 @@ def motion_of_far_end(speed: Floats, times: Floats) -> Floats:
 
 
 def far_end_at(far: Floats, t: Any) -> tuple[Floats, Floats, Floats]:
-    """Angle (rad), speed (rad/s) and acceleration (rad/s^2) of the shaft's far end at times t, s, by its motion."""
+    """Return angle (rad), speed (rad/s) and acceleration (rad/s^2) of the shaft's far end at times t, s."""
     row = np.moveaxis(far[pieces(far, t)], -1, 0)
     past, rate = t - row[TIME], row[FAR_RATE]
     return row[FAR_ANGLE] + past * (row[FAR_SPEED] + 0.5 * rate * past), row[FAR_SPEED] + rate * past, rate
 
 
 def _lines(times: tuple[float, ...], values: tuple[float, ...], constant: float) -> Floats:
-    """A profile as rows of time, value and rate; one row where there is none."""
+    """Return a profile as rows of time, value and rate; one row for a constant."""
     return joined_lines(np.array(times), np.array(values)) if times else np.array([[0.0, constant, 0.0]])
 
 
 def _swells(engine: Engine) -> list[tuple[int, float, Floats]]:
-    """The harmonics whose amplitude varies: number, phase and amplitude as `_lines`."""
+    """Return the harmonics with varying amplitude: number, phase, and amplitude as `_lines`."""
     if not engine.harmonic:
         return []
     found = [(1, 0.0, _lines(engine.torque_amplitude_times, engine.torque_amplitude_values, 0.0))
@@ -159,14 +157,14 @@ def _swells(engine: Engine) -> list[tuple[int, float, Floats]]:
 
 
 def reached(t: Any, row: Any) -> Any:
-    """(phi, Tm, Pm or Tsm) at time t by one row of a profile: floats, or arrays of times and of rows' columns."""
+    """Return (phi, Tm, Pm or Tsm) at time t from a row of a profile: floats, or arrays of times and of columns."""
     past = t - row[TIME]
     return (row[PHASE] + past * (row[FREQUENCY] + 0.5 * row[FREQUENCY_RATE] * past),
             row[TORQUE] + row[TORQUE_RATE] * past, row[LOAD] + row[LOAD_RATE] * past)
 
 
 def swelling(t: Any, phase: Any, row: Any) -> Any:
-    """The harmonics whose amplitude varies, N m, at time t and phase phi by one row; arrays as in `reached`."""
+    """Return the sum of the harmonics with varying amplitude, N m, at time t and phase phi; arrays as in `reached`."""
     torque = 0.0
     k = SWELLS
     while k < row.shape[0]:

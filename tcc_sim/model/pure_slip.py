@@ -1,4 +1,4 @@
-"""Pure slip in closed form for mu_k = mu_s: (12) to (18), (29) of the paper, with a load that varies and harmonics."""
+"""Pure slip in closed form for mu_k = mu_s: (12) to (18), (29) of the paper, for pulsating load and harmonics."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from tcc_sim.model.sines import Floats, Sines, common_cycles, dynamic_stiffness,
 
 @dataclass(frozen=True)
 class PureSlip:
-    """The solution (14) of (12): v = a0 + a1 t + sines + transient, and the plate's motion.
+    """Solution (14) of (12): v = a0 + a1 t + sines + transient, and the motion of the plate.
 
-    direction : +1, or -1 where the slip is taken as negative
-    a0 : rad/s; a1 = (Tm - Tsm)/I1 : rad/s^2 (the friction torque's sign turned where the slip is negative)
+    direction : sign of the slip, +1 or -1
+    a0 : rad/s; a1 = (Tm - Tsm)/I1 : rad/s^2 (with the opposite sign of Tsm for negative slip)
     slip : the sines a21, a22 of (14), with their phases; their mean is a0. They are v(t) of (15), rad/s, without the
         transient (and without a1 t, which has no steady state)
     plate : steady plate angle, rad
     decay, stiffness : zeta omega_n (1/s) and omega_n^2 (1/s^2) of the plate on its spring, (17c-e)
-    angle_offset, speed_offset : plate angle and speed at t = 0 less the steady ones, rad and rad/s: what decays
-    period : after which the sines repeat, s; 0 where omega_f/omega is no ratio of whole numbers
+    angle_offset, speed_offset : differences of plate angle (rad) and speed (rad/s) from the steady ones at t = 0
+    period : common period of the sines, s; 0 if omega_f/omega is not a ratio of small whole numbers
     """
 
     direction: int
@@ -40,42 +40,42 @@ class PureSlip:
     period: float
 
     def slip_speed(self, t: Any) -> Floats:
-        """v(t) of (14), rad/s, at the times t (n,)."""
+        """Return v(t) of (14), rad/s, at the times t (n,)."""
         return self.slip(t) + self.a1 * np.asarray(t) - self._transient(t)[1]
 
     def plate_angle(self, t: Any) -> Floats:
-        """theta2(t), rad."""
+        """Return theta2(t), rad."""
         return self.plate(t) + self._transient(t)[0]
 
     def plate_speed(self, t: Any) -> Floats:
-        """theta2'(t), rad/s."""
+        """Return theta2'(t), rad/s."""
         return self.plate.rate()(t) + self._transient(t)[1]
 
     @property
     def steady(self) -> bool:
-        """A steady state exists: a1 = 0 (Tm = Tsm)."""
+        """Whether a steady state exists: a1 = 0 (Tm = Tsm)."""
         return self.a1 == 0.0
 
     @property
     def margin(self) -> float:
-        """direction a0 - |a21| - |a22| of (16), rad/s; above 0 the steady slip never reaches 0 nor turns round.
+        """direction a0 - |a21| - |a22| of (16), rad/s; if it is positive, the steady slip never reaches 0.
 
-        The print has |a0|, which an a0 of the wrong sign passes too: friction would then drive the slip. Sines of one
-        frequency (omega_f = omega) are added as phasors first: sharper than the print, and exact then.
+        The print has |a0|, which admits an a0 of the wrong sign, where friction would drive the slip. Sines of equal
+        frequency (omega_f = omega) are added as phasors first, which makes the criterion exact for them.
         """
         return self.direction * self.a0 - self.slip.swing()
 
     @property
     def least_slip_speed(self) -> float:
-        """The smallest direction v(t) over all t >= 0, rad/s: the motion is pure slip where it is above 0.
+        """Smallest direction v(t) over all t >= 0, rad/s; if it is positive, the motion is pure slip.
 
-        (16) leaves the transient out, which can bring a slip of any steady margin to 0. Found by branch and bound on
-        the second derivative; a lower bound where the driveline's damping is too light to follow the transient to its
-        end, or where omega and omega_f have no common period. -inf where a1 carries the slip through 0 in the end.
+        (16) omits the transient, which can stop the slip whatever the steady margin is. The minimum is found by branch
+        and bound on the second derivative. It is only a lower bound if the damping is too light to follow the transient
+        to its end, or if omega and omega_f have no common period; -inf if a1 finally stops the slip.
         """
         if self.direction * self.a1 < 0.0:
             return -math.inf
-        # Of z'' + 2 decay z' + stiffness z = 0 the energy never grows, which bounds z, z' and so z''.
+        # The energy of z'' + 2 decay z' + stiffness z = 0 never grows, which bounds z, z' and thus z''.
         rate = -2.0 * self.decay * self.speed_offset - self.stiffness * self.angle_offset
         energy = math.hypot(rate, math.sqrt(self.stiffness) * self.speed_offset)
         largest = energy / math.sqrt(self.stiffness)
@@ -90,7 +90,7 @@ class PureSlip:
         return found if self.period else min(found, self.margin)
 
     def _transient(self, t: Any) -> tuple[Floats, Floats]:
-        """The decaying plate angle and plate speed, for light, critical and heavy damping."""
+        """Return the decaying parts of plate angle and speed, for light, critical and heavy damping."""
         at = np.asarray(t, dtype=np.float64)
         cosine, sine = damped_pair(at, self.decay, self.stiffness)
         x, w = self.angle_offset, self.speed_offset
@@ -103,18 +103,18 @@ PLATE = "pressure.frequency_ratio excites the undamped plate"
 LONGEST_PHASE = 2e4
 """Phase of the fastest oscillation, rad, over which a transient is followed."""
 FADED = 36.0
-"""Natural logarithm of what a transient has shrunk by when it counts as gone."""
+"""Natural logarithm of the decay after which a transient is neglected."""
 
 
 def _fading_time(decay: float, stiffness: float) -> float:
-    """Time after which the plate's own motion is gone, s; inf where nothing damps it."""
+    """Return the time after which the transient of the plate is negligible, s; inf without damping."""
     square = decay * decay - stiffness
     rate = decay if square <= 0.0 else stiffness / (decay + math.sqrt(square))
     return FADED / rate if rate > 0.0 else math.inf
 
 
 def _smallest(value: Callable[[Floats], Floats], bend: float, end: float, width: float) -> float:
-    """The smallest value over [0, end], where the second derivative is at most `bend` in magnitude."""
+    """Return the smallest value over [0, end] of a function whose second derivative is at most `bend` in magnitude."""
     t = np.arange(0.0, max(end, width), width)
     best = math.inf
     for _ in range(60):
@@ -130,7 +130,7 @@ def _smallest(value: Callable[[Floats], Floats], bend: float, end: float, width:
 
 
 def damped_pair(t: Floats, decay: float, stiffness: float) -> tuple[Floats, Floats]:
-    """exp(-decay t) times cos(wd t) and sin(wd t)/wd, wd^2 = stiffness - decay^2 of either sign; t >= 0."""
+    """Return exp(-decay t) times cos(wd t) and sin(wd t)/wd, for wd^2 = stiffness - decay^2 of either sign, t >= 0."""
     square = stiffness - decay * decay
     if abs(square) <= 1e-14 * stiffness:
         fade = np.exp(-decay * t)
@@ -153,8 +153,8 @@ def pure_slip(system: System, direction: int = 1) -> PureSlip:
     Raises
     ------
     InputError
-        mu_k < mu_s (the law is then nonlinear in slip), a pressure that reaches below 0, or an undamped driveline whose
-        resonance the pressure excites exactly.
+        mu_k differs from mu_s (the law is then nonlinear in slip), the pressure falls below 0, or the pressure excites
+        exactly the resonance of an undamped driveline.
     """
     if system.friction_ratio != 1.0:
         raise InputError(f"friction.kinetic_coefficient is {system.friction.kinetic_coefficient:g}; pure slip in "
@@ -181,17 +181,17 @@ def pure_slip(system: System, direction: int = 1) -> PureSlip:
 
 
 def equivalent_torque(system: System) -> Sines:
-    """Teq(t) of (29b) in its right form, N m: Te - (1 + I1/I2) Ts where the slip is positive.
+    """Return Teq(t) of (29b) in its corrected form for positive slip, N m: Te - (1 + I1/I2) Ts.
 
-    The print has lost Tsm after the bracket. Teq is not what drives the slip alone: (29a) has the plate's spring and
-    damper on its other side, and they hold Ts too by (12b); `slip_torque` is without them.
+    The print omits Tsm after the bracket. Teq alone does not drive the slip: the other side of (29a) has the spring and
+    damper of the plate, which depend on Ts by (12b); `slip_torque` eliminates them.
     """
     d = system.driveline
     return engine_series(system).plus(load_series(system), -(1.0 + d.flywheel_inertia / d.plate_inertia))
 
 
 def slip_torque(system: System) -> Sines:
-    """The torque that drives the steady positive slip, N m.
+    """Return the torque that drives the steady positive slip, N m.
 
     I1 v' = Te - Ts [K23 - (I1 + I2) w^2 + i C23 w]/[K23 - I2 w^2 + i C23 w] at each frequency w: (29a) with the plate's
     motion eliminated by (12b). At low frequency the factor of Ts is 1 and the amplitude |Tp - Tsp exp(i psi)|; it turns
@@ -201,7 +201,7 @@ def slip_torque(system: System) -> Sines:
     Raises
     ------
     InputError
-        An undamped driveline whose plate resonance the pressure excites exactly.
+        The pressure excites exactly the plate resonance of an undamped driveline.
     """
     d = system.driveline
 

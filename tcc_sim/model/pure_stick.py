@@ -20,7 +20,7 @@ STUCK = "engine.frequency excites the undamped stuck"
 
 
 def stick_phase(system: System, omega: float) -> float:
-    """phi of (8b), rad: the phase of the plate angle relative to the engine torque.
+    """Return phi of (8b), rad: the phase of the plate angle relative to the engine torque.
 
     The print takes the arctangent of the quotient, which is off by pi above omega_sn; this is the four-quadrant one.
     """
@@ -29,7 +29,7 @@ def stick_phase(system: System, omega: float) -> float:
 
 
 def interface_phase(system: System, omega: float) -> float:
-    """vartheta of (25b), rad: the lead of the interface torque on the plate angle, as a four-quadrant arctangent.
+    """Return vartheta of (25b), rad: the lead of the interface torque on the plate angle, a four-quadrant arctangent.
 
     (26) neglects it, which holds for C23 omega << K23 - I2 omega^2.
     """
@@ -38,19 +38,19 @@ def interface_phase(system: System, omega: float) -> float:
 
 
 def interface_gain(system: System, omega: float) -> float:
-    """Amplitude of the interface torque per amplitude of the engine torque, from (25a)."""
+    """Return the ratio of the amplitudes of interface and engine torque, from (25a)."""
     d = system.driveline
     plate = complex(d.stiffness - d.plate_inertia * omega**2, d.damping * omega)
     return abs(plate) / abs(dynamic_stiffness(d, d.flywheel_inertia + d.plate_inertia, omega, STUCK))
 
 
 def plate_angle(system: System) -> Sines:
-    """delta2(t) of (8) in pure stick, rad: the steady motion, from each harmonic of the engine torque.
+    """Return delta2(t) of (8) in pure stick, rad: the steady motion, from each harmonic of the engine torque.
 
     Raises
     ------
     InputError
-        An undamped driveline excited at exactly omega_sn.
+        The engine excites an undamped driveline at exactly omega_sn.
     """
     d = system.driveline
     both = d.flywheel_inertia + d.plate_inertia
@@ -58,10 +58,10 @@ def plate_angle(system: System) -> Sines:
 
 
 def stuck_interface_torque(system: System) -> Sines:
-    """Tfi(t) of (25a) in pure stick, N m: the friction torque that stick needs.
+    """Return Tfi(t) of (25a) in pure stick, N m: the friction torque that stick needs.
 
     (9) is the same with the amplitude I1 omega^2 Tp/sqrt((K23 - (I1 + I2) omega^2)^2 + (C23 omega)^2) in its last term,
-    where the print has lost the inertia and the damping.
+    where the print omits the inertia and the damping.
     """
     return engine_series(system).through(lambda omega: cmath.rect(
         interface_gain(system, omega), stick_phase(system, omega) + interface_phase(system, omega)))
@@ -69,23 +69,23 @@ def stuck_interface_torque(system: System) -> Sines:
 
 @dataclass(frozen=True)
 class StickMargin:
-    """mu_s N R - |Tfi| at its smallest, N m, and when, s (within the common period; nan where there is none)."""
+    """Smallest mu_s N R - |Tfi|, N m, and its time in the common period, s (nan without a common period)."""
 
     torque: float
     time: float
 
     @property
     def sticks(self) -> bool:
-        """Pure stick by (10)."""
+        """Whether pure stick is possible by (10)."""
         return self.torque >= 0.0
 
 
 def stick_margin(system: System) -> StickMargin:
-    """The criterion (10), (11) of pure stick: the smallest mu_s N(t) R - |Tfi(t)|.
+    """Return the criterion (10), (11) of pure stick: the smallest mu_s N(t) R - |Tfi(t)|.
 
     (10) is printed without the modulus; the friction torque is bounded on both sides. With omega_f = (M/N) omega the
     common period is N engine cycles, not the 2 pi/omega of (11b). For an incommensurable omega_f every pair of phases
-    comes up.
+    occurs.
 
     The minimum is found by branch and bound on the second derivative, so no dip between grid points is missed.
     """
@@ -104,7 +104,7 @@ def stick_margin(system: System) -> StickMargin:
 
 
 def _smallest(torque: Sines, load: Sines, ratio: float, period: float) -> StickMargin:
-    """Branch and bound for the minimum of ratio Ts - |Tfi| over one period; the clamped load is max(Ts, 0)."""
+    """Minimise ratio max(Ts, 0) - |Tfi| over one period by branch and bound."""
     frequencies = np.concatenate([torque.frequency, load.frequency])
     fastest = float(frequencies.max()) if len(frequencies) else 2.0 * math.pi / period
     bend = float(torque.amplitude @ torque.frequency**2) + ratio * float(load.amplitude @ load.frequency**2)
@@ -133,7 +133,7 @@ def _smallest(torque: Sines, load: Sines, ratio: float, period: float) -> StickM
 
 
 def _kink_slack(load: Sines, ratio: float, t: Floats, width: float) -> Floats:
-    """How far a kink can lie below both cell ends: the modulus makes peaks of -|Tfi|, the clamp makes none."""
+    """Return how far the margin can lie below both ends of a cell because of the clamp; |Tfi| causes no such kink."""
     # max(Ts, 0) never lies below the smooth Ts, and where it leaves it, it is 0 on one side: a chord bound by its
     # slope.
     if len(load.frequency) == 0 or load.mean - load.swing() >= 0.0:
@@ -145,11 +145,10 @@ def _kink_slack(load: Sines, ratio: float, t: Floats, width: float) -> Floats:
 
 @dataclass(frozen=True)
 class StickLimits:
-    """The transition frequencies between pure stick and stick-slip, rad/s.
+    """Transition frequencies between pure stick and stick-slip, rad/s.
 
-    lower : where an upward sweep leaves the pure stick it starts in; None where there is none at the low end, or no
-        limit
-    higher : where a downward sweep leaves the pure stick it starts in; None likewise
+    lower : end of pure stick in an upward sweep; None without stick at the low end, or without a limit
+    higher : end of pure stick in a downward sweep; None without stick at the high end, or without a limit
     """
 
     lower: float | None
@@ -157,10 +156,10 @@ class StickLimits:
 
 
 def stick_limits(system: System, low: float, high: float, count: int = 400) -> StickLimits:
-    """The frequency limits of pure stick between `low` and `high` (rad/s) for the given torques, both sweep directions.
+    """Return the frequency limits of pure stick between `low` and `high` (rad/s), for upward and downward sweeps.
 
     omega_f keeps its ratio to omega. `count` frequencies, evenly spaced in log omega, bracket the limits; omega_sn is
-    among them, so the stuck resonance is not stepped over.
+    among them, so no limit near the stuck resonance is missed.
     """
     if not 0.0 < low < high:
         raise InputError(f"the frequency range is {low:g} to {high:g} rad/s; it must be above 0 and increasing")
@@ -181,7 +180,7 @@ def stick_limits(system: System, low: float, high: float, count: int = 400) -> S
 
 
 def _bisect(margin: Callable[[float], float], a: float, b: float) -> float:
-    """The frequency in [a, b] where the margin changes sign."""
+    """Return the frequency in [a, b] where the margin changes sign."""
     first = margin(a) >= 0.0
     for _ in range(60):
         middle = 0.5 * (a + b)

@@ -1,4 +1,4 @@
-"""What a scene key means, and groups of keys that check themselves: unit, allowed range or choices; and profiles of the
+"""Meanings of scene keys (unit, allowed range or choices), groups of keys that check themselves, and profiles of the
 keys that may vary in time, linear between given points.
 """
 
@@ -18,20 +18,20 @@ Value = float | str | tuple[float, ...]
 Same = TypeVar("Same", bound="Group")
 PROFILES = ("engine.frequency", "engine.mean_torque", "engine.torque_amplitude", "engine.harmonic_amplitudes",
             "pressure.mean")
-"""The keys that may vary in time; each has a list of times and a list of values."""
+"""Keys that may vary in time; each has a list of times and a list of values."""
 PROFILED = ", ".join(PROFILES).replace("amplitudes", "amplitudes[n]")
-"""These keys in words; of the list of harmonics one number has a profile."""
+"""These keys as printed; single numbers of the list of harmonics have profiles."""
 MOST_POINTS, LATEST = 1000, 1e6
-"""Points that a profile may have, and its latest time, s."""
+"""Largest number of points in a profile, and its latest time, s."""
 
 
 def sequence_of_numbers(key: str, values: Any) -> tuple[float, ...]:
-    """The values that a key is to have one after the other: numbers in any sequence or array, or a single one.
+    """Return successive values of a key, given as a sequence or array of numbers or as a single number.
 
     Raises
     ------
     InputError
-        Anything else.
+        The values are not numbers.
     """
     try:
         return tuple(float(x) for x in (values if isinstance(values, Iterable) else (values,)))
@@ -41,11 +41,11 @@ def sequence_of_numbers(key: str, values: Any) -> tuple[float, ...]:
 
 @dataclass(frozen=True)
 class Quantity:
-    """What a key means: its unit, its allowed range or choices, and whether a running node may change it.
+    """Meaning of a key: description, unit, allowed range or choices, and whether a running node may change it.
 
     above : the lower bound itself is not allowed
-    otherwise : what the refusal of a choice adds
-    zero : 0 is allowed beside the range
+    otherwise : end of the error message for an invalid choice
+    zero : 0 is allowed in addition to the range
     """
 
     description: str
@@ -60,11 +60,11 @@ class Quantity:
 
     @property
     def described(self) -> str:
-        """Meaning and unit."""
+        """Description and unit."""
         return self.description + (f", {self.unit}" if self.unit else "")
 
     def interval(self) -> str:
-        """The allowed values in words, for error messages and parameter descriptions."""
+        """Return the allowed values in words, for error messages and parameter descriptions."""
         if self.choices:
             return " or ".join(self.choices)
         if math.isinf(self.low) and math.isinf(self.high):
@@ -74,7 +74,7 @@ class Quantity:
         return f"{'0 or ' if self.zero else ''}{low}{high}{f' {self.unit}' if self.unit else ''}"
 
     def check(self, key: str, value: object) -> None:
-        """Raise InputError unless `value` is of the right kind and within the range."""
+        """Raise InputError unless `value` has the right type and is within the range."""
         if self.choices:
             if value not in self.choices:
                 raise InputError(f"{key} is {value!r}; it must be {self.interval()}{self.otherwise}")
@@ -90,7 +90,7 @@ class Quantity:
 
 
 def apart(value: float, *others: float) -> str:
-    """A number in as few digits, six or more, as tell it from others that it is not equal to."""
+    """Return a number with the fewest digits, at least six, that distinguish it from the other numbers."""
     for digits in (6, 9, 12, 15):
         text = f"{value:.{digits}g}"
         if all(text != f"{other:.{digits}g}" or value == other for other in others):
@@ -101,13 +101,13 @@ def apart(value: float, *others: float) -> str:
 def quantity(default: Value | tuple[str, ...], description: str, unit: str = "", low: float = -math.inf,
              high: float = math.inf, *, above: bool = False, choices: tuple[str, ...] = (), live: bool = False,
              zero: bool = False, otherwise: str = "") -> Any:
-    """A dataclass field that carries its Quantity."""
+    """Return a dataclass field with its Quantity as metadata."""
     meta = Quantity(description, unit, low, high, above, choices, live, zero, otherwise)
     return field(default=default, metadata={"quantity": meta})
 
 
 def check_profile(key: str, times: tuple[float, ...], values: tuple[float, ...], each: int = 1) -> None:
-    """Raise InputError unless times and values of a key, `each` for a time, make a profile, or are empty."""
+    """Raise InputError unless times and values of a key, `each` values per time, form a profile or are empty."""
     if each * len(times) != len(values) or (times and not each):
         raise InputError(f"{key}_values has {len(values)} values; it must have "
                          + (f"as many as {key}_times, {len(times)}" if each == 1 else
@@ -123,7 +123,7 @@ def check_profile(key: str, times: tuple[float, ...], values: tuple[float, ...],
 
 @dataclass(frozen=True)
 class Group:
-    """A checked group of parameters; subclasses list the fields."""
+    """Checked group of parameters; subclasses list the fields."""
 
     def __post_init__(self) -> None:
         for name, key, meaning in self.quantities():
@@ -134,15 +134,15 @@ class Group:
         self.check_together()
 
     def check_together(self) -> None:
-        """Raise InputError unless values that are allowed by themselves are so together."""
+        """Raise InputError unless the values, each within its range, are compatible."""
 
     def check_profile(self, name: str, each: int = 1) -> None:
-        """Raise InputError unless the times and values of a field, `each` for a time, make a profile, or are empty."""
+        """Raise InputError unless the times and values of a field, `each` per time, form a profile or are empty."""
         check_profile(f"{type(self).__name__.lower()}.{name}", getattr(self, f"{name}_times"),
                       getattr(self, f"{name}_values"), each)
 
     def changed(self: Same, values: Mapping[str, Value]) -> Same:
-        """The group with values that are allowed by themselves in the place of its own, checked together."""
+        """Return the group with some values, each within its range, replaced and checked together."""
         out = object.__new__(type(self))
         vars(out).update(vars(self), **values)
         out.check_together()
@@ -151,19 +151,19 @@ class Group:
     @classmethod
     @cache
     def quantities(cls) -> list[tuple[str, str, Quantity]]:
-        """Name, key and meaning of every field."""
+        """Return name, key and meaning of every field."""
         return [(item.name, f"{cls.__name__.lower()}.{item.name}", item.metadata["quantity"])
                 for item in dataclasses.fields(cls)]
 
 
 @dataclass(frozen=True)
 class Options:
-    """Options of a node that check themselves by their fields' types and quantities; subclasses list the fields.
+    """Options of a node, checked by the types and quantities of the fields; subclasses list the fields.
 
     Raises
     ------
     InputError
-        A value of another type, or out of its range.
+        A value has another type or is out of range.
     """
 
     def __post_init__(self) -> None:
@@ -174,12 +174,12 @@ class Options:
     @classmethod
     @cache
     def quantities(cls) -> dict[str, Quantity]:
-        """Every option with its meaning."""
+        """Return every option with its meaning."""
         return {item.name: item.metadata["quantity"] for item in dataclasses.fields(cls)}
 
 
 def _option(name: str, value: Any, kind: str, meaning: Quantity) -> Any:
-    """The value of an option as its kind: bool, int, float, str, or a tuple of one of them; InputError as `Options`."""
+    """Convert an option to its type: bool, int, float, str, or a tuple of one of them; InputError as in `Options`."""
     if kind == "bool":
         if not isinstance(value, bool):
             raise InputError(f"{name} is {value!r}; it must be true or false")
@@ -204,7 +204,7 @@ def _option(name: str, value: Any, kind: str, meaning: Quantity) -> Any:
 
 
 def as_float(value: float) -> float:
-    """`value` as a float; whole numbers beyond its range are infinite."""
+    """Return `value` as a float; integers beyond the range of floats become infinite."""
     try:
         return float(value)
     except OverflowError:
@@ -212,7 +212,7 @@ def as_float(value: float) -> float:
 
 
 def number_of(value: object) -> float:
-    """A finite or infinite number as float; TypeError for anything else (YAML reads 1e3 as text)."""
+    """Convert a number, or its text (YAML reads 1e3 as text), to a float; raise TypeError for any other value."""
     if isinstance(value, bool):
         raise TypeError
     if isinstance(value, (int, float)):

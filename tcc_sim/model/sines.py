@@ -29,7 +29,7 @@ class Sines:
 
     @staticmethod
     def of(mean: float, rows: list[tuple[float, float, float]]) -> Sines:
-        """From a mean and rows of frequency, amplitude and phase; rows of one frequency are added up."""
+        """Return the sum of a mean and rows of frequency, amplitude and phase; rows of equal frequency are added."""
         merged: dict[float, complex] = {}
         for frequency, amplitude, phase in rows:
             merged[frequency] = merged.get(frequency, 0j) + amplitude * np.exp(1j * phase)
@@ -37,33 +37,33 @@ class Sines:
         return Sines(mean, np.array(list(merged), dtype=np.float64), np.abs(phasors), np.angle(phasors))
 
     def __call__(self, t: Any) -> Floats:
-        """The value at the times t, (n,) array or float."""
+        """Return the value at the times t, (n,) array or float."""
         angle = np.multiply.outer(np.asarray(t, dtype=np.float64), self.frequency) + self.phase
         return self.mean + np.sin(angle) @ self.amplitude
 
     def through(self, response: Response) -> Sines:
-        """The steady output of a linear system whose response to exp(i w t) is `response`(w)."""
+        """Return the steady output of a linear system with the frequency response `response`(w)."""
         factors = np.array([response(float(w)) for w in self.frequency], dtype=np.complex128)
         return Sines(self.mean * float(response(0.0).real), self.frequency, self.amplitude * np.abs(factors),
                      self.phase + np.angle(factors))
 
     def plus(self, other: Sines, factor: float = 1.0) -> Sines:
-        """This plus `factor` times another."""
+        """Return the sum of this and `factor` times `other`."""
         rows = [(float(w), float(a) * s, float(p)) for part, s in ((self, 1.0), (other, factor))
                 for w, a, p in zip(part.frequency, part.amplitude, part.phase)]
         return Sines.of(self.mean + factor * other.mean, rows)
 
     def rate(self) -> Sines:
-        """The derivative with respect to time."""
+        """Return the derivative with respect to time."""
         return Sines(0.0, self.frequency, self.amplitude * self.frequency, self.phase + 0.5 * np.pi)
 
     def swing(self) -> float:
-        """The sum of the amplitudes: no value is farther from the mean."""
+        """Return the sum of the amplitudes, a bound of the distance from the mean."""
         return float(self.amplitude.sum())
 
 
 def dynamic_stiffness(d: Driveline, inertia: float, omega: float, resonance: str) -> complex:
-    """K23 - J w^2 + i C23 w of an inertia J on the spring, N m/rad; InputError, with the `resonance`, where it is 0."""
+    """K23 - J w^2 + i C23 w of an inertia J on the spring, N m/rad; InputError with `resonance` if it is 0."""
     found = complex(d.stiffness - inertia * omega**2, d.damping * omega)
     if found == 0.0:
         raise InputError(f"{resonance} resonance, {omega:g} rad/s: no steady state")
@@ -71,12 +71,12 @@ def dynamic_stiffness(d: Driveline, inertia: float, omega: float, resonance: str
 
 
 def engine_series(system: System) -> Sines:
-    """Te(t), N m: the mean and the harmonics of omega, Section 2.2 of the paper.
+    """Return Te(t), N m: the mean and the harmonics of omega, Section 2.2 of the paper.
 
     Raises
     ------
     InputError
-        A profile in time.
+        The excitation has a profile in time.
     """
     system.check_repeats("a closed form")
     e = system.engine
@@ -89,7 +89,7 @@ def engine_series(system: System) -> Sines:
 
 
 def load_series(system: System) -> Sines:
-    """Ts(t) of (5b), N m, before the clamp at 0; InputError for a profile in time."""
+    """Return Ts(t) of (5b), N m, before the clamp at 0; InputError for a profile in time."""
     system.check_repeats("a closed form")
     frequency = system.pressure.frequency_ratio * system.engine.frequency
     amplitude = system.saturation_amplitude
@@ -97,10 +97,9 @@ def load_series(system: System) -> Sines:
 
 
 def common_cycles(system: System, most: int = 1000) -> int:
-    """N of omega_f = (M/N) omega in lowest terms: engine cycles after which the excitation repeats; 0 where N passes
-    `most`.
+    """Return the period of the excitation in engine cycles: N of omega_f = (M/N) omega in lowest terms.
 
-    It is 1 where the pressure is constant.
+    It is 1 for a constant pressure, and 0 if N exceeds `most`.
     """
     if len(load_series(system).frequency) == 0:
         return 1

@@ -101,7 +101,7 @@ def test_one_harmonic_of_the_list_is_set_and_profiled():
 @pytest.mark.parametrize(("values", "message"), [
     ({"engine.harmonic_amplitudes[4]": 1.0}, r"has 3 values, \[1\] to \[3\]"),
     ({"engine.harmonic_amplitudes[0]": 1.0}, "does not exist"),
-    ({"engine.frequency[1]": 1.0}, "engine.frequency is no list"),
+    ({"engine.frequency[1]": 1.0}, "engine.frequency is not a list"),
     ({"engine.harmonic_amplitudes[1]": "loud"}, "'loud'; it must be a number"),
     ({"engine.harmonic_amplitudes[1]": -1.0}, "must be 0 to 100000"),
     ({"engine.harmonic_phases[1]_times": [0.0], "engine.harmonic_phases[1]_values": [0.0]}, "lists with profiles are"),
