@@ -53,7 +53,7 @@ START = Origin()
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """External inputs of a driveline as piecewise linear functions: (k, 3) arrays of time (s), value and rate per second.
+    """External piecewise linear inputs of a driveline: (k, 3) arrays of time (s), value and rate per second.
 
     torque : N m; None keeps the scene's input
     pressure : Pa; None keeps the scene's input
