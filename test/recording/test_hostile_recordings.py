@@ -140,7 +140,7 @@ def test_a_gap_of_years_is_not_solved_through(tmp_path: Path) -> None:
     assert (found.verified, found.compared, found.exact) == (False, 300, 150)  # The phase of the excitation is another.
     found = replay(bag(tmp_path / "same", rows[:150] + late[:1], SCENE), discard=0, verify=True).verification
     assert found is not None
-    assert "after 1 gaps are not reached by solving through them" in found.sentence()
+    assert "after 1 gaps are not reached by solving through them" in found.sentence
 
 
 def test_work_that_a_scene_asks_for_grows_with_the_file_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -153,7 +153,7 @@ def test_work_that_a_scene_asks_for_grows_with_the_file_only(tmp_path: Path, mon
     found = replay(path, frequency=50.0, verify=True).verification
     assert found is not None
     assert not found.verified
-    assert "sub-steps, the most allowed for a recording of its size" in found.sentence()
+    assert "sub-steps, the most allowed for a recording of its size" in found.sentence
 
 
 def test_bad_metadata_is_counted_and_not_listed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
