@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.basins.proximity import RUNAWAY, UNDECIDED
-from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.views import style
+from tcc_sim.views.key_labels import label_of
 from tcc_sim.views.sweeps import draw_cells, edges
 
 TINTS = ("#BFD9EC", "#F6D9A8", "#BFE3D4", "#F0C6AE", "#EBD2E0", "#D3ECF8", "#D0D0D0")
@@ -65,7 +65,7 @@ def _into(axes: Any, planes: Sequence[Mapping[str, Any]]) -> None:
         _fractions(axes, planes)
 
 
-def attractor_label(attractor: Mapping[str, Any]) -> str:
+def attractorlabel_of(attractor: Mapping[str, Any]) -> str:
     """An attractor in a legend."""
     what = f"period {attractor['period']}" if attractor["period"] else "no period"
     return f"{what}, largest slip speed {attractor['max_slip_speed']:.4g} rad/s"
@@ -79,7 +79,8 @@ def _map(axes: Any, plane: Mapping[str, Any]) -> None:
     if plane["labels"] is not None:
         colours = [EXTRAS[RUNAWAY][0], EXTRAS[UNDECIDED][0], *(TINTS[k % len(TINTS)] for k in range(max(count, 1)))]
         draw_cells(axes, x, y, np.asarray(plane["labels"], np.float64) - RUNAWAY, colours)
-    axes.set(xlabel=_label(first["key"]), ylabel=_label(second["key"]), xlim=edges(x)[[0, -1]], ylim=edges(y)[[0, -1]])
+    axes.set(xlabel=label_of(first["key"]), ylabel=label_of(second["key"]), xlim=edges(x)[[0, -1]],
+             ylim=edges(y)[[0, -1]])
     states = ("initial.plate_angle", "initial.slip_speed", "initial.plate_speed")
     columns = [states.index(axis["key"]) for axis in plane["plane"]]
     beside = next(key for key in states if key not in (first["key"], second["key"]))
@@ -91,12 +92,12 @@ def _map(axes: Any, plane: Mapping[str, Any]) -> None:
         axes.plot(*points.T, markersize=4.5 if periodic else 1.0, markeredgewidth=0.6 if periodic else 0.0,
                   scalex=False, scaley=False, clip_on=True, **look)
         axes.fill([], [], facecolor=TINTS[k % len(TINTS)], edgecolor=style.CYCLE[k % len(style.CYCLE)],
-                  label=f"{attractor_label(attractor)} ({100.0 * attractor['fraction']:.3g} %)")
+                  label=f"{attractorlabel_of(attractor)} ({100.0 * attractor['fraction']:.3g} %)")
     for name, (colour, words) in zip(("runaway", "undecided"), EXTRAS.values()):
         if plane[name] > 0.0:
             axes.fill([], [], facecolor=colour, edgecolor=style.GREY, label=f"{words} ({100 * plane[name]:.3g} %)")
     axes.plot([], [], linestyle="", marker="o", color=style.GREY, markersize=4.5, label=(
-        f"their sections, projected along the {_label(beside).partition(' (')[0]}"))
+        f"their sections, projected along the {label_of(beside).partition(' (')[0]}"))
 
 
 def _fractions(axes: Any, planes: Sequence[Mapping[str, Any]]) -> None:
@@ -115,12 +116,6 @@ def _fractions(axes: Any, planes: Sequence[Mapping[str, Any]]) -> None:
             names.append(words)
             colours.append(colour)
     axes.stackplot(values, rows, labels=names, colors=colours, edgecolor=style.GREY, linewidth=0.4)
-    axes.set(xlabel=_label(planes[0]["over"][0]), ylabel="fraction of the plane", ylim=(0.0, 1.0),
+    axes.set(xlabel=label_of(planes[0]["over"][0]), ylabel="fraction of the plane", ylim=(0.0, 1.0),
              xlim=(min(values), max(values)))
     style.legend_above(axes)
-
-
-def _label(key: str) -> str:
-    """A key with its unit."""
-    unit = QUANTITIES[key].unit
-    return f"{key.split('.')[1].replace('_', ' ')} ({unit})" if unit else key.split(".")[1].replace("_", " ")

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.views import style
-from tcc_sim.views.sweeps import label_of
+from tcc_sim.views.key_labels import label_of
 
 MARKS = {"fold": ("o", "fold"), "period_doubling": ("s", "period doubling"), "neimark_sacker": ("D", "Neimark-Sacker"),
          "branch_point": ("X", "branch point"), "grazing_sliding": ("^", "grazing-sliding"),

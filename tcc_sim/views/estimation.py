@@ -13,8 +13,9 @@ import numpy as np
 
 from tcc_sim.estimation.linearise import INPUTS, OUTPUTS
 from tcc_sim.views import style
+from tcc_sim.views.key_labels import label_of
 from tcc_sim.views.stored import Record
-from tcc_sim.views.sweeps import label_of, numbers
+from tcc_sim.views.sweeps import numbers
 
 UNITS = INPUTS | OUTPUTS
 SIMULATED: dict[str, Any] = {"linestyle": "none", "marker": "o", "markerfacecolor": "none", "color": style.RED,

@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.model.elements import list_of
-from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.trajectory import Floats
 from tcc_sim.views import style
+from tcc_sim.views.key_labels import label_of
 
 Bools = NDArray[np.bool_]
 NOT_FOUND = "#B0B0B0"
@@ -262,12 +261,6 @@ def parted(x: Floats, y: Floats) -> tuple[Floats, Floats]:
     span = float(np.nanmax(y) - np.nanmin(y)) if np.isfinite(y).any() else 0.0
     jumps = np.flatnonzero((change > JUMP * span) & (change > SHARPER * around)) + 1
     return np.insert(x, jumps, np.nan), np.insert(y, jumps, np.nan)
-
-
-def label_of(key: str) -> str:
-    """A scene key with its unit."""
-    unit = QUANTITIES[list_of(key)].unit if list_of(key) in QUANTITIES else ""
-    return f"{key} ({unit})" if unit else key
 
 
 def numbers(values: Sequence[Any]) -> Floats:

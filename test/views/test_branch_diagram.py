@@ -46,7 +46,7 @@ def test_the_picture_has_its_title_and_its_axes_named(tmp_path: Path) -> None:
     values["bifurcations"] = []
     drawn = branch_diagram(tmp_path / "branches.svg", values, title="a scene").read_text()
     # Matplotlib writes each text as outlines, behind a comment that says it.
-    for words in ("a scene", "engine.frequency (rad/s)", "max |slip speed| (rad/s)"):
+    for words in ("a scene", r"engine frequency $\omega$ (rad/s)", "max |slip speed| (rad/s)"):
         assert f"<!-- {words} -->" in drawn
     values["curves"] = [{"kind": "fold", "value": [1.0, 2.0], "second": [3.0, 4.0]}]
     drawn = branch_diagram(tmp_path / "curves.svg", {**values, "second_over": "pressure.mean"}).read_text()

@@ -100,7 +100,7 @@ def test_a_sweep_has_maxima_and_an_orbit_diagram(tmp_path, drawn):
     assert shown == dict(zip(values["values"], values["max_slip_speed"]))
     points = sorted((x, y) for _, xs, ys in drawn["(b) Orbit diagram"]["lines"] for x, y in zip(xs, ys))
     assert points == sorted((x, p[0]) for x, section in zip(values["values"], values["section"]) for p in section)
-    assert drawn["(c) Time in stick"]["axis"].get_xlabel() == "engine.frequency (rad/s)"
+    assert drawn["(c) Time in stick"]["axis"].get_xlabel() == r"engine frequency $\omega$ (rad/s)"
     # The JSON read back gives the same picture as the result itself.
     plots.plot(values, tmp_path / "t.png", title="fig02")
     assert (tmp_path / "t.png").read_bytes() == (tmp_path / "s.png").read_bytes()
@@ -114,7 +114,8 @@ def test_two_keys_are_a_map_with_rows_of_the_second(tmp_path, drawn):
     axis = drawn["(a) Maxima"]["axis"]
     mesh = axis.collections[0]
     np.testing.assert_allclose(np.asarray(mesh.get_array()).reshape(2, 3), values["max_slip_speed"])
-    assert (axis.get_xlabel(), axis.get_ylabel()) == ("engine.frequency (rad/s)", "friction.kinetic_coefficient")
+    assert (axis.get_xlabel(), axis.get_ylabel()) == (r"engine frequency $\omega$ (rad/s)",
+                                                      r"kinetic friction coefficient $\mu_k$")
     assert axis.get_xlim() == (60.0, 180.0)
     values["max_slip_speed"][0][1] = values["period"][0][1] = None  # a value that failed
     plots.plot(values, tmp_path / "failed.png", "column")
