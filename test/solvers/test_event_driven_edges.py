@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp, trapezoid
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import Status, solve
-from tcc_sim.solvers.event_driven.integrate import mode_at_rest
+from tcc_sim.solvers.event_driven.modes import mode_at_rest
 from tcc_sim.solvers.event_driven.setup import FAR_SHARE, bounds_of
 from tcc_sim.solvers.excitation import DRIVE
 from tcc_sim.solvers.terms import terms_of

@@ -50,4 +50,4 @@ def test_the_picture_has_its_title_and_its_axes_named(tmp_path: Path) -> None:
         assert f"<!-- {words} -->" in drawn
     values["curves"] = [{"kind": "fold", "value": [1.0, 2.0], "second": [3.0, 4.0]}]
     drawn = branch_diagram(tmp_path / "curves.svg", {**values, "second_over": "pressure.mean"}).read_text()
-    assert "<!-- pressure.mean (Pa) -->" in drawn
+    assert "<!-- mean pressure $P_m$ (Pa) -->" in drawn

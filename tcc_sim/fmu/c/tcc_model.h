@@ -23,7 +23,8 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#if FLT_EVAL_METHOD != 0
+/* 16: only _Float16 is evaluated as such, which processors with AVX512-FP16 have. */
+#if FLT_EVAL_METHOD != 0 && FLT_EVAL_METHOD != 16
 #error "this model needs double arithmetic that is rounded to double (on x86: -msse2 -mfpmath=sse)"
 #endif
 #include "tcc_variables.h"
