@@ -180,7 +180,7 @@ class Beside:
 
         Parameters
         ----------
-        runs : of joint_states that have begun before this chunk; the first message belongs to the last of them
+        runs : of joint_states that have begun before the first of these messages, which belongs to the last of them
         publishers : gives who published messages with these HEADs
         """
         heads, records, refused = _records(data, messages, channels, self._layout)

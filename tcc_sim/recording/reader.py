@@ -166,10 +166,7 @@ class Run:
                     tap(data, messages, channels)
                 array, before = np.frombuffer(data, dtype=np.uint8), states.count
                 here = np.flatnonzero(np.bincount(messages.channel)).tolist() if len(messages.channel) else []
-                for one in every:
-                    if found := _of(channels, here, one.topic, one.type):
-                        refused[one.topic] += one.take(array, messages, found, self.stamps.runs,
-                                                       partial(self._publisher, channels=channels))
+                begun = np.empty(0, np.int64)
                 if found := _of(channels, here, self.joint_states_topic, JOINT_STATE):
                     self._layout = self._layout or layout_of(data, messages, found, self._joints)
                     batch, heads, left_out = joint_states(array, messages, found, self._layout)
@@ -178,7 +175,16 @@ class Run:
                         rows = window.rows(part) if window is not None else slice(0, len(part))
                         if tap is None and rows.stop > rows.start:
                             states.add(part[rows])
+                    begun = np.full(len(self._starts), len(messages.channel))
+                    if not left_out:  # Else nobody knows which message each state is from.
+                        begun = np.flatnonzero(np.isin(messages.channel, found))[self._starts]
                     self._check_memory(states.count)
+                for one in every:
+                    if found := _of(channels, here, one.topic, one.type):
+                        first = int(np.isin(messages.channel, found).argmax())
+                        refused[one.topic] += one.take(array, messages, found,
+                                                       self.stamps.runs - int(np.count_nonzero(begun > first)),
+                                                       partial(self._publisher, channels=channels))
                 commands.take(data, messages, channels, before, states.count)
         runs, parts, missing = states.runs(every)
         if missing:
@@ -213,7 +219,7 @@ class Run:
             if preceded.begins_a_run:
                 starts.append(piece.start)
                 began.append(preceded)
-        self._began = began[-1]
+        self._began, self._starts = began[-1], starts[1:]
         for number, (start, end) in enumerate(zip(starts, [*starts[1:], len(batch)])):
             if kept[start:end].any():
                 part = batch[start:end] if kept[start:end].all() else batch[start:end][kept[start:end]]

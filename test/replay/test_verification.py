@@ -251,3 +251,12 @@ def test_the_shaft_torque_of_a_recording_is_that_against_the_far_end(tmp_path):
     assert min(torques) == pytest.approx(found.summary.min_shaft_torque, rel=0.02)
     still = replay(bag(tmp_path / "still", rows, load_scene("fig02")), discard=0)
     assert still.summary.max_shaft_torque > 10.0 * max(torques)
+
+
+def test_a_vehicle_that_attaches_after_a_reset_in_one_chunk_belongs_to_the_second_run(tmp_path):
+    scene = load_scene("fig02")
+    first, _ = readings(scene, 30, lambda _: None)
+    second, ends = readings(scene, 200, lambda _: None, lambda k: 30.0 if k > 40 else None)
+    assert len(first) + 42 < 100  # Rows in a chunk.
+    found = verified(tmp_path / "run", [*first, *second], scene, ends=ends)
+    assert (found.verified, found.largest_difference, found.exact) == (True, 0.0, 230)
