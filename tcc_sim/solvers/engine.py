@@ -119,7 +119,7 @@ class EngineShell:
     setup : (system, rtol), whose `waves` are to be copied for every solve
     setup_of_changes : (system, terms, `key_derivatives`, rtol), with derivatives
     steps, steps_of_changes : (setup, cycles), most steps, as `integrate` counts them
-    why : (setup, how it ended), a sentence on a failure
+    why : (how it ended, most steps, setup), a sentence on a failure
     stretches : the calls that make a solve
     moves : transitions that are kept of a part per engine cycle
     more_moves : transitions for which a call asks for room beforehand
@@ -136,7 +136,7 @@ class EngineShell:
     setup_of_changes: Callable[[System, Terms, Floats, float], Setup]
     steps: Callable[[Setup, int], int]
     steps_of_changes: Callable[[Setup, int], int]
-    why: Callable[[Setup, int], str]
+    why: Callable[[int, int, Setup], str]
     moves: int
     more_moves: Callable[[Setup], int] = lambda _: 0
     stretches: Callable[[Problem, Setup], Iterable[Stretch]] = lambda problem, setup: (
@@ -188,8 +188,9 @@ class EngineShell:
             first = *numbers, state["first_mode"]
         cost = dict(zip(counters.dtype.names, counters.item()))
         return kept.trajectory(self.name, STATUSES[ended], first, state.item()[:len(first)], float(state["tau"]),
-                               self.why(setup, ended), Statistics(cost["steps"], cost.get("rejected", 0), cost.get(
-                                   "iterations", 0), cost.get("iterations_max", 0), self.bound),
+                               self.why(ended, limit, setup), Statistics(
+                                   cost["steps"], cost.get("rejected", 0), cost.get("iterations", 0),
+                                   cost.get("iterations_max", 0), self.bound),
                                modes=bool(self.columns))
 
     def fill_sections(self, out: Floats, system: System, first: int, rtol: float, orbits: Orbits) -> None:

@@ -143,7 +143,7 @@ class Prepared:
         solve(count, setup)
         for k, status in enumerate(room.parts["status"][:count].tolist()):
             if status != DONE:
-                why = engine.why(setup, status) or STATUSES[status].value
+                why = engine.why(status, int(room.parts["steps"][k]), setup) or STATUSES[status].value
                 raise NumericalFailure(f"{engine.name}: {why} after phase {starts[k]:g} of the engine cycle")
         return room
 

@@ -12,10 +12,12 @@ import pytest
 from oracle import smoothed_run
 from piecewise import Piecewise
 
+from tcc_sim.errors import NumericalFailure
 from tcc_sim.model import pure_slip, pure_stick
 from tcc_sim.model.friction import stick_speed
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import Status, kept, solve
+from tcc_sim.solvers.stroboscopic import stroboscopic_map
 from tcc_sim.solvers.terms import steps_allowed, terms_of
 from tcc_sim.trajectory import State
 
@@ -181,6 +183,13 @@ def test_a_run_that_ends_early_keeps_its_samples_up_to_its_end(monkeypatch, name
         np.testing.assert_array_equal(getattr(cut, column)[:-1], getattr(whole, column)[:count])
     if name == "event_driven":
         assert cut.detail == "8 steps in one engine cycle"
+
+
+def test_a_motion_with_derivatives_names_the_steps_that_it_was_allowed(monkeypatch):
+    system = ENGINES["event_driven"].system(FIG02)
+    monkeypatch.setattr(import_module("tcc_sim.solvers.event_driven.setup"), "STEPS_ALLOWED", 0)
+    with pytest.raises(NumericalFailure, match="event_driven: 0 steps in one engine cycle after phase 0 of"):
+        stroboscopic_map(system, np.zeros(3), 1)
 
 
 @both

@@ -89,10 +89,10 @@ def setup_of_changes(system: System, terms: Terms, changes: Floats, rtol: float)
     return Setup(bounds._replace(events=EVENTS), without_torque(terms), pressure.frequency_ratio, waves, None)
 
 
-def why(setup: Setup, ended: int) -> str:
+def why(ended: int, steps: int, setup: Setup) -> str:
     """A sentence on a failure."""
     return {EVENT_LIMIT: f"{setup.limits.events} events in one engine cycle", NOT_FINITE: "the state is not finite",
-            STEP_LIMIT: f"{STEP_MAXIMUM} steps in one engine cycle", DEGENERATE: "slip ends where its rate is 0 too"
+            STEP_LIMIT: f"{steps} steps in one engine cycle", DEGENERATE: "slip ends where its rate is 0 too"
             }.get(ended, "")
 
 

@@ -139,6 +139,6 @@ def stretches(problem: Problem, setup: Setup) -> Iterator[Stretch]:
 ENGINE = EngineShell("smoothed", integrate, Memory(STATE, CONTROL, DRIVE, WORK, COUNTERS, OUTPUT), SHARED, own_setup,
                 setup_of_changes, lambda setup, cycles: STEPS_AT_FIRST + setup.limits.steps * cycles,
                 lambda setup, cycles: MORE_STEPS * setup.limits.steps * cycles,
-                lambda _, ended: "the state grew without bound" if ended == NOT_FINITE else "",
+                lambda ended, *_: "the state grew without bound" if ended == NOT_FINITE else "",
                 moves=256, stretches=stretches, bound=ITERATIONS_MAXIMUM)
 solve = ENGINE.solve
