@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from tcc_sim.errors import InputError
 from tcc_sim.estimation.measurement import Measurement, noise_of
@@ -31,8 +32,8 @@ SHARES = tuple(f"{CURVE}.share_{j}" for j in range(1, MOST_TERMS + 1))
 RATES = tuple(f"{CURVE}.rate_{j}" for j in range(1, MOST_TERMS + 1))
 PAIRS = 2
 """Exponentials of a curve unless another count is asked for."""
-SPEEDS, DRAWS = 81, 4000
-"""Slip speeds at which a curve is given, and random curves that the width of its band is taken from."""
+SPEEDS = 81
+"""Slip speeds at which a curve is given."""
 TRIED, FEWEST = 12, 40
 """Rates that a fit may begin with, evenly in logarithm, and samples in slip that tell which."""
 STEEPEST = 1000.0
@@ -45,15 +46,16 @@ LARGEST_SHARE, LEAST_SHARE, USUAL_SHARE = 20.0, 0.02, 0.1
 class IdentifiedCurve:
     """Sliding friction coefficient over slip speed, as a measurement tells it.
 
-    The band contains the whole curve over the visited slip speeds with a probability of 95 %. Where a speed was not
-    visited, coefficient, low and high are NaN. The curve is mu(v) = constant + sum of amplitudes exp(-rates |v|).
+    The band contains the whole curve over the visited slip speeds with a probability of at least 95 %. Where a speed
+    was not visited, coefficient, low and high are NaN. The curve is
+    mu(v) = constant + sum of amplitudes exp(-rates |v|).
     """
 
     slip_speeds: Floats = field(metadata=reported(
         "slip speeds, from 0 to beyond the fastest that was visited", "rad/s"))
     coefficient: Floats = field(metadata=reported("friction coefficient mu; null where the slip speed was not visited"))
     low: Floats = field(metadata=reported(
-        "lower end of the band that contains the whole curve with a probability of 95 %"))
+        "lower end of the band that contains the whole curve with a probability of at least 95 %"))
     high: Floats = field(metadata=reported("upper end of the band"))
     visited: NDArray[np.bool_] = field(metadata=reported("whether the motion passed through the slip speed"))
     constant: float = field(metadata=reported(
@@ -172,7 +174,7 @@ def _law(friction: Friction, v: Floats) -> Floats:
 
 def curve_of(keys: tuple[str, ...], values: Floats, covariance: Floats, slip: Floats,
              friction: Friction) -> IdentifiedCurve:
-    """The curve of a fit with its band.
+    """The curve of a fit with its band (H. Scheffe, The Analysis of Variance, 1959, Section 3.5).
 
     Parameters
     ----------
@@ -196,9 +198,8 @@ def curve_of(keys: tuple[str, ...], values: Floats, covariance: Floats, slip: Fl
     sizes, vectors = np.linalg.eigh(covariance[np.ix_(places, places)])
     moved = (by[visited] @ vectors) * np.sqrt(np.maximum(sizes, 0.0))
     error = np.sqrt(np.sum(moved**2, axis=1))
-    # The whole curve lies within so many standard errors in 95 of 100 cases.
-    draws = np.random.default_rng(1).standard_normal((moved.shape[1], DRAWS))
-    width = float(np.quantile(np.max(np.abs(moved @ draws) / np.maximum(error, 1e-300)[:, None], axis=0), 0.95))
+    # Scheffe's band: it has every curve whose numbers lie in their confidence ellipsoid, at all speeds at once.
+    width = math.sqrt(chi2.ppf(0.95, len(places)))
     out = np.full((3, len(v)), np.nan)
     out[:, visited] = mu[visited] + width * error * np.array([[0.0], [-1.0], [1.0]])
     return IdentifiedCurve(v, out[0], out[1], out[2], visited, constant, tuple(constant * numbers[:, 0]),
