@@ -141,7 +141,14 @@ class Described:
     def __repr__(self) -> str:
         found = ((item.name.replace("_", " "), getattr(self, item.name)) for item in fields(self))  # type: ignore[arg-type]
         parts = [text for name, value in found if (text := _short(name, value))]
-        return f"<{type(self).__name__}: {', '.join(parts)}>"
+        return f"<{type(self).__name__}: {', '.join(parts)}{doubts_in(self)}>"
+
+
+def doubts_in(result: Any) -> str:
+    """Return the warnings on the scene of a result, with which its line of text ends."""
+    held = (getattr(result, name, None) for name in ("system", "scene", "curve"))
+    system = next((getattr(holder, "system", holder) for holder in held if holder is not None), None)
+    return "".join(f"; {sentence}" for sentence in getattr(getattr(system, "friction", None), "doubts", ()))
 
 
 class Result(Described):

@@ -83,6 +83,24 @@ def test_an_empty_list_is_one(bench: Any, capfd: pytest.CaptureFixture[str]) -> 
     assert "parameter ignored: scheme is not one of this node; did you mean scene?" in capfd.readouterr().err
 
 
+def test_a_doubtful_friction_table_is_a_warning_at_the_start_and_when_it_changes(
+        bench: Any, capfd: pytest.CaptureFixture[str]) -> None:
+    from rclpy.parameter import Parameter
+
+    from tcc_sim.nodes.driveline import DrivelineNode
+
+    table = [Parameter("friction.slip_speeds", value=[0.0, 1.0, 9.0]),
+             Parameter("friction.coefficients", value=[0.2, 0.13, 0.14])]
+    node = bench.add(DrivelineNode(context=bench.context, parameter_overrides=[
+        Parameter("scene", value="minimal"), Parameter("wait_for_subscribers", value=0), *table]))
+    assert capfd.readouterr().err.count("the fit of the friction table is 2.6%") == 1
+    node.start()
+    for middle, warned in ((0.131, 1), (0.131, 0), (0.16, 0)):
+        table[1] = Parameter("friction.coefficients", value=[0.2, middle, 0.14])
+        assert node.set_parameters_atomically(table).successful
+        assert capfd.readouterr().err.count("the fit of the friction table") == warned
+
+
 @pytest.mark.parametrize(("nanoseconds", "expected"), [(0, (0, 0)), (1_500_000_000, (1, 500_000_000)),
                                                        (2_240_000_000 * 10**9 + 7, (2**31 - 1, 7))])
 def test_a_clock_beyond_2038_is_no_error(nanoseconds: int, expected: tuple[int, int]) -> None:
