@@ -141,7 +141,8 @@ def peak(sigma: float, stribeck: Stribeck) -> tuple[float, float]:
 def _peak_of_several(sigma: float, stribeck: tuple[float, ...]) -> tuple[float, float]:
     """Return the maximum of a law with several exponentials at the first sign change of the slope, else (inf, 1).
 
-    The slope is divided by 1 - tanh^2 to keep its digits where tanh is nearly 1.
+    A maximum to which the sliding coefficient rises from v = 0 does not count: it is a part of slip. The slope is
+    divided by 1 - tanh^2 to keep its digits where tanh is nearly 1.
     """
     def fall(v: Any) -> Any:
         """Return -mubar'/(sigma (1 - T^2)), which is positive where mubar falls."""
@@ -153,6 +154,8 @@ def _peak_of_several(sigma: float, stribeck: tuple[float, ...]) -> tuple[float, 
     if len(falls) == 0:
         return math.inf, 1.0
     at = _first(float(v[falls[0]]), lambda x: bool(fall(x) > 0.0), float(v[falls[0] - 1]) if falls[0] else 0.0)
+    if sliding(at, 1.0, stribeck) >= sliding(0.0, 1.0, stribeck):
+        return math.inf, 1.0
     return at, float(smoothed_coefficient(at, sigma, stribeck))
 
 
@@ -203,7 +206,8 @@ def _first(high: float, holds: Callable[[float], bool], low: float = 0.0, nearer
 def stick_speed(sigma: float, stribeck: Stribeck) -> float:
     """Return the slip speed, rad/s, up to which the smoothed law counts as stick.
 
-    This is the slip speed of the maximum of mubar; without a maximum (mu_k = mu_s), of tanh(sigma |v|) = 0.99.
+    This is the slip speed of the maximum of mubar; without a maximum (mu_k = mu_s, or sliding friction that rises), of
+    tanh(sigma |v|) = 0.99.
     """
     v, _ = peak(sigma, stribeck)
     return v if math.isfinite(v) else math.atanh(0.99) / sigma

@@ -27,6 +27,10 @@ DOUBTFUL, REFUSED = 0.02, 0.05
 """Errors relative to the largest coefficient above which results have a warning, and a table is refused."""
 LARGEST_RATIO = 20.0
 """Bound of m against the largest coefficient and of mu(0) against m, either way."""
+BEYOND = 0.2
+"""Most that the curve changes beyond the last slip speed, relative to the range of the coefficients."""
+TURNS = 1e-3
+"""Most that it turns back on the way there, likewise."""
 SLOWEST, FASTEST, FASTEST_RATE = 0.3, 5.0, 1e3
 """Bounds of a rate: SLOWEST over the last slip speed, FASTEST over the first one above 0, and FASTEST_RATE s/rad."""
 APART = math.log(1.6)
@@ -92,6 +96,9 @@ def fit_curve(slip_speeds: tuple[float, ...], coefficients: tuple[float, ...]) -
     constant and the amplitudes (variable projection: Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973). Between its
     points the curve leaves the range of the table by at most 5 % of the largest coefficient.
 
+    Beyond the last point the curve goes one way to the constant, which is within 20 % of the range of the coefficients
+    from the last one.
+
     Parameters
     ----------
     slip_speeds : (n,) rad/s, rising from 0, n >= 3
@@ -139,18 +146,30 @@ def _candidates(v: Floats, mu: Floats, count: int) -> list[FrictionCurve]:
         between = curve.at(np.concatenate([np.linspace(a, b, 9) for a, b in itertools.pairwise(v)]))
         margin = REFUSED * mu.max()
         if between.min() > max(mu.min() - margin, 0.0) and between.max() < mu.max() + margin and \
-                1.0 / LARGEST_RATIO <= curve.at(0.0) / curve.constant <= LARGEST_RATIO:
+                1.0 / LARGEST_RATIO <= curve.at(0.0) / curve.constant <= LARGEST_RATIO and _goes_one_way(curve, v, mu):
             found.append(curve)
     return found
 
 
+def _goes_one_way(curve: FrictionCurve, v: Floats, mu: Floats) -> bool:
+    """Return whether the curve stays between its value at the last slip speed and its constant beyond that speed."""
+    beyond = curve.at(v[-1] * np.geomspace(1.0, 100.0, 200))
+    low, high = sorted((beyond[0], curve.constant))
+    return bool(max(low - beyond.min(), beyond.max() - high) <= TURNS * np.ptp(mu))
+
+
 def _projected(v: Floats, mu: Floats, rates: Floats) -> tuple[Floats, Floats]:
-    """Return constant and amplitudes (k + 1,) for given logarithms of rates (k,), and the residuals (n,)."""
+    """Return constant and amplitudes (k + 1,) for given logarithms of rates (k,), and the residuals (n,).
+
+    The constant is bounded. If its best value is beyond a bound, the bound is the best one: the sum of squares is
+    convex.
+    """
     columns = np.exp(-np.exp(rates)[None, :] * v[:, None])
     factors = np.linalg.lstsq(np.column_stack([np.ones_like(v), columns]), mu, rcond=None)[0]
-    least = 1.01 * mu.max() / LARGEST_RATIO
-    if factors[0] < least:
-        factors = np.concatenate([[least], np.linalg.lstsq(columns, mu - least, rcond=None)[0]])
+    reach = BEYOND * np.ptp(mu)
+    constant = min(max(factors[0], mu[-1] - reach, 1.01 * mu.max() / LARGEST_RATIO), mu[-1] + reach)
+    if constant != factors[0]:
+        factors = np.concatenate([[constant], np.linalg.lstsq(columns, mu - constant, rcond=None)[0]])
     return factors, factors[0] + columns @ factors[1:] - mu
 
 

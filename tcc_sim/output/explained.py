@@ -52,7 +52,8 @@ class FrictionFigures:
         "slip speed of the largest error; null without a table", "rad/s"))
     stick_speed: float = field(metadata=reported(
         "slip speed up to which the law counts as stick; 0 for the set-valued law", "rad/s"))
-    largest_coefficient: float = field(metadata=reported("largest friction coefficient"))
+    largest_coefficient: float = field(metadata=reported(
+        "largest friction coefficient up to the stick speed"))
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.errors import InputError
-from tcc_sim.model.friction import exponentials, peak
+from tcc_sim.model.friction import exponentials, smoothed_coefficient
 from tcc_sim.model.parameters import System
 from tcc_sim.model.pure_slip import pure_slip
 from tcc_sim.model.pure_stick import plate_angle, stick_margin
@@ -78,7 +78,8 @@ def friction_of(system: System) -> dict[str, Any]:
     """Return the friction law: the fields of `FrictionFigures` as JSON values."""
     own = system.friction
     stick = stick_speed_of(terms_of(system))
-    largest = own.static if stick == 0.0 else own.kinetic * peak(own.smoothing, own.stribeck)[1]
+    largest = own.static if stick == 0.0 else own.kinetic * float(
+        smoothed_coefficient(stick, own.smoothing, own.stribeck))
     curve, pairs = own.curve, exponentials(own.stribeck)
     if curve is not None:
         law = FrictionFigures(curve.constant, curve.amplitudes, curve.rates, curve.error, curve.worst, stick, largest)
