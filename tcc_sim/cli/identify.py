@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,7 @@ from tcc_sim.errors import InputError, counted
 if TYPE_CHECKING:
     from tcc_sim.estimation.curve import IdentifiedCurve
     from tcc_sim.estimation.identify import Identification
+    from tcc_sim.scene import Scene
 
 WORDS = {"previous": "held from each sample on (--hold previous)", "linear": "linear between samples (--hold linear)",
          "next": "held up to each sample (--hold next)"}
@@ -49,10 +51,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Check the input, fit, write the files, and print the verdicts."""
-    from tcc_sim.estimation.identify import given, identify
     from tcc_sim.output.files import draft
-    from tcc_sim.scene import load_scene, parse_assignments
     from tcc_sim.sweeps.progress import progress_bar
+
+    scene, fit = problem_of(arguments)
+    check_outputs(arguments, [".yaml"])
+    with progress_bar("iteration") as bar:
+        found = fit(tick=bar.update)
+    plot_result(arguments, found, scene.name)
+    present(arguments, scene, found, _lines(found))
+    if not found.accepted:
+        print(f"tcc-sim: no acceptable fit: {found.why}", file=sys.stderr)
+        return 1
+    if arguments.out is not None:
+        with draft(arguments.out) as part:
+            part.write_text(found.scene.text(), encoding="utf-8")
+    return 0
+
+
+def problem_of(arguments: argparse.Namespace) -> tuple[Scene, Callable[..., Identification]]:
+    """Return the scene and `identify` with every argument but `tick`."""
+    from tcc_sim.estimation.identify import given, identify
+    from tcc_sim.scene import load_scene, parse_assignments
 
     measured, scene = given(arguments.measured, None if arguments.scene is None else load_scene(arguments.scene))
     scene = scene.with_values(parse_assignments(arguments.set))
@@ -65,19 +85,13 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.noise is not None:
         noise = {k: math.nan if v is None else v
                  for k, v in (_assigned("--noise", word) for word in arguments.noise.split(","))}
-    check_outputs(arguments, [".yaml"])
-    with progress_bar("iteration") as bar:
-        found = identify(measured, free, scene=scene, noise=noise, hold=arguments.hold,
-                         likelihood=arguments.likelihood, tick=bar.update)
-    plot_result(arguments, found, scene.name)
-    present(arguments, scene, found, _lines(found))
-    if not found.accepted:
-        print(f"tcc-sim: no acceptable fit: {found.why}", file=sys.stderr)
-        return 1
-    if arguments.out is not None:
-        with draft(arguments.out) as part:
-            part.write_text(found.scene.text(), encoding="utf-8")
-    return 0
+    return scene, partial(identify, measured, free, scene=scene, noise=noise, hold=arguments.hold,
+                          likelihood=arguments.likelihood)
+
+
+def fit_again(arguments: argparse.Namespace) -> Identification:
+    """Return the fit of a command, to draw it again."""
+    return problem_of(arguments)[1]()
 
 
 def _lines(found: Identification) -> Iterator[str]:

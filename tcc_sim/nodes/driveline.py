@@ -11,6 +11,7 @@ if __name__ == "__main__":
     raise SystemExit(driveline_node())
 
 import gc
+import math
 import sys
 import time
 from collections.abc import Callable
@@ -33,7 +34,7 @@ from tcc_sim.nodes import parameters, signals
 from tcc_sim.nodes.children import CLOCK_STARTED
 from tcc_sim.nodes.loop import RealTimeLoop
 from tcc_sim.nodes.loop_requests import Outcome
-from tcc_sim.nodes.loop_topics import CommandedInput
+from tcc_sim.nodes.loop_topics import LONGEST_QUIET, CommandedInput
 from tcc_sim.nodes.middleware import DIAGNOSTICS, time_of
 from tcc_sim.nodes.process import Spinner, Throttle, log, run_node, warn
 from tcc_sim.nodes.waiting import Waiting
@@ -116,7 +117,7 @@ class DrivelineNode(Node):
             raise self.loop.failure
 
     def _look_for_vehicle(self) -> None:
-        """Take output_speed where somebody publishes it by now; what that needs is compiled beside the clock."""
+        """Take output_speed once somebody's first message is there; what that needs is compiled beside the clock."""
         loop = self.loop
         if self._vehicle is None and loop.clock_started.is_set() and loop.vehicle_waits:
             compiling, _ = begun(loop.plant.warm_up_far_end, name="far end's compiler")
@@ -124,7 +125,15 @@ class DrivelineNode(Node):
         if self._vehicle is not None and loop.far_end is None and self._vehicle[1].done():
             far_end, compiling = self._vehicle
             compiling.result()
-            loop.request(lambda: loop.attach(far_end))
+            far_end.poll(0, math.inf)
+            if far_end.received + far_end.refused:
+                loop.request(lambda: self._attach(far_end), timeout=2.0 * LONGEST_QUIET)
+
+    def _attach(self, far_end: CommandedInput) -> bool:
+        """In the loop, between two ticks: take output_speed from now on."""
+        if self.scene.operation.pacing == "lockstep":
+            far_end.join(self.loop.plant.stepper.tick)
+        return self.loop.attach(far_end)
 
     def _look_for_clock(self) -> None:
         """Publish /clock where it has become due while running."""

@@ -263,7 +263,7 @@ class RealTimeLoop:
         now = time.monotonic()
         if self._unanswered is None:
             due = self._inputs if tick % self._answer_ticks == 0 else ()  # A vehicle answers every state.
-            self._unanswered = [command for command in self.commands if command is self.far_end or command in due]
+            self._unanswered = [c for c in self.commands if tick >= c.since and (c is self.far_end or c in due)]
             self._waits_since = now
         stamp = self.plant.stamp_of(tick)
         self._unanswered = [c for c in self._unanswered if not c.answered(tick, stamp)]

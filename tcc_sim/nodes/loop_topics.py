@@ -5,6 +5,7 @@ that are sent, with what could not be sent.
 from __future__ import annotations
 
 import math
+import time
 from collections import Counter, deque
 from collections.abc import Callable
 from itertools import islice
@@ -36,6 +37,8 @@ from tcc_sim.topics import CLOCK_TOPIC, FLUID_PRESSURE, TOPICS, Topic, topic
 
 HISTORY = 0.25
 """Seconds of messages that a publisher keeps for a slow reader in real time."""
+QUIET, LONGEST_QUIET = 0.3, 3.0
+"""Real time, s, without a message after which somebody who joins lock-step has answered; and most that it takes."""
 
 
 class CommandedInput:
@@ -53,6 +56,7 @@ class CommandedInput:
     ----------
     value : the command in SI units; None where the fallback applies
     refusal : why the last of the refused ones was
+    since : first tick whose state lock-step waits for an answer to
     """
 
     def __init__(self, node: Node, row: Topic, admit: Callable[[float], None] = lambda _: None) -> None:
@@ -60,7 +64,7 @@ class CommandedInput:
         self.value: float | None = None
         self.received = self.refused = self.timeouts = 0
         self.refusal = ""
-        self._last_tick = 0
+        self._last_tick = self.since = 0
         self._stamped = row.type == FLUID_PRESSURE
         self.subscription: Any = subscribe(node, message_class(row.type), row.name, COMMANDS)
         self._take = taker(self.subscription)
@@ -72,7 +76,7 @@ class CommandedInput:
 
     def reset(self) -> None:
         """Back to the fallback, as before the first command."""
-        self.value, self._last_tick = None, 0
+        self.value, self._last_tick, self.since = None, 0, 0
 
     def poll(self, tick: int, timeout_ticks: float) -> None:
         """Take what has arrived before tick `tick`; who polls sees to it that the subscription is there."""
@@ -80,6 +84,19 @@ class CommandedInput:
             self.accept(data, tick)
         if self.value is not None and tick - self._last_tick >= timeout_ticks:
             self.fall_back()
+
+    def join(self, tick: int) -> None:
+        """Join lock-step at the state of tick `tick`, which is out: take all answers to it and to those before it, so
+        that none counts as the answer to a later one.
+        """
+        began = last = time.monotonic()
+        while time.monotonic() - last < QUIET and last - began < LONGEST_QUIET:
+            before = self.received + self.refused
+            self.poll(tick, math.inf)
+            if self.received + self.refused > before:
+                last = time.monotonic()
+            time.sleep(0.01 * QUIET)
+        self.since = tick + 1
 
     def answered(self, tick: int, stamp_ns: int) -> bool:
         """Lock-step: whether the one command that answers the state of `stamp_ns` has arrived by now.

@@ -28,14 +28,15 @@ from tcc_sim.errors import InputError, RecordingError, counted, one_line
 from tcc_sim.messages import cdr
 from tcc_sim.messages.definitions import definition
 from tcc_sim.nodes import signals
+from tcc_sim.nodes.log_time import SimulatedTime
 from tcc_sim.nodes.middleware import MOST_PUBLISHERS, publisher_of, qos_fields
 from tcc_sim.nodes.options import RecorderOptions
 from tcc_sim.nodes.parameters import declared
 from tcc_sim.nodes.process import Spinner, log, run_node, warn
-from tcc_sim.nodes.track import Track, UnsentCount
+from tcc_sim.nodes.track import Taken, Track, UnsentCount
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.recording.mcap_file import RELIABLE
-from tcc_sim.topics import JOINT_STATE, STRING, TOPICS
+from tcc_sim.topics import CLOCK_TOPIC, JOINT_STATE, STRING, TOPICS
 
 _DRAIN_PERIOD = 0.1
 _LOOK_PERIOD = 0.25
@@ -47,6 +48,9 @@ dead.
 
 class Recorder:
     """Subscribes, drains, looks for publishers and writes.
+
+    With use_sim_time log times are simulation time, /clock is recorded even where `topics` does not name it, and
+    messages wait for the first one on /clock in the middleware.
 
     Raises
     ------
@@ -68,6 +72,11 @@ class Recorder:
         self._unknown = [topic for topic in map(node.resolve_topic_name, options.topics) if topic not in known]
         wanted = [topic for topic in map(node.resolve_topic_name, options.topics) if topic in known]
         self.tracks: dict[str, Track] = {}
+        self._clock = node.resolve_topic_name(CLOCK_TOPIC)
+        self._simulated = SimulatedTime() if node.get_parameter("use_sim_time").value else None
+        self._held: list[tuple[Track, Taken]] = []
+        if self._simulated is not None and self._clock not in wanted:
+            wanted.append(self._clock)
         self.next_look = 0.0
         # The scene comes first, so that it is in the file before what it explains; joint_states come last: the
         # driveline may wait for their subscriber, and then all the others are there.
@@ -111,17 +120,46 @@ class Recorder:
             while (left := wake - time.monotonic()) > 0.0:
                 self._spinner.once(left)
 
-    def drain(self) -> None:
-        """Write every message that waits. It needs no valid context."""
-        for track in self.tracks.values():
-            self.write(track, track.take())
+    def drain(self, last: bool = False) -> None:
+        """Write every message that waits. It needs no valid context.
 
-    def write(self, track: Track, taken: list[tuple[bytes, dict[str, Any]]]) -> None:
+        In simulation time what came before the first message on /clock waits for it; what still does with `last` gets
+        its time of receipt.
+        """
+        if self._simulated is not None and not self._simulated.known:
+            clock = self.tracks[self._clock]
+            self.write(clock, clock.take())
+            if not self._simulated.known:
+                if not last:
+                    return
+                self._simulated = None
+        held, self._held = self._held, []
+        for track, taken in held:
+            self.write(track, taken)
+        if self._simulated is None:
+            for track in self.tracks.values():
+                self.write(track, track.take())
+            return
+        # /clock is taken last, so that it is known up to the newest message of the others, and written first.
+        clock = self.tracks[self._clock]
+        others = [(track, track.take()) for track in self.tracks.values() if track is not clock]
+        self.write(clock, clock.take())
+        for track, taken in others:
+            self.write(track, taken)
+
+    def write(self, track: Track, taken: Taken) -> None:
         """Write messages of one topic and count what is missing."""
         if not taken:
             return
         write, count, channels = self.bag.write, track.count, track.channels
         sources: list[int] = []
+        simulated = self._simulated
+        if simulated is not None:
+            if track.topic == self._clock:
+                simulated.follow(taken)
+            elif not simulated.known:
+                self._held.append((track, taken))
+                return
         for data, info in taken:
             number, who = info.get("publication_sequence_number") or 0, publisher_of(info)
             if number and who:
@@ -133,7 +171,8 @@ class Recorder:
                 self._describe(data, info["source_timestamp"] or received)
             if track.topic == self._unsent_topic and who:
                 self.unsent.add(who, data)
-            write(channel, received, info["source_timestamp"], data, number)
+            log = received if simulated is None else simulated.of(info)
+            write(channel, log, info["source_timestamp"], data, number)
         if track.type == JOINT_STATE and not track.messages:
             self.next_look = 0.0  # Now a scene that is not there yet can be asked for.
         track.messages += len(taken)
@@ -172,6 +211,8 @@ class Recorder:
                 late = latched and running and track.asks_again([bytes(o.endpoint_gid) for o in offered])
                 if late or latched != track.latched:
                     self.write(track, track.subscribe(latched))
+            if track.topic == self._clock and self._simulated is not None and not track.messages:
+                self._tell_of_no_clock(track)
             if track.type == JOINT_STATE:
                 self._tell_of_silence(track)
                 now = {bytes(o.endpoint_gid) for o in offered}
@@ -179,6 +220,12 @@ class Recorder:
                     left = f"; {len(now)} left" if now else ""
                     warn(self.node, f"the publisher of {track.topic} is gone{left}; the recording goes on")
                 track.publishers = now
+
+    def _tell_of_no_clock(self, track: Track) -> None:
+        """Say once that the recording waits for simulation time."""
+        if not track.silence_told and time.monotonic() - track.arrived > SILENCE:
+            track.silence_told = True
+            warn(self.node, f"nothing is recorded yet: use_sim_time waits for a message on {track.topic}")
 
     def _tell_of_silence(self, track: Track) -> None:
         """Say once that nothing more arrives, and once that it does again."""
@@ -194,7 +241,7 @@ class Recorder:
         """Save what still waits and close the bag, with no ROS call that needs a valid context; gives a summary line.
         """
         if drain:
-            self.drain()
+            self.drain(last=True)
         self.bag.close(self._part_result())
         found = {key: sum(counts.values()) for key, counts in self._figures().items()}
         unsent = f", {found['unsent']} never sent" if "unsent" in found else ""

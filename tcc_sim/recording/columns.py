@@ -22,8 +22,16 @@ _MOST_NAMED = 20
 BLOCK = 1 << 16
 """States that are worked on at once where that takes memory for each."""
 _COLUMNS = ("stamp_ns", "log_ns", "sent_ns", *topic("joint_states").fields)
+_YEAR = 365 * 86_400 * 1_000_000_000
 HEAD = np.dtype([("channel", "<u2"), ("number", "<u4"), ("log_ns", "<i8"), ("sent_ns", "<i8")])
 """What stands before the bytes of a message: channel, number at the publisher, times (ns)."""
+
+
+def receipt_times(log_ns: NDArray[np.int64], sent_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the times of receipt, ns. A recorder with use_sim_time logs simulation time, which is years before the
+    times of sending; these take its place then.
+    """
+    return np.where(log_ns < sent_ns - _YEAR, sent_ns, log_ns)
 
 
 @dataclass(frozen=True)
@@ -216,6 +224,7 @@ def joint_states(data: NDArray[np.uint8], messages: Messages, channels: list[int
     columns: dict[str, Any] = {name: records[name].astype(np.float64) for name in topic("joint_states").fields}
     log_ns, sent_ns = heads["log_ns"].astype(np.int64), heads["sent_ns"].astype(np.int64)
     sent_ns = np.where(sent_ns > 0, sent_ns, log_ns)
+    log_ns = receipt_times(log_ns, sent_ns)
     return JointStates(stamp_ns=cdr.stamps(records), log_ns=log_ns, sent_ns=sent_ns, **columns), heads, refused
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tcc_sim.messages import cdr
 from tcc_sim.recording.announcements import HEAD, LONGEST, MOST_SOURCES, InputSource, read_source
-from tcc_sim.recording.columns import Commanded, JointStates
+from tcc_sim.recording.columns import Commanded, JointStates, receipt_times
 from tcc_sim.recording.contents import Channel
 from tcc_sim.recording.records import Messages
 from tcc_sim.topics import DIAGNOSTIC_ARRAY, FLOAT64, FLUID_PRESSURE, HEADER
@@ -207,6 +207,7 @@ def _decoded(array: NDArray[np.uint8], offset: NDArray[np.int64], length: NDArra
 
 def _times(array: NDArray[np.uint8], offset: Stamps) -> tuple[Stamps, Stamps]:
     """When the messages were received and sent, ns; where it is not said when they were sent, the former for both."""
-    received, sent = (sliding_window_view(array, 8)[offset + place].copy().view("<i8")[:, 0].astype(np.int64)
-                      for place in (6, 14))
-    return received, np.where(sent > 0, sent, received)
+    log, sent = (sliding_window_view(array, 8)[offset + place].copy().view("<i8")[:, 0].astype(np.int64)
+                 for place in (6, 14))
+    sent = np.where(sent > 0, sent, log)
+    return receipt_times(log, sent), sent

@@ -10,18 +10,16 @@ from tcc_sim.replay.recorded import read
 from tcc_sim.replay.replay import replay
 from tcc_sim.views import style
 from tcc_sim.views.plots import plot
-from tcc_sim.views.stored import Record, option_of
+from tcc_sim.views.stored import Record, arguments_in
 
 
 def draw_again(path: Path, values: Record, title: str, width: float) -> Path:
     """Draw what `analyse --plot` draws; InputError or RecordingError where the recording is not there any more."""
-    words = values.command
-    run, discard = (None if (text := option_of(words, name)) is None else int(text) for name in ("--run", "--discard"))
-    start, end, frequency = (None if (text := option_of(words, name)) is None else float(text)
-                             for name in ("--from", "--to", "--frequency"))
-    recording = read(words[1], option_of(words, "--scene"))
-    found: Any = replay(recording, discard=discard, frequency=frequency, window=Window(run, start, end))
+    given = arguments_in(vars(values))
+    recording = read(given.recording, given.scene, given.joints)
+    found: Any = replay(recording, discard=given.discard, frequency=given.frequency,
+                        window=Window(given.run, given.start, given.end))
     if found.scene.system.profile is not None:
-        found = recording.trajectory(found.run, start, end)
+        found = recording.trajectory(found.run, given.start, given.end)
     drawn: Path = plot(found, path, "page" if style.wide(width) else "column", title=title, force=True)
     return drawn

@@ -73,9 +73,9 @@ def read_stored(path: Path) -> dict[str, Any]:
     if path.suffix != ".json":
         raise InputError(f"{path} must end in .json or .npz")
     found = read_json(path)
-    beside = option_of(found.get("command", []), "--out")
-    if beside is not None and beside.endswith(".npz"):
-        for place in (path.parent / Path(beside).name, Path(beside)):
+    beside = getattr(arguments_in(found), "out", None)
+    if beside is not None and beside.suffix == ".npz":
+        for place in (path.parent / beside.name, beside):
             if place.is_file() and (other := _arrays_in(place)).get("command") == found.get("command"):
                 return {**found, "arrays": other["arrays"]}
     return found
@@ -94,14 +94,22 @@ def _arrays_in(path: Path) -> dict[str, Any]:
     return {**found, "arrays": arrays}
 
 
-def option_of(words: list[str], name: str) -> str | None:
-    """The value of an option in the words of a command; None where it is not given."""
-    for k, word in enumerate(words):
-        if word.startswith(f"{name}="):
-            return word.partition("=")[2]
-        if word == name and k + 1 < len(words):
-            return words[k + 1]
-    return None
+def arguments_in(values: Mapping[str, Any]) -> Any:
+    """The arguments of the command that wrote a JSON, as its parser gives them; without any where none is recorded.
+
+    Raises
+    ------
+    InputError
+        A command that this version does not take.
+    """
+    words = values.get("command")
+    return _later("tcc_sim.cli", "arguments_of")(words) if words else SimpleNamespace()
+
+
+def _later(module: str, name: str) -> Callable[..., Any]:
+    """A function of a later room."""
+    found: Callable[..., Any] = getattr(import_module(module), name)
+    return found
 
 
 def kind_of(values: Mapping[str, Any]) -> str:
@@ -118,11 +126,13 @@ def kind_of(values: Mapping[str, Any]) -> str:
 
 def title_of(values: Mapping[str, Any]) -> str:
     """The title that the command gave its picture."""
-    words, kind = values.get("command", []), kind_of(values)
-    given = option_of(words, "--title")
-    if given is not None or len(words) < 2 or kind in ("figure", "precision", "stability"):
+    arguments, kind = arguments_in(values), kind_of(values)
+    given = getattr(arguments, "title", None)
+    if given is not None or kind in ("figure", "precision", "stability"):
         return given or ""
-    return Path(words[1]).name if kind == "analyse" else Path(words[1]).stem
+    source = next((Path(found) for name in ("recording", "scene", "measured")
+                   if (found := getattr(arguments, name, None)) is not None), Path())
+    return source.name if kind == "analyse" else source.stem
 
 
 def revived(values: Mapping[str, Any]) -> Any:
@@ -142,8 +152,10 @@ def revived(values: Mapping[str, Any]) -> Any:
         return scene_in(values)
     if kind == "basins" and "arrays" in values:
         return {**values, "labels": values["arrays"]["labels"]}
-    if kind == "analyse" and "arrays" in values and not Path(values["command"][1]).exists():
+    if kind == "analyse" and "arrays" in values and not arguments_in(values).recording.exists():
         return _simulation(values)
+    if kind == "identify" and _measured(values):
+        return _identification(values)
     if kind in DRAWN:
         return Record.of({name: part for name, part in values.items() if name != "arrays"})
     if kind in ("sweep", "continue", "basins", "linearise", "identify"):
@@ -153,9 +165,7 @@ def revived(values: Mapping[str, Any]) -> Any:
 
 def drawer_of(kind: str) -> Callable[..., Path]:
     """The function that draws a JSON of one of the kinds of DRAWN."""
-    module, name = DRAWN[kind]
-    found: Callable[..., Path] = getattr(import_module(module), name)
-    return found
+    return _later(*DRAWN[kind])
 
 
 def missing_data(values: Mapping[str, Any]) -> str:
@@ -168,10 +178,28 @@ def missing_data(values: Mapping[str, Any]) -> str:
     if kind == "analyse":
         return "has no samples: the recording is read again"
     if kind == "identify":
-        return "has no samples: its parameters are drawn without the fit"
+        return ("has no samples: the fit is made again" if _measured(values) else
+                "has no samples, and the measurements are not there: its parameters are drawn without the fit")
     if kind == "basins" and "over" not in values:
         return "has no cells: the attractors are drawn without them; basins ... --out FILE.npz keeps them"
     return ""
+
+
+def _measured(values: Mapping[str, Any]) -> bool:
+    """Whether the measurements of `identify` are still there."""
+    measured = getattr(arguments_in(values), "measured", None)
+    return measured is not None and measured.exists()
+
+
+def _identification(values: Mapping[str, Any]) -> Any:
+    """The fit of `identify` made again; InputError where it gives other values, since the measurements have changed."""
+    arguments = arguments_in(values)
+    found = _later("tcc_sim.cli.identify", "fit_again")(arguments)
+    for now, then in zip(found.parameters, values["parameters"]):
+        if abs(now.value - then["value"]) > 1e-3 * (then["standard_error"] or abs(then["value"])):
+            raise InputError(f"{arguments.measured} has changed: {now.key} is {now.value:.6g} in the fit and "
+                             f"{then['value']:.6g} in the JSON")
+    return found
 
 
 def scene_in(values: Mapping[str, Any]) -> Scene:
@@ -190,7 +218,7 @@ def _orders(values: Mapping[str, Any], scene: Scene) -> Orders:
 def _simulation(values: Mapping[str, Any]) -> Any:
     """The run of `simulate`: its samples where there are any, else the scene solved again as the JSON says."""
     scene, arrays = scene_in(values), values.get("arrays")
-    if option_of(values["command"], "--inputs") is not None and arrays is None:
+    if getattr(arguments_in(values), "inputs", None) is not None and arrays is None:
         raise InputError("the inputs came from a table, which this JSON does not hold; simulate ... --out FILE.npz "
                          "keeps the samples")
     if arrays is None:

@@ -285,6 +285,17 @@ def test_the_command_writes_the_scene_that_it_found(tmp_path, capsys) -> None:
     # One parameter's profile is a parabola: 1.96 standard errors from the best value it rises by 3.84.
     rise = np.interp(stiffness["high"], profile["values"], profile["excess"])
     assert rise == pytest.approx(3.84, rel=0.3)
+    again = ["plot", str(tmp_path / "found.json"), "--plot", str(tmp_path / "again.png"), "--force"]
+    assert cli.main(again) == 0
+    assert "the fit is made again" in capsys.readouterr().out
+    assert (tmp_path / "again.png").read_bytes() == (tmp_path / "found.png").read_bytes()
+    table.rename(tmp_path / "elsewhere.csv")
+    assert cli.main(again) == 0
+    assert "the measurements are not there" in capsys.readouterr().out
+    assert (tmp_path / "again.png").read_bytes() != (tmp_path / "found.png").read_bytes()
+    table.write_text("".join((tmp_path / "elsewhere.csv").read_text().splitlines(keepends=True)[:-200]))
+    assert cli.main(again) == 2
+    assert "has changed" in capsys.readouterr().err
     assert cli.main(words) == 2
     assert cli.main(["identify", str(table), "--free", "driveline.stiffness"]) == 2
     assert "--scene" in capsys.readouterr().err

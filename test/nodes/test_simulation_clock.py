@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,11 @@ from sensor_msgs.msg import FluidPressure, JointState
 from test_driveline import listener, stamp_of, start
 from test_waiting import begun
 
-PERIOD_NS = 10_000_000
+import tcc_sim
+from tcc_sim.messages import cdr
+from tcc_sim.nodes.recorder import Recorder
+
+PERIOD_NS, TICK = 10_000_000, 1_000_000
 
 
 class Timed(Node):
@@ -71,6 +76,65 @@ def test_a_timer_of_simulation_time_controls_a_driveline_in_lock_step_with_the_s
                     for _, heard in runs)
     assert first.tobytes() == again.tobytes()
     assert np.ptp(first[:, 5]) > 10.0  # The friction torque follows the commands.
+
+
+def test_a_recorder_with_use_sim_time_logs_simulation_time(bench: Any, tmp_path: Path) -> None:
+    reader = pytest.importorskip("mcap.reader")
+    own = rclpy.create_node("recorder", context=bench.context, parameter_overrides=[
+        Parameter("use_sim_time", value=True), Parameter("output", value=str(tmp_path / "run")),
+        Parameter("topics", value=["joint_states", "slip_speed", "scene", "actuation_pressure", "applied_pressure",
+                                   "input_source"])])
+    recorder = Recorder(bench.add(own))
+    recorder.look()
+    timed = bench.add(Timed(bench.context))
+    recorder.drain()
+    node = start(bench, scene="controlled", pacing="lockstep", command_period=0.01, command_timeout=0.0,
+                 wait_for_subscribers=2, publish_diagnostics=False)
+    node.start()
+    bench.until(lambda: (recorder.drain(), recorder.look(), len(timed.times) > 30)[2])
+    node.loop.stop()
+    recorder.close()
+    logged: dict[str, list[tuple[int, bytes]]] = {}
+    with open(tmp_path / "run" / "run_0.mcap", "rb") as file:
+        for _, channel, message in reader.make_reader(file).iter_messages(log_time_order=False):
+            logged.setdefault(channel.topic, []).append((message.log_time, message.data))
+            assert message.publish_time > 10**18
+    assert {log for log, _ in logged["/scene"]} == {0}
+    states = logged["/joint_states"]
+    assert [cdr.read_stamp(data) for _, data in states] == [k * TICK for k in range(len(states))]
+    for topic in ("/joint_states", "/slip_speed", "/applied_pressure"):
+        assert len(logged[topic]) == len(states) > 300
+        assert {k * TICK - log for k, (log, _) in enumerate(logged[topic])} <= {0, TICK}
+    commands = [log for log, _ in logged["/actuation_pressure"]]
+    assert commands[0] == 0
+    assert commands[1:] == [k * PERIOD_NS for k in range(1, len(commands))]
+    recording = tcc_sim.read(tmp_path / "run")
+    assert recording.commands["actuation_pressure"].t[:30].tolist() == pytest.approx(
+        [k * 0.01 + 1e-3 for k in range(30)], abs=1e-9)
+    (run,) = recording.line().runs
+    assert (run.log_ns == run.sent_ns).all()  # Times of receipt are not known.
+
+
+def test_a_recorder_that_never_hears_the_clock_keeps_what_came(bench: Any, tmp_path: Path,
+                                                                monkeypatch: pytest.MonkeyPatch) -> None:
+    own = bench.add(rclpy.create_node("recorder", context=bench.context, parameter_overrides=[
+        Parameter("use_sim_time", value=True), Parameter("output", value=str(tmp_path / "run"))]))
+    recorder = Recorder(own)
+    warnings: list[str] = []
+    monkeypatch.setattr("tcc_sim.nodes.recorder.warn", lambda _, sentence: warnings.append(sentence))
+    monkeypatch.setattr("tcc_sim.nodes.recorder.SILENCE", -1.0)
+    publisher = bench.add(rclpy.create_node("plant", context=bench.context)).create_publisher(
+        JointState, "joint_states", 10)
+    bench.until(publisher.get_subscription_count)
+    publisher.publish(cdr.joint_state(TICK, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
+    for _ in range(2):
+        recorder.drain()
+        recorder.look()
+    assert warnings == ["nothing is recorded yet: use_sim_time waits for a message on /clock"]
+    assert recorder.tracks["/joint_states"].messages == 0
+    assert "recorded 1 message in" in recorder.close()
+    (run,) = tcc_sim.read(tmp_path / "run", scene="minimal").line().runs
+    assert run.log_ns[0] > 10**18
 
 
 def test_in_real_time_a_follower_without_a_clock_is_told_of(bench: Any) -> None:

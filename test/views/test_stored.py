@@ -145,6 +145,22 @@ def test_a_picture_is_a_pdf_by_default_and_never_overwritten(tmp_path: Path, mon
     assert (tmp_path / "a.pdf").read_bytes() != before
 
 
+def test_a_recorded_command_is_read_as_its_parser_does(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Options before the scene, and abbreviated ones."""
+    words = ["simulate", "--cycl", "60", "--set", "engine.frequency=130", "fig02", "--disc", "20", "--js",
+             str(tmp_path / "a.json"), f"--ou={tmp_path / 'a.npz'}"]
+    assert main(words) == 0
+    values = stored.read_stored(tmp_path / "a.json")
+    assert stored.title_of(values) == "fig02"
+    assert "slip_speed" in values["arrays"]
+    assert stored.missing_data(values) == ""
+    assert stored.title_of({"command": ["sweep", "fig02", "--ov", "engine.frequency=1,2", "--ti=T"]}) == "T"
+    capsys.readouterr()
+    with pytest.raises(InputError, match=r"command is none of this version: .*--former"):
+        stored.title_of({"command": ["simulate", "fig02", "--former"]})
+    assert capsys.readouterr().err == ""
+
+
 def test_a_run_driven_by_a_table_needs_its_samples(tmp_path: Path) -> None:
     values = {"format": "tcc_sim simulate 1", "command": ["simulate", "fig02", "--inputs", "a.csv"], "scene": {}}
     with pytest.raises(InputError, match=r"--out FILE.npz"):

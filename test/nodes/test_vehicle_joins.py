@@ -1,0 +1,122 @@
+"""A vehicle that attaches to a driveline node in lock-step while its clock runs, beside a controller that answers every
+command_period.
+"""
+
+from __future__ import annotations
+
+import threading
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import FluidPressure, JointState
+from std_msgs.msg import Float64
+from test_driveline import stamp_of, start
+
+from tcc_sim.nodes import loop as loop_module
+from tcc_sim.nodes import loop_topics, recorder
+from tcc_sim.replay.recorded import read
+from tcc_sim.replay.replay import replay
+
+INERTIA, DRAG, PERIOD = 1.5, 2.0, 10
+
+
+class Slow(Node):
+    """Answers every tenth state."""
+
+    def __init__(self, context: Any) -> None:
+        super().__init__("slow", context=context)
+        self.publisher = self.create_publisher(FluidPressure, "actuation_pressure", 10)
+        self.create_subscription(JointState, "joint_states", self.on_state, 100)
+        self.states = 0
+
+    def on_state(self, state: JointState) -> None:
+        self.states += 1
+        if stamp_of(state) % (PERIOD * 1_000_000) == 0:
+            slip = state.velocity[0] - state.velocity[1]
+            command = FluidPressure(fluid_pressure=min(max(9e4 + 800.0 * (slip - 20.0), 0.0), 4e5))
+            command.header.stamp = state.header.stamp
+            self.publisher.publish(command)
+
+
+class Vehicle(Node):
+    """One inertia with a drag."""
+
+    def __init__(self, context: Any) -> None:
+        super().__init__("vehicle", context=context)
+        self.speed = 0.0
+        self.publisher = self.create_publisher(Float64, "output_speed", 100)
+        self.create_subscription(Float64, "shaft_torque", self.on_torque, 100)
+
+    def on_torque(self, torque: Float64) -> None:
+        self.speed += 1e-3 * (torque.data - DRAG * self.speed) / INERTIA
+        self.publisher.publish(Float64(data=self.speed))
+
+
+def test_a_vehicle_joins_lock_step_while_the_clock_runs_and_verifies_to_the_last_bit(
+        bench: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
+    monkeypatch.setattr(loop_topics, "QUIET", 1.0)
+    monkeypatch.setattr(loop_module, "SETTLED", 0.02)
+    recorded = recorder.Recorder(rclpy.create_node("recorder", context=bench.context, parameter_overrides=[
+        Parameter("output", value=str(tmp_path / "run"))]))
+    slow = bench.add(Slow(bench.context))
+    node = start(bench, scene="controlled", pacing="lockstep", command_period=PERIOD * 1e-3, command_timeout=0.0,
+                 wait_for_subscribers=2, publish_shaft_torque=True, publish_diagnostics=False)
+    node.start()
+
+    looks = count()
+
+    def heard(states: int) -> bool:
+        if next(looks) % 20 == 0:
+            node.housekeeping()
+            recorded.drain()
+        return slow.states > states
+
+    bench.until(lambda: heard(100))
+    assert node.loop.far_end is None
+    vehicle, apart, done = Vehicle(bench.context), SingleThreadedExecutor(context=bench.context), threading.Event()
+    bench.nodes.append(vehicle)
+    apart.add_node(vehicle)
+
+    def drive() -> None:
+        while not done.is_set():
+            apart.spin_once(timeout_sec=0.05)
+
+    driving = threading.Thread(target=drive)
+    driving.start()
+    request.addfinalizer(lambda: (done.set(), driving.join()))
+    bench.until(lambda: heard(0) and node.loop.far_end is not None)
+    joined = slow.states
+    bench.until(lambda: heard(joined + 300))
+    node.loop.stop()
+    bench.until(lambda: heard(node.loop.plant.stepper.tick))
+    recorded.drain()
+    far_end, pressure = node.loop.far_end, node.loop.pressure_command
+    assert (far_end.timeouts, far_end.refused, pressure.timeouts, pressure.refused) == (0, 0, 0, 0)
+    recorded.close()
+    found = replay(tmp_path / "run", discard=0, verify=True)
+    assert found.lost_messages == 0
+    assert (found.verification.verified, found.verification.largest_difference) == (True, 0.0)
+    assert found.verification.exact == found.verification.compared
+    # The recorded speed is the vehicle's answer to the recorded shaft torque of the tick before, and to no other.
+    run = read(tmp_path / "run").trajectory(0)
+    d = run.system.driveline
+    twist, twisting = run.shaft_twist
+    torque = d.damping * twisting + d.stiffness * twist
+    moved = np.flatnonzero(run.output_speed)
+    assert moved[0] > 100
+    assert len(moved) > 250
+    at = moved[5:]
+    expected = run.output_speed[at - 1] + 1e-3 * (torque[at - 1] - DRAG * run.output_speed[at - 1]) / INERTIA
+    np.testing.assert_allclose(run.output_speed[at], expected, rtol=1e-9, atol=1e-9)
+    changed = 1 + np.flatnonzero(np.diff(run.saturation_torque[1:]))
+    assert set((changed % PERIOD).tolist()) == {0}
