@@ -126,8 +126,8 @@ def test_a_step_that_would_run_for_ever_is_refused(version: int, length: float, 
 
 HEAD = 48
 """Bytes before the model in a kept state: the token and the sum over what follows."""
-TERMS_END = -56
-"""Origin (3 numbers), frequency and ratio, and four integers are the last that a model holds."""
+TERMS_END = -80
+"""Origin (3 numbers), frequency, ratio, actuator and far end (3 numbers), and four integers are the last of a model."""
 
 
 def forged(data: bytes, place: int, values: bytes) -> bytes:
@@ -167,9 +167,9 @@ def test_a_forged_state_is_refused_or_worked_out_anew(version: int, tmp_path: Pa
         assert driven.get("slip_speed", "plate_angle") == expected
     number = 8 * driven.references["pressure.mean"]
     wrong = [(tick, struct.pack("q", n)) for n in (-1, 2**62)] + [(-12, struct.pack("i", n)) for n in (-1, 4)]
-    wrong += [(place, struct.pack("d", x)) for place in (number, numbers + 32, numbers + 48, -56, -48, -40, -24)
+    wrong += [(place, struct.pack("d", x)) for place in (number, numbers + 32, numbers + 48, -80, -72, -64, -48, -40, -32, -24)
               for x in (math.nan, -math.inf)]
-    wrong += [(-56, struct.pack("d", -1.0)), (number, struct.pack("d", 1e9))]
+    wrong += [(-80, struct.pack("d", -1.0)), (number, struct.pack("d", 1e9))]
     for place, values in wrong:
         with pytest.raises(FMICallException):
             driven.slave.setFMUState(deserialise(forged(data, place, values)))
