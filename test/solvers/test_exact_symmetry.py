@@ -30,7 +30,7 @@ SCENES: dict[str, dict[str, Any]] = {
     "light plate": {**FIG02, "driveline.plate_inertia": 1e-4, "driveline.damping": 10.0},
 }
 ENGINES = {"smoothed": ("smoothed", "smoothed.solve"), "event_driven": ("set_valued", "event_driven.solve"),
-           "fixed_step": ("smoothed", "fixed_step")}
+           "fixed_step": ("smoothed", "fixed_step_solve")}
 
 
 def turned(terms: Terms) -> Terms:
