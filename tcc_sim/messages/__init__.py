@@ -1,1 +1,1 @@
-"""Encoding that nodes and recordings share: CDR and message definitions, free of ROS and of MCAP."""
+"""Message encoding shared by nodes and recordings: CDR and message definitions, without ROS or MCAP."""

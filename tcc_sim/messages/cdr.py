@@ -1,8 +1,8 @@
-"""The CDR bytes of the few message types of this package, encoded and decoded without ROS.
+"""Encode and decode the message types of this package as CDR without ROS.
 
 Layouts follow the OMG CDR alignment rules (little-endian, version 1): a 4-byte encapsulation header, then each
-primitive aligned to its size counted from the end of that header. A test compares every byte with what ROS 2 itself
-serialises.
+primitive aligned to its size counted from the end of that header. A test compares every byte with ROS 2's own
+serialisation.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _STAMP = struct.Struct("<iI")
 
 
 def _string(text: str) -> bytes:
-    """A CDR string that starts on a 4-byte boundary, padded to the next one."""
+    """Encode a string that starts on a 4-byte boundary, padded to the next one."""
     data = text.encode() + b"\0"
     return _LENGTH.pack(len(data)) + data + bytes(-len(data) % 4)
 
@@ -45,26 +45,26 @@ assert (8 + len(_OUTPUT_NAME)) % 8 == 0, "as above"
 _ONE = struct.pack("<II", 1, 0)
 _OUTPUT_STATE = struct.Struct(f"<4siI{len(_OUTPUT_NAME)}s8sd8sd8sd")
 MOST_JOINTS = 1000
-"""Joints that a message may name."""
+"""Largest number of joints in a message."""
 
 
 def float64(value: float) -> bytes:
-    """std_msgs/msg/Float64."""
+    """Serialise a std_msgs/msg/Float64."""
     return _FLOAT64.pack(HEADER, value)
 
 
 def int8(value: int) -> bytes:
-    """std_msgs/msg/Int8, padded with zeros to four bytes as DDS does on the wire."""
+    """Serialise a std_msgs/msg/Int8, padded with zeros to four bytes as DDS does."""
     return _INT8.pack(HEADER, value)
 
 
 def header(stamp_ns: int, frame_id: str) -> bytes:
-    """std_msgs/msg/Header."""
+    """Serialise a std_msgs/msg/Header."""
     return HEADER + _STAMP.pack(*divmod(stamp_ns, _NANOSECONDS)) + _string(frame_id)
 
 
 def read_header(data: bytes) -> tuple[int, str]:
-    """Stamp (ns) and frame_id of a serialised Header.
+    """Return stamp (ns) and frame_id of a serialised Header.
 
     Raises
     ------
@@ -75,12 +75,12 @@ def read_header(data: bytes) -> tuple[int, str]:
 
 
 def string(text: str) -> bytes:
-    """std_msgs/msg/String."""
+    """Serialise a std_msgs/msg/String."""
     return HEADER + _string(text)
 
 
 def read_string(data: bytes) -> str:
-    """Text of a serialised String.
+    """Return the text of a serialised String.
 
     Raises
     ------
@@ -91,26 +91,25 @@ def read_string(data: bytes) -> str:
 
 
 def clock(stamp_ns: int) -> bytes:
-    """rosgraph_msgs/msg/Clock."""
+    """Serialise a rosgraph_msgs/msg/Clock."""
     return _CLOCK.pack(HEADER, *divmod(stamp_ns, _NANOSECONDS))
 
 
 def fluid_pressure(stamp_ns: int, pressure: float, variance: float = 0.0) -> bytes:
-    """sensor_msgs/msg/FluidPressure (Pa) with an empty frame_id."""
+    """Serialise a sensor_msgs/msg/FluidPressure (Pa) with an empty frame_id."""
     return _FLUID_PRESSURE.pack(HEADER, *divmod(stamp_ns, _NANOSECONDS), 1, pressure, variance)
 
 
 def joint_state(stamp_ns: int, flywheel_angle: float, plate_angle: float, flywheel_speed: float, plate_speed: float,
                 engine_torque: float, friction_torque: float) -> bytes:
-    """sensor_msgs/msg/JointState of the driveline: angles (rad), speeds (rad/s), torques (N m), stamp in simulation
-    time.
-    """
+    """Serialise the driveline's sensor_msgs/msg/JointState: stamp (ns), angles (rad), speeds (rad/s), torques (N m)."""
     return _JOINT_STATE.pack(HEADER, stamp_ns // _NANOSECONDS, stamp_ns % _NANOSECONDS, _NAMES, _PAIR, flywheel_angle,
                              plate_angle, _PAIR, flywheel_speed, plate_speed, _PAIR, engine_torque, friction_torque)
 
 
 def output_state(stamp_ns: int, angle: float, speed: float, torque: float) -> bytes:
-    """sensor_msgs/msg/JointState of the shaft's far end: angle (rad), speed (rad/s), shaft torque (N m)."""
+    """Serialise the far end's sensor_msgs/msg/JointState: stamp (ns), angle (rad), speed (rad/s), shaft torque (N m).
+    """
     return _OUTPUT_STATE.pack(HEADER, *divmod(stamp_ns, _NANOSECONDS), _OUTPUT_NAME, _ONE, angle, _ONE, speed, _ONE,
                               torque)
 
@@ -122,11 +121,11 @@ ENCODERS: Mapping[str, Callable[..., bytes]] = {
     topics.JOINT_STATE: joint_state,
     topics.CLOCK: lambda _, stamp_ns: clock(stamp_ns),
 }
-"""By message type: the bytes of a stamp (ns) and the values that fill the message."""
+"""Message type -> function that serialises a stamp (ns) and the message's values."""
 
 
 def read_stamp(data: bytes) -> int:
-    """Stamp of a message that starts with a header or a time, ns; 0 where it is too short to have one."""
+    """Return the stamp, ns, of a message that starts with a header or a time; 0 if the message is too short."""
     if len(data) < 12:
         return 0
     sec, nanosec = _STAMP.unpack_from(data, 4)
@@ -134,7 +133,7 @@ def read_stamp(data: bytes) -> int:
 
 
 def read_float64(data: bytes) -> float:
-    """Value of a serialised Float64.
+    """Return the value of a serialised Float64.
 
     Raises
     ------
@@ -147,7 +146,7 @@ def read_float64(data: bytes) -> float:
 
 
 def read_fluid_pressure(data: bytes) -> tuple[int, float]:
-    """Stamp (ns) and pressure (Pa) of a serialised FluidPressure with any frame_id.
+    """Return stamp (ns) and pressure (Pa) of a serialised FluidPressure with any frame_id.
 
     Raises
     ------
@@ -163,15 +162,16 @@ def read_fluid_pressure(data: bytes) -> tuple[int, float]:
 
 
 def stamps(records: NDArray[np.void]) -> NDArray[np.int64]:
-    """Stamps of decoded messages, ns."""
+    """Return the stamps of decoded messages, ns."""
     found: NDArray[np.int64] = records["sec"].astype(np.int64) * _NANOSECONDS + records["nanosec"]
     return found
 
 
 class Layout(NamedTuple):
-    """Where values stand in messages of one kind: as NumPy sees them, the bytes of an example, and which of them every
-    message of this layout has (names and counts, not values or padding, in which ROS 2 sends whatever its buffer held
-    before).
+    """Offsets of the values in messages of one kind, as a NumPy type, with the bytes of an example message.
+
+    `fixed` marks the bytes that every message of this layout shares: names and counts, but neither values nor padding,
+    in which ROS 2 sends arbitrary bytes.
     """
 
     record: np.dtype[np.void]
@@ -179,7 +179,7 @@ class Layout(NamedTuple):
     fixed: NDArray[np.bool_]
 
     def records(self, messages: Sequence[bytes]) -> tuple[NDArray[np.void], NDArray[np.bool_]]:
-        """The values of those messages that have this layout, and which of the (n,) messages these are."""
+        """Return the values of the messages with this layout, and an (n,) mask of these messages."""
         right = np.array([len(data) == len(self.example) for data in messages], dtype=np.bool_)
         joined = b"".join(data for data, whole in zip(messages, right.tolist()) if whole)
         found = np.frombuffer(joined, np.uint8).reshape(-1, len(self.example))
@@ -190,8 +190,8 @@ class Layout(NamedTuple):
 
 def joint_state_layout(names: Sequence[str] = JOINT_NAMES, joints: Sequence[str] = JOINT_NAMES,
                        frame_id: str = "", fields: Sequence[str] = topics.topic("joint_states").fields) -> Layout:
-    """The layout of joint_states with these names, of which `joints` are flywheel and clutch plate, with a position, a
-    velocity and an effort for each name. `fields` name these values of the joints.
+    """Return the layout of joint_states with these names, each with a position, a velocity and an effort; `joints` are
+    flywheel and clutch plate, and `fields` are the names of their values.
 
     Raises
     ------
@@ -227,20 +227,18 @@ def joint_state_layout(names: Sequence[str] = JOINT_NAMES, joints: Sequence[str]
 
 
 JOINT_STATE = joint_state_layout().record
-"""One serialised joint_states message of the driveline as NumPy sees it; names and counts sit at fixed offsets because
-they never change.
-"""
+"""NumPy type of a serialised joint_states message of the driveline; offsets are fixed since the names never change."""
 OUTPUT_STATE = joint_state_layout((OUTPUT_JOINT,), (OUTPUT_JOINT,), fields=topics.topic("output_state").fields)
-"""The layout of messages about the shaft's far end."""
+"""Layout of output_state messages, which describe the shaft's far end."""
 FLUID_PRESSURE = Layout(
     np.dtype({"names": ["sec", "nanosec", "fluid_pressure", "variance"], "formats": ["<i4", "<u4", "<f8", "<f8"],
               "offsets": [4, 8, 20, 28], "itemsize": _FLUID_PRESSURE.size}),
     np.frombuffer(fluid_pressure(0, 0.0), np.uint8), np.isin(np.arange(_FLUID_PRESSURE.size), [0, 1, *range(12, 17)]))
-"""The layout of FluidPressure messages with an empty frame_id."""
+"""Layout of FluidPressure messages with an empty frame_id."""
 
 
 def read_joint_names(data: bytes) -> tuple[str, list[str]]:
-    """Frame and joint names of a serialised JointState.
+    """Return frame and joint names of a serialised JointState.
 
     Raises
     ------
@@ -259,7 +257,7 @@ def read_joint_names(data: bytes) -> tuple[str, list[str]]:
 
 
 def read_diagnostics(data: bytes) -> dict[str, str]:
-    """The values of all statuses of a serialised DiagnosticArray, by key.
+    """Return the values of all statuses of a serialised DiagnosticArray, by key.
 
     Raises
     ------
@@ -270,7 +268,7 @@ def read_diagnostics(data: bytes) -> dict[str, str]:
     _, position = _text_at(data, 12, kind, "replace")
     statuses, position = _count_at(data, position, kind)
     for _ in range(statuses):
-        position += 4  # The level, filled up to where the name starts.
+        position += 4  # The level, padded to the start of the name.
         for _ in range(3):
             _, position = _text_at(data, position, kind, "replace")
         values, position = _count_at(data, position, kind)
@@ -281,14 +279,14 @@ def read_diagnostics(data: bytes) -> dict[str, str]:
 
 
 def _count_at(data: bytes, position: int, kind: str) -> tuple[int, int]:
-    """The length of a sequence, and where it starts."""
+    """Return the length of a sequence and the position of its first element."""
     if len(data) < position + 4:
         raise ValueError(f"not a little-endian {kind}")
     return int(_LENGTH.unpack_from(data, position)[0]), position + 4
 
 
 def _text_at(data: bytes, position: int, kind: str, errors: str = "strict") -> tuple[str, int]:
-    """A string at a place in a message of this type, and where what follows on a 4-byte boundary starts."""
+    """Return a string at a position in a message of this type, and the next 4-byte boundary after it."""
     if len(data) >= position + 4 and data[1] == HEADER[1]:
         size = _LENGTH.unpack_from(data, position)[0]
         if 1 <= size <= len(data) - position - 4:

@@ -1,6 +1,4 @@
-"""Message definitions and type hashes: those of the installed ROS 2 where there is one, and the few this package needs
-anyway.
-"""
+"""Message definitions and type hashes: from the installed ROS 2, or from copies of the few that this package needs."""
 
 from __future__ import annotations
 
@@ -37,16 +35,15 @@ CARRIED: dict[str, tuple[str, str]] = {
         "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n",
         "RIHS01_a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e"),
 }
-"""Fields (without comments) and RIHS01 hash per type, so that a recording can be written where ROS 2 is not installed.
-"""
+"""Fields (without comments) and RIHS01 hash by type, so that recordings can be written without ROS 2."""
 
 _TYPE_NAME = re.compile(r"([a-z][a-z0-9_]*)/msg/([A-Z][A-Za-z0-9]*)")
 
 
 @dataclass(frozen=True)
 class Definition:
-    """What an MCAP schema says of a message type: its text with every type it needs (ros2msg), and its RIHS01 hash,
-    empty where nothing says it.
+    """Definition of a message type for an MCAP schema: text (ros2msg) with every type it needs, and RIHS01 hash, empty
+    if it is not available.
     """
 
     text: str
@@ -54,12 +51,12 @@ class Definition:
 
 
 def definition(type_name: str) -> Definition:
-    """The definition of `type_name` (package/msg/Name) with its dependencies in the order they are first needed.
+    """Return the definition of `type_name` (package/msg/Name) with its dependencies in the order of their first use.
 
     Raises
     ------
     InputError
-        Not a message type, or neither installed nor carried.
+        The name is not a message type, or its definition is not available.
     """
     text = _text(type_name)
     parts, needed, seen = [text], list(_dependencies(type_name, text)), {type_name}
@@ -79,12 +76,12 @@ def definition(type_name: str) -> Definition:
 
 
 def type_parts(type_name: str) -> tuple[str, str]:
-    """Package and short name of `package/msg/Name`.
+    """Return package and short name of `package/msg/Name`.
 
     Raises
     ------
     InputError
-        Not of that form.
+        The name does not have that form.
     """
     match = _TYPE_NAME.fullmatch(type_name)
     if match is None:
@@ -93,7 +90,7 @@ def type_parts(type_name: str) -> tuple[str, str]:
 
 
 def installed_text(type_name: str, suffix: str) -> str | None:
-    """Content of the installed file that defines the type, or None; a sourced workspace's before the PyPI wheels'."""
+    """Return the installed file that defines the type, or None; a sourced workspace precedes the PyPI wheels."""
     package, short = type_parts(type_name)
     for prefix in filter(None, [*os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep), sys.prefix]):
         path = Path(prefix, "share", package, "msg", f"{short}{suffix}")
@@ -103,7 +100,7 @@ def installed_text(type_name: str, suffix: str) -> str | None:
 
 
 def _text(type_name: str) -> str:
-    """The .msg text of one type."""
+    """Return the .msg text of one type."""
     text = installed_text(type_name, ".msg")
     if text is None and type_name not in CARRIED:
         raise InputError(f"the definition of {type_name} is not installed")
@@ -111,7 +108,7 @@ def _text(type_name: str) -> str:
 
 
 def _dependencies(type_name: str, text: str) -> Iterator[str]:
-    """The message types that the fields of `text` name, as package/msg/Name."""
+    """Iterate over the message types in the fields of `text`, as package/msg/Name."""
     package = type_name.split("/")[0]
     for line in text.splitlines():
         words = line.split("#")[0].split()
@@ -119,5 +116,5 @@ def _dependencies(type_name: str, text: str) -> Iterator[str]:
             continue
         name = re.split(r"[\[<]", words[0])[0]
         parts = name.split("/")
-        if len(parts) > 1 or name[:1].isupper():  # The names of primitive types are in small letters.
+        if len(parts) > 1 or name[:1].isupper():  # Names of primitive types are lower-case.
             yield f"{parts[0] if len(parts) > 1 else package}/msg/{parts[-1]}"

@@ -1,6 +1,4 @@
-"""The driveline's announcements beside its states, as they are written and read: its scene, and which inputs a command
-held.
-"""
+"""Write and read the driveline's announcements: its scene, and which inputs follow a command."""
 
 from __future__ import annotations
 
@@ -16,9 +14,9 @@ from tcc_sim.topics import INPUTS
 
 COMMAND, FALLBACK = "command", "fallback"
 MOST_SOURCES = 100_000
-"""Announced sources of the inputs of a recording that are followed."""
+"""Largest number of input-source messages that are read from a recording."""
 MOST_SCENES = 10_000
-"""Scenes of a recording that are followed."""
+"""Largest number of scenes that are read from a recording."""
 _TIMES, HEAD, LONGEST = struct.Struct("<QQ"), 22, 4096
 _NUMBER = r"(-?\d[\de.+-]{0,30})"
 _LINE = re.compile(r"# holds from stamp (\d{1,19}) ns on(, in the kernel with every term)?"
@@ -26,14 +24,14 @@ _LINE = re.compile(r"# holds from stamp (\d{1,19}) ns on(, in the kernel with ev
 
 
 def holding_from(text: str, stamp_ns: int, general: bool, origin: Origin = START) -> str:
-    """The text of a scene that was changed while running, with a last line, a comment, that says what it applies to.
+    """Return the text of a scene that was changed while running, with a comment line that states from when it holds.
 
     Parameters
     ----------
     text : the scene (YAML)
-    stamp_ns : stamp of the first state that it leads to: the tick after the change, or 0 where it holds since a reset
-    general : the kernel with every term solves it (`general_terms`), since the driveline started with other terms
-    origin : where the phases are counted from
+    stamp_ns : stamp (ns) of the first state computed with it: the tick after the change, or 0 after a reset
+    general : whether the kernel with every term solves it (`general_terms`), because the terms changed while running
+    origin : time and phase from which the phases are counted
     """
     phases = (f", phase {origin.phase!r} rad at {origin.time!r} s, the load's ahead by {origin.lead!r} rad"
               if origin != START else "")
@@ -42,8 +40,8 @@ def holding_from(text: str, stamp_ns: int, general: bool, origin: Origin = START
 
 @dataclass(frozen=True)
 class SceneRecord:
-    """A scene (YAML) that a recording holds, the package version that ran it and when it was said, by the driveline's
-    clock (ns; 0: before the start). States that were sent later are its own, from `first_stamp_ns` on.
+    """A scene (YAML) in a recording, the package version that ran it, and when the driveline published it (ns of its
+    clock; 0: before the start). It applies to states sent later whose stamps are at least `first_stamp_ns`.
     """
 
     text: str
@@ -52,12 +50,12 @@ class SceneRecord:
 
     @cached_property
     def _line(self) -> re.Match[str] | None:
-        """What the last line says of a scene that was changed while running."""
+        """Match of the comment line of a scene that was changed while running, or None."""
         return _LINE.fullmatch(self.text.rstrip("\n").rpartition("\n")[2])
 
     @property
     def first_stamp_ns(self) -> int:
-        """Stamp of the first state that it led to; 0 for the scene that a driveline starts with."""
+        """Stamp (ns) of the first state computed with it; 0 for the scene that a driveline starts with."""
         return int(self._line[1]) if self._line else 0
 
     @property
@@ -67,7 +65,7 @@ class SceneRecord:
 
     @property
     def origin(self) -> Origin:
-        """Where the phases are counted from."""
+        """Time and phase from which the phases are counted."""
         if self._line is None or self._line[3] is None:
             return START
         try:
@@ -78,14 +76,15 @@ class SceneRecord:
 
     @property
     def parameters(self) -> str:
-        """The text without that line."""
+        """The text without the comment line."""
         return self.text.rstrip("\n").rpartition("\n")[0] + "\n" if self._line else self.text
 
 
 @dataclass(frozen=True)
 class InputSource:
-    """What one message, sent at `log_ns` by the driveline's clock, says: from the state of `first_stamp_ns` on these
-    topics held a command, the others fell back.
+    """Inputs that follow a command from the state with stamp `first_stamp_ns` on; the others use their fallback.
+
+    The driveline sent the message at `log_ns` of its clock (ns).
     """
 
     log_ns: int
@@ -94,12 +93,12 @@ class InputSource:
 
 
 def source_text(commanded: Mapping[str, bool]) -> str:
-    """The text of a message: `engine_torque: command, actuation_pressure: fallback`."""
+    """Return the text of a message, for example `engine_torque: command, actuation_pressure: fallback`."""
     return ", ".join(f"{name}: {COMMAND if held else FALLBACK}" for name, held in commanded.items())
 
 
 def read_source(record: bytes) -> InputSource | None:
-    """A message record: channel, number, two times and the serialised Header; None where it is none."""
+    """Decode a message record (channel, number, two times, serialised Header); None if it is not valid."""
     if not HEAD < len(record) <= LONGEST:
         return None
     received, sent = _TIMES.unpack_from(record, 6)
@@ -107,5 +106,5 @@ def read_source(record: bytes) -> InputSource | None:
         stamp, text = cdr.read_header(record[HEAD:])
     except ValueError:
         return None
-    said = dict(part.partition(": ")[::2] for part in text.split(", "))
-    return InputSource(sent or received, stamp, frozenset(name for name in INPUTS if said.get(name) == COMMAND))
+    sources = dict(part.partition(": ")[::2] for part in text.split(", "))
+    return InputSource(sent or received, stamp, frozenset(name for name in INPUTS if sources.get(name) == COMMAND))

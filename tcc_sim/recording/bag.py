@@ -1,4 +1,4 @@
-"""A rosbag2 bag while it is written: a new directory, its MCAP files one after the other, and metadata.yaml."""
+"""Write a rosbag2 bag: a new directory with MCAP files and metadata.yaml."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ _PART = "_999999.mcap"
 
 
 class BagWriter:
-    """A rosbag2 bag: a new directory NAME with NAME_0.mcap, NAME_1.mcap, ... and, when it is closed, metadata.yaml.
+    """Writer of a rosbag2 bag: a new directory NAME with NAME_0.mcap, NAME_1.mcap, ... and, on closing, metadata.yaml.
 
-    The directory is held open, and everything is made relative to it: a recorder that has made another one under the
-    same name meanwhile shares nothing with it. Each part can be read by itself: it starts with the scene in force and
-    ends with index and footer.
+    The writer holds the directory open and creates every file relative to it, so a directory that another recorder
+    creates later under the same name is never mixed in. Each part can be read alone: it starts with the current scene
+    and ends with index and footer.
 
     Parameters
     ----------
-    directory : to be made, with its parents
-    scene_text, version : the scene (YAML), and who ran it
-    max_duration : s of receipt after which a new part begins; 0 never
-    max_size : bytes after which a new part begins, once it has messages; 0 never
-    max_chunks : chunks after which a new part begins, so that the memory for its index stays bounded
-    sync : wait until files and directory are on the disk wherever a part ends
-    result : gives what a part's result record says when it ends
+    directory : directory to create, with its parents
+    scene_text, version : the scene (YAML), and the package version that runs it
+    max_duration : duration of a part by times of receipt, s; 0 for no limit
+    max_size : size in bytes above which a part that has messages ends; 0 for no limit
+    max_chunks : largest number of chunks of a part, which bounds the memory for its index
+    sync : whether to wait at the end of each part until files and directory are on the disk
+    result : function that returns the content of a part's result record
 
     Raises
     ------
     RecordingError
-        The directory exists, its name is too long, or it cannot be created; then nothing of it is left.
+        The directory exists, its name is too long, or it cannot be created; nothing is left behind.
     """
 
     def __init__(self, directory: Path, scene_text: str | None = None, version: str = __version__, *,
@@ -78,26 +78,26 @@ class BagWriter:
 
     @property
     def counts(self) -> Counter[int]:
-        """Messages by channel, in all parts."""
+        """Number of messages by channel, summed over all parts."""
         return sum((Counter(part.counts) for part in [*self._done, self.file.summary]), Counter())
 
     @property
     def scene_text(self) -> str | None:
-        """The last scene that was said."""
+        """The latest scene written, or None."""
         return self._scene[0] if self._scene is not None else None
 
     def describe(self, scene_text: str, version: str = __version__, log_ns: int = 0) -> None:
-        """Say which scene (YAML) the messages from here on come from."""
+        """Record the scene (YAML) that the following messages come from."""
         self.file.describe(scene_text, version, log_ns)
         self._scene = scene_text, version, log_ns
 
     def channel(self, topic: str, type_name: str, qos: Sequence[Mapping[str, Any]] = RELIABLE,
                 schema: Definition | None = None, publisher: str = "") -> int:
-        """Announce a topic (fully resolved name), of one publisher where that is said, and get its channel."""
+        """Announce a topic (fully resolved name), optionally of one publisher, and return its channel."""
         return self.file.channel(topic, type_name, qos, schema, publisher)
 
     def write(self, channel: int, log_ns: int, publish_ns: int, data: bytes, sequence: int = 0) -> None:
-        """Add one serialised message: when it was received and sent, and its number at the publisher."""
+        """Add one serialised message with its times of receipt and sending (ns) and its publisher's sequence number."""
         file = self.file
         full = file.chunks and (file.size >= self._size or file.chunks >= self._max_chunks)
         if full or log_ns - file.summary.first_ns >= self._duration_ns:
@@ -105,7 +105,7 @@ class BagWriter:
         file.write(channel, log_ns, publish_ns, data, sequence)
 
     def check(self) -> None:
-        """Raise RecordingError where the directory, or the file that is written, is no more where it was made."""
+        """Raise RecordingError if the directory or the open file was renamed or removed."""
         try:
             there, held = os.stat(self.directory), os.fstat(self._folder)
         except OSError:
@@ -116,7 +116,7 @@ class BagWriter:
         raise RecordingError(f"{self.directory} was renamed or removed while it was recorded to")
 
     def close(self, result: Mapping[str, Any] | None = None) -> None:
-        """Close the last part and write metadata.yaml, which appears whole or not at all, and never over another."""
+        """Close the last part and write metadata.yaml atomically, without overwriting an existing one."""
         self.file.close(result, self._sync)
         draft = f".{os.urandom(8).hex()}.part"
         file = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666, dir_fd=self._folder)
@@ -136,34 +136,34 @@ class BagWriter:
             self._release()
 
     def _name_finally(self, draft: str, name: str) -> None:
-        """Give a draft its name beside its own; RecordingError where another file has it."""
+        """Link a draft to its final name; raise RecordingError if that name exists."""
         try:
             os.link(draft, name, src_dir_fd=self._folder, dst_dir_fd=self._folder)
         except OSError as error:
             if isinstance(error, FileExistsError) or name in os.listdir(self._folder):
                 raise RecordingError(f"{self.directory / name} exists already and is not overwritten") from None
-            # A file system without hard links.
+            # The file system has no hard links.
             os.replace(draft, name, src_dir_fd=self._folder, dst_dir_fd=self._folder)
 
     def abandon(self) -> None:
-        """Close the file as it is, readable up to the last flush."""
+        """Close the file without an index; it is readable up to the last flush."""
         self.file.abandon()
         self._release()
 
     def _release(self) -> None:
-        """Let the directory go."""
+        """Close the descriptor of the directory."""
         if self._folder >= 0:
             os.close(self._folder)
         self._folder = -1
 
     def _path(self, number: int) -> Path:
-        """The file of a part."""
+        """Return the file of a part."""
         return self.directory / f"{self._name}_{number}.mcap"
 
     def _split(self) -> McapFile:
-        """End the part and begin the next one, which is given, with the same channels and the scene in force.
+        """End the part, and begin and return the next one with the same channels and the current scene.
 
-        The next file comes first: where it cannot be made the part is still open, and can be closed in order.
+        The next file is created first: if that fails, the current part is still open and can be closed in order.
         """
         before, after = self.file, McapFile(self._path(len(self._done) + 1), folder=self._folder)
         try:
@@ -183,7 +183,7 @@ class BagWriter:
 
 
 def _make(directory: Path) -> list[Path]:
-    """Make a directory that must not exist, with its parents; those that were made, the innermost first."""
+    """Create a directory that must not exist, with its parents; return the created ones, the innermost first."""
     try:
         if os.path.lexists(directory):
             raise FileExistsError

@@ -1,4 +1,4 @@
-"""What a recording gives back: columns of joint_states, with the pressure that each tick applied beside them."""
+"""Columns read from a recording: joint_states, applied pressure, far end and commands."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from tcc_sim.topics import FLUID_PRESSURE, JOINT_STATE, topic
 Floats = NDArray[np.float64]
 _MOST_NAMED = 20
 BLOCK = 1 << 16
-"""States that are worked on at once where that takes memory for each."""
+"""Number of states processed at once where each takes memory."""
 _COLUMNS = ("stamp_ns", "log_ns", "sent_ns", *topic("joint_states").fields)
 _YEAR = 365 * 86_400 * 1_000_000_000
 HEAD = np.dtype([("channel", "<u2"), ("number", "<u4"), ("log_ns", "<i8"), ("sent_ns", "<i8")])
-"""What stands before the bytes of a message: channel, number at the publisher, times (ns)."""
+"""Fields in front of a message's bytes: channel, publisher's sequence number, times of receipt and sending (ns)."""
 
 
 def receipt_times(log_ns: NDArray[np.int64], sent_ns: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -36,11 +36,12 @@ def receipt_times(log_ns: NDArray[np.int64], sent_ns: NDArray[np.int64]) -> NDAr
 
 @dataclass(frozen=True)
 class JointStates:
-    """Consecutive joint_states messages, (n,) arrays: stamps of simulation time, of receipt and of sending (ns), angles
-    (rad), speeds (rad/s), torques (N m). `applied_pressure` (Pa) is there where the run recorded it, NaN where one
-    message of it is missing, and so are `output_angle` (rad) and `output_speed` (rad/s) of the shaft's far end. `run`
-    counts how often simulation time has started again within the recording, `began` says how this run came to start,
-    `index` is the place of the first of them among all that the recording gives.
+    """Consecutive joint_states messages as (n,) arrays.
+
+    Stamps of simulation time, of receipt and of sending (ns), angles (rad), speeds (rad/s), torques (N m).
+    `applied_pressure` (Pa), `output_angle` (rad) and `output_speed` (rad/s) of the shaft's far end are None if they
+    were not recorded, and NaN where a message is missing. `run` counts the starts of simulation time within the
+    recording, `began` is the reason of this start, `index` is the index of the first state in the whole recording.
     """
 
     stamp_ns: NDArray[np.int64]
@@ -63,24 +64,24 @@ class JointStates:
         return len(self.stamp_ns)
 
     def blocks(self, rows: int = BLOCK) -> Iterator[JointStates]:
-        """The same, so many rows at a time: for what needs memory for each row."""
+        """Iterate over blocks of at most `rows` states, for work that needs memory for each state."""
         for begin in range(0, len(self), rows):
             yield self[begin:begin + rows]
 
-    def __getitem__(self, kept: slice | NDArray[np.bool_]) -> JointStates:
-        """Some of the rows."""
-        columns: dict[str, Any] = {name: column[kept] for name,
+    def __getitem__(self, rows: slice | NDArray[np.bool_]) -> JointStates:
+        """Return the selected rows."""
+        columns: dict[str, Any] = {name: column[rows] for name,
                                    column in vars(self).items() if isinstance(column, np.ndarray)}
-        first = kept.indices(len(self))[0] if isinstance(kept, slice) else 0
+        first = rows.indices(len(self))[0] if isinstance(rows, slice) else 0
         return replace(self, index=self.index + first, **columns)
 
 
 class Commanded(NamedTuple):
-    """What was commanded on one topic, (n,) arrays.
+    """Commands on one topic, (n,) arrays.
 
-    rows : index of the first state that came after each, not descending
-    values : in the unit of the topic
-    answers : stamp of the state that each answers, ns; below 0 where it does not say one
+    rows : index of the first state after each command, not descending
+    values : commanded values, in the unit of the topic
+    answers : stamp of the state that each command answers, ns; negative if the message has no stamp
     """
 
     rows: NDArray[np.int64]
@@ -88,25 +89,25 @@ class Commanded(NamedTuple):
     answers: NDArray[np.int64]
 
     def part(self, which: slice) -> Commanded:
-        """Some of them."""
+        """Return a part of the commands."""
         return Commanded(self.rows[which], self.values[which], self.answers[which])
 
     @staticmethod
     def none() -> Commanded:
-        """Nothing was said."""
+        """Return an empty set of commands."""
         return Commanded(np.empty(0, np.int64), np.empty(0), np.empty(0, np.int64))
 
 
 @dataclass(frozen=True)
 class Columns:
-    """What a recording holds of one driveline.
+    """Data of one driveline in a recording.
 
-    runs : the states of each run, views of one set of columns
+    runs : the states of each run, views of common arrays
     parts : (n,) index of the first state of each chunk and run
-    commands : what was commanded, by the name of its topic
-    sources : what the driveline said of its inputs, in its order
-    publishers : number of those who commanded, by topic
-    counts : what the driveline's diagnostics counted, by key
+    commands : commands by the name of their topic
+    sources : announced sources of the inputs, in the order of publication
+    publishers : number of publishers of commands, by topic
+    counts : counts of the driveline's diagnostics, by key
     """
 
     runs: tuple[JointStates, ...]
@@ -118,7 +119,7 @@ class Columns:
 
 
 class GrowingStates:
-    """The states of a recording while it is read; memory grows in place."""
+    """Arrays of states that grow in place while a recording is read."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -127,7 +128,7 @@ class GrowingStates:
         self._runs: list[tuple[int, Break, int]] = []
 
     def add(self, part: JointStates) -> None:
-        """Take consecutive states of one run."""
+        """Append consecutive states of one run."""
         first, self.count = self.count, self.count + len(part)
         for name, column in self._columns.items():
             if self.count > len(column):
@@ -138,8 +139,8 @@ class GrowingStates:
             self._runs.append((part.run, part.began, first))
 
     def runs(self, beside: Sequence[Beside]) -> Found:
-        """The states of every run with what was recorded beside them, where each part of them begins, and how many of
-        them have no applied pressure although it was recorded.
+        """Return the states of every run with the columns of `beside`, the index of the first state of each part, and
+        the number of states whose applied pressure is missing although the topic was recorded.
         """
         for column in self._columns.values():
             column.resize(self.count, refcheck=False)
@@ -160,13 +161,13 @@ Found = tuple[tuple[JointStates, ...], NDArray[np.int64], int]
 
 
 class Beside:
-    """What a topic with stamps says beside joint_states, joined to the states of the same stamps.
+    """A further topic with stamps, whose values are joined to the joint_states of equal stamps.
 
     Parameters
     ----------
-    topic, type : its whole name and message type
-    layout : of its messages
-    columns : names of columns, each with the field of the messages that fills it
+    topic, type : fully resolved name and message type
+    layout : layout of its messages
+    columns : column name -> message field that fills it
     """
 
     def __init__(self, topic: str, type: str, layout: cdr.Layout, columns: Mapping[str, str]) -> None:
@@ -176,12 +177,12 @@ class Beside:
 
     def take(self, data: NDArray[np.uint8], messages: Messages, channels: list[int], runs: int,
              publishers: Callable[[NDArray[np.void]], NDArray[np.int64]]) -> int:
-        """Take the messages of these channels in one chunk; how many have another layout and were left out.
+        """Take the messages of these channels in one chunk; return how many were left out for another layout.
 
         Parameters
         ----------
-        runs : of joint_states that have begun before the first of these messages, which belongs to the last of them
-        publishers : gives who published messages with these HEADs
+        runs : number of joint_states runs begun before the first of these messages, which belongs to the last of them
+        publishers : function from HEADs to the numbers of their publishers
         """
         heads, records, refused = _records(data, messages, channels, self._layout)
         if self._run < 0:
@@ -197,16 +198,16 @@ class Beside:
         """Fill the columns of a run at the stamps of its states."""
         if run not in self._parts:
             return
-        known, *values = (np.concatenate(parts) for parts in zip(*self._parts[run]))
+        recorded, *values = (np.concatenate(parts) for parts in zip(*self._parts[run]))
         stamps = columns["stamp_ns"]
-        place = np.searchsorted(known, stamps).clip(max=len(known) - 1)
-        same = known[place] == stamps
+        nearest = np.searchsorted(recorded, stamps).clip(max=len(recorded) - 1)
+        same = recorded[nearest] == stamps
         for name, column in zip(self.columns, values):
-            columns[name][same] = column[place[same]]
+            columns[name][same] = column[nearest[same]]
 
 
 def all_beside(joint_states_topic: str, types: Mapping[str, str]) -> list[Beside]:
-    """The topics that say more of each state, of those in a recording with these types by topic."""
+    """Return the further topics of a driveline that a recording with these types by topic holds."""
     space = joint_states_topic.rpartition("/")[0]
     every = (Beside(f"{space}/applied_pressure", FLUID_PRESSURE, cdr.FLUID_PRESSURE,
                     {"applied_pressure": "fluid_pressure"}),
@@ -217,8 +218,8 @@ def all_beside(joint_states_topic: str, types: Mapping[str, str]) -> list[Beside
 
 def joint_states(data: NDArray[np.uint8], messages: Messages, channels: list[int],
                  layout: cdr.Layout) -> tuple[JointStates, NDArray[np.void], int]:
-    """The joint_states of one chunk in their order, their HEADs, and how many messages have another layout and were
-    left out.
+    """Return the joint_states of one chunk in their order, their HEADs, and the number of messages that were left out
+    because their layout differs.
     """
     heads, records, refused = _records(data, messages, channels, layout)
     columns: dict[str, Any] = {name: records[name].astype(np.float64) for name in topic("joint_states").fields}
@@ -229,29 +230,29 @@ def joint_states(data: NDArray[np.uint8], messages: Messages, channels: list[int
 
 
 def layout_of(data: bytes, messages: Messages, channels: list[int], joints: Sequence[str]) -> cdr.Layout:
-    """Where the values of two joints stand, by the first message of these channels.
+    """Return the layout of the first message of these channels, with the offsets of two joints.
 
     Raises
     ------
     RecordingError
-        It names other joints.
+        The message does not name these joints.
     """
     first = int(np.flatnonzero(np.isin(messages.channel, channels))[0])
     begin = int(messages.offset[first]) + 22
     try:
         frame, names = cdr.read_joint_names(data[begin:begin + int(messages.length[first]) - 22])
     except ValueError:
-        return cdr.joint_state_layout()  # Damaged or no JointState: what has another layout is counted.
+        return cdr.joint_state_layout()  # Damaged, or not a JointState: messages of another layout are counted later.
     if not set(joints) <= set(names):
-        said = ", ".join(names[:_MOST_NAMED]) or "without names"
-        raise RecordingError(f"its joints are {said}; say which of them are flywheel and clutch plate: "
+        found = ", ".join(names[:_MOST_NAMED]) or "without names"
+        raise RecordingError(f"its joints are {found}; say which of them are flywheel and clutch plate: "
                              "--joints flywheel=NAME,clutch_plate=NAME")
     return cdr.joint_state_layout(names, joints, frame)
 
 
 def _records(data: NDArray[np.uint8], messages: Messages, channels: list[int],
              layout: cdr.Layout) -> tuple[NDArray[np.void], NDArray[np.void], int]:
-    """HEADs and values of the channels' messages that have this layout, and the number of the others."""
+    """Return HEADs and values of the channels' messages with this layout, and the number of other messages."""
     expected = layout.example
     mine = np.isin(messages.channel, channels)
     right_length = messages.length[mine] == 22 + len(expected)

@@ -1,4 +1,4 @@
-"""What was commanded during a recording, at the simulation time at which the driveline was then."""
+"""Commands in a recording, each assigned to the first state that was sent after it."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from tcc_sim.topics import DIAGNOSTIC_ARRAY, FLOAT64, FLUID_PRESSURE, HEADER
 
 TARGET, SOURCE = "target_slip_speed", "input_source"
 COMMANDS = {"engine_torque": FLOAT64, "actuation_pressure": FLUID_PRESSURE, TARGET: FLOAT64}
-"""Topics that tell the driveline or its controller what to do, with their types."""
+"""Topics of commands to the driveline or its controller, with their types."""
 _LATEST, _DIGITS = 1 << 31, 19
 DIAGNOSTICS = "/diagnostics"
 COUNTED = ("missed ticks",)
-"""Counts of the driveline's diagnostics, beside those of refused commands."""
+"""Keys of counts in the driveline's diagnostics, in addition to those of refused commands."""
 SET_BACK = 50_000_000
-"""A clock that goes back by more than this, ns, was set."""
+"""Backward jump of the recorder's clock above which the clock was set, ns."""
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 Rows = NDArray[np.int64]
 
 
 class _Sent(NamedTuple):
-    """Commands of one topic in one chunk, (n,) arrays: time (ns by the recorder's clock), value, and stamp of the state
-    that each answers (ns); and how many states came before the chunk and up to its end.
+    """Commands of one topic in one chunk, (n,) arrays: time (ns of the recorder's clock), value, and stamp of the state
+    that each answers (ns); and the numbers of states before the chunk and up to its end.
     """
 
     times: Stamps
@@ -44,15 +44,15 @@ class _Sent(NamedTuple):
 
 
 class Commands:
-    """Takes the commands and the announced sources of the inputs chunk by chunk, and gives them beside the states.
+    """Collector of commands and announced sources of the inputs, chunk by chunk.
 
-    Commands and states are put in order by when they were sent. A reliable middleware hands over what it had to ask
-    for again up to seconds late, so that times of receipt go back and forth on a busy machine; those of sending go back
-    where a clock is set, and otherwise never at one sender.
+    Commands and states are sorted by their times of sending. Times of receipt are not monotonic on a busy machine: a
+    reliable middleware delivers a resent message up to seconds late. Times of sending of one sender decrease only if
+    its clock is set back.
 
     Parameters
     ----------
-    joint_states_topic : whose namespace the commands share
+    joint_states_topic : joint_states topic in the namespace of the commands
     """
 
     def __init__(self, joint_states_topic: str) -> None:
@@ -61,20 +61,18 @@ class Commands:
         self._sent: dict[str, list[_Sent]] = {name: [] for name in COMMANDS}
         self._sources: dict[InputSource, None] = {}
         self.publishers: dict[str, set[str]] = {}
-        """Who commanded, by topic."""
+        """Publishers of commands, by topic."""
         self.counts = Counter[str]()
-        """What drivelines counted, by the keys of their diagnostics that are whole numbers: totals of all of them."""
+        """Totals over all drivelines of the counts in their diagnostics, by key."""
         self._counted: dict[str, int] = {}
 
     @property
     def sources(self) -> tuple[InputSource, ...]:
-        """What the driveline said of its inputs, each message once though a recorder that subscribed again got what is
-        latched again.
-        """
+        """Announced sources of the inputs, without the repeats that a latched topic sends to a new subscription."""
         return tuple(self._sources)
 
     def take(self, data: bytes, messages: Messages, channels: Mapping[int, Channel], before: int, until: int) -> None:
-        """Take one chunk; so many states came before it and up to its end."""
+        """Take one chunk, with `before` states before it and `until` states up to its end."""
         found: dict[str, list[tuple[Stamps, Stamps, Floats, Stamps]]] = {}
         for number, row in channels.items():
             if (row.topic, row.type) == (DIAGNOSTICS, DIAGNOSTIC_ARRAY):
@@ -100,14 +98,14 @@ class Commands:
             self._sent[name].append(_Sent(times[order], values[order], answers[order], before, until))
 
     def _announced(self, data: bytes, offsets: Sequence[int], lengths: Sequence[int]) -> None:
-        """Take messages that say which inputs a command holds."""
+        """Take messages that announce the sources of the inputs."""
         for offset, length in zip(offsets, lengths):
             source = read_source(data[offset:offset + length]) if HEAD < length <= LONGEST else None
             if source is not None and len(self._sources) < MOST_SOURCES:
                 self._sources.setdefault(source)
 
     def _count(self, data: bytes, offsets: Sequence[int], lengths: Sequence[int]) -> None:
-        """Take diagnostics. A count that falls is that of another driveline, which began at 0."""
+        """Take diagnostics. A count that decreases belongs to a new driveline, which began at 0."""
         for offset, length in zip(offsets, lengths):
             try:
                 values = cdr.read_diagnostics(data[offset + HEAD:offset + length])
@@ -121,7 +119,7 @@ class Commands:
                     self.counts[key] += int(text) - (before if int(text) >= before else 0)
 
     def beside(self, runs: Sequence[JointStates], parts: Rows) -> dict[str, Commanded]:
-        """The commands by the name of their topic.
+        """Return the commands by the name of their topic.
 
         Parameters
         ----------
@@ -136,11 +134,10 @@ class Commands:
 
 
 class _Clock:
-    """The time at which each state was sent, by a clock that is never set back.
+    """Times of sending of the states, corrected so that they never decrease.
 
-    A clock that is set back does so for the states and for the commands. Each step of it is added to all that was sent
-    later; where the file leaves it open on which side of a step a command was sent, the states beside it in the file
-    decide.
+    A clock that is set back affects states and commands alike. Each such step is added to all later times. If the file
+    does not show on which side of a step a command was sent, the neighbouring states in the file decide.
     """
 
     def __init__(self, runs: Sequence[JointStates], parts: Rows) -> None:
@@ -158,7 +155,7 @@ class _Clock:
         self._times: Stamps = np.maximum.accumulate(times)
 
     def rows(self, sent: Sequence[_Sent]) -> Commanded:
-        """The states that came after commands; what came after all states is left out."""
+        """Return each command with the first state after it; commands after the last state are left out."""
         times = np.concatenate([self._unrolled(one) if len(self._cuts) else one.times for one in sent])
         values, answers = (np.concatenate(columns) for columns in zip(*((one.values, one.answers) for one in sent)))
         rows = np.searchsorted(self._times, np.maximum.accumulate(times), side="left")
@@ -166,7 +163,7 @@ class _Clock:
         return Commanded(rows[inside].astype(np.int64), values[inside], answers[inside])
 
     def _unrolled(self, sent: _Sent) -> Stamps:
-        """The times of commands with the step of the clock that fits best to the states beside them in the file."""
+        """Return the times of commands, corrected by the clock steps that fit best to the neighbouring states."""
         last = len(self._times) - 1
         low, high = self._times[min(max(sent.before - 1, 0), last)], self._times[min(sent.until, last)]
         first, end = np.searchsorted(self._cuts, [sent.before - 1, sent.until], side="right").tolist()
@@ -179,8 +176,8 @@ class _Clock:
 
 def _decoded(array: NDArray[np.uint8], offset: NDArray[np.int64], length: NDArray[np.int64],
              kind: str) -> tuple[Stamps, Stamps, Stamps, Floats, Stamps]:
-    """Places in the chunk, times of receipt and of sending (ns), finite values and stamps (ns; -1 for none) of messages
-    of one type; others are passed over.
+    """Return offsets in the chunk, times of receipt and of sending (ns), finite values, and stamps (ns; -1 for none) of
+    the valid messages of one type.
     """
     if kind == FLOAT64:
         place = offset + 22 + 4
@@ -188,12 +185,12 @@ def _decoded(array: NDArray[np.uint8], offset: NDArray[np.int64], length: NDArra
         whole = length >= 22 + 16
         offset, length = offset[whole], length[whole]
         body = offset + 22
-        # The frame's name stands before the pressure, which starts on a multiple of eight bytes after the first four.
+        # The pressure follows the frame's name and is aligned to eight bytes, counted from byte 4.
         name = sliding_window_view(array, 4)[body + 12].copy().view("<u4")[:, 0].astype(np.int64)
         place = body + 4 + (12 + name + 7) // 8 * 8
     inside = place + 8 <= np.minimum(offset + length, len(array))
     offset, place = offset[inside], place[inside]
-    little = (array[offset + 22] == 0) & (array[offset + 23] == 1)  # As cdr encodes; no other order of bytes is read.
+    little = (array[offset + 22] == 0) & (array[offset + 23] == 1)  # Little-endian, as cdr encodes.
     offset, place = offset[little], place[little]
     values = sliding_window_view(array, 8)[place].copy().view("<f8")[:, 0]
     finite = np.isfinite(values)
@@ -206,7 +203,7 @@ def _decoded(array: NDArray[np.uint8], offset: NDArray[np.int64], length: NDArra
 
 
 def _times(array: NDArray[np.uint8], offset: Stamps) -> tuple[Stamps, Stamps]:
-    """When the messages were received and sent, ns; where it is not said when they were sent, the former for both."""
+    """Return the times of receipt and of sending, ns; the time of receipt for both if no time of sending is given."""
     log, sent = (sliding_window_view(array, 8)[offset + place].copy().view("<i8")[:, 0].astype(np.int64)
                  for place in (6, 14))
     sent = np.where(sent > 0, sent, log)

@@ -1,4 +1,4 @@
-"""What the records of a recording say about it, beside the messages: scenes, topics, counts, the recorder's result."""
+"""Records of a recording that describe it: scenes, topics, message counts, the recorder's result."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tcc_sim.recording.mcap_file import PUBLISHER_KEY, RECOVERY_RECORD, RESULT_R
 from tcc_sim.recording.records import DamagedChunk, McapRecord, decoded
 
 MOST_TOPICS = 4096
-"""Channels, and types, that a recording may describe; records of more are passed over."""
+"""Largest number of channels, and of types, that a recording may describe; further records are ignored."""
 _UNCHUNKED = 1 << 20
 _LONGEST_RESULT = 1 << 18
 _MOST_SENTENCES, _DIGITS = 20, 19
@@ -35,7 +35,7 @@ class Schema:
 
 @dataclass(frozen=True)
 class Channel:
-    """A topic of a recording, its message type and what else was said of it (quality of service, type hash)."""
+    """A topic of a recording with its message type and metadata (quality of service, type hash)."""
 
     topic: str
     schema: Schema
@@ -48,13 +48,13 @@ class Channel:
 
     @property
     def publisher(self) -> str:
-        """Who published its messages, as the middleware identifies it; empty where the recording does not say."""
+        """Identifier of the publisher in the middleware; empty if it was not recorded."""
         return self.metadata.get(PUBLISHER_KEY, "")
 
 
 @dataclass
 class Contents:
-    """What the records outside the messages say, gathered as they are read."""
+    """Content of the records that describe a recording, collected while it is read."""
 
     scenes: list[SceneRecord] = field(default_factory=list)
     result: dict[str, Any] | None = None
@@ -62,12 +62,13 @@ class Contents:
     expected: dict[int, int] = field(default_factory=dict)
     schemas: dict[int, Schema] = field(default_factory=dict)
     damaged: int = 0
-    """Records that describe the recording and cannot be used."""
+    """Number of damaged records among them."""
     recovered: list[str] = field(default_factory=list)
-    """What was missing when this recording was recovered from another."""
+    """Losses that were recorded when this recording was recovered from another."""
 
     def add(self, opcode: int, body: bytes, checked: bool = False) -> None:
-        """Take in one record; a damaged one is noted. What a chunk's checksum covers outranks what stands elsewhere."""
+        """Take one record and count it if it is damaged. Records under a chunk's checksum (`checked`) take precedence.
+        """
         try:
             if opcode == Opcode.METADATA and not checked:
                 self._metadata(decoded(opcode, body))
@@ -84,24 +85,24 @@ class Contents:
             self.damaged += 1
 
     def warnings(self) -> list[str]:
-        """What is to be said of these records."""
+        """Return the warnings about these records."""
         found = []
         if self.damaged == 1:
-            found.append("a record that describes the recording is damaged and was passed over")
+            found.append("a record that describes the recording is damaged and was ignored")
         elif self.damaged:
-            found.append(f"{self.damaged} records that describe the recording are damaged and were passed over")
+            found.append(f"{self.damaged} records that describe the recording are damaged and were ignored")
         return found + self.recovered
 
     @staticmethod
     def _keep(table: dict[int, _T], number: int, value: _T, checked: bool) -> None:
-        """Enter a value under its number."""
+        """Store a value under its number."""
         if number not in table and len(table) >= MOST_TOPICS:
             raise ValueError("too many topics")
         if checked or number not in table:
             table[number] = value
 
     def _metadata(self, record: Any) -> None:
-        """A metadata record of this package; others are of no interest."""
+        """Take a metadata record of this package; ignore others."""
         name, values = record.name, record.metadata
         if name not in (SCENE_RECORD, RESULT_RECORD, RECOVERY_RECORD):
             return
@@ -118,18 +119,19 @@ class Contents:
         if name == RESULT_RECORD and isinstance(result, dict):
             self.result = result
         elif name == RECOVERY_RECORD and isinstance(result, list) and all(isinstance(one, str) for one in result):
-            self.recovered = [f"missing since its recovery: {one_line(sentence)}"
+            self.recovered = [f"missing already when it was recovered: {one_line(sentence)}"
                               for sentence in result[:_MOST_SENTENCES]]
             if len(result) > _MOST_SENTENCES:
-                self.recovered.append(f"missing since its recovery: {len(result) - _MOST_SENTENCES} more places")
+                more = len(result) - _MOST_SENTENCES
+                self.recovered.append(f"missing already when it was recovered: {more} more places")
         else:
             raise ValueError(name)
 
 
 def chunks(stream: Iterable[McapRecord], contents: Contents) -> Iterator[tuple[McapRecord, list[bytes]]]:
-    """Chunks with their index records; everything else goes into `contents`.
+    """Iterate over chunks with their index records; put all other records into `contents`.
 
-    Messages outside chunks come as one record of opcode MESSAGE whose body holds many of them.
+    Messages outside chunks are joined into records of opcode MESSAGE whose bodies hold many messages.
     """
     chunk: McapRecord | None = None
     indexes: list[bytes] = []
@@ -158,7 +160,7 @@ def chunks(stream: Iterable[McapRecord], contents: Contents) -> Iterator[tuple[M
 
 def unpack(chunk: McapRecord, indexes: list[bytes], contents: Contents,
            expansion: records.Expansion) -> tuple[bytes, records.Messages]:
-    """The bytes of a chunk and where its messages are; schemas and channels in it go into `contents`.
+    """Return the bytes of a chunk and the positions of its messages; put its schemas and channels into `contents`.
 
     Raises
     ------
@@ -174,7 +176,7 @@ def unpack(chunk: McapRecord, indexes: list[bytes], contents: Contents,
 
 
 def first_channels(stream: Iterable[McapRecord], contents: Contents, wanted: str, expansion: records.Expansion) -> None:
-    """Read chunks until one more than the first with a channel of type `wanted`: where no index names the topics."""
+    """Read chunks up to the one after the first that has a channel of type `wanted`, for files without an index."""
     enough = False
     for chunk, indexes in chunks(stream, Contents()):
         try:
@@ -187,7 +189,7 @@ def first_channels(stream: Iterable[McapRecord], contents: Contents, wanted: str
 
 
 def together(one: dict[str, Any] | None, other: dict[str, Any] | None) -> dict[str, Any] | None:
-    """The results of two parts of a recording: counts by topic added, all else as the later one has it."""
+    """Merge the results of two parts of a recording: add counts by topic; take all else from the later part."""
     if one is None or other is None:
         return one or other
     found = {**one, **other}

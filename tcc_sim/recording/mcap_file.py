@@ -1,4 +1,4 @@
-"""One MCAP file while it is written, and what the metadata.yaml of a bag says of such files."""
+"""Write one MCAP file, and the metadata.yaml of a bag of such files."""
 
 from __future__ import annotations
 
@@ -24,10 +24,9 @@ SCENE_RECORD = "tcc_sim"
 RESULT_RECORD = "tcc_sim_result"
 RECOVERY_RECORD = "tcc_sim_recovery"
 PUBLISHER_KEY = "publisher"
-"""Entry of a channel's metadata: who published its messages, as the middleware identifies it (hexadecimal digits)."""
+"""Key in a channel's metadata: identifier of the publisher in the middleware (hexadecimal digits)."""
 MOST_CHUNKS = 200_000
-"""Chunks in a file, each of which takes 0.6 kB of memory until its index is written; the next one goes into a new part.
-"""
+"""Largest number of chunks in a file; each takes 0.6 kB of memory until the index is written."""
 _CHUNK_SIZE = 1 << 20
 _METADATA_VERSION = 9
 
@@ -40,17 +39,17 @@ RELIABLE: tuple[Mapping[str, Any], ...] = ({
 
 
 def digest(*texts: str) -> str:
-    """SHA-256 of texts: MCAP checks its chunks but not its metadata records, which hold the scene."""
+    """Return the SHA-256 of texts: MCAP has checksums of chunks but not of metadata records, which hold the scene."""
     return hashlib.sha256("\0".join(texts).encode()).hexdigest()
 
 
 class _Output:
-    """A new file, unbuffered, so that after a full disk nothing is left that could fail again."""
+    """A new unbuffered file: after an error such as a full disk, no buffered data remains that could fail again."""
 
     def __init__(self, name: Path | str, folder: int | None) -> None:
         self.file = FileIO(os.open(name, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666, dir_fd=folder),
                            "wb")
-        self.flush = self.file.flush  # Everything is with the operating system already.
+        self.flush = self.file.flush  # Nothing is buffered here.
         self._position = 0
 
     def write(self, data: bytes) -> int:
@@ -63,13 +62,13 @@ class _Output:
         return len(data)
 
     def tell(self) -> int:
-        """Bytes written."""
+        """Return the number of bytes written."""
         return self._position
 
 
 @dataclass(frozen=True)
 class TopicMetadata:
-    """A channel as it was announced: fully resolved name, message type, quality of service, publisher (or empty)."""
+    """An announced channel: fully resolved name, message type, quality of service, publisher (or empty)."""
 
     name: str
     type: str
@@ -78,20 +77,20 @@ class TopicMetadata:
     publisher: str
 
     def as_yaml(self) -> dict[str, Any]:
-        """The entry of metadata.yaml."""
+        """Return the entry of metadata.yaml."""
         return {"name": self.name, "type": self.type, "serialization_format": "cdr",
                 "offered_qos_profiles": [dict(profile) for profile in self.profiles],
                 "type_description_hash": self.definition.type_hash}
 
 
 class McapFile:
-    """One MCAP file of profile ros2 that must not exist yet; chunks are compressed with zstd and carry a checksum.
+    """Writer of a new MCAP file of profile ros2; chunks are compressed with zstd and have a checksum.
 
     Parameters
     ----------
-    path : of the file
-    scene_text, version : the scene (YAML), and who ran it
-    folder : descriptor of the directory that `path` is in, wherever that is by now
+    path : path of the file
+    scene_text, version : the scene (YAML), and the package version that runs it
+    folder : descriptor of the directory of `path`, which stays valid if the directory is renamed
 
     Raises
     ------
@@ -123,15 +122,15 @@ class McapFile:
             raise
 
     def describe(self, scene_text: str, version: str = __version__, log_ns: int = 0) -> None:
-        """Say which scene (YAML) the messages from here on come from; every driveline that is started writes one.
+        """Record the scene (YAML) that the following messages come from; each start of a driveline records one.
 
         Raises
         ------
         InputError
-            It is longer than any scene, so that nobody could read it.
+            The text is longer than a scene may be.
         """
         if len(scene_text) > LARGEST_FILE:
-            raise InputError(f"it has {len(scene_text)} characters; a scene has at most {LARGEST_FILE}")
+            raise InputError(f"the scene has {len(scene_text)} characters; it must have at most {LARGEST_FILE}")
         self.metadata(SCENE_RECORD, {"version": version, "scene": scene_text, "log_time": str(log_ns),
                                      "sha256": digest(version, scene_text, str(log_ns))})
 
@@ -146,17 +145,17 @@ class McapFile:
 
     def channel(self, topic: str, type_name: str, qos: Sequence[Mapping[str, Any]] = RELIABLE,
                 schema: Definition | None = None, publisher: str = "") -> int:
-        """Announce a topic (fully resolved name), of one publisher where that is said, and get its channel.
+        """Announce a topic (fully resolved name), optionally of one publisher, and return its channel.
 
         Raises
         ------
         InputError
-            The type has no definition here and none was given.
+            No `schema` was given and the type's definition is not available.
         """
         return self.announce(TopicMetadata(topic, type_name, tuple(qos), schema or definition(type_name), publisher))
 
     def announce(self, topic: TopicMetadata) -> int:
-        """Announce a topic and get its channel."""
+        """Announce a topic and return its channel."""
         key = (topic.type, topic.definition.text)
         if key not in self._schemas:
             self._schemas[key] = self._writer.register_schema(topic.type, "ros2msg", topic.definition.text.encode())
@@ -170,7 +169,7 @@ class McapFile:
         return channel
 
     def write(self, channel: int, log_ns: int, publish_ns: int, data: bytes, sequence: int = 0) -> None:
-        """Add one serialised message: when it was received and sent, and its number at the publisher."""
+        """Add one serialised message with its times of receipt and sending (ns) and its publisher's sequence number."""
         self._add_message(channel, log_ns, data, publish_ns, sequence & 0xFFFFFFFF)
         summary = self.summary
         summary.counts[channel] += 1
@@ -184,21 +183,21 @@ class McapFile:
 
     @property
     def size(self) -> int:
-        """Bytes that were handed to the operating system."""
+        """Number of bytes written to the operating system."""
         return self._output.tell()
 
     def flush(self) -> None:
-        """Hand everything written so far to the operating system: a kill loses only what comes later."""
+        """Write all data so far to the operating system, so that a kill loses only later data."""
         self._writer.flush()
         self.chunks, self._waiting = self.chunks + (self._waiting > 0), 0
 
     def sync(self) -> None:
-        """Wait until everything written so far is on the disk: a power cut loses only what comes later."""
+        """Wait until all data so far is on the disk, so that a power cut loses only later data."""
         self.flush()
         os.fsync(self._output.file.fileno())
 
     def close(self, result: Mapping[str, Any] | None = None, sync: bool = False) -> None:
-        """Write the result record, index and footer. No ROS call is needed."""
+        """Write the result record, index and footer, without any ROS call."""
         self._writer.flush()
         if result is not None:
             self.note(RESULT_RECORD, result)
@@ -209,23 +208,23 @@ class McapFile:
         self.abandon()
 
     def abandon(self) -> None:
-        """Close the file as it is, readable up to the last flush."""
+        """Close the file without an index; it is readable up to the last flush."""
         self._output.file.close()
 
     def remove(self) -> None:
-        """Close the file and take it away."""
+        """Close and delete the file."""
         self.abandon()
         os.unlink(self._name, dir_fd=self._folder)
 
     def linked(self) -> bool:
-        """Whether the file still has a name."""
+        """Return whether the file still has a name."""
         return os.fstat(self._output.file.fileno()).st_nlink > 0
 
 
 @dataclass
 class FileSummary:
-    """What metadata.yaml says of one file: name, times of the first and the last message (ns), topics and messages by
-    channel.
+    """Data of one file for metadata.yaml: name, times of the first and the last message (ns), topics and message counts
+    by channel.
     """
 
     name: str
@@ -236,12 +235,12 @@ class FileSummary:
 
     @property
     def count(self) -> int:
-        """Messages."""
+        """Number of messages."""
         return sum(self.counts.values())
 
 
 def _times(files: Sequence[FileSummary]) -> dict[str, dict[str, int]]:
-    """Start and duration of files together; those without messages do not count."""
+    """Return the common start and duration of files, ignoring files without messages."""
     filled = [file for file in files if file.count]
     first = min((file.first_ns for file in filled), default=(1 << 63) - 1)
     last = max((file.last_ns for file in filled), default=first)
@@ -249,7 +248,7 @@ def _times(files: Sequence[FileSummary]) -> dict[str, dict[str, int]]:
 
 
 def information(files: Sequence[FileSummary]) -> dict[str, Any]:
-    """What metadata.yaml says of a bag of these files (rosbag2_bagfile_information, version 9)."""
+    """Return the content of metadata.yaml for a bag of these files (rosbag2_bagfile_information, version 9)."""
     topics, counts = dict[tuple[str, str], TopicMetadata](), Counter[tuple[str, str]]()
     for file in files:
         for channel, topic in file.topics.items():

@@ -1,4 +1,4 @@
-"""The files of a recording: a bag directory, or an MCAP file by itself."""
+"""Find and open the files of a recording: a bag directory or a single MCAP file."""
 
 from __future__ import annotations
 
@@ -13,39 +13,39 @@ _MOST_PARTS, _LONGEST_METADATA = 100_000, 1 << 22
 
 
 def parts_of(path: Path) -> list[Path]:
-    """The MCAP files of a recording, in their order.
+    """Return the MCAP files of a recording, in their order.
 
     Raises
     ------
     RecordingError
-        There are none.
+        No MCAP file is there.
     """
     paths = [path]
     if path.is_dir():
         paths = sorted(path.glob("*.mcap"), key=lambda part: (part_number(part) or 0, part.name))
     if path.suffix == ".db3" or (not paths and any(path.glob("*.db3"))):
         bag = path.parent if path.suffix == ".db3" else path
-        raise RecordingError(f"{bag} is a bag in SQLite, which is not read; rosbags-convert --src {bag} --dst "
-                             f"{bag}_mcap --dst-storage mcap (from pip install rosbags) makes one that is")
+        raise RecordingError(f"{bag} is a bag in SQLite, which is not read; convert it to MCAP with rosbags-convert "
+                             f"--src {bag} --dst {bag}_mcap --dst-storage mcap (from pip install rosbags)")
     if not paths:
         inside = sorted({part.parent for part in path.glob("*/*.mcap")})
         if len(inside) == 1:
             return parts_of(inside[0])
-        where = (f": there are some in {inside[0]} and {counted(len(inside) - 1, 'more folder')}; name one of them"
+        where = (f"; {inside[0]} and {counted(len(inside) - 1, 'more folder')} in it hold some: name one of them"
                  if inside else "")
         raise RecordingError(f"{path} holds no .mcap file{where}")
     return paths
 
 
 def part_number(path: Path) -> int | None:
-    """The number that rosbag2 puts last in the name of a part of a bag, None where there is none."""
+    """Return the number at the end of the name of a bag's part, or None."""
     digits = path.stem.rpartition("_")[2]
     return int(digits) if digits.isdecimal() and digits.isascii() and len(digits) < 19 else None
 
 
 def missing_parts(path: Path, paths: list[Path]) -> list[int]:
-    """Numbers of parts that are left out between those of a split recording and before the first, or that its
-    metadata.yaml names and are not there.
+    """Return the numbers of missing parts: gaps in the numbers of a split recording, and parts that only its
+    metadata.yaml names.
     """
     there = {part_number(part) or 0 for part in paths}
     last = min(max(there), _MOST_PARTS) if len(paths) > 1 else 0
@@ -54,13 +54,13 @@ def missing_parts(path: Path, paths: list[Path]) -> list[int]:
 
 
 def unlisted_parts(path: Path, paths: list[Path]) -> list[str]:
-    """Names of the files that the recording's metadata.yaml does not name; none where there is none."""
+    """Return the names of the files that the recording's metadata.yaml does not name; empty without metadata.yaml."""
     listed = _listed(paths[0].parent if path.is_dir() else path)
     return [part.name for part in paths if part.name not in listed] if listed else []
 
 
 def _listed(path: Path) -> set[str]:
-    """The names of the parts that metadata.yaml in a bag directory has."""
+    """Return the names of the parts in a bag directory's metadata.yaml."""
     try:
         file = path / "metadata.yaml"
         if file.stat().st_size > _LONGEST_METADATA:
@@ -72,7 +72,7 @@ def _listed(path: Path) -> set[str]:
 
 
 def open_file(path: Path) -> BinaryIO:
-    """Open a regular file for reading; a pipe would keep its reader waiting."""
+    """Open a regular file for reading; refuse a pipe, which could block."""
     try:
         if path.exists() and not path.is_file():
             raise RecordingError(f"{path} is not a regular file")
@@ -82,7 +82,7 @@ def open_file(path: Path) -> BinaryIO:
 
 
 def records_of(path: Path, stream: RecordStream) -> Iterator[McapRecord]:
-    """The stream's records; errors name the file."""
+    """Iterate over the stream's records; errors name the file."""
     try:
         yield from stream
     except RecordingError as error:

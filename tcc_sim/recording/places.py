@@ -1,8 +1,8 @@
-"""The state at which each announcement of the driveline comes into force, whatever the clock did meanwhile.
+"""Find the first state to which each announcement of the driveline applies, robust to a clock that is set back.
 
-A driveline says all of it in one order, but on several topics. The file keeps of that order: the order within each
-topic, the stamp from which on each message holds, and by the driveline's clock when everything was sent. A clock may be
-set back, so it only decides where the rest leaves a choice.
+A driveline publishes states and announcements in one order, but on several topics. The file preserves the order within
+each topic, the first stamp to which each message applies, and the times of sending. Since the clock may be set back,
+times of sending only decide where the rest leaves a choice.
 """
 
 from __future__ import annotations
@@ -16,29 +16,29 @@ from tcc_sim.recording.announcements import InputSource, SceneRecord
 from tcc_sim.recording.columns import JointStates
 
 MOST_CANDIDATES = 1_000_000
-"""States at which a message may have come into force that are weighed, beside those that the clock is sure of."""
+"""Largest number of candidate states considered, in addition to those that the clock settles."""
 
 
 @dataclass(frozen=True)
 class ScenePlace:
-    """The message with this number holds from the state with this index on (counted over the whole recording)."""
+    """First state, by its index in the whole recording, to which the message with this number applies."""
 
     index: int
     number: int
 
 
-def places_of(said: Sequence[SceneRecord | InputSource], runs: Iterable[JointStates]) -> list[ScenePlace]:
-    """Return from which states on the messages of one kind, in the order of the recording, hold.
+def places_of(messages: Sequence[SceneRecord | InputSource], runs: Iterable[JointStates]) -> list[ScenePlace]:
+    """Return the first states to which messages of one kind, in the order of the recording, apply.
 
-    A message that never came into force has no place.
+    A message that applies to no state is left out.
     """
-    if len(said) < 2:
-        return [ScenePlace(0, 0)] if said else []
-    sent_at = np.array([min(one.log_ns, 2**63 - 1) for one in said], dtype=np.int64)
-    stamps = np.array([min(one.first_stamp_ns, 2**63 - 1) for one in said], dtype=np.int64)
+    if len(messages) < 2:
+        return [ScenePlace(0, 0)] if messages else []
+    sent_at = np.array([min(one.log_ns, 2**63 - 1) for one in messages], dtype=np.int64)
+    stamps = np.array([min(one.first_stamp_ns, 2**63 - 1) for one in messages], dtype=np.int64)
     order = np.argsort(stamps, kind="stable")
     stamps = stamps[order]
-    sure, likely, possible = ([list[int]() for _ in said] for _ in range(3))
+    sure, likely, possible = ([list[int]() for _ in messages] for _ in range(3))
     weighed = last = 0
     last_sent = -(2**63)
     for states in runs:
@@ -60,7 +60,7 @@ def places_of(said: Sequence[SceneRecord | InputSource], runs: Iterable[JointSta
 
 
 def _chosen(sure: list[list[int]], likely: list[list[int]], possible: list[list[int]], end: int) -> list[ScenePlace]:
-    """Choose one state for each message from those that come into question, in the order of the messages."""
+    """Choose one state for each message from its candidates, in the order of the messages."""
     found: list[int | None] = []
     last = 0
     for candidates in sure:

@@ -1,4 +1,4 @@
-"""Reading: a bag or an MCAP file, complete, cut short or damaged, as columns."""
+"""Read a bag or an MCAP file, complete, truncated or damaged, into columns."""
 
 from __future__ import annotations
 
@@ -34,26 +34,26 @@ from tcc_sim.recording.window import Window
 from tcc_sim.topics import JOINT_NAMES, JOINT_STATE
 
 BYTES_A_STATE = 110
-"""Memory that a state takes, with what is worked out of it."""
+"""Memory for one state and its derived quantities, bytes."""
 _MOST_NAMED, _LARGEST_COUNT = 50, 10**18
 
 Tap = Callable[[bytes, Messages, Mapping[int, Channel]], None]
-"""Takes the bytes of an unpacked chunk, where its messages are, and the channels known so far."""
+"""Function of the bytes of an unpacked chunk, the positions of its messages, and the channels described so far."""
 
 
 class TooManyStates(InputError):
-    """A recording that takes more memory than it may."""
+    """A recording needs more memory than is allowed."""
 
 
 class Run:
-    """A recording of one or several files. Made by `open_run`; ask for its `states()`, then for what was missing.
+    """A recording of one or several files, opened by `open_run`.
 
     topics : message type by topic
-    complete : the recording was closed properly; False where it was cut short
-    result : what the recorder said at the end (lost messages by topic), of all files together; None where it did not
-    warnings : one sentence per damage, complete after `states()`
-    messages : messages read by topic, complete after `states()`
-    size : bytes of all files
+    complete : whether the recording was closed properly; False if it was cut short
+    result : the recorder's final record (lost messages by topic), merged over all files; None without one
+    warnings : one sentence for each damage, complete after `states()`
+    messages : number of messages read by topic, complete after `states()`
+    size : size of all files, bytes
     """
 
     def __init__(self, path: Path, paths: list[Path], topic: str | None, joints: Mapping[str, str] | None) -> None:
@@ -83,13 +83,13 @@ class Run:
         if not self._contents:
             raise RecordingError(self._left_out[0].removeprefix("left out: "))
         self.paths = list(self._contents)
-        self.scenes = list(dict.fromkeys(self.scenes))  # Each part of a split recording says its scene again.
+        self.scenes = list(dict.fromkeys(self.scenes))  # Each part of a split recording repeats the scene.
         self.joint_states_topic = topic or _choose(self.topics)
         self._joints = tuple((joints or {}).get(name, name) for name in JOINT_NAMES)
         self._layout: cdr.Layout | None = None
 
     def _open(self, path: Path) -> None:
-        """Read what a file says of itself."""
+        """Read the records that describe a file."""
         contents = Contents()
         with open_file(path) as file:
             size = os.fstat(file.fileno()).st_size
@@ -106,7 +106,7 @@ class Run:
 
     @property
     def scene_text(self) -> str | None:
-        """The (first) scene of the recording, YAML; None where it holds none."""
+        """The (first) scene of the recording, YAML; None if the recording has no scene."""
         return self.scenes[0].text if self.scenes else None
 
     @property
@@ -116,29 +116,28 @@ class Run:
 
     @property
     def solver(self) -> str:
-        """The name of the solver, where whoever wrote it says it, else the driveline's."""
-        said = (self.result or {}).get("solver")
-        return said if isinstance(said, str) else "fixed_step"
+        """Name of the solver in the result record; `fixed_step`, the driveline's, by default."""
+        name = (self.result or {}).get("solver")
+        return name if isinstance(name, str) else "fixed_step"
 
     @property
     def lost_messages(self) -> int:
-        """joint_states messages that are missing between those read, by their stamps."""
+        """Number of joint_states messages that are missing according to the stamps."""
         return self.stamps.lost
 
     def states(self) -> tuple[JointStates, ...]:
-        """The joint_states of every run; errors are those of `columns`."""
+        """Return the joint_states of every run; errors are those of `columns`."""
         return self.columns().runs
 
     def columns(self, window: Window | None = None) -> Columns:
-        """Everything in it, or the states in a window, as columns; the recording is read once.
+        """Read the recording, or the states in a window, once and return it as columns.
 
         Raises
         ------
         RecordingError
-            Nothing can be read, there are no joint_states, or several publishers are mixed in them with nothing to tell
-            them apart.
+            Nothing can be read, there are no joint_states, or publishers are mixed and cannot be separated.
         TooManyStates
-            They would take more than half of the machine's memory.
+            The states would need more than half of the machine's memory.
         """
         found = self.read(window=window)
         if not self.stamps.messages:
@@ -147,8 +146,8 @@ class Run:
         return found
 
     def read(self, tap: Tap | None = None, window: Window | None = None) -> Columns:
-        """As `columns`, for recordings that may hold no joint_states. With a `tap`, which sees every chunk that can be
-        read, no states are kept.
+        """Read as `columns` does, also without joint_states. With a `tap`, which is called for every readable chunk, no
+        states are stored.
         """
         self.warnings, self.messages, self.stamps = Warnings(), dict.fromkeys(self.topics, 0), StampCounter()
         self._began = Break.START
@@ -194,7 +193,7 @@ class Run:
                        {name: len(who) for name, who in commands.publishers.items()}, commands.counts)
 
     def _check_memory(self, count: int) -> None:
-        """Raise TooManyStates where so many states take more than half of the machine's memory."""
+        """Raise TooManyStates if `count` states need more than half of the machine's memory."""
         memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
         if count * BYTES_A_STATE > memory // 2:
             raise TooManyStates(f"{self.path}: its {count} states take {count * BYTES_A_STATE / 1e9:.3g} GB, "
@@ -202,15 +201,15 @@ class Run:
                                 "--from and --to (simulation time, s), or start and end in Python")
 
     def _publisher(self, heads: NDArray[np.void], channels: Mapping[int, Channel]) -> NDArray[np.int64]:
-        """A number for whoever published each message; 0 where the recording does not say."""
-        numbers, place = np.unique(heads["channel"], return_inverse=True)
-        known = [self._publishers.setdefault(channels[channel].publisher, len(self._publishers))
-                 for channel in numbers.tolist()]
-        return np.array(known, dtype=np.int64)[place]
+        """Return the number of each message's publisher; 0 if the recording does not identify it."""
+        numbers, inverse = np.unique(heads["channel"], return_inverse=True)
+        publishers = [self._publishers.setdefault(channels[channel].publisher, len(self._publishers))
+                      for channel in numbers.tolist()]
+        return np.array(publishers, dtype=np.int64)[inverse]
 
     def _runs(self, batch: JointStates, publisher: NDArray[np.int64],
               numbers: NDArray[np.int64]) -> Iterator[JointStates]:
-        """The batch, parted where simulation time starts again, without repeated stamps and what came too late."""
+        """Split a batch where simulation time starts again; leave out repeated stamps and late messages."""
         run, kept = self.stamps.runs - 1, np.zeros(len(batch), dtype=np.bool_)
         starts = [0]
         began = [self._began]
@@ -226,7 +225,7 @@ class Run:
                 yield replace(part, run=run + number, began=began[number])
 
     def _chunks(self, path: Path) -> Iterator[tuple[bytes, Messages, dict[int, Channel]]]:
-        """Unpacked chunks of one file with their messages; damaged ones are passed over with a warning."""
+        """Iterate over the unpacked chunks of one file with their messages; skip damaged ones with a warning."""
         known = self._contents[path]
         contents = Contents(channels=dict(known.channels), schemas=dict(known.schemas))
         seen, unchecked = Counter[int](), False
@@ -249,31 +248,31 @@ class Run:
         self.warnings.conclude()
         self.warnings.extend(contents.warnings())
         if unchecked:
-            self.warnings.append("some messages carry no checksum: damage in them would go unnoticed")
+            self.warnings.append("some messages have no checksum: damage in them would go unnoticed")
         if (nameless := set(seen) - set(contents.channels)):
             count = sum(seen[channel] for channel in nameless)
-            self.warnings.append(f"{counted(count, 'message')} of channels whose description is lost left out")
+            self.warnings.append(f"{counted(count, 'message')} left out: the description of the channel is lost")
         short = sum(max(0, count - seen[channel]) for channel, count in contents.expected.items()) if complete else 0
         if short:
             self.warnings.append(f"{short} of {counted(sum(contents.expected.values()), 'message')} could not be read")
 
     def _conclude(self, refused: Counter[str]) -> None:
-        """Add the warnings that only the whole recording allows."""
+        """Add the warnings that need the whole recording."""
         for topic, count in refused.items():
             if count:
-                self.warnings.append(f"{counted(count, 'message')} of {topic} with another layout left out")
+                self.warnings.append(f"{counted(count, 'message')} of {topic} left out: their layout differs")
         self.warnings.extend(self._left_out)
         if not self.complete and not self._left_out and not self._missing:
-            self.warnings.append("the recording was cut short: what came after the last flush is missing")
+            self.warnings.append("the recording was cut short: data after the last flush is missing")
         for name in unlisted_parts(self.path, self._given):
-            self.warnings.append(f"part {one_line(name)} is not one that metadata.yaml names")
+            self.warnings.append(f"metadata.yaml does not name the part {one_line(name)}")
         if missing := self._missing:
             self.warnings.append(f"part {missing[0]} is missing" if len(missing) == 1 else
                                  f"{len(missing)} parts are missing, the first is part {missing[0]}")
         stamps = self.stamps
         if stamps.lost:
-            self.warnings.append(f"{counted(stamps.lost, 'message')} of {self.joint_states_topic} missing "
-                                 "by the stamps")
+            self.warnings.append(f"{counted(stamps.lost, 'message')} of {self.joint_states_topic} missing, according "
+                                 "to the stamps")
         result = self.result or {}
         for key, what in (("lost", "lost while recording"), ("unsent", "could not be sent by their publisher")):
             counts = result.get(key)
@@ -289,12 +288,12 @@ class Run:
         if stamps.repeated:
             self.warnings.append(f"{counted(stamps.repeated, 'repeated stamp')} left out")
         if stamps.late:
-            self.warnings.append(f"{counted(stamps.late, 'message')} of {self.joint_states_topic} left out: from "
-                                 "a publisher that another one had taken over from; several drivelines ran at once")
+            self.warnings.append(f"{counted(stamps.late, 'message')} of {self.joint_states_topic} left out: several "
+                                 "drivelines published at once, and only the latest to start is read")
         if stamps.mixed:
             raise RecordingError(f"{self.joint_states_topic}: simulation time jumps back and forth "
-                                 f"{counted(stamps.returns, 'time')} between two runs; several publishers are mixed, "
-                                 "and nothing tells them apart")
+                                 f"{counted(stamps.returns, 'time')} between two runs; publishers are mixed and cannot "
+                                 "be separated")
 
 
 def open_run(path: Path | str, topic: str | None = None, joints: Mapping[str, str] | None = None) -> Run:
@@ -302,26 +301,26 @@ def open_run(path: Path | str, topic: str | None = None, joints: Mapping[str, st
 
     Parameters
     ----------
-    topic : the joint_states topic to read where a recording has several; the only one, or the shortest, by default
-    joints : names that flywheel and clutch_plate have in the recording, where they have others
+    topic : the joint_states topic to read; by default the only one, or the one with the shortest name
+    joints : names of flywheel and clutch_plate in the recording, if they differ
 
     Raises
     ------
     RecordingError
-        No recording there, or nothing in it can be read.
+        There is no recording, or nothing in it can be read.
     """
     path = Path(path)
     return Run(path, parts_of(path), topic, joints)
 
 
 def _of(channels: Mapping[int, Channel], here: list[int], topic: str, type_name: str) -> list[int]:
-    """Which of the channels that a chunk has messages of are of this topic and type."""
+    """Return the channels of this topic and type among those with messages in a chunk."""
     return [number for number in here if number in channels
             and (channels[number].topic, channels[number].type) == (topic, type_name)]
 
 
 def _choose(topics: dict[str, str]) -> str:
-    """The joint_states topic: of that type, if possible of that name, the shortest of several."""
+    """Return the shortest name of a JointState topic, preferring those that end in joint_states."""
     found = [name for name, type_name in topics.items() if type_name == JOINT_STATE]
     named_so = [name for name in found if name.rpartition("/")[2] == "joint_states"]
     return min(named_so or found or ["/joint_states"], key=lambda name: (len(name), name))

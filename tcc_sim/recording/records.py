@@ -1,4 +1,4 @@
-"""The records of an MCAP file, read so that damage costs the damaged part only; the mcap package decodes their fields.
+"""Read the records of an MCAP file so that damage affects only the damaged part; the mcap package decodes the fields.
 
 Layout (MCAP 0): magic, then records of one opcode byte, eight length bytes and a body; messages sit in compressed
 chunks, each followed by one index record per channel.
@@ -30,15 +30,15 @@ MAGIC = b"\x89MCAP0\r\n"
 DECODERS: dict[int, Any] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel, Opcode.CHUNK: Chunk,
                             Opcode.STATISTICS: Statistics, Opcode.METADATA: Metadata}
 LARGEST_CHUNK = 64 << 20
-"""A chunk that claims more bytes than this, packed or unpacked, is refused."""
+"""Largest size of a chunk, packed or unpacked, bytes."""
 LARGEST_EXPANSION = 100
-"""Times the size of its file that all chunks may unpack to, beside SMALLEST_EXPANSION; real ones come to 3 to 20."""
+"""Largest ratio of the unpacked chunks to the file, in addition to SMALLEST_EXPANSION; real ratios are 3 to 20."""
 SMALLEST_EXPANSION = 16 << 20
-"""Bytes that the chunks of any file may unpack to."""
+"""Bytes to which the chunks of any file may unpack."""
 MOST_DESCRIPTIONS = 20_000
-"""Records of a chunk that are no messages; a chunk of a recorder has as many as it has topics, twice."""
+"""Largest number of records in a chunk that are not messages; a recorder writes two for each topic."""
 MOST_SENTENCES = 20
-"""Damaged places that are named one by one."""
+"""Largest number of damaged places that are listed one by one."""
 _LARGEST_RECORD = 16 << 20
 _OF_MESSAGES = {Opcode.CHUNK, Opcode.MESSAGE, Opcode.MESSAGE_INDEX}
 _WANTED = {*DECODERS, *_OF_MESSAGES}
@@ -47,11 +47,11 @@ _MESSAGE_HEAD = np.dtype([("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"
 
 
 class DamagedChunk(Exception):
-    """A chunk that cannot be used; the sentence says why."""
+    """A chunk cannot be used; the message gives the reason."""
 
 
 class Warnings(list[str]):
-    """One sentence per damage; of damaged places only the first MOST_SENTENCES are named, the others counted."""
+    """One sentence for each damage; only the first MOST_SENTENCES damaged places are listed, the others counted."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -64,25 +64,25 @@ class Warnings(list[str]):
             self.append(sentence)
 
     def conclude(self) -> None:
-        """Say how many places were not named."""
+        """Add the number of places that were not listed."""
         if self._places > MOST_SENTENCES:
             self.append(f"{counted(self._places - MOST_SENTENCES, 'more place')} damaged")
             self._places = 0
 
 
 class Expansion:
-    """How many bytes the chunks of a file may still unpack to."""
+    """Bytes to which the chunks of a file may still unpack."""
 
     def __init__(self, file_size: int) -> None:
         self.limit = self.left = SMALLEST_EXPANSION + LARGEST_EXPANSION * file_size
 
     def take(self, count: int) -> None:
-        """Use some of it.
+        """Subtract `count` bytes.
 
         Raises
         ------
         DamagedChunk
-            There is not enough left.
+            Fewer bytes are left.
         """
         if count > self.left:
             raise DamagedChunk(f"with it the recording would unpack to more than {self.limit} bytes, the most allowed "
@@ -91,7 +91,7 @@ class Expansion:
 
 
 class McapRecord(NamedTuple):
-    """One record of a file: what it is, where it starts and its body (empty where it was skipped)."""
+    """One record of a file: opcode, offset and body (empty if it was skipped)."""
 
     opcode: int
     offset: int
@@ -100,11 +100,11 @@ class McapRecord(NamedTuple):
 
 @dataclass
 class RecordStream:
-    """Iterates over the records of an open MCAP file in order; afterwards says how it ended.
+    """Iterator over the records of an open MCAP file, in order.
 
-    chunks : read chunk bodies too; otherwise they are passed over
-    complete : the footer was reached; until then False
-    warnings : a sentence per damaged stretch
+    chunks : whether to read chunk bodies too
+    complete : whether the footer was reached
+    warnings : one sentence for each damaged part
     """
 
     file: BinaryIO
@@ -138,12 +138,12 @@ class RecordStream:
 
 
 def decoded(opcode: int, body: bytes) -> Any:
-    """The fields of a record of one of DECODERS.
+    """Decode the fields of a record of one of DECODERS.
 
     Raises
     ------
     ValueError
-        They do not fit into it.
+        The fields do not fit into the record.
     """
     try:
         return DECODERS[opcode].read(ReadDataStream(io.BytesIO(body)))
@@ -152,12 +152,12 @@ def decoded(opcode: int, body: bytes) -> Any:
 
 
 def unpack_chunk(body: bytes, expansion: Expansion) -> bytes:
-    """The records inside a chunk, checked against its checksum; what it unpacks to is taken from `expansion`.
+    """Unpack the records of a chunk and verify its checksum; `expansion` bounds the unpacked size.
 
     Raises
     ------
     DamagedChunk
-        Lengths that disagree, a size beyond the limit, broken compression or a wrong checksum.
+        Lengths disagree, the size exceeds the limit, the compression is broken, or the checksum is wrong.
     """
     try:
         chunk = decoded(Opcode.CHUNK, body)
@@ -195,7 +195,7 @@ def _unpack(compression: str, packed: bytes, size: int) -> bytes:
 
 
 class Messages(NamedTuple):
-    """Where the messages of an unpacked chunk are: offset and length of each record's body, and its channel."""
+    """Positions of the messages of an unpacked chunk: offset and length of each record's body, and its channel."""
 
     offset: NDArray[np.int64]
     length: NDArray[np.int64]
@@ -205,7 +205,7 @@ class Messages(NamedTuple):
 
 
 def find_messages(data: bytes, indexes: list[bytes]) -> Messages:
-    """Find the messages by the chunk's index records where these tile the chunk without a gap, else record by record.
+    """Find the messages by the chunk's index records if they cover the chunk without a gap, else record by record.
 
     Raises
     ------
@@ -226,7 +226,7 @@ def find_messages(data: bytes, indexes: list[bytes]) -> Messages:
 
 
 def _walk(data: bytes, start: int, end: int, rows: array[int], others: list[tuple[int, int, int]]) -> None:
-    """Follow the records from `start` to exactly `end`; three numbers go into `rows` for each message."""
+    """Walk through the records from `start` to exactly `end`; append offset, length and channel of each message."""
     position = start
     unpack, message_head = _RECORD.unpack_from, struct.Struct("<H").unpack_from
     while position < end:
@@ -242,12 +242,11 @@ def _walk(data: bytes, start: int, end: int, rows: array[int], others: list[tupl
         elif len(others) < MOST_DESCRIPTIONS:
             others.append((opcode, body, length))
         else:
-            raise DamagedChunk(f"more than {MOST_DESCRIPTIONS} of its records are no messages")
+            raise DamagedChunk(f"more than {MOST_DESCRIPTIONS} of its records are not messages")
 
 
 def _tiled(data: bytes, starts: NDArray[np.uint64]) -> Messages | None:
-    """The messages that an index names, or None where they and the records between them do not fill the chunk exactly.
-    """
+    """Return the indexed messages, or None if they and the records between them do not fill the chunk exactly."""
     size = len(data)
     if size < 31 or int(starts[-1]) > size - 31:
         return None

@@ -1,4 +1,4 @@
-"""A complete, indexed bag from a recording that was cut short or damaged; the original stays as it is."""
+"""Write a complete, indexed bag from a recording that was cut short or damaged; the original is not changed."""
 
 from __future__ import annotations
 
@@ -20,15 +20,13 @@ from tcc_sim.recording.reader import Run
 from tcc_sim.recording.records import Messages
 
 _LONGEST_PROFILES, _LONGEST_ALL_PROFILES = 20_000, 400_000
-"""Characters of quality of service that are parsed, of one channel and of all: the YAML reader takes 1 s for 0.2 MB."""
+"""Characters of quality of service to parse, of one channel and of all: the YAML reader takes 1 s for 0.2 MB."""
 _MESSAGE = struct.Struct("<HIQQ")
 
 
 @dataclass(frozen=True)
 class Recovery:
-    """What a recovery gave: the new bag, messages saved by topic, whether the original was complete, and what is
-    missing.
-    """
+    """Result of a recovery: the new bag, messages saved by topic, whether the original was complete, and the losses."""
 
     directory: Path
     messages: dict[str, int]
@@ -37,23 +35,22 @@ class Recovery:
 
 
 def default_directory(path: Path) -> Path:
-    """Where a recovery goes by default: beside the original."""
-    place = path.resolve()
-    return place.parent / f"{place.stem if place.is_file() else place.name}_recovered"
+    """Return the default directory of a recovery, a sibling of the original."""
+    original = path.resolve()
+    return original.parent / f"{original.stem if original.is_file() else original.name}_recovered"
 
 
 def recover(run: Run, directory: Path) -> Recovery:
-    """Write every message that can be read into a new bag, with the scenes of the original and a record of what is
-    missing.
+    """Write every readable message into a new bag, with the scenes of the original and a record of the losses.
 
-    A recovery that fails or is interrupted takes its bag away again, so that the same command can be given once more.
+    A recovery that fails or is interrupted deletes its bag, so that the same command can be run again.
 
     Raises
     ------
     RecordingError
         The directory exists or cannot be created, or nothing can be read.
     OSError
-        With the name `directory`, where the disk takes no more.
+        The disk is full or fails; the error names `directory`.
     """
     copy = _Copy(run, directory)
     try:
@@ -77,8 +74,7 @@ def recover(run: Run, directory: Path) -> Recovery:
 
 
 class _Copy:
-    """Writes the messages of each chunk whose topic is known; the bag is made when there is something to put into it.
-    """
+    """Tap that copies the messages whose topic is described; it creates the bag at the first chunk."""
 
     def __init__(self, run: Run, directory: Path) -> None:
         self.bag: BagWriter | None = None
@@ -104,7 +100,7 @@ class _Copy:
             self.bag.write(numbers[source], log_ns, publish_ns, data[offset + _MESSAGE.size:offset + length], sequence)
 
     def _channel(self, bag: BagWriter, channel: Channel) -> int:
-        """The new bag's channel for one of the original's."""
+        """Return the new bag's channel for a channel of the original."""
         key = (channel.topic, channel.type, channel.publisher)
         if key not in self.known:
             schema = Definition(channel.schema.text, channel.metadata.get("topic_type_hash", ""))
@@ -113,7 +109,7 @@ class _Copy:
         return self.known[key]
 
     def _offered(self, channel: Channel) -> list[dict[str, Any]]:
-        """The quality of service that the recording states, or the driveline's."""
+        """Return the recorded quality of service, or the driveline's."""
         text = channel.metadata.get("offered_qos_profiles", "")[:_LONGEST_PROFILES]
         if text not in self._profiles:
             self._parsed += len(text)
@@ -122,8 +118,8 @@ class _Copy:
 
 
 def _parsed(text: str) -> list[dict[str, Any]]:
-    """Quality of service from its YAML; the driveline's where that is none. Aliases, with which a few bytes say as much
-    as they like, are not followed.
+    """Parse quality of service from YAML; return the driveline's if it is not valid. Text with anchors is refused,
+    since aliases can expand a few bytes without limit.
     """
     try:
         plain = not any(getattr(event, "anchor", None) for event in yaml.parse(text, Loader=yaml.SafeLoader))

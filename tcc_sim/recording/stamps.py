@@ -1,4 +1,4 @@
-"""Gaps, resets and restarts in the stamps of a stream: the only place that says what they are, and counts them."""
+"""Detect and count gaps, resets and restarts in the stamps of a stream."""
 
 from __future__ import annotations
 
@@ -14,15 +14,17 @@ from tcc_sim.result import reported, reporting
 
 Stamps = NDArray[np.int64]
 MOST_DIFFERENCES = 100_000
-"""Different distances of stamps that are remembered of a run; a recording of a clock has a handful."""
+"""Largest number of distinct stamp differences stored for a run; a recording has few unless stamps jitter."""
 REGULAR, JITTERED = 0.2, 20_000
-"""Stamps jitter where no distance makes up more than this part of them; the first so many messages of a run tell."""
+"""Stamps jitter if no difference makes up more than the fraction REGULAR of all; JITTERED is the number of messages at
+the start of a run that decide it.
+"""
 MOST_RETURNS = 3
-"""How often a run may go on where the one before it ended, by chance, where nothing says who published it."""
+"""Number of times that a run of unidentified publishers may continue at the end of the run before it by chance."""
 
 
 class Break(Enum):
-    """What lies between a piece of a stream and the piece before it."""
+    """Kind of boundary between a piece of a stream and the piece before it."""
 
     NOTHING = "nothing"
     GAP = "gap"
@@ -32,14 +34,14 @@ class Break(Enum):
 
     @property
     def begins_a_run(self) -> bool:
-        """Whether simulation time starts anew here."""
+        """Whether simulation time starts again here."""
         return self in (Break.START, Break.RESET, Break.RESTART)
 
 
 @dataclass
 class _Run:
-    """The distances of stamps in one run, from which its tick follows. Where hardly two are the same, each is judged by
-    the one before it too: those of a run-up, with so many samples to an engine cycle, grow or shrink steadily.
+    """Stamp differences in one run, and the tick that follows from them. If stamps jitter, each difference is also
+    compared with the one before it: in a run-up sampled at fixed crank angles, differences change steadily.
     """
 
     messages: int = 0
@@ -51,8 +53,7 @@ class _Run:
     lost: int = 0
 
     def add(self, steps: Stamps) -> None:
-        """Count distances, ns, all above 0; the tick is the most frequent of them, so a gap at the start does no harm.
-        """
+        """Count positive differences, ns; the tick is the most frequent one, so a gap at the start does no harm."""
         values, counts = np.unique(steps, return_counts=True)
         for value, count in zip(values.tolist(), counts.tolist()):
             if value in self.differences or len(self.differences) < MOST_DIFFERENCES:
@@ -62,11 +63,11 @@ class _Run:
 
     @property
     def longest(self) -> int:
-        """The longest distance that is no gap: one and a half ticks, and more where stamps jitter."""
+        """Largest difference that is not a gap, ns: one and a half ticks, and more if stamps jitter."""
         return self.tick + self.tick // 2 + self.jitter
 
     def gaps_in(self, steps: Stamps) -> NDArray[np.bool_]:
-        """Which distances, ns, the next ones in the order of recording, are gaps."""
+        """Return which of the next differences (ns, in the order of recording) are gaps."""
         over: NDArray[np.bool_] = steps > (self.longest if self.tick else np.iinfo(np.int64).max)
         if not self.jitter or not len(steps):
             return over
@@ -78,9 +79,7 @@ class _Run:
         return over
 
     def settle(self, newly: int) -> None:
-        """Take the median for the tick where hardly two distances are the same, as in stamps that jitter; `newly` of
-        the messages have just come.
-        """
+        """Set the tick to the median difference if stamps jitter; `newly` is the number of messages just added."""
         count = sum(self.differences.values())
         if self.messages - newly > JITTERED or not count or self.differences[self.tick] > REGULAR * count:
             return
@@ -89,7 +88,7 @@ class _Run:
         self.jitter = int(np.percentile(np.abs(values - self.tick), 95.0))
 
     def figures(self, tick: int) -> tuple[int, int, int]:
-        """Gaps, stamps that they leave out, and distances that are uneven without being a gap."""
+        """Return the numbers of gaps, of stamps missing in them, and of uneven differences that are not gaps."""
         if self.jitter:
             uneven = sum(n for step, n in self.differences.items() if abs(step - tick) > max(tick // 100, 2))
             return self.gaps, self.lost, uneven - self.gaps
@@ -105,13 +104,12 @@ class _Run:
 
 @dataclass
 class StampCounter:
-    """Cuts batches of stamps, which come in the order of recording, into pieces without gaps, and counts what it finds.
+    """Split batches of stamps, in the order of recording, into pieces without gaps, and count gaps and runs.
 
-    A stamp more than one and a half ticks after the last is a gap; one equal to the last is left out (nothing moves
-    while the driveline is paused). Simulation time starts anew, and a run begins, where a stamp falls back (a reset)
-    and where another publisher takes over (a restart). Publishers are told apart by who they are; where a recording
-    does not say that, a stamp that falls back belongs to another one if the number that its publisher gave it falls
-    back too. Each run has a tick of its own.
+    A difference of more than one and a half ticks is a gap; a repeated stamp is left out (a paused driveline repeats
+    it). A run begins where a stamp decreases (a reset) and where another publisher takes over (a restart). If the
+    recording does not identify publishers, a decrease of both stamp and sequence number is a restart. Each run has its
+    own tick.
     """
 
     messages: int = 0
@@ -120,9 +118,9 @@ class StampCounter:
     restarts: int = 0
     repeated: int = 0
     late: int = 0
-    """Messages of a publisher that another one had taken over from; they are left out."""
+    """Number of messages left out because another publisher had taken over."""
     returns: int = 0
-    """How often a run went on where the one before had ended, among publishers that nothing tells apart."""
+    """Number of times that a run of unidentified publishers continued at the end of the run before it."""
     last: int | None = None
     _run: _Run = field(default_factory=_Run)
     _longest: tuple[int, int] = (0, 0)
@@ -134,13 +132,13 @@ class StampCounter:
 
     def pieces(self, stamps: Stamps, publisher: NDArray[np.int64] | int = 0,
                numbers: NDArray[np.int64] | None = None) -> list[tuple[slice, Break]]:
-        """The pieces of the next batch, each with what precedes it.
+        """Return the pieces of the next batch, each with the break before it.
 
         Parameters
         ----------
         stamps : (n,) array, ns
-        publisher : who published each of them, one number or (n,) array; 0 where nobody knows
-        numbers : (n,) array, the number that its publisher gave each; all 0 where it gave none
+        publisher : number of each stamp's publisher, one number or (n,) array; 0 if it is not identified
+        numbers : (n,) array, publisher's sequence numbers; all 0 without them
         """
         found: list[tuple[slice, Break]] = []
         if not len(stamps):
@@ -158,7 +156,7 @@ class StampCounter:
 
     def _one_publisher(self, stamps: Stamps, publisher: int, numbers: Stamps, offset: int,
                        found: list[tuple[slice, Break]]) -> None:
-        """Cut stamps of one publisher."""
+        """Split stamps of one publisher."""
         taken_over = self.last is not None and publisher != self._publisher
         fresh = self.last is None or taken_over
         if taken_over:
@@ -178,7 +176,7 @@ class StampCounter:
         self._publisher = publisher
 
     def _begin(self, publisher: int, number: int, fresh: bool) -> Break:
-        """Begin a run; how it came to it."""
+        """Begin a run; return the kind of its start."""
         self._settle()
         self.runs += 1
         if self.last is None:
@@ -194,7 +192,7 @@ class StampCounter:
 
     def _cut(self, stamps: Stamps, steps: Stamps, part: slice, kind: Break, offset: int,
              found: list[tuple[slice, Break]]) -> None:
-        """Cut what belongs to one run at its gaps, and leave repeated stamps out."""
+        """Split stamps of one run at gaps, and leave repeated stamps out."""
         begin, end = part.start, part.stop
         first = begin + kind.begins_a_run
         forward = steps[first:end]
@@ -218,52 +216,52 @@ class StampCounter:
             found.append((slice(offset + start, offset + end), kind))
 
     def _look_back(self, stamps: Stamps, steps: Stamps) -> None:
-        """Count where a run jumps to just after the end of the one before: two publishers by turns."""
+        """Count a jump to just after the end of the run before, as two alternating publishers make."""
         if self._former is not None and len(stamps) and stamps[-1] > self._former:
             k = int(np.argmax(stamps > self._former))
             self.returns += int(stamps[k] - self._former < steps[k])
             self._former = None
 
     def _settle(self) -> None:
-        """Take the figures of the run that ends into those of the recording."""
+        """Add the counts of the run that ends to those of the recording."""
         self._settled = self._figures()
         self._longest = max(self._longest, (self._run.messages, self._run.tick))
         self._run = _Run(tick=self._run.tick)
 
     def _figures(self) -> tuple[int, int, int]:
-        """Gaps, missing stamps and uneven distances up to now."""
+        """Return the numbers of gaps, missing stamps and uneven differences so far."""
         gaps, lost, uneven = self._run.figures(self._run.tick)
         return self._settled[0] + gaps, self._settled[1] + lost, self._settled[2] + uneven
 
     @property
     def tick(self) -> int:
-        """Distance of stamps in the run with the most messages, ns; 0 where there are fewer than two."""
+        """Time between stamps in the run with the most messages, ns; 0 with fewer than two stamps."""
         return max(self._longest, (self._run.messages, self._run.tick))[1]
 
     @property
     @reporting("time between stamps", "s")
     def tick_s(self) -> float:
-        """Time between the stamps of the longest run, s."""
+        """Time between stamps in the run with the most messages, s."""
         return self.tick * 1e-9
 
     @property
     @reporting("number of gaps between stamps")
     def gaps(self) -> int:
-        """Gaps within runs."""
+        """Number of gaps within runs."""
         return self._figures()[0]
 
     @property
     def lost(self) -> int:
-        """Stamps that the gaps leave out."""
+        """Number of stamps missing in gaps."""
         return self._figures()[1]
 
     @property
     @reporting("number of stamps that are not multiples of the tick", name="uneven_stamps")
     def uneven(self) -> int:
-        """Distances, gaps apart, that differ from the tick by more than a hundredth of it."""
+        """Number of differences, except gaps, that deviate from the tick by more than 1 %."""
         return self._figures()[2]
 
     @property
     def mixed(self) -> bool:
-        """Whether messages of several publishers stand among each other with nothing to tell them apart."""
+        """Whether messages of several publishers are mixed and cannot be separated."""
         return self.returns > MOST_RETURNS and 10 * self.returns > self.resets + self.restarts

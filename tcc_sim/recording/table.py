@@ -1,4 +1,4 @@
-"""Measurements in a table: the columns of a CSV file, as numbers, and how they hold between its rows."""
+"""Read measurements from a CSV file: its columns, and how inputs are interpolated between rows."""
 
 from __future__ import annotations
 
@@ -21,31 +21,31 @@ from tcc_sim.trajectory import UNITS, Floats
 
 TIME = "t"
 CHANNELS = {"slip_speed": "rad/s", "plate_speed": "rad/s", "plate_angle": "rad"}
-"""Columns of what a driveline did, with their units; beside them the time, s, and DRIVING."""
+"""Columns of measured outputs, with their units; further columns are the time, s, and DRIVING."""
 DRIVING = (*INPUTS, FAR_END)
-"""Columns of what drove it: engine torque, pressure, and speed of the shaft's far end."""
+"""Columns of inputs: engine torque, pressure, and speed of the shaft's far end."""
 REFERENCES = ("engine_speed", "tacho")
-"""Columns that tell the phase of the engine: speed of the crankshaft, rad/s, and pulses of a tacho, in any unit."""
+"""Columns that give the phase of the engine: speed of the crankshaft, rad/s, and pulses of a tacho, in any unit."""
 HOLDS = ("previous", "linear", "next")
-"""How an input goes on between two rows: as the row before says, along a straight line, as the row after says."""
+"""Values of an input between two rows: that of the row before, a straight line, or that of the row after."""
 LARGEST_TABLE = 1 << 30
-"""Bytes of a table that are read at most."""
+"""Largest size of a table, bytes."""
 SMOOTH = 0.5
-"""Second differences of a column are below this part of its first ones (rms) where something smooth was sampled."""
+"""Ratio of second to first differences (rms) of a column below which it was sampled from a smooth signal."""
 _HOLD, _SAID = "hold: ", re.compile(r"(\w+) (previous|linear|next)")
 _NAMED = re.compile(r"(\w+)\s*[\[(](.*)[\])]")
 """A name with its unit in brackets."""
 _PRODUCT = re.compile(r"[\s.*]")
-"""Signs between factors of a unit."""
+"""Separators between factors of a unit."""
 _LONGEST_LINE = 1 << 16
 
 
 @dataclass(frozen=True)
 class HeldColumns:
-    """Columns of a CSV file, and how they hold between its rows.
+    """Columns of a CSV file, and how inputs are interpolated between rows.
 
     columns : (n,) arrays of finite numbers by name: t, DRIVING, CHANNELS, REFERENCES and output_angle
-    hold : how an input goes on between two rows, one of HOLDS by the column's name, where the file says it
+    hold : interpolation of inputs between rows, one of HOLDS by column name, if the file states it
     """
 
     columns: Mapping[str, Floats]
@@ -53,12 +53,12 @@ class HeldColumns:
 
 
 def hold_line(hold: Mapping[str, str]) -> str:
-    """The line of a table that says how its columns hold, without the # in front of it."""
+    """Return the line of a table that states the interpolation of its columns, without the leading #."""
     return _HOLD + ", ".join(f"{name} {how}" for name, how in hold.items())
 
 
 def looks_smooth(values: Floats) -> bool:
-    """Whether a column looks sampled from something smooth, and not held from step to step."""
+    """Return whether a column looks sampled from a smooth signal rather than held in steps."""
     first, second = np.diff(values), np.diff(values, 2)
     if len(second) < 8 or 2 * np.count_nonzero(first) < len(first):
         return False
@@ -68,20 +68,20 @@ def looks_smooth(values: Floats) -> bool:
 def table_of(path: Path, needed: Sequence[str] = (), most: int = 2_000_000) -> HeldColumns:
     """Read a table.
 
-    Lines that begin with # are passed over before the header, so that what `analyse --out` writes is read; of its
-    columns those that nobody measures are left out. Units may follow the names in brackets, or in a second line.
+    Lines before the header that begin with # are skipped, so that files of `analyse --out` can be read; their columns
+    that cannot be measured are left out. Units may follow the names in brackets, or in a second line.
 
     Parameters
     ----------
-    path : a CSV file in UTF-8 with a line of names, and one of units or none
-    needed : columns that must be there
-    most : rows at most
+    path : a CSV file in UTF-8 with a line of names and optionally a line of units
+    needed : names of required columns
+    most : largest number of rows
 
     Raises
     ------
     InputError
-        What is no regular file, is too large or cannot be read, a column that is unknown, missing, there twice or in
-        another unit, a line without its numbers, or too many rows.
+        The path is not a regular file, or the file is too large or cannot be read; a column is unknown, missing,
+        repeated or in another unit; a line has wrong or missing numbers; or there are too many rows.
     """
     try:
         if path.exists() and not path.is_file():
@@ -95,12 +95,12 @@ def table_of(path: Path, needed: Sequence[str] = (), most: int = 2_000_000) -> H
 
 
 def read_columns(path: Path, needed: Sequence[str] = (), most: int = 2_000_000) -> dict[str, Floats]:
-    """The columns of a table, as `table_of` has them."""
+    """Return the columns of a table, read by `table_of`."""
     return dict(table_of(path, needed, most).columns)
 
 
 def _lines(path: Path, stream: TextIO) -> Iterator[str]:
-    """The lines of a file, each of a bounded length."""
+    """Iterate over the lines of a file, each of bounded length."""
     while line := stream.readline(_LONGEST_LINE + 1):
         if len(line) > _LONGEST_LINE:
             raise InputError(f"{path}: it has a line of more than {_LONGEST_LINE} characters")
@@ -108,7 +108,7 @@ def _lines(path: Path, stream: TextIO) -> Iterator[str]:
 
 
 def _read(path: Path, stream: TextIO, needed: Sequence[str], most: int) -> HeldColumns:
-    """The table in an open file."""
+    """Read a table from an open file."""
     rows = ((number, row) for number, row in enumerate(csv.reader(_lines(path, stream)), 1) if row)
     hold: dict[str, str] = {}
     names: list[str] = []
@@ -130,16 +130,16 @@ def _read(path: Path, stream: TextIO, needed: Sequence[str], most: int) -> HeldC
         if math.isnan(_number(time)) and time.lower() != "nan":
             units, first = cells, None
     _check_units(path, names, units)
-    places = {name: place for place, name in enumerate(names) if name in (TIME, *DRIVING, *CHANNELS, *REFERENCES,
-                                                                            "output_angle")}
-    columns = {name: array("d") for name in places}
+    positions = {name: place for place, name in enumerate(names) if name in (TIME, *DRIVING, *CHANNELS, *REFERENCES,
+                                                                               "output_angle")}
+    columns = {name: array("d") for name in positions}
     for count, (number, row) in enumerate(rows if first is None else chain([first], rows)):
         if count >= most:
             raise InputError(f"{path}: it has more than {most} rows; it must have at most {most}")
         if len(row) != len(names):
             raise InputError(f"{path}: line {number} has {len(row)} values; the first line names {len(names)}")
         for name, column in columns.items():
-            value = _number(row[places[name]])
+            value = _number(row[positions[name]])
             if not math.isfinite(value):
                 raise InputError(f"{path}: line {number} has no number in column {name}")
             column.append(value)
@@ -147,7 +147,7 @@ def _read(path: Path, stream: TextIO, needed: Sequence[str], most: int) -> HeldC
 
 
 def _number(text: str) -> float:
-    """A number; NaN for anything else."""
+    """Return a number; NaN for any other text."""
     try:
         return float(text)
     except ValueError:
@@ -155,7 +155,7 @@ def _number(text: str) -> float:
 
 
 def _check_units(path: Path, names: Sequence[str], units: Sequence[str]) -> None:
-    """Raise InputError where a column that is used is in another unit than its own."""
+    """Raise InputError if a column that is used has a unit other than its own."""
     for name, unit in zip(names, units):
         own = "rad/s" if name == REFERENCES[0] else UNITS.get(name, topic(name).unit if name in DRIVING else "")
         used = name in (TIME, *DRIVING, *CHANNELS, REFERENCES[0])
@@ -164,7 +164,7 @@ def _check_units(path: Path, names: Sequence[str], units: Sequence[str]) -> None
 
 
 def _check_names(path: Path, names: Sequence[str], needed: Sequence[str]) -> None:
-    """Raise InputError where the names of the columns are not those of a table."""
+    """Raise InputError if a column's name is unknown or repeated, or a needed column is missing."""
     known = (TIME, *DRIVING, *CHANNELS, *REFERENCES)
     for name in names:
         if name not in known and name not in UNITS:

@@ -1,4 +1,4 @@
-"""The part of a recording that is wanted: a run and a stretch of its simulation time."""
+"""Selection of a part of a recording: a run and an interval of its simulation time."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from tcc_sim.errors import InputError, counted
 from tcc_sim.recording.columns import JointStates
 
 LATEST = 4294967296.0
-"""Seconds beyond which there is no stamp."""
+"""Largest time of a stamp, s."""
 
 
 class Window:
-    """What is wanted of a recording.
+    """Selected part of a recording.
 
     Parameters
     ----------
     run : number of the run, counted from 0; None for all
-    start, end : simulation time, s, both included; None for the run's own
+    start, end : simulation time, s, both included; None for the start and end of the run
 
     Raises
     ------
     InputError
-        A run below 0, a time that no stamp can have, or an end that is not after the start.
+        The run is negative, a time is beyond the largest stamp, or the end is not after the start.
     """
 
     def __init__(self, run: int | None = None, start: float | None = None, end: float | None = None) -> None:
@@ -39,18 +39,18 @@ class Window:
 
     @property
     def all(self) -> bool:
-        """Whether it leaves nothing out."""
+        """Whether the window selects the whole recording."""
         return not self.sentence()
 
     def sentence(self) -> str:
-        """What it leaves out; empty where that is nothing."""
+        """Return a sentence that names the selection; empty for the whole recording."""
         parts = [f"run {self.run}"] if self.run is not None else []
         parts += [f"from {self._start * 1e-9:g} s on"] if self._start > -(2**63) else []
         parts += [f"up to {self._end * 1e-9:g} s"] if self._end < 2**63 - 1 else []
         return f"only {', '.join(parts)} is analysed" if parts else ""
 
     def rows(self, states: JointStates) -> slice:
-        """Which states of a run lie in it."""
+        """Return the rows of a run's states that lie in the window."""
         if self.run not in (None, states.run):
             return slice(0, 0)
         first, last = np.searchsorted(states.stamp_ns, self._start), np.searchsorted(states.stamp_ns, self._end,
@@ -58,7 +58,7 @@ class Window:
         return slice(int(first), int(last))
 
     def refuse(self, runs: int) -> None:
-        """Raise InputError: nothing lay in it, of a recording with so many runs."""
+        """Raise InputError because no state of a recording with `runs` runs lies in the window."""
         if self.run is not None and self.run >= runs:
             raise InputError(f"there is no run {self.run}: the recording holds {counted(runs, 'run')}, counted from 0")
         raise InputError("the recording holds no state in the window")

@@ -1,1 +1,1 @@
-"""A test kit for those who write controllers: a driveline in lock-step as a pytest fixture, with faults on request."""
+"""Test kit for controllers: a driveline in lock-step as a pytest fixture, with optional faults and sensors."""

@@ -1,4 +1,4 @@
-"""What happens to commands between a controller and the driveline: nothing, or faults by count. Free of ROS."""
+"""Faults of commands between a controller and the driveline: lost, late, repeated or corrupt messages, without ROS."""
 
 from __future__ import annotations
 
@@ -16,35 +16,35 @@ from tcc_sim.plant.sensors import Schedule
 
 @dataclass(frozen=True)
 class Faults(Options):
-    """One of every so many commands of each topic is hit, drawn with the seed; 0: none.
+    """Rates of faults: each kind with number n hits one random command of every n on each topic; 0 for none.
 
     Raises
     ------
     InputError
-        A number that is not a whole one from its lowest value on.
+        A value is not an integer or is below its lowest value.
     """
 
-    drop: int = quantity(0, "it never arrives", low=0)
-    delay: int = quantity(0, "it arrives `delay_ticks` later, behind those that were sent meanwhile", low=0)
-    duplicate: int = quantity(0, "it arrives once more with the next tick", low=0)
-    corrupt: int = quantity(0, "its value is not a number, beyond every limit, or its bytes are cut short", low=0)
-    delay_ticks: int = quantity(3, "ticks of a delay", low=1)
-    seed: int = quantity(0, "two runs with the same seed are the same", low=0)
+    drop: int = quantity(0, "the command never arrives", low=0)
+    delay: int = quantity(0, "the command arrives `delay_ticks` later, after commands sent meanwhile", low=0)
+    duplicate: int = quantity(0, "the command arrives again in the next tick", low=0)
+    corrupt: int = quantity(0, "the command is NaN, infinite, out of range, or truncated", low=0)
+    delay_ticks: int = quantity(3, "length of a delay, ticks", low=1)
+    seed: int = quantity(0, "seed; runs with equal seeds are identical", low=0)
 
     @staticmethod
     def of(given: Faults | Mapping[str, int] | None) -> Faults:
-        """Faults as they are, by name, or none."""
+        """Return Faults from a mapping, from Faults, or from None (no faults)."""
         if given is None or isinstance(given, Faults):
             return given or Faults()
-        known = Faults.quantities()
+        names = Faults.quantities()
         for name in given:
-            if name not in known:
-                raise InputError(f"{name} is not a fault; there are {', '.join(known)}")
+            if name not in names:
+                raise InputError(f"{name} is not a fault; the faults are {', '.join(names)}")
         return Faults(**given)
 
 
 class Line:
-    """The way of one topic's commands: what is sent in one tick is delivered in it, or what the faults make of it."""
+    """Channel of one topic's commands, which delivers each in the tick in which it was sent unless a fault hits it."""
 
     def __init__(self, name: str, faults: Faults) -> None:
         self._delay_ticks = faults.delay_ticks
@@ -54,7 +54,7 @@ class Line:
         self._waiting: list[tuple[int, bool, bytes]] = []
 
     def send(self, data: bytes, tick: int) -> None:
-        """A serialised command that was sent in answer to the state of `tick`."""
+        """Send a serialised command that answers the state of `tick`."""
         hit = {kind: schedule.hits() for kind, schedule in self._schedules.items()}
         if hit["drop"]:
             return
@@ -64,14 +64,14 @@ class Line:
             self._waiting.append((tick + 1, False, data))
 
     def deliver(self, tick: int) -> list[bytes]:
-        """The commands that arrive before the tick that follows the state of `tick`, those that were delayed last."""
+        """Return the commands that arrive before the tick after the state of `tick`, delayed ones last."""
         due = [data for late in (False, True) for when, delayed, data in self._waiting
                if when <= tick and delayed == late]
         self._waiting = [row for row in self._waiting if row[0] > tick]
         return due
 
     def _corrupted(self, data: bytes) -> bytes:
-        """A command with a value that makes no sense, or cut short."""
+        """Return the command with an invalid value, or truncated."""
         value = self._draw.choice((math.nan, math.inf, -2.0 * PRESSURE_MAXIMUM, 2.0 * PRESSURE_MAXIMUM, None))
         if value is None:
             return data[:-5]

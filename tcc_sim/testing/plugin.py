@@ -1,4 +1,4 @@
-"""The pytest plugin `tcc_sim`: the fixture `driveline`. Without ROS 2 a test that asks for it is skipped."""
+"""Pytest plugin `tcc_sim` with the fixture `driveline`, which skips the test if ROS 2 is not installed."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ if TYPE_CHECKING:
 
 
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
-"""The variable that rclpy.init() reads: OFF keeps everything outside of the process unseen."""
+"""Environment variable that rclpy.init() reads: OFF disables discovery of other processes."""
 
 
 @pytest.fixture
 def driveline() -> Iterator[Callable[..., Rig]]:
-    """Starts a driveline in lock-step in this process: ``driveline(scene, changes=None, rate=1000.0, faults=None)``.
+    """Start a driveline in lock-step in this process: ``driveline(scene, changes=None, rate=1000.0, faults=None)``.
 
-    It and every node of rclpy's default context are seen by nothing else on this machine or its network, so that tests
-    may run at the same time. Whatever the test leaves is destroyed after it.
+    All nodes of rclpy's default context are isolated from other processes, so that tests can run in parallel. The
+    fixture destroys the driveline and the nodes under test after the test.
 
     Raises
     ------
     InputError
-        A test or a fixture has called rclpy.init() before, where other processes are seen.
+        A test or a fixture has called rclpy.init() before without isolation.
     """
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
     from tcc_sim.testing.isolation import alone, initialise

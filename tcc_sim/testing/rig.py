@@ -1,4 +1,4 @@
-"""A driveline node and the nodes under test in one process, stepped by the answers, with faults on request."""
+"""Run a driveline node and the nodes under test in one process in lock-step, with optional faults."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float64
 
-from tcc_sim.errors import InputError, one_line
+from tcc_sim.errors import InputError, counted, one_line
 from tcc_sim.messages import cdr
 from tcc_sim.nodes.driveline import DrivelineNode
 from tcc_sim.nodes.loop_topics import CommandedInput
@@ -25,32 +25,32 @@ from tcc_sim.testing.under_test import UnderTest
 from tcc_sim.topics import FAR_END, FLUID_PRESSURE, INPUTS, topic
 
 PATIENCE = 20.0
-"""Real time, s, that an answer may take."""
+"""Largest real time for an answer, s."""
 LOOK = 0.005
-"""Real time, s, that the nodes under test are waited for at a time."""
+"""Real time of one wait for the nodes under test, s."""
 PAUSE = 0.05
-"""Real time, s, of a pause."""
+"""Default length of a pause, s of real time."""
 SERVED = 20
-"""Ticks between two looks at what is asked of the driveline's services, which take longer than a tick; counted, so that
-a run is the same each time.
+"""Ticks between two checks for requests to the driveline's services; a check takes longer than a tick. Counting ticks
+instead of time keeps runs identical.
 """
 
 
 class Rig:
-    """One driveline for a test: it waits for the commands that answer a state before it makes the next tick.
+    """A driveline in lock-step with the nodes under test: each tick waits for the commands that answer the last state.
 
     Parameters
     ----------
     scene : a scene or a system, its name or its file
-    changes : scene keys to change first
-    rate : ticks a second, Hz
-    faults : what happens to commands on their way
-    patience : real time, s, that an answer may take before the test fails
+    changes : scene keys with new values
+    rate : tick rate, Hz
+    faults : faults of commands between the nodes and the driveline
+    patience : real time for an answer after which the test fails, s
 
     Raises
     ------
     InputError
-        A scene that the real-time solver cannot run, or wrong changes or faults.
+        The real-time solver cannot run the scene, or the changes or faults are wrong.
     """
 
     def __init__(self, scene: SceneLike, changes: Mapping[str, object] | None = None, rate: float = 1000.0,
@@ -62,8 +62,8 @@ class Rig:
         try:
             self._node = DrivelineNode(wanted)
         except RuntimeError as error:
-            raise InputError(f"ROS 2 refuses the driveline: {one_line(str(error))}; a node that is there already may "
-                             "publish one of its topics with another type") from None
+            raise InputError(f"ROS 2 refuses the driveline: {one_line(str(error))}; another node may already publish "
+                             "one of its topics with another type") from None
         self._loop, self._plant = self._node.loop, self._node.loop.plant
         self._requests = SingleThreadedExecutor(context=self._node.context)
         self._requests.add_node(self._node)
@@ -76,33 +76,33 @@ class Rig:
         self._closed = False
 
     def add(self, node: Node) -> Node:
-        """Put a node under test: it is spun while the driveline runs, and destroyed at the end; gives it back.
+        """Add a node under test and return it: `run` executes its callbacks, and `close` destroys it.
 
         Raises
         ------
         InputError
-            A node of another ROS 2 context, which would not hear the driveline.
+            The node has another ROS 2 context and would not receive the driveline's messages.
         """
         self._under_test.add(node)
         return node
 
     def run(self, seconds: float | None = None, ticks: int | None = None, target: float | None = None) -> LockstepRun:
-        """Make so many ticks, each once the commands that answer the state before it are there.
+        """Run the driveline for a number of ticks, each after the commands that answer the last state.
 
         Parameters
         ----------
-        seconds, ticks : one of the two; simulated time, of which whole ticks are taken
-        target : slip speed that the controller is to hold, rad/s, where it does not publish target_slip_speed
+        seconds, ticks : length of the run, one of the two; simulated time is rounded to whole ticks
+        target : slip speed to hold, rad/s, for a controller that does not publish target_slip_speed
 
         Returns
         -------
-        LockstepRun, a Trajectory with a sample for every tick and the state at which this run began; the nodes under
-        test have done by then what its last state lets them do
+        LockstepRun, a Trajectory with the initial state of this run and a sample for every tick; the nodes under test
+        have processed its last state
 
         Raises
         ------
         InputError
-            Not one of the two, or a number of ticks that no run has.
+            Both or neither of seconds and ticks are given, or the number of ticks is out of range.
         ControllerFailed
             A node under test died, hangs, or does not answer.
         """
@@ -110,18 +110,18 @@ class Rig:
             raise InputError("give either seconds or ticks")
         wanted = (seconds or 0.0) * self._node.scene.operation.rate if ticks is None else ticks
         if not 0.5 < wanted <= MOST_TICKS or ticks not in (None, round(wanted)):
-            raise InputError(f"{seconds if ticks is None else ticks} is no run; it must have whole ticks, at most "
-                             f"{MOST_TICKS}, and at least one")
+            raise InputError(f"a run of {f'{seconds:g} s' if ticks is None else f'{ticks} ticks'} is not possible; it "
+                             f"must be a whole number of ticks, 1 to {MOST_TICKS}")
         return self._worker.run(lambda: self._run(round(wanted), target), self._patience, self._failed)
 
     def change(self, values: Mapping[str, object] | None = None, **more: object) -> None:
-        """Change parameters from the next tick on, all or none: ``change({"engine.mean_torque": 300.0})``, or
+        """Change parameters together from the next tick on: ``change({"engine.mean_torque": 300.0})``, or
         ``change(engine__mean_torque=300.0)``.
 
         Raises
         ------
         InputError
-            The driveline refuses; in its own words.
+            The driveline refuses the changes; the message is the driveline's.
         """
         changes = changes_of(values, more)
         self._plant.warm_up()
@@ -132,37 +132,40 @@ class Rig:
             raise InputError(result.reason)
 
     def at(self, t: float, values: Mapping[str, object] | None = None, **more: object) -> None:
-        """Change parameters at the simulation time t, s, of a run to come: ``at(1.5, engine__mean_torque=300.0)``. The
-        tick that begins then is the first with the new values.
+        """Schedule a change of parameters at simulation time t, s: ``at(1.5, engine__mean_torque=300.0)``.
+
+        The tick that begins at t is the first with the new values.
 
         Raises
         ------
         InputError
-            A time that is no whole number of ticks or that has passed, or a key or value that no scene has.
+            The time is not a whole number of ticks or has passed, or a key or value is not valid for a scene.
         """
         changes = changes_of(values, more)
         self._node.scene.with_values(changes)
         self._changes.add(t, changes, self._plant.stepper.tick)
 
     def sensor(self, name: str, **options: float) -> None:
-        """Put a sensor before a signal of joint_states, slip_speed or joint_states from the next state on, in the place
-        of the one that is there: ``sensor("slip_speed", noise=0.3, delay_ticks=5)``. A run keeps the true states.
+        """Set the sensor of a signal or topic: ``sensor("slip_speed", noise=0.3, delay_ticks=5)``.
+
+        It acts from the next state on and replaces an earlier sensor of the same name. `run` returns the true states.
 
         Parameters
         ----------
+        name : slip_speed, joint_states, or a signal of joint_states
         options : noise, offset, quantum (in the signal's unit), delay_ticks, drop, seed, as `plant.sensors.Sensor`
 
         Raises
         ------
         InputError
-            No such signal or option, or a number out of its range.
+            The signal or option does not exist, or a number is out of its range.
         """
         outputs = self._loop.outputs
         outputs.sensors = outputs.sensors or Sensors()
         outputs.sensors.put(name, options)
 
     def pause(self, seconds: float = PAUSE) -> None:
-        """Let the driveline stand still for so many seconds of real time, in which the nodes under test are spun."""
+        """Execute callbacks of the nodes under test for `seconds` of real time while simulation time is stopped."""
         end = time.monotonic() + seconds
 
         def spin() -> None:
@@ -177,7 +180,7 @@ class Rig:
         if self._closed:
             return
         self._closed = True
-        if self._worker.stuck:  # A node that hangs holds the executor.
+        if self._worker.stuck:  # A hanging node still blocks the executor.
             return
         self._under_test.shutdown()
         self._requests.shutdown()
@@ -185,12 +188,12 @@ class Rig:
             node.destroy_node()
 
     def _run(self, count: int, target: float | None) -> LockstepRun:
-        """In the worker: the ticks of one run."""
+        """Run the ticks, in the worker's thread."""
         commands = self._begin()
         samples = Samples(self._plant)
         samples.add(self._plant, self._plant.reading(), *self._held())
         before = {command.name: command.refused for command in commands}
-        missed, said = 0, self._asked_for(target, None, 0)
+        missed, current = 0, self._target_from(target, None, 0)
         for _ in range(count):
             if self._plant.stepper.tick % SERVED == 0:
                 self._requests.spin_once(timeout_sec=0.0)
@@ -202,21 +205,21 @@ class Rig:
             self._loop.step()
             self._loop.outputs.flush()
             samples.add(self._plant, self._plant.reading(), *self._held())
-            said = self._asked_for(target, said, len(samples) - 1)
+            current = self._target_from(target, current, len(samples) - 1)
             self._worker.beat()
         self._under_test.settle()
         refused = sum(command.refused - before[command.name] for command in commands)
         return LockstepRun(**samples.columns(self._plant), refused=refused, missed=missed,  # type: ignore[arg-type]
-                         refusal=next((command.refusal for command in commands if command.refusal), ""), target=said)
+                         refusal=next((command.refusal for command in commands if command.refusal), ""), target=current)
 
     def _begin(self) -> list[CommandedInput]:
-        """The commands that are waited for; the initial state is said when those who take part are there."""
+        """Return the inputs with a publisher, and publish the initial state once."""
         self._loop.meet()
         commands = [command for command in self._loop.commands if command.subscription.get_publisher_count()]
         if self._loop.commands and not commands:
             names = " and ".join(command.name for command in self._loop.commands)
-            raise ControllerFailed(f"no node that was added publishes {names}, which the scene "
-                                   f"{self._node.scene.name} takes")
+            raise ControllerFailed(f"no node under test publishes {names}, which the scene {self._node.scene.name} "
+                                   "takes as a topic")
         timed = self._under_test.timed
         self._timed = {command.name for command in commands if timed and timed >= {
             info.node_name for info in self._node.get_publishers_info_by_topic(command.name)}}
@@ -225,10 +228,10 @@ class Rig:
         return commands
 
     def _awaited(self, commands: list[CommandedInput]) -> list[CommandedInput]:
-        """The commands that must answer the state: once a command_period, and of nodes that follow the states.
+        """Return the inputs whose commands must answer the current state, which is once per command_period.
 
-        A node with use_sim_time follows /clock: its timers decide when it sends. A lost message has no answer. A
-        vehicle answers every state.
+        Nodes with use_sim_time follow /clock: their timers decide when they send. A lost message needs no answer. The
+        far end is commanded at every state.
         """
         sensors = self._loop.outputs.sensors
         due = self._plant.stepper.tick % self._node.scene.operation.answer_ticks == 0 and not (
@@ -237,7 +240,7 @@ class Rig:
                 if command.name not in self._timed and (due or command.name == FAR_END)]
 
     def _await_answers(self, commands: list[CommandedInput], awaited: list[CommandedInput]) -> None:
-        """Spin the nodes under test until every command that must answer the state is there, and take the others."""
+        """Execute callbacks of the nodes under test until all awaited commands have arrived; take others too."""
         plant = self._plant
         tick, stamp, since = plant.stepper.tick, plant.stamp_ns, time.monotonic()
         missing, others = list(awaited), 0
@@ -264,7 +267,7 @@ class Rig:
             self._worker.beat()
 
     def _deliver(self, commands: list[CommandedInput], awaited: list[CommandedInput]) -> int:
-        """Hand over what arrives before the next tick; how many of the awaited inputs have nothing new."""
+        """Deliver the commands due before the next tick; return how many awaited inputs have no new command."""
         tick, missed = self._plant.stepper.tick, 0
         for command in commands:
             received = command.received
@@ -274,35 +277,36 @@ class Rig:
         return missed
 
     def _held(self) -> tuple[float | None, float | None]:
-        """Engine torque and pressure that hold."""
+        """Return the commanded engine torque (N m) and pressure (Pa), None without a command."""
         return tuple(None if command is None else command.value  # type: ignore[return-value]
                      for command in (self._loop.engine_command, self._loop.pressure_command))
 
-    def _asked_for(self, given: float | None, said: tuple[float, int] | None, sample: int) -> tuple[float, int] | None:
-        """The target, as given or as last published, rad/s, and the sample from which on it is another than `said`."""
+    def _target_from(self, given: float | None, before: tuple[float, int] | None,
+                     sample: int) -> tuple[float, int] | None:
+        """Return the target (given or last published), rad/s, with its first sample; `before` if it is unchanged."""
         for data, _ in poll(self._target_topic):
             self._target = cdr.read_float64(data)
         target = self._target if given is None else given
-        return said if target is None or (said is not None and said[0] == target) else (target, sample)
+        return before if target is None or (before is not None and before[0] == target) else (target, sample)
 
     def _now(self) -> str:
-        """Simulation time in words."""
+        """Return the simulation time as text."""
         return f"{self._plant.stamp_ns * 1e-9:.9g} s of simulated time"
 
     def _no_answer(self, name: str, others: int) -> str:
-        """The sentence for a state that nobody answers."""
-        sent = f"; it sent {others} with the stamps of other states" if others else ""
+        """Return the message for a state without an answer."""
+        sent = f"; {counted(others, 'command')} had the stamp of another state" if others else ""
         return (f"{self._under_test.names} did not answer the state of {self._now()} on {name} within "
-                f"{self._patience:g} s{sent}: a command answers with the stamp of the state, or with stamp 0")
+                f"{self._patience:g} s{sent}; a command must have the stamp of the state, or stamp 0")
 
     def _failed(self, where: str) -> ControllerFailed:
-        """The exception for a callback that does not return."""
+        """Return the exception for a callback that does not return."""
         return ControllerFailed(f"{self._under_test.names} hangs at {self._now()}: for {self._patience:g} s it has not "
-                                f"come back from {where}")
+                                f"returned from {where}")
 
 
 def _answers(name: str, data: bytes, stamp: int) -> bool:
-    """Whether a command answers the state of this stamp, ns: by its own stamp, or by count where it has none."""
+    """Return whether a command answers the state with this stamp, ns: by its stamp, or any without one."""
     if topic(name).type != FLUID_PRESSURE:
         return True
     try:

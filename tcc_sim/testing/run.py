@@ -1,6 +1,4 @@
-"""What a driveline under test did, and what fails a test: nodes that die, do not answer, or hang in their thread, which
-is then given up. Free of ROS.
-"""
+"""Result of a driveline under test, and detection of nodes that hang, without ROS."""
 
 from __future__ import annotations
 
@@ -24,39 +22,39 @@ from tcc_sim.plant.closed_loop import ControlledRun
 
 Result = TypeVar("Result")
 LOOK = 0.05
-"""Real time, s, between two looks at the work."""
+"""Real time between two checks of the work, s."""
 ENDING = 1.0
-"""Real time, s, that a thread which was given up has to end."""
+"""Real time in which an abandoned thread must end, s."""
 _OWN = Path(__file__).resolve().parent.parent
 
 
 class ControllerFailed(TccError, AssertionError):
-    """A node under test died, hangs or does not answer; the sentence says which, and when."""
+    """A node under test died, hangs or does not answer; the message names it and the simulation time."""
 
 
 @dataclass(frozen=True, repr=False)
 class LockstepRun(ControlledRun):
-    """What a driveline did under the commands of the nodes under test.
+    """Trajectory of a driveline under the commands of the nodes under test.
 
-    missed : ticks in which an awaited input had no new command: it was dropped, late, or refused
-    target : slip speed that was asked for, rad/s, and the sample from which on; None where nobody said it
+    missed : number of ticks in which an awaited input had no new command: it was dropped, late, or refused
+    target : target slip speed, rad/s, and its first sample; None without a target
     """
 
     missed: int = 0
     target: tuple[float, int] | None = None
 
     def target_steps(self) -> Steps:
-        """The target slip speed from the sample on at which it was last changed, rad/s."""
+        """Return the last target slip speed, rad/s, as a step at its first sample."""
         return Steps.none() if self.target is None else Steps(self.t[self.target[1]:][:1], np.array([self.target[0]]))
 
     @cached_property
     def tracking(self) -> Tracking:
-        """How well the slip speed's mean over each engine cycle held the target since it was last changed.
+        """Tracking error of the slip speed's cycle means since the last change of the target.
 
         Raises
         ------
         InputError
-            Nobody said a target.
+            There is no target.
         """
         if self.target is None:
             raise InputError("no target: no node published target_slip_speed, and run(target=...) was not given")
@@ -65,15 +63,15 @@ class LockstepRun(ControlledRun):
 
 
 class GivenUp(BaseException):
-    """Raised within the work that hangs, to end it."""
+    """Exception raised in a hanging thread to end it."""
 
 
 class Worker:
-    """Runs one piece of work at a time, and gives it up where `beat` was not called for too long.
+    """Thread that runs one function at a time and abandons it if `beat` is not called for too long.
 
     Attributes
     ----------
-    stuck : a piece of work was given up and has not ended
+    stuck : whether an abandoned function has not ended
     """
 
     def __init__(self) -> None:
@@ -81,15 +79,15 @@ class Worker:
         self._beat = 0.0
 
     def beat(self) -> None:
-        """There is headway."""
+        """Report progress."""
         self._beat = time.monotonic()
 
     def run(self, work: Callable[[], Result], patience: float, failed: Callable[[str], Exception]) -> Result:
-        """What `work` gives; its exception, or that which `failed` makes of the place where it hangs.
+        """Return the result of `work`, or raise its exception, or `failed(place)` if it hangs at a place in the code.
 
         Parameters
         ----------
-        patience : real time without headway, s
+        patience : longest real time without progress, s
         """
         self.beat()
         found, thread = begun(work, name="nodes under test")
@@ -104,7 +102,7 @@ class Worker:
 
 
 def _place(frame: FrameType | None) -> str:
-    """Where a thread is: the innermost line that is neither this package's nor a library's."""
+    """Return the innermost line of a thread that belongs neither to this package nor to a library."""
     innermost = frame
     while frame is not None:
         path = Path(frame.f_code.co_filename)
@@ -115,7 +113,7 @@ def _place(frame: FrameType | None) -> str:
 
 
 def _ended(thread: threading.Thread) -> bool:
-    """Ask a thread to end by an exception at its next line of Python; whether it has ended."""
+    """Raise GivenUp in a thread at its next line of Python; return whether the thread has ended."""
     ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread.ident or 0), ctypes.py_object(GivenUp))
     thread.join(ENDING)
     return not thread.is_alive()

@@ -1,4 +1,4 @@
-"""The nodes under test, spun callback by callback; what one of them must not do fails the test with a sentence."""
+"""Execute the callbacks of the nodes under test one by one; a failure of a node fails the test with one sentence."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.testing.run import ControllerFailed
 
 MOST_CALLBACKS = 1000
-"""Callbacks that are executed where nothing is waited for; a node may be never done."""
+"""Largest number of callbacks executed when no answer is awaited; a node may produce them without end."""
 
 
 class UnderTest:
@@ -21,13 +21,13 @@ class UnderTest:
 
     Parameters
     ----------
-    context : of the driveline
-    now : simulation time in words
-    beat : called around every callback
+    context : ROS 2 context of the driveline
+    now : function that returns the simulation time as text
+    beat : function called before and after every callback
 
     Attributes
     ----------
-    nodes : with their names, which a node that was destroyed cannot tell
+    nodes : node -> its name, stored because a destroyed node has none
     """
 
     def __init__(self, context: Context, now: Callable[[], str], beat: Callable[[], None]) -> None:
@@ -37,7 +37,7 @@ class UnderTest:
 
     @property
     def names(self) -> str:
-        """Names of the nodes."""
+        """Names of the nodes, as text."""
         return " or ".join(self.nodes.values()) or "no node"
 
     @property
@@ -46,20 +46,20 @@ class UnderTest:
         return {name for node, name in self.nodes.items() if node.get_parameter("use_sim_time").value}
 
     def add(self, node: Node) -> None:
-        """Take a node.
+        """Add a node.
 
         Raises
         ------
         InputError
-            A node of another ROS 2 context, which would not hear the driveline.
+            The node has another ROS 2 context and would not receive the driveline's messages.
         """
         if node.context is not self._context:
-            raise InputError(f"{node.get_name()} has a context of its own; make it with the default one")
+            raise InputError(f"{node.get_name()} has another ROS 2 context; create it with the default context")
         self._executor.add_node(node)
         self.nodes[node] = node.get_name()
 
     def spin(self, seconds: float) -> bool:
-        """Execute one callback that is ready within so many seconds; whether there was one.
+        """Execute one callback that is ready within `seconds`; return whether there was one.
 
         Raises
         ------
@@ -86,20 +86,20 @@ class UnderTest:
         return True
 
     def settle(self) -> None:
-        """Let the nodes do what is left to do."""
+        """Execute callbacks until none is ready."""
         idle, most = 0, len(self.timed)
         for _ in range(MOST_CALLBACKS):
-            # A message on /clock makes timers ready for the next look only.
+            # A message on /clock makes timers ready only at the next call.
             idle = 0 if self.spin(0.0) else idle + 1
             if idle > most:
                 break
 
     def shutdown(self) -> None:
-        """Spin no more; the nodes are destroyed by who owns them."""
+        """Shut the executor down; the nodes' owner destroys them."""
         self._executor.shutdown()
 
     def _check_alive(self) -> None:
-        """Raise ControllerFailed where a callback has shut ROS 2 down or destroyed its node."""
+        """Raise ControllerFailed if a callback has shut ROS 2 down or destroyed its node."""
         if not self._context.ok():
             raise ControllerFailed(f"{self.names} shut ROS 2 down at {self._now()}")
         for node, name in self.nodes.items():

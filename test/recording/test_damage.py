@@ -86,7 +86,7 @@ def test_a_scene_with_a_changed_digit_is_not_believed(tmp_path, original):
         (tmp_path / "x.mcap").write_bytes(changed)
         run, _, stamps, _ = read(tmp_path / "x.mcap")
         assert (run.scene_text, len(stamps)) == (None, COUNT)
-        assert run.warnings == ["a record that describes the recording is damaged and was passed over"]
+        assert run.warnings == ["a record that describes the recording is damaged and was ignored"]
 
 
 def test_recovery_of_damage_is_a_bag_that_reads_without_damage(tmp_path, original):
@@ -192,4 +192,4 @@ def test_a_message_of_another_layout_is_left_out_with_a_warning(tmp_path):
     bag.close({})
     run, _, stamps, _ = read(tmp_path / "run")
     assert stamps.tolist() == [n * TICK for n in range(3, 10)]
-    assert run.warnings == ["3 messages of /joint_states with another layout left out"]
+    assert run.warnings == ["3 messages of /joint_states left out: their layout differs"]

@@ -103,7 +103,7 @@ def test_a_chunk_of_nothing_but_records_is_left_out(tmp_path: Path) -> None:
     path = written(tmp_path / "x.mcap", *[empty] * 8)
     assert path.stat().st_size < 100_000
     said, peak = cost(path)
-    assert f"more than {records.MOST_DESCRIPTIONS} of its records are no messages" in said or "would unpack" in said
+    assert f"more than {records.MOST_DESCRIPTIONS} of its records are not messages" in said or "would unpack" in said
     assert peak < MEMORY
 
 
@@ -140,7 +140,7 @@ def test_a_gap_of_years_is_not_solved_through(tmp_path: Path) -> None:
     assert (found.verified, found.compared, found.exact) == (False, 300, 150)  # The phase of the excitation is another.
     found = replay(bag(tmp_path / "same", rows[:150] + late[:1], SCENE), discard=0, verify=True).verification
     assert found is not None
-    assert "after 1 gaps are not reached by solving through them" in found.sentence
+    assert "1 gap could not be solved through within the limit" in found.sentence
 
 
 def test_work_that_a_scene_asks_for_grows_with_the_file_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -162,7 +162,7 @@ def test_bad_metadata_is_counted_and_not_listed(tmp_path: Path, capsys: pytest.C
         message(1, n * TICK) for n in range(300))))
     assert main(["analyse", str(path)]) == 0
     out = capsys.readouterr().out
-    assert "20000 records that describe the recording are damaged and were passed over" in out
+    assert "20000 records that describe the recording are damaged and were ignored" in out
     assert len(out) < 4000
 
 
@@ -285,11 +285,11 @@ def test_a_scene_is_as_long_for_the_writer_as_for_the_reader(tmp_path: Path) -> 
     assert len(text) == LARGEST_FILE
     path = tmp_path / "x.mcap"
     output = McapFile(path, text)
-    with pytest.raises(InputError, match=f"has {LARGEST_FILE + 1} characters; a scene has at most {LARGEST_FILE}"):
+    with pytest.raises(InputError, match=f"has {LARGEST_FILE + 1} characters; it must have at most {LARGEST_FILE}"):
         output.describe(text + "#")
     output.close()
     assert open_run(path).scene_text == text
     longer = open_run(written(tmp_path / "y.mcap", scene(text + "#"), schema(), channel(1), chunk(message(1, TICK))))
     list(longer.states())
     assert longer.scene_text is None
-    assert "a record that describes the recording is damaged and was passed over" in longer.warnings
+    assert "a record that describes the recording is damaged and was ignored" in longer.warnings

@@ -256,7 +256,7 @@ def test_a_missing_middle_part_and_one_that_nobody_listed_are_said(tmp_path, cap
     run = open_run(path)
     run.states()
     assert not run.complete
-    assert "part foreign_7.mcap is not one that metadata.yaml names" in run.warnings
+    assert "metadata.yaml does not name the part foreign_7.mcap" in run.warnings
     (path / "foreign_7.mcap").unlink()
     (path / f"run_{max(part_number(part) for part in path.glob('*.mcap'))}.mcap").unlink()
     run = open_run(path)
@@ -271,4 +271,4 @@ def test_a_bag_in_the_folder_is_taken_and_of_several_one_is_to_be_named(tmp_path
     bag(tmp_path / "out" / "second", ticked(load_scene("fig02"), 10), "fig02")
     capsys.readouterr()
     assert main(["analyse", str(tmp_path / "out")]) == 2
-    assert "there are some in" in capsys.readouterr().err
+    assert "in it hold some: name one of them" in capsys.readouterr().err

@@ -86,7 +86,7 @@ def test_a_test_leaves_nothing_behind_and_fails_with_the_sentence(tmp_path: Path
     (tmp_path / "test_mine.py").write_text(LEAVES)
     ended = outside(tmp_path)
     assert "1 failed, 2 passed" in ended.stdout
-    sentence = "ControllerFailed: no node that was added publishes actuation_pressure, which the scene controlled takes"
+    sentence = "ControllerFailed: no node under test publishes actuation_pressure, which the scene controlled takes"
     assert sentence in ended.stdout
 
 

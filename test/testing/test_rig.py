@@ -93,7 +93,7 @@ def test_runs_go_on_where_the_one_before_ended_with_changed_parameters_and_a_tar
     with pytest.raises(InputError, match="give either seconds or ticks"):
         plant.run()
     for wrong in ({"ticks": 0}, {"ticks": 2.5}, {"seconds": 0.0}, {"seconds": math.nan}, {"seconds": math.inf}):
-        with pytest.raises(InputError, match=f"{next(iter(wrong.values()))} is no run"):
+        with pytest.raises(InputError, match=f"a run of {next(iter(wrong.values())):g} .* is not possible"):
             plant.run(**wrong)
 
 
@@ -199,11 +199,11 @@ def shuts_ros_down(state: JointState) -> float | None:
     (exits, r"my_controller called sys.exit\(3\) at 0.007 s of simulated time"),
     (shuts_ros_down, "my_controller shut ROS 2 down at 0.007 s of simulated time"),
     (dies, "my_controller died at 0.007 s of simulated time: ValueError: no such gear"),
-    (never_comes_back, r"my_controller hangs at 0.007 s of simulated time: for 0.5 s it has not come back from "
+    (never_comes_back, r"my_controller hangs at 0.007 s of simulated time: for 0.5 s it has not returned from "
                        r"never_comes_back \(test_rig.py:\d+\)"),
     (waits_for_ever, r"my_controller hangs at .* from waits_for_ever \(test_rig.py:\d+\)"),
     (falls_silent, "my_controller did not answer the state of 0.007 s of simulated time on actuation_pressure within "
-                   "0.5 s: a command answers with the stamp of the state, or with stamp 0"),
+                   "0.5 s; a command must have the stamp of the state, or stamp 0"),
 ])
 def test_a_controller_that_fails_fails_the_test_with_that_sentence(driveline: Any, answer: Callable[..., Any],
                                                                     sentence: str) -> None:
@@ -229,20 +229,20 @@ def test_a_node_that_destroys_itself_and_one_of_another_type_are_one_sentence(dr
     plant.close()
     stranger = Node("stranger")
     stranger.create_publisher(Float64, "actuation_pressure", 10)
-    with pytest.raises(InputError, match=r"ROS 2 refuses the driveline: .*; a node that is there already may publish "
-                                         "one of its topics with another type"):
+    with pytest.raises(InputError, match=r"ROS 2 refuses the driveline: .*; another node may already publish one of "
+                                         "its topics with another type"):
         driveline("controlled")
     stranger.destroy_node()
 
 
 def test_what_cannot_be_waited_for_is_said(driveline: Any) -> None:
     plant = driveline("controlled", patience=0.3)
-    with pytest.raises(ControllerFailed, match="no node that was added publishes actuation_pressure, which the scene"):
+    with pytest.raises(ControllerFailed, match="no node under test publishes actuation_pressure, which the scene"):
         plant.run(ticks=1)
     elsewhere = Context()
     elsewhere.init()
     node = Node("my_node", context=elsewhere)
-    with pytest.raises(InputError, match="my_node has a context of its own"):
+    with pytest.raises(InputError, match="my_node has another ROS 2 context"):
         plant.add(node)
     node.destroy_node()
     elsewhere.shutdown()
@@ -256,14 +256,14 @@ def test_what_cannot_be_waited_for_is_said(driveline: Any) -> None:
 
     controller.create_subscription(JointState, "joint_states", with_its_own_clock, 10)
     plant.add(controller)
-    with pytest.raises(ControllerFailed, match="it sent 1 with the stamps of other states"):
+    with pytest.raises(ControllerFailed, match="1 command had the stamp of another state"):
         plant.run(ticks=1)
 
 
 @pytest.mark.parametrize(("faults", "match"), [
     ({"drop": -1}, "drop is -1; it must be 0 or more"),
     ({"delay_ticks": 0}, "delay_ticks is 0; it must be 1 or more"),
-    ({"loss": 3}, "loss is not a fault; there are drop, delay, duplicate, corrupt, delay_ticks, seed")])
+    ({"loss": 3}, "loss is not a fault; the faults are drop, delay, duplicate, corrupt, delay_ticks, seed")])
 def test_senseless_faults_are_refused(driveline: Any, faults: dict[str, int], match: str) -> None:
     with pytest.raises(InputError, match=match):
         driveline("controlled", faults=faults)

@@ -83,5 +83,5 @@ def test_the_slip_speed_has_a_sensor_that_may_be_changed_between_runs(driveline:
 
 
 def test_a_wrong_sensor_is_refused(driveline: Any) -> None:
-    with pytest.raises(InputError, match="there is no sensor of slip; there are slip_speed, "):
+    with pytest.raises(InputError, match="slip has no sensor; sensors are of slip_speed, "):
         driveline("controlled").sensor("slip", noise=1.0)
