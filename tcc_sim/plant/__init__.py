@@ -1,1 +1,1 @@
-"""The driveline in real time, and what may control it: free of ROS."""
+"""The driveline solved tick by tick, its sensors and the example controller, without ROS."""

@@ -1,4 +1,4 @@
-"""A control law and the driveline in one loop, without ROS: the ticks of the node in lock-step, called in turn."""
+"""Run a control law and the driveline in one loop, with the ticks of the lock-step node, without ROS."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from tcc_sim.trajectory import Floats, Trajectory
 
 SAME = ("slip_speed", "plate_angle", "plate_speed", "engine_torque", "friction_torque", "flywheel_angle",
         "applied_pressure")
-"""What a Reading and a ControlledRun have by the same names."""
+"""Names that fields of a Reading share with fields of a ControlledRun."""
 _RANGES = {name: QUANTITIES[topic(name).key] for name in (*INPUTS, FAR_END)}
 MOST_TICKS = 100_000_000
 Answer = float | tuple[float | None, ...] | None
@@ -33,13 +33,13 @@ leaves an input to the scene, and the far end still.
 
 
 def check_command(name: str, value: float, admit: Callable[[float], None] = lambda _: None) -> None:
-    """Raise InputError where the driveline does not take a command.
+    """Raise InputError if the driveline must refuse a command.
 
     Parameters
     ----------
     name : topic of the input
-    value : in its unit
-    admit : raises InputError where a value within the range cannot be applied now
+    value : commanded value, in the unit of the input
+    admit : function that raises InputError if a value within the range cannot be applied now
     """
     meant = _RANGES[name]
     if not meant.low <= value <= meant.high:
@@ -53,13 +53,13 @@ def check_command(name: str, value: float, admit: Callable[[float], None] = lamb
 
 @dataclass(frozen=True, repr=False)
 class ControlledRun(Trajectory):
-    """What a driveline did under commands, a sample for every tick from the initial state on.
+    """Trajectory of a driveline under commands: the initial state and a sample for every tick.
 
-    commands : by topic of every input that the scene takes, (n,) arrays of what was held through the tick that led to
-        each sample, Pa or N m; NaN where the scene's fallback applied, and for the initial state
-    applied_pressure : (n,) array, Pa
-    refused : how many commands were not taken
-    refusal : why the last of them was not
+    commands : (n,) arrays by topic of every input that the scene takes as a topic: the value held during the tick
+        before each sample, Pa or N m; NaN where the scene's fallback applied, and for the initial state
+    applied_pressure : (n,) array, pressure at the plates, Pa
+    refused : number of refused commands
+    refusal : reason of the last refusal
     """
 
     commands: dict[str, Floats] = field(default_factory=dict)
@@ -68,36 +68,42 @@ class ControlledRun(Trajectory):
     refusal: str = ""
 
     def tracking_of(self, target: float, since: int = 0, limits: tuple[float, float] = (0.0, math.inf)) -> Tracking:
-        """How well the slip speed held a target, rad/s, from the sample `since` on; `limits` of the pressure, Pa."""
+        """Return the tracking error of the slip speed from the sample `since` on.
+
+        Parameters
+        ----------
+        target : slip speed to hold, rad/s
+        limits : smallest and largest pressure, Pa
+        """
         columns: dict[str, Any] = {name: column[since:] for name, column in Trajectory.columns(self).items()}
         part = replace(self, **columns)
         return tracking_of(part, target, self.applied_pressure[since:], limits)
 
     @property
     def control(self) -> Control:
-        """Cycle means of the slip speed, target, and commanded and applied pressure, as pictures show them."""
+        """Cycle means of the slip speed, target, and commanded and applied pressure, for pictures."""
         running = CycleMeans(Uniform(self.cycle) if self.system is None else clock_of_scene(self.system))
         ends, means = joined_means(running.feed(self.t, self.slip_speed))
-        # A sample has what was held through the tick that led to it.
+        # A sample has the command of the tick before it.
         held = {name: Steps(self.t[:-1], values[1:]) for name, values in self.commands.items()}
         commanded, applied = held.get("actuation_pressure", Steps.none()), Steps(self.t[:-1], self.applied_pressure[1:])
         return Control(ends.astype(np.float64) * 1e-9, means, self.target_steps(), commanded, applied)
 
     def target_steps(self) -> Steps:
-        """The target slip speed, rad/s, where one is known."""
+        """Return the target slip speed, rad/s; none here."""
         return Steps.none()
 
     def columns(self) -> dict[str, Any]:
-        """The samples by name, with the commands of every input and the applied pressure."""
+        """Return the samples by name, with the commands of every input and the applied pressure."""
         return {**super().columns(), **self.commands, "applied_pressure": self.applied_pressure}
 
     def __repr__(self) -> str:
-        said = f"; {counted(self.refused, 'command')} refused" if self.refused else ""
-        return f"{super().__repr__()[:-1]}{said}>"
+        refused = f"; {counted(self.refused, 'command')} refused" if self.refused else ""
+        return f"{super().__repr__()[:-1]}{refused}>"
 
 
 class Samples:
-    """What a driveline did, collected tick by tick."""
+    """Collector of a driveline's states and commands, tick by tick."""
 
     def __init__(self, plant: Plant) -> None:
         self._names = [name for name in INPUTS if topic(name).wanted(plant.scene.value)]
@@ -108,12 +114,12 @@ class Samples:
         return len(self._readings)
 
     def add(self, plant: Plant, reading: Reading, torque: float | None, pressure: float | None) -> None:
-        """Take the state as it is, and the commands that led to it."""
+        """Add the current state and the commands of the tick before it."""
         self._readings.append(reading)
         self._rest.append((plant.scene.system.torque_per_pressure, torque, pressure))
 
     def columns(self, plant: Plant) -> dict[str, object]:
-        """The fields of a ControlledRun that come from the samples."""
+        """Return the fields of a ControlledRun that come from the samples."""
         columns = {name: np.array(column) for name, column in zip(Reading._fields, zip(*self._readings))}
         per_pressure, *held = np.array(self._rest, dtype=np.float64).T
         system = plant.scene.system
@@ -127,7 +133,7 @@ class Samples:
 
 
 class _Held:
-    """The commands that a plant holds, by what a law answered."""
+    """Commands held from the answers of a control law."""
 
     def __init__(self, plant: Plant) -> None:
         self._plant = plant
@@ -138,7 +144,7 @@ class _Held:
         self.refused, self.refusal = 0, ""
 
     def take(self, answer: Answer) -> None:
-        """Hold an answer from the next tick on, but for what is refused: the value before it holds on."""
+        """Apply an answer from the next tick on; a refused value leaves the value before it."""
         given = answer if isinstance(answer, tuple) else (None, answer)
         if len(given) not in (2, 3):
             raise InputError(f"the law answered {answer!r}; it must answer a pressure, (torque, pressure) or (torque, "
@@ -156,20 +162,20 @@ class _Held:
         self.torque, self.pressure, self.output_speed = torque, pressure, speed
 
     def _number(self, name: str, value: object) -> float | None:
-        """A value of an answer; raises InputError where it makes no sense."""
+        """Return a value of an answer as a number or None; raise InputError if it is neither."""
         if value is None:
             return None
         if not self._taken[name]:
             group = topic(name).key.partition(".")[0]
-            raise InputError(f"the law answered {name} {value!r}, which the scene gives itself; None leaves it to the "
-                             f"scene, {group}.source=topic lets the law give it")
+            raise InputError(f"the law answered {name} {value!r}, which the scene sets; answer None to use the scene's "
+                             f"value, or set {group}.source=topic to let the law command it")
         try:
             return float(value)  # type: ignore[arg-type]
         except (TypeError, ValueError, OverflowError):
             raise InputError(f"the law answered {name} {value!r}; it must be a number or None") from None
 
     def _admitted(self, name: str, value: float, admit: Callable[[float], None] = lambda _: None) -> bool:
-        """Whether a value is taken; else it is counted, and why."""
+        """Return whether a value is accepted; count a refusal and store its reason."""
         try:
             check_command(name, value, admit)
         except InputError as error:
@@ -181,24 +187,25 @@ class _Held:
 def closed_loop(scene: SceneLike, law: Callable[[Reading], Answer], seconds: float,
                 rate: float = 1000.0, *, sensors: Mapping[str, Sensor | Mapping[str, float]] | None = None,
                 at: Mapping[float, Mapping[str, object]] | None = None) -> ControlledRun:
-    """Run a control law against the driveline, one call a tick, or one a command_period where the scene has that, as
-    its node would run in lock-step with the driveline's node: the same answers give the same states to the last bit.
+    """Run a control law in closed loop with the driveline, one call per tick, or per command_period.
 
-    An answer is held through the tick that follows the state it answers. What the node would refuse, a value out of its
-    range or a pressure that needs too many sub-steps, is refused here: the value before it holds on, it is counted, and
-    a warning says so at the end. A law with a memory is an object with `__call__`.
+    A node with this law in lock-step with the driveline's node gives the same states to the last bit.
+
+    An answer is held during the tick after the state that it answers. A value that the node would refuse, because it is
+    out of range or its pressure needs too many sub-steps, is refused here too: the value before it is held, the refusal
+    is counted, and a warning reports it at the end. A law with memory is an object with `__call__`.
 
     Parameters
     ----------
-    scene : a scene or a system, its name or its file; an input whose source is topic is the law's
-    law : gives for the state (a Reading) a pressure (Pa), or engine torque (N m) and pressure, or these and the speed
-        of the shaft's far end (rad/s); None for what the scene says where nobody commands it, its fallback
-    seconds : of simulated time; whole ticks are taken
-    rate : ticks a second, Hz
-    sensors : by signal (slip_speed, flywheel_speed, plate_speed, flywheel_angle, plate_angle, engine_torque) or topic
-        (joint_states, slip_speed), how the law is told it: noise, offset, quantum, delay_ticks, drop, seed. The law is
-        not asked about a state of which a message is lost: its last answer is held. The run keeps the true states
-    at : by time, s, scene keys that change then with their values: ``{1.5: {"engine.mean_torque": 250.0}}``
+    scene : a scene or a system, its name or its file; the law commands the inputs whose source is topic
+    law : function of the state (a Reading) that returns a pressure (Pa), or engine torque (N m) and pressure, or these
+        and the speed of the shaft's far end (rad/s); None for the scene's fallback
+    seconds : simulated time, rounded to whole ticks
+    rate : tick rate, Hz
+    sensors : sensors by signal (slip_speed, flywheel_speed, plate_speed, flywheel_angle, plate_angle, engine_torque) or
+        topic (joint_states, slip_speed), each with noise, offset, quantum, delay_ticks, drop, seed. If a message of a
+        state is lost, the law is not called and its last answer is held. The result has the true states
+    at : scene keys that change at a time, s, with their new values: ``{1.5: {"engine.mean_torque": 250.0}}``
 
     Returns
     -------
@@ -207,8 +214,8 @@ def closed_loop(scene: SceneLike, law: Callable[[Reading], Answer], seconds: flo
     Raises
     ------
     InputError
-        A scene that the real-time solver cannot run, a duration, a rate or a sensor's number out of its range, an
-        answer that is no number, or an answer for an input that the scene gives itself.
+        The real-time solver cannot run the scene; a duration, rate or sensor option is out of its range; or an answer
+        is not a number or is for an input that the scene sets.
 
     Examples
     --------
@@ -231,9 +238,9 @@ def closed_loop(scene: SceneLike, law: Callable[[Reading], Answer], seconds: flo
         changes.add(t, values)
     samples.add(plant, reading, None, None)
     for tick in range(round(seconds * rate)):
-        told = measuring.measure(reading)
+        measured = measuring.measure(reading)
         if tick % scene.operation.answer_ticks == 0 and not measuring.lost:
-            held.take(law(told))
+            held.take(law(measured))
         if due := changes.due(tick):
             plant.use(plant.scene.with_values(due))
         reading = plant.advance()

@@ -1,4 +1,4 @@
-"""The driveline as the loop steps it: solver, kernel, held inputs, and what can be computed in time. Free of ROS."""
+"""The driveline tick by tick: solver, kernel, held inputs, and the check of a tick's real time, without ROS."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from tcc_sim.solvers.fixed_step import Reached, Stepper
 from tcc_sim.solvers.terms import Terms, general_terms, holding, stick_speed_of, substeps, terms_from, terms_of
 
 SHARE = 0.5
-"""Part of a tick's real time that the sub-steps of what arrives while running may need, by their cost at warm-up.
-The rest is the margin: for publishing, for states that take more iterations, and for a processor that is shared.
-A scene that needs more from the start, up to the whole tick, may have it.
+"""Fraction of a tick's real time allowed for the sub-steps of commands and changes while running, by their cost at
+warm-up. The rest is a margin for publishing, for states with more iterations and for a shared processor. A scene that
+needs more from the start may use up to the whole tick.
 """
 MEASURED, REPEATS = 200, 5
-"""Sub-steps in a measurement of their cost, and measurements of which the shortest counts."""
+"""Sub-steps in one timing measurement, and number of measurements, of which the shortest counts."""
 
 
 class Reading(NamedTuple):
-    """What a tick led to: the fields that fill the topics (`topics.TOPICS`), SI, angles in rad.
+    """State after a tick with all values that are published (`topics.TOPICS`), in SI units, angles in rad.
 
     stick_slip_state : -1 negative slip, 0 stick, 1 positive slip
-    applied_pressure, commanded_pressure : at the plates, and what the actuator is asked for
-    shaft_torque : C23 (theta2' - theta3') + K23 (theta2 - theta3)
-    output_angle, output_speed : of the shaft's far end, theta3 and theta3'
+    applied_pressure, commanded_pressure : pressure at the plates, and pressure commanded to the actuator, Pa
+    shaft_torque : C23 (theta2' - theta3') + K23 (theta2 - theta3), N m
+    output_angle, output_speed : theta3 and theta3' of the shaft's far end
     """
 
     stamp_ns: int
@@ -52,12 +52,12 @@ class Reading(NamedTuple):
 
 
 class Plant:
-    """One driveline, tick by tick.
+    """Driveline that is solved tick by tick.
 
     Parameters
     ----------
-    scene : what to run
-    clock : by which a sub-step is measured, s
+    scene : scene to run
+    clock : function that returns the time for measuring the cost of a sub-step, s
 
     Raises
     ------
@@ -83,12 +83,12 @@ class Plant:
         self._share = SHARE
 
     def warm_up(self) -> None:
-        """Compile the scene's own kernel, measure it, and check that the scene can be computed in time; once.
+        """Compile and time the scene's own kernel once, and check that a tick can be computed in its real time.
 
         Raises
         ------
         InputError
-            In real time: a tick takes longer than it may.
+            In real time, a tick takes too long.
         """
         if self._cost:
             return
@@ -101,7 +101,7 @@ class Plant:
         self.check(self.scene)
 
     def warm_up_general(self) -> None:
-        """Compile the kernel with every term, which some changes while running need; beside the running clock."""
+        """Compile and time the kernel with every term, which some changes need; it may run beside the running clock."""
         terms = general_terms(self.scene.system)
         if not self.general_ready.is_set():
             self.stepper.warm_up(terms)
@@ -109,36 +109,36 @@ class Plant:
             self.general_ready.set()
 
     def warm_up_far_end(self) -> None:
-        """Compile what a far end that moves needs."""
+        """Compile the kernels with a moving far end."""
         self.stepper.warm_up(*([general_terms(self.scene.system)] if self.general_ready.is_set() else []), far=True)
 
     def needs_general(self, scene: Scene) -> bool:
-        """Whether `scene` has other terms than the one that this driveline started with, or another frequency, whose
-        phase goes on from where it is.
+        """Return whether `scene` needs the kernel with every term: its terms differ from those at the start, or its
+        frequency does, since the phase must be continuous.
         """
         return _differ(terms_from(scene.system, self._origin_of(scene)), self._own)
 
     def check(self, scene: Scene) -> None:
-        """Raise InputError where `scene` cannot be computed, be it with the inputs as held or with their fallbacks."""
+        """Raise InputError if `scene` cannot be computed with the held inputs or with their fallbacks."""
         if (scene.system.friction.curve is None) != (self.scene.system.friction.curve is None):
-            raise InputError("friction.slip_speeds: a friction table may change while the driveline runs, and neither "
-                             "come nor go; start the driveline again")
+            raise InputError("friction.slip_speeds: a running driveline can change a friction table, but cannot add or "
+                             "remove one; restart the driveline")
         terms = self._terms_of(scene)
         highest = {self._actuator.highest} if self._actuator is not None else set[float]()
         for pressure in {self._pressure, None} | highest:
             self._afford(scene, _held(scene, terms, self._torque, pressure))
 
     def check_pressure(self, pressure: float) -> None:
-        """Raise InputError where a commanded pressure, Pa, cannot be computed."""
+        """Raise InputError if a commanded pressure, Pa, needs too many sub-steps."""
         self._afford(self.scene, _held(self.scene, self._terms, self._torque, pressure))
 
     def use(self, scene: Scene) -> None:
-        """Take changed parameters from the next tick on, all or none.
+        """Apply changed parameters together from the next tick on.
 
         Raises
         ------
         InputError
-            As `check`; nothing has changed then.
+            `check` refuses the scene; nothing changes.
         """
         self.check(scene)
         self.general, self._terms, self.origin = self.needs_general(scene), self._terms_of(scene), self._origin_of(
@@ -149,26 +149,26 @@ class Plant:
             self._press(self._actuator.pressure, self._actuator.pressure)
 
     def hold(self, torque: float | None, pressure: float | None) -> None:
-        """Hold a commanded engine torque (N m) and pressure (Pa) from the next tick on; None: what the scene says.
+        """Hold a commanded engine torque (N m) and pressure (Pa) from the next tick on; None for the scene's values.
 
-        Where the scene has an actuator the pressure is what it is asked for.
+        If the scene has an actuator, the pressure is the actuator's command.
 
         Raises
         ------
         InputError
-            A tick needs too many sub-steps; what was held is held on.
+            A tick needs too many sub-steps; the earlier values stay held.
         """
         if (torque, pressure) != (self._torque, self._pressure):
             self.stepper.use(_held(self.scene, self._terms, torque, pressure))
             self._torque, self._pressure = torque, pressure
 
     def move_far_end(self, speed: float | None) -> None:
-        """Hold the speed of the shaft's far end, rad/s, from the next tick on; None: it stands still where it is."""
+        """Hold the speed of the shaft's far end, rad/s, from the next tick on; None stops it where it is."""
         if speed is not None or self.stepper.far_end is not None:
             self.stepper.move_far_end(speed or 0.0)
 
     def reset(self) -> None:
-        """Back to the initial state at simulation time 0, with no input held."""
+        """Return to the initial state at simulation time 0 without held inputs."""
         self.stepper.reset(self.scene.system)
         self.origin, system = START, self.scene.system
         self._terms = general_terms(system) if self.general else terms_of(system)
@@ -180,44 +180,44 @@ class Plant:
 
     @property
     def stamp_ns(self) -> int:
-        """Simulation time of the state."""
+        """Simulation time of the current state, ns."""
         return self.stamp_of(self.stepper.tick)
 
     def stamp_of(self, tick: int) -> int:
-        """Simulation time of a tick, ns."""
+        """Return the simulation time of a tick, ns."""
         return round(tick * self._stamp_step)
 
     def advance(self) -> Reading:
-        """One tick; the state after it."""
+        """Solve one tick and return the state after it."""
         if self._actuator is not None:
             self._press(*self._actuator.advance(self._commanded_pressure()))
         return self._read(self.stepper.advance())
 
     def reading(self) -> Reading:
-        """The state as it is."""
+        """Return the current state."""
         return self._read(self.stepper.now())
 
     def _press(self, before: float, after: float) -> None:
-        """Let the actuator's pressure go from one value to another, Pa, in the next tick."""
+        """Set the actuator's pressure at the start and the end of the next tick, Pa."""
         if self._actuator is not None:
             largest = max(before, after) if self.scene.system.pressure.lagged else after
             self.stepper.use(_held(self.scene, self._terms, self._torque, largest))
             self.stepper.press(before, after, self.scene.system.torque_per_pressure)
 
     def _commanded_pressure(self) -> float:
-        """What the actuator is asked for, Pa."""
+        """Return the pressure commanded to the actuator, Pa."""
         return self.scene.system.pressure.mean if self._pressure is None else self._pressure
 
     @property
     def pressures(self) -> tuple[float, float]:
-        """Commanded pressure, and that at the plates at the end of the tick, Pa."""
+        """Commanded pressure, and pressure at the plates at the end of the tick, Pa."""
         if self._actuator is None:
             applied = self._applied_pressure()
             return applied, applied
         return self._commanded_pressure(), self._actuator.pressure
 
     def _read(self, reached: Reached) -> Reading:
-        """What a tick led to."""
+        """Return the Reading of a solver state."""
         v, plate_angle, plate_speed, flywheel_angle, engine, friction, _ = reached
         state = 0 if abs(v) <= self._stick_speed else 1 if v > 0.0 else -1
         commanded, applied = self.pressures
@@ -227,7 +227,7 @@ class Plant:
                        engine, friction, v, state, applied, commanded, shaft, output_angle, output_speed)
 
     def _applied_pressure(self) -> float:
-        """Pressure at the end of the tick, Pa, where it comes from a topic."""
+        """Return the pressure at the end of the tick without an actuator, Pa."""
         if self._pressure is not None:
             return self._pressure
         mean, amplitude, angle, frequency, phase = self._swing
@@ -240,7 +240,7 @@ class Plant:
         return max(0.0, mean + amplitude * math.sin(angle + phase)) if amplitude else mean
 
     def _follow(self, scene: Scene) -> None:
-        """Take from `scene` what every tick needs."""
+        """Store the values of `scene` that every tick needs."""
         own, self.scene = scene.system.pressure, scene
         self._damping, self._stiffness = scene.system.driveline.damping, scene.system.driveline.stiffness
         self._stick_speed = stick_speed_of(terms_of(scene.system))
@@ -248,8 +248,8 @@ class Plant:
                        scene.system.engine.frequency, own.phase)
 
     def _origin_of(self, scene: Scene) -> Origin:
-        """Where the phases are counted from if `scene` holds from the next tick on, so that neither that of the engine
-        nor the load's jumps.
+        """Return the origin of the phases with which the phases of engine and load stay continuous if `scene` applies
+        from the next tick on.
         """
         before, after, t = self.scene.system, scene.system, self.stepper.tick * self.stepper.step
         ratios = before.pressure.frequency_ratio, after.pressure.frequency_ratio
@@ -262,22 +262,22 @@ class Plant:
         return Origin(t, phase, lead)
 
     def _terms_of(self, scene: Scene) -> Terms:
-        """The terms of `scene` for the kernel that it needs."""
+        """Return the terms of `scene` for the kernel that it needs."""
         origin = self._origin_of(scene)
         return general_terms(scene.system, origin) if self.needs_general(scene) else terms_from(scene.system, origin)
 
     def _afford(self, scene: Scene, terms: Terms) -> None:
-        """Raise InputError where a tick needs more sub-steps than the solver takes or than its own time allows."""
+        """Raise InputError if a tick needs more sub-steps than the solver or the tick's real time allows."""
         share = self._needed(scene, terms)
         if share > self._share:
             step, count = self.stepper.step, substeps(terms, self.stepper.step)
             period = step / scene.operation.real_time_factor * 1e3
-            raise InputError(f"a tick of {step * 1e3:g} ms needs {count} sub-steps, {share * period:.3g} ms here, and "
-                             f"may take {self._share * period:.3g} ms in real time; offline, in lock-step and with "
-                             "real_time_factor 0 it may take longer")
+            raise InputError(f"a tick of {step * 1e3:g} ms needs {count} sub-steps, which take {share * period:.3g} ms "
+                             f"on this machine; in real time at most {self._share * period:.3g} ms are allowed "
+                             "(no limit offline, in lock-step and with real_time_factor 0)")
 
     def _needed(self, scene: Scene, terms: Terms) -> float:
-        """Part of its real time that a tick's sub-steps need, 0 where it does not matter; InputError as `substeps`."""
+        """Return the fraction of a tick's real time for its sub-steps, 0 without a limit; InputError as `substeps`."""
         count = substeps(terms, self.stepper.step)
         operation = scene.operation
         if operation.real_time_factor == 0.0 or operation.pacing == "lockstep":
@@ -286,8 +286,8 @@ class Plant:
         return count * cost * operation.real_time_factor / self.stepper.step
 
     def _measured(self, terms: Terms) -> float:
-        """Seconds of a sub-step, the dearer of slip and stick."""
-        dearest = 0.0
+        """Return the time of a sub-step, the longer of slip and stick, s."""
+        longest = 0.0
         for slip_speed in (self.scene.system.initial.slip_speed, 0.0):
             state = self.stepper.state.copy()
             state[0] = slip_speed
@@ -296,17 +296,17 @@ class Plant:
                 began = self._clock()
                 self.stepper.run_apart(terms, state, MEASURED)
                 shortest = min(shortest, (self._clock() - began) / MEASURED)
-            dearest = max(dearest, shortest)
-        return float(dearest)
+            longest = max(longest, shortest)
+        return float(longest)
 
 
 def _held(scene: Scene, terms: Terms, torque: float | None, pressure: float | None) -> Terms:
-    """`terms` of `scene` with a commanded torque, N m, and pressure, Pa, in the place of its own."""
+    """Return `terms` of `scene` with a commanded torque, N m, and pressure, Pa, in place of the scene's."""
     load = None if pressure is None else scene.system.torque_per_pressure * pressure
     return holding(terms, torque, load)
 
 
 def _differ(one: Terms, other: Terms) -> bool:
-    """Whether two scenes need different kernels: a term is there in one of them only, or has other exponentials."""
+    """Return whether two scenes need different kernels: a term is only in one, or the exponentials differ in number."""
     return any((a is None) != (b is None) for a, b in zip(one, other)) or (
         len(one.stribeck or ()) != len(other.stribeck or ()))

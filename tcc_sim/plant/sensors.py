@@ -1,5 +1,6 @@
-"""Sensors between the driveline and a controller: noise, offset, resolution, delay, and messages that are lost, by
-count and with a seed, so that two runs are the same to the last bit. Free of ROS.
+"""Sensors between the driveline and a controller: noise, offset, resolution, delay and lost messages, without ROS.
+
+Losses are counted by message and random numbers have a seed, so that runs repeat to the last bit.
 """
 
 from __future__ import annotations
@@ -15,19 +16,19 @@ from tcc_sim.plant.driveline import Reading
 
 TOPICS = {"slip_speed": ("slip_speed",),
           "joint_states": ("flywheel_angle", "plate_angle", "flywheel_speed", "plate_speed", "engine_torque")}
-"""By topic that a sensor may be put before: the fields of a Reading that the topic alone carries."""
+"""Topic -> fields of a Reading that a sensor of the whole topic measures."""
 SIGNALS = tuple(name for fields in TOPICS.values() for name in fields)
-"""Fields of a Reading that a sensor may measure."""
+"""Fields of a Reading that a sensor can measure."""
 
 
 @dataclass(frozen=True)
 class Sensor(Options):
-    """How a signal is measured: x(t - delay) + offset + noise, rounded to a multiple of `quantum`.
+    """Sensor of a signal x(t): x(t - delay) + offset + noise, rounded to a multiple of `quantum`.
 
     Raises
     ------
     InputError
-        A number out of its range.
+        An option is out of its range.
     """
 
     noise: float = quantity(0.0, "standard deviation of Gaussian noise, white from tick to tick, in the signal's unit",
@@ -35,27 +36,27 @@ class Sensor(Options):
     offset: float = quantity(0.0, "constant error, in the signal's unit", low=-1e12, high=1e12)
     quantum: float = quantity(0.0, "resolution, in the signal's unit; 0: none", low=0.0)
     delay_ticks: int = quantity(0, "ticks by which the value is older than the message's stamp", low=0, high=100_000)
-    drop: int = quantity(0, "one of every so many messages of the topic is lost; 0: none", low=0)
-    seed: int = quantity(0, "two runs with the same seed are the same", low=0)
+    drop: int = quantity(0, "one random message of every `drop` messages of the topic is lost; 0: none", low=0)
+    seed: int = quantity(0, "seed; runs with equal seeds are identical", low=0)
 
     @staticmethod
     def of(name: str, given: Sensor | Mapping[str, float]) -> Sensor:
-        """A sensor before a signal or topic, as it is or by its options' names.
+        """Return the sensor of a signal or topic from a Sensor or a mapping of its options.
 
         Raises
         ------
         InputError
-            No such signal, topic or option, or an option that the signal or the topic does not have.
+            The signal, topic or option does not exist, or the option does not apply to the signal or topic.
         """
         if name not in SIGNALS and name not in TOPICS:
-            raise InputError(f"there is no sensor of {name}; there are {', '.join(SIGNALS)} and joint_states")
-        known = Sensor.quantities()
+            raise InputError(f"{name} has no sensor; sensors are of {', '.join(SIGNALS)} and joint_states")
+        options = Sensor.quantities()
         for option in () if isinstance(given, Sensor) else given:
-            if option not in known:
-                raise InputError(f"{option} is no option of a sensor; there are {', '.join(known)}")
+            if option not in options:
+                raise InputError(f"{option} is not an option of a sensor; the options are {', '.join(options)}")
         sensor = given if isinstance(given, Sensor) else Sensor(**given)  # type: ignore[arg-type]
         if sensor.drop and name not in TOPICS:
-            raise InputError(f"{name} has no drop: whole messages are lost; give drop to joint_states")
+            raise InputError(f"{name} has no drop, since only whole messages are lost; give drop to joint_states")
         if name not in SIGNALS and (sensor.noise or sensor.offset or sensor.quantum):
             raise InputError(f"{name} has no noise, offset or quantum; give them to one of its signals: "
                              f"{', '.join(TOPICS[name])}")
@@ -63,14 +64,14 @@ class Sensor(Options):
 
 
 class Schedule:
-    """Which messages one kind of fault hits: one of each `every`, at a place drawn anew for each such block."""
+    """Random choice of the messages that one kind of fault hits: one in each block of `every` messages."""
 
     def __init__(self, every: int, seed: str) -> None:
         self._every, self._draw = every, random.Random(seed)
         self._number = self._place = 0
 
     def hits(self) -> bool:
-        """Whether the next message is hit."""
+        """Return whether the next message is hit."""
         if not self._every:
             return False
         if self._number % self._every == 0:
@@ -80,7 +81,7 @@ class Schedule:
 
 
 class _Measured:
-    """One sensor with its memory."""
+    """One sensor with its random state and past readings."""
 
     def __init__(self, name: str, sensor: Sensor) -> None:
         self._sensor, self._signals = sensor, TOPICS.get(name, (name,))
@@ -89,11 +90,11 @@ class _Measured:
         self._past: deque[Reading] = deque(maxlen=sensor.delay_ticks + 1)
 
     def lost(self) -> bool:
-        """Whether the next message is lost."""
+        """Return whether the next message is lost."""
         return self._drops.hits()
 
     def values(self, reading: Reading) -> dict[str, float]:
-        """What the sensor gives for its signals; the first state stands for those before it."""
+        """Return the measured signals; states before the first equal the first."""
         self._past.append(reading)
         return {name: self._value(getattr(self._past[0], name)) for name in self._signals}
 
@@ -105,11 +106,11 @@ class _Measured:
 
 
 class Sensors:
-    """The sensors before a controller: by the name of a signal, or of a topic.
+    """Sensors between the driveline and a controller, by the name of a signal or of a topic.
 
     Attributes
     ----------
-    lost : topics whose message of the last state was lost
+    lost : topics of the last state's lost messages
     """
 
     def __init__(self, given: Mapping[str, Sensor | Mapping[str, float]] | None = None) -> None:
@@ -119,7 +120,7 @@ class Sensors:
             self.put(name, sensor)
 
     def put(self, name: str, sensor: Sensor | Mapping[str, float]) -> None:
-        """Put a sensor before a signal or topic from the next state on, in the place of the one that is there.
+        """Set the sensor of a signal or topic from the next state on, replacing an earlier one.
 
         Raises
         ------
@@ -129,12 +130,12 @@ class Sensors:
         self._sensors[name] = _Measured(name, Sensor.of(name, sensor))
 
     def measure(self, reading: Reading) -> Reading:
-        """What the controller is told of a state; once a state, since noise and losses go by count."""
+        """Return the measured state; call it once for each state, since noise and losses depend on the count."""
         if not self._sensors:
             return reading
         self.lost = frozenset(name for name, sensor in self._sensors.items() if sensor.lost())
-        told: dict[str, float] = {}
-        # A delay of a whole message counts where a signal has no sensor of its own.
+        measured: dict[str, float] = {}
+        # The sensor of a signal replaces the values of its topic's sensor.
         for name in sorted(self._sensors, key=lambda name: name in SIGNALS):
-            told |= self._sensors[name].values(reading)
-        return reading._replace(**told)  # type: ignore[arg-type]
+            measured |= self._sensors[name].values(reading)
+        return reading._replace(**measured)  # type: ignore[arg-type]

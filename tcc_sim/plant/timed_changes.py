@@ -1,4 +1,4 @@
-"""Changes of a run at exact ticks, given before it begins. Free of ROS."""
+"""Scheduled changes of scene keys at exact ticks of a run, without ROS."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from tcc_sim.scene import meaning_of
 
 
 def changes_of(values: Mapping[str, object] | None, more: Mapping[str, object]) -> dict[str, object]:
-    """Return scene keys with their values; those of `more` have __ in the place of the dot."""
+    """Return scene keys with their values; keys of `more` have __ in place of the dot."""
     return {**(values or {}), **{key.replace("__", "."): value for key, value in more.items()}}
 
 
 class TimedChanges:
-    """Scene keys that change at given simulation times, each a whole number of ticks.
+    """Schedule of changes of scene keys at simulation times, each a whole number of ticks.
 
     Parameters
     ----------
-    rate : ticks a second, Hz
+    rate : tick rate, Hz
     """
 
     def __init__(self, rate: float) -> None:
@@ -26,17 +26,16 @@ class TimedChanges:
         self._changes: dict[int, dict[str, object]] = {}
 
     def add(self, t: float, changes: Mapping[str, object], tick: int = 0) -> None:
-        """Change keys at time t, s: the tick that begins then is the first with the new values.
+        """Schedule a change at time t, s: the tick that begins at t is the first with the new values.
 
         Parameters
         ----------
-        tick : that a run has reached
+        tick : current tick of the run
 
         Raises
         ------
         InputError
-            A time that is no whole number of ticks or that the run has passed, or a key that does not exist or that no
-            running driveline changes.
+            The time is not a whole number of ticks or has passed, or a key does not exist or cannot change in a run.
         """
         for key in changes:
             if not meaning_of(key).live:
@@ -50,5 +49,5 @@ class TimedChanges:
         self._changes.setdefault(at, {}).update(changes)
 
     def due(self, tick: int) -> dict[str, object] | None:
-        """Return what changes before the tick of this number, once; None where nothing does."""
+        """Remove and return the changes before the tick with this number; None without any."""
         return self._changes.pop(tick, None) if self._changes else None

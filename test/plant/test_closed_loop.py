@@ -84,9 +84,9 @@ def test_what_the_node_refuses_is_refused_counted_and_said_and_the_value_before_
     ("controlled", "much", r"the law answered actuation_pressure 'much'; it must be a number or None"),
     ("controlled", 10**400, r"0+; it must be a number or None"),
     ("controlled", (1.0, 2.0, 3.0, 4.0), r"it must answer a pressure, \(torque, pressure\) or \(torque, "),
-    ("controlled", (5.0, 1e5), "engine_torque 5.0, which the scene gives itself; None leaves it to the scene, "
-                               "engine.source=topic lets the law give it"),
-    ("fig02", 1e5, "actuation_pressure 100000.0, which the scene gives itself; .* pressure.source=topic")])
+    ("controlled", (5.0, 1e5), "engine_torque 5.0, which the scene sets; answer None to use the scene's value, "
+                               "or set engine.source=topic to let the law command it"),
+    ("fig02", 1e5, "actuation_pressure 100000.0, which the scene sets; .* pressure.source=topic")])
 def test_an_answer_that_makes_no_sense_ends_the_run_with_a_line(scene: str, answer: object, match: str) -> None:
     with pytest.raises(InputError, match=match):
         tcc_sim.closed_loop(scene, lambda _: answer, 0.01)  # type: ignore[arg-type,return-value]

@@ -69,12 +69,12 @@ def test_a_law_is_told_by_the_sensors_and_the_run_keeps_the_true_states() -> Non
 
 
 @pytest.mark.parametrize(("name", "options", "sentence"), [
-    ("slip", {}, "there is no sensor of slip; there are slip_speed, flywheel_angle, plate_angle, flywheel_speed, "
+    ("slip", {}, "slip has no sensor; sensors are of slip_speed, flywheel_angle, plate_angle, flywheel_speed, "
                  "plate_speed, engine_torque and joint_states"),
-    ("slip_speed", {"nose": 1.0}, "nose is no option of a sensor; there are noise, offset, quantum, delay_ticks"),
+    ("slip_speed", {"nose": 1.0}, "nose is not an option of a sensor; the options are noise, offset, quantum"),
     ("slip_speed", {"noise": -1.0}, "noise is -1; it must be 0 or more"),
     ("slip_speed", {"delay_ticks": 1.5}, "delay_ticks is 1.5; it must be a whole number"),
-    ("plate_speed", {"drop": 3}, "plate_speed has no drop: whole messages are lost; give drop to joint_states"),
+    ("plate_speed", {"drop": 3}, "plate_speed has no drop, since only whole messages are lost; give drop to"),
     ("joint_states", {"noise": 0.1}, "joint_states has no noise, offset or quantum; give them to one of its signals")])
 def test_wrong_sensors_are_refused(name: str, options: dict[str, float], sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
