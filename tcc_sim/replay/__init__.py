@@ -1,1 +1,1 @@
-"""A recording read once: analysed, streamed to Rerun, and solved again from what it holds."""
+"""Recordings read as data: analysed, streamed to Rerun, and solved again for verification."""

@@ -1,4 +1,4 @@
-"""The picture of `analyse` again, from its JSON: the recording that it names is read once more."""
+"""Draw the picture of `analyse` again from its JSON, by reading the recording named there."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tcc_sim.views.stored import Record, arguments_in
 
 
 def draw_again(path: Path, values: Record, title: str, width: float) -> Path:
-    """Draw what `analyse --plot` draws; InputError or RecordingError where the recording is not there any more."""
+    """Draw what `analyse --plot` draws; raise InputError or RecordingError if the recording no longer exists."""
     given = arguments_in(vars(values))
     recording = read(given.recording, given.scene, given.joints)
     found: Any = replay(recording, discard=given.discard, frequency=given.frequency,

@@ -1,4 +1,4 @@
-"""A controller's signals and events in one run of a recording: for pictures and Rerun."""
+"""Collect a controller's signals and events in one run of a recording, for pictures and Rerun."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from tcc_sim.scene import Scene
 from tcc_sim.trajectory import Floats
 
 INPUTS = {"engine_torque": ("engine", "engine torque"), "actuation_pressure": ("pressure", "pressure")}
-"""Command topics with the group of the scene that says whether they are used, and what they command."""
+"""Command topic -> group of the scene whose `source` enables it, and the name of the input."""
 PER_CYCLE = 50
-"""Values of a signal kept in each engine cycle, for a picture."""
+"""Largest number of values of a signal per engine cycle in a picture."""
 AT_A_RESET = 0.01
-"""Seconds before the end of a run in which an input falls back because of the reset, and not for want of commands."""
+"""Time before the end of a run, s, in which an input falls back because of the reset, not for lack of commands."""
 Signal = tuple[NDArray[np.int64], Floats]
 
 
 class RunSignals(NamedTuple):
-    """Signals by name, (stamps in ns, values), events at simulation time, and the reset or restart at its end."""
+    """Signals of a run by name (stamps in ns, values), events by simulation time, and the reset or restart after it."""
 
     signals: dict[str, Signal]
     events: list[Event]
     ended: Event | None
 
     def control(self, cycle: float) -> Control:
-        """The same thinned out for a picture: of each PER_CYCLE-th part of an engine cycle (s) the last value."""
+        """Return the signals thinned for a picture: the last value in each 1/PER_CYCLE of an engine cycle (s)."""
         steps = {name: _thinned(signal, cycle) for name, signal in self.signals.items()}
         events = [*self.events, *([self.ended] if self.ended is not None else [])]
         means, none = steps.get("mean_slip", Steps.none()), Steps.none()
@@ -44,14 +44,14 @@ class RunSignals(NamedTuple):
 
 
 def signals_of(line: Timeline, states: JointStates, clock: EngineClock, tick: int) -> RunSignals:
-    """Gather cycle means, target, pressures and events of a run.
+    """Collect cycle means, target, pressures and events of a run.
 
     Parameters
     ----------
-    line : the recording
-    states : of the run, or of a part of it
-    clock : when engine cycles start
-    tick : distance of stamps, ns
+    line : timeline of the recording
+    states : states of the run, or of a part of it
+    clock : start times of engine cycles
+    tick : time between stamps, ns
     """
     signals: dict[str, Signal] = {}
     means, found = CycleMeans(clock), []
@@ -69,20 +69,21 @@ def signals_of(line: Timeline, states: JointStates, clock: EngineClock, tick: in
     stamps, values = signals.get(TARGET, (np.empty(0, np.int64), np.empty(0)))
     target = line.target_before(states.index)
     if target is not None and not (len(stamps) and stamps[0] == states.stamp_ns[0]):
-        # The target of the run before holds until another is said.
+        # The target of the run before holds until a new one is published.
         signals[TARGET] = np.append(states.stamp_ns[0], stamps), np.append(target, values)
     if states.applied_pressure is not None:
         change = np.flatnonzero(np.diff(states.applied_pressure, prepend=np.nan) != 0.0)
         signals["applied_pressure"] = states.stamp_ns[change], states.applied_pressure[change]
     last = float(states.stamp_ns[-1]) * 1e-9
     events, followed = list(_changes(line, states)), any(run.index >= end for run in line.runs)
-    fallen = [*(_told(line, states) if line.sources else _untold(line.scene_at(states.index), signals, last))]
+    fallen = [*(_announced_fallbacks(line, states) if line.sources
+                else _inferred_fallbacks(line.scene_at(states.index), signals, last))]
     events += [event for event in fallen if not followed or last - event.t >= AT_A_RESET]
     return RunSignals(signals, events, Event(last, "reset or restart") if followed else None)
 
 
 def _thinned(signal: Signal, cycle: float) -> Steps:
-    """The last value in each part of an engine cycle, and `Settings.most_steps` of these."""
+    """Return the last value in each part of an engine cycle, at most the last `Settings.most_steps`."""
     stamps, values = signal
     part = stamps // max(round(cycle * 1e9 / PER_CYCLE), 1)
     last = np.flatnonzero(np.diff(part, append=-1))[-DEFAULTS.most_steps:]
@@ -90,7 +91,7 @@ def _thinned(signal: Signal, cycle: float) -> Steps:
 
 
 def _changes(line: Timeline, states: JointStates) -> Iterator[Event]:
-    """Parameters that were changed while the run was under way."""
+    """Iterate over the changes of parameters during the run."""
     scene = line.scene_at(states.index)
     for index, after in line.changes:
         if states.index < index < states.index + len(states):
@@ -103,12 +104,12 @@ def _changes(line: Timeline, states: JointStates) -> Iterator[Event]:
 
 
 def _fallback(t: float, what: str, limit: float) -> Event:
-    """An input without a command."""
+    """Return the event of an input without a command."""
     return Event(t, f"{what} falls back: no command for {limit:g} s")
 
 
-def _told(line: Timeline, states: JointStates) -> Iterator[Event]:
-    """Inputs that fell back as the driveline said it; what a run begins with is no event of it."""
+def _announced_fallbacks(line: Timeline, states: JointStates) -> Iterator[Event]:
+    """Iterate over the fallbacks that the driveline announced within the run."""
     held = next((held for index, held in reversed(line.sources) if index <= states.index), frozenset[str]())
     for index, commanded in line.sources:
         if states.index < index < states.index + len(states):
@@ -119,8 +120,8 @@ def _told(line: Timeline, states: JointStates) -> Iterator[Event]:
             held = commanded
 
 
-def _untold(scene: Scene, signals: dict[str, Signal], end: float) -> Iterator[Event]:
-    """Inputs that fell back since no command came for command_timeout, where the driveline did not say so."""
+def _inferred_fallbacks(scene: Scene, signals: dict[str, Signal], end: float) -> Iterator[Event]:
+    """Iterate over the times without a command for command_timeout, for recordings without announcements."""
     limit = scene.operation.command_timeout
     for name, (group, what) in INPUTS.items():
         if limit > 0.0 and getattr(scene.system, group).source == "topic" and name in signals:

@@ -1,5 +1,5 @@
-"""Engine torque, actuation pressure and speed of the shaft's far end from a recording or from a table, to drive a scene
-by, and its digital twin: the simulation beside what was recorded.
+"""Drive a scene by the engine torque, actuation pressure and far-end speed of a recording or a table, and compare the
+simulation with the recorded slip speed.
 """
 
 from __future__ import annotations
@@ -21,31 +21,30 @@ from tcc_sim.topics import topic
 from tcc_sim.trajectory import Floats, Trajectory
 
 MOST_PARTS = 100_000
-"""Parts of a commanded pressure that an actuator follows."""
+"""Largest number of parts into which an actuator's response is divided."""
 
 
 def driven_by(scene: Scene, path: Path, hold: str | None = None) -> Scene:
-    """`scene` with the torque and the pressure of a recording's first run, or of a table's columns, in the place of its
-    own, and with a far end of the shaft that moves as they tell; what these do not tell stays the scene's.
+    """Return `scene` with the torque, pressure and far-end speed of a recording's first run or of a table.
 
-    What a command held in a recording is held through the tick that applied it; what the driveline made by itself is
-    joined by straight lines. A table (CSV) has the column t, s, and one or more of engine_torque, N m,
-    actuation_pressure, Pa, and output_speed, rad/s; the far end starts at angle 0.
+    Inputs without data stay those of the scene. Recorded commands are held during the tick that applied them; inputs
+    that the driveline computed from its scene are joined by straight lines. A table (CSV) has the column t, s, and one
+    or more of engine_torque, N m, actuation_pressure, Pa, and output_speed, rad/s; the far end starts at angle 0.
 
     Parameters
     ----------
-    path : the recording or the table; the scene's actuator follows the pressure of a table, which is commanded, while
-        that of a recording was at the plates
-    hold : how a table's inputs go on between two rows, one of `recording.table.HOLDS`; None takes what the file says,
-        else `previous`
+    path : the recording or the table; a table has the commanded pressure, which the scene's actuator follows; a
+        recording has the pressure at the plates
+    hold : interpolation of a table's inputs between rows, one of `recording.table.HOLDS`; None for that stated in the
+        file, else `previous`
 
     Raises
     ------
     InputError
-        A file that cannot be read, values that are no inputs, or `hold` of a recording.
+        The file cannot be read, values are out of range, or `hold` is given for a recording.
     """
     if path.suffix != ".csv" and hold is not None:
-        raise InputError(f"--hold is for tables; {path} is a recording, which tells by itself how its inputs held")
+        raise InputError(f"--hold is for tables; {path} is a recording, which defines how its inputs were held")
     if path.suffix == ".csv":
         inputs, own = of_table(path, hold), scene.system.pressure
         if inputs.pressure is not None and own.actuated:
@@ -56,15 +55,15 @@ def driven_by(scene: Scene, path: Path, hold: str | None = None) -> Scene:
 
 
 def of_recording(path: Path) -> Inputs:
-    """The inputs of the first run of a recording."""
+    """Return the inputs of the first run of a recording."""
     run = read(path).trajectory(0)
     if run.system is None or len(run.t) < 2:
-        raise InputError(f"{path}: there are no inputs in it, since it has fewer than two states")
+        raise InputError(f"{path} has no inputs: it holds fewer than two states")
     t, system = run.t - run.t[0], run.system
     pressure = run.saturation_torque / system.torque_per_pressure
     lines: list[Floats | None] = []
     for values, source in ((run.engine_torque, system.engine.source), (pressure, system.pressure.source)):
-        # A command was held through the tick before the state that tells it.
+        # A command was held during the tick before the state that records it.
         lagged = values is pressure and system.pressure.lagged
         lines.append(_lines(t, values, "next" if source == "topic" and not lagged else "linear"))
     if all(line is None for line in lines):
@@ -74,38 +73,39 @@ def of_recording(path: Path) -> Inputs:
 
 
 def followed(command: Floats, actuator: Pressure, end: float) -> Floats:
-    """Return the pressure with which an actuator follows a commanded one, both as lines, Pa; it starts at the mean.
+    """Return an actuator's response to a commanded pressure, both as lines, Pa; the response starts at the mean.
 
-    Each line is cut into parts of a hundredth of the time constant, at most MOST_PARTS in all; the pressure is exact at
-    their ends where the command is held, and straight between, which errs by 1.3e-5 of the pressure that is missing.
+    Each line is divided into parts of a hundredth of the time constant, at most MOST_PARTS in all. The pressure is
+    exact at their ends if the command is held, and linear between; the error is 1.3e-5 of the remaining difference.
     """
-    known = np.concatenate([[[-np.inf, actuator.mean, 0.0]], command + np.array([actuator.delay, 0.0, 0.0])])
+    delayed = np.concatenate([[[-np.inf, actuator.mean, 0.0]], command + np.array([actuator.delay, 0.0, 0.0])])
     step = max(actuator.time_constant / 100.0 or end / 1000.0, end / MOST_PARTS)
-    times = np.unique(np.concatenate([np.arange(0.0, end, step), known[1:, 0], [end]]))
+    times = np.unique(np.concatenate([np.arange(0.0, end, step), delayed[1:, 0], [end]]))
     times = times[times <= end]
-    place = np.searchsorted(known[:, 0], times, side="right") - 1
-    rate = known[place, 2]
-    asked = known[place, 1] + np.where(rate == 0.0, 0.0, rate * (times - np.where(rate == 0.0, 0.0, known[place, 0])))
+    line = np.searchsorted(delayed[:, 0], times, side="right") - 1
+    rate = delayed[line, 2]
+    begin = np.where(rate == 0.0, 0.0, delayed[line, 0])
+    commanded = delayed[line, 1] + np.where(rate == 0.0, 0.0, rate * (times - begin))
     if not actuator.lagged:
-        return np.stack([times, asked, rate], axis=1)
+        return np.stack([times, commanded, rate], axis=1)
     halves = np.diff(times, append=times[-1]) * 0.5
     values = [actuator.mean]
-    for target, seconds in zip((asked + rate * halves)[:-1].tolist(), (2.0 * halves)[:-1].tolist()):
+    for target, seconds in zip((commanded + rate * halves)[:-1].tolist(), (2.0 * halves)[:-1].tolist()):
         values.append(pressure_after(values[-1], target, actuator.time_constant, actuator.rate_limit, seconds))
     return joined_lines(times, np.array(values))
 
 
 def _lines(t: Floats, values: Floats, hold: str) -> Floats | None:
-    """Values as lines, of those that are known; None where there are none."""
+    """Return the finite values as lines; None without any."""
     if hold == "next":
         t, values = t[:-1], values[1:]
-    known = np.isfinite(values)
+    finite = np.isfinite(values)
     line = joined_lines if hold == "linear" else held_lines
-    return line(t[known], values[known]) if known.any() else None
+    return line(t[finite], values[finite]) if finite.any() else None
 
 
 def smooth_inputs(path: Path) -> list[str]:
-    """The inputs of a table that are held though they look sampled from something smooth, where it does not say how."""
+    """Return the inputs of a table that look sampled from a smooth signal although the table does not state a hold."""
     if path.suffix != ".csv":
         return []
     table = table_of(path)
@@ -114,7 +114,7 @@ def smooth_inputs(path: Path) -> list[str]:
 
 
 def of_table(path: Path, hold: str | None = None) -> Inputs:
-    """The inputs in the columns of a CSV file."""
+    """Return the inputs in the columns of a CSV file."""
     table = table_of(path, (TIME,))
     columns = {name: values for name, values in table.columns.items() if name in (TIME, *DRIVING)}
     t = columns.pop(TIME)
@@ -137,11 +137,11 @@ def of_table(path: Path, hold: str | None = None) -> Inputs:
 
 @dataclass(frozen=True)
 class Twin:
-    """What was recorded and what was simulated of it.
+    """Simulation driven by recorded inputs, with the recorded slip speed.
 
     trajectory : the simulation
-    t, slip_speed : (n,) s from the start of the recording, and rad/s
-    source : where they are from
+    t, slip_speed : (n,) times from the start of the recording, s, and recorded slip speed, rad/s
+    source : name of the recording or table
     """
 
     trajectory: Trajectory
@@ -151,7 +151,7 @@ class Twin:
 
     @property
     def difference(self) -> Floats:
-        """(n,) simulated less recorded slip speed, rad/s."""
+        """Simulated minus recorded slip speed, (n,) array, rad/s."""
         return np.interp(self.t, self.trajectory.t, self.trajectory.slip_speed) - self.slip_speed
 
     def __str__(self) -> str:
@@ -160,13 +160,13 @@ class Twin:
 
 
 def twin_of(path: Path, trajectory: Trajectory) -> Twin | None:
-    """A simulation beside what a recording's first run or a table says of the slip speed within its time; None where
-    that is nothing.
+    """Return a simulation with the slip speed of a recording's first run or of a table; None without a slip speed
+    within the simulation's time.
 
     Raises
     ------
     InputError
-        A file that cannot be read.
+        The file cannot be read.
     """
     if path.suffix == ".csv":
         columns = read_columns(path, (TIME,))

@@ -1,4 +1,4 @@
-"""Who held the inputs of a recorded driveline, and how late its commands acted."""
+"""Sources of the inputs of a recorded driveline, and ages of its commands."""
 
 from __future__ import annotations
 
@@ -15,47 +15,46 @@ from tcc_sim.topics import INPUTS
 
 @dataclass(frozen=True)
 class HeldInput:
-    """One input of the driveline; the fields are JSON keys of `analyse`."""
+    """Sources of one input over time; the fields are JSON keys of `analyse`."""
 
     topic: float | None = field(metadata=reported(
-        "simulation time in which a command held it; null where the recording holds neither commands nor the "
-        "driveline's announcements", "s"))
+        "simulation time during which it followed commands; null if neither commands nor announcements were recorded",
+        "s"))
     fallback: float | None = field(metadata=reported(
-        "time in which no command came although it is taken from a topic; null likewise", "s"))
-    scene: float = field(metadata=reported("time in which the scene said it", "s"))
+        "simulation time on the fallback, without a command although its source is topic; null likewise", "s"))
+    scene: float = field(metadata=reported("simulation time during which the scene set it", "s"))
     refused: int | None = field(metadata=reported(
-        "number of commands that the driveline refused; null where no diagnostics were recorded"))
-    publishers: int = field(metadata=reported("number of publishers that commanded it"))
+        "number of commands that the driveline refused; null without recorded diagnostics"))
+    publishers: int = field(metadata=reported("number of publishers of its commands"))
 
     def sentence(self) -> str:
-        """The input for people."""
+        """Return the sources as text."""
         if self.topic is None:
-            return "by commands or the fallback, which was not recorded"
+            return "by commands or the fallback; which was not recorded"
         held = [f"{seconds:.6g} s by {what}" for seconds, what in (
             (self.topic, "commands"), (self.fallback, "the fallback"), (self.scene, "the scene")) if seconds]
-        said = [counted(self.publishers, "publisher")] if self.publishers else []
-        said += [f"{self.refused} refused"] if self.refused else []
-        return "; ".join([f"for {', '.join(held)}" if held else "for no time", *said])
+        counts = [counted(self.publishers, "publisher")] if self.publishers else []
+        counts += [f"{self.refused} refused"] if self.refused else []
+        return "; ".join([f"for {', '.join(held)}" if held else "for no time", *counts])
 
 
 @dataclass(frozen=True)
 class CommandAge:
-    """Simulation time, s, between the state that a command answers and the tick that it first acts in; 0 in lock-step.
-    """
+    """Simulation time, s, from the state that a command answers to the first tick that applies it; 0 in lock-step."""
 
     median: float = field(metadata=reported("median age", "s"))
-    p95: float = field(metadata=reported("age that 95 % stay within", "s"))
+    p95: float = field(metadata=reported("95th percentile of the age", "s"))
     largest: float = field(metadata=reported("largest age", "s"))
 
     def sentence(self) -> str:
-        """The ages for people."""
+        """Return the ages as text."""
         return f"median {self.median:.4g} s, 95 % within {self.p95:.4g} s, largest {self.largest:.4g} s"
 
 
 def held_inputs(line: Timeline) -> dict[str, HeldInput]:
-    """Find out for each input, by the name of its topic, who held it how long.
+    """Return the times on each source for each input, by the name of its topic.
 
-    Where the driveline did not say it, a command counts as held from the first one of a run on.
+    Without the driveline's announcements, an input counts as commanded from the first command of a run on.
     """
     found = {}
     for name, group in zip(INPUTS, ("engine", "pressure")):
@@ -78,7 +77,7 @@ def held_inputs(line: Timeline) -> dict[str, HeldInput]:
 
 
 def _commanded(line: Timeline, states: JointStates, name: str) -> float:
-    """Simulation time of a run in which a command held an input, s."""
+    """Return the simulation time of a run during which an input followed commands, s."""
     end = states.index + len(states)
     if line.sources:
         changes = [(max(index, states.index), name in held) for index, held in line.sources if index < end]
@@ -88,24 +87,24 @@ def _commanded(line: Timeline, states: JointStates, name: str) -> float:
         changes = [(int(rows[first]), True)] if first < len(rows) and rows[first] < end else []
     total = 0.0
     for (begin, held), (after, _) in zip(changes, [*changes[1:], (end, False)]):
-        if held:  # What holds from a state on acted in the tick that ended there.
+        if held:  # A source that holds from a state on acted in the tick before that state.
             total += float(states.stamp_ns[after - 1 - states.index] - states.stamp_ns[max(begin - 1 - states.index, 0)]
                            ) * 1e-9 if after > begin else 0.0
     return total
 
 
 def command_age(line: Timeline, tick: int) -> CommandAge | None:
-    """Find out how late the pressure commands acted that say which state they answer; None where most do not.
+    """Return the ages of the pressure commands with a stamp; None if most have none.
 
     Parameters
     ----------
-    tick : distance of stamps, ns
+    tick : time between stamps, ns
     """
     rows, _, answers = line.commands.get("actuation_pressure", Commanded.none())
     ages, count = [np.empty(0, np.int64)], 0
     for states in line.runs:
         low, high = np.searchsorted(rows, [states.index + 1, states.index + len(states)])
-        acts = np.diff(rows[low:high], append=-1) != 0  # Of several before one tick the last acts.
+        acts = np.diff(rows[low:high], append=-1) != 0  # The last of several commands before a tick acts.
         answered, acted = answers[low:high][acts], states.stamp_ns[rows[low:high][acts] - states.index]
         count += len(answered)
         said = (answered > 0) & (answered >= states.stamp_ns[0]) & (answered < acted)  # 0 is no stamp.

@@ -1,4 +1,4 @@
-"""Orders and spectrum of a table of measurements, which no driveline of this package made."""
+"""Orders and spectrum of a table of measurements."""
 
 from __future__ import annotations
 
@@ -23,46 +23,46 @@ from tcc_sim.trajectory import Cycles, Floats
 
 @dataclass(frozen=True, repr=False)
 class MeasuredRun(Result):
-    """What a table of measurements shows by itself."""
+    """Orders and spectrum of measurements."""
 
-    samples: int = field(metadata=reported("rows of the table"))
-    seconds: float = field(metadata=reported("time from the first to the last", "s"))
+    samples: int = field(metadata=reported("number of rows of the table"))
+    seconds: float = field(metadata=reported("time from the first to the last row", "s"))
     orders: Orders | None = field(default=None, metadata=reported(
         "orders, transmissibility and judder", asked_for=True))
     spectrum: Spectrum | None = field(default=None, metadata=reported(
         "amplitudes over frequency and order", asked_for=True))
 
     def columns(self) -> dict[str, Floats]:
-        """Those of the orders, or of the spectrum."""
+        """Return the columns of the orders or, without these, of the spectrum."""
         found = self.orders or self.spectrum
         return dict(found.columns()) if found is not None else {}
 
 
 def measured_columns(path: Path, start: float | None = None, end: float | None = None) -> dict[str, Floats]:
-    """The columns of a table with a slip speed, between two times, s, where they are given.
+    """Return the columns of a table with a slip speed, optionally between two times, s.
 
     Raises
     ------
     InputError
-        As `recording.table.read_columns`; times that do not increase, or fewer than four rows.
+        As `recording.table.read_columns`; or the times do not increase, or fewer than four rows are selected.
     """
     columns = read_columns(path, (TIME, "slip_speed"))
     t = columns[TIME]
     within = (t >= (-np.inf if start is None else start)) & (t <= (np.inf if end is None else end))
     if np.count_nonzero(within) < 4 or not np.all(np.diff(t) > 0.0):
-        raise InputError(f"{path}: the times in column t must increase, and 4 rows or more must be taken; there are "
-                         f"{np.count_nonzero(within)}")
+        raise InputError(f"{path}: the times in column t must increase, and at least 4 rows are needed; "
+                         f"{np.count_nonzero(within)} are selected")
     return {name: values[within] for name, values in columns.items()}
 
 
 def analyse_table(path: Path, system: System, *, orders: bool, spectrum: bool, pulses: int = 1,
                   start: float | None = None, end: float | None = None) -> MeasuredRun:
-    """Orders and spectrum of a table.
+    """Return orders and spectrum of a table.
 
     Parameters
     ----------
-    system : stiffness and damping of the shaft, modes, and `engine.order`
-    pulses : of the tacho in a crank revolution
+    system : system whose shaft, modes and `engine.order` are used
+    pulses : number of tacho pulses per crank revolution
 
     Raises
     ------
@@ -76,12 +76,12 @@ def analyse_table(path: Path, system: System, *, orders: bool, spectrum: bool, p
 
 
 def at_measured_speed(scene: Scene, path: Path, pulses: int = 1) -> tuple[Scene, Signals | None]:
-    """A scene whose engine turns as the measurement says, and the signals in the table; None without a slip speed.
+    """Return the scene with the measured engine speed, and the signals in the table (None without a slip speed).
 
     Raises
     ------
     InputError
-        The phase is not known.
+        The phase of the engine cannot be determined.
     """
     columns = read_columns(path, (TIME,))
     system = scene.system
@@ -98,7 +98,7 @@ def at_measured_speed(scene: Scene, path: Path, pulses: int = 1) -> tuple[Scene,
 
 
 def _period(signals: Signals) -> int:
-    """The period of a measured motion in cycles of the excitation; 0 where its section does not repeat."""
+    """Return the period of a measured motion in cycles of the excitation; 0 if its section does not repeat."""
     first, last = np.ceil(signals.turns[0]), np.floor(signals.turns[-1])
     if last - first < 4:
         return 0

@@ -1,4 +1,4 @@
-"""A recording as data: its runs, segments and commands, and any window of it as the same object as a solution."""
+"""A recording as data: runs, segments, commands, and any window of it as a Trajectory."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ from tcc_sim.trajectory import UNITS, Floats, Modes, Trajectory, no_cycles
 
 @dataclass(frozen=True)
 class RecordedRun:
-    """One run of a recording, from a start, a reset or a restart of the driveline to the next.
+    """One run of a recording, from a start, reset or restart of the driveline to the next.
 
-    number : counted from 0
+    number : number of the run, counted from 0
     start, end : simulation time of its first and last state, s
-    samples : joint_states in it
+    samples : number of joint_states
     began_by : start, reset or restart
     """
 
@@ -46,8 +46,8 @@ class RecordedRun:
 
 @dataclass(frozen=True, repr=False)
 class Command:
-    """What was commanded on one topic, (n,) arrays: number of the run, simulation time (s) of the first state after it,
-    and value in the unit of its topic.
+    """Commands on one topic, (n,) arrays: number of the run, simulation time (s) of the first state after each command,
+    and value in the unit of the topic.
     """
 
     run: NDArray[np.int64]
@@ -69,18 +69,18 @@ class RecordedTrajectory(Trajectory):
 
 
 class Recording(Result):
-    """A recording, which is read once, when it is asked.
+    """A recording, read on first use.
 
     Parameters
     ----------
     path : bag directory or .mcap file, complete or cut short
-    scene : name or file, for a recording that holds none
-    joints : names that flywheel and clutch_plate have in it, where they have others
+    scene : name or file of the scene, for a recording without one
+    joints : names of flywheel and clutch_plate in the recording, if they differ
 
     Raises
     ------
     InputError
-        No recording there, nothing in it that can be read, or no scene.
+        There is no recording, nothing in it can be read, or no scene is available.
 
     Examples
     --------
@@ -104,7 +104,7 @@ class Recording(Result):
         return f"<Recording {self.path.name} of {self.scene.name}: {counted(len(self.runs), 'run')}, {ended}>"
 
     def columns(self, run: int = 0, start: float | None = None, end: float | None = None) -> dict[str, Floats | Modes]:
-        """The samples of `trajectory`, by name."""
+        """Return the samples of `trajectory` by name."""
         return self.trajectory(run, start, end).columns()
 
     def _repr_html_(self) -> str:
@@ -113,25 +113,25 @@ class Recording(Result):
 
     @property
     def complete(self) -> bool:
-        """False where it was cut short."""
+        """Whether the recording was closed properly; False if it was cut short."""
         return self.file.complete
 
     @cached_property
     def runs(self) -> tuple[RecordedRun, ...]:
-        """From each start, reset or restart to the next."""
+        """Runs, from each start, reset or restart to the next."""
         return tuple(RecordedRun(states.run, float(states.stamp_ns[0]) * 1e-9, float(states.stamp_ns[-1]) * 1e-9,
                                  len(states), states.began.value) for states in self.line().runs)
 
     @cached_property
     def segments(self) -> tuple[Segment, ...]:
-        """From each start, reset, restart or change of parameters to the next, with the figures of each."""
+        """Segments, from each start, reset, restart or change of parameters to the next, with their figures."""
         timing = self._timing
         return segments_of(self.line(), timing.segment_clock, default_of(None, timing, self.scene),
                            controlled=self.file.controlled, solver=self.file.solver)[0]
 
     @cached_property
     def commands(self) -> Mapping[str, Command]:
-        """What was commanded, by topic: engine_torque (N m), actuation_pressure (Pa), target_slip_speed (rad/s)."""
+        """Commands by topic: engine_torque (N m), actuation_pressure (Pa), target_slip_speed (rad/s)."""
         runs, found = self.line().runs, {}
         firsts = [states.index for states in runs]
         for name, (rows, values, _) in self.line().commands.items():
@@ -142,9 +142,7 @@ class Recording(Result):
         return found
 
     def line(self, window: Window | None = None) -> Timeline:
-        """The states and what holds from each of them on, of all of it or of a window; all of it is read and kept
-        where it fits into memory.
-        """
+        """Return the timeline of the recording or of a window; the whole recording is cached if it fits into memory."""
         part = window or Window()
         if self._line is None:
             try:
@@ -158,20 +156,20 @@ class Recording(Result):
         return found
 
     def trajectory(self, run: int = 0, start: float | None = None, end: float | None = None) -> Trajectory:
-        """One run, or a stretch of it, as a solution is.
+        """Return one run or a part of it as a Trajectory, which every analysis accepts.
 
-        Engine cycles are counted as `analyse` counts them, so that every analysis takes it; where no cycle can be told
-        there is none. A gap stands between samples that are more than a tick apart.
+        Engine cycles are counted as in `analyse`; there are none if they cannot be identified. Samples more than a tick
+        apart have a gap between them.
 
         Parameters
         ----------
-        run : number, counted from 0
-        start, end : simulation time, s, both included; None for the run's own
+        run : number of the run, counted from 0
+        start, end : simulation time, s, both included; None for the start and end of the run
 
         Raises
         ------
         InputError
-            There is no such run, or no state in the window.
+            The run does not exist, or the window has no state.
         """
         window = Window(run, start, end)
         line = self.line(window)
@@ -192,8 +190,8 @@ class Recording(Result):
         return replace(found, cycles=longest.kept(0)[0] if longest.pieces else no_cycles())
 
     def to_pandas(self, run: int = 0, start: float | None = None, end: float | None = None) -> Any:
-        """The same samples as a pandas.DataFrame, with the recorded pressures and target; its `attrs` hold the unit of
-        each column and the scene.
+        """Return the samples of `trajectory` as a pandas.DataFrame, with the recorded pressures and target; its `attrs`
+        hold the unit of each column and the scene.
 
         Raises
         ------
@@ -222,16 +220,16 @@ class Recording(Result):
 
     @cached_property
     def _timing(self) -> Timing:
-        """How the engine cycles of all runs are counted."""
+        """Timing of the engine cycles of all runs."""
         return self._timing_of(self.line())
 
     def _timing_of(self, line: Timeline) -> Timing:
-        """The same of a part of it."""
+        """Return the timing of the engine cycles of a timeline."""
         return timing_of(self.scene, None, line.runs, frequency_changes(self.file))
 
 
 def read(path: Path | str, scene: str | None = None, joints: Mapping[str, str] | None = None) -> Recording:
-    """A recording as data (see `Recording`).
+    """Return a recording as data (see `Recording`).
 
     Examples
     --------

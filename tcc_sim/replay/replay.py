@@ -1,4 +1,4 @@
-"""A recording read once: through the analysis, to Rerun, and compared with its own solution."""
+"""Analyse a recording, stream it to Rerun, and verify it against its own solution."""
 
 from __future__ import annotations
 
@@ -38,38 +38,38 @@ if TYPE_CHECKING:
     from tcc_sim.views.rerun_stream import RerunStream
 
 TAIL_CYCLES = 24
-"""Engine cycles kept as samples, for a picture of the end of the run."""
+"""Number of engine cycles at the end of the run whose samples are kept, for a picture."""
 TAIL_SAMPLES = 200_000
-"""Most samples kept."""
+"""Largest number of samples kept."""
 
 
 def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool = False, connect: str | None = None,
            discard: int | None = None, frequency: float | None = None, scene: str | None = None, verify: bool = False,
            damping: bool = False, window: Window | None = None, joints: Mapping[str, str] | None = None,
            progress: bool = False) -> Replay:
-    """Read a recording and work out its figures and, if asked, send it to Rerun.
+    """Analyse a recording and optionally send it to Rerun.
 
     Parameters
     ----------
-    path : bag directory or .mcap file, complete or cut short; or a recording that was opened
-    rrd, spawn, connect : at most one of a new Rerun file, a viewer to start, and the URL of a running one
-    discard : engine cycles dropped; None drops 50, or half of them where there are fewer than 100, and none of a scene
-        with profiles
-    frequency : of the engine torque, rad/s; None takes the scene's or, where the torque came from a topic, follows the
-        phase of the torque, which reads the recording once more
-    scene : name or file, for a recording that holds none
-    verify : solve the run again from the recording alone, all of it
-    damping : work out the equivalent damping (21) of the last cycles
-    window : a run and a part of its time; None for all of the recording
-    joints : names that flywheel and clutch_plate have in the recording, where they have others
-    progress : show a bar on a terminal or in a notebook, elsewhere a line a minute
+    path : bag directory or .mcap file, complete or cut short; or an opened Recording
+    rrd, spawn, connect : at most one of a new Rerun file, a viewer to start, and the URL of a running viewer
+    discard : number of engine cycles dropped; None for 50, or half of fewer than 100 cycles, or 0 for a scene with
+        profiles
+    frequency : frequency of the engine torque, rad/s; None for the scene's or, if the torque came from a topic, that of
+        the recorded torque
+    scene : name or file of the scene, for a recording without one
+    verify : whether to solve the whole recording again from its own data
+    damping : whether to compute the equivalent damping (21) of the last cycles
+    window : a run and a part of its time; None for the whole recording
+    joints : names of flywheel and clutch_plate in the recording, if they differ
+    progress : whether to show a progress bar on a terminal or in a notebook; elsewhere a line a minute
 
     Raises
     ------
     InputError
-        A recording that cannot be read or holds no whole engine cycle, an output that exists, or a wrong argument.
+        The recording cannot be read or has no whole engine cycle, an output exists, or an argument is wrong.
     MissingPackage
-        Rerun was asked for and is not installed.
+        Rerun is needed and is not installed.
 
     Examples
     --------
@@ -86,7 +86,7 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
     if damping:
         _check_damping(own)
     with ExitStack() as stack:
-        stack.enter_context(np.errstate(all="ignore"))  # Any double may stand in a file.
+        stack.enter_context(np.errstate(all="ignore"))  # A file may hold any double.
         bar = stack.enter_context(_Bar(progress))
         whole = recording.line(None if verify else part)
         line = whole.within(part)
@@ -110,7 +110,7 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
 
 
 class _Bar:
-    """Progress, anew for each stage."""
+    """Progress bar, restarted for each stage."""
 
     def __init__(self, shown: bool) -> None:
         self._shown = shown
@@ -124,19 +124,19 @@ class _Bar:
         self._bar.close()
 
     def begin(self, stage: str) -> None:
-        """Begin with a stage."""
+        """Begin a stage."""
         if self._bar is not None:
             self._bar.close()
         self._bar = begin_progress(" states", shown=self._shown, desc=stage, unit_scale=True, leave=False)
 
     def advance(self, states: int) -> None:
-        """Count states."""
+        """Advance by a number of states."""
         self._bar.update(states)
 
 
 def _analysed(recording: Recording, line: Timeline, timing: Timing, discard: int | None, damping: bool,
               view: RerunStream | None, bar: _Bar, began: float) -> Replay:
-    """Work out every figure but the verification."""
+    """Compute all figures except the verification."""
     run, scene, clock, system = recording.file, recording.scene, timing.clock, recording.scene.system
     if timing.source in ("given", "found"):
         system = replace(system, engine=replace(system.engine, frequency=timing.frequency))
@@ -160,17 +160,17 @@ def _analysed(recording: Recording, line: Timeline, timing: Timing, discard: int
     kept, begin, _ = longest.kept(discard) if clock.told else (cycles, first, 0)
     warnings = [*run.warnings, *_warnings(recording, line, timing)]
     if clock.told and not enough_after_a_gap(kept):
-        warnings.append(f"no period is given: it takes {DEFAULTS.after_a_gap} engine cycles or more after the last gap")
+        warnings.append(f"no period: a period needs {DEFAULTS.after_a_gap} or more engine cycles after the last gap")
     segments, count = segments_of(line, timing.segment_clock, discard, controlled=run.controlled, solver=run.solver,
                                   elapsed_s=elapsed, stream=stream)
     if count > MOST_SEGMENTS:
-        warnings.append(f"only the first {MOST_SEGMENTS} of {count} segments have figures of their own")
+        warnings.append(f"only the first {MOST_SEGMENTS} of {count} segments are analysed")
     age = command_age(line, run.stamps.tick)
     if age is not None and run.stamps.tick and age.median >= run.stamps.tick * 1e-9 and any(
             segment.tracking is not None for segment in segments):
         warnings.append(f"commands acted {age.median:.4g} s (median) after the state that they answer, "
-                        f"{counted(round(age.median * 1e9 / run.stamps.tick), 'tick')} late: this delay is a reason of "
-                        "the tracking error")
+                        f"{counted(round(age.median * 1e9 / run.stamps.tick), 'tick')} late: this delay adds to the "
+                        "tracking error")
     return Replay(
         inputs=held_inputs(line), command_age=age, missed_ticks=line.counts.get("missed ticks"),
         path=recording.path, scene=scene, summary=summary,
@@ -182,27 +182,27 @@ def _analysed(recording: Recording, line: Timeline, timing: Timing, discard: int
 
 
 def _warnings(recording: Recording, line: Timeline, timing: Timing) -> Iterator[str]:
-    """What is to be said beside the damage."""
+    """Iterate over warnings other than damage."""
     scenes = recording.file.scenes
     if timing.note:
         yield timing.note
     if len({record.parameters for record in scenes}) > 1:
-        yield (f"it holds {len(scenes)} scenes that differ; the figures above the segments are worked out with the "
-               "first")
+        yield (f"the recording holds {len(scenes)} scenes that differ; the figures above the segments are computed "
+               "with the first")
     if len(scenes) > MOST_SCENES:
-        yield f"only the first {MOST_SCENES} scenes are followed"
+        yield f"only the first {MOST_SCENES} scenes are used"
     if len(line.sources) == MOST_SOURCES:
-        yield f"only the first {MOST_SOURCES} changes of the source of an input are followed"
+        yield f"only the first {MOST_SOURCES} changes of the source of an input are used"
 
 
 def _end_of(states: JointStates, cycle: float) -> JointStates:
-    """The last states of a run, for a picture."""
+    """Return the last states of a run, for a picture."""
     start = int(states.stamp_ns[-1]) - round(TAIL_CYCLES * cycle * 1e9)
     return states[max(int(np.searchsorted(states.stamp_ns, start)), len(states) - TAIL_SAMPLES):]
 
 
 def _show(view: RerunStream, states: JointStates, system: System, pieces: list[CyclePiece], *, new_run: bool) -> None:
-    """Send states, and the engine cycles that they completed, to Rerun."""
+    """Send states and the engine cycles that they complete to Rerun."""
     slip_speed = states.flywheel_speed - states.plate_speed
     view.samples(states.stamp_ns, slip_speed, states.plate_angle, states.plate_speed, states.engine_torque,
                  states.friction_torque, modes_of(np.nan_to_num(slip_speed), stick_speed_of(terms_of(system))),
@@ -212,7 +212,7 @@ def _show(view: RerunStream, states: JointStates, system: System, pieces: list[C
 
 
 def _check_damping(scene: Scene) -> None:
-    """Raise InputError where an input came from a topic: between two points of the section it is not the scene's."""
+    """Raise InputError if an input came from a topic: it then differs from the scene's between section points."""
     for name, source in (("engine.source", scene.system.engine.source),
                          ("pressure.source", scene.system.pressure.source)):
         if source == "topic":
@@ -221,7 +221,7 @@ def _check_damping(scene: Scene) -> None:
 
 def _view(stack: ExitStack, name: str, timing: Timing, scene: Scene, where: tuple[Path | None, bool, str | None],
           controlled: bool) -> RerunStream:
-    """The stream to Rerun: a new file, which appears when it is whole, a viewer to start, or a URL."""
+    """Return the stream to Rerun: a new file, which appears when it is complete, a viewer to start, or a URL."""
     from tcc_sim.views.rerun_stream import RerunStream
 
     rrd, spawn, connect = where

@@ -1,4 +1,4 @@
-"""What a recording comes to: its figures as an object, as JSON, and for people."""
+"""Result of the analysis of a recording: fields, JSON, and text."""
 
 from __future__ import annotations
 
@@ -25,47 +25,47 @@ from tcc_sim.scene import Scene
 from tcc_sim.trajectory import Cycles, Trajectory
 
 SEGMENTS_SHOWN = 20
-"""Most segments in the table; --json has them all."""
+"""Largest number of segments in the printed table; --json has all."""
 
 
 @dataclass(frozen=True, repr=False)
 class Replay(Result):
-    """What a recording comes to.
+    """Result of the analysis of a recording; summary, trajectory and cycles are of the longest run.
 
-    trajectory : the last cycles of that run, at most 200 000 samples
-    cycles, first_cycle : every engine cycle of that run, NaN where a gap was, and the number of the first
-    control : target, pressures, cycle means and events of that run
-    run : number of that run, counted from 0
+    trajectory : the last cycles of the run, at most 200 000 samples
+    cycles, first_cycle : every engine cycle of the run, NaN at a gap, and the number of the first
+    control : target, pressures, cycle means and events of the run
+    run : number of the run, counted from 0
     """
 
     path: Path
     scene: Scene
-    summary: Summary = field(metadata=reported("figures of its longest run", spread=True))
+    summary: Summary = field(metadata=reported("figures of the longest run", spread=True))
     trajectory: Trajectory
     cycles: Cycles
     first_cycle: int
-    timing: Timing = field(metadata=reported("how the engine cycles are counted", spread=True))
-    continuity: StampCounter = field(metadata=reported("what the stamps say", spread=True))
+    timing: Timing = field(metadata=reported("timing of the engine cycles", spread=True))
+    continuity: StampCounter = field(metadata=reported("gaps, resets and restarts by the stamps", spread=True))
     messages: int = field(metadata=reported("number of joint_states read"))
-    lost_messages: int = field(metadata=reported("number of joint_states missing between them"))
-    complete: bool = field(metadata=reported("false where the recording was cut short"))
-    warnings: tuple[str, ...] = field(metadata=reported("one sentence per damage"))
+    lost_messages: int = field(metadata=reported("number of joint_states missing according to the stamps"))
+    complete: bool = field(metadata=reported("false if the recording was cut short"))
+    warnings: tuple[str, ...] = field(metadata=reported("one sentence for each damage"))
     pace: float = field(metadata=reported(
-        "simulated seconds per second of real time between the first and the last message, by when they were "
-        "received; null where no real time was recorded", name="real_time_factor"))
+        "simulated time per real time between the first and the last message, by times of receipt; null if no real "
+        "time was recorded", name="real_time_factor"))
     control: Control
     run: int = 0
     segments: tuple[Segment, ...] = field(default=(), metadata=reported(
-        "the figures from each start, reset, restart or change of parameters to the next"))
+        "figures from each start, reset, restart or change of parameters to the next"))
     verification: Verification | None = field(default=None, metadata=reported(
-        "the recording solved again", spread=True, asked_for=True))
+        "comparison with the recording solved again", spread=True, asked_for=True))
     damping: Damping | None = field(default=None, metadata=reported("equivalent damping", spread=True, asked_for=True))
-    inputs: Mapping[str, HeldInput] = field(default_factory=dict, metadata=reported("who held each input, by topic"))
+    inputs: Mapping[str, HeldInput] = field(default_factory=dict, metadata=reported("sources of each input, by topic"))
     command_age: CommandAge | None = field(default=None, metadata=reported(
-        "simulation time between the state that a command answers and the tick that it first acts in, 0 in lock-step; "
-        "null where nobody knows", "s"))
+        "simulation time from the state that a command answers to the first tick that applies it, 0 in lock-step; "
+        "null if most commands have no stamp", "s"))
     missed_ticks: int | None = field(default=None, metadata=reported(
-        "number of ticks that the driveline missed in real time; null where no diagnostics were recorded"))
+        "number of ticks that the driveline missed in real time; null without recorded diagnostics"))
     orders: Orders | None = field(default=None, metadata=reported(
         "orders, transmissibility and judder", asked_for=True))
     spectrum: Spectrum | None = field(default=None, metadata=reported(
@@ -79,7 +79,7 @@ class Replay(Result):
                 f"{found.max_slip_speed:.5g} rad/s{doubts_in(self)}>")
 
     def columns(self) -> dict[str, list[Any]]:
-        """A row for every segment: where it lies, what began it, and the columns of its summary."""
+        """Return a row for every segment: its interval, the reason of its start, and the columns of its summary."""
         rows = [{"start": s.start, "end": s.end, "began_by": s.began_by,
                  **({name: found[0] for name, found in s.summary.columns().items()} if s.summary is not None else {})}
                 for s in self.segments]
@@ -87,16 +87,16 @@ class Replay(Result):
 
     @property
     def frequency(self) -> float:
-        """That of a typical engine cycle, rad/s; NaN where no cycle is known."""
+        """Frequency of a typical engine cycle, rad/s; NaN without identified cycles."""
         return self.timing.frequency
 
     @property
     def frequency_source(self) -> str:
-        """given, scene, found, or none."""
+        """Source of the frequency: given, scene, found, or none."""
         return self.timing.source
 
     def lines(self) -> list[str]:
-        """The result for a terminal."""
+        """Return the result as lines for a terminal."""
         stamps = f"{self.continuity.tick * 1e-6:.6g} ms apart" if self.continuity.tick else "single"
         gaps = self.continuity.gaps
         stamps += f", {counted(gaps, 'gap')}" if gaps else ", no gap"
@@ -129,20 +129,20 @@ class Replay(Result):
         return [printable(line) for line in lines]
 
     def _ended(self) -> str:
-        """Whether all of it is there."""
+        """Return whether the recording is complete, as text."""
         if not self.complete:
             parts = any(text.endswith(" is missing") or "parts are missing" in text for text in self.warnings)
-            return "not complete: a part is missing" if parts else "cut short; what was flushed is read"
-        return f"closed in order; {counted(self.lost_messages, 'message')} lost" if self.lost_messages else "complete"
+            return "not complete: a part is missing" if parts else "cut short; data up to the last flush is read"
+        return f"closed properly; {counted(self.lost_messages, 'message')} lost" if self.lost_messages else "complete"
 
     def _pace(self) -> list[tuple[str, str]]:
-        """The rate that was reached, where real time was recorded."""
+        """Return the row of the reached rate, if real time was recorded."""
         if not math.isfinite(self.pace) or not self.continuity.tick:
             return []
         return [("rate", f"{self.pace * 1e9 / self.continuity.tick:.2f} Hz reached, {self.pace:.5f} of real time")]
 
     def markdown(self) -> str:
-        """The result as a Markdown table."""
+        """Return the result as a Markdown table."""
         cells = [line.strip().split("  ", 1) for line in self.lines()[1:]]
         table = [f"| {cell[0]} | {cell[1].strip()} |" if len(cell) > 1 else f"| | {cell[0]} |" for cell in cells]
         return "\n".join([f"# {printable(self.path.name)}", "", "| | |", "|---|---|", *table, ""])

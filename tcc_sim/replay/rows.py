@@ -1,4 +1,4 @@
-"""Messages of a recorded driveline as rows of numbers, and what the real-time solver has in their place."""
+"""Convert recorded messages and states of the real-time solver to rows of numbers."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def rows_of(batch: JointStates) -> Floats:
 
 
 def recorded_beside(batch: JointStates) -> tuple[list[float], list[float], list[float]]:
-    """Return the applied pressures, Pa, and angles (rad) and speeds (rad/s) of the far end; NaN where none is there."""
+    """Return the applied pressures, Pa, and angles (rad) and speeds (rad/s) of the far end; NaN if not recorded."""
     pressure, angle, speed = ([math.nan] * len(batch) if column is None else column.tolist() for column in (
         batch.applied_pressure, batch.output_angle, batch.output_speed))
     return pressure, angle, speed
@@ -33,6 +33,6 @@ def state_of(row: list[float]) -> tuple[float, float, float, float]:
 
 
 def message_row(reached: Reached) -> list[float]:
-    """Return the row of what a tick led to."""
+    """Return the row of a solver state."""
     v, plate_angle, plate_speed, flywheel_angle, engine, friction, _ = reached
     return [flywheel_angle, plate_angle, v + plate_speed, plate_speed, engine, friction]

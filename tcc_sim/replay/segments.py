@@ -1,6 +1,4 @@
-"""A recording in segments: each begins with a start, a reset, a restart or changed parameters, and has figures of its
-own.
-"""
+"""Split a recording into segments at starts, resets, restarts and changes of parameters, and analyse each."""
 
 from __future__ import annotations
 
@@ -23,25 +21,25 @@ from tcc_sim.result import Described, reported
 from tcc_sim.scene import Scene
 
 MOST_SEGMENTS = 1000
-"""Segments that are told one by one; the others are counted."""
+"""Largest number of segments that are analysed; the others are only counted."""
 
 
 @dataclass(frozen=True)
 class Segment(Described):
-    """From a start, a reset, a restart or a change of parameters to the next."""
+    """Part of a recording from a start, reset, restart or change of parameters to the next."""
 
-    start: float = field(metadata=reported("begin in simulation time", "s"))
-    end: float = field(metadata=reported("end in simulation time", "s"))
+    start: float = field(metadata=reported("simulation time of the start", "s"))
+    end: float = field(metadata=reported("simulation time of the end", "s"))
     began_by: str = field(metadata=reported("start, reset, restart or parameters"))
     changes: Mapping[str, object] = field(metadata=reported(
-        "scene keys, or target_slip_speed, that have another value than before", "{*}"))
+        "new values of changed scene keys or target_slip_speed", "{*}"))
     summary: Summary | None = field(metadata=reported(
-        "its figures; null where it has no whole engine cycle that is kept", spread=True, of=(Summary,)))
+        "figures of the segment; null without a whole engine cycle after the dropped ones", spread=True, of=(Summary,)))
     tracking: Tracking | None = field(metadata=reported(
-        "how the target was held, where one was recorded", asked_for=True))
+        "tracking error of the target, if a target was recorded", asked_for=True))
 
     def rows(self, number: int) -> list[tuple[str, str]]:
-        """The segment for a terminal."""
+        """Return the segment as rows for a terminal."""
         what = ", ".join(f"{key} = {value}" for key, value in self.changes.items())
         when = f"{self.start:.6g} to {self.end:.6g} s"
         out = [(f"segment {number}", f"{when}, {self.began_by}{f': {what}' if what else ''}")]
@@ -51,12 +49,12 @@ class Segment(Described):
             out.append(("", f"largest |slip speed| {s.max_slip_speed:.6g} rad/s, {s.regime}, {period}, "
                             f"{counted(s.cycles, 'cycle')}"))
         else:
-            out.append(("", "no whole engine cycle that is kept"))
+            out.append(("", "no whole engine cycle after the dropped ones"))
         if self.tracking is not None:
             t = self.tracking
             settled = f"settled after {t.settling_time:.4g} s" if math.isfinite(t.settling_time) else "not settled"
             if not math.isfinite(t.mean_slip):
-                return [*out, ("", f"target {t.target:g} rad/s: no whole engine cycle to judge it by")]
+                return [*out, ("", f"target {t.target:g} rad/s: no whole engine cycle to compare with it")]
             out.append(("", f"target {t.target:g} rad/s: mean {t.mean_slip:.6g}, rms error {t.rms_error:.4g}, largest "
                             f"{t.largest_error:.4g}, overshoot {t.overshoot:.4g} rad/s, {settled}"))
         return out
@@ -64,9 +62,7 @@ class Segment(Described):
 
 @dataclass(frozen=True)
 class Cut:
-    """A segment before its figures are worked out: states of one run, what began it, and the target that was said in it
-    first: index of a state, and value.
-    """
+    """A segment before analysis: states of one run, reason of the start, and first target (index of a state, value)."""
 
     states: JointStates
     began_by: str
@@ -76,7 +72,7 @@ class Cut:
 
 
 def cuts_of(line: Timeline) -> list[Cut]:
-    """Cut a recording into segments."""
+    """Split a recording into segments."""
     rows, values, _ = line.commands.get(TARGET, Commanded.none())
     targets, changes = deque(zip(rows.tolist(), values.tolist())), deque(line.changes)
     found: list[Cut] = []
@@ -107,15 +103,15 @@ def cuts_of(line: Timeline) -> list[Cut]:
 
 def segments_of(line: Timeline, clock: EngineClock | None, discard: int | None, *, controlled: bool, solver: str,
                 elapsed_s: float = 0.0, stream: CycleStream | None = None) -> tuple[tuple[Segment, ...], int]:
-    """Work out the figures of the first MOST_SEGMENTS segments; and how many there are.
+    """Return the analysed first MOST_SEGMENTS segments, and the number of all segments.
 
     Parameters
     ----------
-    clock : when engine cycles start, in every segment; None takes each scene's own frequency
-    discard : engine cycles dropped from each segment; None for the default
-    controlled : a target slip speed was recorded
-    solver, elapsed_s : as their summaries say it
-    stream : cycles of the whole recording, which serve where every segment is a run
+    clock : start times of engine cycles in every segment; None for each scene's own frequency
+    discard : number of engine cycles dropped from each segment; None for the default
+    controlled : whether a target slip speed was recorded
+    solver, elapsed_s : values for the summaries
+    stream : cycles of the whole recording, used if every segment is a run
     """
     cuts = cuts_of(line)
     shared = stream if not line.changes and not controlled else None
@@ -125,7 +121,7 @@ def segments_of(line: Timeline, clock: EngineClock | None, discard: int | None, 
 
 
 def _judged(cut: Cut, clock: EngineClock | None, shared: CycleStream | None, discard: int | None) -> Segment:
-    """The figures of one segment."""
+    """Analyse one segment."""
     states, stream = cut.states, shared or CycleStream(cut.scene.system, clock)
     if shared is None:
         for block in states.blocks():

@@ -1,4 +1,4 @@
-"""A recording cut once: its states with the scenes, sources and commands that hold from each of them on."""
+"""Timeline of a recording: its states with the scenes, sources and commands that apply to them."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ Held = tuple[tuple[int, frozenset[str]], ...]
 
 @dataclass(frozen=True)
 class Timeline:
-    """A recording's states and what holds from each of them on; states are counted over the whole recording.
+    """States of a recording with everything that applies to them; indices of states count over the whole recording.
 
-    runs : the states of every run, or those of it that lie in a window
-    scene : the first
-    scenes : all that the recording holds
-    places : (index of a state, number of the scene that holds from it on), not descending
-    commands : by topic
-    sources : index of a state, and the inputs that a command held from there on
+    runs : the states of every run, or their part in a window
+    scene : the first scene
+    scenes : all scenes of the recording
+    places : (index of the first state, number of the scene that applies from it on), not descending
+    commands : commands by topic
+    sources : (index of the first state, inputs that follow commands from it on)
     starts : (n,) index of the first state of each chunk and run
-    publishers : number of those who commanded, by topic
-    counts : what the driveline's diagnostics counted, by key; of the whole recording
+    publishers : number of publishers of commands, by topic
+    counts : counts of the driveline's diagnostics over the whole recording, by key
     """
 
     runs: tuple[JointStates, ...]
@@ -51,49 +51,49 @@ class Timeline:
     counts: Mapping[str, int]
 
     def within(self, window: Window) -> Timeline:
-        """The part of it that lies in a window; what was commanded before it holds from its first state on."""
+        """Return the part in a window; the last command before the window applies from its first state on."""
         if window.all:
             return self
         runs = tuple(states[rows] for states in self.runs for rows in [window.rows(states)] if rows.stop > rows.start)
-        return replace(self, runs=runs, commands={name: _within(runs, said) for name, said in self.commands.items()})
+        return replace(self, runs=runs, commands={name: _within(runs, every) for name, every in self.commands.items()})
 
     @cached_property
     def changes(self) -> list[tuple[int, Scene]]:
-        """Index of a state, and the scene that holds from it on, for all but the first scene that can be read."""
+        """Index of the first state and scene of each readable scene except the first."""
         found = []
         for index, number in self.places:
             if number:
                 try:
                     found.append((index, parse_scene(self.scenes[number].parameters, self.scene.name)))
-                except InputError:  # Whoever solves it again says what is wrong with it.
+                except InputError:  # The verification reports this error.
                     continue
         return found
 
     def scene_at(self, index: int) -> Scene:
-        """The scene in force at a state."""
+        """Return the scene that applies to a state."""
         return next((scene for at, scene in reversed(self.changes) if at <= index), self.scene)
 
     def target_before(self, index: int) -> float | None:
-        """The target slip speed that was said last before a state."""
+        """Return the last target slip speed before a state, or None."""
         rows, values, _ = self.commands.get(TARGET, Commanded.none())
         count = int(np.searchsorted(rows, index))
         return float(values[count - 1]) if count else None
 
 
-def _within(runs: Sequence[JointStates], said: Commanded) -> Commanded:
-    """The commands beside states; of those before each stretch of them the last, at its first state."""
-    found, done, rows = [Commanded.none()], 0, said.rows
+def _within(runs: Sequence[JointStates], every: Commanded) -> Commanded:
+    """Return the commands within runs, and at the first state of each run the last command before it."""
+    found, done, rows = [Commanded.none()], 0, every.rows
     for states in runs:
         begin, end = np.searchsorted(rows, [states.index + 1, states.index + len(states)]).tolist()
         if begin > done:
-            found.append(said.part(slice(begin - 1, begin))._replace(rows=np.array([states.index])))
-        found.append(said.part(slice(begin, end)))
+            found.append(every.part(slice(begin - 1, begin))._replace(rows=np.array([states.index])))
+        found.append(every.part(slice(begin, end)))
         done = end
     return Commanded(*(np.concatenate(columns) for columns in zip(*found)))
 
 
 def timeline_of(run: Run, scene: Scene, window: Window | None = None) -> Timeline:
-    """Read a recording, or the states in a window, and cut it.
+    """Read the timeline of a recording, or of the states in a window.
 
     Raises
     ------
@@ -109,11 +109,11 @@ def timeline_of(run: Run, scene: Scene, window: Window | None = None) -> Timelin
 
 
 def slip_between_gaps(states: JointStates, tick: int) -> Iterator[tuple[bool, Floats, Floats]]:
-    """Stretches without a gap of the finite slip speeds of a run: whether a gap is before it, times (s), slip speeds.
+    """Iterate over gap-free parts of the finite slip speeds of a run: whether a gap precedes, times (s), slip speeds.
 
     Parameters
     ----------
-    tick : distance of stamps, ns; 0 where it is not known
+    tick : time between stamps, ns; 0 if unknown
     """
     before = int(states.stamp_ns[0])
     for block in states.blocks():
@@ -128,9 +128,9 @@ def slip_between_gaps(states: JointStates, tick: int) -> Iterator[tuple[bool, Fl
 
 
 def trajectory_of(states: JointStates, system: System, clock: EngineClock, solver: str) -> Trajectory:
-    """Recorded states of one run as a trajectory, without its cycles.
+    """Return recorded states of one run as a Trajectory without cycles.
 
-    The saturation torque is that of the pressure that was applied, or of the scene; NaN where nobody says.
+    The saturation torque follows from the applied pressure or from the scene; NaN if neither is known.
     """
     terms = terms_of(system)
     t, slip_speed = states.stamp_ns.astype(np.float64) * 1e-9, states.flywheel_speed - states.plate_speed

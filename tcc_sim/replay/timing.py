@@ -1,4 +1,4 @@
-"""When the engine cycles of a recording start: as given, as its scene says, or as its torque tells; how fast it ran."""
+"""Timing of a recording: starts of engine cycles (given, from the scene, or from the torque), and real-time factor."""
 
 from __future__ import annotations
 
@@ -20,51 +20,50 @@ from tcc_sim.scene import Scene, load_scene, parse_scene
 
 SOURCES = {"given": "as given", "scene": "as the scene says", "found": "found in the recorded engine torque"}
 SLICE, TICKS = 0.1, 20
-"""Seconds, and samples at least, of a slice of time where there are no engine cycles."""
+"""Length of a time slice without engine cycles, s, and its smallest number of samples."""
 MOST_LOOKED_AT = 1000
-"""Scenes of a recording in which a change of frequency is looked for."""
+"""Largest number of scenes searched for a change of frequency."""
 COMPLETE = 0.98
-"""Part of a run in which cycles are known that needs no words."""
+"""Fraction of a run with identified cycles below which a note is added."""
 
 
 @dataclass(frozen=True)
 class Timing:
-    """How the engine cycles of a recording are counted.
+    """Timing of the engine cycles of a recording.
 
-    clock : when they start
-    low, high : smallest and largest frequency in the longest run, rad/s; equal where it is constant; NaN for none
-    note : a sentence where some or all of them are not known
+    clock : start times of the cycles
+    low, high : smallest and largest frequency in the longest run, rad/s; equal if constant; NaN if unknown
+    note : a sentence if some or all cycles could not be identified
     """
 
     clock: EngineClock
     source: str = field(metadata=reported(
-        "given, scene, found, or none where no engine cycle is known", name="frequency_source"))
+        "given, scene, found, or none if no engine cycle was identified", name="frequency_source"))
     low: float
     high: float
     note: str = ""
 
     @property
     def segment_clock(self) -> EngineClock | None:
-        """That of every segment; None where each takes its scene's own frequency."""
+        """Start times of cycles in every segment; None if each segment uses its scene's frequency."""
         return None if self.source == "scene" else self.clock
 
     @property
-    @reporting("smallest and largest frequency in the longest run; equal where it is constant, null where it is not "
-               "known", "rad/s")
+    @reporting("smallest and largest frequency in the longest run; equal if constant, null if unknown", "rad/s")
     def frequency_range(self) -> tuple[float, float]:
-        """Smallest and largest frequency in the longest run, rad/s; NaN for none."""
+        """Smallest and largest frequency in the longest run, rad/s; NaN if unknown."""
         return self.low, self.high
 
     @property
-    @reporting("frequency of a typical engine cycle; null where no cycle is known", "rad/s")
+    @reporting("frequency of a typical engine cycle; null if no cycle was identified", "rad/s")
     def frequency(self) -> float:
-        """That of a typical cycle, rad/s; NaN where there is none."""
+        """Frequency of a typical engine cycle, rad/s; NaN if no cycle was identified."""
         if not self.clock.told:
             return math.nan
         return self.low if self.low == self.high else 2.0 * math.pi / self.clock.cycle
 
     def sentence(self) -> str:
-        """The frequency for people."""
+        """Return the frequency as text."""
         if not self.clock.told:
             return "not known"
         if self.low == self.high:
@@ -73,18 +72,18 @@ class Timing:
 
 
 def timing_of(scene: Scene, given: float | None, runs: Iterable[JointStates], changed: bool = False) -> Timing:
-    """How the cycles of a recording of this scene are counted.
+    """Return the timing of the engine cycles of a recording of this scene.
 
     Parameters
     ----------
     given : angular frequency of the engine torque, rad/s, or None
-    runs : its states, which are looked at only where the torque came from a topic or its frequency was changed
-    changed : the frequency was changed while running, so that the phase went on at another pace
+    runs : states, used only if the torque came from a topic or its frequency was changed
+    changed : whether the frequency was changed while running
 
     Raises
     ------
     InputError
-        A frequency out of range.
+        The frequency is out of range.
     """
     if given is not None and not 1e-3 <= given <= 1e5:
         raise InputError(f"frequency is {given:g} rad/s; it must be 0.001 to 100000 rad/s")
@@ -92,8 +91,8 @@ def timing_of(scene: Scene, given: float | None, runs: Iterable[JointStates], ch
         return Timing(Uniform(2.0 * math.pi / given), "given", given, given)
     engine = scene.system.engine
     if engine.source != "topic" and not changed:
-        said = engine.frequency_values or (engine.frequency,)
-        return Timing(clock_of_scene(scene.system), "scene", min(said), max(said))
+        values = engine.frequency_values or (engine.frequency,)
+        return Timing(clock_of_scene(scene.system), "scene", min(values), max(values))
     tracker = PhaseTracker()
     for states in runs:
         for block in states.blocks():
@@ -104,18 +103,18 @@ def timing_of(scene: Scene, given: float | None, runs: Iterable[JointStates], ch
     if clock is None or longest is None:
         why = longest.why if longest is not None else "there are no samples"
         return Timing(Uniform(max(SLICE, TICKS * tracker.tick), told=False), "none", math.nan, math.nan,
-                      f"no engine cycle can be told, so there is no section, period or cycle mean: {why}")
-    note = longest.why and f"the engine cycles of the longest run cannot be told: {longest.why}"
+                      f"engine cycles could not be identified, so there is no section, period or cycle mean: {why}")
+    note = longest.why and f"engine cycles of the longest run could not be identified: {longest.why}"
     if longest.known and longest.known < COMPLETE:
-        note = (f"engine cycles are told in {100.0 * longest.known:.0f} % of the longest run: elsewhere no oscillation "
-                "of the engine torque can be followed")
+        note = (f"engine cycles were identified in {100.0 * longest.known:.0f} % of the longest run: elsewhere the "
+                "engine torque has no oscillation that can be followed")
     found = longest if not longest.why else max(phases.values(), key=lambda run: len(run.starts))
     return Timing(clock, "found", found.low, found.high, note)
 
 
 def default_of(discard: int | None, timing: Timing, scene: Scene) -> int | None:
-    """Engine cycles to be dropped: none of a scene with profiles where nothing is given, as no part of a manoeuvre is a
-    transient.
+    """Return the number of engine cycles to drop: by default none for a scene with profiles, since no part of a
+    manoeuvre is a transient.
     """
     if discard is None and timing.source == "scene" and scene.system.profile is not None:
         return 0
@@ -123,35 +122,35 @@ def default_of(discard: int | None, timing: Timing, scene: Scene) -> int | None:
 
 
 def frequency_changes(run: Run) -> bool:
-    """Whether the engine's frequency was changed while the driveline ran."""
+    """Return whether the engine's frequency was changed while the driveline ran."""
     texts = [record.parameters for record in run.scenes[:MOST_LOOKED_AT]]
-    said = [re.findall(r"^ +frequency: *(\S+)", text, re.MULTILINE) for text in texts]
+    values = [re.findall(r"^ +frequency: *(\S+)", text, re.MULTILINE) for text in texts]
     return any(record.first_stamp_ns and after != before
-               for record, before, after in zip(run.scenes[1:], said, said[1:]))
+               for record, before, after in zip(run.scenes[1:], values, values[1:]))
 
 
 def recorded_scene(run: Run, given: str | None = None) -> Scene:
-    """The scene that a recording holds, or the one given where it holds none.
+    """Return the scene in a recording, or the given scene if the recording has none.
 
     Raises
     ------
     InputError
-        It holds none and none is given, or the one that it holds, or the one given, is no scene.
+        Neither scene is available, or one of them is not valid.
     """
     scene = None if given is None else load_scene(given)
     if run.scene_text is not None:
         return parse_scene(run.scene_text, run.path.stem)
     if scene is None:
-        raise InputError(f"{run.path} holds no scene; name the one that it was made with (--scene)")
+        raise InputError(f"{run.path} holds no scene; name the scene of the recorded driveline with --scene")
     return scene
 
 
 def pace_of(line: Timeline) -> float:
-    """Simulated time against the real time at which messages were received, resets and restarts apart; NaN where no
-    real time passed, as in a recording that was not made live.
+    """Return simulated time per real time by times of receipt, within runs; NaN if no real time passed, as in a
+    recording that was not made live.
 
-    The first chunk of a run only sets the start: its messages may have waited for the recorder to be discovered. One in
-    which the clock was set back counts for nothing.
+    The first chunk of a run only sets the start, since its messages may have waited for the discovery of the recorder.
+    Chunks in which the clock was set back are ignored.
     """
     simulated = real = 0
     for states in line.runs:

@@ -1,4 +1,4 @@
-"""Solving a recording again from what it holds, scene and applied inputs, with the kernel that ran it."""
+"""Verify a recording by solving it again from its scenes and inputs with the kernel of the driveline."""
 
 from __future__ import annotations
 
@@ -24,75 +24,73 @@ from tcc_sim.topics import INPUTS
 from tcc_sim.trajectory import Floats
 
 STEP_TOLERANCE = 1e-6
-"""Largest difference, relative to each signal's maximum, where a tick is solved from the recorded state before it: the
-slip speed is then a difference of two recorded speeds, and a slip that starts amplifies the digits that it loses.
+"""Largest difference, relative to each signal's maximum, for a tick that is solved from the recorded state before it:
+the slip speed is then a difference of two recorded speeds, and an onset of slip amplifies its rounding error.
 """
 SMALLEST_WORK, WORK_PER_BYTE = 30_000_000, 1000
-"""Sub-steps that solving a recording again may take: so many, and so many for each byte of it. A tick counts as 20
-more. Gaps may take half of it.
+"""Largest number of sub-steps for a verification: a constant, and a number for each byte of the recording. A tick
+counts as 20 more. Gaps may use half of the total.
 """
 
 
 @dataclass(frozen=True)
 class Verification:
-    """How a recording compares with its own solution.
+    """Comparison of a recording with its own solution.
 
-    exact : of these, those that had to agree to the last bit
-    first_difference_ns : stamp of the first message that differs by more than it may
-    detail : why nothing was compared, or what the first difference may mean
+    exact : number of compared states that had to agree to the last bit
+    first_difference_ns : stamp of the first message that differs by more than the tolerance
+    detail : reason why nothing was compared, or possible reasons of the first difference
     """
 
     verified: bool = field(metadata=reported(
-        "whether every recorded value is the one solved again: to the last bit where a run is there from its start, "
-        "within a tolerance where it is not; and no state was left out for want of an input"))
+        "whether every recorded value agrees with its solution, to the last bit if the run was recorded from its "
+        "start, else within a tolerance, and the inputs of every state are known"))
     largest_difference: float = field(metadata=reported(
-        "largest difference of any value, relative to its signal's maximum; null where one is not finite"))
+        "largest difference of any value, relative to its signal's maximum; null if not finite"))
     compared: int = field(metadata=reported("number of states compared", name="states"))
     solved: int = field(metadata=reported(
-        "number of them that were solved; a state that a run or a gap leaves without one before it is not"))
+        "number of compared states that were solved; a state without one before it, after a start or a gap, is not"))
     exact: int
     first_difference_ns: int | None
     detail: str
 
     @property
     def undecided(self) -> bool:
-        """Whether nothing differs, and yet not every state could be checked."""
+        """Whether no value differs but some states could not be checked."""
         return self.compared > 0 and not self.verified and self.first_difference_ns is None
 
     @property
     @reporting("the result in a sentence", name="verification")
     def sentence(self) -> str:
-        """The result for people."""
+        """The result as a sentence."""
         if self.verified:
             how = "to the last bit" if self.exact == self.compared else (
                 f"within {STEP_TOLERANCE:g} (exactly for {self.exact})")
             agree = f"{counted(self.solved, 'message')} agree{'s' if self.solved == 1 else ''}"
             rest = self.compared - self.solved
-            left = f"; {counted(rest, 'message')} with no state before to solve from" if rest else ""
+            left = f"; {counted(rest, 'message')} without a state before it to solve from" if rest else ""
             return f"verified: {agree} {how} with the solution from the recording alone{left}{self.detail}"
         return f"not verified: {self.detail}"
 
 
 def verify(line: Timeline, size: int, progress: Callable[[int], Any] | None = None) -> Verification:
-    """Compare a recording with the solution of its scene, one tick after the other.
+    """Compare a recording with the solution of its scenes, tick by tick.
 
-    A run that starts at stamp 0 is solved from the scene's initial state and goes on exactly across gaps, as long as no
-    input comes from a topic. Otherwise each tick is solved from the recorded state before it.
+    A run that starts at stamp 0 is solved from the scene's initial state and continues exactly across gaps, as long as
+    no input comes from a topic. Otherwise each tick is solved from the recorded state before it.
 
-    Where parameters were changed while running, the driveline said its scene again, with the stamp of the first state
-    that the change led to and the kernel that went on; the change is made at that tick, in a gap too. A pause leaves no
-    trace.
+    After a change of parameters, the driveline published its scene with the stamp of the first state that the change
+    affects and the kernel used; the change is applied at that tick, also within a gap. A pause leaves no trace.
 
-    An input that a command held is the constant that the message says. One that fell back to the scene's harmonics
-    varies within the tick, so the driveline's announcements tell which it was. In a recording without them every input
-    counts as commanded. Where the scene has an actuator with a lag, the pressure of the message before and that of the
-    message say how the pressure went within the tick (`model.actuator`). The far end of the shaft goes on from its
-    recorded angle at the recorded speed.
+    A commanded input is constant within a tick and has the recorded value. A fallback to the scene's harmonics varies
+    within the tick; the driveline's announcements give the source. Without announcements every input counts as
+    commanded. For an actuator with a lag, two successive recorded pressures define the pressure within the tick
+    (`model.actuator`). The far end of the shaft continues from its recorded angle at the recorded speed.
 
     Parameters
     ----------
-    size : bytes of the recording, with which the work that it may cause grows
-    progress : takes the number of states that were compared last
+    size : size of the recording, bytes, which bounds the work
+    progress : function called with the number of states just compared
     """
     verifier = _Verifier(line, size)
     for states in line.runs:
@@ -104,7 +102,7 @@ def verify(line: Timeline, size: int, progress: Callable[[int], Any] | None = No
 
 
 class _Verifier:
-    """The comparison under way: the solver, what it was given, and the differences so far."""
+    """State of the comparison: solver, applied scene and inputs, and the differences so far."""
 
     def __init__(self, line: Timeline, size: int) -> None:
         self._scenes, self._places, self._place = line.scenes, line.places, -1
@@ -156,32 +154,32 @@ class _Verifier:
         self._compare(batch, recorded, solved, exact)
 
     def result(self) -> Verification:
-        """The verdict on all batches."""
+        """Return the result of all batches."""
         if self._refusal or not self._compared:
             return Verification(False, math.inf, 0, 0, 0, None, self._refusal or "the recording holds no joint_states")
         ratio = np.divide(self._largest, self._size, out=self._largest.copy(), where=self._size > 0.0)
         largest, detail = float(ratio.max()), ""
         if self._leapt:
-            detail = (f"; the states after {self._leapt} gaps are not reached by solving through them, which is "
-                      f"allowed to take {self._work_limit} sub-steps")
+            detail = (f"; {counted(self._leapt, 'gap')} could not be solved through within the limit of "
+                      f"{self._work_limit} sub-steps")
         if self._first is not None:
             detail = (f"the message of {self._first * 1e-9:.9g} s is the first that differs; the largest difference is "
-                      f"{largest:.3g} of its signal's maximum (a changed value, a scene that is missing, or another "
-                      "version or machine)")
+                      f"{largest:.3g} of its signal's maximum (possible reasons: a changed value, a missing scene, "
+                      "another version or machine)")
             if any(self._harmonic) and not self._sources:
                 detail += "; the topic input_source was not recorded, so every input counts as commanded"
         elif self._unknown:
             detail = f"{self._unknown} of {counted(self._compared, 'state')} have no known input"
         elif self._broken is not None:
-            detail = (f"a run begins at {self._broken:.9g} s after a reset, which leads to 0: messages are missing or "
-                      "mixed up")
+            detail = (f"a run begins at {self._broken:.9g} s after a reset, which must lead to 0: messages are missing "
+                      "or mixed up")
         elif not self._solved:
             detail = "there is no state before any of them to solve from"
         verified = self._first is None and self._solved > 0 and not self._unknown and self._broken is None
         return Verification(verified, largest, self._compared, self._solved, self._exactly, self._first, detail)
 
     def _begin(self, batch: JointStates) -> None:
-        """Start on a new run with the scene in force."""
+        """Begin a new run with the scene that applies."""
         stamp = int(batch.stamp_ns[0])
         if not self._take_over(batch.index, stamp) and self._place < 0 and self._scenes:
             self._take_scene(0)
@@ -203,9 +201,7 @@ class _Verifier:
             stepper.state[:] = state_of(rows_of(batch[:1])[0].tolist())
 
     def _take_over(self, index: int, stamp_ns: int) -> bool:
-        """Go on to the last scene that holds from the state with this index on, or from an earlier one, and leads to
-        the state of `stamp_ns`; whether there was one.
-        """
+        """Take the last new scene that applies at the state with this index and stamp; return whether there is one."""
         latest = None
         while self._next_place < len(self._places):
             at, number = self._places[self._next_place]
@@ -218,20 +214,20 @@ class _Verifier:
         return True
 
     def _take_scene(self, place: int) -> None:
-        """Read the scene at this place."""
+        """Read the scene with this number."""
         self._place, record = place, self._scenes[place]
         self._scene, self._general = parse_scene(record.text, self._scene.name), record.general
         self._origin = record.origin
 
     def _use_scene(self) -> None:
-        """Solve with the scene's terms from the next tick on, in the kernel that the driveline had."""
+        """Use the scene's terms from the next tick on, in the kernel that the driveline used."""
         system = self._scene.system
         self._terms: Terms = (general_terms if self._general else terms_from)(system, self._origin)
         self._held: tuple[float | None, float | None] = None, None
         self._stepper.use(self._terms)
 
     def _tick(self, stamp: int) -> int:
-        """The tick that a stamp belongs to."""
+        """Return the tick of a stamp."""
         tick = round(stamp / self._stamp_step)
         if round(tick * self._stamp_step) != stamp:
             raise InputError(f"stamp {stamp * 1e-9:.9g} s is not that of a tick at {self._scene.operation.rate:g} Hz; "
@@ -239,7 +235,7 @@ class _Verifier:
         return tick
 
     def _next(self, stamp: int, index: int, row: list[float], pressure: float, far_speed: float) -> list[float]:
-        """Solve up to `stamp` with the scenes and inputs that its ticks applied; what the message should hold."""
+        """Solve up to `stamp` with the scenes and inputs of its ticks; return the expected message."""
         stepper = self._stepper
         begin, end = stepper.tick, self._tick(stamp)
         if end <= begin:
@@ -268,7 +264,7 @@ class _Verifier:
         return solved
 
     def _afford(self, ticks: int) -> bool:
-        """Whether the work that is left allows so many ticks, which it takes; InputError where not for one."""
+        """Subtract the work of `ticks` from the limit; return whether it sufficed; InputError if not for one tick."""
         cost = ticks * (self._stepper.substeps + 20)
         if cost <= self._work - (self._work_limit // 2 if ticks > 1 else 0):
             self._work -= cost
@@ -280,19 +276,19 @@ class _Verifier:
         return False
 
     def _applied_is_known(self, engine: float, pressure: float) -> bool:
-        """Whether the recording holds the inputs of this tick."""
+        """Return whether the recording holds the inputs of this tick."""
         return not (self._topics[0] and math.isnan(engine)) and not (
             self._topics[1] and math.isnan(pressure)
             and not (self._harmonic[1] and "actuation_pressure" not in self._commanded))
 
     def _now(self, row: Floats, pressure: float) -> list[float]:
-        """What the message of the state as it is should hold."""
+        """Return the expected message of the current state."""
         self._pressed = pressure
         self._apply(float(row[4]), pressure)
         return message_row(self._stepper.now())
 
     def _apply(self, engine: float, pressure: float) -> None:
-        """Take the inputs that come from topics as the node does."""
+        """Apply the inputs from topics as the node does."""
         stepper = self._stepper
         torque, load = self._held
         if self._topics[0] and not math.isnan(engine):
@@ -311,13 +307,13 @@ class _Verifier:
             stepper.use(holding(self._terms, torque, load))
 
     def _follow_sources(self, index: int) -> None:
-        """Go on to what the driveline said of its inputs up to the state with this index."""
+        """Apply the announcements of input sources up to the state with this index."""
         while self._next_source < len(self._sources) and self._sources[self._next_source][0] <= index:
             self._commanded = self._sources[self._next_source][1]
             self._next_source += 1
 
     def _compare(self, batch: JointStates, recorded: Floats, solved: Floats, exact: NDArray[np.bool_]) -> None:
-        """Take the differences of a batch into account."""
+        """Add the differences of a batch."""
         difference = np.abs(recorded - solved)
         difference[np.isnan(difference)] = math.inf
         self._largest = np.maximum(self._largest, difference.max(axis=0))

@@ -103,7 +103,7 @@ def test_pulses_of_a_tacho_are_counted_a_revolution(tmp_path, columns):
     (("slip_speed",), ["--orders"], "there is no column slip_speed"),
     ((), [], "a table needs --orders or --spectrum"),
     ((), ["--orders", "--verify"], "--verify: only for recordings; a table takes"),
-    ((), ["--orders", "--from", "4.9999"], "4 rows or more"),
+    ((), ["--orders", "--from", "4.9999"], "at least 4 rows"),
     ((), ["--orders", "--to", "0.3"], "orders need 16 periods of the excitation"),
 ])
 def test_a_table_that_shows_no_orders_is_refused(tmp_path, columns, capsys, left_out, words, message):

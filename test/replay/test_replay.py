@@ -141,7 +141,8 @@ def test_the_frequency_of_a_commanded_torque_is_found_or_given(tmp_path):
     assert (values["period"], values["section"], values["cycles"], values["settled"]) == (0, [], 0, False)
     assert values["max_slip_speed"] == pytest.approx(SPEED + 2.0 * SWING, rel=1e-6)
     assert [text for text in unknown.warnings if "cycle" in text] == [
-        "no engine cycle can be told, so there is no section, period or cycle mean: the engine torque is constant"]
+        "engine cycles could not be identified, so there is no section, period or cycle mean: the engine torque is "
+        "constant"]
 
 
 @pytest.mark.parametrize(("keywords", "words"), [
@@ -238,7 +239,7 @@ def test_a_gap_is_not_taken_for_a_period(tmp_path, settling, gap, period):
     rows = settling[:gap[0]] + settling[gap[1]:]
     found = replay(bag(tmp_path / "run", rows, load_scene("fig02")))
     assert (found.summary.period, found.summary.settled) == (period, False)
-    said = "no period is given: it takes 16 engine cycles or more after the last gap" in found.warnings
+    said = "no period: a period needs 16 or more engine cycles after the last gap" in found.warnings
     assert said is (period == 0)
 
 
@@ -285,7 +286,7 @@ def test_a_run_whose_torque_tells_no_cycles_is_read_all_the_same(tmp_path, run_u
     v = np.array([row[3] - row[4] for row in rows])
     assert (found.summary.cycles, found.summary.period, found.summary.section) == (0, 0, [])
     assert found.summary.max_slip_speed == pytest.approx(np.abs(v[:2900]).max(), rel=0.02)
-    assert len([text for text in found.warnings if text.startswith("no engine cycle can be told")]) == 1
+    assert len([text for text in found.warnings if text.startswith("engine cycles could not be")]) == 1
     assert "frequency" in "\n".join(found.lines())
     from tcc_sim.views.plots import plot
 

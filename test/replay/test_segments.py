@@ -88,7 +88,7 @@ def test_a_segment_without_a_whole_cycle_has_no_figures(tmp_path):
     found = replay(bag(tmp_path / "run", rows, SLIP))
     segment = found.as_json()["segments"][1]
     assert (segment["began_by"], segment["max_slip_speed"], segment["regime"]) == ("reset", None, None)
-    assert "no whole engine cycle that is kept" in "\n".join(found.lines())
+    assert "no whole engine cycle after the dropped ones" in "\n".join(found.lines())
 
 
 def controlled(target, start=150.0, rate=4.0, seconds=6.0):
@@ -147,7 +147,7 @@ def test_more_segments_than_are_told_are_counted(tmp_path):
     rows = steady(0.06, 150.0) + [row for _ in range(MOST_SEGMENTS + 29) for row in steady(0.003, 150.0)]
     found = replay(bag(tmp_path / "run", rows, SLIP), discard=0)
     assert len(found.segments) == MOST_SEGMENTS
-    assert "only the first 1000 of 1030 segments have figures of their own" in found.warnings
+    assert "only the first 1000 of 1030 segments are analysed" in found.warnings
     assert len(found.lines()) < 60
 
 

@@ -191,7 +191,7 @@ def test_messages_in_the_wrong_order_are_not_verified(tmp_path):
         mixed = [*given[:200], given[300], *given[201:300], given[200], *given[301:]]
         found = verified(tmp_path / name, mixed, SCENES["fig02"])
         assert not found.verified
-        assert name == "shifted" or "begins at 0.201 s after a reset, which leads to 0" in found.sentence
+        assert name == "shifted" or "begins at 0.201 s after a reset, which must lead to 0" in found.sentence
 
 
 def test_a_reset_with_both_inputs_commanded_is_one_event(tmp_path):
