@@ -1,1 +1,1 @@
-"""The ROS 2 nodes: thin shells around parts that know nothing of ROS; the only place that imports rclpy."""
+"""ROS 2 nodes: thin shells around parts without ROS; together with `testing` the only packages that import rclpy."""

@@ -1,6 +1,4 @@
-"""Driveline and recorder as processes of their own on this machine, in a ROS domain where nobody else is, for commands
-that run the whole chain. Free of rclpy.
-"""
+"""Start driveline and recorder as processes on this machine in an unused ROS domain, without rclpy."""
 
 from __future__ import annotations
 
@@ -23,23 +21,21 @@ from tcc_sim.errors import InputError, MissingPackage, TccError
 _LIBC = ctypes.CDLL(None)
 _PR_SET_PDEATHSIG = 1
 CLOCK_STARTED = "clock started"
-"""What the driveline node logs when its first tick is due."""
+"""Log line of the driveline node when its first tick is due."""
 SENDING = "sending commands"
-"""What the commander node logs before its first command."""
+"""Log line of the commander node before its first command."""
 START_LIMIT = 120.0
-"""Real time, s, that a start may take: compiling the kernels for the first time is most of it, on a busy machine
-too.
-"""
+"""Largest real time of a start, s, mostly for the first compilation of the kernels on a busy machine."""
 END_LIMIT = 60.0
-"""Real time, s, that an end may take before the process is killed."""
+"""Largest real time for a process to end before it is killed, s."""
 DOMAINS = range(1, 102)
-"""ROS domains of which a choice is made; up to 101 they keep clear of the ephemeral ports of Linux."""
+"""ROS domains to choose from; up to 101 their ports do not overlap the ephemeral ports of Linux."""
 FIRST_PORT, PORTS = 7400, 250
-"""UDP ports of a domain, as the standard of DDS has them."""
+"""First UDP port of domain 0 and number of UDP ports of a domain, from the DDS standard."""
 
 
 def require_ros() -> None:
-    """Raise MissingPackage where rclpy or a message package is not installed."""
+    """Raise MissingPackage if rclpy or a message package is not installed."""
     for name in ("rclpy", "std_msgs", "sensor_msgs", "diagnostic_msgs", "rosgraph_msgs", "std_srvs"):
         if importlib.util.find_spec(name) is None:
             raise MissingPackage(f"ROS 2 package {name} is not installed: source your ROS 2, or pip install "
@@ -47,7 +43,7 @@ def require_ros() -> None:
 
 
 def ports_in_use(tables: Iterable[Path] = (Path("/proc/net/udp"), Path("/proc/net/udp6"))) -> set[int]:
-    """UDP ports that are bound on this machine; none where it does not say."""
+    """Return the UDP ports that are bound on this machine; empty if the system does not list them."""
     found: set[int] = set()
     for table in tables:
         with suppress(OSError):
@@ -56,19 +52,19 @@ def ports_in_use(tables: Iterable[Path] = (Path("/proc/net/udp"), Path("/proc/ne
 
 
 class Domain:
-    """A domain with a name that only one process on this machine may have, until it is closed or the process ends.
+    """An unused ROS domain, reserved on this machine until it is closed or the process ends.
 
-    A participant binds ports of its domain, so a domain with a bound port is somebody's. The name keeps those apart who
-    choose at the same time and have no participant yet.
+    A participant binds ports of its domain, so a domain with a bound port is in use. An abstract socket with a name
+    reserves the domain against processes that choose at the same time and have no participant yet.
 
     Parameters
     ----------
-    domains : those of which a choice is made
+    domains : domains to choose from
 
     Raises
     ------
     TccError
-        Every domain is taken.
+        Every domain is in use.
     """
 
     def __init__(self, domains: Sequence[int] = DOMAINS) -> None:
@@ -85,16 +81,16 @@ class Domain:
                        "ROS_DOMAIN_ID")
 
     def close(self) -> None:
-        """Let others have it."""
+        """Release the domain."""
         self._guard.close()
 
 
 class OwnEnvironment:
-    """The environment with discovery kept on this machine and a domain of one's own, unless the user has chosen one.
+    """Environment for child processes: discovery limited to this machine, and an unused domain unless the user set one.
 
     Attributes
     ----------
-    values : for child processes, as long as this is not closed
+    values : environment variables, valid until `close`
     """
 
     def __init__(self) -> None:
@@ -105,58 +101,57 @@ class OwnEnvironment:
             self.values["ROS_DOMAIN_ID"] = str(self._domain.number)
 
     def close(self) -> None:
-        """Let others have the domain."""
+        """Release the domain."""
         if self._domain is not None:
             self._domain.close()
 
 
 class ChildProcess(subprocess.Popen[str]):
-    """A command in a process of its own, whose lines on standard error are kept."""
+    """Child process whose lines on standard error are stored."""
 
     def __init__(self, name: str, command: Sequence[str], environment: dict[str, str]) -> None:
         self.name = name
-        # A session of its own: Ctrl-C on the terminal reaches the parent, which ends its children in order.
+        # In a new session Ctrl-C on the terminal reaches only the parent, which ends its children in order.
         super().__init__(command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
                          stderr=subprocess.PIPE, text=True, errors="replace", start_new_session=True,
                          preexec_fn=_end_with_parent)
         self.lines: list[str] = []
-        self._said = threading.Condition()
+        self._changed = threading.Condition()
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
     def _read(self) -> None:
-        """Keep every line of standard error."""
+        """Store every line of standard error."""
         assert self.stderr is not None
         for line in self.stderr:
-            with self._said:
+            with self._changed:
                 self.lines.append(line.rstrip("\n"))
-                self._said.notify_all()
-        with self._said:
-            self._said.notify_all()
+                self._changed.notify_all()
+        with self._changed:
+            self._changed.notify_all()
 
     def await_line(self, text: str) -> None:
-        """Return when the node has said `text`; TccError with its last words where it ends or START_LIMIT passes first.
-        """
-        with self._said:
-            self._said.wait_for(lambda: self.has_said(text) or not self._reader.is_alive(), timeout=START_LIMIT)
+        """Wait until a line contains `text`; raise TccError if the process ends or START_LIMIT passes first."""
+        with self._changed:
+            self._changed.wait_for(lambda: self.has_said(text) or not self._reader.is_alive(), timeout=START_LIMIT)
         if not self.has_said(text):
             self.check()
             raise TccError(f"{self.name} did not start within {START_LIMIT:g} s")
 
     def has_said(self, text: str) -> bool:
-        """Whether the node has said `text`."""
+        """Return whether a line contains `text`."""
         return any(text in line for line in self.lines)
 
     def check(self) -> None:
-        """Raise TccError with its last words where the node has ended."""
+        """Raise TccError with the last line if the process has ended."""
         status = self.poll()
         if status is not None:
             self._reader.join(timeout=1.0)
             raise TccError(f"{self.name} ended with status {status}: "
-                           f"{self.lines[-1] if self.lines else 'without a word'}")
+                           f"{self.lines[-1] if self.lines else 'no output'}")
 
     def stop(self) -> int:
-        """End it as Ctrl-C would and give its status; it is killed where it takes longer than END_LIMIT."""
+        """End the process with SIGINT, or kill it after END_LIMIT, and return its exit status."""
         self.send_signal(signal.SIGINT)
         try:
             status = super().wait(timeout=END_LIMIT)
@@ -167,19 +162,19 @@ class ChildProcess(subprocess.Popen[str]):
         return status
 
     def kill(self) -> None:
-        """End it without a word, where it has not ended."""
+        """Kill the process and wait for its end."""
         super().kill()
         self.wait()
 
     def wait(self, timeout: float | None = None) -> int:
-        """Wait for its end and give its status; all that it said is then in `lines`."""
+        """Wait for the process to end and return its exit status; `lines` is then complete."""
         status = super().wait(timeout)
         self._reader.join()
         return status
 
 
 class NodeProcess(ChildProcess):
-    """One node of this package in a process of its own."""
+    """Child process that runs a node of this package."""
 
     def __init__(self, module: str, parameters: dict[str, object], environment: dict[str, str]) -> None:
         words = [word for key, value in parameters.items() for word in ("-p", f"{key}:={_word(value)}")]
@@ -193,15 +188,15 @@ class Session:
     ----------
     recording : directory that the recorder creates
     driveline : parameters of the driveline node
-    controller : parameters of a slip controller node beside it, or the words of a command that starts a controller;
-        None without one. The driveline waits until the controller subscribes to joint_states.
+    controller : parameters of a slip controller node, or the words of a command that starts a controller; None for no
+        controller. The driveline waits until the controller subscribes to joint_states.
 
     Raises
     ------
     MissingPackage
         ROS 2 is not installed.
     TccError
-        A node did not start; its own words are in the message.
+        A node did not start; the message has its last line.
     """
 
     def __init__(self, recording: Path, driveline: dict[str, object],
@@ -224,20 +219,20 @@ class Session:
             raise
 
     def stop(self) -> None:
-        """End the driveline, then what is beside it, then the recorder, which then has everything."""
+        """End the driveline, then the controller, then the recorder, so that the recording is complete."""
         for process in (self.driveline, *self.beside, self.recorder):
             process.stop()
         self._own.close()
 
     def watch(self, seconds: float) -> None:
-        """Sleep, and raise TccError where a node has ended meanwhile."""
+        """Sleep, then raise TccError if a node has ended."""
         time.sleep(seconds)
         self._check()
 
     def _await_clock(self) -> None:
-        """Wait for the driveline's first tick; it waits for the others, so one of them that ended is told first.
+        """Wait for the driveline's first tick; raise TccError if a node ends first.
 
-        That it compiles, which takes a while, is passed on.
+        The driveline's message that it compiles is passed on, since this takes a while.
         """
         end, compiling = time.monotonic() + START_LIMIT, ""
         while not self.driveline.has_said(CLOCK_STARTED):
@@ -251,13 +246,13 @@ class Session:
             time.sleep(0.05)
 
     def _check(self) -> None:
-        """Raise TccError with its last words where a node has ended."""
+        """Raise TccError with the last line of a node that has ended."""
         for process in (self.recorder, *self.beside, self.driveline):
             process.check()
 
 
 def _started(command: Sequence[str], environment: dict[str, str]) -> ChildProcess:
-    """Start a command of the user's; InputError where it cannot be started."""
+    """Start the user's command; raise InputError if it cannot be started."""
     try:
         return ChildProcess(" ".join(command), command, environment)
     except OSError as error:
@@ -265,11 +260,11 @@ def _started(command: Sequence[str], environment: dict[str, str]) -> ChildProces
 
 
 def _end_with_parent() -> None:
-    """Ask Linux for a SIGINT when the command ends, however it ends: a killed command leaves no node behind."""
+    """Ask Linux for a SIGINT when the parent ends, so that a killed command leaves no node behind."""
     if sys.platform == "linux":
         _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
 
 
 def _word(value: object) -> str:
-    """A parameter value on the command line of a node."""
+    """Return a parameter value as text for a node's command line."""
     return str(value).lower() if isinstance(value, bool) else str(value)

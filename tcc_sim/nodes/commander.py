@@ -1,4 +1,4 @@
-"""A node that sends harmonic engine torque and pressure commands at a fixed rate: the load of `tcc-sim soak`.
+"""Node that sends harmonic engine torque and pressure commands at a fixed rate, as a load for `tcc-sim soak`.
 
 `python -m tcc_sim.nodes.commander --ros-args -p rate:=1000.0`; the commands are those of the scene fig02.
 """
@@ -34,7 +34,7 @@ def main(args: list[str] | None = None) -> int:
 
 
 def send(node: Node) -> int:
-    """Commands of fig02, one of each kind a period."""
+    """Send the commands of fig02, one of each input per period."""
     rate = declared(node, CommanderOptions).rate
     system = load_scene("fig02").system
     engine, pressure = system.engine, system.pressure

@@ -43,20 +43,20 @@ from tcc_sim.scene import Scene
 from tcc_sim.topics import FAR_END, topic
 
 SWITCH_INTERVAL = 1e-4
-"""How long, s, another thread may hold the interpreter before the real-time loop asks for it."""
+"""Time after which the real-time loop interrupts another thread in the interpreter, s."""
 COMPILING = 1.0
-"""Real time, s, that a change waits for the kernel that it needs."""
+"""Real time for which a change waits for the kernel that it needs, s."""
 DIAGNOSTICS_PERIOD = 1.0
-"""Real time, s, between two messages on /diagnostics."""
+"""Real time between two messages on /diagnostics, s."""
 
 
 class DrivelineNode(Node):
-    """The driveline as a ROS 2 node. Physics and topics run in `loop`; this class is what happens beside them.
+    """The driveline as a ROS 2 node: parameters, services, logging; physics and topics run in `loop`.
 
     Parameters
     ----------
-    scene : what to run; None where the parameters say it
-    options : of rclpy's Node
+    scene : scene to run; None to take it from the parameters
+    options : options of rclpy's Node
     """
 
     def __init__(self, scene: Scene | None = None, **options: Any) -> None:
@@ -84,7 +84,7 @@ class DrivelineNode(Node):
         self._throttle = Throttle(self)
 
     def start(self) -> None:
-        """Warm up, then start the clock.
+        """Compile the kernels, then start the clock.
 
         Raises
         ------
@@ -96,7 +96,7 @@ class DrivelineNode(Node):
                   f"{counted(self.loop.plant.stepper.substeps, 'sub-step')} a tick")
 
     def housekeeping(self) -> None:
-        """Diagnostics when they are due, throttled warnings, and the failure of the loop if there was one."""
+        """Publish diagnostics when due, log throttled warnings, and raise the failure of the loop if there was one."""
         if self.diagnostics is not None:
             self.diagnostics.publish_when_due()
         self.loop.outputs.tell_unsent()
@@ -117,7 +117,7 @@ class DrivelineNode(Node):
             raise self.loop.failure
 
     def _look_for_vehicle(self) -> None:
-        """Take output_speed once somebody's first message is there; what that needs is compiled beside the clock."""
+        """Subscribe to output_speed once its first message is there; its kernels are compiled beside the clock."""
         loop = self.loop
         if self._vehicle is None and loop.clock_started.is_set() and loop.vehicle_waits:
             compiling, _ = begun(loop.plant.warm_up_far_end, name="far end's compiler")
@@ -142,14 +142,14 @@ class DrivelineNode(Node):
             loop.request(lambda: loop.clock.begin(loop.plant.stamp_ns))
 
     def destroy_node(self) -> None:
-        """Stop the loop, then destroy everything."""
+        """Stop the loop, then destroy the node."""
         loop: RealTimeLoop | None = getattr(self, "loop", None)
         if loop is not None:
             loop.stop()
         super().destroy_node()
 
     def _on_set_parameters(self, changes: list[Parameter]) -> SetParametersResult:
-        """Check all changes of a request together and apply them at a tick boundary."""
+        """Check all changes of a request together and apply them between two ticks."""
         try:
             after = parameters.changed(self.scene, changes)
         except InputError as error:
@@ -160,7 +160,7 @@ class DrivelineNode(Node):
         if plant.needs_general(after) and not plant.general_ready.wait(COMPILING):
             return SetParametersResult(
                 successful=False, reason="the kernel for terms that the scene did not have at the start is still being "
-                                         "compiled; ask again in a moment")
+                                         "compiled; repeat the request in a few seconds")
         text = after.text()
         before = self.scene.warnings()
         outcome = self.loop.request(lambda: self._take(after, text))
@@ -170,15 +170,15 @@ class DrivelineNode(Node):
         return SetParametersResult(successful=outcome.done, reason=one_line(outcome.why))
 
     def _after_set_parameters(self, changes: list[Parameter]) -> None:
-        """Let scene_text follow what was changed."""
+        """Update scene_text after a change."""
         text = self.scene.text()
         if text != self.get_parameter(parameters.TEXT).value:
             self.set_parameters([Parameter(parameters.TEXT, value=text)])
 
     def _take(self, scene: Scene, text: str) -> bool:
-        """In the loop, between two ticks: run `scene` from the next tick on, and say so before that tick's state.
+        """Apply `scene` from the next tick on and publish it before that tick's state; called in the loop.
 
-        States and scenes are sent by one thread, so a recording has them in the order in which they came into force.
+        One thread sends states and scenes, so a recording has them in the order in which they apply.
         """
         self.loop.use(scene)
         self.scene, self._scene_text, self._changed = scene, text, True
@@ -187,30 +187,31 @@ class DrivelineNode(Node):
         return True
 
     def restart(self) -> bool:
-        """In the loop: start again with the parameters as they are, which hold from stamp 0 of the new run on."""
+        """Restart at stamp 0 with the current parameters; called in the loop."""
         if self._changed:
             self._say(0)
         return self.loop.reset()
 
     def _say(self, stamp_ns: int) -> None:
-        """Say the scene as it was changed, and the stamp of the first state that it leads to."""
+        """Publish the changed scene with the stamp of the first state computed with it."""
         text = holding_from(self._scene_text, stamp_ns, self.loop.plant.general,
                             self.loop.plant.origin if stamp_ns else START)
         self.loop.outputs.say("scene", cdr.string(text))
 
-    def _does(self, action: Callable[[Any], bool], said: Callable[[Outcome], str]) -> Callable[[Any, Any], Any]:
-        """A service that has the loop do something, with what is said of it."""
+    def _does(self, action: Callable[[Any], bool], sentence: Callable[[Outcome], str]) -> Callable[[Any, Any], Any]:
+        """Return a service callback that requests an action of the loop and answers with its outcome."""
         def answer(request: Any, response: Any) -> Any:
             outcome = self.loop.request(lambda: action(request))
-            response.success, response.message = outcome.done, outcome.why or said(outcome)
+            response.success, response.message = outcome.done, outcome.why or sentence(outcome)
             return response
 
         return answer
 
 
 class Diagnostics:
-    """What the node says of itself once a second on /diagnostics: rate reached, lateness, iterations against their
-    bound, commands, regime; counts are since the start.
+    """Publisher of the node's state on /diagnostics once a second: rate, lateness, iterations, commands, regime.
+
+    Counts are since the start.
     """
 
     def __init__(self, node: Node, loop: RealTimeLoop, waiting: Waiting) -> None:
@@ -221,7 +222,7 @@ class Diagnostics:
         self._late = self._stick = self._slip = 0
 
     def publish_when_due(self) -> None:
-        """Publish if a second has passed; one that the middleware does not take is followed by the next."""
+        """Publish if a second has passed; a message that the middleware refuses is dropped."""
         now = time.monotonic()
         if now < self._due:
             return
@@ -232,7 +233,7 @@ class Diagnostics:
             self._publisher.publish(message)
 
     def _status(self, now: float) -> DiagnosticStatus:
-        """The status over the time since the last message."""
+        """Return the status for the time since the last message."""
         loop, pacer, operation = self._loop, self._loop.pacer, self._loop.scene.operation
         stepper = loop.plant.stepper
         stick, slip = loop.stick_ticks - self._stick, loop.slip_ticks - self._slip
@@ -277,7 +278,7 @@ class Diagnostics:
 
 
 def spin(node: DrivelineNode) -> None:
-    """Answer requests and keep house until the context ends."""
+    """Run callbacks and housekeeping until the context ends."""
     spinner = Spinner(node)
     with suppress(ExternalShutdownException):
         while True:

@@ -1,7 +1,7 @@
-"""What `ros2 run tcc_sim`, the path and `python -m` know as driveline_node, recorder_node and so on; their `--help`.
+"""Entry points of the nodes (driveline_node, recorder_node, ...) for `ros2 run`, the path and `python -m`.
 
-Signals are taken before anything else is loaded; `--help` and `--version` need no ROS 2; where ROS 2 is not installed
-there is one line.
+Signals are handled before anything slow is imported; `--help` and `--version` need no ROS 2; without ROS 2 a node ends
+with one line.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from tcc_sim.nodes import signals
 
 _ROS_WORDS = ("-p", "--param", "-r", "--remap", "--params-file", "-e", "--enclave", "--log-level")
 _PURPOSES = {
-    "driveline": "The driveline in real time: states out, engine torque and actuation pressure in.",
-    "recorder": "Records every topic of the driveline into a bag (MCAP) that survives a kill.",
-    "slip_controller": "Answers the driveline's states with a pressure that holds a mean slip speed.",
-    "commander": "Sends harmonic engine torque and pressure commands at a fixed rate.",
+    "driveline": "Run the driveline in real time: publish states, subscribe to engine torque and actuation pressure.",
+    "recorder": "Record every topic of the driveline into a bag (MCAP) that survives a kill.",
+    "slip_controller": "Answer the driveline's states with a pressure that holds a mean slip speed.",
+    "commander": "Send harmonic engine torque and pressure commands at a fixed rate.",
 }
 
 
 def _run(name: str) -> int:
-    """Run a node's `main` where rclpy and its messages are there, and give the exit status."""
+    """Run a node's `main` and end the process with its exit status."""
     signals.take()
     import sys
     from importlib import import_module
@@ -34,7 +34,7 @@ def _run(name: str) -> int:
     open_streams()
     status = 1
     try:
-        text = _asked_for(name, sys.argv[1:])
+        text = _text_for(name, sys.argv[1:])
         if text is None:
             require_ros()
             status = import_module(f"tcc_sim.nodes.{name}").main()
@@ -49,13 +49,13 @@ def _run(name: str) -> int:
     return signals.end(status)
 
 
-def _asked_for(name: str, words: list[str]) -> str | None:
-    """The text that `words` ask the node `name` for, None where they ask for none; ROS 2 has those after --ros-args.
+def _text_for(name: str, words: list[str]) -> str | None:
+    """Return the text for --help or --version, or None; words after --ros-args belong to ROS 2.
 
     Raises
     ------
     InputError
-        A word that the node does not know.
+        A word is unknown.
     """
     from tcc_sim.errors import InputError
 
@@ -76,20 +76,20 @@ def _asked_for(name: str, words: list[str]) -> str | None:
         if near:
             meant = f"did you mean {near[0]}?"
         elif own[0] in _ROS_WORDS or ":=" in own[0]:
-            meant = f"ROS 2 takes its words after --ros-args: {_command_of(name)} {after}"
+            meant = f"words for ROS 2 follow --ros-args: {_command_of(name)} {after}"
         else:
-            meant = "there are --help, --version and --ros-args WORD ..."
-        raise InputError(f"{own[0]} is not understood; {meant}")
+            meant = "options are --help, --version and --ros-args WORD ..."
+        raise InputError(f"{own[0]} is not an option; {meant}")
     return None
 
 
 def _command_of(name: str) -> str:
-    """What starts the node `name`."""
+    """Return the command that starts the node `name`."""
     return name if name == "commander" else f"{name}_node"
 
 
 def _help(name: str) -> str:
-    """Purpose, usage and parameters of a node."""
+    """Return purpose, usage and parameters of a node as text."""
     from tcc_sim.output.terminal import terminal_width, wrapped
 
     command = _command_of(name)
@@ -100,7 +100,7 @@ def _help(name: str) -> str:
 
 
 def _parameters(name: str) -> Iterator[tuple[str, str]]:
-    """Names and meanings of a node's parameters."""
+    """Iterate over names and meanings of a node's parameters."""
     from tcc_sim.nodes.options import OPTIONS
     from tcc_sim.scene import NODE_SCENE
 
@@ -116,4 +116,4 @@ driveline_node = partial(_run, "driveline")
 recorder_node = partial(_run, "recorder")
 slip_controller_node = partial(_run, "slip_controller")
 commander = partial(_run, "commander")
-"""The node that sends commands for `tcc-sim soak`; the others have the names of their modules."""
+"""Node that sends commands for `tcc-sim soak`."""

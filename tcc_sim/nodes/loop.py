@@ -1,12 +1,12 @@
-"""The real-time loop: a thread of its own that paces, takes commands, steps the driveline and publishes.
+"""The real-time loop: a thread that paces, takes commands, steps the driveline and publishes.
 
-One tick goes: wait for the deadline, take what has arrived, step, publish. Commands that arrive between two ticks apply
-from the next tick on and are held through it (zero-order hold), so a controller that answers the state of tick k before
-the next deadline acts on the interval from k to k + 1. What a message says of torques and pressure is what the tick
-that ended applied.
+In each tick the loop waits for the deadline, takes the messages that have arrived, steps and publishes. Commands that
+arrive between two ticks apply from the next tick on and are held during it (zero-order hold), so a controller that
+answers the state of tick k before the next deadline acts on the interval from k to k + 1. Torques and pressure in a
+message are those of the tick that ended.
 
-Whatever the loop waits for (subscribers, a deadline, a command in lock-step, a reader that is slow), it does what is
-asked of it meanwhile; and nothing that is asked of it or sent to it ends it.
+While the loop waits (for subscribers, a deadline, a command in lock-step, a slow reader), it carries out requests. No
+request and no message can end it.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ from tcc_sim.scene import Scene
 from tcc_sim.topics import FAR_END, topic
 
 SETTLED = 0.3
-"""Real time, s, without a new subscription, after which those waited for count as complete."""
+"""Real time without a new subscription after which the subscribers count as complete, s."""
 LOOK = 0.02
-"""Real time, s, between two looks for subscribers, and between two tries to send what a reader was too slow for."""
+"""Real time between two checks for subscribers, and between two attempts to send to a slow reader, s."""
 LOCKSTEP_LOOK, LOCKSTEP_REST, LOCKSTEP_EAGER = 2e-5, 1e-3, 0.05
-"""Real time, s, between two looks for a command in lock-step: at first, and after so many seconds in vain."""
+"""Real time between two checks for a command in lock-step, s: at first, and after LOCKSTEP_EAGER seconds of waiting."""
 
 
 class RealTimeLoop:
@@ -43,8 +43,8 @@ class RealTimeLoop:
 
     Parameters
     ----------
-    node : owner of the publishers and subscriptions; only what the scene needs is created
-    scene : what to run
+    node : owner of the publishers and subscriptions; only those that the scene needs are created
+    scene : scene to run
     """
 
     def __init__(self, node: Node, scene: Scene) -> None:
@@ -76,17 +76,16 @@ class RealTimeLoop:
 
     @property
     def scene(self) -> Scene:
-        """What runs."""
+        """The current scene."""
         return self.plant.scene
 
     @property
     def waits_for(self) -> list[CommandedInput]:
-        """Inputs whose answer to the state lock-step waits for now."""
+        """Inputs for whose answer to the state lock-step waits now."""
         return [*(self._unanswered or ())]
 
     def start(self) -> None:
-        """Compile and measure the scene's kernel, then start the thread; what only changes while running may need is
-        compiled beside it.
+        """Compile and time the scene's kernel, then start the thread; the kernel for changes is compiled beside it.
 
         Raises
         ------
@@ -103,7 +102,7 @@ class RealTimeLoop:
             attend(priority, (self._thread.native_id, self._compiler.native_id))
 
     def stop(self) -> None:
-        """End the thread; returns when it has ended, at most after one sleep slice."""
+        """End the thread and wait for its end, which takes at most one sleep slice."""
         self._stopping = True
         self._wake.set()
         if self.running:
@@ -113,11 +112,11 @@ class RealTimeLoop:
 
     @property
     def vehicle_waits(self) -> bool:
-        """Whether somebody publishes output_speed, which is not taken yet."""
+        """Whether output_speed has a publisher but no subscription yet."""
         return self.far_end is None and self._node.count_publishers(FAR_END) > 0
 
     def attach(self, far_end: CommandedInput) -> bool:
-        """Take output_speed from the next tick on, and say where the shaft's far end is."""
+        """Apply output_speed from the next tick on, and publish output_state."""
         if self.far_end is None:
             self.far_end = far_end
             self.commands.append(far_end)
@@ -126,9 +125,7 @@ class RealTimeLoop:
         return True
 
     def meet(self) -> None:
-        """Take output_speed where somebody publishes it, once what that needs is compiled and the two have met; publish
-        /clock where it is due.
-        """
+        """Subscribe to output_speed if it has a publisher, after compiling and connecting; publish /clock if due."""
         if self.vehicle_waits:
             far_end = CommandedInput(self._node, topic(FAR_END))
             self.plant.warm_up_far_end()
@@ -143,10 +140,10 @@ class RealTimeLoop:
         return self._thread.is_alive()
 
     def request(self, action: Callable[[], bool], timeout: float = 1.0) -> Outcome:
-        """Have the loop do `action` between two ticks; it is withdrawn where it was not done after `timeout` seconds.
+        """Request that the loop calls `action` between two ticks; withdraw the request after `timeout` seconds.
 
-        An action refuses by False or by an exception, whose sentence is then the outcome's. Where no thread runs the
-        loop it is done at once.
+        An action refuses by returning False or by an exception, whose message becomes the outcome's. Without a running
+        thread the action is called at once.
         """
         asked = Request(action)
         if not self.running:
@@ -160,7 +157,7 @@ class RealTimeLoop:
         return asked.outcome
 
     def reset(self) -> bool:
-        """Back to the initial state at simulation time 0."""
+        """Return to the initial state at simulation time 0."""
         for command in self.commands:
             command.reset()
         self.plant.reset()
@@ -170,7 +167,7 @@ class RealTimeLoop:
         return True
 
     def pause(self, paused: bool) -> bool:
-        """Stop or resume; simulated time stands still while paused."""
+        """Pause or resume; simulation time stops while paused."""
         self.paused = paused
         if not paused:
             self.pacer.anchor()
@@ -178,27 +175,27 @@ class RealTimeLoop:
         return True
 
     def single_step(self) -> bool:
-        """One tick while paused; False while running."""
+        """Make one tick while paused; return False while running."""
         if not (self.paused and self.clock_started.is_set()):
             return False
         self.step()
         return True
 
     def begin(self) -> None:
-        """The initial state, where the loop is stepped by its owner and not by its thread."""
+        """Publish the initial state, if the owner steps the loop instead of its thread."""
         self.plant.warm_up()
         self.meet()
         self.clock_started.set()
         self._publish(self.plant.reading())
 
     def step(self) -> None:
-        """One tick with the commands that have arrived."""
+        """Make one tick with the commands that have arrived."""
         for command in self.commands:
             command.poll(self.plant.stepper.tick, self._timeout_ticks())
         self._tick()
 
     def use(self, scene: Scene) -> bool:
-        """Take changed parameters from the next tick on, all or none; InputError where they cannot be computed."""
+        """Apply changed parameters together from the next tick on; raise InputError if they cannot be computed."""
         before, factor = self.scene.operation.real_time_factor, scene.operation.real_time_factor
         self.plant.use(scene)
         if factor != before:
@@ -207,7 +204,7 @@ class RealTimeLoop:
         return True
 
     def _run(self) -> None:
-        """The thread."""
+        """Run the loop in its thread."""
         try:
             wishes = self.scene.operation
             self.refused_wishes = prepare_thread(wishes.thread_priority, wishes.cpu_affinity, wishes.lock_memory)
@@ -229,26 +226,26 @@ class RealTimeLoop:
                     elif self._due():
                         self._tick()
         except BaseException as error:
-            # A signal ends the context first; what publishing says to that is no failure.
+            # A signal ends the context first; the publishing error after it is not a failure.
             if not self._stopping and self._context.ok():
                 self.failure = error
 
     def _serve(self) -> None:
-        """Do what was asked."""
+        """Carry out all waiting requests."""
         while not self._requests.empty():
             self._requests.get().carry_out()
 
     def _rest(self, seconds: float | None) -> None:
-        """Wait until something is asked, or for so many seconds."""
+        """Wait for a request, at most `seconds`."""
         self._wake.wait(seconds)
         self._wake.clear()
 
     def _interrupted(self) -> bool:
-        """Whether there is something else to do than to wait."""
+        """Return whether a request or the end interrupts a wait."""
         return self._stopping or not self._requests.empty()
 
     def _due(self) -> bool:
-        """Wait for what the next tick waits for, with its commands taken; False where something else comes first."""
+        """Wait until the next tick is due and take its commands; return False if a request comes first."""
         tick = self.plant.stepper.tick
         if self.commands and self.scene.operation.pacing == "lockstep":
             return self._answered(tick)
@@ -259,10 +256,10 @@ class RealTimeLoop:
         return True
 
     def _answered(self, tick: int) -> bool:
-        """Lock-step: whether every command that answers this state is there, or was waited for long enough."""
+        """Return whether lock-step has every command that answers this state, or has waited for command_timeout."""
         now = time.monotonic()
         if self._unanswered is None:
-            due = self._inputs if tick % self._answer_ticks == 0 else ()  # A vehicle answers every state.
+            due = self._inputs if tick % self._answer_ticks == 0 else ()  # The far end answers every state.
             self._unanswered = [c for c in self.commands if tick >= c.since and (c is self.far_end or c in due)]
             self._waits_since = now
         stamp = self.plant.stamp_of(tick)
@@ -278,12 +275,12 @@ class RealTimeLoop:
         return True
 
     def _timeout_ticks(self) -> float:
-        """Ticks without a command after which the fallback applies."""
+        """Return the number of ticks without a command after which the fallback applies."""
         operation = self.scene.operation
         return operation.command_timeout * operation.rate if operation.command_timeout > 0.0 else math.inf
 
     def _tick(self) -> None:
-        """Step with the commands as they are, publish."""
+        """Step with the current commands and publish."""
         if self.commands:
             self.plant.hold(_value(self.engine_command), _value(self.pressure_command))
             self.plant.move_far_end(_value(self.far_end))
@@ -291,7 +288,7 @@ class RealTimeLoop:
         self._publish(self.plant.advance())
 
     def _publish(self, reading: Reading) -> None:
-        """Publish the state of a tick, stamped with simulation time."""
+        """Publish the state of a tick with its simulation time as stamp."""
         if reading.stick_slip_state:
             self.slip_ticks += 1
         else:
@@ -301,7 +298,7 @@ class RealTimeLoop:
         self.outputs.state(reading)
 
     def _say_source(self, stamp_ns: int) -> None:
-        """Say which inputs a command holds, where that is other than what was said."""
+        """Publish which inputs follow a command, if this has changed."""
         commanded = [command.value is not None for command in self._inputs]
         if commanded != self._said_commanded:
             self._said_commanded = commanded
@@ -309,7 +306,7 @@ class RealTimeLoop:
             self.outputs.say("input_source", cdr.header(stamp_ns, source))
 
     def _await_subscribers(self) -> bool:
-        """Wait for the subscribers that were asked for, and until no more of them appear; False when told to stop."""
+        """Wait for wait_for_subscribers subscribers, and until no more appear; return False if the loop must stop."""
         wanted = self.scene.operation.wait_for_subscribers
         seen, since = -1, time.monotonic()
         while wanted and not self._stopping:
@@ -325,5 +322,5 @@ class RealTimeLoop:
 
 
 def _value(command: CommandedInput | None) -> float | None:
-    """What a command holds, None where the scene's own input applies."""
+    """Return the value of a command, None if the scene's own input applies."""
     return None if command is None else command.value

@@ -1,4 +1,4 @@
-"""What other threads ask of the real-time loop: done between two ticks, or withdrawn."""
+"""Requests of other threads to the real-time loop, carried out between two ticks or withdrawn."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a request: whether it was done, and else why not."""
+    """Outcome of a request: whether it was done, and the reason if it was not."""
 
     done: bool
     why: str = ""
@@ -20,9 +20,7 @@ class Outcome:
 
 @dataclass
 class Request:
-    """Something asked of the loop between two ticks. Who takes `claim` first does it or withdraws it; then `done` is
-    set.
-    """
+    """Request to the loop; the thread that acquires `claim` first carries it out or withdraws it, then sets `done`."""
 
     action: Callable[[], bool]
     claim: threading.Lock = field(default_factory=threading.Lock)
@@ -30,7 +28,8 @@ class Request:
     outcome: Outcome = Outcome(False)
 
     def carry_out(self) -> None:
-        """Do it unless it was withdrawn; an action that fails is an answer, not the end of the loop."""
+        """Call the action unless the request was withdrawn; an exception becomes the outcome and does not end the loop.
+        """
         if not self.claim.acquire(blocking=False):
             return
         try:

@@ -1,6 +1,4 @@
-"""The topics of the real-time loop: commands that are polled, checked and held from one tick to the next, and states
-that are sent, with what could not be sent.
-"""
+"""Topics of the real-time loop: commands that are polled, checked and held, and states that are sent."""
 
 from __future__ import annotations
 
@@ -36,27 +34,27 @@ from tcc_sim.scene import Scene
 from tcc_sim.topics import CLOCK_TOPIC, FLUID_PRESSURE, TOPICS, Topic, topic
 
 HISTORY = 0.25
-"""Seconds of messages that a publisher keeps for a slow reader in real time."""
+"""Duration of the messages that a publisher stores for a slow reader in real time, s."""
 QUIET, LONGEST_QUIET = 0.3, 3.0
-"""Real time, s, without a message after which somebody who joins lock-step has answered; and most that it takes."""
+"""Real time without a message after which a node that joins lock-step has answered, and longest wait, s."""
 
 
 class CommandedInput:
     """One commanded input with zero-order hold: the newest valid command applies from the next tick on.
 
-    Until the first command, and after a time without one, there is none and the scene's fallback applies.
+    Before the first command, and after command_timeout without one, the scene's fallback applies.
 
     Parameters
     ----------
     node : owner of the subscription
-    row : of the topic
-    admit : raises InputError where a value within the range cannot be applied now
+    row : description of the topic
+    admit : function that raises InputError if a value within the range cannot be applied now
 
     Attributes
     ----------
-    value : the command in SI units; None where the fallback applies
-    refusal : why the last of the refused ones was
-    since : first tick whose state lock-step waits for an answer to
+    value : the command in SI units; None if the fallback applies
+    refusal : reason of the last refusal
+    since : first tick for whose state lock-step waits for an answer
     """
 
     def __init__(self, node: Node, row: Topic, admit: Callable[[float], None] = lambda _: None) -> None:
@@ -75,19 +73,19 @@ class CommandedInput:
         return self.value is None
 
     def reset(self) -> None:
-        """Back to the fallback, as before the first command."""
+        """Return to the fallback, as before the first command."""
         self.value, self._last_tick, self.since = None, 0, 0
 
     def poll(self, tick: int, timeout_ticks: float) -> None:
-        """Take what has arrived before tick `tick`; who polls sees to it that the subscription is there."""
+        """Take the messages that arrived before tick `tick`; the caller ensures that the subscription exists."""
         for data, _ in islice(iter(self._take, None), MOST_TAKEN):
             self.accept(data, tick)
         if self.value is not None and tick - self._last_tick >= timeout_ticks:
             self.fall_back()
 
     def join(self, tick: int) -> None:
-        """Join lock-step at the state of tick `tick`, which is out: take all answers to it and to those before it, so
-        that none counts as the answer to a later one.
+        """Join lock-step after the state of tick `tick` was published: take all answers to it and to earlier states, so
+        that none counts as the answer to a later state.
         """
         began = last = time.monotonic()
         while time.monotonic() - last < QUIET and last - began < LONGEST_QUIET:
@@ -99,10 +97,10 @@ class CommandedInput:
         self.since = tick + 1
 
     def answered(self, tick: int, stamp_ns: int) -> bool:
-        """Lock-step: whether the one command that answers the state of `stamp_ns` has arrived by now.
+        """Return whether the command that answers the state of `stamp_ns` has arrived, for lock-step.
 
-        A stamped command answers the state that has its stamp; a command without a stamp answers the state before it,
-        by count. A refused command is an answer too: the value before it holds.
+        A command with a stamp answers the state with that stamp; a command without a stamp answers the current state. A
+        refused command is an answer too: the value before it holds.
         """
         while taken := poll(self.subscription, most=1):
             if self.accept(taken[0][0], tick, stamp_ns):
@@ -115,9 +113,9 @@ class CommandedInput:
         self.timeouts += 1
 
     def accept(self, data: bytes, tick: int, answers: int | None = None) -> bool:
-        """Hold the value of a serialised command from tick `tick` on, or count why not.
+        """Hold the value of a serialised command from tick `tick` on, or count its refusal.
 
-        False where its stamp says that it answers another state than that of the stamp `answers`, ns.
+        Return False if its stamp differs from `answers`, ns, so that it answers another state.
         """
         try:
             stamp, value = cdr.read_fluid_pressure(data) if self._stamped else (0, cdr.read_float64(data))
@@ -136,23 +134,23 @@ class CommandedInput:
         return True
 
     def _refuse(self, sentence: str) -> bool:
-        """Count a command that is not taken; what held before it holds on."""
+        """Count a refused command; the value before it holds."""
         self.refused += 1
         self.refusal = sentence
         return True
 
 
 class Outputs:
-    """The publishers of one driveline; only what the scene needs is created.
+    """The publishers of one driveline; only those that the scene needs are created.
 
-    In real time a message that the middleware does not take (it does so in the moment when a flooded reader dies) is
-    counted and dropped. Where real time does not matter (`patient`: as fast as possible, and in lock-step) every
-    message waits for its turn: nothing is sent past it, and the loop makes no tick before it was taken.
+    In real time a message that the middleware refuses (at the moment when a flooded reader dies) is counted and
+    dropped. If real time does not matter (`patient`: as fast as possible, or lock-step), refused messages are sent
+    again in order, and the loop makes no tick before they are sent.
 
     Attributes
     ----------
-    unsent : messages dropped since the start, by topic
-    sensors : between the states and what is sent; None where the states are sent as they are
+    unsent : number of messages dropped since the start, by topic
+    sensors : sensors that modify the published states; None without sensors
     """
 
     def __init__(self, node: Node, scene: Scene) -> None:
@@ -176,13 +174,13 @@ class Outputs:
                 self._create(name, profile)
 
     def add(self, name: str, encode: Callable[..., bytes] | None = None) -> None:
-        """Create the publisher of a topic that every tick fills from now on."""
+        """Create the publisher of a topic with a message for every tick from now on."""
         row = topic(name)
         values = itemgetter(*map(Reading._fields.index, ("stamp_ns", *row.fields)))
         self._every_tick.append((self._create(name, self._states), encode or cdr.ENCODERS[row.type], values))
 
     def state(self, reading: Reading) -> None:
-        """Send every topic of a tick."""
+        """Send the messages of a tick."""
         if self.sensors is not None:
             reading = self.sensors.measure(reading)
         for publisher, encode, values in self._every_tick:
@@ -190,12 +188,12 @@ class Outputs:
                 self._send(publisher, encode(*values(reading)))
 
     def say(self, name: str, data: bytes) -> None:
-        """Send a message on one topic, in the order of the states; nothing where the scene has no such topic."""
+        """Send a message on one topic, in the order of the states, if the scene has the topic."""
         if name in self._publishers:
             self._send(self._publishers[name], data)
 
     def flush(self) -> bool:
-        """Send what waits; False where the middleware does not take all of it yet."""
+        """Send waiting messages; return False if the middleware does not take all of them yet."""
         while self._waiting:
             if not self._taken(*self._waiting[0]):
                 return False
@@ -203,7 +201,7 @@ class Outputs:
         return True
 
     def tell_unsent(self) -> None:
-        """Say how many messages were dropped, where it is more than was said; for any thread but the loop's."""
+        """Publish the number of dropped messages if it has grown; not for the loop's thread."""
         counts = dict(self.unsent)
         total = sum(counts.values())
         if total <= self._told:
@@ -213,29 +211,27 @@ class Outputs:
             self._told = total
 
     def subscriptions(self) -> tuple[int, int]:
-        """Subscriptions of joint_states, and of all that is said every tick."""
+        """Return the numbers of subscriptions of joint_states and of all topics with a message for every tick."""
         return (int(self._publishers["joint_states"].get_subscription_count()),
                 sum(publisher.get_subscription_count() for publisher, *_ in self._every_tick))
 
     def listeners(self, name: str) -> int:
-        """Subscriptions that messages on a topic reach."""
+        """Return the number of connected subscriptions of a topic."""
         return int(self._publishers[name].get_subscription_count())
 
     def handles(self) -> list[Any]:
-        """What a thread that publishes holds, so that nothing is destroyed under it."""
+        """Return the publishers' handles, which a publishing thread holds so that no publisher is destroyed in use."""
         return [publisher.handle for publisher in self._publishers.values()]
 
     def _create(self, name: str, profile: QoSProfile) -> Any:
-        """Create the publisher of a topic; it takes bytes without a look at what they are, and who publishes sees to
-        it that it is there.
-        """
+        """Create the publisher of a topic, which sends bytes without checks; the caller ensures that it exists."""
         publisher: Any = self._node.create_publisher(message_class(topic(name).type), name, profile)
         publisher.publish = publisher.handle.publish_raw
         self._publishers[name] = publisher
         return publisher
 
     def _send(self, publisher: Any, data: bytes) -> None:
-        """Send, or let it wait behind what waits, or count it."""
+        """Send a message, or queue it (`patient`), or count it as dropped."""
         if self._waiting or not self._taken(publisher, data):
             if self.patient:
                 self._waiting.append((publisher, data))
@@ -243,7 +239,7 @@ class Outputs:
                 self.unsent[publisher.topic_name] += 1
 
     def _taken(self, publisher: Any, data: bytes) -> bool:
-        """Whether the middleware took the message."""
+        """Return whether the middleware took the message."""
         try:
             publisher.publish(data)
         except RuntimeError:

@@ -1,7 +1,6 @@
-"""What the nodes ask of the middleware: message types by their names, qualities of service, and subscriptions that are
-polled: raw messages, taken when their owner has time, without an executor, with what is missing between them.
+"""Middleware for the nodes: message types by name, qualities of service, polled raw subscriptions, and lost messages.
 
-The driveline's own messages are encoded by `tcc_sim.messages.cdr`.
+`tcc_sim.messages.cdr` encodes the driveline's own messages.
 """
 
 from __future__ import annotations
@@ -21,39 +20,40 @@ from rclpy.subscription import Subscription
 from tcc_sim.errors import InputError
 
 COMMANDS = QoSProfile(depth=100)
-"""What the driveline asks of those who send commands; reliable and volatile, as all where nothing else is said."""
+"""Quality of service of commands: reliable and volatile, the default here."""
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""Whoever subscribes later still gets the last one."""
+"""A late subscriber gets the last message."""
 
 CHANGES = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""Whoever subscribes later still gets the last thousand, none of which replaces the one before."""
+"""A late subscriber gets the last 1000 messages, for topics whose messages do not replace earlier ones."""
 
 DIAGNOSTICS = QoSProfile(depth=10)
-"""For /diagnostics, as diagnostic_aggregator expects it."""
+"""Quality of service of /diagnostics that diagnostic_aggregator expects."""
 
 MOST_TAKEN = 100_000
-"""Messages taken at once: whoever sends faster than they are taken does not hold who takes them."""
+"""Largest number of messages taken at once, so that a fast sender cannot block the reader."""
 MOST_PUBLISHERS = 1000
-"""Publishers of a topic that are told apart; a driveline that is restarted every minute reaches it in 16 hours."""
+"""Largest number of publishers distinguished on a topic; a driveline restarted every minute reaches it in 16 hours."""
 _NANOSECONDS = 1_000_000_000
 
 
 def states(depth: int) -> QoSProfile:
-    """What the driveline offers: nothing is lost as long as a subscriber falls back by less than `depth` messages.
+    """Return the quality of service of states.
 
-    With depth 0 all are kept, so that the driveline waits for a slow subscriber.
+    No message is lost while a subscriber lags by less than `depth` messages. With depth 0 all messages are stored, so
+    that the driveline waits for a slow subscriber.
     """
     return QoSProfile(history=HistoryPolicy.KEEP_LAST if depth else HistoryPolicy.KEEP_ALL, depth=depth)
 
 
 def message_class(type_name: str) -> type:
-    """The Python class of `package/msg/Name`.
+    """Return the Python class of `package/msg/Name`.
 
     Raises
     ------
     InputError
-        Not a message type, or its package is not installed.
+        The name is not a message type, or its package is not installed.
     """
     from tcc_sim.messages.definitions import type_parts
 
@@ -66,13 +66,13 @@ def message_class(type_name: str) -> type:
 
 
 def time_of(nanoseconds: int) -> Time:
-    """A time as messages have it; what their 32 bits of seconds do not hold, from 2038 on, is their last second."""
+    """Return a Time message; seconds beyond 32 bits (from 2038 on) are clipped."""
     sec, nanosec = divmod(nanoseconds, _NANOSECONDS)
     return Time(sec=min(sec, 2**31 - 1), nanosec=nanosec)
 
 
 def qos_fields(profile: QoSProfile) -> dict[str, Any]:
-    """A quality of service as rosbag2 writes it."""
+    """Return a quality of service in rosbag2's format."""
     return {"history": profile.history.name.lower(), "depth": profile.depth,
             "reliability": profile.reliability.name.lower(),
             "durability": profile.durability.name.lower(), "deadline": _duration(profile.deadline.nanoseconds),
@@ -82,64 +82,62 @@ def qos_fields(profile: QoSProfile) -> dict[str, Any]:
 
 
 def _duration(nanoseconds: int) -> dict[str, int]:
-    """Seconds and nanoseconds; ROS says 0 for no limit, rosbag2 the largest number."""
+    """Return seconds and nanoseconds; no limit is 0 in ROS and the largest number in rosbag2."""
     sec, nsec = divmod(nanoseconds or 2**63 - 1, _NANOSECONDS)
     return {"sec": sec, "nsec": nsec}
 
 
 class Polled(CallbackGroup):
-    """A callback group that no executor ever executes: its subscriptions wait for `poll`."""
+    """Callback group that no executor executes, for subscriptions that are read by `poll`."""
 
     def can_execute(self, entity: Any) -> bool:
-        """Never."""
+        """Return False always."""
         return False
 
     def beginning_execution(self, entity: Any) -> bool:
-        """Never."""
+        """Return False always."""
         return False
 
     def ending_execution(self, entity: Any) -> None:
-        """Nothing ends that never begins."""
+        """Do nothing."""
 
 
 def subscribe(node: Node, message_class: type, topic: str, qos: QoSProfile) -> Subscription[Any]:
-    """A raw subscription that only `poll` reads."""
+    """Create a raw subscription that only `poll` reads."""
     return node.create_subscription(message_class, topic, _unused, qos, callback_group=Polled(), raw=True)
 
 
 def _unused(message: bytes) -> None:
-    """The callback that rclpy asks for and nothing calls."""
+    """Do nothing: rclpy needs a callback, which is never called."""
 
 
 def taker(subscription: Subscription[Any]) -> Callable[[], tuple[bytes, dict[str, Any]] | None]:
-    """What takes the next waiting message, None where there is none; who calls it sees to it that the subscription is
-    there.
-    """
+    """Return a function that takes the next waiting message or None; the caller keeps the subscription alive."""
     return partial(subscription.handle.take_message, subscription.msg_type, subscription.raw)
 
 
 def poll(subscription: Subscription[Any], most: int = MOST_TAKEN) -> list[tuple[bytes, dict[str, Any]]]:
-    """Take up to `most` waiting messages: serialised bytes and message information each.
+    """Take up to `most` waiting messages, each with serialised bytes and message information.
 
-    It works on after the context was shut down, so that the last messages can still be saved.
+    This also works after the context was shut down, so that the last messages can still be saved.
     """
     with subscription.handle:
         return list(islice(iter(taker(subscription), None), most))
 
 
 def publisher_of(info: Mapping[str, Any]) -> bytes:
-    """Who sent a message; empty where the middleware does not say."""
+    """Return the identifier of a message's publisher; empty if the middleware does not give it."""
     publisher = info.get("publisher_gid")
     return bytes(publisher["data"]) if publisher else b""
 
 
 class SequenceNumbers:
-    """What is missing between the messages of one topic, by the numbers that each publisher gives its own.
+    """Counter of lost messages of one topic by the publishers' sequence numbers.
 
     Attributes
     ----------
-    lost : missing messages
-    next : by publisher, the number that its next message has
+    lost : number of lost messages
+    next : publisher -> expected sequence number of its next message
     """
 
     def __init__(self) -> None:
@@ -147,7 +145,7 @@ class SequenceNumbers:
         self.next: dict[bytes, int] = {}
 
     def count(self, publisher: bytes, number: int) -> None:
-        """Count what is missing between this message and the one that the same publisher sent before it."""
+        """Count the messages missing between this message and the publisher's last one."""
         if publisher not in self.next and len(self.next) >= MOST_PUBLISHERS:
             del self.next[next(iter(self.next))]
         expected = self.next.get(publisher, number)

@@ -1,6 +1,7 @@
-"""What an operator asks of a running driveline: reset, pause, step, parameters and single commands.
+"""Operate a running driveline: reset, pause, step, parameters and single commands.
 
-The same as `ros2 service call`, `ros2 param set` and `ros2 topic pub`, for those who have only the wheels.
+This does the same as `ros2 service call`, `ros2 param set` and `ros2 topic pub` where only the Python wheels of ROS 2
+are installed.
 """
 
 from __future__ import annotations
@@ -30,26 +31,26 @@ from tcc_sim.scene import meaning_of
 from tcc_sim.topics import FLUID_PRESSURE, topic
 
 FOUND_WITHIN = 4.0
-"""Real time, s, that a driveline may take to be found and to answer."""
+"""Longest real time to find a driveline, and for its answer, s."""
 HEARD_WITHIN = 1.5
-"""Real time, s, that a command may take to be seen applied or refused where nothing counts it for certain."""
+"""Longest real time to see a command applied or refused if diagnostics do not count it, s."""
 NAMED_WITHIN = 0.3
-"""Real time, s, in which other drivelines of the domain are looked for."""
+"""Real time for discovering other drivelines of the domain, s."""
 COUNTED_WITHIN = 30.0
-"""Real time, s, that the driveline on a busy machine may take to count a command."""
+"""Longest real time until the diagnostics of a driveline on a busy machine count a command, s."""
 SMALL_PRESSURE = 1000.0
-"""Pa, below which a pressure may be meant in bar."""
+"""Pressure below which the user may have meant bar, Pa."""
 LISTENED_FOR = 0.5
-"""Real time, s, in which states are heard where there are any; a driveline that is paused has none."""
+"""Longest real time to wait for a state, s; a paused driveline sends none."""
 SETTLED = 1.0
-"""Real time, s, without a new subscriber, after which they count as complete."""
+"""Real time without a new subscriber after which the subscribers count as complete, s."""
 MET_WITHIN = 10.0
-"""Real time, s, that those who are known to listen may take to be connected."""
+"""Longest real time to connect to the known subscribers, s."""
 COMMANDS_OF = {"torque": "engine_torque", "pressure": "actuation_pressure"}
 
 
 class Operator:
-    """Talks to the driveline in the namespace of `node`."""
+    """Operator of the driveline in the namespace of `node`."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
@@ -57,26 +58,26 @@ class Operator:
         self._driveline = node.resolve_topic_name("driveline")
 
     def trigger(self, name: str) -> str:
-        """Call ~/reset or ~/step; what the driveline says of it.
+        """Call ~/reset or ~/step and return the driveline's answer.
 
         Raises
         ------
         TccError
-            No driveline answers, or it refuses; then in its own words.
+            No driveline answers, or it refuses; the message is the driveline's.
         """
         return _granted(self._call(Trigger, name, Trigger.Request())) + self._namesakes()
 
     def pause(self, paused: bool) -> str:
-        """Call ~/pause; what the driveline says of it. Raises as `trigger`."""
+        """Call ~/pause and return the driveline's answer; errors are those of `trigger`."""
         return _granted(self._call(SetBool, "pause", SetBool.Request(data=paused))) + self._namesakes()
 
     def change(self, values: Mapping[str, object]) -> str:
-        """Set parameters, all or none; what was set.
+        """Set parameters together and return the new values as text.
 
         Raises
         ------
         InputError
-            A parameter cannot change while the node runs, or the driveline refuses; in its own words.
+            A parameter cannot change while the node runs, or the driveline refuses; the message is the driveline's.
         TccError
             No driveline answers.
         """
@@ -92,19 +93,23 @@ class Operator:
         return ", ".join(f"{key} {value}" for key, value in values.items()) + self._namesakes()
 
     def values(self, keys: Sequence[str]) -> dict[str, Any]:
-        """Values of parameters. Raises TccError where no driveline answers."""
+        """Return the values of parameters; raise TccError if no driveline answers."""
         found = self._call(GetParameters, "get_parameters", GetParameters.Request(names=list(keys))).values
         return {key: rclpy.parameter.parameter_value_to_python(value) for key, value in zip(keys, found)}
 
     def command(self, what: str, value: float, rate: float = 0.0, tell: Callable[[str], Any] = str) -> str:
-        """Send a command, once or `rate` times a second until interrupted, which `tell` is told; what became of it.
+        """Send a command, once or `rate` times a second until interrupted, and return its effect as text.
+
+        Parameters
+        ----------
+        tell : function that takes a message before sending is repeated
 
         Raises
         ------
         InputError
-            The driveline refuses it, in its own words, or takes this input from its scene.
+            The driveline refuses the command (the message is the driveline's), or takes this input from its scene.
         TccError
-            No driveline is there.
+            No driveline answers.
         """
         row = topic(COMMANDS_OF[what])
         unit = QUANTITIES[row.key].unit
@@ -114,7 +119,7 @@ class Operator:
         if self._value(f"{group}.source") != "topic":
             raise InputError(f"{row.name}: the driveline takes this input from its scene ({group}.source: harmonic)")
         if not self._until(lambda: publisher.get_subscription_count() > 0, FOUND_WITHIN):
-            raise TccError(f"the driveline is there, and nothing subscribes to {publisher.topic_name}")
+            raise TccError(f"the driveline runs, but nothing subscribes to {publisher.topic_name}")
         data = cdr.fluid_pressure(0, value) if row.type == FLUID_PRESSURE else cdr.float64(value)
         applied = self._applied(row.type)
         self._until(lambda: applied() is not None, LISTENED_FOR)
@@ -132,10 +137,10 @@ class Operator:
             heard.append(status[-1][f"{row.name} last refusal"])
         if not answer and status and not others:
             raise TccError(f"{self._driveline} has not taken the command within {COUNTED_WITHIN:g} s")
-        # A recorder may be served later than the driveline.
+        # A recorder may get the command later than the driveline.
         publisher.wait_for_all_acked(Duration(seconds=HEARD_WITHIN))
         if rate > 0.0 and not heard:
-            tell(f"{row.name} {value:g} {unit} is sent {rate:g} times a second; Ctrl-C ends it")
+            tell(f"sending {row.name} {value:g} {unit} {rate:g} times a second; Ctrl-C ends it")
         while rate > 0.0 and not heard:
             publisher.publish(data)
             self._until(lambda: bool(heard), 1.0 / rate)
@@ -155,24 +160,24 @@ class Operator:
 
     @staticmethod
     def _counted(name: str, statuses: list[dict[str, str]], before: int) -> str:
-        """What the driveline's counts say of the one command sent since `before` statuses; empty as long as nothing."""
+        """Return the effect of the command sent after `before` statuses by the driveline's counts; empty if unknown."""
         was, now = statuses[before - 1 if before else 0:][:1], statuses[before:][-1:]
         for old, new in zip(was, now):
             for count, word in (("refused", "refused"), ("received", "applied")):
                 if new[f"{name} {count}"] != old[f"{name} {count}"]:
                     return word
-        # The first status may be of the time before the command.
+        # The first status may date from before the command.
         still = len(statuses) > before + 1 and statuses[-1]["regime"] in ("paused", "waiting")
         return "waits" if still else ""
 
     def _refusals(self, name: str) -> list[str]:
-        """The driveline's own words for every command on a topic that it refuses from now on."""
+        """Return a list that collects the driveline's log lines for commands on a topic refused from now on."""
         heard: list[str] = []
         began, logger = time.time_ns(), self._driveline.strip("/").replace("/", ".")
 
         def listen(message: Log) -> None:
-            said = message.stamp.sec * 1_000_000_000 + message.stamp.nanosec
-            if said >= began and message.msg.startswith(f"{name} command") and message.name == logger:
+            sent = message.stamp.sec * 1_000_000_000 + message.stamp.nanosec
+            if sent >= began and message.msg.startswith(f"{name} command") and message.name == logger:
                 heard.append(message.msg)
 
         self._node.create_subscription(Log, "/rosout", listen,
@@ -180,8 +185,8 @@ class Operator:
         return heard
 
     def _applied(self, command_type: str) -> Callable[[], float | None]:
-        """Gives the input that the newest state applied, None where no state was heard since the last look; what others
-        send on the topic is passed over.
+        """Return a function that gives the input applied in the newest state, None without a new state; messages of
+        another layout are ignored.
         """
         row = topic("applied_pressure" if command_type == FLUID_PRESSURE else "joint_states")
         layout, field = ((cdr.FLUID_PRESSURE, "fluid_pressure") if row.type == FLUID_PRESSURE else
@@ -195,40 +200,42 @@ class Operator:
         return newest
 
     def _statuses(self) -> list[dict[str, str]]:
-        """What the driveline says on /diagnostics once a second from now on, the first of it here already; it names
-        more listeners than this node may have met. Empty where it says nothing there.
+        """Return a list that collects the driveline's diagnostics, after waiting for the first.
+
+        They count subscribers to which this node may not yet be connected. The list is empty if the driveline publishes
+        no diagnostics.
         """
-        said: list[dict[str, str]] = []
+        statuses: list[dict[str, str]] = []
 
         def take(message: DiagnosticArray) -> None:
             mine = (status for status in message.status if status.name == f"{self._driveline}: driveline")
-            said.extend({pair.key: pair.value for pair in status.values} for status in mine)
+            statuses.extend({pair.key: pair.value for pair in status.values} for status in mine)
 
         self._node.create_subscription(DiagnosticArray, "/diagnostics", take, DIAGNOSTICS)
         if self._value("publish_diagnostics"):
-            self._until(lambda: said, FOUND_WITHIN)
-        return said
+            self._until(lambda: statuses, FOUND_WITHIN)
+        return statuses
 
     def _namesakes(self) -> str:
-        """Which driveline was asked, where there are others or several of one name."""
+        """Return a note that names the driveline, if there are others or several with the same name."""
         self._until(lambda: len(self._drivelines()) > 1, NAMED_WITHIN)
         names = self._drivelines()
         own, others = names.count(self._driveline), sorted(set(names) - {self._driveline})
-        notes = [f"; {own} nodes are called {self._driveline} and each has got this: give them namespaces"] * (own > 1)
-        notes += [f"; this was {self._driveline}, not {' or '.join(others)}"] * bool(others)
+        notes = [f"; {own} nodes have the name {self._driveline} and received this: give them namespaces"] * (own > 1)
+        notes += [f"; this acted on {self._driveline}, not on {' or '.join(others)}"] * bool(others)
         return "".join(notes)
 
     def _drivelines(self) -> list[str]:
-        """Whole names of all driveline nodes that are known."""
+        """Return the fully qualified names of all known driveline nodes."""
         found = self._node.get_node_names_and_namespaces()
         return [f"{namespace.rstrip('/')}/{name}" for name, namespace in found if name == "driveline"]
 
     def _value(self, key: str) -> Any:
-        """The value of a parameter of the driveline."""
+        """Return the value of a parameter of the driveline."""
         return self.values([key]).get(key)
 
     def _call(self, kind: Any, name: str, request: Any) -> Any:
-        """The answer of a service of the driveline."""
+        """Call a service of the driveline and return its answer."""
         client = self._node.create_client(kind, f"{self._driveline}/{name}")
         try:
             if not self._until(client.service_is_ready, FOUND_WITHIN):
@@ -244,7 +251,7 @@ class Operator:
             self._node.destroy_client(client)
 
     def _until(self, predicate: Callable[[], object], limit: float) -> object:
-        """Spin until the predicate holds, and give its value; False after `limit` seconds."""
+        """Run callbacks until the predicate is true and return its value; return False after `limit` seconds."""
         end = time.monotonic() + limit
         while not (found := predicate()):
             if time.monotonic() >= end:
@@ -254,13 +261,14 @@ class Operator:
 
 
 def all_met(count: Callable[[], tuple[int, int]], clock: Callable[[], float] = time.monotonic) -> Callable[[], bool]:
-    """Tells whether everyone who is known to listen is connected, and nobody else has been for SETTLED seconds: a
-    command whose sender is gone at once is not heard by a recorder that it has not met by then.
+    """Return a function that tells whether all known subscribers are connected and no new one came for SETTLED seconds.
+
+    A recorder that is not connected when the sender ends would miss the command.
 
     Parameters
     ----------
-    count : gives how many are connected and how many are known
-    clock : real time, s
+    count : function that returns the numbers of connected and of known subscribers
+    clock : function that returns real time, s
     """
     seen, since = -1, clock()
 
@@ -275,7 +283,7 @@ def all_met(count: Callable[[], tuple[int, int]], clock: Callable[[], float] = t
 
 
 def _typed(value: object) -> object:
-    """A value as YAML reads it, with the numbers that it takes for words, such as 1e3, and lists of whole ones."""
+    """Return a YAML value with strings such as 1e3 and lists of integers converted to floats."""
     try:
         if isinstance(value, list):
             return [float(x) for x in value]
@@ -285,7 +293,7 @@ def _typed(value: object) -> object:
 
 
 def _granted(answer: Any) -> str:
-    """What the driveline says of what it did; TccError with its words where it did not."""
+    """Return the message of a successful answer; raise TccError with the message of a refusal."""
     if not answer.success:
         raise TccError(f"the driveline refuses: {answer.message}")
     return str(answer.message)
@@ -293,6 +301,6 @@ def _granted(answer: Any) -> str:
 
 @contextmanager
 def operator(namespace: str) -> Iterator[Operator]:
-    """An operator for the time of a `with`, as `node_of_command` has it."""
+    """Create an Operator for the duration of a `with` block; errors are those of `node_of_command`."""
     with node_of_command(f"operator_{os.getpid()}", namespace) as node:
         yield Operator(node)

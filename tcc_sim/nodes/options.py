@@ -1,5 +1,6 @@
-"""The parameters of every node in one table: name, unit, range, default, and whether a running node may change it. The
-page on nodes, `--help`, what a node declares and what it refuses come from here. Free of rclpy.
+"""Parameters of every node: name, unit, range and default, for declaration, checks, `--help` and the page on nodes.
+
+This module does not import rclpy.
 """
 
 from __future__ import annotations
@@ -14,26 +15,27 @@ from tcc_sim.topics import TOPICS
 
 @dataclass(frozen=True)
 class RecorderOptions(Options):
-    """What the recorder records, where, and how often it writes."""
+    """Parameters of the recorder."""
 
-    output: str = quantity("", "directory to create for the recording; tcc_sim_ and the local time where none is given")
+    output: str = quantity("", "directory to create for the recording; tcc_sim_ and the local time by default")
     topics: tuple[str, ...] = quantity(tuple(row.name for row in TOPICS), "topics to record")
-    flush_period: float = quantity(0.25, "a kill loses at most this much and one drain", "s", 0.0, 10.0, above=True)
-    fsync_period: float = quantity(0.0, "a power cut loses at most this much and one drain; 0 leaves it to the "
-                                   "operating system", "s", 0.0, 3600.0)
-    max_bag_duration: float = quantity(3600.0, "a file of the bag that holds this much is followed by another; 0 for "
-                                       "no limit", "s", 1.0, 1e9, zero=True)
-    max_bag_size: int = quantity(0, "a file of the bag that has this many bytes is followed by another; 0 for no limit",
-                                 "bytes", 10_000, 1e18, zero=True)
+    flush_period: float = quantity(0.25, "time between writes to the operating system, the most that a kill loses "
+                                   "(plus 0.1 s)", "s", 0.0, 10.0, above=True)
+    fsync_period: float = quantity(0.0, "time between writes to the disk, the most that a power cut loses (plus "
+                                   "0.1 s); 0 leaves it to the operating system", "s", 0.0, 3600.0)
+    max_bag_duration: float = quantity(3600.0, "longest duration of one file of the bag; 0 for no limit", "s", 1.0, 1e9,
+                                       zero=True)
+    max_bag_size: int = quantity(0, "largest size of one file of the bag; 0 for no limit", "bytes", 10_000, 1e18,
+                                 zero=True)
 
 
 @dataclass(frozen=True)
 class CommanderOptions(Options):
-    """How fast the commander sends."""
+    """Parameters of the commander."""
 
-    rate: float = quantity(1000.0, "commands a second", "Hz", 1.0, 20000.0)
+    rate: float = quantity(1000.0, "rate of commands", "Hz", 1.0, 20000.0)
 
 
 OPTIONS: dict[str, type[Options]] = {"driveline": Operation, "recorder": RecorderOptions, "slip_controller": Tuning,
                                      "commander": CommanderOptions}
-"""The options of every node. The driveline has the keys of a scene beside them."""
+"""Options of every node; the driveline also has the keys of a scene."""

@@ -1,7 +1,6 @@
-"""A loop that must not drift: absolute deadlines on the monotonic clock, and what its thread asks of Linux, which is
-timer slack, priority, cores, and memory that stays in place. Free of ROS.
+"""Pace a loop without drift by absolute deadlines, and set timer slack, priority, cores and memory locking on Linux.
 
-The names and meanings of the last three are those of ros2_control's controller manager.
+The names and meanings of the last three are those of ros2_control's controller manager. No ROS is needed here.
 """
 
 from __future__ import annotations
@@ -17,17 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 CATCH_UP = 0.1
-"""Real time, s, that a late loop makes good by ticks without a wait; beyond it the deadlines are moved."""
+"""Largest lateness, s, that the loop makes up by ticks without a wait; beyond it the deadlines move."""
 SLICE = 0.05
-"""Longest sleep, s, between two looks at whether to stop."""
+"""Longest sleep between two checks for an interruption, s."""
 LEAD, LEAD_PART = 3e-5, 0.1
-"""Most real time, s and as a part of the period, that a sleep ends ahead of the deadline; the rest is waited for
-awake.
-"""
+"""Largest time by which a sleep ends before the deadline, s and as a fraction of the period; a busy wait follows."""
 _LEAD_UP, _LEAD_DOWN = 3e3, 1e3
-"""Steps, ns, of the lead after a wake-up that was later or earlier than it: it follows the upper quartile."""
+"""Steps of the lead, ns, after a wake-up that was later or earlier than it: the lead follows the upper quartile."""
 TIMER_SLACK_NS = 1
-"""How much later than asked for the kernel may wake the thread, ns; 50 000 by default."""
+"""Largest delay of a wake-up allowed to the kernel, ns; 50 000 by default."""
 _PR_SET_TIMERSLACK = 29
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
 
@@ -44,22 +41,22 @@ def tick_time_of(rate: float, factor: float) -> float:
 
 
 class Pacer:
-    """Deadlines one period apart, counted from an anchor, and what was late.
+    """Deadlines one period apart from an anchor, with counts of late ticks.
 
-    A late wake-up shortens the next waits, so that the loop is back on its deadlines after at most CATCH_UP seconds'
-    worth of ticks. Where it is later than that, the anchor moves to now: the ticks in between are missed in real time
-    (never in simulated time) and counted.
+    A late wake-up shortens the next waits, so that the loop catches up a lateness of at most CATCH_UP. If it is later
+    than that, the anchor moves to the current time: the ticks between are missed in real time (never in simulated time)
+    and counted.
 
-    A sleeper is woken some time after what it asked for. The sleep before a deadline ends ahead by as much as three of
-    four recent wake-ups were late, within LEAD, and what is left is waited for awake: a tick is never early.
+    The system wakes a sleeping thread late. The sleep before a deadline therefore ends earlier by the lateness that
+    three of four recent wake-ups did not exceed, at most LEAD, and a busy wait follows: a tick is never early.
 
     Parameters
     ----------
     period : real time between ticks, s
-    kept : how many of the last latenesses are kept for `lateness`
-    clock : monotonic time, ns
-    sleep : sleeps for so many seconds
-    lead : most that a sleep ends ahead of the deadline, s; 0 sleeps until the deadline
+    kept : number of last latenesses stored for `lateness`
+    clock : function that returns monotonic time, ns
+    sleep : function that sleeps for a number of seconds
+    lead : largest time by which a sleep ends before the deadline, s; 0 to sleep until the deadline
     """
 
     def __init__(self, period: float, kept: int = 10_000, clock: Callable[[], int] = time.monotonic_ns,
@@ -76,20 +73,20 @@ class Pacer:
         self.anchor()
 
     def anchor(self) -> None:
-        """Count deadlines from now: at the start, after a pause, after a change of the period."""
+        """Count deadlines from now on; call it at the start, after a pause, and after a change of the period."""
         self._anchor = self._first = self._last = float(self._clock())
         self._anchor_tick = self._first_tick = self.ticks
         self._most_lead = min(self._lead_limit, LEAD_PART * self.period_ns)
 
     @property
     def drift(self) -> float:
-        """Real time at the last tick since the last `anchor()`, beyond what the ticks since then stand for, s."""
+        """Real time from the last `anchor()` to the last tick minus the periods of the ticks between, s."""
         return (self._last - self._first - (self.ticks - self._first_tick) * self.period_ns) * 1e-9
 
     def wait(self, interrupted: Callable[[], bool]) -> bool:
-        """Sleep until the next deadline; True when it has come, also where it had passed before.
+        """Sleep until the next deadline and return True, also if it had passed before.
 
-        False as soon as `interrupted()` holds, which is looked at every SLICE: the deadline is then still the next one.
+        Return False as soon as `interrupted()`, checked every SLICE, is true; the next deadline stays the same.
         """
         deadline = self._anchor + (self.ticks - self._anchor_tick + 1) * self.period_ns
         now = float(self._clock())
@@ -118,11 +115,11 @@ class Pacer:
         return True
 
     def latenesses(self) -> NDArray[np.float64]:
-        """Lateness of the last ticks, s, in no order."""
+        """Return the latenesses of the last ticks, s, unordered."""
         return np.array(self._recent[:self.ticks])
 
     def lateness(self) -> tuple[float, float]:
-        """Median and 99th percentile of the lateness of the last ticks, s."""
+        """Return median and 99th percentile of the lateness of the last ticks, s."""
         if not self.ticks:
             return 0.0, 0.0
         middle, high = np.percentile(self.latenesses(), (50, 99))
@@ -131,14 +128,14 @@ class Pacer:
 
 def prepare_thread(priority: int = 0, cores: Sequence[int] = (), lock_memory: bool = False,
                    timer_slack_ns: int = TIMER_SLACK_NS) -> list[str]:
-    """Prepare the calling thread for deadlines; gives a sentence for each wish that was refused, which changes nothing.
+    """Prepare the calling thread for deadlines; return a sentence for each setting that the system refused.
 
     Parameters
     ----------
-    priority : 1 to 99 asks for SCHED_FIFO with it; 0 leaves the policy as it is
-    cores : those that the thread may run on; empty: as it is
-    lock_memory : keep the memory of the whole process in place, present and future
-    timer_slack_ns : how much later than asked for the kernel may wake the thread
+    priority : SCHED_FIFO priority, 1 to 99; 0 leaves the policy unchanged
+    cores : cores on which the thread may run; empty for no change
+    lock_memory : whether to lock the present and future memory of the process
+    timer_slack_ns : largest delay of a wake-up allowed to the kernel, ns
     """
     if sys.platform != "linux":
         wished = bool(priority), bool(cores), lock_memory
@@ -166,26 +163,26 @@ def prepare_thread(priority: int = 0, cores: Sequence[int] = (), lock_memory: bo
 
 
 def attend(priority: int, except_for: Sequence[int | None] = ()) -> None:
-    """Schedule every thread of this process one below its real-time thread, which has `priority`; 0 takes that back.
+    """Schedule every thread of this process one below its real-time thread, which has `priority`; 0 undoes this.
 
-    The real-time thread waits for whoever holds the interpreter or a lock of the middleware, and with them for every
-    other program of the machine that they have to wait for.
+    The real-time thread waits for any thread that holds the interpreter or a lock of the middleware. At the default
+    priority, that thread would wait for the other programs of the machine.
 
     Parameters
     ----------
-    priority : of the real-time thread
-    except_for : native ids of the threads that stay as they are
+    priority : priority of the real-time thread
+    except_for : native ids of the threads to leave unchanged
     """
     if sys.platform != "linux":
         return
     policy, level = (os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, max(priority - 1, 1)) if priority else (os.SCHED_OTHER, 0)
     for thread in map(int, os.listdir("/proc/self/task")):
         if thread not in except_for:
-            with suppress(OSError):  # Without the right to it, or the thread has ended.
+            with suppress(OSError):  # Not permitted, or the thread has ended.
                 os.sched_setscheduler(thread, policy, os.sched_param(level))
 
 
 def release_memory() -> None:
-    """Take `lock_memory` back."""
+    """Undo `lock_memory`."""
     if sys.platform == "linux":
         ctypes.CDLL(None).munlockall()

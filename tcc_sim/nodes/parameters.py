@@ -1,4 +1,4 @@
-"""ROS 2 parameters <-> Scene: declared with unit, range and read-only, overrides checked, unknown ones warned about."""
+"""Convert between ROS 2 parameters and a Scene: declare parameters, check overrides, warn of unknown ones."""
 
 from __future__ import annotations
 
@@ -18,25 +18,24 @@ from tcc_sim.scene import DEFAULT_SCENE, KNOWN_KEYS, MEANINGS, NODE_SCENE, OPERA
 
 Given = TypeVar("Given", bound=Options)
 TEXT = "scene_text"
-"""The parameter that tells the scene as it is; it follows every change, so it cannot be one that is read-only."""
+"""Parameter with the current scene as text; the node updates it after every change, so it cannot be read-only."""
 BUILT_IN = ("use_sim_time", "start_type_description_service")
 
 
 def declare(node: Node, scene: Scene | None = None) -> Scene:
-    """Declare every scene key and node option on `node`, with the overrides it was started with, and give their scene.
+    """Declare every scene key and node option on `node`, with its overrides, and return the resulting scene.
 
-    The overrides are changes of `scene`, where one is given, or of the scene that they name; without either they are
-    changes of NODE_SCENE. Where the overrides say where an input comes from, as the parameter file of a scene does,
-    they are a scene of their own, and what they leave out is that of DEFAULT_SCENE, as anywhere.
+    The overrides change `scene` if it is given, else the scene that they name, else NODE_SCENE. Overrides that set the
+    source of an input, as the parameter file of a scene does, change DEFAULT_SCENE instead of NODE_SCENE.
 
     Raises
     ------
     InputError
-        A scene that does not exist, or an override of a wrong type or out of its range.
+        The scene does not exist, or an override has a wrong type or is out of its range.
     """
     given = {name: parameter.value for name, parameter in overrides(node).items() if name not in BUILT_IN}
     if "friction.table" in given:
-        raise InputError("friction.table is read where a scene is named, with -p scene:=FILE; a parameter file gives "
+        raise InputError("friction.table works only in a scene file, with -p scene:=FILE; in a parameter file set "
                          "friction.slip_speeds and friction.coefficients")
     otherwise = DEFAULT_SCENE if {"engine.source", "pressure.source"} & given.keys() else NODE_SCENE
     base = scene or load_scene(str(given.pop("scene", otherwise)))
@@ -56,36 +55,36 @@ def declare(node: Node, scene: Scene | None = None) -> Scene:
 
 
 def _plain(value: Any) -> Any:
-    """A parameter's value as scenes take it; ROS 2 has no type for an empty list."""
+    """Return a parameter's value for a scene; ROS 2 has no type for an empty list."""
     return [] if value is None else value.tolist() if hasattr(value, "tolist") else value
 
 
 def overrides(node: Node) -> dict[str, Parameter]:
-    """The parameters that a node was given on the command line or in a file, declared or not, of whatever type."""
+    """Return all parameters from a node's command line and parameter files, declared or not."""
     found: dict[str, Parameter] = node._parameter_overrides
     return found
 
 
 def warn_of_unknown(node: Node, known: Iterable[str]) -> None:
-    """Warn of the parameters that a node was given and does not have, with the nearest that it has."""
+    """Log a warning for each unknown parameter, with the nearest known name."""
     names = list(known)
     for name in sorted(set(overrides(node)) - {*names, *BUILT_IN}):
         warn(node, f"parameter ignored: {unknown_key(name, names, 'one of this node')}")
 
 
 def declared(node: Node, kind: type[Given], **otherwise: object) -> Given:
-    """Declare every option of a node as a read-only parameter, and give their values; unknown parameters are warned of.
+    """Declare every option of a node as a read-only parameter and return their values; warn of unknown parameters.
 
-    A parameter takes any type, so that 20 serves as 20.0 and a word is refused with a clear line.
+    A parameter accepts any type, so that 20 is read as 20.0 and a word is refused with a clear message.
 
     Parameters
     ----------
-    otherwise : defaults in the place of the options' own
+    otherwise : other defaults of options
 
     Raises
     ------
     InputError
-        A value of a wrong type or out of its range.
+        A value has a wrong type or is out of its range.
     """
     defaults = {item.name: otherwise.get(item.name, item.default) for item in dataclasses.fields(kind)}
     values = {}
@@ -105,7 +104,7 @@ def _declare(node: Node, name: str, value: Any, meaning: Quantity) -> None:
     descriptor = ParameterDescriptor(
         description=meaning.described, read_only=not meaning.live,
         additional_constraints="" if isinstance(value, bool) else meaning.interval(),
-        # A live number takes an integer as well, as scene files do.
+        # A live number also accepts an integer, as in scene files.
         dynamic_typing=number and meaning.live)
     if number:
         descriptor.floating_point_range = [FloatingPointRange(from_value=meaning.low, to_value=meaning.high, step=0.0)]
@@ -119,12 +118,12 @@ def _declare(node: Node, name: str, value: Any, meaning: Quantity) -> None:
 
 
 def changed(scene: Scene, parameters: list[Parameter]) -> Scene:
-    """`scene` with the parameters of one request changed, checked together.
+    """Return `scene` with the parameters of one request changed, checked together.
 
     Raises
     ------
     InputError
-        A value of a wrong type or out of its range, alone or with the others, or scene_text as what is not the scene.
+        A value has a wrong type, is out of its range or conflicts with the others, or scene_text is changed.
     """
     if any(p.name == TEXT and p.value != scene.text() for p in parameters):
         raise InputError(f"{TEXT} follows the scene and cannot be set; set the keys of the scene instead")

@@ -1,6 +1,4 @@
-"""How a node's process starts, logs, runs callbacks and ends: ROS 2 is initialised, the node runs, and its end is an
-exit status.
-"""
+"""Start, log, run callbacks and end in a node's process: initialise ROS 2, run the node, return an exit status."""
 
 from __future__ import annotations
 
@@ -25,14 +23,14 @@ from tcc_sim.nodes.shared_memory import clear
 from tcc_sim.nodes.signals import left_to_the_system
 
 LOOK = 0.25
-"""Longest time, s, between two looks at whether a signal has asked the node to end."""
+"""Longest time between two checks for a signal, s."""
 _INTERRUPTED = threading.Event()
-"""Whether Ctrl-C was pressed in a command."""
+"""Set when Ctrl-C was pressed in a command."""
 N = TypeVar("N", bound=Node)
 
 
 def _initialise(words: list[str]) -> None:
-    """Initialise ROS 2; a parameter file or command line that it refuses is wrong input."""
+    """Initialise ROS 2; raise InputError if it refuses the parameter file or command line."""
     for option, file in pairwise(words):
         if option == "--params-file":
             try:
@@ -47,12 +45,12 @@ def _initialise(words: list[str]) -> None:
 
 
 def created(create: Callable[[], N]) -> N:
-    """Create a node once shared memory is as it should be; a signal meanwhile ends the process by itself.
+    """Create a node after cleaning shared memory; a signal meanwhile ends the process.
 
     Raises
     ------
     InputError
-        ROS 2 refuses the node, as with topics remapped onto one.
+        ROS 2 refuses the node, for example if two topics are remapped to one name.
     TccError
         Another process has left shared memory of this domain unfinished.
     """
@@ -64,11 +62,11 @@ def created(create: Callable[[], N]) -> N:
 
 
 def run_node(name: str, create: Callable[[], N], body: Callable[[N], int], args: Sequence[str] | None = None) -> int:
-    """Run a node's process: initialise ROS, create the node, run `body` with it, and give the exit status.
+    """Initialise ROS, create the node, run `body` with it, and return the exit status.
 
-    Until `body` calls `signals.end_in_order`, since there is something to end in order, SIGINT, SIGTERM and SIGHUP end
-    the process at once. From then on `body` ends by itself, or by the ExternalShutdownException of `Spinner.once`, and
-    the status is 0. Wrong input gives one line on standard error and status 2.
+    SIGINT, SIGTERM and SIGHUP end the process at once until `body` calls `signals.end_in_order`. After that call a
+    signal makes `Spinner.once` raise ExternalShutdownException, and the status is 0. Wrong input gives one line on
+    standard error and status 2.
     """
     try:
         signals.take()
@@ -89,12 +87,12 @@ def run_node(name: str, create: Callable[[], N], body: Callable[[N], int], args:
 
 @contextmanager
 def node_of_command(name: str, namespace: str) -> Iterator[Node]:
-    """The node of a command for the time of a `with`, with ROS 2 initialised; Ctrl-C is a KeyboardInterrupt.
+    """Create the node of a command for the duration of a `with` block; Ctrl-C raises KeyboardInterrupt.
 
     Raises
     ------
     InputError
-        A namespace that is not one.
+        The namespace is not valid.
     """
     with rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO):
         try:
@@ -114,13 +112,13 @@ def node_of_command(name: str, namespace: str) -> Iterator[Node]:
 
 
 def _interrupt(number: int, frame: object) -> None:
-    """Note that Ctrl-C was pressed and raise KeyboardInterrupt."""
+    """Set _INTERRUPTED and raise KeyboardInterrupt."""
     _INTERRUPTED.set()
     raise KeyboardInterrupt
 
 
 def log(node: Node, sentence: str) -> None:
-    """Log a sentence."""
+    """Log a message."""
     node.get_logger().info(sentence)
 
 
@@ -130,33 +128,33 @@ def warn(node: Node, sentence: str) -> None:
 
 
 class Throttle:
-    """Warnings of a node that are logged at most once a second each.
+    """Logger of warnings at most once a second for each subject.
 
-    clock : real time, s
+    clock : function that returns real time, s
     """
 
     def __init__(self, node: Node, clock: Callable[[], float] = time.monotonic) -> None:
         self._node, self._clock = node, clock
-        self._said: dict[str, tuple[int, float]] = {}
+        self._logged: dict[str, tuple[int, float]] = {}
 
     def warn(self, what: str, count: int, sentence: str) -> None:
-        """Say a sentence where `count` has grown since one was last said of `what`."""
-        before, when = self._said.get(what, (0, -1.0))
+        """Log a warning if `count` has grown since the last warning about `what`."""
+        before, when = self._logged.get(what, (0, -1.0))
         now = self._clock()
         if count > before and now - when >= 1.0:
-            self._said[what] = count, now
+            self._logged[what] = count, now
             warn(self._node, f"{sentence} ({count} so far)")
 
     def repeat(self, what: str, sentence: str) -> None:
-        """Log a sentence as long as it holds."""
+        """Log a warning about a condition that persists."""
         now = self._clock()
-        if now - self._said.get(what, (0, -1.0))[1] >= 1.0:
-            self._said[what] = 0, now
+        if now - self._logged.get(what, (0, -1.0))[1] >= 1.0:
+            self._logged[what] = 0, now
             warn(self._node, sentence)
 
 
 class Spinner:
-    """Runs the callbacks of a node. An exception that a message or a request causes is logged; the node goes on.
+    """Executor of a node's callbacks; it logs exceptions of callbacks, and the node continues.
 
     Raises
     ------
@@ -167,14 +165,14 @@ class Spinner:
     def __init__(self, node: Node) -> None:
         self._node, self._throttle = node, Throttle(node)
         self._failed = 0
-        with signals.deferred():  # An executor that is built by half prints a traceback when it is destroyed.
+        with signals.deferred():  # A partly built executor prints a traceback when it is destroyed.
             if not node.context.ok():
                 raise ExternalShutdownException
             self._executor = SingleThreadedExecutor(context=node.context)
             self._executor.add_node(node)
 
     def once(self, seconds: float = LOOK) -> None:
-        """Run one callback that is due, or wait for one at most so long.
+        """Run one callback that is ready within `seconds`.
 
         Raises
         ------
@@ -188,9 +186,9 @@ class Spinner:
         except ExternalShutdownException:
             raise
         except Exception as error:
-            if _INTERRUPTED.is_set():  # rclpy's conversions turn a KeyboardInterrupt into an error of their own.
+            if _INTERRUPTED.is_set():  # rclpy's conversions turn a KeyboardInterrupt into another error.
                 raise KeyboardInterrupt from error
-            # rclpy decodes what others send, and raises here what it did not expect.
+            # rclpy raises errors of decoding messages here.
             self._failed += 1
-            self._throttle.warn("callbacks", self._failed, "a message or request was not understood: "
+            self._throttle.warn("callbacks", self._failed, "a message or request could not be handled: "
                                 f"{type(error).__name__}: {one_line(str(error))}")

@@ -1,7 +1,6 @@
-"""The recorder node: every topic of the driveline, raw, into a rosbag2 bag that survives a kill.
+"""The recorder node: write every topic of the driveline, as raw messages, into a rosbag2 bag that survives a kill.
 
-Subscriptions are drained in batches several times a second, which costs a small part of what a callback per message
-costs.
+Subscriptions are drained in batches several times a second, which costs much less than a callback per message.
 """
 
 from __future__ import annotations
@@ -41,13 +40,11 @@ from tcc_sim.topics import CLOCK_TOPIC, JOINT_STATE, STRING, TOPICS
 _DRAIN_PERIOD = 0.1
 _LOOK_PERIOD = 0.25
 SILENCE = 3.0
-"""Real time, s, without states after which the recorder says so; the middleware takes 20 s to find that a publisher is
-dead.
-"""
+"""Real time without states after which the recorder warns, s; the middleware needs 20 s to detect a dead publisher."""
 
 
 class Recorder:
-    """Subscribes, drains, looks for publishers and writes.
+    """Recorder of the driveline's topics: it subscribes, drains, follows publishers and writes.
 
     With use_sim_time log times are simulation time, /clock is recorded even where `topics` does not name it, and
     messages wait for the first one on /clock in the middleware.
@@ -78,8 +75,8 @@ class Recorder:
         if self._simulated is not None and self._clock not in wanted:
             wanted.append(self._clock)
         self.next_look = 0.0
-        # The scene comes first, so that it is in the file before what it explains; joint_states come last: the
-        # driveline may wait for their subscriber, and then all the others are there.
+        # The scene comes first, so that it precedes its states in the file. joint_states come last: the driveline may
+        # wait for their subscriber, and all other subscriptions exist by then.
         self.unsent = UnsentCount()
         self._unsent_topic = node.resolve_topic_name("unsent_messages")
         self._scene_topics = {node.resolve_topic_name(row.name) for row in TOPICS if row.type == STRING}
@@ -87,7 +84,7 @@ class Recorder:
         for topic in sorted(wanted, key=lambda topic: (known[topic] == JOINT_STATE, topic not in latched)):
             self._add(topic, known[topic], topic in latched)
         self._spinner = Spinner(node)
-        self._told: dict[str, dict[str, int]] = {}
+        self._reported: dict[str, dict[str, int]] = {}
         self.bag = BagWriter(Path(options.output), max_duration=options.max_bag_duration,
                              max_size=options.max_bag_size, sync=self.fsync_period > 0.0, result=self._part_result)
 
@@ -97,11 +94,11 @@ class Recorder:
         Raises
         ------
         ExternalShutdownException
-            The context has been shut down, or a signal came while nothing was to be done.
+            The context has been shut down, or a signal came during a wait.
         OSError
-            The disk refuses.
+            Writing fails.
         RecordingError
-            The directory was renamed or removed, or has a file with the name of the next part.
+            The directory was renamed or removed, or a file with the name of the next part exists.
         """
         flush = synced = time.monotonic()
         while not signals.asked.is_set():
@@ -121,10 +118,9 @@ class Recorder:
                 self._spinner.once(left)
 
     def drain(self, last: bool = False) -> None:
-        """Write every message that waits. It needs no valid context.
+        """Write every waiting message; this needs no valid context.
 
-        In simulation time what came before the first message on /clock waits for it; what still does with `last` gets
-        its time of receipt.
+        In simulation time, messages wait for the first message on /clock; with `last` they get their time of receipt.
         """
         if self._simulated is not None and not self._simulated.known:
             clock = self.tracks[self._clock]
@@ -148,7 +144,7 @@ class Recorder:
             self.write(track, taken)
 
     def write(self, track: Track, taken: Taken) -> None:
-        """Write messages of one topic and count what is missing."""
+        """Write messages of one topic and count lost ones."""
         if not taken:
             return
         write, count, channels = self.bag.write, track.count, track.channels
@@ -174,26 +170,26 @@ class Recorder:
             log = received if simulated is None else simulated.of(info)
             write(channel, log, info["source_timestamp"], data, number)
         if track.type == JOINT_STATE and not track.messages:
-            self.next_look = 0.0  # Now a scene that is not there yet can be asked for.
+            self.next_look = 0.0  # Subscribe to a missing scene again.
         track.messages += len(taken)
         track.arrived = time.monotonic()
         if track.stamps is not None:
             track.stamps.pieces(np.array([cdr.read_stamp(data) for data, _ in taken], dtype=np.int64),
                                 np.array(sources, dtype=np.int64))
 
-    def _describe(self, data: bytes, said_ns: int) -> None:
-        """Write a scene as a metadata record, which survives a kill at any moment after it.
+    def _describe(self, data: bytes, sent_ns: int) -> None:
+        """Write a scene as a metadata record, which survives a kill at any later moment.
 
-        It belongs to what was sent after it was said, by the driveline's own clock: states and scenes take ways of
-        their own.
+        It applies to messages sent after `sent_ns` by the driveline's clock, since states and scenes may arrive in
+        another order.
         """
         try:
-            self.bag.describe(cdr.read_string(data), log_ns=said_ns)
+            self.bag.describe(cdr.read_string(data), log_ns=sent_ns)
         except ValueError as error:
-            warn(self.node, f"a scene is not understood: {one_line(str(error))}")
+            warn(self.node, f"a scene could not be read: {one_line(str(error))}")
 
     def look(self) -> None:
-        """See who publishes: adapt to the quality of service offered, add topics by their type, tell of who is gone."""
+        """Check the publishers: adapt to their quality of service, add topics by type, warn of ended publishers."""
         if self._unknown:
             found = dict(self.node.get_topic_names_and_types())
             for topic in [topic for topic in self._unknown if topic in found]:
@@ -212,34 +208,33 @@ class Recorder:
                 if late or latched != track.latched:
                     self.write(track, track.subscribe(latched))
             if track.topic == self._clock and self._simulated is not None and not track.messages:
-                self._tell_of_no_clock(track)
+                self._report_missing_clock(track)
             if track.type == JOINT_STATE:
-                self._tell_of_silence(track)
+                self._report_silence(track)
                 now = {bytes(o.endpoint_gid) for o in offered}
                 if track.publishers - now:
                     left = f"; {len(now)} left" if now else ""
-                    warn(self.node, f"the publisher of {track.topic} is gone{left}; the recording goes on")
+                    warn(self.node, f"the publisher of {track.topic} is gone{left}; the recording continues")
                 track.publishers = now
 
-    def _tell_of_no_clock(self, track: Track) -> None:
-        """Say once that the recording waits for simulation time."""
-        if not track.silence_told and time.monotonic() - track.arrived > SILENCE:
-            track.silence_told = True
+    def _report_missing_clock(self, track: Track) -> None:
+        """Log once that the recording waits for simulation time."""
+        if not track.silence_reported and time.monotonic() - track.arrived > SILENCE:
+            track.silence_reported = True
             warn(self.node, f"nothing is recorded yet: use_sim_time waits for a message on {track.topic}")
 
-    def _tell_of_silence(self, track: Track) -> None:
-        """Say once that nothing more arrives, and once that it does again."""
+    def _report_silence(self, track: Track) -> None:
+        """Log once that messages stopped arriving, and once that they arrive again."""
         silent = track.messages > 0 and time.monotonic() - track.arrived > SILENCE
-        if silent and not track.silence_told:
+        if silent and not track.silence_reported:
             warn(self.node,
-                 f"no {track.topic} for {SILENCE:g} s: paused, stopped or killed; the recording goes on")
-        elif track.silence_told and not silent:
-            log(self.node, f"{track.topic} is heard again")
-        track.silence_told = silent
+                 f"no {track.topic} for {SILENCE:g} s: paused, stopped or killed; the recording continues")
+        elif track.silence_reported and not silent:
+            log(self.node, f"{track.topic} arrives again")
+        track.silence_reported = silent
 
     def close(self, drain: bool = True) -> str:
-        """Save what still waits and close the bag, with no ROS call that needs a valid context; gives a summary line.
-        """
+        """Write waiting messages, close the bag, and return a summary; this needs no valid context."""
         if drain:
             self.drain(last=True)
         self.bag.close(self._part_result())
@@ -249,7 +244,7 @@ class Recorder:
         return f"recorded {counted(found['messages'], 'message')} in {where}, {found['lost']} lost{unsent}"
 
     def _figures(self) -> dict[str, dict[str, int]]:
-        """Messages, and those that are missing, by topic."""
+        """Return the numbers of recorded and missing messages by topic."""
         seen = [track for track in self.tracks.values() if track.messages]
         found = {"messages": {track.topic: track.messages for track in seen},
                  "lost": {track.topic: track.lost for track in seen},
@@ -258,13 +253,13 @@ class Recorder:
         return found | ({"unsent": unsent} if any(unsent.values()) else {})
 
     def _part_result(self) -> dict[str, dict[str, int]]:
-        """The figures of the part that ends: what came since the part before it."""
-        before, self._told = self._told, self._figures()
+        """Return the figures of the part that ends: the difference since the part before it."""
+        before, self._reported = self._reported, self._figures()
         return {key: {topic: count - before.get(key, {}).get(topic, 0) for topic, count in counts.items()}
-                for key, counts in self._told.items()}
+                for key, counts in self._reported.items()}
 
     def _channel(self, track: Track, publisher: bytes) -> int:
-        """The bag's channel for what this publisher says on a topic; beyond MOST_PUBLISHERS they share one."""
+        """Return the bag's channel of a publisher on a topic; publishers beyond MOST_PUBLISHERS share one."""
         if len(track.channels) >= MOST_PUBLISHERS:
             publisher = b""
         if publisher not in track.channels:
@@ -278,7 +273,7 @@ class Recorder:
         self.tracks[topic] = Track(self.node, topic, type_name, latched)
 
     def _offered(self, topic: str) -> Sequence[dict[str, Any]]:
-        """The quality of service that publishers offer; the driveline's where the context cannot say any more."""
+        """Return the quality of service that publishers offer; the driveline's if the context is no longer valid."""
         try:
             return [qos_fields(o.qos_profile) for o in self.node.get_publishers_info_by_topic(topic)]
         except RuntimeError:
@@ -286,8 +281,8 @@ class Recorder:
 
 
 def _record(node: Node) -> int:
-    """Record until a signal; the exit status."""
-    signals.end_in_order()  # A bag that is open is closed in order.
+    """Record until a signal and return the exit status."""
+    signals.end_in_order()  # An open bag must be closed properly.
     recorder = Recorder(node)
     failure: OSError | RecordingError | None = None
     try:
@@ -307,9 +302,9 @@ def _record(node: Node) -> int:
     if failure is None:
         return 0
     recorder.bag.abandon()
-    said = str(failure) if isinstance(failure, RecordingError) else (
+    reason = str(failure) if isinstance(failure, RecordingError) else (
         f"{recorder.bag.file.path} cannot be written: {failure.strerror}")
-    sys.stderr.write(f"recorder: {one_line(said)}; what is in it stays readable\n")
+    sys.stderr.write(f"recorder: {one_line(reason)}; the data written so far stays readable\n")
     return 1
 
 

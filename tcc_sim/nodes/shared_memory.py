@@ -1,10 +1,9 @@
-"""What a killed process leaves in Fast DDS's shared memory, which would hang every later node: it is removed before
-a node is created, and a node that cannot be created says why. Free of rclpy.
+"""Remove shared memory of Fast DDS that killed processes leave behind and that would hang later nodes, without rclpy.
 
-A participant opens or creates the file of its port, `/dev/shm/fastdds_portN`, and waits minutes for one that another
-process has begun and will never finish; it holds the interpreter meanwhile. A process that lives holds a lock of one of
-the files beside it or has them mapped. Fast DDS's own tool, `fastdds shm clean`, judges by the lock alone, so it does
-not see what has none yet.
+A participant opens or creates the file of its port, `/dev/shm/fastdds_portN`. It waits minutes for a file that another
+process has begun and will never finish, and blocks the interpreter meanwhile. A living process holds a lock of one of
+the files beside it or has them mapped. Fast DDS's own tool, `fastdds shm clean`, checks only the lock, so it misses
+files without a lock.
 """
 
 from __future__ import annotations
@@ -24,25 +23,25 @@ from tcc_sim.nodes.children import FIRST_PORT, PORTS
 
 FOLDER = Path("/dev/shm")
 FINISHED_WITHIN = 30.0
-"""Real time, s, that another process may take to finish a port; it takes some 30 ms on a quiet machine."""
+"""Longest real time for another process to finish a port, s; it takes some 30 ms on an idle machine."""
 LOOK = 0.05
-"""Real time, s, between two looks at the ports."""
+"""Real time between two checks of the ports, s."""
 _FILE = re.compile(r"(?:sem\.)?(fastdds_(?:port\d{1,5}|[0-9a-z]{16}))(?:_el|_sl|_mutex)?")
 _LOCKS = ("_el", "_sl")
 _WHOLE = 2
-"""First word of a segment that is whole, as Boost.Interprocess marks it."""
+"""First word of a finished segment, as Boost.Interprocess marks it."""
 
 
 def remove_ownerless(folder: Path = FOLDER, mapped: Callable[[], set[str]] | None = None) -> list[str]:
-    """Remove the segments that no process holds; their names. What belongs to another user stays.
+    """Remove the segments that no process holds, except those of other users, and return their names.
 
-    Where several processes start at once, one of them may have made a segment anew under a name that another has just
-    found without an owner: only the very file that was looked at is removed.
+    If several processes start at once, one may recreate a segment under a name that another has just found ownerless:
+    a file is removed only if it is still the file that was checked.
 
     Parameters
     ----------
-    folder : where the segments are
-    mapped : gives the files that processes have mapped; None: looks for them
+    folder : directory of the segments
+    mapped : function that returns the files mapped by processes; None to search /proc
     """
     found: defaultdict[str, dict[Path, os.stat_result]] = defaultdict(dict)
     for path in folder.glob("*fastdds_*"):
@@ -63,7 +62,7 @@ def remove_ownerless(folder: Path = FOLDER, mapped: Callable[[], set[str]] | Non
 
 
 def _locked(path: Path) -> bool:
-    """Whether a process holds the lock of a file."""
+    """Return whether a process holds the lock of a file."""
     try:
         descriptor = os.open(path, os.O_RDWR)
     except OSError:
@@ -78,7 +77,7 @@ def _locked(path: Path) -> bool:
 
 
 def _mapped() -> set[str]:
-    """Files of Fast DDS that some process has mapped."""
+    """Return the files of Fast DDS that some process has mapped."""
     found: set[str] = set()
     for maps in Path("/proc").glob("[0-9]*/maps"):
         with suppress(OSError):
@@ -87,7 +86,7 @@ def _mapped() -> set[str]:
 
 
 def unfinished(domain: int, folder: Path = FOLDER) -> list[Path]:
-    """Ports of a ROS domain that were begun and not finished: whoever opens one waits for it."""
+    """Return the unfinished ports of a ROS domain, for which every process that opens one waits."""
     found = []
     for port in range(FIRST_PORT + PORTS * domain, FIRST_PORT + PORTS * (domain + 1)):
         path = folder / f"fastdds_port{port}"
@@ -98,12 +97,12 @@ def unfinished(domain: int, folder: Path = FOLDER) -> list[Path]:
 
 
 def clear(domain: int, within: float = FINISHED_WITHIN) -> None:
-    """Remove ownerless segments, and wait for the ports of a domain that living processes have begun.
+    """Remove ownerless segments, and wait until living processes have finished their ports of a domain.
 
     Raises
     ------
     TccError
-        One is not finished within so many seconds, s: its process was stopped.
+        A port is not finished within `within` seconds because its process was stopped.
     """
     end = time.monotonic() + within
     while True:

@@ -1,9 +1,9 @@
-"""SIGINT, SIGTERM and SIGHUP in the process of a node, from its first statement to its last. Loads nothing slow.
+"""Handle SIGINT, SIGTERM and SIGHUP in a node's process, from its first statement on; imports nothing slow.
 
-A node's process blocks them before it imports NumPy, Numba and rclpy; all its threads inherit that, and one of them
-waits for a signal. While the process starts (imports, ROS 2, compiling), nothing is open that has to be saved, and
-a signal ends it at once with status 0. After `end_in_order` a signal sets `asked`: the node looks at it several times
-a second and ends by itself. Its ROS 2 context stays valid until then.
+A node's process blocks these signals before it imports NumPy, Numba and rclpy; its threads inherit this, and one thread
+waits for a signal. While the process starts (imports, ROS 2, compiling), no data has to be saved, and a signal ends it
+at once with status 0. After `end_in_order` a signal sets `asked`, which the node checks several times a second to end
+by itself. Its ROS 2 context stays valid until then.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from typing import Any, NoReturn, TypeVar
 Made = TypeVar("Made")
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 asked = threading.Event()
-"""Set when a signal has come since `end_in_order`."""
+"""Set by the first signal after `end_in_order`."""
 _turn = threading.Lock()
-"""Guards `_phase`."""
+"""Lock of `_phase`."""
 _phase = ""
 
 
 def take() -> None:
-    """Let a signal end the process at once with status 0, from now on; the first thing that a node's process does.
+    """Let a signal end the process at once with status 0; a node's process calls this first.
 
-    Only a process that is a node calls it: a program that imports the nodes keeps its own handlers. SIGHUP stays
-    ignored where it is, as under nohup.
+    A program that only imports the nodes does not call it and keeps its own handlers. SIGHUP stays ignored if it was,
+    as under nohup.
     """
     global _phase
     if _phase or threading.current_thread() is not threading.main_thread():
@@ -43,7 +43,7 @@ def take() -> None:
 
 
 def _wait(numbers: list[signal.Signals]) -> None:
-    """Wait for signals: end the process while it starts, set `asked` afterwards."""
+    """Wait for signals: end the process during its start, set `asked` afterwards."""
     while True:
         signal.sigwait(numbers)
         with _turn:
@@ -53,17 +53,17 @@ def _wait(numbers: list[signal.Signals]) -> None:
 
 
 def end_in_order() -> None:
-    """Leave the end to the node: from now on a signal sets `asked`."""
+    """Let a signal set `asked` from now on, so that the node ends by itself."""
     global _phase
     with _turn:
         _phase = _phase and "running"
 
 
 def end(status: int) -> NoReturn:
-    """End the process with `status`; the last thing that a node's process does.
+    """End the process with `status`; a node's process calls this last.
 
-    The interpreter is not taken down: that takes up to a second on a busy machine, saves nothing, and a thread that
-    still compiles would not survive it.
+    The interpreter is not shut down: this would take up to a second on a busy machine, saves nothing, and could crash a
+    thread that still compiles.
     """
     end_in_order()
     for stream in (sys.stdout, sys.stderr):
@@ -75,9 +75,9 @@ def end(status: int) -> NoReturn:
 
 
 def left_to_the_system(create: Callable[[], Made]) -> Made:
-    """Call `create` while a signal ends the process by itself: the middleware may hold the interpreter for minutes.
+    """Call `create` while signals have their default effect: the middleware may block the interpreter for minutes.
 
-    `create` runs in another thread, so that threads of the middleware start with the signals of a node blocked.
+    `create` runs in another thread, so that threads of the middleware start with the node's signals blocked.
     """
     if threading.current_thread() is not threading.main_thread():
         return create()
@@ -108,7 +108,7 @@ def left_to_the_system(create: Callable[[], Made]) -> Made:
 
 @contextmanager
 def deferred() -> Iterator[None]:
-    """Hold back the KeyboardInterrupt of a command: a signal that comes within the block has its effect afterwards."""
+    """Delay the KeyboardInterrupt of a command: a signal during the `with` block takes effect after it."""
     came: list[signal.Signals] = []
     with _handled(lambda number, _: came.append(signal.Signals(number))) as handlers:
         yield
@@ -118,7 +118,7 @@ def deferred() -> Iterator[None]:
 
 @contextmanager
 def _handled(handler: Any) -> Iterator[dict[signal.Signals, Any]]:
-    """Replace the handlers written in Python, which a command has, for the time of a `with`; gives those handlers."""
+    """Replace the process's Python handlers for the duration of a `with` block, and yield the replaced handlers."""
     mine = threading.current_thread() is threading.main_thread()
     handlers = {n: own for n in ENDING if mine and callable(own := signal.getsignal(n))}
     for number in handlers:

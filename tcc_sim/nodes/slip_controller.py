@@ -1,7 +1,7 @@
 """The slip controller example: a ROS 2 node that answers every state of the driveline with an actuation pressure.
 
-`ros2 run tcc_sim slip_controller_node` beside `driveline_node --ros-args -p scene:=controlled`. Copy this file, put
-your own control law in the place of `SlipController`, and test it against the same driveline.
+`ros2 run tcc_sim slip_controller_node` beside `driveline_node --ros-args -p scene:=controlled`. Copy this file, replace
+`SlipController` by your own control law, and test it against the same driveline.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ from tcc_sim.nodes.process import Spinner, log, run_node
 from tcc_sim.plant.slip_control import SlipController, Tuning
 
 FLYWHEEL, PLATE = 0, 1
-"""Order of the joints in joint_states."""
+"""Indices of the joints in joint_states."""
 QOS = QoSProfile(depth=5000)
-"""Reliable, as the driveline asks for commands; deep enough that a recorder on a busy machine gets every command."""
+"""Reliable, as the driveline requires for commands; deep enough for a recorder on a busy machine."""
 
 
 class SlipControllerNode(Node):
-    """joint_states in, actuation_pressure out: a command for the newest state, with that state's stamp.
+    """Node that subscribes to joint_states and publishes actuation_pressure with the stamp of the newest state.
 
-    target_slip_speed says what it is asked to hold, at every change and to whoever subscribes later.
-    The stamp says which state a command answers. In lock-step the driveline waits for exactly that answer, so that the
-    same controller gives the same run to the last bit however slow it is. In real time states wait where the machine is
-    busy: the control law takes them all, since its means need every one, and the newest is answered. Answered one by
-    one they would be ever older, and a loop with that dead time is unstable.
+    It publishes the target on target_slip_speed at every change, and late subscribers get the last one.
+    The stamp identifies the state that a command answers. In lock-step the driveline waits for this answer, so that the
+    same controller gives the same run to the last bit, however slow it is. In real time states may queue on a busy
+    machine: the control law takes all of them, since its means need every state, and only the newest is answered.
+    Answering each state would let the delay grow, and the loop would become unstable.
     """
 
     def __init__(self, **options: Any) -> None:
@@ -48,27 +48,27 @@ class SlipControllerNode(Node):
         self._last_stamp = -1
         self._command = self.create_publisher(FluidPressure, "actuation_pressure", QOS)
         self._target = self.create_publisher(Float64, "target_slip_speed", LATCHED)
-        self._say_target()
+        self._publish_target()
         self._states = self.create_subscription(JointState, "joint_states", self._on_state, QOS)
 
     def report(self) -> None:
-        """Say what it controls, and with what belief of its plant."""
+        """Log the controlled topic and the nominal plant."""
         tuning = self.controller.tuning
         log(self, f"holds a mean slip speed of {self.controller.target:g} rad/s by {self._command.topic_name}, from "
                   f"{self._states.topic_name}: bandwidth {tuning.bandwidth:g} rad/s, engine cycle "
                   f"{tuning.cycle_steps:.4g} states of {tuning.step:g} s, at most {tuning.pressure_limit:g} Pa")
 
-    def _say_target(self) -> None:
-        """Say what is to be held."""
+    def _publish_target(self) -> None:
+        """Publish the target."""
         self._target.publish(Float64(data=self.controller.target))
 
     def _on_state(self, state: JointState) -> None:
-        """Take a state and those that wait behind it, and answer the last.
+        """Take a state and the states queued behind it, and answer the last.
 
         Raises
         ------
         InputError
-            One that has not the speeds of two joints and the torque of the first, all finite; the others are taken.
+            A state lacks finite speeds of two joints or a finite torque of the first; the other states are used.
         """
         waiting = [state, *(state for state, _ in poll(self._states, QOS.depth))]
         whole = [state for state in waiting if len(state.velocity) > PLATE and len(state.effort) > FLYWHEEL
@@ -83,17 +83,17 @@ class SlipControllerNode(Node):
             raise InputError(f"{self._states.topic_name} without finite speeds of two joints and a torque")
 
     def _update(self, state: JointState) -> float:
-        """What the control law makes of one state, Pa."""
+        """Return the control law's pressure for one state, Pa."""
         stamp = state.header.stamp.sec * 1_000_000_000 + state.header.stamp.nanosec
         if stamp <= self._last_stamp:
             # Simulation time started again: the driveline was reset or restarted.
             self.controller.reset()
-            self._say_target()
+            self._publish_target()
         self._last_stamp = stamp
         target = self.controller.tuning.target_at(stamp * 1e-9)
         if target != self.controller.target:
             self.controller.target = target
-            self._say_target()
+            self._publish_target()
         return self.controller.update(state.velocity[FLYWHEEL] - state.velocity[PLATE], state.effort[FLYWHEEL])
 
 

@@ -1,4 +1,4 @@
-"""One recorded topic: its subscription, its channels in the bag, and what was lost of it on its way or never sent."""
+"""A recorded topic: subscriptions, channels in the bag, and counts of lost and unsent messages."""
 
 from __future__ import annotations
 
@@ -20,20 +20,19 @@ from tcc_sim.recording.stamps import StampCounter
 from tcc_sim.topics import JOINT_STATE
 
 DEPTH = 20_000
-"""Messages that wait per topic while the recorder is held up: 4 s at 5 kHz. Only those that wait take memory."""
+"""Depth of the queue of each topic: 4 s at 5 kHz. Only waiting messages take memory."""
 MOST_TOPICS = 100
-"""Topics of one driveline whose unsent messages are counted; it has a dozen."""
+"""Largest number of topics of one driveline whose unsent messages are counted; it has a dozen."""
 _MOST_ASKED = 20
 
 Taken = list[tuple[bytes, dict[str, Any]]]
-"""Serialised messages, each with what the middleware says of it."""
+"""Serialised messages, each with the middleware's message information."""
 
 
 class Track(SequenceNumbers):
-    """One recorded topic.
+    """A recorded topic.
 
-    Publishers that offer best effort alone have a second subscription, so that the reliable one of the others stays as
-    it is.
+    Best-effort publishers get a second subscription, so that the reliable subscription for the others stays unchanged.
     """
 
     def __init__(self, node: Node, topic: str, type_name: str, latched: bool = False) -> None:
@@ -49,13 +48,13 @@ class Track(SequenceNumbers):
         self.channels: dict[bytes, int] = {}
         self.messages = 0
         self.arrived = time.monotonic()
-        self.silence_told = False
+        self.silence_reported = False
         self.stamps = StampCounter() if type_name == JOINT_STATE else None
         self._asked: Counter[bytes] = Counter()
         self._offered: set[bytes] = set()
 
     def subscribe(self, latched: bool) -> Taken:
-        """Have a new reliable subscription; gives what waited in the one before."""
+        """Replace the reliable subscription; return the messages that waited in the old one."""
         before = self.take()
         self._node.destroy_subscription(self.subscription)
         self.latched, self.subscription = latched, self._subscription(latched=latched)
@@ -63,13 +62,13 @@ class Track(SequenceNumbers):
 
     def _subscription(self, reliability: ReliabilityPolicy = ReliabilityPolicy.RELIABLE,
                       latched: bool = False) -> Subscription[Any]:
-        """A subscription that is polled."""
+        """Create a polled subscription."""
         durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
         return subscribe(self._node, message_class(self.type), self.topic,
                          QoSProfile(depth=DEPTH, reliability=reliability, durability=durability))
 
     def take(self) -> Taken:
-        """What waits, every message once. It needs no valid context."""
+        """Take the waiting messages, each once; this needs no valid context."""
         taken = poll(self.subscription)
         if len(self._heard_reliably) > MOST_PUBLISHERS:
             self._heard_reliably.clear()
@@ -80,7 +79,7 @@ class Track(SequenceNumbers):
         return taken
 
     def follow_best_effort(self, offered: Sequence[TopicEndpointInfo]) -> Taken:
-        """Have the second subscription as long as a publisher offers best effort; gives what waited where it goes."""
+        """Keep the second subscription while a publisher offers best effort; return its messages when it is removed."""
         needed = False
         for publisher in offered:
             if publisher.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT:
@@ -97,16 +96,16 @@ class Track(SequenceNumbers):
         return waited
 
     def asks_again(self, publishers: Sequence[bytes]) -> bool:
-        """Whether one of these has said nothing yet and should be asked again, which it is a limited number of times.
+        """Return whether to subscribe again because one of these publishers has sent nothing, within a limit.
 
-        What a publisher keeps for late subscribers comes seconds late where others were killed just before; a new
-        subscription gets it at once.
+        Latched messages arrive seconds late if other processes were killed just before; a new subscription gets them
+        at once.
         """
         if len(self._offered) > MOST_PUBLISHERS:
             self._offered, self._asked = set(), Counter({p: self._asked[p] for p in publishers})
         self._offered.update(publishers)
         if self.next and not self._offered & self.next.keys():
-            return False  # This middleware names publishers in two ways, so who is silent cannot be known.
+            return False  # This middleware has two identifiers of a publisher, so silent ones cannot be identified.
         silent = [publisher for publisher in publishers if publisher not in self.next
                   and self._asked[publisher] < _MOST_ASKED]
         self._asked.update(silent)
@@ -114,8 +113,8 @@ class Track(SequenceNumbers):
 
 
 def unsent_message(name: str, counts: Mapping[str, int]) -> bytes:
-    """How many messages the node `name` could not send since its start, by topic, as the message on `unsent_messages`:
-    no gap in a publisher's numbers shows them.
+    """Return the message on `unsent_messages` with the numbers of messages, by topic, that the node `name` could not
+    send since its start; sequence numbers do not show them.
     """
     message = DiagnosticStatus(level=DiagnosticStatus.WARN, name=name,
                                message=f"{counted(sum(counts.values()), 'message')} not sent",
@@ -125,7 +124,7 @@ def unsent_message(name: str, counts: Mapping[str, int]) -> bytes:
 
 
 class UnsentCount:
-    """Adds up what every driveline of a recording could not send, as it says; `most` of them are told apart."""
+    """Sum of the unsent messages of all drivelines of a recording; at most `most` drivelines are distinguished."""
 
     def __init__(self, most: int = MOST_PUBLISHERS) -> None:
         self._most = most
@@ -133,11 +132,11 @@ class UnsentCount:
         self._earlier: Counter[str] = Counter()
 
     def add(self, publisher: bytes, data: bytes) -> None:
-        """Take a message; what is no such message says nothing."""
+        """Add a message; ignore bytes that are not a valid message."""
         try:
             values = deserialize_message(data, DiagnosticStatus).values
         except Exception:
-            # Whatever rclpy makes of bytes that a stranger sent.
+            # rclpy raises various exceptions on invalid bytes.
             return
         counts = {item.key: int(item.value) for item in values[:MOST_TOPICS]
                   if item.value.isdecimal() and len(item.value) < 19}
@@ -146,7 +145,7 @@ class UnsentCount:
         self._by_publisher[publisher] = counts
 
     def by_topic(self) -> dict[str, int]:
-        """Messages of all drivelines."""
+        """Return the numbers of unsent messages of all drivelines by topic."""
         total = Counter(self._earlier)
         for counts in self._by_publisher.values():
             total.update(counts)

@@ -1,5 +1,5 @@
-"""What a driveline waits for or has to do without, in sentences for its log and its diagnostics: commands that do not
-act, publishers that do not match or are several, subscribers that do not come.
+"""Warnings for a driveline's log and diagnostics: missing commands, unsuitable or several publishers, missing
+subscribers.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from tcc_sim.nodes.loop_topics import CommandedInput
 from tcc_sim.topics import topic
 
 PATIENCE = 1.0
-"""Real time, s, after which an input on its fallback, or a wait, is worth a warning."""
+"""Real time after which a fallback or a wait causes a warning, s."""
 
 
 class Waiting:
-    """Says what one driveline waits for.
+    """Warnings about a driveline that waits.
 
     Parameters
     ----------
-    node : of the driveline
-    loop : its loop
-    clock : real time, s
+    node : node of the driveline
+    loop : loop of the driveline
+    clock : function that returns real time, s
     """
 
     def __init__(self, node: Node, loop: RealTimeLoop, clock: Callable[[], float] = time.monotonic) -> None:
@@ -34,14 +34,14 @@ class Waiting:
         self._since: dict[str, float] = {}
 
     def sentences(self) -> dict[str, str]:
-        """Sentences for the log, by what they are about; each condition that has lasted for PATIENCE."""
+        """Return sentences for the log by subject, for each condition that has lasted for PATIENCE."""
         loop = self._loop
         wanted = loop.scene.operation.wait_for_subscribers
         if not loop.clock_started.is_set():
             there = loop.outputs.subscriptions()[0]
             name = self._node.resolve_topic_name("joint_states")
             missing = {"subscribers": f"the first tick waits for wait_for_subscribers {wanted}; "
-                       f"{counted(there, 'subscriber')} of {name} there"} if there < wanted else {}
+                       f"{name} has {counted(there, 'subscriber')}"} if there < wanted else {}
         elif loop.paused:
             missing = {}
         elif loop.waits_for:
@@ -66,7 +66,7 @@ class Waiting:
         return found
 
     def publishers(self, command: CommandedInput) -> str:
-        """Who publishes on the topic of an input, with type and quality of service, and why it does not match."""
+        """Return the publishers on the topic of an input as text: type, quality of service, why they do not match."""
         row, name = topic(command.name), self._topic(command)
         found = []
         for info in self._node.get_publishers_info_by_topic(name):
@@ -82,12 +82,12 @@ class Waiting:
         return f"{counted(len(found), 'publisher')} on {name}{': ' if found else ''}{', '.join(found)}{refused}"
 
     def _topic(self, command: CommandedInput) -> str:
-        """The whole name of an input's topic."""
+        """Return the fully qualified name of an input's topic."""
         name: str = command.subscription.topic_name
         return name
 
     def _fallback(self, command: CommandedInput) -> str:
-        """What applies where nobody commands an input."""
+        """Return the fallback of an input as text."""
         if command is self._loop.far_end:
             return "the shaft's far end stands still"
         return str(self._loop.scene.value(f"{topic(command.name).key.partition('.')[0]}.fallback"))

@@ -1,4 +1,4 @@
-"""Running nodes, live in Rerun: states as they arrive, in bounded memory, with what was missed counted and said."""
+"""Show a running driveline live in Rerun, in bounded memory, and report missed states."""
 
 from __future__ import annotations
 
@@ -39,37 +39,37 @@ from tcc_sim.trajectory import Floats, modes_of
 from tcc_sim.views.rerun_stream import RerunStream
 
 DEPTH = 20_000
-"""States that wait while the viewer is slow: 4 s at 5 kHz."""
+"""Number of states that can wait while the viewer is slow: 4 s at 5 kHz."""
 DRAIN_PERIOD = 0.1
 FILE_PERIOD = 2.0
-"""Real time, s, of the states that are written to a file at once. Rerun keeps an index of what it has written: 0.4 MB a
-minute with this at 1 kHz, 7 MB with pieces of 0.1 s.
+"""Real time between two writes to a file, s. Rerun stores an index of each write: 0.4 MB a minute with this value at
+1 kHz, 7 MB with 0.1 s.
 """
 FOUND_WITHIN = 5.0
-"""Real time, s, that a driveline may take to say its scene."""
+"""Longest real time to receive a driveline's scene, s."""
 SILENCE = 3.0
-"""Real time, s, without states after which that is said."""
+"""Real time without states after which the watcher reports it, s."""
 MOST_WAITING = 20_000
-"""Messages of a topic that are kept until states tell their place."""
+"""Largest number of messages of a topic that wait for the next states."""
 PROFILES = {"engine_torque": COMMANDS, "actuation_pressure": COMMANDS, "target_slip_speed": LATCHED,
             "applied_pressure": states(MOST_WAITING), "input_source": CHANGES}
-"""What is listened to. The first three carry no simulation time of their own."""
+"""Watched topics with their quality of service. The first three have no simulation time."""
 READERS: dict[str, Callable[[bytes], tuple[int | None, Any]]] = {
     "engine_torque": lambda data: (None, cdr.read_float64(data)),
     "actuation_pressure": lambda data: (None, cdr.read_fluid_pressure(data)[1]),
     "target_slip_speed": lambda data: (None, cdr.read_float64(data)),
     "applied_pressure": cdr.read_fluid_pressure, "input_source": cdr.read_header}
-"""Stamp (ns), where there is one, and content of a message."""
+"""Topic -> function that returns stamp (ns, or None) and content of a message."""
 Signal = tuple[NDArray[np.int64], Floats]
 
 
 class ControlWatch:
-    """Takes commands, target, applied pressure and the sources of the inputs, and gives them beside states.
+    """Watcher of commands, target, applied pressure and sources of the inputs, which assigns them to states.
 
     Parameters
     ----------
-    node : in the driveline's namespace
-    cycle : engine cycle, s, over which the slip speed is averaged
+    node : node in the driveline's namespace
+    cycle : engine cycle over which the slip speed is averaged, s
     """
 
     def __init__(self, node: Node, cycle: float) -> None:
@@ -81,7 +81,7 @@ class ControlWatch:
         self._applied = math.nan
 
     def poll(self) -> None:
-        """Take what has arrived; messages that cannot be read are left out."""
+        """Take the messages that have arrived; ignore messages that cannot be read."""
         for name, subscription in self._subscriptions.items():
             for data, info in poll(subscription, MOST_WAITING):
                 with suppress(ValueError):
@@ -89,15 +89,15 @@ class ControlWatch:
 
     def beside(self, stamp_ns: NDArray[np.int64], received_ns: NDArray[np.int64], slip_speed: Floats, *,
                new_run: bool) -> tuple[dict[str, Signal], list[Event]]:
-        """What was received up to the last of the next states: signals by name, stamps (ns) and values, and events.
+        """Return the signals (name -> stamps in ns, values) and events received up to the last of the next states.
 
-        What carries no simulation time stands at the first state that was received after it.
+        A message without simulation time gets the stamp of the first state received after it.
 
         Parameters
         ----------
         stamp_ns, received_ns, slip_speed : (n,) arrays of the states, all of one run: simulation time and time of
-            receipt, ns, and rad/s
-        new_run : simulation time has started again
+            receipt, ns, and slip speed, rad/s
+        new_run : whether simulation time has started again
         """
         signals: dict[str, Signal] = {}
         events: list[Event] = []
@@ -106,7 +106,7 @@ class ControlWatch:
             while waiting and waiting[0][0] <= received_ns[-1]:
                 received, stamp, value = waiting.popleft()
                 if name == "applied_pressure" and new_run and received < received_ns[0]:
-                    continue  # It follows its state, so this one is of the run that has ended.
+                    continue  # It is sent after its state, so this one belongs to the run that has ended.
                 place = int(np.searchsorted(received_ns, received))
                 stamps.append(int(stamp_ns[place]) if stamp is None else stamp)
                 values.append(value)
@@ -126,13 +126,13 @@ class ControlWatch:
 
 
 class Watcher:
-    """Takes what a driveline says and hands it to a view.
+    """Receiver of a driveline's messages, which passes them to a view.
 
     Parameters
     ----------
-    node : in the driveline's namespace
-    say : takes a sentence for the user
-    period : real time, s, of the states that are handed on at once
+    node : node in the driveline's namespace
+    say : function that takes a sentence for the user
+    period : real time between two updates of the view, s
     """
 
     def __init__(self, node: Node, say: Callable[[str], Any], period: float = 0.0) -> None:
@@ -143,7 +143,7 @@ class Watcher:
         self._states = self._subscribed("joint_states", QoSProfile(depth=DEPTH))
         self.heard = self.states = 0
         self.numbers = SequenceNumbers()
-        self._told, self._told_at = 0, 0.0
+        self._reported, self._reported_at = 0, 0.0
         self._last_stamp = -1
         self._heard, self._silent = time.monotonic(), False
         self._layout = cdr.joint_state_layout()
@@ -153,16 +153,16 @@ class Watcher:
         self._control = ControlWatch(node, self.scene.system.cycle)
 
     def _subscribed(self, name: str, profile: QoSProfile) -> Any:
-        """A subscription that is polled."""
+        """Create a polled subscription."""
         return subscribe(self._node, message_class(topic(name).type), name, profile)
 
     def _await_scene(self) -> Scene:
-        """The scene that runs.
+        """Wait for the current scene.
 
         Raises
         ------
         TccError
-            No driveline says one.
+            No driveline publishes a scene.
         """
         end = time.monotonic() + FOUND_WITHIN
         while time.monotonic() < end:
@@ -171,20 +171,20 @@ class Watcher:
                 return found
             time.sleep(0.02)
         name = self._node.resolve_topic_name("scene")
-        raise TccError(f"no driveline says its scene on {name} within {FOUND_WITHIN:g} s")
+        raise TccError(f"no driveline published its scene on {name} within {FOUND_WITHIN:g} s")
 
     def _scene(self) -> Scene | None:
-        """The newest scene that was said since the last look, None where there is none."""
+        """Return the newest scene since the last call, or None."""
         found = None
         for data, _ in poll(self._scenes):
             try:
                 found = parse_scene(cdr.read_string(data), "driveline")
             except (ValueError, InputError) as error:
-                self._say(f"a scene is not understood: {error}")
+                self._say(f"a scene could not be read: {error}")
         return found
 
     def view(self, **where: Any) -> RerunStream:
-        """A stream for what is watched: `file`, `spawn` or `url`, as RerunStream takes them."""
+        """Return a Rerun stream for this driveline, to one of `file`, `spawn` or `url` as in RerunStream."""
         system = self.scene.system
         name = self._node.resolve_topic_name("driveline")
         commanded = "topic" in (system.engine.source, system.pressure.source)
@@ -192,7 +192,7 @@ class Watcher:
         return RerunStream(name, system.cycle, natural_frequency(terms_of(system)), controlled=controlled, **where)
 
     def drain(self, view: RerunStream, everything: bool = False) -> None:
-        """Take what has arrived, and show it where that is due or `everything` is to be shown."""
+        """Take the messages that have arrived, and show them if an update is due or `everything` is set."""
         scene = self._scene()
         if scene is not None:
             self.scene, self._stick_speed = scene, stick_speed_of(terms_of(scene.system))
@@ -210,12 +210,10 @@ class Watcher:
             cuts = 1 + np.flatnonzero(np.diff(stamps) < 0)
             for piece in np.split(np.arange(len(rows)), cuts):
                 self._show(view, stamps[piece], rows[piece], received[piece])
-        self._tell()
+        self._report()
 
     def _taken(self) -> tuple[NDArray[np.void], NDArray[np.int64]]:
-        """The states that have arrived and when (ns), those of another layout left out; counts what is missing before
-        them.
-        """
+        """Return the arrived states (except other layouts) and their times of receipt (ns); count lost ones."""
         taken = poll(self._states, DEPTH)
         for _, info in taken:
             number, who = info.get("publication_sequence_number") or 0, publisher_of(info)
@@ -244,18 +242,18 @@ class Watcher:
         for piece in pieces:
             view.cycles(piece.cycles, piece.first)
         view.control(*self._control.beside(stamps, received, slip_speed, new_run=new_run))
-        # Nothing is worked out at the end, so no cycle is kept.
+        # No figures are computed at the end, so cycles are not stored.
         del self._cycles.runs[:-1]
         for run in self._cycles.runs:
             run.pieces.clear()
 
-    def _tell(self) -> None:
-        """Say what was missed, at most once a second, and once that nothing arrives."""
+    def _report(self) -> None:
+        """Report missed states at most once a second, and once that no states arrive."""
         now = time.monotonic()
         missed = self.numbers.lost
-        if missed > self._told and now - self._told_at >= 1.0:
-            self._say(f"missed {counted(missed - self._told, 'state')}, {missed} in all")
-            self._told, self._told_at = missed, now
+        if missed > self._reported and now - self._reported_at >= 1.0:
+            self._say(f"missed {counted(missed - self._reported, 'state')}, {missed} in all")
+            self._reported, self._reported_at = missed, now
         silent = now - self._heard > SILENCE
         if silent and not self._silent:
             self._say(f"no states for {SILENCE:g} s: paused, stopped, or waiting for subscribers")
@@ -263,20 +261,20 @@ class Watcher:
 
 
 def watch(namespace: str, say: Callable[[str], Any], **where: Any) -> str:
-    """Show a running driveline until KeyboardInterrupt; a sentence about what was shown.
+    """Show a running driveline until KeyboardInterrupt and return a summary sentence.
 
     Parameters
     ----------
-    namespace : of the driveline
-    say : takes a sentence for the user
-    where : `file`, `spawn` or `url`, as RerunStream takes them
+    namespace : namespace of the driveline
+    say : function that takes a sentence for the user
+    where : one of `file`, `spawn` or `url`, as in RerunStream
 
     Raises
     ------
     TccError
-        No driveline says its scene.
+        No driveline publishes its scene.
     InputError
-        A namespace that is not one, a file that cannot be created, or a URL where no viewer answers.
+        The namespace is not valid, the file cannot be created, or no viewer answers at the URL.
     MissingPackage
         rerun-sdk is not installed.
     """
@@ -287,7 +285,7 @@ def watch(namespace: str, say: Callable[[str], Any], **where: Any) -> str:
             say(f"watching {node.resolve_topic_name('driveline')}: {what}; Ctrl-C ends it")
             try:
                 while True:
-                    # What was taken is shown whole: between the two nothing may end.
+                    # A signal must not interrupt between taking and showing messages.
                     with signals.deferred():
                         watcher.drain(view)
                     time.sleep(DRAIN_PERIOD)

@@ -1,4 +1,4 @@
-"""Rerun's viewer for a browser on this machine: a process that serves it on the loopback address. Free of rclpy."""
+"""Serve Rerun's viewer for a browser on this machine from a process on the loopback address, without rclpy."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from tcc_sim.errors import TccError, require
 from tcc_sim.nodes.children import ChildProcess
 
 ADDRESS = "127.0.0.1"
-"""Where the viewer and its data are served: nobody on the network reaches them."""
+"""Address of the viewer and its data; it is not reachable from the network."""
 PAGE_PORT, DATA_PORT = 9090, 9876
-"""Rerun's own ports, taken where they are free."""
+"""Rerun's default ports, used if they are free."""
 HOSTING, LISTENING = "Hosting a web-viewer", "Listening for gRPC connections"
-"""What Rerun logs once it serves the page and takes data."""
+"""Log lines of Rerun once it serves the page and accepts data."""
 
 
 @dataclass(frozen=True)
 class WebViewer:
-    """A viewer that is served.
+    """A running viewer.
 
     page : address for a browser
-    url : where a stream is sent
+    url : address for a stream of data
     """
 
     page: str
@@ -37,7 +37,7 @@ class WebViewer:
 
 @contextmanager
 def web_viewer() -> Iterator[WebViewer]:
-    """Serve Rerun's viewer on the loopback address for the time of a `with`.
+    """Serve Rerun's viewer on the loopback address for the duration of a `with` block.
 
     Raises
     ------
@@ -61,8 +61,7 @@ def web_viewer() -> Iterator[WebViewer]:
 
 
 def _program() -> str:
-    """The viewer's program: that of rerun-sdk itself, since the script on the path leaves it behind when it is killed.
-    """
+    """Return the viewer's program in rerun-sdk itself, since killing the script on the path would leave it running."""
     found = importlib.util.find_spec("rerun_cli")
     for folder in (found.submodule_search_locations or ()) if found is not None else ():
         if (Path(folder) / "rerun").is_file():
@@ -74,7 +73,7 @@ def _program() -> str:
 
 
 def _free_port(wanted: int) -> int:
-    """The wanted port of the loopback address where it is free, else another one."""
+    """Return the wanted port of the loopback address if it is free, else another free port."""
     for port in (wanted, 0):
         with socket.socket() as probe:
             try:

@@ -54,14 +54,14 @@ def test_wrong_input_is_one_line_and_status_2(environment: dict[str, str], words
 
 @pytest.mark.parametrize(("module", "words", "line"), [
     ("driveline", ["-p", "scene:=fig02"],
-     "driveline_node: -p is not understood; ROS 2 takes its words after --ros-args: driveline_node --ros-args -p "
+     "driveline_node: -p is not an option; words for ROS 2 follow --ros-args: driveline_node --ros-args -p "
      "scene:=fig02\n"),
     ("recorder", ["output:=run", "--ros-args", "-p", "flush_period:=1.0"],
-     "recorder_node: output:=run is not understood; ROS 2 takes its words after --ros-args: recorder_node --ros-args "
+     "recorder_node: output:=run is not an option; words for ROS 2 follow --ros-args: recorder_node --ros-args "
      "output:=run -p flush_period:=1.0\n"),
-    ("slip_controller", ["--verson"], "slip_controller_node: --verson is not understood; did you mean --version?\n"),
+    ("slip_controller", ["--verson"], "slip_controller_node: --verson is not an option; did you mean --version?\n"),
     ("driveline", ["--ros-args", "-p", "scene:=fig02", "--", "--quick"],
-     "driveline_node: --quick is not understood; there are --help, --version and --ros-args WORD ...\n"),
+     "driveline_node: --quick is not an option; options are --help, --version and --ros-args WORD ...\n"),
     ("driveline", ["--ros-args", "-p", "rate:=[]"], "driveline_node: rate is []; it must be a number, 1 to 20000 Hz\n"),
     ("recorder", ["--ros-args", "-p", "output:=/"], "recorder: / exists already and is not overwritten\n")])
 def test_words_that_are_not_understood_are_one_line_with_the_right_spelling(

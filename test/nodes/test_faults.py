@@ -108,7 +108,7 @@ def test_a_killed_driveline_is_told_and_one_started_again_is_a_run_of_its_own(
     first.await_line(CLOCK_STARTED)
     until(messages_in(output, 300))
     os.kill(first.pid, signal.SIGKILL)
-    recorder.await_line("the publisher of /joint_states is gone; the recording goes on")
+    recorder.await_line("the publisher of /joint_states is gone; the recording continues")
     until(lambda: (run := recorded(output)) is not None and len(run.scenes) == 1)
     before = recorded(output)
     assert before is not None

@@ -197,7 +197,7 @@ def test_a_friction_table_changes_as_a_whole_or_not_at_all(bench: Any, tmp_path:
     before = chain.node.scene
     for values, why in (({"friction.coefficients": two[:-1]}, "must have as many"),
                         ({"friction.coefficients": [0.1, 0.2] * 5}, "smooth the table"),
-                        ({"friction.slip_speeds": [], "friction.coefficients": []}, "neither come nor go"),
+                        ({"friction.slip_speeds": [], "friction.coefficients": []}, "cannot add or remove one"),
                         ({"friction.static_coefficient": 0.2}, "change that table instead")):
         refused = chain.node.set_parameters_atomically([Parameter(key, Parameter.Type.DOUBLE_ARRAY, value)
                                                         if isinstance(value, list) else Parameter(key, value=value)

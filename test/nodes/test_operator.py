@@ -123,7 +123,7 @@ def test_other_publishers_and_other_drivelines_are_named(control: Control, drive
     try:
         other.await_line(CLOCK_STARTED)
         until(lambda: control("pause") == (
-            0, "paused; 2 nodes are called /driveline and each has got this: give them namespaces\n", ""))
+            0, "paused; 2 nodes have the name /driveline and received this: give them namespaces\n", ""))
     finally:
         assert other.stop() == 0
 
@@ -169,7 +169,7 @@ def test_a_command_that_is_sent_again_and_again_says_so_until_it_is_interrupted(
     process = subprocess.Popen([sys.executable, "-m", "tcc_sim", "control", "torque", "310", "--rate", "20"], text=True,
                                stdout=subprocess.PIPE, env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})
     assert process.stdout is not None
-    assert process.stdout.readline() == "engine_torque 310 N m is sent 20 times a second; Ctrl-C ends it\n"
+    assert process.stdout.readline() == "sending engine_torque 310 N m 20 times a second; Ctrl-C ends it\n"
     process.send_signal(signal.SIGINT)
     assert (process.communicate(timeout=60)[0], process.returncode) == ("interrupted; no more commands are sent\n", 0)
 
@@ -314,5 +314,5 @@ def test_a_command_waits_until_all_who_listen_are_connected_and_nobody_more_come
 def test_watch_without_a_node_says_so(control: Control, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     pytest.importorskip("rerun")
     assert main(["watch", "--rrd", str(tmp_path / "none.rrd")]) == 1
-    assert capsys.readouterr().err == "tcc-sim: no driveline says its scene on /scene within 5 s\n"
+    assert capsys.readouterr().err == "tcc-sim: no driveline published its scene on /scene within 5 s\n"
     assert not (tmp_path / "none.rrd").exists()

@@ -214,7 +214,7 @@ def test_a_parameter_of_an_unknown_type_does_not_end_it(context, tmp_path, capfd
         client.call_async(SetParameters.Request(parameters=[wrong]))
         found._spinner.once(0.01)
         said += capfd.readouterr().err
-        return "a message or request was not understood" in said
+        return "a message or request could not be handled" in said
 
     until(client.service_is_ready)
     until(told)
@@ -288,9 +288,9 @@ def test_silence_is_told_once_and_so_is_its_end(context, tmp_path, capfd):
     for number in range(2):
         publisher.publish(joint_state(number))
         until(lambda n=number: track.messages == n + 1, step=found.drain)
-        assert told() == ["/joint_states is heard again"][:number]
+        assert told() == ["/joint_states arrives again"][:number]
         track.arrived -= 2 * recorder.SILENCE
-        assert told() == ["no /joint_states for 3 s: paused, stopped or killed; the recording goes on"]
+        assert told() == ["no /joint_states for 3 s: paused, stopped or killed; the recording continues"]
     found.close()
 
 

@@ -160,7 +160,7 @@ def ended_by_itself(recorder, output, reason):
     assert recorder.wait() == 1
     # A machine that starves the driveline makes the recorder warn of silence.
     assert [line for line in recorder.lines if not line.startswith(("[INFO]", "[WARN]"))] == [
-        f"recorder: {next(output.iterdir())} cannot be written: {reason}; what is in it stays readable"]
+        f"recorder: {next(output.iterdir())} cannot be written: {reason}; the data written so far stays readable"]
     assert readable(output) > 100
 
 
@@ -216,9 +216,9 @@ def test_a_directory_that_is_no_more_its_own_ends_it_with_one_line_and_what_it_w
     _, err = child.communicate()
     assert child.returncode == 1
     said = [line for line in err.splitlines() if "INFO" not in line and "WARN" not in line]
-    assert said == [f"recorder: {output}/run_1.mcap exists already and is not overwritten; what is in it stays readable"
-                    if done == "part" else
-                    f"recorder: {output} was renamed or removed while it was recorded to; what is in it stays readable"]
+    assert said == [(f"recorder: {output}/run_1.mcap exists already and is not overwritten" if done == "part" else
+                     f"recorder: {output} was renamed or removed while it was recorded to")
+                    + "; the data written so far stays readable"]
     if done == "removed":
         assert not output.exists()
         return

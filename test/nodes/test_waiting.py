@@ -110,7 +110,7 @@ def test_subscribers_that_do_not_come_are_asked_for(bench: Any) -> None:
     listener(bench, Int8, "stick_slip_state")
     bench.until(lambda: node.loop.outputs.subscriptions()[0] == 1)
     assert Judged(node).said(2.0)["subscribers"] == (
-        "the first tick waits for wait_for_subscribers 2; 1 subscriber of /joint_states there; since 2 s")
+        "the first tick waits for wait_for_subscribers 2; /joint_states has 1 subscriber; since 2 s")
 
 
 def test_the_node_logs_it_once_a_second_at_most_and_diagnostics_carry_it(
