@@ -136,7 +136,7 @@ class DrivelineNode(Node):
         return self.loop.attach(far_end)
 
     def _look_for_clock(self) -> None:
-        """Publish /clock where it has become due while running."""
+        """Publish /clock once it is due while running."""
         loop = self.loop
         if loop.clock_started.is_set() and loop.clock.due:
             loop.request(lambda: loop.clock.begin(loop.plant.stamp_ns))

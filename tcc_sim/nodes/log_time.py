@@ -1,4 +1,4 @@
-"""Log times of a recorder with use_sim_time: what /clock said when a message was sent."""
+"""Log times of a recorder with use_sim_time: the simulation time at which a message was sent."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from tcc_sim.nodes.track import DEPTH, Taken
 
 
 class SimulatedTime:
-    """Times of /clock beside those at which they were sent; messages on other topics are timed by when they were sent,
-    since all topics of a driveline are sent by one thread and received by several.
+    """Times of /clock with their times of sending, by which messages on other topics are dated.
+
+    Times of receipt would not do: one thread sends all topics of a driveline, but several receive them.
     """
 
     def __init__(self) -> None:
@@ -21,11 +22,11 @@ class SimulatedTime:
 
     @property
     def known(self) -> bool:
-        """Whether /clock has been heard."""
+        """Whether a message on /clock has been received."""
         return bool(self._sent)
 
     def follow(self, taken: Taken) -> None:
-        """Take messages of /clock."""
+        """Add messages of /clock."""
         for data, info in taken:
             sent = info["source_timestamp"] or info["received_timestamp"]
             self._sent.append(max(sent, self._sent[-1] if self._sent else sent))
@@ -34,8 +35,8 @@ class SimulatedTime:
             del self._sent[:-DEPTH], self._stamps[:-DEPTH]
 
     def of(self, info: Mapping[str, Any]) -> int:
-        """Return the simulation time, ns, at which a message was sent: that of the last /clock before it, of the first
-        one where there is none before it.
+        """Return the simulation time, ns, at which a message was sent: the last time on /clock before it, or the first
+        if none was before it.
         """
         sent = info["source_timestamp"] or info["received_timestamp"]
         return self._stamps[max(bisect_right(self._sent, sent) - 1, 0)]

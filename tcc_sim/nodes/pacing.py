@@ -30,7 +30,7 @@ _MCL_CURRENT, _MCL_FUTURE = 1, 2
 
 
 def tick_time_of(rate: float, factor: float) -> float:
-    """Return the real time of a tick, s; 0 where it is as fast as possible.
+    """Return the real time of a tick, s; 0 for as fast as possible.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""/clock: who publishes it, who follows it, and whether the driveline does."""
+"""Publish /clock where nodes need it, and detect its other publishers and its subscribers."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tcc_sim.scene import Operation
 from tcc_sim.topics import CLOCK_TOPIC
 
 MEETING, LOOK = 1.0, 1e-3
-"""Real time, s, that a peer which is known may take until messages reach it, and between two looks."""
+"""Longest real time to connect to a known peer, and between two checks, s."""
 
 
 def await_peer(met: Callable[[], object]) -> None:
@@ -26,18 +26,19 @@ def await_peer(met: Callable[[], object]) -> None:
 
 
 class SimulationClock:
-    """Publishes /clock where `publish_clock` asks for it, and in lock-step where a node with use_sim_time listens; in
-    neither case beside another publisher.
+    """Publisher of /clock, active with `publish_clock`, and in lock-step if a node with use_sim_time subscribes.
+
+    It stays inactive if another node publishes /clock.
 
     Parameters
     ----------
-    node : of the driveline
-    outputs : its topics
-    operation : its options
+    node : node of the driveline
+    outputs : topics of the driveline
+    operation : options of the driveline
 
     Attributes
     ----------
-    published : whether the driveline publishes it
+    published : whether the driveline publishes /clock
     """
 
     def __init__(self, node: Node, outputs: Outputs, operation: Operation) -> None:
@@ -48,8 +49,8 @@ class SimulationClock:
 
     @property
     def followers(self) -> list[str]:
-        """Names of the other nodes with use_sim_time: rclpy and rclcpp subscribe with best effort for them, and who
-        only looks at the topic, as a recorder does, reliably.
+        """Names of the other nodes with use_sim_time, for which rclpy and rclcpp subscribe with best effort; others,
+        such as a recorder, subscribe reliably.
         """
         me = self._node.get_fully_qualified_name()
         return [name for name in _names([info for info in self._node.get_subscriptions_info_by_topic(self._topic)
@@ -58,7 +59,7 @@ class SimulationClock:
 
     @property
     def rivals(self) -> list[str]:
-        """Names of the others that publish /clock."""
+        """Names of the other nodes that publish /clock."""
         names, me = _names(self._node.get_publishers_info_by_topic(self._topic)), self._node.get_fully_qualified_name()
         if self.published and me in names:
             names.remove(me)
@@ -66,13 +67,13 @@ class SimulationClock:
 
     @property
     def due(self) -> bool:
-        """Whether the driveline is to publish it and does not yet."""
+        """Whether the driveline should publish /clock and does not yet."""
         return not self.published and (self._asked or (self._lockstep and bool(self.followers))) and not self.rivals
 
     def begin(self, stamp_ns: int | None = None) -> bool:
-        """Publish it from the next state on, and the time of the last state, ns, where there was one.
+        """Publish /clock from the next state on, and `stamp_ns`, the time of the last state, if it is given.
 
-        Who listens is met first, but not by a driveline that keeps real time.
+        Known subscribers are connected first, except by a driveline that runs in real time.
         """
         self._outputs.add(CLOCK_TOPIC)
         self.published = True
@@ -84,7 +85,7 @@ class SimulationClock:
         return True
 
     def sentence(self) -> str:
-        """Return what is wrong with the clock, empty for nothing."""
+        """Return a warning about the clock; empty without a problem."""
         rivals = ", ".join(self.rivals)
         if rivals and self.published:
             return f"{self._topic} is published by {rivals} too, and simulation time jumps: end one of them"
@@ -97,5 +98,5 @@ class SimulationClock:
 
 
 def _names(endpoints: Sequence[TopicEndpointInfo]) -> list[str]:
-    """The whole names of the nodes that have these endpoints."""
+    """Return the fully qualified names of the nodes with these endpoints."""
     return [f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in endpoints]

@@ -60,9 +60,9 @@ class Command:
 
 @dataclass(frozen=True, repr=False)
 class RecordedTrajectory(Trajectory):
-    """The samples of a recorded run.
+    """Trajectory of a recorded run.
 
-    control : cycle means of the slip speed, target, commanded and applied pressure and events, as pictures show them
+    control : cycle means of the slip speed, target, commanded and applied pressure and events, for pictures
     """
 
     control: Control | None = None

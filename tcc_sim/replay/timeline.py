@@ -148,7 +148,7 @@ def trajectory_of(states: JointStates, system: System, clock: EngineClock, solve
 
 
 def _moved(column: Floats | None) -> Floats | None:
-    """What was recorded of the shaft's far end: 0 until it first moved, None where it never did."""
-    if column is None or not (known := np.isfinite(column)).any():
+    """Return a recorded column of the shaft's far end, 0 until it first moved; None if it never moved."""
+    if column is None or not (finite := np.isfinite(column)).any():
         return None
-    return np.where(np.arange(len(column)) < int(known.argmax()), 0.0, column)
+    return np.where(np.arange(len(column)) < int(finite.argmax()), 0.0, column)
