@@ -50,7 +50,7 @@ def test_the_one_that_took_over_is_read_and_the_other_left_out_with_a_sentence(t
     run = open_run(path)
     kept = np.concatenate([batch.stamp_ns for batch in run.states()])
     assert kept.tolist() == [n * TICK for n in range(101)] + [n * TICK for n in range(250)]
-    assert any("99 messages of /joint_states left out" in sentence and "several drivelines ran at once" in sentence
+    assert any("99 messages of /joint_states left out" in sentence and "drivelines published at once" in sentence
                for sentence in run.warnings)
     assert replay(path, discard=0).continuity.restarts == 1
 
@@ -58,7 +58,7 @@ def test_the_one_that_took_over_is_read_and_the_other_left_out_with_a_sentence(t
 def test_where_nothing_tells_them_apart_they_are_refused(tmp_path):
     rows = ticked(MINIMAL, 900)
     mixed = [row for pair in zip(rows[500:800], rows[:300]) for row in pair]
-    with pytest.raises(RecordingError, match="several publishers are mixed"):
+    with pytest.raises(RecordingError, match="publishers are mixed and cannot be separated"):
         list(open_run(bag(tmp_path / "run", mixed, MINIMAL)).states())
 
 
