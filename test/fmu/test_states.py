@@ -168,7 +168,8 @@ def test_a_forged_state_is_refused_or_worked_out_anew(version: int, tmp_path: Pa
     number = 8 * driven.references["pressure.mean"]
     wrong = [(tick, struct.pack("q", n)) for n in (-1, 2**62)] + [(-12, struct.pack("i", n)) for n in (-1, 4)]
     wrong += [(place, struct.pack("d", x))
-              for place in (number, numbers + 32, numbers + 48, -80, -72, -64, -48, -40, -32, -24) for x in (math.nan, -math.inf)]
+              for place in (number, numbers + 32, numbers + 48, -80, -72, -64, -48, -40, -32, -24)
+              for x in (math.nan, -math.inf)]
     wrong += [(-80, struct.pack("d", -1.0)), (number, struct.pack("d", 1e9))]
     for place, values in wrong:
         with pytest.raises(FMICallException):
