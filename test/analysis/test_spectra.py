@@ -101,6 +101,6 @@ def test_a_motion_without_a_period_has_densities(tmp_path):
 
 def test_what_has_no_steady_state_is_refused(capsys):
     assert main(["simulate", "runup", "--spectrum"]) == 2
-    assert "a spectrum needs an excitation that repeats" in capsys.readouterr().err
+    assert "a spectrum needs a periodic excitation" in capsys.readouterr().err
     with pytest.raises(InputError, match="a spectrum needs 16 whole cycles of the excitation, and there are 5"):
         spectrum_of(signals(np.sin, np.sin, 5), 0)

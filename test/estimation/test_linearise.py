@@ -199,7 +199,7 @@ def test_what_cannot_be_linearised_is_refused_in_one_sentence() -> None:
                                  (CONSTANT | {"pressure.mean": 5e4}, None, "runs away"), (CONSTANT, -5.0, "direction")):
         with pytest.raises(InputError, match=words):
             linearise(CONTROLLED.with_values(changes), slip=slip)
-    with pytest.raises(InputError, match="a transfer function needs an excitation that repeats"):
+    with pytest.raises(InputError, match="a transfer function needs a periodic excitation"):
         linearise("runup")
     with pytest.raises(InputError, match="smoothed only"):
         linearise(CONTROLLED.with_values(CONSTANT | {"friction.law": "set_valued"}), slip=5.0, check=1)
