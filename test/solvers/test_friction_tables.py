@@ -148,7 +148,7 @@ def test_a_scene_file_may_name_a_table(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="No such file"):
         load_scene(file)
     (tmp_path / "lining.csv").mkdir()
-    with pytest.raises(InputError, match="no regular file"):
+    with pytest.raises(InputError, match="is not a regular file"):
         load_scene(file)
 
 

@@ -126,7 +126,7 @@ def test_two_keys_are_a_map_with_rows_of_the_second(tmp_path, drawn):
     (["simulate", "fig02", "--plot", "run.jpg"], "must end in .png, .svg or .pdf"),
     (["sweep", "fig02", "--over", "engine.frequency=1:2:2", "--plot", "no/run.png"], "no directory"),
     (["simulate", "fig02", "--plot", "here.png"], "not overwritten"),
-    (["simulate", "fig02", "--plot", "x.svg", "--json", "x.svg"], "asked for twice")])
+    (["simulate", "fig02", "--plot", "x.svg", "--json", "x.svg"], "two options name the file")])
 def test_what_cannot_be_a_picture_is_refused_first(words, says, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "here.png").write_text("mine")
