@@ -138,7 +138,8 @@ class Bounded:
     """One plane with the uncertainty of its boundary."""
 
     basins: Basins = field(metadata=reported("the plane", spread=True))
-    boundary: Boundary | None = field(metadata=reported("with --boundary; null where too few cells differ"))
+    boundary: Boundary | None = field(metadata=reported("with --boundary, unless too few cells differ",
+                                                        asked_for=True))
 
 
 @dataclass(frozen=True)
