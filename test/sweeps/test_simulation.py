@@ -40,8 +40,9 @@ def test_the_verb_a_sweep_and_python_give_the_same(tmp_path) -> None:  # type: i
     (record,) = sweep(scene.system, "engine.frequency", [scene.system.engine.frequency], PLAN).records
     assert record is not None
     point = untimed(json.loads(json.dumps(record)))
-    for key, value in alone.items():
-        assert point[key] == value, key
+    assert alone.keys() - point.keys() == {"section_states", "plan"}  # Those of a sweep would be long, and the same.
+    for key in alone.keys() & point.keys():
+        assert point[key] == alone[key], key
 
 
 @pytest.mark.parametrize("law", ["set_valued", "smoothed"])
@@ -148,7 +149,7 @@ def test_whole_numbers_of_numpy_count_cycles() -> None:
 def test_a_failure_is_a_status_and_can_be_raised() -> None:
     refused = simulate("fig02", solver="fixed_step", step=1.0, cycles=3)
     assert refused.summary is None
-    assert refused.as_json() == {"confirmed": False}
+    assert refused.as_json().keys() == {"confirmed", "plan"}
     assert "not started" in repr(refused)
     with pytest.raises(InputError, match="sub-steps"):
         refused.raise_for_status()
