@@ -65,7 +65,7 @@ def _into(axes: Any, planes: Sequence[Mapping[str, Any]]) -> None:
         _fractions(axes, planes)
 
 
-def attractorlabel_of(attractor: Mapping[str, Any]) -> str:
+def attractor_label(attractor: Mapping[str, Any]) -> str:
     """An attractor in a legend."""
     what = f"period {attractor['period']}" if attractor["period"] else "no period"
     return f"{what}, largest slip speed {attractor['max_slip_speed']:.4g} rad/s"
@@ -92,12 +92,12 @@ def _map(axes: Any, plane: Mapping[str, Any]) -> None:
         axes.plot(*points.T, markersize=4.5 if periodic else 1.0, markeredgewidth=0.6 if periodic else 0.0,
                   scalex=False, scaley=False, clip_on=True, **look)
         axes.fill([], [], facecolor=TINTS[k % len(TINTS)], edgecolor=style.CYCLE[k % len(style.CYCLE)],
-                  label=f"{attractorlabel_of(attractor)} ({100.0 * attractor['fraction']:.3g} %)")
+                  label=f"{attractor_label(attractor)} ({100.0 * attractor['fraction']:.3g} %)")
     for name, (colour, words) in zip(("runaway", "undecided"), EXTRAS.values()):
         if plane[name] > 0.0:
             axes.fill([], [], facecolor=colour, edgecolor=style.GREY, label=f"{words} ({100 * plane[name]:.3g} %)")
     axes.plot([], [], linestyle="", marker="o", color=style.GREY, markersize=4.5, label=(
-        f"their sections, projected along the {label_of(beside).partition(' (')[0]}"))
+        f"their sections, projected along the {label_of(beside).removeprefix('initial ').partition(' (')[0]}"))
 
 
 def _fractions(axes: Any, planes: Sequence[Mapping[str, Any]]) -> None:

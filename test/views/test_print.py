@@ -80,7 +80,7 @@ def test_marks_of_attractors_say_along_which_state_they_are_projected(saved: lis
     basin_map.draw_basins(tmp_path / "a.png", {**PLANE, "labels": np.array([[0, 0], [0, -1]])})
     axis = saved[0].axes[0]
     assert axis.lines[0].get_xydata().tolist() == [[5.0, 9.0]]  # Slip speed and plate speed, not the angle.
-    assert "their sections, projected along the plate angle" in axis.get_legend_handles_labels()[1]
+    assert r"their sections, projected along the plate angle $\delta_2$" in axis.get_legend_handles_labels()[1]
     assert len(axis.collections) == 1
     basin_map.draw_basins(tmp_path / "b.png", PLANE)
     assert len(saved[1].axes[0].collections) == 0
