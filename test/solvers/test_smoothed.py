@@ -86,6 +86,30 @@ def test_stiff_steps_in_slip_go_on_where_friction_falls():
     np.testing.assert_allclose(run.cycles.section[-1], reference(p, 1, 1)[-1, :3], rtol=1e-6)
 
 
+def fast_slip(system, start, t):
+    """(n, 3) states of slip so fast that friction is Ts(t): (2b) is linear, and (2a) a quadrature."""
+    i1, i2, c, k = (getattr(system.driveline, name) for name in ("flywheel_inertia", "plate_inertia", "damping",
+                                                                 "stiffness"))
+    pressure, clutch = system.pressure, system.clutch
+    scale = system.friction.kinetic_coefficient * clutch.area * clutch.radius
+    w = pressure.frequency_ratio * system.engine.frequency
+    mean, swing = scale * pressure.mean, scale * pressure.amplitude * np.exp(1j * pressure.phase)
+    answer = swing / (k - i2 * w**2 + 1j * c * w)
+
+    def forced(t):
+        turn = np.exp(1j * w * t)
+        return mean / k + (answer * turn).imag, (1j * w * answer * turn).imag
+
+    fast = -(c + np.sqrt(c * c - 4.0 * i2 * k)) / (2.0 * i2)
+    slow, (angle, speed) = k / (i2 * fast), forced(0.0)
+    first = (start.plate_speed - speed - slow * (start.plate_angle - angle)) / (fast - slow)
+    parts = [(first, fast), (start.plate_angle - angle - first, slow)]
+    angles = forced(t)[0] + sum(a * np.exp(s * t) for a, s in parts)
+    speeds = forced(t)[1] + sum(a * s * np.exp(s * t) for a, s in parts)
+    worked = (system.engine.mean_torque - mean) * t - (swing * (np.exp(1j * w * t) - 1.0) / (1j * w)).imag
+    return np.stack([start.slip_speed + worked / i1 - (speeds - start.plate_speed), angles, speeds], axis=1)
+
+
 def test_a_light_overdamped_plate_is_stepped_over_in_slip():
     """C23/I2 = 1e9 1/s limits the series to 1e-8 s, far below the shortest step that an engine cycle suggests."""
     p = problem({"friction.kinetic_coefficient": 0.15, "driveline.damping": 1e3, "driveline.stiffness": 1.0,
@@ -94,7 +118,8 @@ def test_a_light_overdamped_plate_is_stepped_over_in_slip():
     run = smoothed.solve(p)
     assert run.status is Status.DONE
     assert run.statistics.steps + run.statistics.rejected < 1000
-    expected = reference(p, 2, 1, rtol=1e-10)[:, :3]  # Rounding of a rate of 1e9 1/s stalls LSODA at 1e-12.
+    # Rounding of a rate of 1e9 1/s stalls SciPy's methods on some processors.
+    expected = fast_slip(p.system, p.state, p.system.cycle * np.arange(3.0))
     assert np.all(np.abs(run.cycles.section - expected) <= 1e-6 * np.abs(expected).max(axis=0))
 
 
