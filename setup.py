@@ -6,7 +6,7 @@ from setuptools import setup
 
 NAME = "tcc_sim"
 
-setup(data_files=[
+setup(python_requires=">=3.10", data_files=[
     ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
     (f"share/{NAME}", ["package.xml"]),
     (f"share/{NAME}/config", sorted(glob("config/*.yaml"))),
