@@ -130,8 +130,10 @@ def anywhere(draw):
         sign = -1.0 if low < 0.0 and draw.random() < 0.5 else 1.0
         return 0.0 if low <= 0.0 and not above and draw.random() < 0.15 else sign * size
 
+    # Only commands pass an actuator, and the order changes no motion.
+    beside = ("pressure.time_constant", "pressure.delay", "pressure.rate_limit", "engine.order")
     keys = {key: number(q.low, q.high, q.above) for key, q in QUANTITIES.items()
-            if isinstance(DEFAULTS[key], float) and math.isfinite(q.high)}
+            if isinstance(DEFAULTS[key], float) and math.isfinite(q.high) and key not in beside}
     share = math.exp(draw.uniform(math.log(0.0501), 0.0))
     return {**keys, "friction.kinetic_coefficient": share * keys["friction.static_coefficient"]}
 
