@@ -121,7 +121,8 @@ def singular_end(kind: str, points: Sequence[CurvePoint], distance: Callable[[Cu
     last = points[-1] if beyond is None else beyond
     settings, alike = last.equations.settings, [s for s in points if s.equations is last.equations]
     # The equations of points nearer than this are so nearly singular that rounding moves the parameters.
-    nodes = ([s for s in alike if distance(s) > settings.singular_apart] or alike)[-4:]
+    apart = [s for s in alike if distance(s) > settings.singular_apart]
+    nodes = (apart if len(apart) >= 4 else alike)[-4:]
     if beyond is not None:
         a = next((s for s in reversed(points) if s.equations is beyond.equations
                   and distance(s) > settings.singular_apart), nodes[0] if nodes else points[-1])
