@@ -16,15 +16,16 @@ import numpy as np
 import numpy.typing as npt
 
 from tcc_sim.errors import InputError
+from tcc_sim.model.quantity import MOST_POINTS, check_rising
 
 Floats = npt.NDArray[np.float64]
 MOST_TERMS = 3
-MOST_POINTS = 1000
-"""Largest number of points in a table."""
 GOOD_ENOUGH = 1e-3
 """Error relative to the largest coefficient below which no further exponential is tried."""
 DOUBTFUL, REFUSED = 0.02, 0.05
 """Errors relative to the largest coefficient above which results have a warning, and a table is refused."""
+LEAST_REGION = 1e-3
+"""Step of the logarithms of rates at which the largest error counts as least."""
 LARGEST_RATIO = 20.0
 """Bound of m against the largest coefficient and of mu(0) against m, either way."""
 BEYOND = 0.2
@@ -81,11 +82,7 @@ def check_table(slip_speeds: tuple[float, ...], coefficients: tuple[float, ...])
                          f"{len(slip_speeds)}")
     if not 3 <= len(slip_speeds) <= MOST_POINTS:
         raise InputError(f"{speeds} has {len(slip_speeds)} values; a friction table needs 3 to {MOST_POINTS}")
-    if slip_speeds[0] != 0.0:
-        raise InputError(f"{speeds} begins at {slip_speeds[0]:g} rad/s; the first slip speed must be 0")
-    for before, after in itertools.pairwise(slip_speeds):
-        if not after > before:
-            raise InputError(f"{speeds} has {after:g} rad/s after {before:g} rad/s; the slip speeds must rise")
+    check_rising(speeds, slip_speeds, "slip speed", "rad/s")
 
 
 @lru_cache(maxsize=64)
@@ -93,11 +90,11 @@ def fit_curve(slip_speeds: tuple[float, ...], coefficients: tuple[float, ...]) -
     """Fit a friction table by a constant and the fewest exponentials, at most three, with an error below 0.1 %.
 
     Nonlinear least squares from several starts give the rates; for each set of rates, linear least squares give the
-    constant and the amplitudes (variable projection: Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973). Between its
-    points the curve leaves the range of the table by at most 5 % of the largest coefficient.
+    constant and the amplitudes (variable projection: Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973). If no such fit
+    has an error below 0.1 %, the best one is improved until its largest error is least.
 
-    Beyond the last point the curve goes one way to the constant, which is within 20 % of the range of the coefficients
-    from the last one.
+    Between its points the curve leaves the range of the table by at most 5 % of the largest coefficient. Beyond the
+    last point it goes one way to the constant, which is within 20 % of the range of the coefficients from the last one.
 
     Parameters
     ----------
@@ -119,6 +116,7 @@ def fit_curve(slip_speeds: tuple[float, ...], coefficients: tuple[float, ...]) -
                 best = curve
         if best is not None and best.error <= GOOD_ENOUGH:
             return best
+    best = best and _levelled(best, v, mu)
     if best is None or best.error > REFUSED:
         why = "" if best is None else f" ({best.error:.1%} off at {best.worst:g} rad/s)"
         raise InputError(f"friction.coefficients: no constant with {most} decaying exponential{'s' * (most > 1)}, "
@@ -133,8 +131,7 @@ def _candidates(v: Floats, mu: Floats, count: int) -> list[FrictionCurve]:
         return [_curve(v, mu, np.empty(0))]
     from scipy.optimize import least_squares
 
-    low, high = math.log(SLOWEST / v[-1]), math.log(min(FASTEST / v[1], FASTEST_RATE))
-    high = max(high, low + count * APART)
+    low, high = _bounds(v, count)
     lower, upper = np.full(count, APART), np.full(count, high - low)
     lower[0], upper[0] = low, high
     found = []
@@ -143,12 +140,48 @@ def _candidates(v: Floats, mu: Floats, count: int) -> list[FrictionCurve]:
         fit = least_squares(lambda x: _projected(v, mu, np.minimum(np.cumsum(x), high))[1], gaps, bounds=(lower, upper),
                             xtol=1e-12, ftol=1e-14, gtol=1e-14, max_nfev=60)
         curve = _curve(v, mu, np.minimum(np.cumsum(fit.x), high))
-        between = curve.at(np.concatenate([np.linspace(a, b, 9) for a, b in itertools.pairwise(v)]))
-        margin = REFUSED * mu.max()
-        if between.min() > max(mu.min() - margin, 0.0) and between.max() < mu.max() + margin and \
-                1.0 / LARGEST_RATIO <= curve.at(0.0) / curve.constant <= LARGEST_RATIO and _goes_one_way(curve, v, mu):
+        if _in_range(curve, v, mu):
             found.append(curve)
     return found
+
+
+def _bounds(v: Floats, count: int) -> tuple[float, float]:
+    """Return the bounds of the logarithms of `count` rates."""
+    low, high = math.log(SLOWEST / v[-1]), math.log(min(FASTEST / v[1], FASTEST_RATE))
+    return low, max(high, low + count * APART)
+
+
+def _levelled(curve: FrictionCurve, v: Floats, mu: Floats) -> FrictionCurve:
+    """Minimise the largest error by linear programs in a trust region (K. Madsen, J. Inst. Math. Appl. 16, 1975)."""
+    from scipy.optimize import linprog
+
+    count, region = len(curve.rates), 0.3
+    (low, high), (least, most) = _bounds(v, count), _constants(mu)
+    order = -np.diff(np.eye(count), axis=0)
+    apart = np.hstack([np.zeros((len(order), count + 1)), -order, np.zeros((len(order), 1))])
+    while region > LEAST_REGION:
+        rates, amplitudes = np.array(curve.rates), np.array(curve.amplitudes)
+        fade, logarithms, error = np.exp(-np.outer(v, rates)), np.log(rates), curve.at(v) - mu
+        columns = np.column_stack([np.ones_like(v), fade, -amplitudes * rates * v[:, None] * fade])
+        bounds = [(least - curve.constant, most - curve.constant), *[(None, None)] * count,
+                  *((max(low - x, -region), min(high - x, region)) for x in logarithms), (0.0, None)]
+        step = linprog(np.eye(1, 2 * count + 2, 2 * count + 1)[0], bounds=bounds, A_ub=np.vstack([
+            np.column_stack([columns, -np.ones_like(v)]), np.column_stack([-columns, -np.ones_like(v)]), apart]),
+            b_ub=np.concatenate([-error, error, order @ logarithms - APART])).x
+        tried = curve if step is None else _with_error(
+            v, mu, np.append(curve.constant, amplitudes) + step[:count + 1], logarithms + step[count + 1:-1])
+        better = tried.error < curve.error and _in_range(tried, v, mu)
+        region *= 2.0 if better else 0.25
+        curve = tried if better else curve
+    return curve
+
+
+def _in_range(curve: FrictionCurve, v: Floats, mu: Floats) -> bool:
+    """Return whether the curve stays near the range of the table, and goes one way beyond it."""
+    between = curve.at(np.concatenate([np.linspace(a, b, 9) for a, b in itertools.pairwise(v)]))
+    margin = REFUSED * mu.max()
+    return bool(between.min() > max(mu.min() - margin, 0.0) and between.max() < mu.max() + margin and
+                1.0 / LARGEST_RATIO <= curve.at(0.0) / curve.constant <= LARGEST_RATIO and _goes_one_way(curve, v, mu))
 
 
 def _goes_one_way(curve: FrictionCurve, v: Floats, mu: Floats) -> bool:
@@ -166,17 +199,28 @@ def _projected(v: Floats, mu: Floats, rates: Floats) -> tuple[Floats, Floats]:
     """
     columns = np.exp(-np.exp(rates)[None, :] * v[:, None])
     factors = np.linalg.lstsq(np.column_stack([np.ones_like(v), columns]), mu, rcond=None)[0]
-    reach = BEYOND * np.ptp(mu)
-    constant = min(max(factors[0], mu[-1] - reach, 1.01 * mu.max() / LARGEST_RATIO), mu[-1] + reach)
+    least, most = _constants(mu)
+    constant = min(max(factors[0], least), most)
     if constant != factors[0]:
         factors = np.concatenate([[constant], np.linalg.lstsq(columns, mu - constant, rcond=None)[0]])
     return factors, factors[0] + columns @ factors[1:] - mu
 
 
+def _constants(mu: Floats) -> tuple[float, float]:
+    """Return the bounds of the constant."""
+    reach = BEYOND * np.ptp(mu)
+    return max(mu[-1] - reach, 1.01 * mu.max() / LARGEST_RATIO), mu[-1] + reach
+
+
 def _curve(v: Floats, mu: Floats, rates: Floats) -> FrictionCurve:
-    """Return the curve for given logarithms of rates (k,), with its largest error."""
-    factors, residuals = _projected(v, mu, rates)
+    """Return the least-squares curve for given logarithms of rates (k,)."""
+    return _with_error(v, mu, _projected(v, mu, rates)[0], rates)
+
+
+def _with_error(v: Floats, mu: Floats, factors: Floats, rates: Floats) -> FrictionCurve:
+    """Return the curve of constant and amplitudes (k + 1,) and logarithms of rates (k,), with its largest error."""
     order = np.argsort(-rates)
+    residuals = factors[0] + np.exp(-np.exp(rates)[None, :] * v[:, None]) @ factors[1:] - mu
     worst = int(np.abs(residuals).argmax())
     return FrictionCurve(float(factors[0]), tuple(map(float, factors[1:][order])),
                          tuple(map(float, np.exp(rates[order]))), float(abs(residuals[worst]) / mu.max()),

@@ -114,11 +114,16 @@ def check_profile(key: str, times: tuple[float, ...], values: tuple[float, ...],
                             f"{each} for each of the {len(times)} {key}_times, one for each harmonic"))
     if len(times) > MOST_POINTS:
         raise InputError(f"{key}_times has {len(times)} values; at most {MOST_POINTS} are allowed")
-    if times and times[0] != 0.0:
-        raise InputError(f"{key}_times begins at {times[0]:g} s; the first time must be 0")
-    for before, after in itertools.pairwise(times):
+    check_rising(f"{key}_times", times, "time", "s")
+
+
+def check_rising(key: str, values: tuple[float, ...], name: str, unit: str) -> None:
+    """Raise InputError unless the values of a key increase from 0, or there are none."""
+    if values and values[0] != 0.0:
+        raise InputError(f"{key} begins at {values[0]:g} {unit}; the first {name} must be 0")
+    for before, after in itertools.pairwise(values):
         if not after > before:
-            raise InputError(f"{key}_times has {after:g} s after {before:g} s; the times must increase")
+            raise InputError(f"{key} has {after:g} {unit} after {before:g} {unit}; the {name}s must increase")
 
 
 @dataclass(frozen=True)
