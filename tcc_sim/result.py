@@ -121,7 +121,7 @@ def units_of_columns(kind: type, names: Iterable[str]) -> dict[str, str]:
 
 
 class Described:
-    """Dataclass with a text of one line: its numbers and words, and the lengths of its sequences."""
+    """Dataclass with a text: its numbers and words, the lengths of its sequences, and the warnings on its scene."""
 
     __slots__ = ()
 
@@ -138,17 +138,22 @@ class Described:
         """Return the reported fields as JSON values; null for a number that is not finite."""
         return dict(json_of(self))
 
-    def __repr__(self) -> str:
+    def _text(self) -> str:
+        """Return the text without the warnings on the scene."""
         found = ((item.name.replace("_", " "), getattr(self, item.name)) for item in fields(self))  # type: ignore[arg-type]
-        parts = [text for name, value in found if (text := _short(name, value))]
-        return f"<{type(self).__name__}: {', '.join(parts)}{doubts_in(self)}>"
+        return f"{type(self).__name__}: {', '.join(text for name, value in found if (text := _short(name, value)))}"
+
+    def __repr__(self) -> str:
+        return f"<{'; '.join([self._text(), *_doubts_in(self)])}>"
 
 
-def doubts_in(result: Any) -> str:
-    """Return the warnings on the scene of a result, with which its line of text ends."""
-    held = (getattr(result, name, None) for name in ("system", "scene", "curve"))
-    system = next((getattr(holder, "system", holder) for holder in held if holder is not None), None)
-    return "".join(f"; {sentence}" for sentence in getattr(getattr(system, "friction", None), "doubts", ()))
+def _doubts_in(result: Any) -> list[str]:
+    """Return the warnings on the friction table of the system that a result is of."""
+    for name in ("friction", "system", "scene", "curve", "trajectory", "sweeps"):
+        held = getattr(result, name, None)
+        if held is not None:
+            return list(held.doubts) if name == "friction" else _doubts_in(held[0] if isinstance(held, list) else held)
+    return []
 
 
 class Result(Described):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tcc_sim.errors import NumericalFailure, counted
 from tcc_sim.model.groups import Initial
 from tcc_sim.model.parameters import System
-from tcc_sim.result import Result, doubts_in, reported, units_of
+from tcc_sim.result import Result, reported, units_of
 
 Floats = NDArray[np.float64]
 Modes = NDArray[np.int8]
@@ -244,12 +244,11 @@ class Trajectory(Result):
     output_speed: Floats | None = field(default=None, metadata=reported(
         "speed of the shaft's far end", "rad/s", asked_for=True))
 
-    def __repr__(self) -> str:
+    def _text(self) -> str:
         long = f"{float(self.t[-1] - self.t[0]):.6g} s" if len(self.t) else "no time"
         cycles = f", {counted(len(self.cycles), 'engine cycle')}" if self.cycles is not None else ""
         samples = counted(len(self.t), "sample")
-        ended = f"{self.status.value}{doubts_in(self)}"
-        return f"<{type(self).__name__} by {self.solver}: {samples} over {long}{cycles}; {ended}>"
+        return f"{type(self).__name__} by {self.solver}: {samples} over {long}{cycles}; {self.status.value}"
 
     def columns(self) -> dict[str, Floats | Modes]:
         """Return the samples by name, (n,) arrays, as ``pandas.DataFrame`` and ``polars.DataFrame`` take them."""

@@ -17,6 +17,7 @@ from tcc_sim.basins.results import Axis
 from tcc_sim.continuation.special_points import Bifurcation
 from tcc_sim.errors import InputError
 from tcc_sim.estimation.measurement import Measurement
+from tcc_sim.model.groups import Friction
 from tcc_sim.output.samples import write_trajectory
 
 AMPLITUDE, PRESSURE = "engine.torque_amplitude", "pressure.mean"
@@ -90,6 +91,12 @@ def test_its_text_is_short_and_its_columns_are_a_table(name: str) -> None:
     assert not {np.ndim(column) for column in columns.values()} - {1}
     shown = found._repr_html_()
     assert shown.count("<tr>") in range(2, 22) or "<pre>" in shown
+
+
+@pytest.mark.parametrize("name", functions())
+def test_a_doubtful_fit_of_the_friction_table_is_in_its_text(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Friction, "doubts", property(lambda self: ["the fit of the friction table is 3% off"]))
+    assert repr(result(name)).endswith("; the fit of the friction table is 3% off>")
 
 
 @pytest.mark.parametrize("name", RESULTS)

@@ -57,9 +57,9 @@ class Orders(Result):
     per_revolution: float = field(default=1.0, metadata=reported(
         "engine.order, periods of the excitation in a crank revolution"))
 
-    def __repr__(self) -> str:
-        return (f"<Orders: {len(self.time)} windows, {self.frequency.min():.6g} to {self.frequency.max():.6g} rad/s, "
-                f"orders up to {self.order[-1]:g}>")
+    def _text(self) -> str:
+        return (f"Orders: {len(self.time)} windows, {self.frequency.min():.6g} to {self.frequency.max():.6g} rad/s, "
+                f"orders up to {self.order[-1]:g}")
 
     def columns(self) -> dict[str, Floats]:
         """A row for every window: time, frequency, judder, heat, and the shaft torque of orders 1 to 4."""
@@ -144,8 +144,8 @@ class OrderComparison(Result):
     measured: Orders = field(metadata=reported("orders of the measurement"))
     simulated: Orders = field(metadata=reported("orders of the simulation"))
 
-    def __repr__(self) -> str:
-        return f"<OrderComparison: {len(self.measured.time)} windows>"
+    def _text(self) -> str:
+        return f"OrderComparison: {len(self.measured.time)} windows"
 
     def columns(self) -> dict[str, Floats]:
         """A row for every window: time, frequency, and the differences of the drawn orders, dB."""

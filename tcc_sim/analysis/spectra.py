@@ -38,9 +38,9 @@ class Spectrum(Result):
     shaft_torque_density: Floats | None = field(metadata=reported(
         "one-sided power density, (N,), of a motion without a period", "(N m)^2/Hz", asked_for=True))
 
-    def __repr__(self) -> str:
-        return (f"<Spectrum: {len(self.order)} {'lines' if self.period else 'densities'} up to order "
-                f"{self.order[-1]:g}; {self.window}>")
+    def _text(self) -> str:
+        return (f"Spectrum: {len(self.order)} {'lines' if self.period else 'densities'} up to order "
+                f"{self.order[-1]:g}; {self.window}")
 
     def columns(self) -> dict[str, Floats]:
         """A row for every line."""

@@ -164,11 +164,11 @@ class Summary(Result):
     min_shaft_torque: float = field(default=math.nan, metadata=reported("smallest torque in the shaft", "N m"))
     breakaways: int | None = field(default=None, metadata=reported("number of changes from stick to slip"))
 
-    def __repr__(self) -> str:
+    def _text(self) -> str:
         period = f"period {self.period}, {'settled' if self.settled else 'settling'}" if self.period else "no period"
         period = "runaway" if self.runaway else period
-        return (f"<Summary by {self.solver}: {self.cycles} cycles, {period}, {self.regime}; "
-                f"largest |slip speed| {self.max_slip_speed:.6g} rad/s>")
+        return (f"Summary by {self.solver}: {self.cycles} cycles, {period}, {self.regime}; "
+                f"largest |slip speed| {self.max_slip_speed:.6g} rad/s")
 
     def columns(self) -> dict[str, list[Any]]:
         """The fields less those that are lists, as ``pandas.DataFrame`` and ``polars.DataFrame`` take a row."""

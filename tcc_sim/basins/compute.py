@@ -206,7 +206,7 @@ def _one(system: System, plane: tuple[Axis, Axis], most: int, stored: Sequence[t
         attractors = more
         for _ in solved(set(range(shape[0]) if shrunk else lost[:, 0].tolist())):
             pass
-    return Basins(plane, tuple(attractors), labels, cycles, time.perf_counter() - began)
+    return Basins(plane, tuple(attractors), labels, cycles, time.perf_counter() - began, system)
 
 
 def _header(system: System, plane: tuple[Axis, Axis], cycles: int, over: Axis | None) -> dict[str, Any]:

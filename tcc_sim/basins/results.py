@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tcc_sim.basins.proximity import RUNAWAY, UNDECIDED, Attractor, Counts, Labels
 from tcc_sim.basins.settings import DEFAULTS
 from tcc_sim.errors import counted
+from tcc_sim.model.parameters import System
 from tcc_sim.model.quantity import sequence_of_numbers
 from tcc_sim.result import Described, Result, as_lists, reported, reporting
 
@@ -68,6 +69,7 @@ class Basins(Result):
 
     labels : (len(second), len(first)) index into `attractors`, -1 undecided, -2 runaway
     cycles : (len(second), len(first)) cycles until the cell was decided
+    system : the system of the plane
     over : scene key and its value, where there are planes at several
     """
 
@@ -76,6 +78,7 @@ class Basins(Result):
     labels: Labels
     cycles: Counts
     seconds: float = field(metadata=reported("computing time", "s"))
+    system: System
     over: tuple[str, float] | None = None
 
     def fraction(self, label: int) -> float:
@@ -113,8 +116,7 @@ class Basins(Result):
                 second.key: np.repeat(second.values, len(first.values)),
                 "label": self.labels.ravel(), "cycles": self.cycles.ravel()}
 
-    def __repr__(self) -> str:
-        """Return a line for the plane and one for each attractor."""
+    def _text(self) -> str:
         return "\n".join(self.lines(DEFAULTS.attractors_shown))
 
     def _repr_html_(self) -> str:

@@ -307,14 +307,19 @@ def plot_result(arguments: argparse.Namespace, result: Any, title: str = "") -> 
 def present(arguments: argparse.Namespace, scene: Scene | System, result: Any,
             lines: Iterable[str] = ()) -> None:
     """Write a result as JSON for --json, and print the lines unless the JSON goes to standard output."""
-    from tcc_sim.output.provenance import warnings_of
-
-    for warning in warnings_of(scene):
-        print(f"tcc-sim: {warning}", file=sys.stderr)
+    warn_of(scene)
     if arguments.json is not None:
         write_json(arguments.json, document_of(arguments, scene, result))
     if arguments.json != STANDARD_OUTPUT and (shown := "\n".join(lines)):
         say(in_words(shown))
+
+
+def warn_of(scene: Scene | System) -> None:
+    """Print the warnings about a scene on standard error."""
+    from tcc_sim.output.provenance import warnings_of
+
+    for warning in warnings_of(scene):
+        print(f"tcc-sim: {warning}", file=sys.stderr)
 
 
 def document_of(arguments: argparse.Namespace, scene: Scene | System, result: Any) -> dict[str, Any]:

@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
                             second, arguments.limit, seeds)
     check(scene.system, plan)
     check_outputs(arguments)
-    found, interrupted = Motions(plan, scene.system.friction.law), False
+    found, interrupted = Motions(plan, scene.system), False
     try:
         with point_bar() as tick:
             continue_motions(scene.system, plan, tick, found)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from tcc_sim.cli.arguments import add_scene, new_file, number, scene_of
+from tcc_sim.cli.arguments import add_scene, new_file, number, scene_of, warn_of
 from tcc_sim.errors import check_suffix
 from tcc_sim.output.terminal import say
 
@@ -30,6 +30,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out is not None:
         check_suffix(arguments.out, (".fmu",), "--out ")
     path = new_file(arguments.out or Path(f"tcc_sim_{scene.name}.fmu"))
+    warn_of(scene)
     folder = export(scene, path, arguments.fmi, arguments.step, sources_only=arguments.sources_only)
     if folder:
         held = f"sources in C99 and a binary for {folder}"

@@ -110,7 +110,7 @@ class Motions(Result):
     """The motions found along a key."""
 
     plan: ContinuationPlan = field(metadata=reported("what was asked for", spread=True))
-    law: str = field(metadata=reported("friction law"))
+    system: System
     branches: list[Branch] = field(default_factory=list, metadata=reported("branches of periodic motions"))
     at: list[dict[str, Any]] = field(default_factory=list, metadata=reported(
         "motions of every branch at every --at value", of=(OrbitAt,)))
@@ -118,11 +118,11 @@ class Motions(Result):
     limits: dict[int, Limit] = field(default_factory=dict)
     complete: bool = field(default=False, metadata=reported("false where it was interrupted"))
 
-    def __repr__(self) -> str:
+    def _text(self) -> str:
         kinds = Counter(item.kind for item in self.bifurcations)
         said = ", ".join(counted(number, kind.replace("_", " ")) for kind, number in kinds.items())
-        return (f"<Motions over {self.plan.over} from {self.plan.low:g} to {self.plan.high:g}, {self.law}: "
-                f"{counted(len(self.branches), 'branch')}, {said or 'no bifurcation'}>")
+        return (f"Motions over {self.plan.over} from {self.plan.low:g} to {self.plan.high:g}, {self.law}: "
+                f"{counted(len(self.branches), 'branch')}, {said or 'no bifurcation'}")
 
     def columns(self) -> dict[str, list[Any]]:
         """A row for every point of every branch, in order along it."""
@@ -131,6 +131,12 @@ class Motions(Result):
                 self.plan.over: [orbit.values[0] for *_, orbit in points],
                 "max_slip_speed": [orbit.seen.largest for *_, orbit in points],
                 "stable": [orbit.stable for *_, orbit in points]}
+
+    @property
+    @reporting("friction law")
+    def law(self) -> str:
+        """Return the friction law."""
+        return self.system.friction.law
 
     @property
     def bifurcations(self) -> list[Bifurcation]:
@@ -227,7 +233,7 @@ def continue_motions(system: System, plan: ContinuationPlan, tick: Callable[[Con
         No periodic motion was found to begin with.
     """
     map_ = check(system, plan)
-    out = into if into is not None else Motions(plan, system.friction.law)
+    out = into if into is not None else Motions(plan, system)
     span = ParameterRange(plan.low, plan.high, name=plan.over)
     if plan.seeds:
         for first, origin in seeded(map_, span, plan.seeds, plan.period, out.branches):

@@ -64,9 +64,9 @@ class Identification(Result):
     curve: IdentifiedCurve | None = field(default=None, metadata=reported(
         "sliding friction over slip speed, where friction.curve was free", asked_for=True))
 
-    def __repr__(self) -> str:
+    def _text(self) -> str:
         found = ", ".join(f"{p.key} {p.value:.5g} +- {p.standard_error:.2g} ({p.verdict})" for p in self.parameters)
-        return f"<Identification: {'' if self.accepted else 'no fit, '}chi2/dof {self.chi2_per_dof:.3f}; {found}>"
+        return f"Identification: {'' if self.accepted else 'no fit, '}chi2/dof {self.chi2_per_dof:.3f}; {found}"
 
     def columns(self) -> dict[str, list[Any]]:
         """A row for every parameter, as ``pandas.DataFrame`` and ``polars.DataFrame`` take it."""

@@ -98,13 +98,14 @@ class Linearisation(Result):
     dt: float = field(metadata=reported("period of the cycle-rate model; 0 where the matrices are continuous", "s"))
     frequencies: Floats = field(metadata=reported("frequencies of the response", "rad/s"))
     response: Complex
+    system: System
     checked: tuple[Simulated, ...] = field(default=(), metadata=reported("points of the response found by simulation"))
     controller: SlipLoop | None = field(default=None, metadata=reported(
         "loop that the slip controller closes, with --controller", asked_for=True))
 
-    def __repr__(self) -> str:
-        return (f"<Linearisation of {self.output} by {self.input}: {self.kind}, mean slip {self.mean_slip:.6g} rad/s, "
-                f"pressure {self.pressure:.6g} Pa, {counted(len(self.frequencies), 'point')}>")
+    def _text(self) -> str:
+        return (f"Linearisation of {self.output} by {self.input}: {self.kind}, mean slip {self.mean_slip:.6g} rad/s, "
+                f"pressure {self.pressure:.6g} Pa, {counted(len(self.frequencies), 'point')}")
 
     @property
     @reporting("the motion")
@@ -233,7 +234,7 @@ def _about_constant(motion: Constant, inputs: str, output: str, omegas: Floats) 
     stick = math.isinf(motion.slope) or abs(motion.slip_speed) <= stick_speed_of(terms_of(s))
     return Linearisation(inputs, output, "stick" if stick else "slip", motion.slip_speed, s.pressure.mean,
                          s.engine.mean_torque, 1, largest_first(np.exp(np.linalg.eigvals(a) * s.cycle)), a, b, c, feed,
-                         states, 0.0, omegas, response)
+                         states, 0.0, omegas, response, s)
 
 
 def _about_periodic(motion: Periodic, inputs: str, output: str, omegas: Floats) -> Linearisation:
@@ -244,7 +245,7 @@ def _about_periodic(motion: Periodic, inputs: str, output: str, omegas: Floats) 
     return Linearisation(inputs, output, "periodic", motion.mean_slip, s.pressure.mean, s.engine.mean_torque,
                          motion.period, multipliers_of(a), a, b[:, [column]], c,
                          d[:, [column]], ("slip_speed", "plate_angle", "plate_speed"), motion.seconds, omegas,
-                         response_of(motion, inputs, output, omegas))
+                         response_of(motion, inputs, output, omegas), s)
 
 
 def _cycle_rows(motion: Periodic, output: str) -> tuple[Floats, Floats]:

@@ -97,9 +97,9 @@ class ControlledRun(Trajectory):
         """Return the samples by name, with the commands of every input and the applied pressure."""
         return {**super().columns(), **self.commands, "applied_pressure": self.applied_pressure}
 
-    def __repr__(self) -> str:
+    def _text(self) -> str:
         refused = f"; {counted(self.refused, 'command')} refused" if self.refused else ""
-        return f"{super().__repr__()[:-1]}{refused}>"
+        return f"{super()._text()}{refused}"
 
 
 class Samples:

@@ -99,9 +99,9 @@ class Recording(Result):
         self.scene = recorded_scene(self.file, scene)
         self._line: Timeline | None = None
 
-    def __repr__(self) -> str:
+    def _text(self) -> str:
         ended = "complete" if self.file.complete else "cut short"
-        return f"<Recording {self.path.name} of {self.scene.name}: {counted(len(self.runs), 'run')}, {ended}>"
+        return f"Recording {self.path.name} of {self.scene.name}: {counted(len(self.runs), 'run')}, {ended}"
 
     def columns(self, run: int = 0, start: float | None = None, end: float | None = None) -> dict[str, Floats | Modes]:
         """Return the samples of `trajectory` by name."""

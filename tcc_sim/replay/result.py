@@ -20,7 +20,7 @@ from tcc_sim.replay.inputs import CommandAge, HeldInput
 from tcc_sim.replay.segments import Segment
 from tcc_sim.replay.timing import Timing
 from tcc_sim.replay.verification import Verification
-from tcc_sim.result import Result, doubts_in, reported
+from tcc_sim.result import Result, reported
 from tcc_sim.scene import Scene
 from tcc_sim.trajectory import Cycles, Trajectory
 
@@ -71,12 +71,12 @@ class Replay(Result):
     spectrum: Spectrum | None = field(default=None, metadata=reported(
         "amplitudes over frequency and order", asked_for=True))
 
-    def __repr__(self) -> str:
+    def _text(self) -> str:
         found, ended = self.summary, "complete" if self.complete else "cut short"
         period = f"period {found.period}" if found.period else "no period"
-        return (f"<Replay of {self.path.name}: {counted(self.messages, 'message')}, {self.lost_messages} lost, "
+        return (f"Replay of {self.path.name}: {counted(self.messages, 'message')}, {self.lost_messages} lost, "
                 f"{ended}; {counted(found.cycles, 'cycle')}, {period}, {found.regime}; largest |slip speed| "
-                f"{found.max_slip_speed:.5g} rad/s{doubts_in(self)}>")
+                f"{found.max_slip_speed:.5g} rad/s")
 
     def columns(self) -> dict[str, list[Any]]:
         """Return a row for every segment: its interval, the reason of its start, and the columns of its summary."""

@@ -58,8 +58,8 @@ class Lyapunov(Described):
         "averages over the section converge as those on a torus do), runaway (slip grows and never sticks), or "
         "unresolved"))
 
-    def __repr__(self) -> str:
-        return f"<Lyapunov {self.exponent:.6g} 1/s ({self.low:.6g} to {self.high:.6g}): {self.diagnosis}>"
+    def _text(self) -> str:
+        return f"Lyapunov {self.exponent:.6g} 1/s ({self.low:.6g} to {self.high:.6g}): {self.diagnosis}"
 
 
 def largest_lyapunov_exponent(system: System, state: State, *, cycles: int = 2000, start_cycle: int = 0,

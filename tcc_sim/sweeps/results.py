@@ -14,7 +14,7 @@ from tcc_sim.analysis.damping import Damping
 from tcc_sim.analysis.summary import Summary
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace, unknown_key
-from tcc_sim.result import Result, as_lists, doubts_in, json_of, reported, reporting
+from tcc_sim.result import Result, as_lists, json_of, reported, reporting
 from tcc_sim.sweeps.exponents import Lyapunov
 from tcc_sim.sweeps.settings import DEFAULTS
 from tcc_sim.sweeps.simulation import CONFIRMED, Plan
@@ -147,9 +147,9 @@ class Sweep(Result):
     points: list[Point | None]
     seconds: float
 
-    def __repr__(self) -> str:
+    def _text(self) -> str:
         values, solved = self.curve.values, sum(p is not None and p.summary is not None for p in self.points)
-        return f"<Sweep over {self.curve.key}: {_span(values)}; {solved} solved{doubts_in(self)}>"
+        return f"Sweep over {self.curve.key}: {_span(values)}; {solved} solved"
 
     @property
     def complete(self) -> bool:
@@ -229,11 +229,10 @@ class Grid(Result):
     second_values: tuple[float, ...] = field(metadata=reported("its values", "{second_over}"))
     sweeps: list[Sweep]
 
-    def __repr__(self) -> str:
+    def _text(self) -> str:
         curve = self.sweeps[0].curve
-        return (f"<Grid over {curve.key}: {_span(curve.values)}, and {self.second_key}: {_span(self.second_values)}; "
-                f"{sum(p is not None and p.summary is not None for s in self.sweeps for p in s.points)} solved"
-                f"{doubts_in(self)}>")
+        return (f"Grid over {curve.key}: {_span(curve.values)}, and {self.second_key}: {_span(self.second_values)}; "
+                f"{sum(p is not None and p.summary is not None for s in self.sweeps for p in s.points)} solved")
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """The columns of `Sweep` for all rows below each other, with the second key's values first."""

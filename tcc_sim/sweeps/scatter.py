@@ -98,10 +98,10 @@ class Scattered(Result):
     sweeps: list[Sweep]
     every: bool = False
 
-    def __repr__(self) -> str:
+    def _text(self) -> str:
         keys = ", ".join(key for key, _, _ in self.tolerances.bounds)
         over = f" over {self.over}, {len(self.sweeps[0].points)} values" if self.over else ""
-        return f"<Scattered {keys}: {self.tolerances.samples} samples{over}>"
+        return f"Scattered {keys}: {self.tolerances.samples} samples{over}"
 
     def result(self, name: str) -> NDArray[np.float64]:
         """(samples, values) numbers of one result, NaN where there is none."""

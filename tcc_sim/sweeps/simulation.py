@@ -181,10 +181,10 @@ class Simulation(Result):
     spectrum: Spectrum | None = field(default=None, metadata=reported(
         "amplitudes over frequency and order", asked_for=True))
 
-    def __repr__(self) -> str:
+    def _text(self) -> str:
         if self.summary is None:
-            return f"<Simulation by {self.trajectory.solver}: {self.status}>"
-        return repr(self.summary).replace("Summary", "Simulation", 1)
+            return f"Simulation by {self.trajectory.solver}: {self.status}"
+        return self.summary._text().replace("Summary", "Simulation", 1)
 
     def columns(self) -> dict[str, list[Any]]:
         """The summary's columns; `status` alone where there is none."""

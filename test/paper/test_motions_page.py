@@ -15,6 +15,7 @@ from test_figure_branches import given_curve, given_figure
 
 from tcc_sim.basins.proximity import Attractor
 from tcc_sim.basins.results import Axis, Basins
+from tcc_sim.model.parameters import System
 from tcc_sim.paper import figures
 from tcc_sim.paper.catalogue import OMEGA_N
 from tcc_sim.paper.figure_results import JumpBehind
@@ -23,7 +24,7 @@ from tcc_sim.paper.figure_results import JumpBehind
 def given_basins() -> Basins:
     orbit = Attractor(2, np.zeros((2, 3)), np.zeros(2, np.int64), np.array([0.25 + 0.0j]), 49.2, 0.1)
     plane = Axis("initial.slip_speed", (0.0, 60.0)), Axis("initial.plate_angle", (0.0, 0.1))
-    return Basins(plane, (orbit,), np.array([[0, 0], [0, -1]], np.int16), np.full((2, 2), 16, np.int32), 1.0)
+    return Basins(plane, (orbit,), np.array([[0, 0], [0, -1]], np.int16), np.full((2, 2), 16, np.int32), 1.0, System())
 
 
 def test_the_generator_writes_page_pictures_and_numbers(tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]

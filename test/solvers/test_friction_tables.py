@@ -12,7 +12,7 @@ from differences import apart
 from oracle import smoothed_states
 from piecewise import Piecewise
 
-from tcc_sim import cli, sweep
+from tcc_sim import cli
 from tcc_sim.errors import InputError
 from tcc_sim.model import friction
 from tcc_sim.model.parameters import System, replace, values_of
@@ -163,9 +163,10 @@ def test_what_is_doubtful_of_a_table_goes_with_every_result(tmp_path: Path, caps
     assert "more than 2%" in warnings[1]
     assert json.loads((tmp_path / "out.json").read_text())["warnings"] == warnings
     assert capsys.readouterr().err.splitlines() == [f"tcc-sim: {warning}" for warning in warnings]
+    assert cli.main(["fmu", str(file), "--sources-only", "--out", str(tmp_path / "own.fmu")]) == 0
+    assert capsys.readouterr().err.splitlines() == [f"tcc-sim: {warning}" for warning in warnings]
     assert load_scene(file).with_values({"friction.slip_speeds": [], "friction.coefficients": []}).warnings() == []
     assert warnings[1] in repr(solve(load_scene(file), cycles=1))
-    assert warnings[1] in repr(sweep(load_scene(file), "engine.frequency", [150.0], cycles=20))
     text = load_scene("aged_fluid").text()
     assert "decay" not in text
     assert parse_scene(text, "aged_fluid").warnings() == []
