@@ -31,10 +31,14 @@ class Waiting:
 
     def __init__(self, node: Node, loop: RealTimeLoop, clock: Callable[[], float] = time.monotonic) -> None:
         self._node, self._loop, self._clock = node, loop, clock
-        self._since: dict[str, float] = {}
+        self._since: dict[tuple[str, int], float] = {}
 
     def sentences(self) -> dict[str, str]:
-        """Return sentences for the log by subject, for each condition that has lasted for PATIENCE."""
+        """Return sentences for the log by subject, for each condition that has lasted for PATIENCE.
+
+        Lock-step waits for one command on each topic, whoever publishes it, so a topic is one subject. Where an earlier
+        command holds, each state begins a new wait.
+        """
         loop = self._loop
         wanted = loop.scene.operation.wait_for_subscribers
         if not loop.clock_started.is_set():
@@ -55,9 +59,11 @@ class Waiting:
         if loop.clock_started.is_set() and (clock := loop.clock.sentence()):
             missing["/clock"] = clock
         now = self._clock()
-        self._since = {what: self._since.get(what, now) for what in missing}
+        slow = {command.name for command in loop.waits_for if not command.fallen_back}
+        waits = {what: (what, loop.plant.stamp_ns if what in slow else -1) for what in missing}
+        self._since = {wait: self._since.get(wait, now) for wait in waits.values()}
         found = {what: f"{sentence}; since {now - since:.0f} s" for what, sentence in missing.items()
-                 if now - (since := self._since[what]) >= PATIENCE}
+                 if now - (since := self._since[waits[what]]) >= PATIENCE}
         for command in loop.commands:
             count = command.subscription.get_publisher_count()
             if count > 1:

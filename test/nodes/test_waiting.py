@@ -89,7 +89,7 @@ def test_refused_commands_are_the_reason_and_a_command_ends_it(bench: Any) -> No
     assert said.startswith("2 publishers send commands and the newest command counts: 2 publishers on ")
     assert "sender (reliable, volatile)" in said
     assert "second (reliable, volatile)" in said
-    judged.node.loop.request(lambda: judged.node.loop.reset() and judged.node.loop.pause(True))
+    judged.node.loop.request(lambda: (judged.node.loop.reset(), judged.node.loop.pause(True)))
     assert "actuation_pressure" not in judged.said()
 
 
@@ -102,6 +102,12 @@ def test_lockstep_says_what_it_waits_for_and_since_when(bench: Any) -> None:
     assert judged.said(7.0) == {
         "actuation_pressure": "lock-step waits for a command that answers the state of 0.001 s; 1 publisher on "
                               "/actuation_pressure: sender (reliable, volatile); since 7 s"}
+    sender.publish(FluidPressure(fluid_pressure=2e5))
+    bench.until(lambda: judged.node.loop.plant.stepper.tick == 2 and judged.node.loop.waits_for)
+    judged.now += 7.0
+    assert judged.waiting.sentences() == {}  # A slow controller answered: this is another wait.
+    judged.now += 2.0
+    assert judged.waiting.sentences()["actuation_pressure"].endswith("since 2 s")
 
 
 def test_subscribers_that_do_not_come_are_asked_for(bench: Any) -> None:
