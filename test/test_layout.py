@@ -47,7 +47,6 @@ HEAVY = ["numpy", "numba", "scipy", "yaml", "mcap", "zstandard", "lz4", "rclpy",
          "tqdm"]
 GROWING = ["analysis.stream.RunCycles", "benchmarks.precision_report.StudiedScene", "benchmarks.references.Law",
            "continuation.branch.Branch", "continuation.motions.Motions", "continuation.palc.StepSize",
-           "nodes.loop_requests.Request",
            "paper.evidence.Evidence", "paper.stable_motions.StableMotions", "recording.contents.Contents",
            "recording.mcap_file.FileSummary",
            "recording.records.RecordStream", "recording.stamps._Run", "recording.stamps.StampCounter"]

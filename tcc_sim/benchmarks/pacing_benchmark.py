@@ -203,9 +203,9 @@ def _node_stretch(node: DrivelineNode, pacer: Pacer, length: float) -> None:
     """Let the node's loop run on `pacer` for `length` seconds, then pause it."""
     loop = node.loop
 
-    def resume() -> bool:
+    def resume() -> None:
         loop.pacer = pacer
-        return loop.pause(False)
+        loop.pause(False)
 
     loop.request(resume)
     end = time.monotonic() + length

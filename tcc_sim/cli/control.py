@@ -52,10 +52,8 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.nodes.operator import operator
 
     with operator(arguments.namespace) as ask:
-        if arguments.action in ("reset", "step"):
-            say(ask.trigger(arguments.action))
-        elif arguments.action in ("pause", "resume"):
-            say(ask.pause(arguments.action == "pause"))
+        if arguments.action in ("reset", "step", "pause", "resume"):
+            say(ask.serve(arguments.action))
         elif arguments.action == "set":
             say(ask.change(values))
         elif arguments.action == "get":

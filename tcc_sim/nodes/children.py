@@ -12,7 +12,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -94,16 +94,11 @@ class OwnEnvironment:
     """
 
     def __init__(self) -> None:
-        self.values = dict(os.environ)
-        self.values.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        self._domain = None if "ROS_DOMAIN_ID" in self.values else Domain()
-        if self._domain is not None:
-            self.values["ROS_DOMAIN_ID"] = str(self._domain.number)
-
-    def close(self) -> None:
-        """Release the domain."""
-        if self._domain is not None:
-            self._domain.close()
+        self.values = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", **os.environ}
+        self.close: Callable[[], None] = lambda: None
+        if "ROS_DOMAIN_ID" not in self.values:
+            domain = Domain()
+            self.values["ROS_DOMAIN_ID"], self.close = str(domain.number), domain.close
 
 
 class ChildProcess(subprocess.Popen[str]):
@@ -177,7 +172,8 @@ class NodeProcess(ChildProcess):
     """Child process that runs a node of this package."""
 
     def __init__(self, module: str, parameters: dict[str, object], environment: dict[str, str]) -> None:
-        words = [word for key, value in parameters.items() for word in ("-p", f"{key}:={_word(value)}")]
+        words = [word for key, value in parameters.items() for word in (
+            "-p", f"{key}:={str(value).lower() if isinstance(value, bool) else value}")]
         super().__init__(module, [sys.executable, "-m", f"tcc_sim.nodes.{module}", "--ros-args", *words], environment)
 
 
@@ -208,7 +204,10 @@ class Session:
         if isinstance(controller, dict):
             self.beside.append(NodeProcess("slip_controller", controller, self.environment))
         elif controller is not None:
-            self.beside.append(_started(controller, self.environment))
+            try:
+                self.beside.append(ChildProcess(" ".join(controller), controller, self.environment))
+            except OSError as error:
+                raise InputError(f"{controller[0]}: {error.strerror}") from None
         self.recorder = NodeProcess("recorder", {"output": str(recording)}, self.environment)
         subscribers = 1 + len(self.beside)
         self.driveline = NodeProcess("driveline", {**driveline, "wait_for_subscribers": subscribers}, self.environment)
@@ -251,20 +250,7 @@ class Session:
             process.check()
 
 
-def _started(command: Sequence[str], environment: dict[str, str]) -> ChildProcess:
-    """Start the user's command; raise InputError if it cannot be started."""
-    try:
-        return ChildProcess(" ".join(command), command, environment)
-    except OSError as error:
-        raise InputError(f"{command[0]}: {error.strerror}") from None
-
-
 def _end_with_parent() -> None:
     """Ask Linux for a SIGINT when the parent ends, so that a killed command leaves no node behind."""
     if sys.platform == "linux":
         _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
-
-
-def _word(value: object) -> str:
-    """Return a parameter value as text for a node's command line."""
-    return str(value).lower() if isinstance(value, bool) else str(value)

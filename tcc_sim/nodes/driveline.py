@@ -32,8 +32,7 @@ from tcc_sim.messages import cdr
 from tcc_sim.model.profile import START
 from tcc_sim.nodes import parameters, signals
 from tcc_sim.nodes.children import CLOCK_STARTED
-from tcc_sim.nodes.loop import RealTimeLoop
-from tcc_sim.nodes.loop_requests import Outcome
+from tcc_sim.nodes.loop import Outcome, RealTimeLoop
 from tcc_sim.nodes.loop_topics import LONGEST_QUIET, CommandedInput
 from tcc_sim.nodes.middleware import DIAGNOSTICS, time_of
 from tcc_sim.nodes.process import Spinner, Throttle, log, run_node, warn
@@ -129,11 +128,11 @@ class DrivelineNode(Node):
             if far_end.received + far_end.refused:
                 loop.request(lambda: self._attach(far_end), timeout=2.0 * LONGEST_QUIET)
 
-    def _attach(self, far_end: CommandedInput) -> bool:
-        """In the loop, between two ticks: take output_speed from now on."""
+    def _attach(self, far_end: CommandedInput) -> None:
+        """Take output_speed from now on; called in the loop."""
         if self.scene.operation.pacing == "lockstep":
             far_end.join(self.loop.plant.stepper.tick)
-        return self.loop.attach(far_end)
+        self.loop.attach(far_end)
 
     def _look_for_clock(self) -> None:
         """Publish /clock once it is due while running."""
@@ -175,7 +174,7 @@ class DrivelineNode(Node):
         if text != self.get_parameter(parameters.TEXT).value:
             self.set_parameters([Parameter(parameters.TEXT, value=text)])
 
-    def _take(self, scene: Scene, text: str) -> bool:
+    def _take(self, scene: Scene, text: str) -> None:
         """Apply `scene` from the next tick on and publish it before that tick's state; called in the loop.
 
         One thread sends states and scenes, so a recording has them in the order in which they apply.
@@ -184,13 +183,12 @@ class DrivelineNode(Node):
         self.scene, self._scene_text, self._changed = scene, text, True
         plant = self.loop.plant
         self._say(plant.stamp_of(plant.stepper.tick + 1))
-        return True
 
-    def restart(self) -> bool:
+    def restart(self) -> None:
         """Restart at stamp 0 with the current parameters; called in the loop."""
         if self._changed:
             self._say(0)
-        return self.loop.reset()
+        self.loop.reset()
 
     def _say(self, stamp_ns: int) -> None:
         """Publish the changed scene with the stamp of the first state computed with it."""
@@ -198,7 +196,7 @@ class DrivelineNode(Node):
                             self.loop.plant.origin if stamp_ns else START)
         self.loop.outputs.say("scene", cdr.string(text))
 
-    def _does(self, action: Callable[[Any], bool], sentence: Callable[[Outcome], str]) -> Callable[[Any, Any], Any]:
+    def _does(self, action: Callable[[Any], object], sentence: Callable[[Outcome], str]) -> Callable[[Any, Any], Any]:
         """Return a service callback that requests an action of the loop and answers with its outcome."""
         def answer(request: Any, response: Any) -> Any:
             outcome = self.loop.request(lambda: action(request))

@@ -1,12 +1,8 @@
 """The real-time loop: a thread that paces, takes commands, steps the driveline and publishes.
 
-In each tick the loop waits for the deadline, takes the messages that have arrived, steps and publishes. Commands that
-arrive between two ticks apply from the next tick on and are held during it (zero-order hold), so a controller that
-answers the state of tick k before the next deadline acts on the interval from k to k + 1. Torques and pressure in a
-message are those of the tick that ended.
-
-While the loop waits (for subscribers, a deadline, a command in lock-step, a slow reader), it carries out requests. No
-request and no message can end it.
+Commands that arrive between two ticks are held during the next tick (zero-order hold), so a controller that answers
+the state of tick k before the next deadline acts on the interval from k to k + 1. Torques and pressure in a message are
+those of the tick that ended. While the loop waits, it carries out requests. No request and no message can end it.
 """
 
 from __future__ import annotations
@@ -16,12 +12,13 @@ import queue
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import Future, TimeoutError
 from contextlib import ExitStack
+from typing import NamedTuple
 
 from rclpy.node import Node
 
 from tcc_sim.messages import cdr
-from tcc_sim.nodes.loop_requests import Outcome, Request
 from tcc_sim.nodes.loop_topics import CommandedInput, Outputs
 from tcc_sim.nodes.pacing import Pacer, attend, prepare_thread, tick_time_of
 from tcc_sim.nodes.simulation_clock import SimulationClock, await_peer
@@ -36,6 +33,16 @@ LOOK = 0.02
 """Real time between two checks for subscribers, and between two attempts to send to a slow reader, s."""
 LOCKSTEP_LOOK, LOCKSTEP_REST, LOCKSTEP_EAGER = 2e-5, 1e-3, 0.05
 """Real time between two checks for a command in lock-step, s: at first, and after LOCKSTEP_EAGER seconds of waiting."""
+
+
+class Outcome(NamedTuple):
+    """Outcome of a request: whether it was done, and the reason if it was not."""
+
+    done: bool
+    why: str = ""
+
+    def __bool__(self) -> bool:
+        return self.done
 
 
 class RealTimeLoop:
@@ -56,7 +63,7 @@ class RealTimeLoop:
         self.failure: BaseException | None = None
         self.refused_wishes: list[str] = []
         self.clock_started = threading.Event()
-        self._requests: queue.SimpleQueue[Request] = queue.SimpleQueue()
+        self._requests: queue.SimpleQueue[tuple[Future[Outcome], Callable[[], object]]] = queue.SimpleQueue()
         self._stopping, self._wake = False, threading.Event()
         self._thread = threading.Thread(target=self._run, name="real_time_loop", daemon=True)
         self._compiler = threading.Thread(target=self.plant.warm_up_general, name="compiler", daemon=True)
@@ -65,14 +72,14 @@ class RealTimeLoop:
         self.pressure_command = (CommandedInput(node, pressure, self.plant.check_pressure)
                                  if pressure.wanted(scene.value) else None)
         self.commands: list[CommandedInput] = [c for c in (self.engine_command, self.pressure_command) if c is not None]
-        self._inputs = tuple(self.commands)
+        self._inputs = tuple(self.commands)  # Without output_speed, which may join later.
         self.far_end: CommandedInput | None = None
         self.outputs = Outputs(node, scene)
         self.clock = SimulationClock(node, self.outputs, scene.operation)
         self._answer_ticks = scene.operation.answer_ticks
         self._unanswered: list[CommandedInput] | None = None
         self._waits_since = 0.0
-        self._said_commanded: list[bool] = []
+        self._said_commanded: dict[str, bool] = {}
 
     @property
     def scene(self) -> Scene:
@@ -82,7 +89,12 @@ class RealTimeLoop:
     @property
     def waits_for(self) -> list[CommandedInput]:
         """Inputs for whose answer to the state lock-step waits now."""
-        return [*(self._unanswered or ())]
+        return self._unanswered or []
+
+    @property
+    def running(self) -> bool:
+        """Whether the thread is alive."""
+        return self._thread.is_alive()
 
     def start(self) -> None:
         """Compile and time the scene's kernel, then start the thread; the kernel for changes is compiled beside it.
@@ -97,8 +109,7 @@ class RealTimeLoop:
             self.plant.warm_up_far_end()
         self._thread.start()
         self._compiler.start()
-        priority = self.scene.operation.thread_priority
-        if priority:
+        if priority := self.scene.operation.thread_priority:
             attend(priority, (self._thread.native_id, self._compiler.native_id))
 
     def stop(self) -> None:
@@ -115,14 +126,13 @@ class RealTimeLoop:
         """Whether output_speed has a publisher but no subscription yet."""
         return self.far_end is None and self._node.count_publishers(FAR_END) > 0
 
-    def attach(self, far_end: CommandedInput) -> bool:
+    def attach(self, far_end: CommandedInput) -> None:
         """Apply output_speed from the next tick on, and publish output_state."""
         if self.far_end is None:
             self.far_end = far_end
             self.commands.append(far_end)
             self.plant.stepper.move_far_end(0.0)
             self.outputs.add("output_state", cdr.output_state)
-        return True
 
     def meet(self) -> None:
         """Subscribe to output_speed if it has a publisher, after compiling and connecting; publish /clock if due."""
@@ -134,52 +144,45 @@ class RealTimeLoop:
         if self.clock.due:
             self.clock.begin()
 
-    @property
-    def running(self) -> bool:
-        """Whether the thread is alive."""
-        return self._thread.is_alive()
-
-    def request(self, action: Callable[[], bool], timeout: float = 1.0) -> Outcome:
+    def request(self, action: Callable[[], object], timeout: float = 1.0) -> Outcome:
         """Request that the loop calls `action` between two ticks; withdraw the request after `timeout` seconds.
 
-        An action refuses by returning False or by an exception, whose message becomes the outcome's. Without a running
-        thread the action is called at once.
+        An action refuses by returning a false value other than None or by an exception, whose message becomes the
+        outcome's. Without a running thread the action is called at once.
         """
-        asked = Request(action)
-        if not self.running:
-            asked.carry_out()
-            return asked.outcome
-        self._requests.put(asked)
-        self._wake.set()
-        if not asked.done.wait(timeout) and asked.claim.acquire(blocking=False):
-            return Outcome(False, f"the real-time loop did not answer within {timeout:g} s")
-        asked.done.wait(timeout)
-        return asked.outcome
+        asked: Future[Outcome] = Future()
+        self._requests.put((asked, action))
+        if self.running:
+            self._wake.set()
+        else:
+            self._serve()
+        try:
+            return asked.result(timeout)
+        except TimeoutError:
+            late = Outcome(False, f"the real-time loop did not answer within {timeout:g} s")
+            return late if asked.cancel() else asked.result()
 
-    def reset(self) -> bool:
+    def reset(self) -> None:
         """Return to the initial state at simulation time 0."""
         for command in self.commands:
             command.reset()
         self.plant.reset()
-        self._unanswered, self._said_commanded = None, []
+        self._unanswered, self._said_commanded = None, {}
         if self.clock_started.is_set():
             self._publish(self.plant.reading())
-        return True
 
-    def pause(self, paused: bool) -> bool:
+    def pause(self, paused: bool) -> None:
         """Pause or resume; simulation time stops while paused."""
         self.paused = paused
         if not paused:
             self.pacer.anchor()
             self._waits_since = time.monotonic()
-        return True
 
     def single_step(self) -> bool:
         """Make one tick while paused; return False while running."""
-        if not (self.paused and self.clock_started.is_set()):
-            return False
-        self.step()
-        return True
+        if ready := self.paused and self.clock_started.is_set():
+            self.step()
+        return ready
 
     def begin(self) -> None:
         """Publish the initial state, if the owner steps the loop instead of its thread."""
@@ -190,18 +193,16 @@ class RealTimeLoop:
 
     def step(self) -> None:
         """Make one tick with the commands that have arrived."""
-        for command in self.commands:
-            command.poll(self.plant.stepper.tick, self._timeout_ticks())
+        self._poll()
         self._tick()
 
-    def use(self, scene: Scene) -> bool:
+    def use(self, scene: Scene) -> None:
         """Apply changed parameters together from the next tick on; raise InputError if they cannot be computed."""
-        before, factor = self.scene.operation.real_time_factor, scene.operation.real_time_factor
+        before, after = self.scene.operation, scene.operation
         self.plant.use(scene)
-        if factor != before:
-            self.pacer.period_ns = tick_time_of(scene.operation.rate, factor) * 1e9
+        if after.real_time_factor != before.real_time_factor:
+            self.pacer.period_ns = tick_time_of(after.rate, after.real_time_factor) * 1e9
             self.pacer.anchor()
-        return True
 
     def _run(self) -> None:
         """Run the loop in its thread."""
@@ -231,9 +232,14 @@ class RealTimeLoop:
                 self.failure = error
 
     def _serve(self) -> None:
-        """Carry out all waiting requests."""
+        """Carry out the waiting requests that were not withdrawn; an exception becomes the outcome."""
         while not self._requests.empty():
-            self._requests.get().carry_out()
+            asked, action = self._requests.get()
+            if asked.set_running_or_notify_cancel():
+                try:
+                    asked.set_result(Outcome(bool((done := action()) is None or done)))
+                except Exception as error:
+                    asked.set_result(Outcome(False, str(error) or type(error).__name__))
 
     def _rest(self, seconds: float | None) -> None:
         """Wait for a request, at most `seconds`."""
@@ -246,14 +252,19 @@ class RealTimeLoop:
 
     def _due(self) -> bool:
         """Wait until the next tick is due and take its commands; return False if a request comes first."""
-        tick = self.plant.stepper.tick
         if self.commands and self.scene.operation.pacing == "lockstep":
-            return self._answered(tick)
+            return self._answered(self.plant.stepper.tick)
         if self.pacer.period_ns > 0.0 and not self.pacer.wait(self._interrupted):
             return False
-        for command in self.commands:
-            command.poll(tick, self._timeout_ticks())
+        self._poll()
         return True
+
+    def _poll(self) -> None:
+        """Take the commands that have arrived; without one for command_timeout the fallback applies."""
+        operation = self.scene.operation
+        limit = operation.command_timeout * operation.rate if operation.command_timeout > 0.0 else math.inf
+        for command in self.commands:
+            command.poll(self.plant.stepper.tick, limit)
 
     def _answered(self, tick: int) -> bool:
         """Return whether lock-step has every command that answers this state, or has waited for command_timeout."""
@@ -274,11 +285,6 @@ class RealTimeLoop:
             return False
         return True
 
-    def _timeout_ticks(self) -> float:
-        """Return the number of ticks without a command after which the fallback applies."""
-        operation = self.scene.operation
-        return operation.command_timeout * operation.rate if operation.command_timeout > 0.0 else math.inf
-
     def _tick(self) -> None:
         """Step with the current commands and publish."""
         if self.commands:
@@ -288,22 +294,16 @@ class RealTimeLoop:
         self._publish(self.plant.advance())
 
     def _publish(self, reading: Reading) -> None:
-        """Publish the state of a tick with its simulation time as stamp."""
+        """Publish the state of a tick, after its input_source if that has changed."""
         if reading.stick_slip_state:
             self.slip_ticks += 1
         else:
             self.stick_ticks += 1
-        if self._inputs:
-            self._say_source(reading.stamp_ns)
-        self.outputs.state(reading)
-
-    def _say_source(self, stamp_ns: int) -> None:
-        """Publish which inputs follow a command, if this has changed."""
-        commanded = [command.value is not None for command in self._inputs]
+        commanded = {command.name: command.value is not None for command in self._inputs}
         if commanded != self._said_commanded:
             self._said_commanded = commanded
-            source = source_text(dict(zip((command.name for command in self._inputs), commanded)))
-            self.outputs.say("input_source", cdr.header(stamp_ns, source))
+            self.outputs.say("input_source", cdr.header(reading.stamp_ns, source_text(commanded)))
+        self.outputs.state(reading)
 
     def _await_subscribers(self) -> bool:
         """Wait for wait_for_subscribers subscribers, and until no more appear; return False if the loop must stop."""

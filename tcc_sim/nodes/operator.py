@@ -57,19 +57,21 @@ class Operator:
         self._spinner = Spinner(node)
         self._driveline = node.resolve_topic_name("driveline")
 
-    def trigger(self, name: str) -> str:
-        """Call ~/reset or ~/step and return the driveline's answer.
+    def serve(self, action: str) -> str:
+        """Call the service for reset, step, pause or resume, and return the driveline's answer.
 
         Raises
         ------
         TccError
             No driveline answers, or it refuses; the message is the driveline's.
         """
-        return _granted(self._call(Trigger, name, Trigger.Request())) + self._namesakes()
-
-    def pause(self, paused: bool) -> str:
-        """Call ~/pause and return the driveline's answer; errors are those of `trigger`."""
-        return _granted(self._call(SetBool, "pause", SetBool.Request(data=paused))) + self._namesakes()
+        if action in ("pause", "resume"):
+            answer = self._call(SetBool, "pause", SetBool.Request(data=action == "pause"))
+        else:
+            answer = self._call(Trigger, action, Trigger.Request())
+        if not answer.success:
+            raise TccError(f"the driveline refuses: {answer.message}")
+        return f"{answer.message}{self._namesakes()}"
 
     def change(self, values: Mapping[str, object]) -> str:
         """Set parameters together and return the new values as text.
@@ -159,7 +161,7 @@ class Operator:
         return f"{row.name} {value:g} {unit}, {'; '.join(notes)}{self._namesakes()}"
 
     @staticmethod
-    def _counted(name: str, statuses: list[dict[str, str]], before: int) -> str:
+    def _counted(name: str, statuses: Sequence[Mapping[str, str]], before: int) -> str:
         """Return the effect of the command sent after `before` statuses by the driveline's counts; empty if unknown."""
         was, now = statuses[before - 1 if before else 0:][:1], statuses[before:][-1:]
         for old, new in zip(was, now):
@@ -290,13 +292,6 @@ def _typed(value: object) -> object:
         return float(value) if isinstance(value, str) else value
     except (TypeError, ValueError):
         return value
-
-
-def _granted(answer: Any) -> str:
-    """Return the message of a successful answer; raise TccError with the message of a refusal."""
-    if not answer.success:
-        raise TccError(f"the driveline refuses: {answer.message}")
-    return str(answer.message)
 
 
 @contextmanager

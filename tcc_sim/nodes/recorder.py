@@ -27,12 +27,11 @@ from tcc_sim.errors import InputError, RecordingError, counted, one_line
 from tcc_sim.messages import cdr
 from tcc_sim.messages.definitions import definition
 from tcc_sim.nodes import signals
-from tcc_sim.nodes.log_time import SimulatedTime
 from tcc_sim.nodes.middleware import MOST_PUBLISHERS, publisher_of, qos_fields
 from tcc_sim.nodes.options import RecorderOptions
 from tcc_sim.nodes.parameters import declared
 from tcc_sim.nodes.process import Spinner, log, run_node, warn
-from tcc_sim.nodes.track import Taken, Track, UnsentCount
+from tcc_sim.nodes.track import SimulatedTime, Taken, Track, UnsentCount
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.recording.mcap_file import RELIABLE
 from tcc_sim.topics import CLOCK_TOPIC, JOINT_STATE, STRING, TOPICS

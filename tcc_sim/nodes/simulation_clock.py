@@ -70,7 +70,7 @@ class SimulationClock:
         """Whether the driveline should publish /clock and does not yet."""
         return not self.published and (self._asked or (self._lockstep and bool(self.followers))) and not self.rivals
 
-    def begin(self, stamp_ns: int | None = None) -> bool:
+    def begin(self, stamp_ns: int | None = None) -> None:
         """Publish /clock from the next state on, and `stamp_ns`, the time of the last state, if it is given.
 
         Known subscribers are connected first, except by a driveline that runs in real time.
@@ -82,7 +82,6 @@ class SimulationClock:
             await_peer(lambda: self._outputs.listeners(CLOCK_TOPIC) >= known)
         if stamp_ns is not None:
             self._outputs.say(CLOCK_TOPIC, cdr.clock(stamp_ns))
-        return True
 
     def sentence(self) -> str:
         """Return a warning about the clock; empty without a problem."""

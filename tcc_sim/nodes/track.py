@@ -1,8 +1,9 @@
-"""A recorded topic: subscriptions, channels in the bag, and counts of lost and unsent messages."""
+"""A recorded topic: subscriptions, channels in the bag, log times, and counts of lost and unsent messages."""
 
 from __future__ import annotations
 
 import time
+from bisect import bisect_right
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -15,6 +16,7 @@ from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from tcc_sim.errors import counted
+from tcc_sim.messages import cdr
 from tcc_sim.nodes.middleware import MOST_PUBLISHERS, SequenceNumbers, message_class, poll, publisher_of, subscribe
 from tcc_sim.recording.stamps import StampCounter
 from tcc_sim.topics import JOINT_STATE
@@ -27,6 +29,36 @@ _MOST_ASKED = 20
 
 Taken = list[tuple[bytes, dict[str, Any]]]
 """Serialised messages, each with the middleware's message information."""
+
+
+class SimulatedTime:
+    """Times of /clock with their times of sending, by which a recorder with use_sim_time dates other messages.
+
+    Times of receipt would not do: one thread sends all topics of a driveline, but several receive them.
+    """
+
+    def __init__(self) -> None:
+        self._sent: list[int] = []
+        self._stamps: list[int] = []
+
+    @property
+    def known(self) -> bool:
+        """Whether a message on /clock has been received."""
+        return bool(self._sent)
+
+    def follow(self, taken: Taken) -> None:
+        """Add messages of /clock."""
+        for data, info in taken:
+            sent = info["source_timestamp"] or info["received_timestamp"]
+            self._sent.append(max(sent, self._sent[-1] if self._sent else sent))
+            self._stamps.append(cdr.read_stamp(data))
+        if len(self._sent) > 2 * DEPTH:
+            del self._sent[:-DEPTH], self._stamps[:-DEPTH]
+
+    def of(self, info: Mapping[str, Any]) -> int:
+        """Return the last time on /clock, ns, before a message was sent, or the first if none was before it."""
+        sent = info["source_timestamp"] or info["received_timestamp"]
+        return self._stamps[max(bisect_right(self._sent, sent) - 1, 0)]
 
 
 class Track(SequenceNumbers):

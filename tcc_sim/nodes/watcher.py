@@ -51,16 +51,19 @@ SILENCE = 3.0
 """Real time without states after which the watcher reports it, s."""
 MOST_WAITING = 20_000
 """Largest number of messages of a topic that wait for the next states."""
-PROFILES = {"engine_torque": COMMANDS, "actuation_pressure": COMMANDS, "target_slip_speed": LATCHED,
-            "applied_pressure": states(MOST_WAITING), "input_source": CHANGES}
-"""Watched topics with their quality of service. The first three have no simulation time."""
-READERS: dict[str, Callable[[bytes], tuple[int | None, Any]]] = {
-    "engine_torque": lambda data: (None, cdr.read_float64(data)),
-    "actuation_pressure": lambda data: (None, cdr.read_fluid_pressure(data)[1]),
-    "target_slip_speed": lambda data: (None, cdr.read_float64(data)),
-    "applied_pressure": cdr.read_fluid_pressure, "input_source": cdr.read_header}
-"""Topic -> function that returns stamp (ns, or None) and content of a message."""
+READERS: dict[str, tuple[QoSProfile, Callable[[bytes], tuple[int | None, Any]]]] = {
+    "engine_torque": (COMMANDS, lambda data: (None, cdr.read_float64(data))),
+    "actuation_pressure": (COMMANDS, lambda data: (None, cdr.read_fluid_pressure(data)[1])),
+    "target_slip_speed": (LATCHED, lambda data: (None, cdr.read_float64(data))),
+    "applied_pressure": (states(MOST_WAITING), cdr.read_fluid_pressure), "input_source": (CHANGES, cdr.read_header)}
+"""Watched topics with their quality of service, and functions that return stamp (ns, or None) and content of a message.
+"""
 Signal = tuple[NDArray[np.int64], Floats]
+
+
+def _subscribed(node: Node, name: str, profile: QoSProfile) -> Any:
+    """Create a polled subscription."""
+    return subscribe(node, message_class(topic(name).type), name, profile)
 
 
 class ControlWatch:
@@ -73,10 +76,9 @@ class ControlWatch:
     """
 
     def __init__(self, node: Node, cycle: float) -> None:
-        self._subscriptions = {name: subscribe(node, message_class(topic(name).type), name, profile)
-                               for name, profile in PROFILES.items()}
-        self._waiting: dict[str, deque[tuple[int, int | None, Any]]] = {name: deque(maxlen=MOST_WAITING)
-                                                                        for name in PROFILES}
+        self._subscriptions = {name: _subscribed(node, name, profile) for name, (profile, _) in READERS.items()}
+        self._waiting: dict[str, deque[tuple[int, int | None, Any]]] = {
+            name: deque(maxlen=MOST_WAITING) for name in READERS}
         self._means = CycleMeans(Uniform(cycle))
         self._applied = math.nan
 
@@ -85,7 +87,7 @@ class ControlWatch:
         for name, subscription in self._subscriptions.items():
             for data, info in poll(subscription, MOST_WAITING):
                 with suppress(ValueError):
-                    self._waiting[name].append((info["received_timestamp"] or time.time_ns(), *READERS[name](data)))
+                    self._waiting[name].append((info["received_timestamp"] or time.time_ns(), *READERS[name][1](data)))
 
     def beside(self, stamp_ns: NDArray[np.int64], received_ns: NDArray[np.int64], slip_speed: Floats, *,
                new_run: bool) -> tuple[dict[str, Signal], list[Event]]:
@@ -139,8 +141,8 @@ class Watcher:
         self._node, self._say = node, say
         self._period, self._shown = period, time.monotonic()
         self._waiting: list[tuple[NDArray[np.void], NDArray[np.int64]]] = []
-        self._scenes = self._subscribed("scene", LATCHED)
-        self._states = self._subscribed("joint_states", QoSProfile(depth=DEPTH))
+        self._scenes = _subscribed(node, "scene", LATCHED)
+        self._states = _subscribed(node, "joint_states", QoSProfile(depth=DEPTH))
         self.heard = self.states = 0
         self.numbers = SequenceNumbers()
         self._reported, self._reported_at = 0, 0.0
@@ -152,18 +154,8 @@ class Watcher:
         self._cycles = CycleStream(self.scene.system)
         self._control = ControlWatch(node, self.scene.system.cycle)
 
-    def _subscribed(self, name: str, profile: QoSProfile) -> Any:
-        """Create a polled subscription."""
-        return subscribe(self._node, message_class(topic(name).type), name, profile)
-
     def _await_scene(self) -> Scene:
-        """Wait for the current scene.
-
-        Raises
-        ------
-        TccError
-            No driveline publishes a scene.
-        """
+        """Wait for the current scene; raise TccError if no driveline publishes one."""
         end = time.monotonic() + FOUND_WITHIN
         while time.monotonic() < end:
             found = self._scene()

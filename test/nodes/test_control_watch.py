@@ -15,7 +15,7 @@ from tcc_sim.analysis.control import Event
 from tcc_sim.messages import cdr
 from tcc_sim.nodes import middleware
 from tcc_sim.nodes.middleware import LATCHED, message_class
-from tcc_sim.nodes.watcher import PROFILES, ControlWatch
+from tcc_sim.nodes.watcher import READERS, ControlWatch
 from tcc_sim.topics import JOINT_STATE, topic
 
 MS = 1_000_000
@@ -30,7 +30,7 @@ class Said:
         self.bench = bench
         self.watch = ControlWatch(bench.add(rclpy.create_node("watcher", context=bench.context)), CYCLE)
         self.publishers = {name: node.create_publisher(message_class(topic(name).type), name, profile)
-                           for name, profile in PROFILES.items()}
+                           for name, (profile, _) in READERS.items()}
         for publisher in self.publishers.values():
             bench.until(publisher.get_subscription_count)
 
