@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import shlex
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -16,8 +15,6 @@ PAGE = Path(__file__).resolve().parent.parent / ".github" / "guide" / "tutorial.
 STEP = re.compile(r"^```(python|text) ?(\S*)\n(.*?)^```|^    (\S[^\n]*)\n", re.DOTALL | re.MULTILINE)
 RECORDED, PACED = "--scene controlled --duration 3", "--scene paced.yaml --duration 2"
 """Options of the page, and those of the test: in lock-step, so that a busy machine makes no late commands."""
-ATTEMPTS = 5
-"""A recorder on a busy machine may hear the first pressures too late; then the recording is made again."""
 NOT_RUN = ("tcc-sim demo --scene rig.yaml",)
 """Commands that need a quiet machine: a node against the clock."""
 NUMBER = r"[-+]?\d+(?:\.\d+)?"
@@ -32,16 +29,6 @@ def run(command: str, folder: Path) -> str:
                            timeout=300, capture_output=True, text=True, check=False)
     assert ended.returncode == 0, f"{command}\n{ended.stdout}\n{ended.stderr}"
     return ended.stdout
-
-
-def record(command: str, folder: Path) -> str:
-    """Record in lock-step until the recording has all inputs, and return what was printed."""
-    for _ in range(ATTEMPTS):
-        shutil.rmtree(folder / "clutch1", ignore_errors=True)
-        printed = run(command.replace(RECORDED, PACED), folder)
-        if "is missing at" not in printed:
-            break
-    return printed
 
 
 def agrees(shown: str, printed: str) -> bool:
@@ -76,4 +63,4 @@ def test_the_tutorial_runs_and_prints_what_it_shows(tmp_path: Path) -> None:
             absent = [line for line in code.splitlines() if not any(agrees(line, other) for other in lines)]
             assert absent == [], printed
         elif not command.startswith(NOT_RUN):
-            printed = (record if RECORDED in command else run)(command, tmp_path)
+            printed = run(command.replace(RECORDED, PACED), tmp_path)

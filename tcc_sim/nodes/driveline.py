@@ -35,7 +35,7 @@ from tcc_sim.nodes.children import CLOCK_STARTED
 from tcc_sim.nodes.loop import Outcome, RealTimeLoop
 from tcc_sim.nodes.loop_topics import LONGEST_QUIET, CommandedInput
 from tcc_sim.nodes.middleware import DIAGNOSTICS, time_of
-from tcc_sim.nodes.process import Spinner, Throttle, log, run_node, warn
+from tcc_sim.nodes.process import Spinner, Throttle, deliver, log, run_node, warn
 from tcc_sim.nodes.waiting import Waiting
 from tcc_sim.recording.announcements import holding_from
 from tcc_sim.scene import Scene
@@ -298,4 +298,6 @@ def _run(node: DrivelineNode) -> int:
     gc.collect()
     gc.freeze()
     spin(node)
+    node.loop.stop()
+    deliver(node, node.loop.outputs.flush)
     return 0

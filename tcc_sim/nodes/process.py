@@ -7,11 +7,12 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import pairwise
 from typing import TypeVar
 
 import rclpy
+from rclpy.duration import Duration
 from rclpy.exceptions import NameValidationException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
@@ -24,6 +25,10 @@ from tcc_sim.nodes.signals import left_to_the_system
 
 LOOK = 0.25
 """Longest time between two checks for a signal, s."""
+ACKNOWLEDGED_WITHIN, SOON = 5.0, 0.1
+"""Longest real time to wait at the end for subscribers to acknowledge the last messages, and time after which the wait
+is logged, s. Fast DDS repairs a lost datagram within 3 s.
+"""
 _INTERRUPTED = threading.Event()
 """Set when Ctrl-C was pressed in a command."""
 N = TypeVar("N", bound=Node)
@@ -83,6 +88,28 @@ def run_node(name: str, create: Callable[[], N], body: Callable[[N], int], args:
         return 2 if isinstance(error, InputError) else 1
     finally:
         rclpy.try_shutdown()
+
+
+def deliver(node: Node, flush: Callable[[], bool] = lambda: True) -> None:
+    """Wait until the subscribers have received all messages of a node that ends, at most ACKNOWLEDGED_WITHIN.
+
+    A publisher that is destroyed earlier takes back the messages that a busy subscriber has not received.
+
+    flush : function that sends waiting messages and returns whether none is left
+    """
+    began = time.monotonic()
+    with suppress(RuntimeError):  # Some middleware does not acknowledge, and a context may have been shut down.
+        for limit in (SOON, ACKNOWLEDGED_WITHIN):
+            while not (sent := flush()) and time.monotonic() < began + limit:
+                time.sleep(0.1 * SOON)
+            late = [publisher.topic_name for publisher in node.publishers if not publisher.wait_for_all_acked(
+                Duration(seconds=max(0.0, began + limit - time.monotonic())))]
+            if sent and not late:
+                return
+            if limit == SOON:
+                log(node, f"waits until subscribers have received the last messages of {', '.join(late)}")
+        warn(node, f"subscribers have not received the last messages of {', '.join(late)} within "
+                   f"{ACKNOWLEDGED_WITHIN:g} s")
 
 
 @contextmanager

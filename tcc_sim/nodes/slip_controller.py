@@ -12,8 +12,10 @@ if __name__ == "__main__":
     raise SystemExit(slip_controller_node())
 
 import math
-from typing import Any, NoReturn
+from contextlib import suppress
+from typing import Any
 
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import FluidPressure, JointState
@@ -23,7 +25,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.nodes import signals
 from tcc_sim.nodes.middleware import LATCHED, poll
 from tcc_sim.nodes.parameters import declared
-from tcc_sim.nodes.process import Spinner, log, run_node
+from tcc_sim.nodes.process import Spinner, deliver, log, run_node
 from tcc_sim.plant.slip_control import SlipController, Tuning
 
 FLYWHEEL, PLATE = 0, 1
@@ -102,10 +104,13 @@ def main(args: list[str] | None = None) -> int:
     return run_node("slip_controller_node", SlipControllerNode, _spin, args)
 
 
-def _spin(node: SlipControllerNode) -> NoReturn:
+def _spin(node: SlipControllerNode) -> int:
     """Answer states until the context ends."""
     signals.end_in_order()
     node.report()
     spinner = Spinner(node)
-    while True:
-        spinner.once()
+    with suppress(ExternalShutdownException):
+        while True:
+            spinner.once()
+    deliver(node)
+    return 0

@@ -23,18 +23,28 @@ from waiting import until
 
 from tcc_sim.cli import main
 from tcc_sim.errors import RecordingError
+from tcc_sim.messages import cdr
 from tcc_sim.nodes.children import CLOCK_STARTED
+from tcc_sim.nodes.middleware import message_class, poll, states, subscribe
 from tcc_sim.recording.reader import open_run
+from tcc_sim.topics import JOINT_STATE
 
 
 @pytest.fixture
-def process(tmp_path, monkeypatch, domain):
-    """A recorder in a process of its own, a publisher that it subscribes to, and the bag's directory."""
+def process_context(monkeypatch, domain):
+    """A context in the domain of the processes."""
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setenv("ROS_DOMAIN_ID", domain)
     context = Context()
     rclpy.init(context=context, args=[])
-    node = rclpy.create_node("driveline", context=context)
+    yield context
+    rclpy.shutdown(context=context)
+
+
+@pytest.fixture
+def process(tmp_path, process_context):
+    """A recorder in a process of its own, a publisher that it subscribes to, and the bag's directory."""
+    node = rclpy.create_node("driveline", context=process_context)
     publisher = publisher_of(node, "joint_states")
     output = tmp_path / "run"
     child = subprocess.Popen([sys.executable, "-m", "tcc_sim.nodes.recorder", "--ros-args", "-p", f"output:={output}",
@@ -48,7 +58,6 @@ def process(tmp_path, monkeypatch, domain):
     finally:
         child.kill()
         child.communicate()
-        rclpy.shutdown(context=context)
 
 
 def readable(output):
@@ -139,6 +148,38 @@ def test_a_recorder_killed_again_and_again_leaves_what_can_be_analysed_and_recov
             ended = subprocess.run([rerun, *words], capture_output=True, text=True, timeout=120, check=False)
             assert ended.returncode == 0, ended.stderr
     driveline.check()
+
+
+def test_a_driveline_ends_after_a_busy_recorder_has_received_everything(process_context, start, tmp_path):
+    """More than 512 messages, which Fast DDS queues for a process, are lost at first while the recorder is stopped."""
+    controller = rclpy.create_node("controller", context=process_context)
+    command = publisher_of(controller, "actuation_pressure")
+    subscription = subscribe(controller, message_class(JOINT_STATE), "joint_states", states(1000))
+    recorder = start("recorder", output=tmp_path / "run")
+    driveline = start("driveline", scene="controlled", pacing="lockstep", command_timeout=0.0, wait_for_subscribers=2,
+                      publish_diagnostics=False)
+    heard = []
+
+    def answer(count):
+        for data, _ in poll(subscription):
+            heard.append(cdr.read_stamp(data))
+            if len(heard) < count:
+                command.publish(cdr.fluid_pressure(heard[-1], 1e5))
+        return len(heard) == count
+
+    until(lambda: answer(100))
+    recorder.send_signal(signal.SIGSTOP)
+    command.publish(cdr.fluid_pressure(heard[-1], 1e5))
+    until(lambda: answer(400))
+    driveline.send_signal(signal.SIGINT)
+    driveline.await_line("waits until subscribers have received the last messages of /")
+    recorder.send_signal(signal.SIGCONT)
+    assert driveline.wait() == recorder.stop() == 0
+    run = open_run(tmp_path / "run")
+    (found,) = run.states()
+    assert found.stamp_ns.tolist() == heard == [n * TICK for n in range(400)]
+    assert np.isfinite(found.applied_pressure).all()
+    assert run.warnings == []
 
 
 @pytest.fixture
