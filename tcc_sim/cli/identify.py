@@ -52,12 +52,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Check the input, fit, write the files, and print the verdicts."""
     from tcc_sim.output.files import draft
-    from tcc_sim.sweeps.progress import progress_bar
 
     scene, fit = problem_of(arguments)
     check_outputs(arguments, [".yaml"])
-    with progress_bar("iteration") as bar:
-        found = fit(tick=bar.update)
+    found = fit(progress=True)
     plot_result(arguments, found, scene.name)
     present(arguments, scene, found, _lines(found))
     if not found.accepted:
@@ -70,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def problem_of(arguments: argparse.Namespace) -> tuple[Scene, Callable[..., Identification]]:
-    """Return the scene and `identify` with every argument but `tick`."""
+    """Return the scene and `identify` with every argument but `progress`."""
     from tcc_sim.estimation.identify import given, identify
     from tcc_sim.scene import load_scene, parse_assignments
 

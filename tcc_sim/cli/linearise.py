@@ -59,16 +59,14 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.estimation.linearise import linearise
     from tcc_sim.output.files import draft
     from tcc_sim.output.samples import documented
-    from tcc_sim.sweeps.progress import progress_bar
 
     scene = scene_of(arguments)
     frequencies = None if arguments.frequencies is None else spaced(arguments.frequencies, "--frequencies")
     controller = None if arguments.controller is None else _gains(arguments.controller)
     check_outputs(arguments, [".npz"])
-    with progress_bar("point", arguments.check or None) as bar:
-        found = linearise(scene, input=arguments.input, output=arguments.output, slip=arguments.slip,
-                          frequencies=frequencies, check=arguments.check, mean=arguments.mean,
-                          controller=controller, tick=bar.update)
+    found = linearise(scene, input=arguments.input, output=arguments.output, slip=arguments.slip,
+                      frequencies=frequencies, check=arguments.check, mean=arguments.mean, controller=controller,
+                      progress=True)
     if arguments.out is not None:
         with draft(arguments.out) as part, open(part, "wb") as file:
             head = documented(document_of(arguments, scene, found))

@@ -23,6 +23,7 @@ from tcc_sim.model.pure_stick import stick_margin
 from tcc_sim.model.quantity import sequence_of_numbers
 from tcc_sim.result import Described, Result, reported, reporting
 from tcc_sim.scene import Scene, system_of
+from tcc_sim.sweeps.progress import point_bar
 
 
 @dataclass(frozen=True)
@@ -159,7 +160,7 @@ class Motions(Result):
 
 def continuation(scene: Scene | System | str, over: str, start: float, stop: float, *, period: int | None = None,
                  at: Sequence[float] | float = (), switch: int = 0, second: tuple[str, float, float] | None = None,
-                 limit: bool = False, seeds: Sequence[Seed] = ()) -> Motions:
+                 limit: bool = False, seeds: Sequence[Seed] = (), progress: bool = False) -> Motions:
     """The branches of periodic motions along one scene key, with their bifurcations.
 
     Parameters
@@ -167,6 +168,7 @@ def continuation(scene: Scene | System | str, over: str, start: float, stop: flo
     scene : a scene, its name or file, or a system
     over : scene key that is followed, from the smaller of `start` and `stop` to the larger
     period, at, switch, second, limit, seeds : as `ContinuationPlan` has them
+    progress : show points on a terminal or in a notebook, elsewhere a line a minute
 
     Raises
     ------
@@ -183,7 +185,8 @@ def continuation(scene: Scene | System | str, over: str, start: float, stop: flo
     """
     plan = ContinuationPlan(over, min(start, stop), max(start, stop), period, sequence_of_numbers(over, at), switch,
                             second, limit, tuple(seeds))
-    return continue_motions(system_of(scene), plan)
+    with point_bar(progress) as tick:
+        return continue_motions(system_of(scene), plan, tick)
 
 
 def check(system: System, plan: ContinuationPlan) -> DrivelineMap:

@@ -1,28 +1,28 @@
-"""`tcc-sim identify`: parameters of the driveline and of its friction law from a measurement, with what they are worth.
+"""`tcc-sim identify`: parameters of the driveline and of its friction law from a measurement, with their uncertainty.
 
-A fit by multiple shooting (`multiple_shooting`), restarted from a Sobol set where it is none; the covariance of the
-parameters for the noise of the channels; and for every parameter a verdict. A fit whose residuals are larger than the
-noise is refused as one: its parameters are then no result.
+Multiple shooting (`multiple_shooting`), repeated from a Sobol set of starts where the first fit fails (`search`); the
+covariance of the parameters for the noise of the channels; and a verdict for each parameter. A fit whose residuals
+exceed the noise is refused, and its parameters are no result.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import qmc
 
-from tcc_sim.errors import InputError, NumericalFailure
-from tcc_sim.estimation.curve import CURVE, SHARES, IdentifiedCurve, curve_of, curve_starts, keys_of, refuse_parts
+from tcc_sim.errors import InputError
+from tcc_sim.estimation.curve import CURVE, IdentifiedCurve, curve_of, curve_starts, keys_of, refuse_parts
 from tcc_sim.estimation.likelihood import Likelihood, profile_likelihood
 from tcc_sim.estimation.measurement import Measurement, noise_of, read_recording, read_table
-from tcc_sim.estimation.multiple_shooting import Fit, fit
+from tcc_sim.estimation.multiple_shooting import Fit
 from tcc_sim.estimation.residuals import Whiteness, judge_residuals
+from tcc_sim.estimation.search import Search
 from tcc_sim.estimation.settings import DEFAULTS, FitSettings, Gates
 from tcc_sim.estimation.units import check_units
 from tcc_sim.estimation.verdicts import Parameter, judged, why_no_noise, why_not
@@ -31,71 +31,74 @@ from tcc_sim.model.parameters import QUANTITIES, values_of
 from tcc_sim.recording.table import CHANNELS, HOLDS
 from tcc_sim.result import Result, reported
 from tcc_sim.scene import Scene, SceneLike, as_scene
+from tcc_sim.sweeps.progress import progress_bar
 from tcc_sim.trajectory import Floats
 
 
 @dataclass(frozen=True, repr=False)
 class Identification(Result):
-    """What a measurement says of the free parameters.
+    """Estimates of free parameters from a measurement.
 
-    scene : with the values found, where the fit is accepted
-    measurement, residuals : what was fitted, and by how much it differs, by channel
+    scene : with the estimates, if the fit is accepted
+    measurement : the fitted data, with the hold of the best fit
+    residuals : fitted minus measured values by channel
     """
 
     parameters: tuple[Parameter, ...] = field(metadata=reported(
-        "free parameters in the order that they were asked for"))
+        "free parameters in the order in which they were given"))
     correlations: Floats = field(metadata=reported("correlations of the parameters, (P, P)"))
     chi2_per_dof: float = field(metadata=reported(
-        "chi-square per degree of freedom of the residuals over the noise, as it was given or as the signals show it"))
-    accepted: bool = field(metadata=reported("whether it is a fit; where it is none the parameters are no result"))
-    why: str = field(metadata=reported("what speaks against the fit; empty where it is one"))
+        "chi-square per degree of freedom of the residuals, for the noise given or estimated from the signals"))
+    accepted: bool = field(metadata=reported("whether the fit is acceptable; otherwise the parameters are no result"))
+    why: str = field(metadata=reported("reason for refusing the fit; empty if it is accepted"))
     noise: dict[str, float] = field(metadata=reported("standard deviation by channel", "{*}"))
     windows: int = field(metadata=reported("number of windows of the last stage"))
-    starts: int = field(metadata=reported("number of fits that were tried"))
+    starts: int = field(metadata=reported("number of starts that were tried"))
     seconds: float = field(metadata=reported("computing time", "s"))
     scene: Scene
     measurement: Measurement
     residuals: dict[str, Floats]
-    whiteness: Whiteness = field(metadata=reported("whether the residuals are noise"))
+    whiteness: Whiteness = field(metadata=reported("tests of whether the residuals are noise"))
     hold: str | None = field(metadata=reported(
-        "measured inputs between two samples: previous, linear or next", asked_for=True))
+        "course of measured inputs between two samples: previous, linear or next", asked_for=True))
     likelihood: Likelihood | None = field(default=None, metadata=reported(
         "profile likelihood of one key", asked_for=True))
     curve: IdentifiedCurve | None = field(default=None, metadata=reported(
-        "sliding friction over slip speed, where friction.curve was free", asked_for=True))
+        "sliding friction over slip speed, if friction.curve was free", asked_for=True))
 
     def _text(self) -> str:
         found = ", ".join(f"{p.key} {p.value:.5g} +- {p.standard_error:.2g} ({p.verdict})" for p in self.parameters)
         return f"Identification: {'' if self.accepted else 'no fit, '}chi2/dof {self.chi2_per_dof:.3f}; {found}"
 
     def columns(self) -> dict[str, list[Any]]:
-        """A row for every parameter, as ``pandas.DataFrame`` and ``polars.DataFrame`` take it."""
+        """Return a row for each parameter."""
         return {name: [getattr(p, name) for p in self.parameters] for name in Parameter.__dataclass_fields__}
 
 
 def identify(measured: Measurement | str | Path, free: Mapping[str, float | None] | Sequence[str], *,
              scene: SceneLike | None = None, noise: Mapping[str, float] | None = None, hold: str | None = None,
              likelihood: str | None = None, settings: FitSettings | None = None, gates: Gates | None = None,
-             tick: Callable[[], None] | None = None) -> Identification:
-    """Free parameters of a scene from a measurement.
+             progress: bool = False) -> Identification:
+    """Estimate parameters of a scene from a measurement.
 
     Parameters
     ----------
     measured : a Measurement, a table's file (.csv, `measurement.read_table`), or a recording
     free : keys of `windows.FREE`, each with its start (None: the scene's value; 0 for an offset); friction.curve, with
         the number of its exponentials (None: 2)
-    scene : scene, system, name or file: what is not free, and what inputs were not measured; a recording has its own
-    noise : standard deviation by channel, rad/s or rad; what is absent is estimated from the signal
-    hold : one of `recording.table.HOLDS`, how a measured input goes on between two samples; None takes what the
-        measurement says of itself, or the one that fits best
-    likelihood : key whose profile likelihood is wanted
-    tick : called after every iteration
+    scene : scene, system, name or file with the keys that are not free and the inputs that were not measured; None
+        takes that of the recording
+    noise : standard deviation by channel, rad/s or rad; noise that is not given is estimated from the signal
+    hold : one of `recording.table.HOLDS`, the course of a measured input between two samples; None takes that stated in
+        the measurement, or else the one that fits best
+    likelihood : key whose profile likelihood is computed
+    progress : show iterations on a terminal or in a notebook, elsewhere a line a minute
 
     Raises
     ------
     InputError
-        A key that cannot be identified, a start out of its range, noise that is no number above 0, a measurement that
-        cannot be used, or the set-valued law.
+        A key that cannot be identified, a start out of its range, noise that is not a number above 0, a measurement
+        that cannot be used, or the set-valued law.
 
     Examples
     --------
@@ -113,47 +116,38 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
     settings, gates = settings or FitSettings(), gates or Gates()
     measured, scene = given(measured, None if scene is None else as_scene(scene))
     starts = _starts(scene, free, measured)
-    keys = tuple(starts)
-    _check(scene, keys, likelihood)
-    levels = _noise(measured, noise)
-    begin = np.array(list(starts.values()))
-    limits = _limits(measured, levels, noise, gates)
-    holds = _holds(measured, hold)
-    check_units(Model(scene.system, keys, replace(measured, hold=holds[0])), begin, settings)
-    best, model, tried = _best_held([Model(scene.system, keys, replace(measured, hold=each)) for each in holds], levels,
-                                    begin, limits, settings, gates, tick)
-    measured = model.measured
-    chi2, joined, exact = best.chi2, best.gap <= gates.gap, False
-    limit = limits(best)
-    if chi2 < limit and joined and not _all_given(levels, noise):   # Residuals tell the noise better than the signal.
-        levels, exact = _noise_of_residuals(measured, best)
-        best = fit(model, levels, best.values, settings, settings.stages[-1:], best.starts, tick)
+    _check(scene, tuple(starts), likelihood)
+    levels, begin = _noise(measured, noise), np.array(list(starts.values()))
+    models = [Model(scene.system, tuple(starts), replace(measured, hold=each)) for each in _holds(measured, hold)]
+    check_units(models[0], begin, settings)
+    with progress_bar("iteration", shown=progress) as bar:
+        search = Search(begin, levels, not set(noise or ()) >= set(levels), len(measured.t) * len(levels), settings,
+                        gates, bar.update)
+        best, model, tried = search.best(models)
+        chi2, limit, exact = best.chi2, search.limit(best), False
+        fits = chi2 < limit and search.joins(best)
+        if fits and search.guessed:   # Residuals tell the noise better than the signal.
+            levels, exact = _noise_of_residuals(measured, best)
+            best = search.again(model, best, levels)
     white, covariance = judge_residuals(model, levels, best, settings, exact)
-    why = why_not(best, model, begin, levels, chi2, limit, gates) if chi2 >= limit or not joined \
-        else why_no_noise(white, gates)
-    accepted, shown = not why, [i for i, k in enumerate(keys) if not k.startswith(CURVE)]
+    why = why_no_noise(white, gates) if fits else why_not(best, model, begin, levels, chi2, limit, gates)
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     correlations = covariance / np.outer(errors, errors)
-    named: dict[str, object] = {keys[i]: float(best.values[i]) for i in shown if keys[i] not in OFFSETS}
-    curve = None
-    if len(shown) < len(keys):
-        slip = measured.channels["slip_speed"][:len(best.residuals["slip_speed"])] + best.residuals["slip_speed"]
-        curve = curve_of(keys, best.values, covariance, slip, scene.system.friction)
-        named |= curve.table() if accepted else {}
+    shown = [i for i, key in enumerate(model.keys) if not key.startswith(CURVE)]
+    curve = None if len(shown) == len(model.keys) else _curve(model, best, covariance)
     profile = None
-    if likelihood is not None and accepted:
+    if likelihood is not None and not why:
         profile = profile_likelihood(model, levels, settings, best, likelihood, errors)
     return Identification(
-        tuple(judged(model, i, float(begin[i]), best, errors, correlations, accepted, gates,
-                     white.hidden.get(keys[i])) for i in shown),
-        correlations[np.ix_(shown, shown)], chi2, accepted, why, levels, len(best.starts), tried,
-        time.perf_counter() - began,
-        scene.with_values(named) if accepted else scene, measured, best.residuals, white, measured.hold,
-        profile, curve)
+        tuple(judged(model, i, float(begin[i]), best, errors, correlations, not why, gates,
+                     white.hidden.get(model.keys[i])) for i in shown),
+        correlations[np.ix_(shown, shown)], chi2, not why, why, levels, len(best.starts), tried,
+        time.perf_counter() - began, scene if why else _with_estimates(scene, model, best, curve), model.measured,
+        best.residuals, white, model.measured.hold, profile, curve)
 
 
 def _check(scene: Scene, keys: tuple[str, ...], likelihood: str | None) -> None:
-    """InputError for a likelihood of what is not free, and for a law whose parameters are not identified."""
+    """Raise InputError for the likelihood of a key that is not free, and for the set-valued law."""
     if likelihood is not None and likelihood not in keys:
         raise InputError(f"the likelihood of {likelihood} was asked for; it must be one of the free keys")
     if scene.system.friction.law != "smoothed":
@@ -161,28 +155,29 @@ def _check(scene: Scene, keys: tuple[str, ...], likelihood: str | None) -> None:
                          "limit for a large friction.smoothing it is")
 
 
-def _all_given(levels: Mapping[str, float], noise: Mapping[str, float] | None) -> bool:
-    """Whether the noise of every channel was given."""
-    return set(noise or ()) >= set(levels)
-
-
-def _limits(measured: Measurement, levels: Mapping[str, float], noise: Mapping[str, float] | None,
-            gates: Gates) -> Callable[[Fit], float]:
-    """The largest chi-square a degree of freedom of a fit: its distribution's, and that of an estimate of the noise."""
-    samples = len(measured.t) * len(levels)
-    guessed = 0.0 if _all_given(levels, noise) else gates.guessed**2 / samples
-    return lambda found: 1.0 + gates.beyond * math.sqrt(2.0 / found.freedom + guessed)
-
-
 def _noise_of_residuals(measured: Measurement, best: Fit) -> tuple[dict[str, float], bool]:
-    """Standard deviation of what a fit leaves, by channel: at least what counts as exact; and whether all are."""
+    """Return the rms of the residuals by channel, not below the solver's precision, and whether all are at it."""
     least = {name: DEFAULTS.exact * float(np.abs(column).max()) for name, column in measured.channels.items()}
     left = {name: float(np.sqrt(np.mean(column**2))) for name, column in best.residuals.items()}
     return {name: max(left[name], least[name]) for name in left}, all(left[name] <= least[name] for name in left)
 
 
+def _curve(model: Model, best: Fit, covariance: Floats) -> IdentifiedCurve:
+    """Return the friction curve of a fit, over the fitted slip speeds."""
+    residuals = best.residuals["slip_speed"]
+    slip = model.measured.channels["slip_speed"][:len(residuals)] + residuals
+    return curve_of(model.keys, best.values, covariance, slip, model.system.friction)
+
+
+def _with_estimates(scene: Scene, model: Model, best: Fit, curve: IdentifiedCurve | None) -> Scene:
+    """Return the scene with the estimates of its keys."""
+    found = {key: value for key, value in zip(model.keys, best.values.tolist())
+             if key not in OFFSETS and not key.startswith(CURVE)}
+    return scene.with_values({**found, **({} if curve is None else curve.table())})
+
+
 def given(measured: Measurement | str | Path, scene: Scene | None = None) -> tuple[Measurement, Scene]:
-    """The measurement in a table's file or in a recording, and the scene that it is of: the recording's own by default.
+    """Return the measurement in a table's file or a recording, and its scene, by default that of the recording.
 
     Raises
     ------
@@ -202,7 +197,7 @@ def given(measured: Measurement | str | Path, scene: Scene | None = None) -> tup
 
 
 def _starts(scene: Scene, free: Mapping[str, float | None] | Sequence[str], measured: Measurement) -> dict[str, float]:
-    """The start of every free key, checked."""
+    """Return the start of every free key, checked."""
     asked = dict(free) if isinstance(free, Mapping) else dict.fromkeys([free] if isinstance(free, str) else free)
     if not asked:
         raise InputError("no key is free; name at least one")
@@ -228,7 +223,7 @@ def _starts(scene: Scene, free: Mapping[str, float | None] | Sequence[str], meas
 
 
 def _noise(measured: Measurement, given: Mapping[str, float] | None) -> dict[str, float]:
-    """Standard deviation of every measured channel."""
+    """Return the standard deviation of the noise of every measured channel."""
     for name, value in (given or {}).items():
         if name not in CHANNELS:
             raise InputError(f"noise of {name!r} was given; channels are {', '.join(CHANNELS)}")
@@ -238,64 +233,10 @@ def _noise(measured: Measurement, given: Mapping[str, float] | None) -> dict[str
 
 
 def _holds(measured: Measurement, hold: str | None) -> tuple[str | None, ...]:
-    """What a measured input may be between two samples, as told; all that it could be where nothing is."""
+    """Return the possible holds of the measured inputs: the one given or stated, or else all."""
     if hold is not None and hold not in HOLDS:
         raise InputError(f"hold is {hold!r}; it must be {', '.join(HOLDS[:-1])} or {HOLDS[-1]}")
     if not measured.inputs:
         return (None,)
     known = hold or measured.hold
     return HOLDS if known is None else (known,)
-
-
-def _best_held(models: list[Model], levels: dict[str, float], begin: Floats, limits: Callable[[Fit], float],
-               settings: FitSettings, gates: Gates, tick: Callable[[], None] | None) -> tuple[Fit, Model, int]:
-    """The best fit of the first model, and of the others from there; its model, and how many starts were tried."""
-    best, tried = _best(models[0], levels, begin, limits, settings, gates, tick)
-    out = best, models[0], tried
-    for model in models[1:]:
-        try:
-            if best.gap <= gates.gap:
-                found = fit(model, levels, best.values, settings, settings.stages[-1:], best.starts, tick)
-            else:
-                found = fit(model, levels, begin, settings, tick=tick)
-        except (NumericalFailure, RuntimeError):
-            continue
-        if (found.gap > gates.gap, found.chi2) < (out[0].gap > gates.gap, out[0].chi2):
-            out = found, model, tried
-    return out
-
-
-def _best(model: Model, levels: dict[str, float], begin: Floats, limits: Callable[[Fit], float], settings: FitSettings,
-          gates: Gates, tick: Callable[[], None] | None) -> tuple[Fit, int]:
-    """The best of the fits from starts around `begin`, up to the first one below the limit, and how many were tried."""
-    best: Fit | None = None
-    tried, work = 0, 0.0
-    for values in _around(model.keys, begin, gates):
-        tried += 1
-        try:
-            found = fit(model, levels, values, settings, tick=tick)
-        except (NumericalFailure, RuntimeError):   # RuntimeError: SciPy met a singular matrix.
-            continue
-        if best is None or (found.gap > gates.gap, found.chi2) < (best.gap > gates.gap, best.chi2):
-            best = found
-        work += found.work
-        if (found.chi2 < limits(found) and found.gap <= gates.gap) or work > gates.work:
-            break
-    if best is None:
-        raise InputError("the scene cannot be solved from what was measured; is it the right scene?")
-    return best, tried
-
-
-def _around(keys: tuple[str, ...], begin: Floats, gates: Gates) -> list[Floats]:
-    """The starts of the fits: the one given, then a Sobol set around it."""
-    points = qmc.Sobol(len(keys), seed=1).random(8)[1:gates.starts]
-    out = [begin]
-    for point in points:
-        factors = np.where([k in OFFSETS for k in keys], 1.0, 1.0 + gates.spread * (2.0 * point - 1.0))
-        values = begin * np.where([k in SHARES for k in keys], point, factors)
-        if STATIC in keys and KINETIC in keys:
-            at = keys.index(STATIC)
-            other = keys.index(KINETIC)
-            values[at] = on_its_side(values[at], values[other], 1.02, falls=begin[at] >= begin[other])
-        out.append(values)
-    return out

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -41,6 +41,7 @@ from tcc_sim.model.parameters import System, replace
 from tcc_sim.result import Result, reported, reporting
 from tcc_sim.scene import SceneLike, as_scene
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
+from tcc_sim.sweeps.progress import progress_bar
 from tcc_sim.trajectory import Floats
 
 Complex = NDArray[np.complex128]
@@ -139,8 +140,8 @@ class Linearisation(Result):
 
 def linearise(scene: SceneLike, *, input: str = "actuation_pressure", output: str = "slip_speed",
               slip: float | None = None, frequencies: Sequence[float] | None = None, check: int = 0, mean: bool = False,
-              controller: tuple[float, float] | None = None, tick: Callable[[], None] | None = None) -> Linearisation:
-    """The transfer function from an input to an output about a settled motion.
+              controller: tuple[float, float] | None = None, progress: bool = False) -> Linearisation:
+    """Compute the transfer function from an input to an output about a settled motion.
 
     Parameters
     ----------
@@ -152,7 +153,7 @@ def linearise(scene: SceneLike, *, input: str = "actuation_pressure", output: st
     check : number of the frequencies at which the response is found by simulation too
     controller : proportional (N m s/rad) and integral gain (N m/rad) of the package's slip controller, whose loop is
         judged: slip speed by actuation pressure, answered at the scene's rate
-    tick : called after every simulated point
+    progress : show simulated points on a terminal or in a notebook, elsewhere a line a minute
 
     Raises
     ------
@@ -197,18 +198,21 @@ def linearise(scene: SceneLike, *, input: str = "actuation_pressure", output: st
             motion, Gains(*controller), scene.operation.rate, lambda omegas: about(omegas).response))
     if check == 0:
         return found
+    places = np.unique(np.round(np.linspace(0, len(asked) - 1, check)).astype(int)).tolist()
+    with progress_bar("point", len(places), shown=progress) as bar:
+        points = [_simulated(motion, found, place, bar) for place in places]
+    return dataclasses.replace(found, checked=tuple(points))
+
+
+def _simulated(motion: Constant | Periodic, found: Linearisation, place: int, bar: Any) -> Simulated:
+    """Return one of the frequencies with its response by simulation, in the turn of the computed phase."""
     from tcc_sim.estimation.lock_in import simulated
 
-    places = np.unique(np.round(np.linspace(0, len(asked) - 1, check)).astype(int))
-    points = []
-    for place in places:
-        omega = float(asked[place])
-        value = simulated(motion, input, output, omega)
-        turns = np.round((found.phase[place] - np.angle(value)) / (2.0 * math.pi))
-        points.append(Simulated(omega, abs(value), float(np.angle(value) + 2.0 * math.pi * turns)))
-        if tick is not None:
-            tick()
-    return dataclasses.replace(found, checked=tuple(points))
+    omega = float(found.frequencies[place])
+    value = simulated(motion, found.input, found.output, omega)
+    turns = np.round((found.phase[place] - np.angle(value)) / (2.0 * math.pi))
+    bar.update()
+    return Simulated(omega, abs(value), float(np.angle(value) + 2.0 * math.pi * turns))
 
 
 def _frequencies(system: System, asked: Sequence[float] | None) -> Floats:

@@ -191,7 +191,7 @@ def scattered_curves(system: System, tolerances: Tolerances, over: str = "",
 @with_plan_fields
 def scatter(scene: Scene | System | str, bounds: Mapping[str, tuple[float, float]], samples: int, *, seed: int = 0,
             over: str = "", values: Sequence[float] = (), every: bool = False, plan: Plan | None = None,
-            jobs: int | None = None, dask: str | None = None, **settings: Any) -> Scattered:
+            jobs: int | None = None, dask: str | None = None, progress: bool = False, **settings: Any) -> Scattered:
     """Solve a scene with some keys scattered within bounds.
 
     Parameters
@@ -201,7 +201,7 @@ def scatter(scene: Scene | System | str, bounds: Mapping[str, tuple[float, float
     samples, seed : how many, and which
     over, values : another key that every sample is swept over
     every : whether quantiles are over every sample, also over those that ran away or have not settled
-    plan, jobs, dask : as `sweep` takes them
+    plan, jobs, dask, progress : as `sweep` takes them
 
     Raises
     ------
@@ -218,4 +218,5 @@ def scatter(scene: Scene | System | str, bounds: Mapping[str, tuple[float, float
     """
     told = Tolerances(tuple((key, float(low), float(high)) for key, (low, high) in bounds.items()), samples, seed)
     curves = scattered_curves(system_of(scene), told, over, sequence_of_numbers(over, values))
-    return Scattered(told, over, sweep_curves(curves, Plan.of(plan, settings), jobs=jobs, dask=dask), every)
+    return Scattered(told, over, sweep_curves(curves, Plan.of(plan, settings), jobs=jobs, dask=dask,
+                                              progress=progress), every)

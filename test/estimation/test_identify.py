@@ -72,7 +72,7 @@ def test_wrong_units_are_said_before_anything_is_fitted(monkeypatch: pytest.Monk
     wave = np.sin(FIG02.system.engine.frequency * data.t)
     columns = {**data.channels, "plate_angle": moved()[1][:, 1]}
     inputs = {"actuation_pressure": pressure.mean + pressure.amplitude * wave}
-    monkeypatch.setattr("tcc_sim.estimation.identify.fit", None)
+    monkeypatch.setattr("tcc_sim.estimation.search.fit", None)
     for each in names:
         of = columns if each in columns else inputs
         of[each] = of[each] * factor
@@ -256,7 +256,7 @@ def test_a_start_that_leads_nowhere_is_followed_by_others(monkeypatch: pytest.Mo
             raise NumericalFailure("nowhere")
         return fit(model, levels, values, *rest, **named)
 
-    monkeypatch.setattr("tcc_sim.estimation.identify.fit", failing)
+    monkeypatch.setattr("tcc_sim.estimation.search.fit", failing)
     found = identify(data, {"driveline.stiffness": 3100.0}, scene=FIG02, noise=noise)
     assert (found.accepted, found.starts) == (True, 3)
     assert begun[0] == 3100.0

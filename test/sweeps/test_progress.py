@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import io
 import sys
+from collections.abc import Callable
 from types import SimpleNamespace
 
 import pytest
+from fig02_measured import FIG02, measured
 
+import tcc_sim
 from tcc_sim.sweeps.progress import in_notebook, progress_bar
 
 
@@ -47,6 +50,27 @@ def test_nothing_is_printed_where_nobody_asks(capsys: pytest.CaptureFixture[str]
         clock.now = 100.0
         bar.update()
     assert capsys.readouterr().err == ""
+
+
+STEADY = tcc_sim.load_scene("controlled").with_values({"engine.torque_amplitude": 0.0})
+
+
+@pytest.mark.parametrize(("call", "line"), [
+    (lambda **how: tcc_sim.scatter("slip", {"engine.torque_amplitude": (1.0, 2.0)}, 2, cycles=5, jobs=1, **how),
+     "tcc-sim: 2 of 2 points"),
+    (lambda **how: tcc_sim.linearise(STEADY, slip=20.0, frequencies=[300.0], check=1, **how), "tcc-sim: 1 of 1 points"),
+    (lambda **how: tcc_sim.identify(measured()[0], ["driveline.stiffness"], scene=FIG02, **how),
+     "tcc-sim: 1 iterations"),
+    (lambda **how: tcc_sim.continuation(tcc_sim.load_scene("stick").with_values({"friction.law": "set_valued"}),
+                                        "engine.mean_torque", 299.0, 301.0, **how), "tcc-sim: 1 points")],
+    ids=["scatter", "linearise", "identify", "continuation"])
+def test_functions_show_progress_where_asked(call: Callable[..., object], line: str, monkeypatch: pytest.MonkeyPatch,
+                                             capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr("tcc_sim.sweeps.progress.EVERY", 0.0)
+    call()
+    assert capsys.readouterr().err == ""
+    call(progress=True)
+    assert line in capsys.readouterr().err
 
 
 def test_a_notebook_shows_a_bar(monkeypatch: pytest.MonkeyPatch) -> None:

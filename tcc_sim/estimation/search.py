@@ -1,0 +1,113 @@
+"""Search for the best fit of a measurement: from several starts, and with every possible hold of its inputs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.stats import qmc
+
+from tcc_sim.errors import InputError, NumericalFailure
+from tcc_sim.estimation.curve import SHARES
+from tcc_sim.estimation.multiple_shooting import Fit, fit
+from tcc_sim.estimation.settings import FitSettings, Gates
+from tcc_sim.estimation.windows import KINETIC, OFFSETS, STATIC, Model, on_its_side
+from tcc_sim.trajectory import Floats
+
+FAILED = NumericalFailure, RuntimeError
+"""Errors of a fit that leads nowhere; SciPy raises RuntimeError for a singular matrix."""
+
+
+@dataclass(frozen=True)
+class Search:
+    """Fits of a measurement from starts around a given one.
+
+    begin : (P,) start of each free key
+    levels : standard deviation of the noise by channel
+    guessed : whether the noise of a channel was estimated from its signal
+    samples : number of samples of all channels
+    tick : function called after every iteration
+    """
+
+    begin: Floats
+    levels: dict[str, float]
+    guessed: bool
+    samples: int
+    settings: FitSettings
+    gates: Gates
+    tick: Callable[[], Any]
+
+    def limit(self, found: Fit) -> float:
+        """Return the largest acceptable chi-square per degree of freedom, wider if the noise was estimated."""
+        estimate = self.gates.guessed**2 / self.samples if self.guessed else 0.0
+        return 1.0 + self.gates.beyond * math.sqrt(2.0 / found.freedom + estimate)
+
+    def joins(self, found: Fit) -> bool:
+        """Return whether the windows of a fit join to one motion."""
+        return found.gap <= self.gates.gap
+
+    def again(self, model: Model, found: Fit, levels: dict[str, float] | None = None) -> Fit:
+        """Repeat the last stage from a fit, with another model or other noise levels."""
+        return fit(model, levels or self.levels, found.values, self.settings, self.settings.stages[-1:], found.starts,
+                   self.tick)
+
+    def best(self, models: Sequence[Model]) -> tuple[Fit, Model, int]:
+        """Return the best fit of several models, its model, and the number of starts tried with the first one.
+
+        Raises
+        ------
+        InputError
+            No start can be solved.
+        """
+        first, tried = self._from_starts(models[0])
+        best, of = first, models[0]
+        for model in models[1:]:
+            try:
+                found = self.again(model, first) if self.joins(first) else self._fit(model, self.begin)
+            except FAILED:
+                continue
+            if self._rank(found) < self._rank(best):
+                best, of = found, model
+        return best, of, tried
+
+    def _from_starts(self, model: Model) -> tuple[Fit, int]:
+        """Return the best fit up to the first acceptable one, and the number of starts tried."""
+        best: Fit | None = None
+        tried, work = 0, 0.0
+        for values in self._around(model.keys):
+            tried += 1
+            try:
+                found = self._fit(model, values)
+            except FAILED:
+                continue
+            if best is None or self._rank(found) < self._rank(best):
+                best = found
+            work += found.work
+            if (found.chi2 < self.limit(found) and self.joins(found)) or work > self.gates.work:
+                break
+        if best is None:
+            raise InputError("the scene cannot be solved from what was measured; is it the right scene?")
+        return best, tried
+
+    def _fit(self, model: Model, values: Floats) -> Fit:
+        """Fit from values of the keys, in all stages."""
+        return fit(model, self.levels, values, self.settings, tick=self.tick)
+
+    def _rank(self, found: Fit) -> tuple[bool, float]:
+        """Return the order of a fit: one motion first, then by chi-square."""
+        return not self.joins(found), found.chi2
+
+    def _around(self, keys: tuple[str, ...]) -> Iterator[Floats]:
+        """Yield the given start, then a Sobol set around it."""
+        begin, gates = self.begin, self.gates
+        yield begin
+        for point in qmc.Sobol(len(keys), seed=1).random(8)[1:gates.starts]:
+            factors = np.where([k in OFFSETS for k in keys], 1.0, 1.0 + gates.spread * (2.0 * point - 1.0))
+            values = begin * np.where([k in SHARES for k in keys], point, factors)
+            if STATIC in keys and KINETIC in keys:
+                at, other = keys.index(STATIC), keys.index(KINETIC)
+                values[at] = on_its_side(values[at], values[other], 1.02, falls=begin[at] >= begin[other])
+            yield values
