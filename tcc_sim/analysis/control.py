@@ -1,7 +1,4 @@
-"""What a controller is judged by: cycle means beside the target, pressures, events, and how well it held it.
-
-The mean of a signal over each whole engine cycle comes from samples as they come.
-"""
+"""Figures of a controlled run: cycle means beside the target, pressures, events, and tracking errors."""
 
 from __future__ import annotations
 
@@ -20,26 +17,26 @@ from tcc_sim.trajectory import Cycles, Floats, Trajectory, integral
 
 @dataclass(frozen=True)
 class Steps:
-    """A signal that holds its value until the next one: times (s) and values, (n,) arrays."""
+    """A signal that keeps its value until the next one: times (s) and values, (n,) arrays."""
 
     t: Floats
     values: Floats
 
     def until(self, end: float) -> Steps:
-        """The same with its last value again at `end`, for drawing."""
+        """Return the steps with the last value repeated at `end`, for drawing."""
         if not len(self.t) or self.t[-1] >= end:
             return self
         return Steps(np.append(self.t, end), np.append(self.values, self.values[-1]))
 
     @staticmethod
     def none() -> Steps:
-        """Nothing was said."""
+        """Return steps without a value."""
         return Steps(np.empty(0), np.empty(0))
 
 
 @dataclass(frozen=True)
 class Event:
-    """An instant of simulation time, s, at which something other than physics changed the run, and what that was."""
+    """A change of the run at a simulation time, s, other than by physics, with its description."""
 
     t: float
     text: str
@@ -47,11 +44,11 @@ class Event:
 
 @dataclass(frozen=True)
 class Control:
-    """One run of a recording as a controller's test.
+    """One run of a recording as a test of a controller.
 
-    t, mean_slip : (n,) ends of the whole engine cycles, s, and the mean slip speed of each, rad/s
-    target : what the slip controller was asked to hold, rad/s
-    command, applied : actuation pressure, Pa, as commanded and as each cycle applied it last
+    t, mean_slip : (n,) ends of the whole engine cycles, s, and the mean slip speed in each, rad/s
+    target : target of the slip controller, rad/s
+    command, applied : actuation pressure as commanded and as applied at the end of each cycle, Pa
     events : changed parameters, fallbacks and resets
     """
 
@@ -70,8 +67,7 @@ class Control:
 
 @dataclass(frozen=True)
 class Tracking:
-    """The slip speed against a target that was held; the fields are JSON keys of `analyse`. NaN is what was not seen.
-    """
+    """Slip speed against a constant target; the fields are JSON keys of `analyse`. NaN marks what was not observed."""
 
     target: float = field(metadata=reported("target slip speed", "rad/s"))
     mean_slip: float = field(metadata=reported("mean slip speed over the kept cycles", "rad/s"))
@@ -134,7 +130,8 @@ def tracking_of(run: Trajectory, target: float, pressure: Floats | None = None,
     Parameters
     ----------
     run : samples with their system; between them slip speed and time in stick are those of the cubics through the
-        samples with the rates of the equations
+        samples
+        with the rates of the equations
     target : rad/s
     pressure : (n,) applied pressure, Pa
     limits : of the pressure, Pa
@@ -160,7 +157,7 @@ def tracking_of(run: Trajectory, target: float, pressure: Floats | None = None,
 
 
 def _ripple(run: Trajectory, cycles: Cycles, means: Floats) -> float:
-    """Rms of the slip speed about the mean over each whole cycle."""
+    """Return the rms of the slip speed about the mean over each whole cycle."""
     if cycles.starts is None or not len(means) or len(means) != len(cycles):
         return math.nan
     number = np.searchsorted(cycles.starts, run.t, side="right") - 1
@@ -170,10 +167,9 @@ def _ripple(run: Trajectory, cycles: Cycles, means: Floats) -> float:
 
 
 class CycleMeans:
-    """Means over whole engine cycles by the trapezoidal rule; none where nobody knows when the cycles start.
+    """Means over whole engine cycles by the trapezoidal rule, of samples in batches; none without known cycles.
 
-    Samples that begin more than one and a half steps after the last ones leave a gap: the cycles that it touches have
-    no mean.
+    A gap of more than one and a half steps between batches leaves the cycles in it without a mean.
     """
 
     def __init__(self, clock: EngineClock) -> None:
@@ -181,15 +177,15 @@ class CycleMeans:
         self._t = self._v = np.empty(0)
 
     def restart(self) -> None:
-        """Time has started again, or there is a gap: the cycles that it touches have no mean."""
+        """Begin after a reset of time, or after a gap: the cycles in it have no mean."""
         self._t = self._v = np.empty(0)
 
     def feed(self, t: Floats, v: Floats, run: int = 0) -> list[tuple[int, Floats, Floats]]:
-        """Take the next samples of a run, (n,) arrays: s, and the signal.
+        """Take the next samples of a run, (n,) arrays: time, s, and the signal.
 
         Returns
         -------
-        for each stretch of cycles that they complete, the number of the first, ends (s) and means, (m,) arrays
+        for each stretch of completed cycles, the number of the first, and ends (s) and means, (m,) arrays
         """
         if len(self._t) and len(t) > 1 and t[0] - self._t[-1] > 1.5 * float(np.median(np.diff(t))):
             self.restart()
@@ -216,13 +212,13 @@ class CycleMeans:
 
 
 def joined_means(found: list[tuple[int, Floats, Floats]]) -> tuple[NDArray[np.int64], Floats]:
-    """Ends (ns) and means of the cycles that `CycleMeans.feed` gave, one after the other."""
+    """Return ends (ns) and means of the cycles of `CycleMeans.feed`, one after the other."""
     ends = np.concatenate([ends for _, ends, _ in found]) if found else np.empty(0)
     return np.rint(ends * 1e9).astype(np.int64), np.concatenate([m for *_, m in found]) if found else np.empty(0)
 
 
 class MeansOfCycles:
-    """The same, kept from the first cycle to the last, NaN where a gap was."""
+    """Cycle means from the first cycle to the last, NaN in a gap."""
 
     def __init__(self, clock: EngineClock) -> None:
         self._running = CycleMeans(clock)
@@ -230,11 +226,11 @@ class MeansOfCycles:
         self._next: int | None = None
 
     def interrupt(self) -> None:
-        """A gap."""
+        """Begin after a gap."""
         self._running.restart()
 
     def feed(self, t: Floats, v: Floats, run: int = 0) -> None:
-        """Take the next samples of a run, (n,) arrays: s, and the signal."""
+        """Take the next samples of a run, (n,) arrays: time, s, and the signal."""
         for first, _, means in self._running.feed(t, v, run):
             if self._next is not None and first > self._next:
                 self._parts.append(np.full(min(first - self._next, len(t)), math.nan))
@@ -242,5 +238,5 @@ class MeansOfCycles:
             self._next = first + len(means)
 
     def means(self) -> Floats:
-        """(n,) array of the cycle means."""
+        """Return the cycle means, (n,)."""
         return np.concatenate(self._parts) if self._parts else np.empty(0)

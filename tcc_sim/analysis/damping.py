@@ -1,7 +1,7 @@
-"""Equivalent viscous damping of the friction torque, (21), and its relatives, for the instability criterion (23).
+"""Equivalent viscous damping of the friction torque, (21), and related averages, for the instability criterion (23).
 
-The averages are taken along the motion between the instants at which dT/dv changes its sign or jumps, so none of them
-is a sum over samples that a jump falls between.
+The averages are integrals along the motion between the instants at which dT/dv changes its sign or jumps; no sum over
+samples has a jump between two of them.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ GAUSS, WEIGHTS = (0.5 * x for x in np.polynomial.legendre.leggauss(4))
 class Damping(Described):
     """Averages of dT/dv = Ts(t) d(mubar)/dv over whole engine cycles.
 
-    threshold : -C23, N m s/rad; (23) says that the motion is unstable where Cf is below it
+    threshold : -C23, N m s/rad; by (23) the motion is unstable if Cf is below it
     """
 
     weighted: float = field(metadata=reported(
@@ -42,18 +42,19 @@ class Damping(Described):
 
 
 def damping_of_cycles(system: System, cycles: Cycles, first: int, period: int) -> Damping:
-    """The averages over the last engine cycles, each solved from its state on the section.
+    """Return the averages over the last engine cycles, each solved from its state on the section.
 
-    So they are as good for a recording, whose ticks pass over the layer of the smoothed law, as for a solution.
+    They are therefore as accurate for a recording, whose ticks pass over the layer of the smoothed law, as for a
+    solution.
 
     Parameters
     ----------
-    cycles, first : the cycles, NaN where one is missing, and the number of the first of them, which gives its phase
-    period : of the motion in engine cycles, 0 where there is none; whole periods are taken
+    cycles, first : cycles, NaN where one is missing, and the number of the first, which sets its phase
+    period : of the motion, engine cycles, 0 for none; whole periods are averaged
 
     Returns
     -------
-    Damping, NaN where no cycle can be solved
+    Damping, NaN if no cycle can be solved
     """
     count = math.ceil(DEFAULTS.averaged / max(period, 1)) * max(period, 1)
     integrals, time = np.zeros(3), 0.0
@@ -69,7 +70,7 @@ def damping_of_cycles(system: System, cycles: Cycles, first: int, period: int) -
 
 
 def _integrated(system: System, section: Floats, number: int, integrals: Floats) -> bool:
-    """Add the integrals over one cycle of dT/dv v^2, v^2 and min(dT/dv, 0); False where it cannot be solved."""
+    """Add the integrals of dT/dv v^2, v^2 and min(dT/dv, 0) over one cycle; return False if it cannot be solved."""
     if system.friction.law == "smoothed":
         from tcc_sim.solvers.stroboscopic import slope_integrals
         try:
@@ -89,10 +90,11 @@ def _integrated(system: System, section: Floats, number: int, integrals: Floats)
 
 
 def integrals_of_arcs(run: Trajectory) -> Floats:
-    """The integrals over time of dT/dv v^2, v^2 and min(dT/dv, 0), (3,), of a sampled motion with the set-valued law.
+    """Return the integrals over time of dT/dv v^2, v^2 and min(dT/dv, 0), (3,), of a sampled set-valued motion.
 
-    Between samples and transitions the slip speed is the cubic through its values and its accelerations, which (2a),
-    (2b) give with the torque of the arc's own mode; it is 0 where the mode changes, unless the clutch is free there.
+    Between samples and transitions the slip speed is the cubic through its values and its accelerations, by (2a), (2b)
+    with
+    the torque of the arc's mode; it is 0 at changes of mode, unless the clutch is free there.
     """
     assert run.system is not None
     terms, changes = terms_of(run.system), run.transitions
@@ -115,7 +117,7 @@ def integrals_of_arcs(run: Trajectory) -> Floats:
 
 
 def _pieces(run: Trajectory) -> tuple[Floats, Floats, Floats]:
-    """Start, end and mode of the pieces into which samples and transitions cut a run, (n,) each."""
+    """Return start, end and mode of the pieces into which samples and transitions cut a run, (n,) each."""
     changes = run.transitions
     times = np.unique(np.concatenate([run.t, changes.time]))
     left, right = times[:-1], times[1:]
@@ -128,8 +130,8 @@ def _pieces(run: Trajectory) -> tuple[Floats, Floats, Floats]:
 
 
 def _end(run: Trajectory, terms: Terms, at: Floats, mode: Floats, after: bool) -> tuple[Floats, Floats]:
-    """Slip speed and acceleration at one end of every piece, by Taylor's series from the sample on its own side."""
-    # `after` : the end is a start, so what lies behind it counts
+    """Return slip speed and acceleration at one end of every piece, by Taylor's series from the sample on its side."""
+    # `after`: the end is the start of a piece
     assert run.system is not None
     near = np.searchsorted(run.t, at, side="left" if after else "right") - (0 if after else 1)
     near = np.clip(near, 0, len(run.t) - 1)
@@ -150,9 +152,9 @@ def _end(run: Trajectory, terms: Terms, at: Floats, mode: Floats, after: bool) -
 
 
 def slope_of_friction(trajectory: Trajectory) -> Floats:
-    """dT/dv = Ts(t) d(mubar)/dv at the samples of (20a), (20b), N m s/rad.
+    """Return dT/dv = Ts(t) d(mubar)/dv at the samples by (20a), (20b), N m s/rad.
 
-    The set-valued law has its sliding slope for v != 0; where v = 0 it has none, and 0 stands there.
+    The set-valued law has its sliding slope for v != 0, and 0 for v = 0, where no slope exists.
     """
     if trajectory.system is None:
         raise InputError("the slope of the friction torque needs the system of the trajectory")

@@ -1,6 +1,6 @@
-"""When the engine cycles of a run start: counted in time, told from the phases of a torque, or not known.
+"""Start times of the engine cycles of a run: from the scene, from the phases of a torque, or unknown.
 
-Phases are measured in blocks of samples; between them the frequency is one, or drifts.
+Phases are measured in blocks of samples; between blocks the frequency is constant, or drifts.
 """
 
 from __future__ import annotations
@@ -19,49 +19,50 @@ from tcc_sim.solvers.per_cycle import cycle_starts, starts_of
 from tcc_sim.trajectory import Floats
 
 Stretch = tuple[int, Floats]
-"""Engine cycles one after the other: the number of the first, and when each starts and the last ends, s."""
+"""Consecutive engine cycles: the number of the first, and their start times with the end of the last, s."""
 
 
 @dataclass(frozen=True)
 class Uniform:
-    """Cycle n starts at t = n cycle, in every run. What is not `told` are slices of time in place of engine cycles that
-    nobody knows: their extremes hold, section and period do not exist.
+    """Cycle n starts at t = n cycle, in every run.
+
+    If not `told`, slices of time replace unknown engine cycles: they have extremes, but neither section nor period.
     """
 
     cycle: float
     told: bool = True
 
     def stretches(self, run: int, begin: float, end: float) -> list[Stretch]:
-        """Of which EngineClock tells."""
+        """Return the stretches as `EngineClock`."""
         first = math.ceil(begin / self.cycle - DEFAULTS.slack)
         return [(first, cycle_starts(first, end, self.cycle))]
 
 
 @dataclass(frozen=True)
 class Scheduled:
-    """Cycles of a scene whose frequency varies in time as it says, in every run from its reset on."""
+    """Cycles of a scene with a frequency that varies in time, in every run from its reset on."""
 
     system: System
     told: bool = True
 
     @property
     def cycle(self) -> float:
-        """The shortest, s."""
+        """Shortest cycle, s."""
         return self.system.cycle
 
     def stretches(self, run: int, begin: float, end: float) -> list[Stretch]:
-        """Of which EngineClock tells."""
+        """Return the stretches as `EngineClock`."""
         first = math.ceil(self.system.cycles_until(begin) - DEFAULTS.slack)
         return [(first, starts_of(self.system, first, end))]
 
 
 @dataclass(frozen=True)
 class Tracked:
-    """Cycles of a frequency that may vary, known for stretches of some runs.
+    """Cycles of a frequency that may vary, known in stretches of some runs.
 
     cycle : median length, s
-    runs : by number, the cycles whose start is known, (n,), and these times, s, ascending; a number that is left out
-        begins another stretch
+    runs : by number the cycles with known start, (n,), and these times, s, ascending; a missing number begins another
+        stretch
     """
 
     cycle: float
@@ -69,7 +70,7 @@ class Tracked:
     told: bool = True
 
     def stretches(self, run: int, begin: float, end: float) -> list[Stretch]:
-        """Of which EngineClock tells; the last start before a stretch that nobody knows is none."""
+        """Return the stretches as `EngineClock`; the last start before an unknown stretch begins no cycle."""
         if run not in self.runs:
             return []
         numbers, starts = self.runs[run]
@@ -84,20 +85,21 @@ class Tracked:
 
 
 EngineClock = Uniform | Scheduled | Tracked
-"""Where the engine cycles of every run of a recording lie: `cycle` is a typical one, s, `told` whether what is counted
-are engine cycles, and `stretches` gives those of a run that start between two times, s, cycles that do not follow each
-other apart.
+"""Engine cycles of every run of a recording.
+
+`cycle` is a typical length, s; `told` is False for slices of time instead of cycles; `stretches` returns the cycles of
+a run that start between two times, s, one stretch for each group of consecutive cycles.
 """
 
 
 def clock_of_scene(system: System) -> EngineClock:
-    """When the engine cycles start where torque and frequency are those of a scene."""
+    """Return the engine cycles for the torque and frequency of a scene."""
     return Uniform(system.cycle) if system.profile is None else Scheduled(system)
 
 
 class Block(NamedTuple):
-    """A phase (rad) with the middle of its block, s, its amplitude (N m), the part of the variance that the line holds,
-    and where the block begins and ends, s.
+    """Phase (rad) in the middle of a block of samples (s), amplitude (N m), share of the variance in the line, and the
+    block's begin and end (s).
     """
 
     t: float
@@ -109,11 +111,11 @@ class Block(NamedTuple):
 
 
 Blocks = list[Block]
-"""Blocks that follow each other."""
+"""Consecutive blocks."""
 
 
 def trim(stretch: Blocks) -> None:
-    """Leave out a block at either end that the oscillation fills in part only."""
+    """Remove a block at either end that the oscillation fills only in part."""
     for end, beside in ((0, 1), (-1, -2)):
         if len(stretch) > 2 and stretch[end].amplitude < DEFAULTS.full_size * stretch[beside].amplitude:
             del stretch[end]
@@ -121,12 +123,12 @@ def trim(stretch: Blocks) -> None:
 
 @dataclass(frozen=True)
 class RunPhase:
-    """What a run comes to: when its cycles start, or why nobody knows.
+    """Start times of a run's cycles, or the reason why they are unknown.
 
-    numbers, starts : as Tracked has them
-    low, high : smallest and largest frequency, rad/s; equal where it is constant
+    numbers, starts : as in `Tracked`
+    low, high : smallest and largest frequency, rad/s; equal if it is constant
     known : part of the run in which they are known
-    why : a sentence where there are none
+    why : reason in a sentence if none are known
     """
 
     numbers: NDArray[np.int64]
@@ -138,7 +140,7 @@ class RunPhase:
 
 
 def cycles_between(stretches: list[Blocks], known: float) -> RunPhase:
-    """A run's cycles from its stretches, the `known` part of it, whose phases are first made to follow each other."""
+    """Return a run's cycles from its stretches, known in the part `known`; their phases are joined first."""
     blocks = [(np.array([b.t for b in s]), np.array([b.phase for b in s])) for s in stretches]
     t, phase = blocks[0]
     for number, (later, ahead) in enumerate(blocks[1:], 1):
@@ -168,7 +170,7 @@ def cycles_between(stretches: list[Blocks], known: float) -> RunPhase:
 
 
 def _steady(t: Floats, phase: Floats) -> bool:
-    """Whether phases follow a uniform rotation as well as their own noise lets them, which third differences tell."""
+    """Return whether phases follow a uniform rotation within their own noise, by their third differences."""
     if len(t) < 3:
         return True
     slope, start = np.polyfit(t - t[0], phase, 1)
@@ -180,8 +182,8 @@ def _steady(t: Floats, phase: Floats) -> bool:
 
 
 def _varying(stretch: Blocks, t: Floats, phase: Floats) -> tuple[Floats, Floats, Floats]:
-    """Numbers and times of the cycles of one stretch, and frequencies at its blocks."""
-    # The phase is the cubic through local parabolas over five blocks, which carry no noise of single ones.
+    """Return numbers and start times of the cycles of one stretch, and the frequencies at its blocks."""
+    # Cubic through local parabolas over five blocks, which average the noise of single blocks.
     from scipy.interpolate import CubicHermiteSpline
 
     begin, end = stretch[0].begin, stretch[-1].end

@@ -1,8 +1,8 @@
-"""Orders, transmissibility and judder of a run, as reports on noise, vibration and harshness have them.
+"""Orders, transmissibility and judder of a run, as in reports on noise, vibration and harshness.
 
-Slip speed and shaft torque are resampled in equal steps of the engine's phase, so that what goes with the engine stands
-at its order however the frequency varies; a window of Hann over 16 cycles goes along them. An amplitude is that of the
-sine, not a power.
+Slip speed and shaft torque are resampled in equal steps of the engine's phase, so that engine-synchronous components
+stay at their order while the frequency varies. A Hann window over 16 cycles moves along them. Amplitudes are those of
+sines, not powers.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from tcc_sim.result import Result, reported
 from tcc_sim.trajectory import Floats, Trajectory
 
 HANN_LOBE = 3
-"""Columns of a spectrum that the mean spreads over: half of the main lobe of Hann's window."""
+"""Columns of a spectrum over which the mean spreads: half the main lobe of Hann's window."""
 CUTS = (1.0, 2.0, 3.0, 4.0)
-"""Orders of the excitation that are drawn and listed by themselves."""
+"""Orders of the excitation that are drawn and listed individually."""
 LEAST = 1e-12
-"""Amplitudes below count as this one, so that they have a level."""
+"""Lower limit of amplitudes in levels."""
 
 
 @dataclass(frozen=True)
 class Judder:
-    """How the slip speed shakes in each of W windows."""
+    """Oscillation of the slip speed in each of W windows."""
 
     rms: Floats = field(metadata=reported("rms of the slip speed about its mean over each engine cycle, (W,)", "rad/s"))
     peak: Floats = field(metadata=reported("largest deviation from that mean, (W,)", "rad/s"))
@@ -62,17 +62,17 @@ class Orders(Result):
                 f"orders up to {self.order[-1]:g}")
 
     def columns(self) -> dict[str, Floats]:
-        """A row for every window: time, frequency, judder, heat, and the shaft torque of orders 1 to 4."""
+        """Return a row for every window: time, frequency, judder, heat, and the shaft torque of orders 1 to 4."""
         return {"time": self.time, "frequency": self.frequency, **vars(self.judder), "heat": self.heat,
                 **{f"shaft_torque_{order:g}": self.cut(order) for order in self.cuts}}
 
     @property
     def cuts(self) -> list[float]:
-        """The crank orders of the first multiples of the excitation that there are."""
+        """Crank orders of the first multiples of the excitation, as far as they exist."""
         return [self.per_revolution * order for order in CUTS if self.per_revolution * order <= self.order[-1]]
 
     def first(self, windows: int, orders: int) -> Orders:
-        """The first so many windows and orders."""
+        """Return the first windows and orders."""
         w, n = slice(windows), slice(orders)
         judder = Judder(self.judder.rms[w], self.judder.peak[w], self.judder.breakaways[w])
         return replace(self, time=self.time[w], frequency=self.frequency[w], order=self.order[n], heat=self.heat[w],
@@ -80,17 +80,17 @@ class Orders(Result):
                        transmissibility=self.transmissibility[w])
 
     def cut(self, order: float, of: str = "shaft_torque") -> Floats:
-        """The amplitude of one order along the run, (W,)."""
+        """Return the amplitude of one order along the run, (W,)."""
         found: Floats = getattr(self, of)[:, int(np.argmin(np.abs(self.order - order)))]
         return found
 
 
 def orders_of(run: Trajectory | Signals) -> Orders:
-    """The orders of a run from its samples.
+    """Return the orders of a run from its samples.
 
     Parameters
     ----------
-    run : with its system, or its signals, and samples of which there are `Settings.least_samples` to a period of the
+    run : trajectory with its system, or signals, with at least `Settings.least_samples` samples in a period of the
         excitation
 
     Raises
@@ -139,7 +139,7 @@ def orders_of(run: Trajectory | Signals) -> Orders:
 
 @dataclass(frozen=True, repr=False)
 class OrderComparison(Result):
-    """Orders of a measured run beside those of the simulated one, on the same windows."""
+    """Orders of a measured run beside those of the simulated one, in the same windows."""
 
     measured: Orders = field(metadata=reported("orders of the measurement"))
     simulated: Orders = field(metadata=reported("orders of the simulation"))
@@ -148,18 +148,18 @@ class OrderComparison(Result):
         return f"OrderComparison: {len(self.measured.time)} windows"
 
     def columns(self) -> dict[str, Floats]:
-        """A row for every window: time, frequency, and the differences of the drawn orders, dB."""
+        """Return a row for every window: time, frequency, and the differences of the drawn orders, dB."""
         cuts = {f"{name}_{order:g}": self.difference(name, order)
                 for name in ("slip_speed", "shaft_torque") for order in self.measured.cuts}
         return {"time": self.measured.time, "frequency": self.measured.frequency, **cuts}
 
     def difference(self, of: str, order: float) -> Floats:
-        """Level of the simulated amplitude of one order less the measured one, dB, (W,)."""
+        """Return the simulated level of one order minus the measured one, dB, (W,)."""
         return level(self.simulated.cut(order, of)) - level(self.measured.cut(order, of))
 
 
 def compared(measured: Signals, run: Trajectory) -> OrderComparison:
-    """The orders of a measurement beside those of the run that it drove, both by the measured phase.
+    """Compare the orders of a measurement with those of the run that it drove, both by the measured phase.
 
     Raises
     ------
@@ -175,12 +175,12 @@ def compared(measured: Signals, run: Trajectory) -> OrderComparison:
 
 
 def level(amplitude: Floats) -> Floats:
-    """20 log10 of an amplitude, dB re 1 of its unit."""
+    """Return 20 log10 of an amplitude, dB re 1 of its unit."""
     return 20.0 * np.log10(np.maximum(amplitude, LEAST))
 
 
 def _amplitudes(values: Floats, starts: NDArray[np.int64], length: int, count: int) -> Floats:
-    """(W, count) amplitudes of the first `count` multiples of one turn in a window, by Hann's window."""
+    """Return (W, count) amplitudes of the first `count` multiples of one turn in a window, by Hann's window."""
     hann = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)
     out = np.empty((len(starts), count))
     for row, start in zip(out, starts.tolist()):
@@ -190,11 +190,9 @@ def _amplitudes(values: Floats, starts: NDArray[np.int64], length: int, count: i
 
 
 def _driven(torque: Floats, order: Floats) -> Floats:
-    """The orders that a given torque has: the peaks of its amplitudes, (W, N), that reach `DEFAULTS.driven` of the
-    largest in their window, most of the time.
-    """
+    """Return the orders of a measured torque: peaks of (W, N) amplitudes with a median share of `DEFAULTS.driven`."""
     torque = torque.copy()
-    torque[:, :HANN_LOBE] = 0.0  # The mean's, and what Hann's window spreads of it.
+    torque[:, :HANN_LOBE] = 0.0  # The mean, and its spread by Hann's window.
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.median(torque / torque.max(axis=1, keepdims=True), axis=0)
     tops = (share[1:-1] > share[:-2]) & (share[1:-1] >= share[2:]) & (share[1:-1] >= DEFAULTS.driven)
@@ -203,7 +201,7 @@ def _driven(torque: Floats, order: Floats) -> Floats:
 
 
 def _about_cycle_mean(v: Floats) -> Floats:
-    """The slip speed less its mean over the engine cycle that it is in."""
+    """Return the slip speed minus its mean over each engine cycle."""
     whole = (len(v) - 1) // DEFAULTS.per_cycle * DEFAULTS.per_cycle
     cycles = v[:whole].reshape(-1, DEFAULTS.per_cycle)
     return np.append((cycles - cycles.mean(axis=1, keepdims=True)).ravel(), 0.0)

@@ -1,6 +1,6 @@
-"""The period of a motion in engine cycles, found on its stroboscopic section.
+"""Period of a motion in engine cycles, from its stroboscopic section.
 
-A period is stated where the section repeats with it and with no divisor of it, now or, where it still settles, in the
+A period is stated if the section repeats with it and with no divisor of it, now or, while it still settles, in the
 limit of its decay. Otherwise there is none yet.
 """
 
@@ -17,13 +17,13 @@ from tcc_sim.trajectory import Cycles, Floats
 
 @dataclass(frozen=True)
 class Periodicity:
-    """The repetition of a section.
+    """Repetition of a section.
 
-    period : in engine cycles, 0 where none up to 16 can be stated yet
-    settled : whether the section repeats within the tolerance; a period that only the limit of a decay has is not
-        settled
-    change : largest difference between the last two periods (of one cycle where there is no period), relative to the
-        size of the motion; NaN where there are too few cycles
+    period : in engine cycles, 0 if none up to 16 can be stated yet
+    settled : whether the section repeats within the tolerance; False for a period of the limit of a decay
+    change : largest difference between the last two periods (of one cycle without a period), relative to the size of
+        the
+        motion; NaN for too few cycles
     """
 
     period: int
@@ -33,21 +33,23 @@ class Periodicity:
 
 def periodicity(cycles: Cycles, tolerance: float = DEFAULTS.tolerance,
                 maximum: int = DEFAULTS.maximum_period) -> Periodicity:
-    """The smallest number of engine cycles after which the section repeats.
+    """Return the smallest number of engine cycles after which the section repeats.
 
-    Settled: over the last quarter of the cycles, and at least three periods, points that are p cycles apart stay within
-    `tolerance` of one another; a slow drift does not pass, since all of them are compared and not only neighbours.
-    Settling: the differences of points p cycles apart decay as a linear map of up to three modes does, and its limit,
-    which is near, repeats after p cycles. In both cases there is no period yet where the differences of points a
-    divisor of p apart may be dying out, or where those p apart still grow. Speeds are measured by the largest speed of
-    the motion and angles by the largest angle on the section.
+    Settled: over the last quarter of the cycles, and at least three periods, points p cycles apart stay within
+    `tolerance`
+    of one another. All of them are compared, not only neighbours, so that a slow drift does not pass. Settling: the
+    differences of points p cycles apart decay like a linear map of up to three modes, and its limit is near and repeats
+    after p cycles. In both cases there is no period yet if the differences of points a divisor of p apart may be
+    decaying
+    to zero, or if those p apart still grow. The size of speeds is the largest speed of the motion, that of angles the
+    largest angle on the section.
 
     Parameters
     ----------
-    cycles : consecutive engine cycles, the transient dropped; NaN marks cycles that were not observed, and only those
-        after the last gap are looked at, where these are `Settings.after_a_gap` or more
+    cycles : consecutive engine cycles without the transient; NaN marks cycles that were not observed. Only those after
+        the last gap are used, if there are at least `Settings.after_a_gap`
     tolerance : relative to the size of the motion
-    maximum : longest period looked for, engine cycles
+    maximum : longest period, engine cycles
     """
     first = _after_gap(cycles)
     points = _scaled(cycles, first)
@@ -67,7 +69,7 @@ def periodicity(cycles: Cycles, tolerance: float = DEFAULTS.tolerance,
         found, left = _period_in_the_limit(points, period, tolerance)
         if found is None:
             continue
-        # A decay behind a doubling looks like a slower one to nothing; after twice the period less has changed.
+        # Just behind a doubling a decay resembles a slower one to zero; over twice the period less changes.
         twice = 2 * period
         if found == period and twice in candidates and changes[twice - 1] < DEFAULTS.doubtful * changes[period - 1]:
             further, nearer = _period_in_the_limit(points, twice, tolerance)
@@ -77,10 +79,11 @@ def periodicity(cycles: Cycles, tolerance: float = DEFAULTS.tolerance,
 
 
 def cycles_drift(cycles: Cycles) -> bool:
-    """Whether the largest slip speeds of the cycles, without a period, still grow or decay.
+    """Return whether the largest slip speeds of cycles without a period still grow or decay.
 
-    The means over their quarters change in one direction, by `DEFAULTS.drift` standard errors in all, which a torus or
-    chaos does by chance only; and by more than the tolerance. Too few cycles for quarters leave it open, as a drift.
+    The means over their quarters change in one direction, in all by more than `DEFAULTS.drift` standard errors, which
+    is
+    rare for a torus or chaos, and by more than the tolerance. Too few cycles for quarters count as a drift.
     """
     largest = cycles.largest[np.isfinite(cycles.largest)]
     width = len(largest) // 4
@@ -94,19 +97,19 @@ def cycles_drift(cycles: Cycles) -> bool:
 
 
 def enough_after_a_gap(cycles: Cycles) -> bool:
-    """Whether the cycles after the last gap are enough for a period; fewer look like one by chance."""
+    """Return whether enough cycles follow the last gap; fewer may repeat by chance."""
     first = _after_gap(cycles)
     return first == 0 or len(cycles) - first >= DEFAULTS.after_a_gap
 
 
 def _after_gap(cycles: Cycles) -> int:
-    """Number of the first cycle after the last one that was not observed; 0 where there is no gap."""
+    """Return the number of the first cycle after the last gap; 0 without a gap."""
     observed = np.isfinite(cycles.highest) & np.isfinite(cycles.lowest)
     return 0 if observed.all() else int(np.flatnonzero(~observed)[-1]) + 1
 
 
 def stays(cycles: Cycles, further: Cycles, period: int, tolerance: float = DEFAULTS.tolerance) -> bool:
-    """Whether the section of the cycles that follow stays within `tolerance` of the last period of those before."""
+    """Return whether the section of further cycles stays within `tolerance` of the last period before."""
     last = cycles.section[len(cycles.section) - period:]
     apart = further.section - last[(np.arange(len(further.section)) - 1) % period]
     apart /= sizes_of(cycles.section, cycles.highest, cycles.lowest)
@@ -114,9 +117,9 @@ def stays(cycles: Cycles, further: Cycles, period: int, tolerance: float = DEFAU
 
 
 def repeats_finely(cycles: Cycles, period: int, count: int) -> bool:
-    """Whether the last `count` cycles repeat those a period before them so closely that as many as four tenths of that
-    which follow stay within the tolerance: what has grown from rounding to `fine` in so many cycles needs more to
-    leave.
+    """Return whether the last `count` cycles repeat so closely that 0.4 `count` further ones stay within the tolerance.
+
+    A difference that grew from rounding to `fine` in so many cycles needs more cycles to leave.
     """
     points = cycles.section[-count - period:]
     if len(points) < count + period:
@@ -126,40 +129,42 @@ def repeats_finely(cycles: Cycles, period: int, count: int) -> bool:
 
 
 def _repeats(points: Floats, period: int, tolerance: float) -> bool:
-    """Whether points a period apart stay together over the last quarter of the run, and at least three periods."""
+    """Return whether points a period apart stay together over the last quarter of the run, and at least three periods.
+    """
     tail = points[len(points) - _repeats_of(points, period) * period:].reshape(-1, period, points.shape[1])
     return _largest(tail.max(axis=0) - tail.min(axis=0)) <= tolerance
 
 
 def _repeats_of(points: Floats, period: int) -> int:
-    """Periods in the last quarter of the run, and at least three."""
+    """Return the number of periods in the last quarter of the run, at least three."""
     return max(3, len(points) // 4 // period)
 
 
 def _change(points: Floats, period: int) -> float:
-    """Largest difference between the last two periods."""
+    """Return the largest difference between the last two periods."""
     pairs = points[max(len(points) - 2 * period, 0):]
     return _largest(pairs[period:] - pairs[:-period])
 
 
 def _divisors(period: int) -> list[int]:
-    """The divisors of a number below it."""
+    """Return the divisors of a number below it."""
     return [q for q in range(1, period) if period % q == 0]
 
 
 def _differences(points: Floats, lag: int) -> Floats:
-    """Largest differences of points `lag` apart, (n - lag,)."""
+    """Return the largest differences of points `lag` apart, (n - lag,)."""
     out: Floats = np.abs(points[lag:] - points[:-lag]).max(axis=1)
     return out
 
 
 def _lately(points: Floats, lag: int, period: int) -> Floats:
-    """The same over the part of the run in which `_repeats` looks at a period."""
+    """Return them over the part of the run that `_repeats` compares."""
     return _differences(points, lag)[-_repeats_of(points, period) * period:]
 
 
 def _thirds(points: Floats, lag: int, multiple: int) -> tuple[float, float, float] | None:
-    """Largest difference of points `lag` apart in the thirds of the run, each a whole multiple of `multiple` long."""
+    """Return the largest difference of points `lag` apart in each third of the run, of whole multiples of `multiple`.
+    """
     size = _differences(points, lag)
     width = len(size) // 3 // multiple * multiple
     if width == 0:
@@ -169,12 +174,11 @@ def _thirds(points: Floats, lag: int, multiple: int) -> tuple[float, float, floa
 
 
 def _may_vanish(points: Floats, shorter: int, period: int, tolerance: float) -> bool:
-    """Whether what tells a divisor from a period that repeats is none, or dies out, as far as its size tells."""
-    # A slow alternation repeats after two cycles within any tolerance that is wider than its decay. A run that is too
-    # short for three sizes leaves it open. So does a difference that falls to half while the period repeats: it is
-    # itself hardly above the tolerance. One that is constant meanwhile fell in the transient before, and has ended.
-    # A divisor may drift by a little more than the tolerance, and its multiple, over fewer cycles, by a little less; so
-    # may points on a torus that is hardly larger than the tolerance be apart.
+    """Return whether the difference that distinguishes a period from a divisor is zero or may decay to zero."""
+    # A slow alternation repeats after two cycles within any tolerance wider than its decay. A run too short for three
+    # sizes leaves this open, and so does a difference that halves while the period repeats: it is hardly above the
+    # tolerance. A constant difference fell in the transient before, and its fall has ended. A divisor may drift by a
+    # little more than the tolerance, and its multiple, over fewer cycles, by a little less; so may a small torus.
     thirds = _thirds(points, shorter, period)
     if thirds is None:
         return True
@@ -185,21 +189,19 @@ def _may_vanish(points: Floats, shorter: int, period: int, tolerance: float) -> 
         return True
     if float(np.ptp(size.reshape(-1, period).max(axis=1))) < DEFAULTS.ended * (thirds[1] - thirds[2]):
         return False
-    later = _thirds(points[len(points) // 2:], shorter, period)  # A fast decay before a slow one hides that it goes on.
+    later = _thirds(points[len(points) // 2:], shorter, period)  # A fast decay before a slow one hides the latter.
     return _vanish(*thirds) or (later is not None and _vanish(*later))
 
 
 def _vanish(a: float, b: float, c: float) -> bool:
-    """Whether three sizes, one after the other, may be on their way to none: their limit is that of A. C. Aitken's
-    delta-squared process.
-    """
+    """Return whether three successive sizes may decay to zero, by A. C. Aitken's delta-squared process."""
     if not (c < b < a and a - c > DEFAULTS.shrinking * c):
         return False
     return (b - c) >= (a - b) or c - (b - c) ** 2 / ((a - b) - (b - c)) < DEFAULTS.doubtful * c
 
 
 def _grows(points: Floats, period: int, tolerance: float) -> bool:
-    """Whether points that are still together part at a growing rate, up to the end of the run."""
+    """Return whether points that are still together separate at a growing rate up to the end of the run."""
     thirds = _thirds(points, period, period)
     if thirds is None:
         return False
@@ -210,9 +212,10 @@ def _grows(points: Floats, period: int, tolerance: float) -> bool:
 
 
 def _limit(points: Floats, period: int) -> Floats | None:
-    """The points of one period to which a run settles, (period, 3), in the phases of the last ones; None for none."""
-    # It is that of the reduced rank extrapolation of R. P. Eddy (1979) and M. Mesina (1977). A spiral onto a torus
-    # decays too, but at a rate that falls.
+    """Return the limit of a settling run over one period, (period, 3), in the phases of its last points; None for none.
+    """
+    # Reduced rank extrapolation, R. P. Eddy (1979) and M. Mesina (1977). A spiral onto a torus decays too, but at a
+    # falling rate.
     points = points[len(points) // 3:]
     thirds = _thirds(points, period, period)
     if thirds is None or thirds[2] > DEFAULTS.least_shrinking * thirds[0]:
@@ -237,9 +240,7 @@ def _limit(points: Floats, period: int) -> Floats | None:
 
 
 def _period_in_the_limit(points: Floats, period: int, tolerance: float) -> tuple[int | None, float]:
-    """The period of the limit to which a run settles in so many cycles, 0 where that is in doubt, and the distance left
-    to it; None where it settles to none that is near.
-    """
+    """Return the period of a near limit, 0 in doubt, None for none, and the remaining distance to the limit."""
     limit = _limit(points, period)
     left = math.inf if limit is None else _largest(limit - points[-period:])
     if limit is None or not left <= DEFAULTS.distance:
@@ -248,11 +249,11 @@ def _period_in_the_limit(points: Floats, period: int, tolerance: float) -> tuple
 
 
 def _decay(points: Floats, period: int, modes: int) -> tuple[float, Floats] | None:
-    """Misfit and coefficients of the linear recurrence that the differences of points follow; None where there are too
-    few of them.
+    """Return misfit and coefficients of the linear recurrence of the differences of points; None for too few of them.
 
     The differences d_n = x_(n+p) - x_n of a linear map with m modes satisfy d_(n+mp) = sum_i c_i d_(n+ip). Every
-    equation counts relative to its own size.
+    equation
+    is scaled by its size.
     """
     difference = points[period:] - points[:-period]
     count = len(difference) - modes * period
@@ -269,15 +270,13 @@ def _decay(points: Floats, period: int, modes: int) -> tuple[float, Floats] | No
 
 
 def _rate(coefficients: Floats) -> float:
-    """Rate of the decay of such a recurrence, per period: it goes as the powers of the roots of z^m - sum_i c_i z^i."""
+    """Return the decay rate of a recurrence per period, by the roots of z^m - sum_i c_i z^i."""
     roots = coefficients if len(coefficients) == 1 else np.roots([1.0, *-coefficients[::-1]])
     return -math.log(max(float(np.abs(roots).max()), 1e-300))
 
 
 def _period_of(limit: Floats, left: float, tolerance: float) -> int:
-    """The smallest divisor of the length of an orbit after which it repeats; 0 where the distance left to it, of which
-    some is uncertain, leaves that in doubt.
-    """
+    """Return the smallest divisor after which an orbit repeats; 0 if the remaining distance leaves it in doubt."""
     for shorter in _divisors(len(limit)):
         apart = _largest(np.roll(limit, -shorter, axis=0) - limit)
         if apart <= 4.0 * max(left, tolerance):
@@ -286,7 +285,7 @@ def _period_of(limit: Floats, left: float, tolerance: float) -> int:
 
 
 def _scaled(cycles: Cycles, first: int) -> Floats:
-    """The section points from cycle `first` on, (n, 3), in units of the motion's size."""
+    """Return the section points from cycle `first` on, (n, 3), in units of the motion's size."""
     points = cycles.section[first:]
     finite = np.isfinite(points)
     if not finite.all():
@@ -297,9 +296,9 @@ def _scaled(cycles: Cycles, first: int) -> Floats:
 
 
 def sizes_of(points: Floats, *speeds: Floats) -> Floats:
-    """The size of a motion: slip and plate speed by the largest speed, angles by the largest on the section.
+    """Return the size of a motion: of slip and plate speed the largest speed, of angles the largest on the section.
 
-    Neither is taken for less than 1e-6, in s or 1/s, of the other: at rest the speeds are roundings.
+    Neither is below 1e-6, in s or 1/s, of the other: at rest the speeds are rounding errors.
     """
     v, angle, w = np.abs(points).max(axis=0).tolist() if len(points) else (0.0, 0.0, 0.0)
     speed = max(v, w, *map(_largest, speeds))
@@ -308,5 +307,5 @@ def sizes_of(points: Floats, *speeds: Floats) -> Floats:
 
 
 def _largest(x: Floats) -> float:
-    """Largest magnitude, 0 for none."""
+    """Return the largest magnitude, 0 for an empty array."""
     return float(np.abs(x).max()) if x.size else 0.0

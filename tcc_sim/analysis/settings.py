@@ -16,36 +16,34 @@ class Settings:
     tolerance: float = quantity(1e-4, "repetition, relative to the size of the motion, that counts as settled")
     fine: float = quantity(1e-8, "repetition of each coordinate, relative to its largest value, over cycles after "
                            "which fewer need not be seen")
-    near: float = quantity(0.25, "largest change over a period, relative to the size of the motion, at the end of a "
-                           "run that still settles")
-    distance: float = quantity(0.1, "largest distance that such a run may have left to its limit, relative to the size "
-                               "of the motion")
-    same: float = quantity(0.05, "part of the distance left to the limit that two of its points may lie apart and "
-                           "still be one")
+    near: float = quantity(0.25, "largest change over a period at the end of a run that still settles, relative to the "
+                           "size of the motion")
+    distance: float = quantity(0.1, "largest distance of such a run from its limit, relative to the size of the motion")
+    same: float = quantity(0.05, "largest distance of two points of the limit that count as one, relative to the "
+                           "remaining distance")
     modes: int = quantity(3, "most modes of a decay: the section has three coordinates")
     misfit: float = quantity(0.02, "largest misfit of a decay, relative to its own size")
     exact: float = quantity(1e-3, "misfit at which fewer modes are enough")
     least_shrinking: float = quantity(0.95, "largest part of a difference that a decay leaves over a third of the run")
-    least_decay: float = quantity(0.05, "least natural logarithm of a decay over the run that tells it from a motion "
-                                  "that goes on for ever")
-    doubtful: float = quantity(0.5, "a difference may be none in the limit where its decay leaves less than this part "
-                               "of it, as far as its size tells; and a decay whose rate falls below this part within "
-                               "the run may end before it is none")
-    shrinking: float = quantity(0.02, "least shrinking over the run, relative to what is left, that is looked at")
-    ended: float = quantity(0.01, "a fall of a difference has ended where it varies by less than this part of its last "
-                            "third's while the period repeats")
-    after_a_gap: int = quantity(16, "length without a gap, at least, that a period is told from after one: as many as "
-                                "the longest", "engine cycles")
+    least_decay: float = quantity(0.05, "least natural logarithm of a decay over the run that distinguishes it from a "
+                                  "lasting motion")
+    doubtful: float = quantity(0.5, "a difference may vanish in the limit if its decay leaves less than this part of "
+                               "it; a decay whose rate falls below this part within the run may end before")
+    shrinking: float = quantity(0.02, "least shrinking over the run, relative to the remaining difference")
+    ended: float = quantity(0.01, "a fall of a difference has ended if it varies by less than this part of its last "
+                            "third's fall while the period repeats")
+    after_a_gap: int = quantity(16, "least length without a gap before a period is stated after one: that of the "
+                                "longest", "engine cycles")
     growth: float = quantity(2.0, "growth of a difference from a third of the run to the next, twice, that shows a "
-                             "motion on its way elsewhere")
+                             "departing motion")
 
     # The figures of a steady state (`summary.py`).
     discard: int = quantity(50, "length dropped as transient: the paper's rule", "engine cycles")
-    rounding: float = quantity(1e-12, "share of time in stick that counts as none, and as all where it is missing")
-    drift: float = quantity(4.0, "change of the largest slip speeds over a run without period, in standard errors, "
-                            "from which on it is a transient")
-    passing: float = quantity(5e-3, "a stick fraction up to here is slip that passes through v = 0: the smoothed law "
-                              "counts the passage through its layer")
+    rounding: float = quantity(1e-12, "largest share of time in stick that counts as 0, and in slip as 1")
+    drift: float = quantity(4.0, "change of the largest slip speeds over a run without a period that marks a "
+                            "transient, in standard errors")
+    passing: float = quantity(5e-3, "largest stick fraction that counts as slip through v = 0: the smoothed law counts "
+                              "the passage through its layer")
 
     # Orders of a torque that was commanded or comes from data (`orders.py`).
     driven: float = quantity(0.05, "least amplitude of an order of the torque, relative to its largest: sidelobes of "
@@ -77,7 +75,7 @@ class Settings:
     opening_cycles: float = quantity(6.0, "cycles of the line that such a stretch must hold")
     steepest: float = quantity(0.12, "largest relative change of frequency, either way, that is tried on it", "1/s")
     drifts: int = quantity(13, "how many such changes are tried, evenly")
-    cycles_per_block: int = quantity(2, "least size of a block, which comes to one phase", "cycles of the line")
+    cycles_per_block: int = quantity(2, "least size of a block, which has one phase", "cycles of the line")
     samples_per_block: int = quantity(32, "the same", "samples")
     strongest_line: float = quantity(0.2, "part of the variance of a block, its drift apart, that the line must hold")
     largest_surprise: float = quantity(1.0, "largest difference of a block's phase from what the blocks before it let "

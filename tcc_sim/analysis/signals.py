@@ -1,7 +1,7 @@
-"""Slip speed, shaft torque and engine torque of a run, solved, recorded or measured, with the phase of the excitation.
+"""Signals of a run, solved, recorded or measured: slip speed, torques and the phase of the excitation.
 
-Orders and spectra resample these signals in equal steps of the phase. A table of measurements tells the phase by its
-column engine_speed, else by the pulses in its column tacho, else by its engine torque.
+Orders and spectra resample these signals in equal steps of the phase. The phase of a table of measurements comes from
+its column engine_speed, else from the pulses in its column tacho, else from its engine torque.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ from tcc_sim.topics import FAR_END
 from tcc_sim.trajectory import Floats, Trajectory, integral
 
 Phase = tuple[Floats, Callable[[Floats], Floats]]
-"""Periods of the excitation passed at samples, (n,), and the time, s, at which so many have passed."""
+"""Periods of the excitation passed at samples, (n,), and the function from such numbers to times, s."""
 
 
 @dataclass(frozen=True)
 class Signals:
-    """What orders and spectra work on; n samples.
+    """Input of orders and spectra; n samples.
 
     turns : (n,) periods of the excitation passed at the samples
-    when : time, s, at which so many have passed
-    at : slip speed (rad/s), shaft torque and engine torque (N m) at times, s; NaN for what is not known
-    driven : orders of the excitation that the torque has; None where the torque itself tells
-    breakaways : times from stick to slip, s; None where they are not known
+    when : function from such numbers to times, s
+    at : function from times, s, to slip speed (rad/s), shaft torque and engine torque (N m); NaN for unknown ones
+    driven : orders of the excitation in the torque; None to find them in the torque
+    breakaways : times of changes from stick to slip, s; None if they are unknown
     t, heat : (n,) s, and work of the friction torque from the start on, J
     """
 
@@ -50,22 +50,22 @@ class Signals:
 
 
 def turns_at(system: System, t: Floats) -> Floats:
-    """Periods of the excitation passed at the times t, (n,)."""
+    """Return the periods of the excitation passed at the times t, (n,)."""
     return t / system.cycle if system.profile is None else np.asarray(phase_at(system.profile, t)) / (2.0 * math.pi)
 
 
 def run_signals(run: Trajectory, phase: Phase | None = None) -> Signals:
-    """The signals of a solved or recorded run.
+    """Return the signals of a solved or recorded run.
 
     Parameters
     ----------
     run : with its system
-    phase : of the excitation, where another one than the scene's or the recording's own counts
+    phase : of the excitation; None for that of the scene or the recording
 
     Raises
     ------
     InputError
-        No system, or a commanded torque whose periods are not known.
+        No system, or a commanded torque with unknown periods.
     """
     system = run.system
     if system is None:
@@ -91,8 +91,9 @@ def run_signals(run: Trajectory, phase: Phase | None = None) -> Signals:
 
 
 def measured_signals(columns: Mapping[str, Floats], system: System, pulses: int = 1, source: str = "") -> Signals:
-    """The signals in the columns of a table; the shaft torque is that of plate_angle and plate_speed, less
-    output_angle and output_speed where the far end moved.
+    """Return the signals in the columns of a table.
+
+    The shaft torque is that of plate_angle and plate_speed, minus output_angle and output_speed if the far end moved.
 
     Parameters
     ----------
@@ -104,7 +105,7 @@ def measured_signals(columns: Mapping[str, Floats], system: System, pulses: int 
     Raises
     ------
     InputError
-        The phase is not known.
+        The phase is unknown.
     """
     from scipy.interpolate import CubicSpline
 
@@ -132,16 +133,16 @@ def measured_signals(columns: Mapping[str, Floats], system: System, pulses: int 
 
 
 def measured_phase(columns: Mapping[str, Floats], order: float = 1.0, pulses: int = 1, source: str = "") -> Phase:
-    """The phase of the excitation that a table tells.
+    """Return the phase of the excitation in a table, from the first of these columns.
 
-    engine_speed : rad/s of the crankshaft, `order` periods of the excitation in a revolution
-    tacho : a signal with `pulses` rising edges in a revolution, where it passes the middle of its range
+    engine_speed : of the crankshaft, rad/s, with `order` periods of the excitation in a revolution
+    tacho : signal with `pulses` rising edges in a revolution, at the middle of its range
     engine_torque : its strongest line is the excitation
 
     Raises
     ------
     InputError
-        None of these columns, or one that shows no rotation.
+        None of these columns, or one without rotation.
     """
     t = columns[TIME]
     if "engine_speed" in columns:
@@ -171,7 +172,7 @@ def measured_phase(columns: Mapping[str, Floats], order: float = 1.0, pulses: in
 
 
 def _phase_of(run: Trajectory, system: System) -> Phase:
-    """The scene's phase or, where the torque was commanded, the one found in it, each period of one frequency."""
+    """Return the scene's phase or, for a commanded torque, that found in it, with a constant frequency per period."""
     if system.engine.source != "topic":
         return turns_at(system, run.t), system.cycle_start
     starts = run.cycles.starts if run.cycles is not None else None
@@ -183,7 +184,7 @@ def _phase_of(run: Trajectory, system: System) -> Phase:
 
 
 def _driven(system: System) -> Floats:
-    """The orders of the excitation that a scene's own torque has."""
+    """Return the orders of the excitation in a scene's own torque."""
     terms = terms_of(system)
     rate = 1.0 if terms.profile is not None else system.engine.frequency
     driven = [] if terms.torque is None else [1.0]
@@ -193,7 +194,7 @@ def _driven(system: System) -> Floats:
 
 
 def _breakaways(run: Trajectory) -> Floats:
-    """When the clutch goes from stick to slip, s, ascending."""
+    """Return the times at which the clutch changes from stick to slip, s, ascending."""
     if len(run.transitions.time):
         moves = run.transitions
         return np.asarray(moves.time[moves.before == 0])

@@ -1,7 +1,7 @@
 """Spectra of a steady state: amplitudes of slip speed and shaft torque over frequency and crank order.
 
-Where the motion has a period, whole periods are transformed without a window, and every line is a multiple of the
-motion's frequency. Where it has none there are densities: Welch's method with Hann's window.
+For a motion with a period, whole periods are transformed without a window, and every line is a multiple of the motion's
+frequency. Otherwise the result is a power density by Welch's method with Hann's window.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from tcc_sim.trajectory import Floats
 
 @dataclass(frozen=True, repr=False)
 class Spectrum(Result):
-    """Spectrum of slip speed and shaft torque; N lines. Either the amplitudes are there or the densities."""
+    """Spectrum of slip speed and shaft torque; N lines. It has either amplitudes or densities."""
 
     frequency: Floats = field(metadata=reported("angular frequency of each line, (N,)", "rad/s"))
     order: Floats = field(metadata=reported("crank order of each line, (N,)"))
@@ -43,7 +43,7 @@ class Spectrum(Result):
                 f"{self.order[-1]:g}; {self.window}")
 
     def columns(self) -> dict[str, Floats]:
-        """A row for every line."""
+        """Return a row for every line."""
         names = ("slip_speed", "shaft_torque", "slip_speed_density", "shaft_torque_density")
         values = {name: getattr(self, name) for name in names}
         return {"frequency": self.frequency, "order": self.order,
@@ -51,16 +51,16 @@ class Spectrum(Result):
 
 
 def spectrum_of(signals: Signals, period: int) -> Spectrum:
-    """The spectrum of the end of a run.
+    """Return the spectrum of the end of a run.
 
     Parameters
     ----------
-    period : of the motion in cycles of the excitation; 0 where it has none
+    period : of the motion in cycles of the excitation; 0 for none
 
     Raises
     ------
     InputError
-        Fewer cycles than a period, or than `Settings.spectrum_least` where there is no period.
+        Fewer cycles than a period, or than `Settings.spectrum_least` without a period.
     """
     whole = math.floor(float(signals.turns[-1] - signals.turns[0]) + 1e-9)
     needed = period or DEFAULTS.spectrum_least
@@ -90,14 +90,15 @@ def spectrum_of(signals: Signals, period: int) -> Spectrum:
 
 
 def _lines(values: Floats, periods: int, count: int) -> Floats:
-    """Amplitudes of the first `count` multiples of the frequency of a motion, from so many whole periods."""
+    """Return the amplitudes of the first `count` multiples of a motion's frequency, from whole periods."""
     found: Floats = 2.0 * np.abs(np.fft.rfft(values)[::periods][:count]) / len(values)
     found[0] *= 0.5
     return found
 
 
 def _density(values: Floats, length: int, count: int, rate: float) -> Floats:
-    """P. D. Welch's one-sided power density (IEEE Trans. Audio Electroacoust. 15, 1967) of samples at a rate, 1/s."""
+    """Return P. D. Welch's one-sided power density (IEEE Trans. Audio Electroacoust. 15, 1967) at a sampling rate, 1/s.
+    """
     hann = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)
     parts = [values[k:k + length] for k in range(0, len(values) - length + 1, length // 2)]
     mean = values.mean()
@@ -108,6 +109,6 @@ def _density(values: Floats, length: int, count: int, rate: float) -> Floats:
 
 
 def _between(order: Floats, period: int, amplitude: Floats) -> Floats:
-    """Which lines lie between the multiples of the excitation and are high enough."""
+    """Return which lines lie between the multiples of the excitation and are high enough."""
     high = amplitude > DEFAULTS.subharmonic * float(amplitude[1:].max(initial=0.0))
     return np.asarray(high & (np.arange(len(order)) % period != 0) & np.isfinite(amplitude))

@@ -1,4 +1,4 @@
-"""Engine cycles of a recording while it is read: bounded memory, and honest about gaps and resets."""
+"""Engine cycles of a recording from batches of samples, in bounded memory, with gaps and resets."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from tcc_sim.trajectory import STILL, Cycles, FarEnd, Floats, Loads, concatenate
 
 @dataclass(frozen=True)
 class CyclePiece:
-    """Consecutive whole engine cycles of one run, with the times at which they start."""
+    """Consecutive whole engine cycles of one run, with their start times."""
 
     run: int
     first: int
@@ -32,21 +32,21 @@ class CyclePiece:
 
 @dataclass
 class RunCycles:
-    """The engine cycles of one run, from a start or a reset of the driveline to the next."""
+    """Engine cycles of one run, from a start or a reset of the driveline to the next."""
 
     pieces: list[CyclePiece] = field(default_factory=list)
     summary: tuple[tuple[int, int | None], Summary] | None = None
-    """What it was last made of, the number of cycles and those to be dropped, and the summary itself."""
+    """The last summary, with the number of cycles and of cycles to drop for which it was made."""
 
     def add(self, piece: CyclePiece) -> None:
-        """Take the next piece; those that follow each other are joined, longer ones rarely, so that there are few."""
+        """Add a piece; consecutive pieces are joined, longer ones rarely, so that there are few."""
         while self.pieces and _follows(self.pieces[-1], piece) and len(self.pieces[-1].cycles) <= 2 * len(piece.cycles):
             before = self.pieces.pop()
             piece = CyclePiece(before.run, before.first, concatenated([before.cycles, piece.cycles]))
         self.pieces.append(piece)
 
     def _join_all(self) -> None:
-        """Join whatever follows each other, so that what is kept of the run is a view of it and no copy."""
+        """Join consecutive pieces, so that the kept part of the run is a view and not a copy."""
         joined: list[list[CyclePiece]] = []
         for piece in self.pieces:
             if joined and _follows(joined[-1][-1], piece):
@@ -57,13 +57,13 @@ class RunCycles:
                        for group in joined]
 
     def observed(self) -> int:
-        """Number of whole engine cycles without a gap."""
+        """Return the number of whole engine cycles without a gap."""
         return sum(len(p.cycles) for p in self.pieces)
 
     def kept(self, discard: int | None) -> tuple[Cycles, int, int]:
-        """The cycles after the first `discard`, the number of the first of them, and how many were dropped.
+        """Return the cycles after the first `discard`, the number of the first of them, and the number of dropped ones.
 
-        One NaN cycle stands between cycles that a gap separates; cycles within gaps count as dropped at the start too.
+        One NaN cycle stands for each gap between cycles; cycles within gaps at the start count as dropped too.
 
         Raises
         ------
@@ -81,12 +81,12 @@ class RunCycles:
 
 
 def _follows(a: CyclePiece, b: CyclePiece) -> bool:
-    """Whether b starts where a ends."""
+    """Return whether b starts where a ends."""
     return b.first == a.first + len(a.cycles)
 
 
 def _with_gaps(parts: list[Cycles]) -> Cycles:
-    """Cycles that gaps separate, with one NaN cycle in place of each gap; a single part as it is."""
+    """Join cycles that gaps separate, with one NaN cycle for each gap; return a single part unchanged."""
     if len(parts) == 1:
         return parts[0]
     gap = np.array([math.nan])
@@ -99,29 +99,29 @@ def _with_gaps(parts: list[Cycles]) -> Cycles:
 
 
 def _columns(part: Cycles) -> list[Floats]:
-    """The numbers of each cycle, its loads last."""
+    """Return the numbers of each cycle, its loads last."""
     assert part.loads is not None
     return [part.highest, part.lowest, part.stick_time, *part.loads.columns()]
 
 
 def lengths_of(cycles: Cycles) -> Floats:
-    """How long each cycle takes, s, (n,)."""
+    """Return the length of each cycle, s, (n,)."""
     assert cycles.starts is not None
     return np.diff(cycles.starts)
 
 
 class CycleStream:
-    """Works out engine cycles from batches of samples in the order of recording.
+    """Engine cycles from batches of samples in the order of recording.
 
-    Samples are kept for no longer than the engine cycle that they lie in. The accelerations that interpolation needs
-    come from (2a) and (2b) with the recorded torques. A gap ends the cycle that it touches; a stamp that goes back
-    starts a new run.
+    Samples are stored only until their engine cycle is complete. The accelerations for the interpolation are those of
+    (2a)
+    and (2b) with the recorded torques. A gap ends its cycle; a stamp that goes back starts a new run.
 
     Parameters
     ----------
-    system : whose equations give the accelerations
-    clock : when the engine cycles start; by default as the system's frequency says. One that counts slices of time
-        gives their extremes, and neither section nor period
+    system : gives the equations for the accelerations
+    clock : start times of the engine cycles; by default those of the system's frequency. For slices of time instead of
+        cycles there are extremes, but neither section nor period
     """
 
     def __init__(self, system: System, clock: EngineClock | None = None) -> None:
@@ -138,11 +138,11 @@ class CycleStream:
     def feed(self, stamp_ns: Stamps, slip_speed: Floats, plate_angle: Floats, plate_speed: Floats,
              engine_torque: Floats, friction_torque: Floats, run: int = 0,
              far: FarEnd = STILL) -> list[CyclePiece]:
-        """Take the next batch, (n,) arrays in ns, rad/s, rad, rad/s, N m, N m, and give the cycles that it completes.
-        `far` is how the shaft's far end moves, whose speed is held between samples.
+        """Take the next batch, (n,) arrays in ns, rad/s, rad, rad/s, N m, N m, and return the completed cycles.
 
-        A sample that is not finite is left out and counted, which makes it a gap. `run` is the batch's own number where
-        the recording tells runs apart.
+        `far` is the motion of the shaft's far end, whose speed is held between samples. A sample that is not finite is
+        left out
+        and counted, and becomes a gap. `run` is the number of the batch's run, if the recording distinguishes runs.
 
         Raises
         ------
@@ -167,18 +167,18 @@ class CycleStream:
         return found
 
     def feed_states(self, states: JointStates) -> list[CyclePiece]:
-        """Take the next states of a recording, as `feed` does."""
+        """Take the next states of a recording, as `feed`."""
         return self.feed(states.stamp_ns, states.flywheel_speed - states.plate_speed, states.plate_angle,
                          states.plate_speed, states.engine_torque, states.friction_torque, states.run,
                          far_end_of(states.output_angle, states.output_speed))
 
     def longest(self) -> tuple[int, RunCycles]:
-        """The run with the most whole cycles, the last of several, and its number.
+        """Return the number of the run with the most whole cycles, the last of several, and its cycles.
 
         Raises
         ------
         InputError
-            No samples at all.
+            There are no samples.
         """
         if not self.runs:
             raise InputError("the recording holds no samples")
@@ -186,7 +186,7 @@ class CycleStream:
         return number, self.runs[number]
 
     def summary(self, discard: int | None = None, number: int | None = None) -> Summary:
-        """The summary of the longest run, or of the one with this number; the same object until more cycles come.
+        """Return the summary of the longest run, or of run `number`; the same object until more cycles come.
 
         Raises
         ------
@@ -200,7 +200,7 @@ class CycleStream:
         return run.summary[1]
 
     def _summary_of(self, run: RunCycles, discard: int | None) -> Summary:
-        """As `summary` has it."""
+        """Summarise a run."""
         if not self.clock.told:
             cycles = run.kept(0)[0]
             return replace(summarise_cycles(cycles, lengths_of(cycles)), period=0, section=[], cycles=0, settled=False,
@@ -211,7 +211,9 @@ class CycleStream:
         return replace(found, cycles=run.observed(), discarded=dropped)
 
     def _spans_of(self, cycles: Cycles, first: int) -> dict[str, Any]:
-        """As `summary.spans_of`; where no scene says when the excitation changes, the length of the cycles does."""
+        """Return `summary.spans_of`; without a scene's profile, the lengths of the cycles show changes of the
+        excitation.
+        """
         if not isinstance(self.clock, Tracked):
             system = self.clock.system if isinstance(self.clock, Scheduled) else None
             return spans_of(system, self.clock.cycle, first, len(cycles))
@@ -220,7 +222,7 @@ class CycleStream:
         return {"cycle": cycle, "varied": int(drifts[-1]) + 1 if len(drifts) else 0}
 
     def _take(self, rows: Floats, run: int) -> list[CyclePiece]:
-        """Add samples that follow those waiting, and work out the cycles that are now whole."""
+        """Add samples to the waiting ones, and return the cycles that are now whole."""
         if not self._waiting:
             self._from = float(rows[0, 0])
         self._waiting.append(rows)

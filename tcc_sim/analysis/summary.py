@@ -1,7 +1,7 @@
-"""The engine cycles of a trajectory, and the figures of its steady state, as `simulate` and `analyse` give them.
+"""Engine cycles of a trajectory, and the results of its steady state, as in `simulate` and `analyse`.
 
-Per cycle: maxima, section points and stick time, from its solver or from its samples. Of those kept: maxima, section,
-period, stick, regime.
+Each cycle has extremes, section points and time in stick, from the solver or from samples; the summary of the kept ones
+has maxima, section, period, stick and regime.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ from tcc_sim.trajectory import Cycles, Floats, Trajectory, concatenated, split_c
 
 
 def cycles_of(trajectory: Trajectory) -> Cycles:
-    """The whole engine cycles of a trajectory: those its solver worked out, or those between its samples."""
+    """Return the whole engine cycles of a trajectory, from its solver or from its samples."""
     return cycle_parts_of(trajectory)[1]
 
 
 def cycle_parts_of(trajectory: Trajectory) -> tuple[Cycles | None, Cycles, Cycles | None]:
-    """The whole engine cycles of a trajectory, between the parts of cycles before and behind them; None for no part.
+    """Return the whole engine cycles of a trajectory between the parts of cycles before and after; None for no part.
 
-    They are those that its solver worked out, or those between its samples. There, slip speed and plate angle are
-    interpolated with the accelerations that (2a) and (2b) give for the sampled torques.
+    They come from its solver or from its samples. Between samples, slip speed and plate angle are interpolated with the
+    accelerations by (2a) and (2b) for the sampled torques.
 
     Raises
     ------
     InputError
-        Samples without the system they belong to, or too few of them.
+        Samples without their system, or too few of them.
     """
     if trajectory.cycles is not None:
         return None, trajectory.cycles, trajectory.rest
@@ -67,20 +67,22 @@ def cycle_parts_of(trajectory: Trajectory) -> tuple[Cycles | None, Cycles, Cycle
 
 
 def first_cycle_of(trajectory: Trajectory) -> int:
-    """Number of the first engine cycle that lies within the trajectory."""
+    """Return the number of the first engine cycle that starts within the trajectory."""
     start, system = float(trajectory.t[0]), varying(trajectory)
     return math.ceil((start / trajectory.cycle if system is None else system.cycles_until(start)) - 1e-9)
 
 
 def varying(trajectory: Trajectory) -> System | None:
-    """The system of a trajectory whose engine cycles are not all of one length or do not start at t = n cycle."""
+    """Return the system of a trajectory whose engine cycles vary in length or do not start at t = n cycle."""
     return trajectory.system if trajectory.system is not None and trajectory.system.profile is not None else None
 
 
 def spans_of(system: System | None, cycle: float, first: int, count: int) -> dict[str, Any]:
-    """What `summarise_cycles` is to know of `count` engine cycles from number `first` on: `cycle`, how long they last,
-    `since`, when they start, s, and `varied`, in how many of them the excitation still changes. Without a system all
-    last `cycle`.
+    """Return arguments of `summarise_cycles` for `count` engine cycles from number `first` on.
+
+    `cycle`: their lengths, s; `since`: their start, s; `varied`: the number of them in which the excitation still
+    changes.
+    Without a system all have the length `cycle`.
     """
     if system is None or system.profile is None:
         cycle = cycle if system is None else system.cycle
@@ -91,12 +93,12 @@ def spans_of(system: System | None, cycle: float, first: int, count: int) -> dic
 
 
 def default_discard(cycles: int) -> int:
-    """Cycles to drop where nobody says: 50, or half of them where there are fewer than 100."""
+    """Return the default number of dropped cycles: 50, or half of fewer than 100 cycles."""
     return min(DEFAULTS.discard, cycles // 2)
 
 
 def dropped_of(cycles: int, discard: int | None) -> int:
-    """Cycles to drop of so many: `discard`, or by default.
+    """Return the number of cycles to drop: `discard`, or the default.
 
     Raises
     ------
@@ -115,7 +117,7 @@ def dropped_of(cycles: int, discard: int | None) -> int:
 
 @dataclass(frozen=True, repr=False, slots=True)
 class Summary(Result):
-    """What a run comes to after the dropped cycles; the fields are the JSON keys of `simulate` and `analyse`.
+    """Results of a run after the dropped cycles; the fields are the JSON keys of `simulate` and `analyse`.
 
     Examples
     --------
@@ -171,18 +173,18 @@ class Summary(Result):
                 f"largest |slip speed| {self.max_slip_speed:.6g} rad/s")
 
     def columns(self) -> dict[str, list[Any]]:
-        """The fields less those that are lists, as ``pandas.DataFrame`` and ``polars.DataFrame`` take a row."""
+        """Return the fields that are not lists, as a row."""
         listed = "section", "section_states", "covers"
         return {item.name: [getattr(self, item.name)] for item in fields(self) if item.name not in listed}
 
 
 def summarise(trajectory: Trajectory, discard: int | None = None, *, tolerance: float = DEFAULTS.tolerance) -> Summary:
-    """The summary of a trajectory's cycles after the first `discard` of them.
+    """Summarise a trajectory after its first `discard` cycles.
 
     Parameters
     ----------
-    trajectory : solved or recorded; its status is not looked at
-    discard : cycles dropped; None drops 50, or half of the cycles where there are fewer than 100
+    trajectory : solved or recorded; its status is ignored
+    discard : dropped cycles; None drops 50, or half of fewer than 100 cycles
     tolerance : of the period, relative to the size of the motion
 
     Raises
@@ -201,24 +203,24 @@ def summarise(trajectory: Trajectory, discard: int | None = None, *, tolerance: 
 def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, tolerance: float = DEFAULTS.tolerance,
                      varied: int = 0, dropped: int = 0, since: float = 0.0, beside: Sequence[Cycles] = (),
                      by: Trajectory | None = None) -> Summary:
-    """The summary of consecutive cycles, all of them kept; NaN marks those that were not observed.
+    """Summarise consecutive cycles; NaN marks those that were not observed.
 
     Parameters
     ----------
     cycles : the whole cycles that were kept
-    cycle : engine cycle, s; one for each where they differ
-    first : number of the first of them, which sets where the section of a period starts
+    cycle : length of an engine cycle, s; an array if they differ
+    first : number of the first of them, which sets the start of the section of a period
     tolerance : of the period, relative to the size of the motion
-    varied : of these, the first ones in which the excitation still changed; only those behind can have a period
-    dropped : cycles before them that were observed
-    since : when they start, s
-    beside : parts of cycles before and behind them, with their `starts`; period and section leave them out
-    by : whose solver and time the summary names
+    varied : number of first cycles in which the excitation still changes; only later ones can have a period
+    dropped : number of observed cycles before them
+    since : their start, s
+    beside : parts of cycles before and after them, with their `starts`, which period and section leave out
+    by : trajectory with the solver and time that the summary names
 
     Raises
     ------
     InputError
-        Nothing was observed at all.
+        Nothing was observed.
     """
     observed = np.isfinite(cycles.highest) & np.isfinite(cycles.lowest) & np.isfinite(cycles.stick_time)
     count = int(observed.sum())
@@ -265,17 +267,19 @@ def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, t
 
 
 def slip_grows(cycles: Cycles) -> bool:
-    """Whether the slip of the last cycles grows, without stick or reversal, as that of a runaway does.
+    """Return whether the slip of the last cycles grows like that of a runaway, without stick or reversal.
 
-    In slip that lasts, (1a) accelerates the flywheel by (Te - Tf)/I1, and |Tf| falls with |v|: a growth that has begun
-    does not die out, while every other motion in slip tends to one of constant size. So the last cycles in slip of one
-    sign must be at least a third of all, and in them the flywheel speed on the section, which a plate that still swings
-    does not move, must rise from third to third by steps that do not shrink to half and are above the tolerance of a
-    section that repeats.
+    In lasting slip, (1a) accelerates the flywheel by (Te - Tf)/I1, and |Tf| falls with |v|, so that growth continues,
+    while
+    every other motion in slip tends to one of constant size. The last cycles in slip of one sign must therefore be at
+    least
+    a third of all. In them the flywheel speed on the section, which is independent of plate vibration, must rise from
+    third
+    to third by steps that do not halve and exceed the tolerance of a repeating section.
 
     Parameters
     ----------
-    cycles : consecutive, the transient dropped; NaN marks those that were not observed
+    cycles : consecutive, without the transient; NaN marks those that were not observed
     """
     high, low = cycles.highest, cycles.lowest
     slips = (high * low > 0.0) & (cycles.stick_time == 0.0)
@@ -289,7 +293,7 @@ def slip_grows(cycles: Cycles) -> bool:
 
 
 def runaway_cause(system: System) -> str:
-    """Why slip grows, as far as torques tell; wrong units, such as a pressure of 2.6, show here."""
+    """Return the reason for growing slip in terms of torques; it reveals wrong units, such as a pressure of 2.6."""
     torque, carried = system.engine.mean_torque, system.saturation_mean
     if abs(torque) <= carried:
         return f"the clutch carries {carried:.6g} N m in slip, but not at the instants at which the engine asks for it"
@@ -298,7 +302,7 @@ def runaway_cause(system: System) -> str:
 
 
 def regime_of(stick_fraction: float) -> str:
-    """stick, slip or stick-slip."""
+    """Return stick, slip or stick-slip."""
     if stick_fraction >= 1.0 - DEFAULTS.passing:
         return "stick"
     return "slip" if stick_fraction <= DEFAULTS.passing else "stick-slip"

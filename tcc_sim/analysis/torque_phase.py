@@ -1,7 +1,6 @@
-"""The phase of a recorded engine torque, where no scene says it: followed from block to block while the frequency
-drifts.
+"""Phase of a recorded engine torque without a scene, followed from block to block while the frequency drifts.
 
-The torque is a mean, which may drift, and a strongest line A sin(phi); phi = 2 pi n is where engine cycle n starts.
+The torque is a mean, which may drift, and a strongest line A sin(phi); engine cycle n starts at phi = 2 pi n.
 """
 
 from __future__ import annotations
@@ -17,11 +16,11 @@ from tcc_sim.recording.stamps import Break, StampCounter, Stamps
 from tcc_sim.trajectory import Floats
 
 DRIFTS = np.linspace(-DEFAULTS.steepest, DEFAULTS.steepest, DEFAULTS.drifts)
-"""Relative changes of frequency, 1/s, that are tried on the stretch that shows the line."""
+"""Relative changes of frequency, 1/s, that are tried on the opening."""
 
 
 class _Fit(NamedTuple):
-    """Part of the variance that a sine holds beside a mean that drifts, how far it is ahead (rad), its amplitude."""
+    """Share of a sine in the variance beside a drifting mean, its phase lead (rad), and its amplitude."""
 
     share: float
     ahead: float
@@ -29,7 +28,7 @@ class _Fit(NamedTuple):
 
 
 class PhaseTracker:
-    """Follows the torque's phase in batches in the order of recording; memory is a few numbers for each block."""
+    """Phase of the torque in batches in the order of recording; memory is a few numbers per block."""
 
     def __init__(self) -> None:
         self._continuity = StampCounter()
@@ -47,20 +46,20 @@ class PhaseTracker:
 
     @property
     def tick(self) -> float:
-        """Distance of stamps, s."""
+        """Time between stamps, s."""
         return self._continuity.tick * 1e-9
 
     def runs(self) -> dict[int, RunPhase]:
-        """What every run comes to, by its number."""
+        """Return the phase of every run by its number."""
         return {number: run.result() for number, run in self._runs.items()}
 
     def longest(self) -> int:
-        """The number of the run with the most samples, the last of several."""
+        """Return the number of the run with the most samples, the last of several."""
         return max(self._runs, key=lambda number: (self._runs[number].samples, number))
 
 
 def clock_of(runs: dict[int, RunPhase]) -> Tracked | None:
-    """The cycles of all runs; None where no run has any."""
+    """Return the cycles of all runs; None without any."""
     lengths = [np.diff(found.starts)[np.diff(found.numbers) == 1] for found in runs.values()]
     every = np.concatenate(lengths) if lengths else np.empty(0)
     if not len(every):
@@ -69,7 +68,7 @@ def clock_of(runs: dict[int, RunPhase]) -> Tracked | None:
 
 
 class _Run:
-    """One run: samples that wait, the stretch that is being followed, and those that are done."""
+    """One run: waiting samples, the current stretch, and finished stretches."""
 
     def __init__(self) -> None:
         self.samples = 0
@@ -97,7 +96,7 @@ class _Run:
             pass
 
     def interrupt(self) -> None:
-        """A gap, or the end: nothing that waits may be joined with what comes."""
+        """End at a gap or at the end: nothing that waits may join later samples."""
         if self._model is None and len(self._t) >= DEFAULTS.shortest_opening // 2:
             while self._search(last=True) if self._model is None else self._follow():
                 pass
@@ -108,7 +107,7 @@ class _Run:
         self._tried = 0
 
     def result(self) -> RunPhase:
-        """The cycles of this run."""
+        """Return the cycles of this run."""
         self.interrupt()
         none = np.empty(0, np.int64), np.empty(0), math.nan, math.nan
         if self._high - self._low <= 1e-9 * max(abs(self._low), abs(self._high)):
@@ -130,7 +129,7 @@ class _Run:
         return cycles_between(self._done, known)
 
     def _search(self, last: bool = False) -> bool:
-        """Look for the line in the first samples that wait; whether there is more to be done with those that do."""
+        """Look for the line in the first waiting samples; return whether more can be done with the waiting ones."""
         size = max(2 * self._tried, DEFAULTS.shortest_opening)
         if len(self._t) < size:
             if not last or len(self._t) == self._tried:
@@ -150,13 +149,13 @@ class _Run:
         return True
 
     def _expected(self, t: Floats) -> Floats:
-        """The phase that the model lets expect."""
+        """Return the phase that the model predicts."""
         assert self._model is not None
         at, phase, frequency, change = self._model
         return phase + (t - at) * (frequency + 0.5 * change * (t - at))
 
     def _block(self) -> int:
-        """Samples of the next block."""
+        """Return the number of samples in the next block."""
         assert self._model is not None
         at, _, frequency, change = self._model
         now = max(frequency + change * (float(self._t[0]) - at), 0.5 * frequency)
@@ -164,7 +163,7 @@ class _Run:
         return max(int(np.searchsorted(self._t, end)), DEFAULTS.samples_per_block)
 
     def _follow(self) -> bool:
-        """Turn the next samples into a block; whether there were enough."""
+        """Turn the next samples into a block; return whether there were enough."""
         count = self._block()
         if len(self._t) <= count:
             return False
@@ -183,9 +182,9 @@ class _Run:
         return True
 
     def _measured(self, count: int) -> _Fit | None:
-        """The line in the first samples that wait; None where it is weak, or not what the blocks before let expect."""
-        # The first block says where the phase is: an opening may begin before the oscillation. The halves of a block
-        # must agree: a line of another frequency may have the phase that is expected in the middle.
+        """Fit the line to the first waiting samples; None if it is weak or differs from the prediction."""
+        # The first block sets the phase: an opening may begin before the oscillation. The halves of a block must
+        # agree: a line of another frequency may have the predicted phase in the middle.
         phase = self._expected(self._t[:count])
         found, *halves = (_fit(self._t[part], self._torque[part], phase[part])
                           for part in (slice(0, count), slice(0, count // 2), slice(count // 2, count)))
@@ -195,13 +194,13 @@ class _Run:
         return found if found.share >= DEFAULTS.strongest_line and agrees else None
 
     def _add(self, stretch: Blocks, found: _Fit, begin: float, end: float, last: float) -> None:
-        """Add a block to a stretch: its samples go from `begin` to `last`, the next one begins at `end`."""
+        """Add a block to a stretch: its samples go from `begin` to `last`, the next block begins at `end`."""
         middle = 0.5 * (begin + last)
         phase = float(self._expected(np.array(middle))) + found.ahead
         stretch.append(Block(middle, phase, found.amplitude, found.share, begin, end))
 
     def _take_rest(self, stretch: Blocks) -> None:
-        """Make what is left at the end a block of its own, or a part of the last one where it is short."""
+        """Make the rest at the end a block of its own, or a part of the last block if it is short."""
         begin, last = float(self._t[0]), float(self._t[-1])
         if 2 * len(self._t) >= self._block():
             found = self._measured(len(self._t))
@@ -211,7 +210,7 @@ class _Run:
         stretch[-1] = stretch[-1]._replace(end=last)
 
     def _learn(self) -> None:
-        """Expect what the last blocks say."""
+        """Update the model from the last blocks."""
         assert self._stretch is not None
         assert self._model is not None
         t, phase = np.array([(block.t, block.phase) for block in self._stretch[-DEFAULTS.memory:]]).T
@@ -226,7 +225,7 @@ class _Run:
         self._model = at, now, frequency, min(max(change, -limit), limit)
 
     def _release(self) -> None:
-        """End the stretch that was followed."""
+        """End the current stretch."""
         if self._stretch is not None and len(self._stretch) > DEFAULTS.misses:
             trim(self._stretch)
             self._done.append(self._stretch)
@@ -234,7 +233,7 @@ class _Run:
 
 
 def _fit(t: Floats, torque: Floats, phase: Floats) -> _Fit:
-    """A sine of this phase and a mean that drifts, by least squares."""
+    """Fit a sine of this phase and a drifting mean by least squares."""
     design = np.stack([np.ones_like(t), t - t[0], np.sin(phase), np.cos(phase)], axis=1)
     found = np.linalg.lstsq(design, torque, rcond=None)[0]
     without = torque - np.polyval(np.polyfit(t - t[0], torque, 1), t - t[0])
@@ -245,7 +244,7 @@ def _fit(t: Floats, torque: Floats, phase: Floats) -> _Fit:
 
 
 def _line(t: Floats, torque: Floats) -> tuple[float, float] | None:
-    """Frequency (rad/s) at the start and relative drift (1/s) of the strongest line; None where there is none."""
+    """Return frequency (rad/s) at the start and relative drift (1/s) of the strongest line; None for none."""
     # In the time s = (t - t0) + drift (t - t0)^2/2 a drifting line is one of constant frequency.
     span, best = float(t[-1] - t[0]), (0.0, 0.0, 0.0)
     middle = t - t[0] - 0.5 * span
@@ -264,7 +263,7 @@ def _line(t: Floats, torque: Floats) -> tuple[float, float] | None:
 
 
 def _strongest(t: Floats, torque: Floats) -> tuple[float, float]:
-    """Height and frequency (rad/s) of the largest peak of a spectrum (Hann), refined by a parabola; 0 for none."""
+    """Return height and frequency (rad/s) of the largest peak of a Hann spectrum, refined by a parabola; 0 for none."""
     if len(t) < 16:
         return 0.0, 0.0
     step = float(t[-1] - t[0]) / (len(t) - 1)
@@ -282,7 +281,7 @@ def _strongest(t: Floats, torque: Floats) -> tuple[float, float]:
 
 
 def _fitted(t: Floats, torque: Floats) -> Blocks | None:
-    """A sine of constant frequency fitted to few cycles, whose Fourier peak is only near (0.6 to 1.4 times)."""
+    """Fit a sine of constant frequency to few cycles, from 0.6 to 1.4 times the frequency of the Fourier peak."""
     from scipy.optimize import minimize_scalar
 
     rough = _strongest(t, torque)[1]

@@ -14,7 +14,7 @@ from tcc_sim.trajectory import Floats
 class Matrices(NamedTuple):
     """x' = a x + b u of an input u, (n, n) and (n, 1).
 
-    rows : by output its (n,) row of C and its direct feed
+    rows : for each output its (n,) row of C and its direct feed
     states : names of the states
     """
 
@@ -25,7 +25,7 @@ class Matrices(NamedTuple):
 
 
 def matrices_of(motion: Constant, pressure: bool) -> Matrices:
-    """Return the matrices by actuation pressure (Pa), or else by engine torque (N m).
+    """Return the matrices for the actuation pressure (Pa), or else for the engine torque (N m).
 
     Friction is Tf0 + slope dv + by_pressure dP; the set-valued law in stick has one oscillator.
     """

@@ -1,7 +1,7 @@
-"""Sliding friction found from a measurement: mu(v) = m (1 + sum over j of s_j exp(-a_j |v|)) with a band around it.
+"""Sliding friction from a measurement: mu(v) = m (1 + sum over j of s_j exp(-a_j |v|)) with a confidence band.
 
-The numbers m, s_j and a_j are free parameters of the fit. They depend on each other so much that they mean little by
-themselves; what a measurement tells is mu(v) at the slip speeds that the motion passed through.
+The numbers m, s_j and a_j are free parameters of the fit. They are strongly correlated and mean little individually; a
+measurement determines mu(v) at the slip speeds of the motion.
 """
 
 from __future__ import annotations
@@ -26,29 +26,29 @@ from tcc_sim.solvers.terms import terms_of, torques_at
 from tcc_sim.trajectory import Floats
 
 CURVE = "friction.curve"
-"""What may be free in the place of TABULATED: the whole curve."""
+"""Free key of the whole curve, in place of TABULATED."""
 CONSTANT = f"{CURVE}.constant"
 SHARES = tuple(f"{CURVE}.share_{j}" for j in range(1, MOST_TERMS + 1))
 RATES = tuple(f"{CURVE}.rate_{j}" for j in range(1, MOST_TERMS + 1))
 PAIRS = 2
-"""Exponentials of a curve unless another count is asked for."""
+"""Default number of exponentials of a curve."""
 SPEEDS = 81
-"""Slip speeds at which a curve is given."""
+"""Number of slip speeds of a curve."""
 TRIED, FEWEST = 12, 40
-"""Rates that a fit may begin with, evenly in logarithm, and samples in slip that tell which."""
+"""Number of start rates, evenly spaced in logarithm, and least number of samples in slip for their choice."""
 STEEPEST = 1000.0
-"""Largest rate times the fastest slip speed: what fades sooner is passed within a sample or two."""
+"""Largest rate times the fastest slip speed; a faster decay lasts only a sample or two."""
 LARGEST_SHARE, LEAST_SHARE, USUAL_SHARE = 20.0, 0.02, 0.1
-"""Bound of a share; least size that one begins with, since the rate of none has no effect; and what is usual."""
+"""Largest share; least size of a start, since the rate of a zero share has no effect; and usual size of a share."""
 
 
 @dataclass(frozen=True)
 class IdentifiedCurve:
-    """Sliding friction coefficient over slip speed, as a measurement tells it.
+    """Sliding friction coefficient over slip speed from a measurement.
 
-    The band contains the whole curve over the visited slip speeds with a probability of at least 95 %. Where a speed
-    was not visited, coefficient, low and high are NaN. The curve is
-    mu(v) = constant + sum of amplitudes exp(-rates |v|).
+    The band contains the whole curve over the visited slip speeds with a probability of at least 95 %. At speeds that
+    were
+    not visited, coefficient, low and high are NaN. The curve is mu(v) = constant + sum of amplitudes exp(-rates |v|).
     """
 
     slip_speeds: Floats = field(metadata=reported(
@@ -66,19 +66,19 @@ class IdentifiedCurve:
         repr=False, metadata=reported("friction coefficient of the scene at the slip speeds"))
 
     def table(self) -> dict[str, list[float]]:
-        """The scene values of the curve up to the fastest slip speed that was visited."""
+        """Return the scene values of the curve up to the fastest visited slip speed."""
         v = self.slip_speeds[:int(np.flatnonzero(self.visited)[-1]) + 1]
         mu = self.constant + np.exp(-np.outer(v, self.rates)) @ np.array(self.amplitudes)
         return dict(zip(TABLE, (v.tolist(), np.clip(mu, 1e-3, 2.0).tolist())))
 
 
 def keys_of(count: float | None) -> tuple[str, ...]:
-    """The free parameters of a curve of so many exponentials.
+    """Return the free parameters of a curve with `count` exponentials.
 
     Raises
     ------
     InputError
-        No count from 1 to MOST_TERMS.
+        The count is not 1 to MOST_TERMS.
     """
     count = PAIRS if count is None else count
     if count not in range(1, MOST_TERMS + 1):
@@ -87,10 +87,11 @@ def keys_of(count: float | None) -> tuple[str, ...]:
 
 
 def curve_starts(system: System, measured: Measurement, keys: tuple[str, ...]) -> dict[str, float]:
-    """Numbers of a curve to begin a fit with.
+    """Return start values for the numbers of a curve.
 
-    They are those that explain best how the flywheel's speed changes from sample to sample in slip, or, where the
-    speeds of both sides were not measured, those of the scene's largest exponentials.
+    They explain best the change of the flywheel's speed from sample to sample in slip. Without the speeds of both
+    sides,
+    they are those of the scene's largest exponentials.
     """
     slip, count = measured.channels["slip_speed"], len(keys) // 2
     low, high = rates_allowed(float(np.abs(slip).max()))
@@ -108,9 +109,9 @@ def curve_starts(system: System, measured: Measurement, keys: tuple[str, ...]) -
 
 
 def _seen_in_slip(system: System, measured: Measurement, count: int, rates: Floats) -> list[float] | None:
-    """Constant, and shares and rates in turn, by linear least squares with the rates that leave least; None without.
+    """Return constant, and shares and rates in turn, by linear least squares for the best rates; None without data.
 
-    I1 times the change of the flywheel's speed between two samples is the engine torque less the friction torque.
+    I1 times the change of the flywheel's speed between two samples is the engine torque minus the friction torque.
     """
     slip, plate = measured.channels["slip_speed"], measured.channels.get("plate_speed")
     if plate is None:
@@ -144,12 +145,12 @@ def _seen_in_slip(system: System, measured: Measurement, count: int, rates: Floa
 
 
 def rates_allowed(fastest: float) -> tuple[float, float]:
-    """Slowest and fastest rate, s/rad, of a curve that is measured up to a slip speed, rad/s."""
+    """Return the slowest and fastest rate, s/rad, of a curve measured up to a slip speed, rad/s."""
     return SLOWEST / fastest, min(STEEPEST / fastest, FASTEST_RATE)
 
 
 def pairs_of(named: Mapping[str, float]) -> Iterator[float]:
-    """Shares and rates, s/rad, in turn."""
+    """Yield shares and rates, s/rad, in turn."""
     for share, rate in zip(SHARES, RATES):
         if share in named:
             yield named[share]
@@ -157,7 +158,7 @@ def pairs_of(named: Mapping[str, float]) -> Iterator[float]:
 
 
 def refuse_parts(free: Mapping[str, object], friction: Friction) -> None:
-    """Raise InputError where single coefficients are free beside a curve or a table that takes their place."""
+    """Raise InputError for single coefficients that are free beside a curve or a table that replaces them."""
     for key in TABULATED:
         if key in free and CURVE in free:
             raise InputError(f"{key} is a part of {CURVE}; free one of them")
@@ -167,17 +168,15 @@ def refuse_parts(free: Mapping[str, object], friction: Friction) -> None:
 
 
 def _law(friction: Friction, v: Floats) -> Floats:
-    """mu at slip speeds of a scene."""
+    """Return mu of a scene at slip speeds."""
     shares, rates = np.array(exponentials(friction.stribeck)).reshape(-1, 2).T
     return np.asarray(friction.kinetic * (1.0 + np.exp(-np.outer(v, rates)) @ shares))
 
 
 def curve_of(keys: tuple[str, ...], values: Floats, covariance: Floats, slip: Floats,
              friction: Friction) -> IdentifiedCurve:
-    """The curve of a fit with its band (H. Scheffe, The Analysis of Variance, 1959, Section 3.5).
+    """Return the curve of a fit with its band (H. Scheffe, The Analysis of Variance, 1959, Section 3.5).
 
-    Parameters
-    ----------
     keys, values, covariance : (P,), (P, P) of all free parameters
     slip : (n,) fitted slip speed, rad/s
     friction : of the scene
@@ -198,7 +197,7 @@ def curve_of(keys: tuple[str, ...], values: Floats, covariance: Floats, slip: Fl
     sizes, vectors = np.linalg.eigh(covariance[np.ix_(places, places)])
     moved = (by[visited] @ vectors) * np.sqrt(np.maximum(sizes, 0.0))
     error = np.sqrt(np.sum(moved**2, axis=1))
-    # Scheffe's band: it has every curve whose numbers lie in their confidence ellipsoid, at all speeds at once.
+    # Scheffe's band holds every curve with numbers in their confidence ellipsoid, at all speeds at once.
     width = math.sqrt(chi2.ppf(0.95, len(places)))
     out = np.full((3, len(v)), np.nan)
     out[:, visited] = mu[visited] + width * error * np.array([[0.0], [-1.0], [1.0]])

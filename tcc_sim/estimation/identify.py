@@ -149,7 +149,7 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
 def _check(scene: Scene, keys: tuple[str, ...], likelihood: str | None) -> None:
     """Raise InputError for the likelihood of a key that is not free, and for the set-valued law."""
     if likelihood is not None and likelihood not in keys:
-        raise InputError(f"the likelihood of {likelihood} was asked for; it must be one of the free keys")
+        raise InputError(f"likelihood is {likelihood}; it must be one of the free keys")
     if scene.system.friction.law != "smoothed":
         raise InputError(f"friction.law is {scene.system.friction.law}; parameters are identified with smoothed, whose "
                          "limit for a large friction.smoothing it is")
@@ -192,7 +192,7 @@ def given(measured: Measurement | str | Path, scene: Scene | None = None) -> tup
             measured, own = read_recording(path)
             scene = scene or own
     if scene is None:
-        raise InputError("a table says nothing of its scene; give one (--scene)")
+        raise InputError("a table has no scene; give one (--scene)")
     return measured, scene
 
 

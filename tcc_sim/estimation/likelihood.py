@@ -1,4 +1,4 @@
-"""The profile likelihood of one parameter: the others are fitted again while it is held."""
+"""Profile likelihood of one parameter: the others are fitted again while it is held."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tcc_sim.trajectory import Floats
 
 @dataclass(frozen=True)
 class Likelihood:
-    """The profile likelihood of one parameter: the least chi-square, over that of the fit, while it is held."""
+    """Profile likelihood of one parameter: the excess of the least chi-square while it is held."""
 
     key: str = field(metadata=reported("scene key"))
     values: Floats = field(metadata=reported("values at which it was held", "{key}"))
@@ -27,7 +27,7 @@ class Likelihood:
 
 def profile_likelihood(model: Model, noise: dict[str, float], settings: FitSettings, found: Fit, key: str,
                        errors: Floats) -> Likelihood:
-    """The least chi-square while `key` is held at values around its own, the others being fitted again."""
+    """Return the least chi-square while `key` is held at values around its estimate and the others are fitted again."""
     at = model.keys.index(key)
     held = [k for k in model.keys if k != key]
     values = found.values[at] + errors[at] * np.linspace(-3.0, 3.0, 13)

@@ -1,15 +1,14 @@
-"""`tcc-sim linearise`: the transfer function from an input of the clutch to what it does, about a settled motion.
+"""`tcc-sim linearise`: transfer function from an input of the clutch to an output, about a settled motion.
 
 About a constant motion: continuous matrices of (2a), (2b) with friction's slope (20b). About a periodic motion the
-plant is linear with periodic coefficients, and its frequency response is the harmonic transfer function (N. M. Wereley,
+plant is linear with periodic coefficients. Its frequency response is the harmonic transfer function (N. M. Wereley,
 Analysis and Control of Linear Periodically Time Varying Systems, MIT 1991): the response at the frequency of the input,
-others being left out. It comes from the exact derivatives of the parts of the motion. The matrices are then those of
-the cycle-rate model, x[k+1] = A x[k] + B u[k], whose output is the mean over the cycle; it holds well below half the
-cycles' rate.
+without the others. It follows from the exact derivatives of the parts of the motion. The matrices are then those of the
+cycle-rate model, x[k+1] = A x[k] + B u[k], whose output is the mean over the cycle; it is valid well below half the
+rate of cycles.
 
-An input is held over each part and an output is a mean of its ends, both of which cost the square of the angle that the
-input turns by in a part. The parts are as many as the frequency needs, and the response of half as many says whether
-they were enough.
+The input is constant over each part, and an output is a mean of its ends. Both errors grow with the square of the angle
+by which the input turns in a part. Parts are added until the response of half as many agrees.
 """
 
 from __future__ import annotations
@@ -50,12 +49,12 @@ INPUTS = {"actuation_pressure": "Pa", "engine_torque": "N m"}
 UNEXCITED = {"engine.torque_amplitude": 0.0, "engine.harmonic_amplitudes": (), "engine.harmonic_phases": (),
              "pressure.amplitude": 0.0}
 OUTPUTS = {"slip_speed": "rad/s", "friction_torque": "N m", "shaft_torque": "N m"}
-"""What may be asked for, with its unit."""
+"""Outputs with their units."""
 
 
 @dataclass(frozen=True)
 class Simulated:
-    """A point of the frequency response found by simulation."""
+    """A point of the frequency response by simulation."""
 
     frequency: float = field(metadata=reported("frequency", "rad/s"))
     gain: float = field(metadata=reported("amplitude of the output over that of the input", "({output})/({input})"))
@@ -64,7 +63,7 @@ class Simulated:
 
 @dataclass(frozen=True)
 class OperatingPoint:
-    """The motion about which a scene is linear."""
+    """Motion about which a scene is linearised."""
 
     mean_slip: float = field(metadata=reported("mean slip speed", "rad/s"))
     pressure: float = field(metadata=reported("mean pressure", "Pa"))
@@ -74,7 +73,7 @@ class OperatingPoint:
 
 @dataclass(frozen=True, repr=False)
 class Linearisation(Result):
-    """What a small change of an input does about a settled motion.
+    """Response of an output to small changes of an input about a settled motion.
 
     mean_slip : rad/s
     pressure, engine_torque : means, Pa and N m
@@ -82,8 +81,8 @@ class Linearisation(Result):
     response : (m,) output over input at each frequency
     """
 
-    input: str = field(metadata=reported("input that is changed"))
-    output: str = field(metadata=reported("output that answers"))
+    input: str = field(metadata=reported("input of the transfer function"))
+    output: str = field(metadata=reported("output of the transfer function"))
     kind: str = field(metadata=reported("slip or stick (a constant motion), or periodic"))
     mean_slip: float
     pressure: float
@@ -102,7 +101,7 @@ class Linearisation(Result):
     system: System
     checked: tuple[Simulated, ...] = field(default=(), metadata=reported("points of the response found by simulation"))
     controller: SlipLoop | None = field(default=None, metadata=reported(
-        "loop that the slip controller closes, with --controller", asked_for=True))
+        "closed loop with the slip controller, with --controller", asked_for=True))
 
     def _text(self) -> str:
         return (f"Linearisation of {self.output} by {self.input}: {self.kind}, mean slip {self.mean_slip:.6g} rad/s, "
@@ -117,25 +116,24 @@ class Linearisation(Result):
     @property
     @reporting("amplitude of the output over that of the input", "({output})/({input})")
     def gain(self) -> Floats:
-        """(m,) output's amplitude over the input's, in their SI units."""
+        """(m,) amplitude of the output over that of the input, in SI units."""
         return np.abs(self.response)
 
     @property
     @reporting("phase by which the output leads, without jumps of 2 pi", "rad")
     def phase(self) -> Floats:
-        """(m,) rad, by which the output leads, without jumps of 2 pi."""
+        """(m,) phase by which the output leads, without jumps of 2 pi, rad."""
         return np.unwrap(np.angle(self.response))
 
     def columns(self) -> dict[str, Floats]:
-        """The frequency response as a table, as ``pandas.DataFrame`` and ``polars.DataFrame`` take it."""
+        """Return a row for every frequency."""
         return {"frequency": self.frequencies, "gain": self.gain, "phase": self.phase}
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """The arrays of `--out`: A, B, C, D and dt as ``control.ss`` and ``scipy.signal.StateSpace`` take them."""
+        """Return the arrays of `--out`: A, B, C, D and dt as for ``control.ss`` and ``scipy.signal.StateSpace``."""
         return {"A": self.a, "B": self.b, "C": self.c, "D": self.d, "dt": np.array(self.dt),
                 "frequencies": self.frequencies, "gain": self.gain, "phase": self.phase,
                 "multipliers": self.multipliers}
-
 
 
 def linearise(scene: SceneLike, *, input: str = "actuation_pressure", output: str = "slip_speed",
@@ -147,19 +145,20 @@ def linearise(scene: SceneLike, *, input: str = "actuation_pressure", output: st
     ----------
     scene : scene, system, or the name or file of a scene
     input, output : names of INPUTS and OUTPUTS
-    slip : mean slip speed, rad/s, for which the pressure is found; None takes the scene's pressure
+    slip : mean slip speed, rad/s, for which the pressure is computed; None takes the scene's pressure
     frequencies : rad/s, above 0; by default 240 from 2 rad/s to 3 sqrt(K23/I2), evenly in logarithm
-    mean : whether the excitation is left out: torque and pressure are their means, and the matrices continuous
-    check : number of the frequencies at which the response is found by simulation too
+    mean : replace torque and pressure by their means; the matrices are then continuous
+    check : number of the frequencies at which the response is also simulated
     controller : proportional (N m s/rad) and integral gain (N m/rad) of the package's slip controller, whose loop is
-        judged: slip speed by actuation pressure, answered at the scene's rate
+        judged: slip speed by actuation pressure, with a command at the scene's rate
     progress : show simulated points on a terminal or in a notebook, elsewhere a line a minute
 
     Raises
     ------
     InputError
         A name, frequency or slip speed that is not allowed, a scene that settles in no periodic motion, or a frequency
-        so high that the response would be more than 1 % off.
+        so
+        high that the response would be more than 1 % off.
     NumericalFailure
         Newton's method does not close the motion.
 
@@ -216,7 +215,7 @@ def _simulated(motion: Constant | Periodic, found: Linearisation, place: int, ba
 
 
 def _frequencies(system: System, asked: Sequence[float] | None) -> Floats:
-    """The frequencies, checked."""
+    """Return the frequencies, checked."""
     if asked is None:
         return np.geomspace(DEFAULTS.lowest, 3.0 * max(system.natural_frequency, DEFAULTS.lowest), DEFAULTS.count)
     out = np.asarray(asked, dtype=np.float64).ravel()
@@ -229,7 +228,7 @@ def _frequencies(system: System, asked: Sequence[float] | None) -> Floats:
 
 
 def _about_constant(motion: Constant, inputs: str, output: str, omegas: Floats) -> Linearisation:
-    """The linear model of the equations, continuous."""
+    """Return the continuous linear model of the equations."""
     a, b, rows, states = matrices_of(motion, inputs == "actuation_pressure")
     s, (row, through) = motion.system, rows[output]
     c, feed = np.array([row]), np.array([[through]])
@@ -242,7 +241,7 @@ def _about_constant(motion: Constant, inputs: str, output: str, omegas: Floats) 
 
 
 def _about_periodic(motion: Periodic, inputs: str, output: str, omegas: Floats) -> Linearisation:
-    """The harmonic transfer function and the cycle-rate model."""
+    """Return the harmonic transfer function and the cycle-rate model."""
     s, column = motion.system, list(INPUTS).index(inputs)
     a, b = motion.carried.by_state[-1], motion.carried.by_input[-1]
     c, d = _cycle_rows(motion, output)
@@ -253,7 +252,7 @@ def _about_periodic(motion: Periodic, inputs: str, output: str, omegas: Floats) 
 
 
 def _cycle_rows(motion: Periodic, output: str) -> tuple[Floats, Floats]:
-    """How the output's mean over the period follows from the state at its start and from the inputs."""
+    """Return the derivatives of the output's mean over the period by the start's state and by the inputs."""
     d, (by_state, by_input) = motion.system.driveline, mean_rows(motion)
     if output == "slip_speed":
         return by_state[[0]], by_input[[0]]
@@ -266,12 +265,12 @@ def _cycle_rows(motion: Periodic, output: str) -> tuple[Floats, Floats]:
 
 
 def response_of(motion: Periodic, inputs: str, output: str, omegas: Floats) -> Complex:
-    """The harmonic transfer function within DEFAULTS.within, from as many parts as each frequency needs.
+    """Return the harmonic transfer function within DEFAULTS.within, with enough parts for each frequency.
 
     Raises
     ------
     InputError
-        A frequency that would need more than DEFAULTS.most_parts.
+        A frequency needs more than DEFAULTS.most_parts.
     """
     out, count = np.zeros(len(omegas), np.complex128), DEFAULTS.parts
     left = np.arange(len(omegas))
@@ -287,7 +286,7 @@ def response_of(motion: Periodic, inputs: str, output: str, omegas: Floats) -> C
                 motion = refined(motion, count)
             out[ready] = harmonic_transfer(motion, inputs, output, omegas[ready])
             half = harmonic_transfer(halved(motion), inputs, output, omegas[ready])
-            # The error is of second order in the length of the parts, a third of the difference; taken as half of it.
+            # The error is of second order in the length of the parts: a third of the difference; half is assumed.
             good = np.abs(out[ready] - half) <= 2.0 * DEFAULTS.within * np.abs(out[ready])
             left = np.setdiff1d(left, ready[good])
         count *= 2
@@ -295,11 +294,12 @@ def response_of(motion: Periodic, inputs: str, output: str, omegas: Floats) -> C
 
 
 def harmonic_transfer(motion: Periodic, inputs: str, output: str, omegas: Floats) -> Complex:
-    """H0(i omega): the output's component at omega for an input exp(i omega t), others being left out.
+    """Return H0(i omega): the output's component at omega for an input exp(i omega t), without the others.
 
-    Over each part the input is held at its value in the middle. The disturbed motion repeats but for exp(i omega t), so
-    that its start follows from one linear equation; the component at omega is a mean over the period, to second order
-    in the parts' length where slip ends too.
+    The input is constant over each part, at its value in the middle. The disturbed motion repeats except for exp(i
+    omega
+    t), so that its start follows from one linear equation. The component at omega is a mean over the period, to second
+    order in the parts' length even where slip ends.
     """
     parts, column, d = motion.parts, list(INPUTS).index(inputs), motion.system.driveline
     h = motion.seconds / len(parts)

@@ -1,10 +1,10 @@
-"""A point of the frequency response by simulation: a small sine on the input, and the output's part at its frequency.
+"""A point of the frequency response by simulation: the output at the frequency of a small sine on the input.
 
-The real-time solver holds the input over each tick at its value in the tick's middle. What the sine does is the
-difference from the same run without it: the answer at its frequency, side bands of the periodic motion, and a slow
-drift where the plant is an integrator. One least-squares fit tells them apart. A sine alone is the sum of two inputs
-exp(i omega t), exp(-i omega t), and at half the motion's frequency, or a multiple, a side band of the one lies on the
-answer to the other; so a cosine is run too, and the fit is that of the answer to exp(i omega t).
+The real-time solver holds the input over each tick at its value in the tick's middle. The difference from the same run
+without the sine is the response at its frequency, side bands of the periodic motion, and a slow drift if the plant is
+an integrator; a least-squares fit separates them. A sine is the sum of two inputs exp(i omega t), exp(-i omega t). At
+half the motion's frequency, or a multiple, a side band of the one coincides with the response to the other. A second
+run with a cosine therefore gives the response to exp(i omega t) alone.
 """
 
 from __future__ import annotations
@@ -25,12 +25,13 @@ from tcc_sim.trajectory import Floats
 
 
 def simulated(motion: Constant | Periodic, inputs: str, output: str, omega: float) -> complex:
-    """Output over input at `omega`, rad/s, about a motion.
+    """Return output over input at `omega`, rad/s, about a motion.
 
     Raises
     ------
     InputError
-        The set-valued law, which the real-time solver has not, an input whose mean is 0, or a frequency so low that the
+        The set-valued law, which the real-time solver does not have, an input with mean 0, or a frequency so low that
+        the
         simulation would take more than 2 million ticks.
     """
     system = motion.system
@@ -64,7 +65,7 @@ def simulated(motion: Constant | Periodic, inputs: str, output: str, omega: floa
 
 def _driven(motion: Constant | Periodic, pressure: bool, sine: tuple[float, float, float], step: float,
             ticks: int) -> Floats:
-    """The state at the end of every tick, (ticks, 3), with a sine of this height, frequency and lead on the input."""
+    """Return the state at the end of every tick, (ticks, 3), with a sine (height, frequency, lead) on the input."""
     system = motion.system
     terms, stepper, out = terms_of(system), Stepper(system, step), np.empty((ticks, 3))
     # At a constant slip speed the spring carries the mean torque.
@@ -86,7 +87,7 @@ def _driven(motion: Constant | Periodic, pressure: bool, sine: tuple[float, floa
 
 
 def _held(torque_per_pressure: float, terms: Terms, pressure: bool, middle: float, more: float) -> Terms:
-    """The terms of a tick with the input held that the sine is on, at the tick's middle."""
+    """Return the terms of a tick, with the input held at its value in the tick's middle plus `more`."""
     if pressure:
         load = equations.saturation_torque(middle, terms.mean_load, terms.pulsation)
         return holding(terms, None, max(0.0, float(load) + torque_per_pressure * more))
@@ -95,7 +96,7 @@ def _held(torque_per_pressure: float, terms: Terms, pressure: bool, middle: floa
 
 
 def _fitted(times: Floats, states: NDArray[np.complex128], omega: float, base: float | None) -> NDArray[np.complex128]:
-    """The amplitudes at `omega` of the (n, 3) answer to exp(i omega t)."""
+    """Return the amplitudes at `omega` of the (n, 3) response to exp(i omega t)."""
     bands = [omega]
     if base is not None:
         apart = 2.0 * math.pi / (times[-1] - times[0])

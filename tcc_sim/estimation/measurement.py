@@ -1,4 +1,4 @@
-"""What was measured of a driveline: evenly spaced samples of its speeds, and of its inputs where they were measured."""
+"""Measurements of a driveline: evenly spaced samples of its speeds, and of measured inputs."""
 
 from __future__ import annotations
 
@@ -20,12 +20,13 @@ from tcc_sim.trajectory import Floats
 class Measurement:
     """Evenly spaced samples.
 
-    t : (n,) s, of simulation time: the engine torque of a scene is at its phase there
-    channels : (n,) arrays by name of CHANNELS; slip_speed is always there
-    inputs : (n,) arrays by name of INPUTS; what is absent comes from the scene
-    hold : of HOLDS, between two samples an input has the value of the previous one, of the next one, or is linear; None
-        where that is not known
-    source : where it is from, for sentences
+    t : (n,) simulation time, s, which sets the phase of a scene's engine torque
+    channels : (n,) arrays by name of CHANNELS, with slip_speed
+    inputs : (n,) arrays by name of INPUTS; the others come from the scene
+    hold : course of the inputs between two samples, one of HOLDS: the value of the previous one, linear, or the value
+        of
+        the next one; None if it is unknown
+    source : origin of the data, for messages
     """
 
     t: Floats
@@ -48,11 +49,11 @@ class Measurement:
         for name, column in (("t", self.t), *self.channels.items(), *self.inputs.items()):
             if not np.isfinite(column).all():
                 k = int(np.flatnonzero(~np.isfinite(column))[0])
-                raise InputError(f"{self.source}: {name} of sample {k} is no number")
+                raise InputError(f"{self.source}: {name} of sample {k} is not a number")
         steps = np.diff(self.t)
         usual = float(np.median(steps))
         if usual <= 0.0:
-            raise InputError(f"{self.source}: the times do not grow")
+            raise InputError(f"{self.source}: the times do not increase")
         gaps, worst = np.flatnonzero(steps > 1.5 * usual), int(np.argmax(np.abs(steps - usual)))
         if len(gaps):
             raise InputError(f"{self.source} has a gap of {steps[gaps[0]]:.4g} s at {self.t[gaps[0]]:.6g} s beside "
@@ -68,12 +69,12 @@ class Measurement:
 
 
 def read_table(path: Path) -> Measurement:
-    """The measurement in a table: the columns t, slip_speed, and what else of CHANNELS and INPUTS was measured.
+    """Return the measurement in a table: columns t, slip_speed, and further ones of CHANNELS and INPUTS.
 
     Raises
     ------
     InputError
-        See `recording.table.read_columns`; a far end of the shaft that moves; or what cannot be used.
+        As `recording.table.read_columns`; the far end of the shaft moves; or the data cannot be used.
     """
     columns = read_columns(path, (TIME, "slip_speed"), DEFAULTS.most)
     _check_still(path, columns.get(FAR_END))
@@ -82,15 +83,16 @@ def read_table(path: Path) -> Measurement:
 
 
 def read_recording(path: Path) -> tuple[Measurement, Scene]:
-    """The longest run of a recording, and the scene that it was of.
+    """Return the longest run of a recording, and its scene.
 
-    An input is measured where the scene takes it from a topic; a tick's state follows what was held through it, so that
-    such an input moves back by one sample.
+    Inputs from topics count as measured. A tick's state follows the inputs held during the tick, so that these move
+    back by
+    one sample.
 
     Raises
     ------
     InputError
-        The recording holds no scene, its scene changed while it ran, or the far end of the shaft moved.
+        The recording holds no scene, its scene changed during the run, or the far end of the shaft moved.
     RecordingError
         Nothing can be read.
     """
@@ -114,22 +116,23 @@ def read_recording(path: Path) -> tuple[Measurement, Scene]:
 
 
 def _check_still(path: Path, speed: Floats | None) -> None:
-    """Raise InputError where the far end of the shaft moved."""
+    """Raise InputError if the far end of the shaft moved."""
     if speed is not None and np.nan_to_num(speed).any():
         raise InputError(f"{path}: the far end of the shaft moved (output_speed up to "
-                         f"{np.nanmax(np.abs(speed)):.4g} rad/s); identification needs one that stands still")
+                         f"{np.nanmax(np.abs(speed)):.4g} rad/s); identification needs one at rest")
 
 
 def _held(applied: Floats) -> Floats:
-    """What holds from each sample on, of what was applied up to it."""
+    """Return the values held from each sample on, from those applied up to it."""
     return np.append(applied[1:], applied[-1])
 
 
 def noise_of(signal: Floats) -> float:
-    """Standard deviation of the white noise on a signal, from its sixth differences.
+    """Return the standard deviation of the white noise on a signal, from its sixth differences.
 
-    A signal of frequency w leaves (w h)^6 of itself in them, white noise sqrt(924) of itself; the median leaves out
-    where the signal has kinks. It is an upper estimate where the sampling is coarse, and at least DEFAULTS.exact.
+    They leave (w h)^6 of a signal of frequency w, and sqrt(924) of white noise; the median ignores kinks of the signal.
+    It
+    is an upper estimate for coarse sampling, and at least DEFAULTS.exact.
     """
     found = float(np.median(np.abs(np.diff(signal, 6)))) / 0.6745 / math.sqrt(924.0)
     return max(found, DEFAULTS.exact * float(np.abs(signal).max()))

@@ -1,15 +1,15 @@
 """Parameters and starts of windows that fit a measurement: Gauss-Newton with Levenberg's damping.
 
-Multiple shooting after H. G. Bock (1983): every window has a start of its own, and the ends of windows meet the starts
-of the next as equations whose weight grows in stages, for a chaotic motion forgets its start within some windows. In
-stick a window's start has no slip speed of its own: noise there would start a false breakaway, so that in the first
-stages it is held near 0. In the last ones the window before says where it starts; held on, slow slip that looks like
-stick would bend the parameters.
+Multiple shooting after H. G. Bock (1983): every window has its own start, and the ends of windows match the starts of
+the next as equations whose weight grows in stages, because a chaotic motion forgets its start within some windows. In
+stick, noise in the slip speed of a window's start would begin a false breakaway, so that the first stages hold it near
+0. In the last ones the window before determines the start; holding it would bias the parameters in slow slip that
+resembles stick.
 
-A window in which stick ends says little while the parameters are some per cent off: the time of the breakaway is then
-wrong by more than a sample, and its residuals are all but a step in the parameters. In the first stages such windows
-count by Cauchy's loss (P. J. Huber and E. M. Ronchetti, Robust Statistics, 2009, Section 7.8), and they may begin again
-where the window before ends.
+While the parameters are a few per cent off, a window in which stick ends says little: the time of breakaway is wrong by
+more than a sample, and its residuals are nearly a step function of the parameters. In the first stages such windows
+count by Cauchy's loss (P. J. Huber and E. M. Ronchetti, Robust Statistics, 2009, Section 7.8), and may restart where
+the window before ends.
 """
 
 from __future__ import annotations
@@ -38,21 +38,21 @@ from tcc_sim.estimation.windows import (
 from tcc_sim.trajectory import Floats
 
 INDEX = {"slip_speed": 0, "plate_angle": 1, "plate_speed": 2}
-"""Place of a channel in the state."""
+"""Index of a channel in the state."""
 
 
 @dataclass(frozen=True)
 class Fit:
-    """What a fit came to.
+    """Result of a fit.
 
     values : (P,) of the parameters
-    covariance : (P, P), for the noise that was given
+    covariance : (P, P), for the given noise
     starts : (m, 3) of the windows
     residuals : by channel (n,), in its unit
-    chi2 : sum of squared residuals over the noise, a degree of freedom
-    freedom : number of these degrees
-    work : sub-steps times derivatives that were worked out
-    gap : largest gap between windows, by the root of its weight: above some units the windows are not one motion
+    chi2 : sum of squared residuals over the noise, per degree of freedom
+    freedom : degrees of freedom
+    work : sub-steps times computed derivatives
+    gap : largest weighted gap between windows; large values mean that they do not join to one motion
     """
 
     values: Floats
@@ -67,15 +67,15 @@ class Fit:
 
 def fit(model: Model, noise: dict[str, float], values: Floats, settings: FitSettings, stages: tuple[Stage, ...] = (),
         starts: Floats | None = None, tick: Callable[[], None] | None = None) -> Fit:
-    """Fit a measurement from `values` on.
+    """Fit a measurement, starting from `values`.
 
     Parameters
     ----------
     noise : standard deviation of every measured channel
     values : (P,) of the model's keys
-    stages : those of the settings unless others are given
-    starts : of the first stage's windows; by default from what was measured
-    tick : called after every iteration
+    stages : by default those of the settings
+    starts : of the first stage's windows; by default from the measurement
+    tick : function called after every iteration
 
     Raises
     ------
@@ -97,7 +97,7 @@ def fit(model: Model, noise: dict[str, float], values: Floats, settings: FitSett
 
 
 class MultipleShooting:
-    """The least-squares problem of one measurement in windows of one length, s."""
+    """Least-squares problem of a measurement in windows of one length, s."""
 
     def __init__(self, model: Model, noise: dict[str, float], settings: FitSettings, window: float) -> None:
         self.model, self.settings, self.work = model, settings, 0.0
@@ -117,7 +117,9 @@ class MultipleShooting:
         self.logarithmic = np.array([k not in LINEAR for k in model.keys])
 
     def first_starts(self, values: Floats) -> Floats:
-        """Starts of the windows from what was measured; what was not comes from a solution from the first sample on."""
+        """Return starts of the windows from the measurement; other states come from a solution from the first sample
+        on.
+        """
         measured, used, system = self.model.measured, self.count * self.width, self.model.system
         whole = np.zeros((used, 3))
         whole[:, 0] = measured.channels["slip_speed"][:used]
@@ -137,13 +139,13 @@ class MultipleShooting:
         return starts
 
     def regrouped(self, starts: Floats, width: int, values: Floats) -> Floats:
-        """Starts of these windows from those of windows of another `width`."""
+        """Return starts of these windows from those of windows of another `width`."""
         states = states_of(self.model, starts, width, values, self.model.substeps(values))[:, :-1].reshape(-1, 3)
         return np.array([states[min(k * self.width, len(states) - 1)] for k in range(self.count)])
 
     def descend(self, values: Floats, starts: Floats, stage: Stage,
                 tick: Callable[[], None] | None) -> tuple[Floats, Floats]:
-        """One stage: parameters and starts."""
+        """Run one stage; return parameters and starts."""
         damping, n = 1e-3, self.model.substeps(values)
         found = sensitivities(self.model, starts, self.width, values, n)
         for _ in range(stage.iterations):
@@ -174,16 +176,16 @@ class MultipleShooting:
         return values, starts
 
     def _mended(self, values: Floats, starts: Floats, states: Floats, weight: float, n: int) -> Floats:
-        """Starts, where it costs less to begin where the window before ends: from there."""
+        """Return the starts, replaced by the end of the window before where that costs less."""
         ends = np.concatenate([starts[:1], states[:-1, -1]])
         other = states_of(self.model, ends, self.width, values, n)
         own, there = (np.sum(self._rows(x, starts, weight) ** 2, axis=1) for x in (states, other))
-        # Its gap to the window before is there no more; those after it are taken to the starts as they are.
+        # The gap to the window before vanishes; those after it are measured to the old starts.
         own[1:] += weight * np.sum(((ends - starts)[1:] / self.scales) ** 2, axis=1)
         return np.where((there < own)[:, None], ends, starts)
 
     def _moved(self, values: Floats, step: Floats) -> Floats:
-        """The parameters after a step: of their logarithms, but for offsets; mu_s stays on its side of mu_k."""
+        """Return the parameters after a step of their logarithms, except offsets; mu_s stays on its side of mu_k."""
         limited = np.clip(step, -self.settings.largest_step, self.settings.largest_step)
         out = self.model.within(np.where(self.logarithmic, values * np.exp(limited), values + step))
         keys, friction = self.model.keys, self.model.system.friction
@@ -201,12 +203,14 @@ class MultipleShooting:
         return out
 
     def _fitted(self, states: Floats) -> Floats:
-        """(m, samples) residuals of every window over the noise."""
+        """Return the residuals of every window over the noise, (m, samples)."""
         out: Floats = ((states[:, :-1][:, :, self.columns] - self.data) / self.noise).reshape(self.count, -1)
         return out
 
     def _rows(self, states: Floats, starts: Floats, weight: float) -> Floats:
-        """(m, R) residuals of every window: samples over their noise, the gap after it, and a start held in stick."""
+        """Return the residuals of every window, (m, R): samples over their noise, the gap after it, and a start held in
+        stick.
+        """
         fitted, rows = self._fitted(states), np.zeros((self.count, 4))
         rows[:-1, :3] = (states[:-1, -1] - starts[1:]) / self.scales * math.sqrt(weight)
         stuck = self._held(weight)
@@ -215,23 +219,23 @@ class MultipleShooting:
         return np.concatenate([fitted, rows], axis=1)
 
     def _held(self, weight: float) -> NDArray[np.intp]:
-        """The windows whose start is held in stick."""
+        """Return the windows whose start is held in stick."""
         return self.stuck if weight < self.settings.joined else self.stuck[:0]
 
     @staticmethod
     def _cost(rows: Floats, limit: float) -> float:
-        """Sum of squares of the windows' residuals, by Cauchy's loss where `limit` is finite."""
+        """Return the sum of squares of the windows' residuals, by Cauchy's loss if `limit` is finite."""
         squares = np.sum(rows**2, axis=1)
         bound = limit * rows.shape[1]
         return float(np.sum(squares if math.isinf(bound) else bound * np.log1p(squares / bound)))
 
     def _scaled(self, found: Sensitivities, values: Floats) -> Floats:
-        """(m, W + 1, 3, 3 + P) by the starts, in their scales, and by logarithms of keys, but for offsets."""
+        """Return derivatives (m, W + 1, 3, 3 + P) by the scaled starts and by logarithms of keys, except offsets."""
         scale = np.where(self.logarithmic, values, 1.0)
         return np.concatenate([found.by_start * self.scales, found.by_key * scale], 3)
 
     def _normal(self, rows: Floats, by: Floats, weight: float, limit: float) -> Normal:
-        """The normal equations by all starts and all parameters, from the derivatives that `_scaled` gives."""
+        """Return the normal equations of all starts and parameters, from the derivatives of `_scaled`."""
         m, size, root = self.count, by.shape[-1] - 3, math.sqrt(weight)
         fitted = (by[:, :-1][:, :, self.columns] / self.noise[:, None]).reshape(m, -1, 3 + size)
         others = np.zeros((m, 4, 3 + size))
@@ -239,11 +243,11 @@ class MultipleShooting:
         stuck = self._held(weight)
         fitted[stuck, 0] = 0.0
         others[stuck, 3, 0] = self.scales[0] / self.settings.layer
-        trust = 1.0 / (1.0 + np.mean(rows**2, axis=1) / limit)   # Cauchy's loss by weights
+        trust = 1.0 / (1.0 + np.mean(rows**2, axis=1) / limit)   # Cauchy's loss as weights
         matrix = np.concatenate([fitted, others], axis=1)
         turned = (matrix * trust[:, None, None]).transpose(0, 2, 1)
         squares, slopes = turned @ matrix, (turned @ rows[:, :, None])[:, :, 0]
-        # What a window's gap owes to the start of the next one, which it is measured from.
+        # The gap of a window depends on the start of the next one, too.
         gap, before = others[:-1, :3] * trust[:-1, None, None], rows[:-1, -4:-1] * trust[:-1, None]
         own, border, slope = squares[:, :3, :3], squares[:, :3, 3:], slopes[:, :3]
         own[1:] += weight * trust[:-1, None, None] * np.eye(3)
@@ -253,7 +257,7 @@ class MultipleShooting:
                       slopes[:, 3:].sum(axis=0))
 
     def result(self, values: Floats, starts: Floats, weight: float) -> Fit:
-        """The fit with its covariance."""
+        """Return the fit with its covariance."""
         found = sensitivities(self.model, starts, self.width, values, self.model.substeps(values))
         rows = self._rows(found.states, starts, weight)
         scale = np.where(self.logarithmic, values, 1.0)
@@ -265,11 +269,11 @@ class MultipleShooting:
                    float(np.sum(fitted**2)) / freedom, float(np.abs(rows[:, -4:-1]).max()), freedom)
 
     def explained(self, values: Floats, starts: Floats, weight: float) -> Explained:
-        """The residuals of a fit beside what changes of the keys, and of the channels, would do to them."""
+        """Return the residuals of a fit with the effect of changes of the keys and of the channels."""
         found = sensitivities(self.model, starts, self.width, values, self.model.substeps(values))
         rows, size = self._rows(found.states, starts, weight), len(self.channels)
         seen = np.zeros((*found.states.shape, 3 * size))
-        for i, column in enumerate(self.columns):   # The last sample is the gap's, which no channel sees.
+        for i, column in enumerate(self.columns):   # The last sample belongs to the gap, not to a channel.
             signal = found.states[:, :, column]
             rate = np.gradient(signal, self.model.measured.step, axis=1)
             seen[:, :-1, column, 3 * i:3 * i + 3] = np.stack([np.ones_like(signal), signal, -rate], 2)[:, :-1]
@@ -283,9 +287,10 @@ class MultipleShooting:
 
 
 class Explained(NamedTuple):
-    """Residuals over the noise, (n, C), with their total derivatives, (n, C, Q), the starts following; and the normal
-    equations (Q, Q), (Q,) of the Q columns: keys, in logarithms but for offsets, then offset, scale and delay (s) of
-    every channel.
+    """Residuals over the noise, (n, C), with their total derivatives, (n, C, Q), and the normal equations (Q, Q), (Q,).
+
+    The starts follow the Q columns: keys, in logarithms except offsets, then offset, scale and delay (s) of every
+    channel.
     """
 
     residuals: Floats

@@ -1,4 +1,4 @@
-"""Normal equations of multiple shooting: a band of the windows' starts with a border of the parameters."""
+"""Normal equations of multiple shooting: a band for the windows' starts with a border for the parameters."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tcc_sim.trajectory import Floats
 
 
 class Normal(NamedTuple):
-    """Normal equations of m windows, each of which knows its own start, the next one's, and the P parameters.
+    """Normal equations of m windows, each of which depends on its start, the next start and the P parameters.
 
     own : (m, 3, 3) of the starts
     following : (m - 1, 3, 3) of a start (rows) and the next one (columns)
@@ -29,7 +29,7 @@ class Normal(NamedTuple):
     slope_by_key: Floats
 
     def solved(self, damping: float) -> tuple[Floats, Floats, Floats]:
-        """Steps of the starts and of the parameters with Levenberg's damping, and the parameters' covariance.
+        """Return steps of the starts and of the parameters with Levenberg's damping, and the parameters' covariance.
 
         Raises
         ------
@@ -43,13 +43,7 @@ class Normal(NamedTuple):
         return -found[..., -1] - found[..., :-1] @ by_key, by_key, 0.5 * (covariance + covariance.T)
 
     def by_starts(self, damping: float) -> Floats:
-        """(m, 3, P + 1) solutions of the starts' equations for the columns of the parameters and for the slope.
-
-        Raises
-        ------
-        numpy.linalg.LinAlgError
-            The equations are singular.
-        """
+        """Solve the starts' equations for the columns of the parameters and for the slope, (m, 3, P + 1)."""
         m, size = len(self.own), len(self.corner)
         banded = np.zeros((6, 3 * m))   # as SciPy's solveh_banded takes it: the diagonal is the last row
         for i in range(3):
@@ -63,14 +57,15 @@ class Normal(NamedTuple):
         return np.asarray(solveh_banded(banded, right)).reshape(m, 3, size + 1)
 
     def by_keys(self, solved: Floats, damping: float) -> tuple[Floats, Floats]:
-        """The (P, P) equations of the parameters and their (P,) right-hand side, once `by_starts` are eliminated."""
+        """Return the equations of the parameters (P, P), (P,) after the elimination of the starts, `by_starts`."""
         size = len(self.corner)
         both = self.border.reshape(-1, size).T @ solved.reshape(-1, size + 1)
         corner = self.corner + damping * np.diag(np.diag(self.corner))
         return corner - both[:, :size], self.slope_by_key - both[:, size]
 
     def covariance(self) -> Floats:
-        """(P, P) of the parameters; with a little damping where rounding leaves the equations no inverse.
+        """Return the covariance of the parameters, (P, P), with a little damping if rounding makes the equations
+        singular.
 
         Raises
         ------

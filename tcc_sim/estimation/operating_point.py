@@ -1,7 +1,7 @@
 """The settled motion about which a driveline is linearised: constant, or periodic with the engine.
 
-Both friction laws. A periodic motion is cut into parts, each with its exact derivatives by its start and by an input
-(`solvers.*.stroboscopic`); what a small change of the input does to the whole motion is the product of its parts.
+For both friction laws. A periodic motion is cut into parts, each with its exact derivatives by its start and by an
+input (`solvers.*.stroboscopic`); the product of its parts is the effect of a small change on the whole motion.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Part(NamedTuple):
 
     state : (3,) slip speed, plate angle, plate speed at its start
     by_state : (3, 3) derivative of the state at its end by that at its start
-    by_input : (3, 2) derivative by the mean pressure (Pa) and the mean engine torque (N m), held over the part
+    by_input : (3, 2) derivative by the mean pressure (Pa) and the mean engine torque (N m), constant over the part
     """
 
     state: Floats
@@ -45,7 +45,8 @@ class Part(NamedTuple):
 
 
 class Carried(NamedTuple):
-    """Derivatives of the states between the parts from the start of the motion on, (n + 1, 3, 3) and (n + 1, 3, 2)."""
+    """Derivatives of the states between parts by the start of the motion and the inputs, (n + 1, 3, 3), (n + 1, 3, 2).
+    """
 
     by_state: Floats
     by_input: Floats
@@ -53,10 +54,10 @@ class Carried(NamedTuple):
 
 @dataclass(frozen=True)
 class Constant:
-    """A motion that does not change: constant slip, or stick.
+    """A constant motion: constant slip, or stick.
 
     slip_speed : rad/s
-    slope : dTf/dv there, N m s/rad; infinite where the set-valued law sticks
+    slope : dTf/dv there, N m s/rad; infinite for stick of the set-valued law
     by_pressure : dTf/dP at constant slip speed, N m/Pa
     """
 
@@ -84,16 +85,14 @@ class Periodic:
 
     @property
     def seconds(self) -> float:
-        """Its length, s."""
+        """Period, s."""
         return self.period * self.system.cycle
 
 
 def operating_point(system: System, slip: float | None) -> Constant | Periodic:
-    """The motion that the scene settles in, or the one whose slip speed has the mean `slip`.
+    """Return the motion in which the scene settles, or the one with the mean slip speed `slip`.
 
-    Parameters
-    ----------
-    slip : rad/s; the mean pressure that gives it is found by Newton's method. None keeps the scene's pressure.
+    slip : rad/s; Newton's method finds the mean pressure for it. None keeps the scene's pressure.
 
     Raises
     ------
@@ -123,9 +122,9 @@ def operating_point(system: System, slip: float | None) -> Constant | Periodic:
 
 
 def _from_settled(system: System, pressure: float, slip: float, failed: NumericalFailure) -> Periodic:
-    """The motion whose slip speed has the mean `slip`, from those that the scene settles in at pressures around one.
+    """Return the motion with the mean slip speed `slip`, from settled motions at pressures around `pressure`.
 
-    Newton's method crosses no change of the sequence of stick and slip; of many pressures one has the sequence.
+    Newton's method cannot cross a change in the sequence of stick and slip; one of many pressures has the right one.
     """
     motions = []
     for factor in np.geomspace(*DEFAULTS.pressures):
@@ -143,7 +142,7 @@ def _from_settled(system: System, pressure: float, slip: float, failed: Numerica
 
 
 def _constant(system: System, slip: float | None) -> Constant:
-    """Without excitation: slip at which friction carries the mean torque, or stick."""
+    """Without excitation: return slip at which friction balances the mean torque, or stick."""
     terms, torque = terms_of(system), system.engine.mean_torque
     if slip is not None:
         coefficient, _ = _law(terms, slip)
@@ -172,13 +171,13 @@ def _constant(system: System, slip: float | None) -> Constant:
 
 
 def _at(system: System, terms: Terms, v: float) -> Constant:
-    """Constant slip at `v`."""
+    """Return constant slip at `v`."""
     coefficient, slope = _law(terms, v)
     return Constant(system, v, slope * terms.mean_load, coefficient * system.torque_per_pressure)
 
 
 def _law(terms: Terms, v: float) -> tuple[float, float]:
-    """Friction over mu_k N R at a slip speed, and its slope, s/rad."""
+    """Return friction over mu_k N R at a slip speed, and its slope, s/rad."""
     if terms.smoothing is not None:
         coefficient, slope = friction.smoothed_and_slope(v, terms.smoothing, terms.stribeck)
         return float(coefficient), float(slope)
@@ -187,7 +186,7 @@ def _law(terms: Terms, v: float) -> tuple[float, float]:
 
 
 def _settled(system: System) -> tuple[int, Floats]:
-    """Period in engine cycles and section point of the motion that the scene's initial state leads to."""
+    """Return the period in engine cycles and the section point of the motion from the scene's initial state."""
     cycles, period = settled_from_start(system, DEFAULTS.cycles, rtol=1e-9)
     if period == 0:
         if not cycles.stick_time[len(cycles) // 2:].any() and abs(system.engine.mean_torque) > system.saturation_mean:
@@ -200,10 +199,11 @@ def _settled(system: System) -> tuple[int, Floats]:
 
 
 def closed(system: System, period: int, state: Floats, slip: float | None) -> Periodic:
-    """The periodic motion near `state`, by Newton's method on the section, with the pressure as an unknown for `slip`.
+    """Return the periodic motion near `state` by Newton's method; for `slip` the pressure is unknown too.
 
-    The equations are the motion's return after `period` cycles and, with `slip`, its mean slip speed. A family of
-    motions (slip with mu_k = mu_s and Tm = Tsm) is met by the shortest step.
+    The equations are the return of the section after `period` cycles and, with `slip`, the mean slip speed. In a family
+    of
+    motions (slip with mu_k = mu_s and Tm = Tsm) the shortest step is taken.
     """
     pressure, least, damping = system.pressure.mean, math.inf, 1.0
     step = np.zeros(4)
@@ -246,7 +246,7 @@ def closed(system: System, period: int, state: Floats, slip: float | None) -> Pe
 
 
 def _carried(parts: list[Part]) -> Carried:
-    """Derivatives of every part's start, and of the end, by the start of the motion and by the inputs."""
+    """Return derivatives of every part's start, and of the end, by the start of the motion and by the inputs."""
     by_state, by_input = [np.eye(3)], [np.zeros((3, 2))]
     for part in parts:
         by_state.append(part.by_state @ by_state[-1])
@@ -255,10 +255,9 @@ def _carried(parts: list[Part]) -> Carried:
 
 
 def _landed(system: System, part: Part) -> Part:
-    """A part that begins in stick of the set-valued law, with its derivative by a slip speed before it.
+    """Return a part that begins in stick of the set-valued law, with its derivative by a slip speed just before it.
 
-    The engine projects such a start on v = 0. Slip ends at once, and the angular momentum I1 v + (I1 + I2) theta2' is
-    kept, so that v acts as a plate speed of I1/(I1 + I2) v.
+    Slip ends at once and preserves I1 v + (I1 + I2) theta2', so that v acts like a plate speed of I1/(I1 + I2) v.
     """
     if part.by_state[:, 0].any():
         return part
@@ -269,13 +268,13 @@ def _landed(system: System, part: Part) -> Part:
 
 
 def refined(motion: Periodic, count: int) -> Periodic:
-    """The same motion in `count` parts a cycle."""
+    """Return the same motion in `count` parts a cycle."""
     parts, _ = _parts(motion.system, motion.period, motion.parts[0].state, count)
     return dataclass_replace(motion, parts=parts, carried=_carried(parts))
 
 
 def halved(motion: Periodic) -> Periodic:
-    """The same motion in half as many parts: two by two."""
+    """Return the same motion in half as many parts."""
     first, second = motion.parts[::2], motion.parts[1::2]
     parts = [Part(a.state, b.by_state @ a.by_state, b.by_state @ a.by_input + b.by_input)
              for a, b in zip(first, second)]
@@ -283,7 +282,7 @@ def halved(motion: Periodic) -> Periodic:
 
 
 def _parts(system: System, period: int, state: Floats, count: int = DEFAULTS.parts) -> tuple[list[Part], Floats]:
-    """The parts from `state` on, so many a cycle, and the state at their end."""
+    """Return the parts from `state` on, `count` a cycle, and the state at their end."""
     of = Prepared(system, (PRESSURE, TORQUE), DEFAULTS.rtol)
     parts = []
     for cycle in range(period):
@@ -297,24 +296,25 @@ def _parts(system: System, period: int, state: Floats, count: int = DEFAULTS.par
 
 
 def simpson(parts: int) -> Floats:
-    """(parts + 1,) weights of Simpson's rule for a mean over an even number of parts."""
+    """Return the weights of Simpson's rule for a mean over an even number of parts, (parts + 1,)."""
     weights = np.where(np.arange(parts + 1) % 2 == 1, 4.0, 2.0)
     weights[[0, -1]] = 1.0
     return weights / (3.0 * parts)
 
 
 def stuck_parts(motion: Periodic) -> NDArray[np.bool_]:
-    """(n,) whether a part starts and ends in stick."""
+    """Return whether each part starts and ends in stick, (n,)."""
     speeds = np.abs([*(part.state[0] for part in motion.parts), motion.parts[0].state[0]])
     stuck = speeds <= stick_speed_of(terms_of(motion.system))
     return np.asarray(stuck[:-1] & stuck[1:])
 
 
 def mean_rows(motion: Periodic) -> tuple[Floats, Floats]:
-    """The mean slip speed's and plate's derivatives over the period: (3, 3) by the start's state, (3, 2) by the inputs.
+    """Return derivatives of the means over the period by the start's state, (3, 3), and by the inputs, (3, 2).
 
-    Rows: slip speed, plate angle, plate speed. Samples tell no mean of what jumps where slip ends: the plate's speed is
-    the rate of its angle, and I1 v + (I1 + I2) theta2', whose rate (2a) and (2b) give without friction, does not jump.
+    Rows: slip speed, plate angle, plate speed. Samples give no mean of a quantity that jumps where slip ends. The mean
+    of
+    the plate speed is the change of its angle, and I1 v + (I1 + I2) theta2' does not jump.
     """
     d, h, slips = motion.system.driveline, motion.seconds / len(motion.parts), ~stuck_parts(motion)
     rows = []

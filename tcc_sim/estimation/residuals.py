@@ -1,11 +1,12 @@
-"""Whether the residuals of a fit are noise, and what the noise makes of the parameters' errors.
+"""Tests of whether the residuals of a fit are noise, and the parameters' covariance for this noise.
 
 Noise may be coloured: an autoregression of each channel's residuals (G. E. P. Box, G. M. Jenkins and G. C. Reinsel,
-Time Series Analysis, 2008, Chapter 7) gives their correlations, and these the parameters' covariance, which is that of
-least squares for noise that is not white (H. White, Econometrica 48, 1980). What the autoregression leaves must be
-white: without correlation up to some lags (G. M. Ljung and G. E. P. Box, Biometrika 65, 1978) and without lines at
-multiples of the engine's frequency. And no change of what was held, such as a fixed key or a sensor's scale, may
-explain what is left: a score test (C. R. Rao, 1948) for each.
+Time Series Analysis, 2008, Chapter 7) gives their correlations, and these the covariance of least squares for noise
+that
+is not white (H. White, Econometrica 48, 1980). The residuals of the autoregression must be white: without correlation
+up to some lags (G. M. Ljung and G. E. P. Box, Biometrika 65, 1978) and without lines at multiples of the engine's
+frequency. A score test (C. R. Rao, 1948) for each held quantity, such as a fixed key or a sensor's scale, must not
+explain the residuals.
 """
 
 from __future__ import annotations
@@ -35,9 +36,9 @@ HIDDEN = 0.2
 
 @dataclass(frozen=True)
 class Explanation:
-    """A change of something held that would explain residuals."""
+    """Change of a held quantity that would explain residuals."""
 
-    what: str = field(metadata=reported("a key, or the offset, scale or delay of a channel"))
+    what: str = field(metadata=reported("key, or offset, scale or delay of a channel"))
     amount: float = field(metadata=reported("size of the change; relative where the unit is %"))
     unit: str = field(metadata=reported("unit of the change"))
     errors: float = field(metadata=reported("the change over its standard error"))
@@ -45,13 +46,13 @@ class Explanation:
 
 @dataclass(frozen=True)
 class Whiteness:
-    """Whether residuals are noise."""
+    """Tests of whether residuals are noise."""
 
     correlation: dict[str, float] = field(metadata=reported(
         "by channel, correlation of residuals with those one sample later"))
     p_value: dict[str, float] = field(metadata=reported(
         "by channel, least probability of the residuals after their autoregression, if they were noise"))
-    explanation: Explanation | None = field(metadata=reported("the change of something held that would explain most"))
+    explanation: Explanation | None = field(metadata=reported("change of a held quantity that would explain most"))
     hidden: dict[str, tuple[str, float]] = field(metadata=reported(
         "by free key the fixed key that it depends on most, and by how many of its standard errors a change of the "
         "latter by 20 %, which residuals would not show, moves it"))
@@ -60,13 +61,12 @@ class Whiteness:
 
 def judge_residuals(model: Model, levels: dict[str, float], found: Fit, settings: FitSettings,
                     exact: bool) -> tuple[Whiteness, Floats]:
-    """Whether the residuals of a fit are noise, and the covariance of the parameters for the noise that they are.
+    """Test whether the residuals of a fit are noise, and compute the covariance of the parameters for this noise.
 
-    Parameters
-    ----------
-    levels : standard deviation of the noise by channel, as the fit had it
-    exact : whether the measurement has no noise but what the real-time solver promises. Such errors do not average
-        out: the covariance is then that of errors which all go together.
+    levels : standard deviation of the noise by channel in the fit
+    exact : whether the only noise is the error of the real-time solver. Such errors do not average out: the covariance
+        is
+        then that of perfectly correlated errors.
     """
     curve = CONSTANT in model.keys or model.system.friction.curve is not None
     others = [key for key in FREE if key not in model.keys and not (curve and key in TABULATED)]
@@ -82,7 +82,7 @@ def judge_residuals(model: Model, levels: dict[str, float], found: Fit, settings
     noise = [autoregression(of.residuals[:, i]) for i in range(len(problem.channels))]
     spread = sum((_spread(of.derivatives[:, i], each) for i, each in enumerate(noise)), np.zeros_like(of.squares))
     scale = np.where([key in LINEAR for key in model.keys], 1.0, found.values)
-    # Exponentials of nearly one rate may be exchanged for each other: that changes numbers, and not the curve.
+    # Exponentials of nearly equal rates are interchangeable: that changes the numbers, but not the curve.
     least = 1e-11 if CONSTANT in model.keys else 1e-15
     inverse = np.linalg.pinv(of.squares[:size, :size], rcond=least, hermitian=True)
     if exact:
@@ -97,14 +97,14 @@ def judge_residuals(model: Model, levels: dict[str, float], found: Fit, settings
 
 
 def _correlations(series: Floats, lags: int) -> Floats:
-    """(lags + 1,) of a series with itself, later."""
+    """Return the autocorrelation of a series, (lags + 1,)."""
     series = series - series.mean()
     out = np.array([series[:len(series) - k] @ series[k:] for k in range(lags + 1)])
     return np.asarray(out / max(out[0], 1e-300))
 
 
 def autoregression(series: Floats) -> Floats:
-    """The coefficients of a series by its values before: as many as Bayes' criterion wants, none for white noise."""
+    """Return the coefficients of a series by its previous values, as many as Bayes' criterion selects."""
     n, correlations = len(series), _correlations(series, DEFAULTS.orders)
     best, least = np.empty(0), 0.0
     for order in range(1, DEFAULTS.orders + 1):
@@ -116,7 +116,7 @@ def autoregression(series: Floats) -> Floats:
 
 
 def _spread(derivatives: Floats, noise: Floats) -> Floats:
-    """(Q, Q) variance of the slope of a sum of squares, (n, Q) derivatives, for an autoregression of unit variance."""
+    """Return the variance (Q, Q) of the slope of a sum of squares with (n, Q) derivatives, for an autoregression."""
     answer = lfilter([1.0], np.append(1.0, -noise), np.eye(1, DEFAULTS.memory)[0])
     covariances = np.correlate(answer, answer, "full")[len(answer) - 1:]
     covariances /= covariances[0]
@@ -130,7 +130,7 @@ def _spread(derivatives: Floats, noise: Floats) -> Floats:
 
 
 def probability_of(residuals: Floats, noise: Floats, model: Model) -> float:
-    """The least of the probabilities that noise has so much correlation, and so much of the engine's frequencies."""
+    """Return the least probability that noise has so much correlation, and so much of the engine's frequencies."""
     left = lfilter(np.append(1.0, -noise), [1.0], residuals)[len(noise):]
     n, lags = len(left), min(DEFAULTS.lags, len(left) // 4)
     correlations = _correlations(left, lags)[1:]
@@ -147,7 +147,7 @@ def probability_of(residuals: Floats, noise: Floats, model: Model) -> float:
 
 def _explanation(squares: Floats, slope: Floats, spread: Floats, size: int, names: list[tuple[str, str]],
                  values: Floats) -> Explanation | None:
-    """The change of something held that goes furthest beyond its standard error, by one step of Gauss and Newton."""
+    """Return the change of a held quantity with the largest ratio to its standard error, by one Gauss-Newton step."""
     best: Explanation | None = None
     for place, (name, unit) in enumerate(names, size):
         of = np.ix_(which := [*range(size), place], which)
@@ -156,7 +156,7 @@ def _explanation(squares: Floats, slope: Floats, spread: Floats, size: int, name
             continue
         root = np.sqrt(sizes)
         inverse, rank = _inverse(squares[of] / np.outer(root, root))
-        if rank <= size:   # What is free already does all that it would.
+        if rank <= size:   # Free keys already have the same effect.
             continue
         change = -inverse @ (slope[which] / root)
         error = math.sqrt(float((inverse @ (spread[of] / np.outer(root, root)) @ inverse)[-1, -1]))
@@ -169,7 +169,7 @@ def _explanation(squares: Floats, slope: Floats, spread: Floats, size: int, name
 
 
 def _hidden(squares: Floats, spread: Floats, keys: tuple[str, ...], others: list[str]) -> dict[str, tuple[str, float]]:
-    """See `Whiteness`: fixed keys whose change by HIDDEN stays within DEFAULTS.unseen of their own standard errors."""
+    """Return `Whiteness.hidden`: fixed keys whose change by HIDDEN stays within DEFAULTS.unseen standard errors."""
     size, out = len(keys), dict.fromkeys(keys, ("", DEFAULTS.moved))
     root = np.sqrt(np.diag(squares)[:size])
     if not (root > 0.0).all():
@@ -180,7 +180,7 @@ def _hidden(squares: Floats, spread: Floats, keys: tuple[str, ...], others: list
         if name in OFFSETS:
             continue
         follow = -inverse @ squares[:size, place]
-        alone = np.append(follow, 1.0)   # What is left of the key's effect once the free ones follow it.
+        alone = np.append(follow, 1.0)   # Effect of the key after the free ones have followed it.
         which = np.ix_(near := [*range(size), place], near)
         left = float(alone @ squares[which] @ alone)
         if HIDDEN * left > DEFAULTS.unseen * math.sqrt(max(float(alone @ spread[which] @ alone), 0.0)):
@@ -192,7 +192,7 @@ def _hidden(squares: Floats, spread: Floats, keys: tuple[str, ...], others: list
 
 
 def _inverse(matrix: Floats) -> tuple[Floats, int]:
-    """The inverse of a scaled symmetric matrix, and its rank."""
+    """Return the inverse of a scaled symmetric matrix, and its rank."""
     sizes, vectors = np.linalg.eigh(matrix)
     kept = sizes > 1e-9 * sizes[-1]
     return vectors[:, kept] / sizes[kept] @ vectors[:, kept].T, int(kept.sum())

@@ -89,7 +89,7 @@ class Search:
             if (found.chi2 < self.limit(found) and self.joins(found)) or work > self.gates.work:
                 break
         if best is None:
-            raise InputError("the scene cannot be solved from what was measured; is it the right scene?")
+            raise InputError("the scene cannot be solved from the measurement; is it the right scene?")
         return best, tried
 
     def _fit(self, model: Model, values: Floats) -> Fit:

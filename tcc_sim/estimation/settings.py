@@ -1,6 +1,6 @@
-"""The settings of the room: tolerances, lengths and bounds of measurements, settled motions and their responses.
+"""Settings of the room: tolerances, lengths and bounds of measurements, settled motions and their responses.
 
-How a fit is made and judged is in `FitSettings` and `Gates`, which callers of `identify` may give.
+Callers of `identify` may give `FitSettings` and `Gates`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from tcc_sim.model.quantity import quantity
 
 @dataclass(frozen=True)
 class Settings:
-    """How a measurement is checked, a motion is found, and its response is worked out and simulated."""
+    """Settings of the check of measurements, the search for motions, and their responses."""
 
     parts: int = quantity(512, "fewest parts of an engine cycle; even, for Simpson's rule")
     most_parts: int = quantity(65536, "most parts of a motion, over each of which an input is held")
@@ -24,13 +24,13 @@ class Settings:
     rtol: float = quantity(1e-10, "relative tolerance of the engine")
     closed: float = quantity(1e-8, "largest residual of a periodic motion", "natural sizes")
     iterations: int = quantity(40, "most iterations of Newton's method")
-    cycles: int = quantity(400, "longest run from the initial state where no slip speed is asked for", "engine cycles")
-    lowest: float = quantity(2.0, "lowest frequency given unless others are asked for", "rad/s")
-    count: int = quantity(240, "how many are given from there to three times the slipping mode, evenly in logarithm")
-    most_frequencies: int = quantity(100_000, "most frequencies that may be asked for")
+    cycles: int = quantity(400, "longest run from the initial state", "engine cycles")
+    lowest: float = quantity(2.0, "lowest default frequency", "rad/s")
+    count: int = quantity(240, "default number of frequencies, to three times the slipping mode, evenly in logarithm")
+    most_frequencies: int = quantity(100_000, "largest number of frequencies")
     amplitude: float = quantity(2e-3, "amplitude of the simulated sine, relative to the mean of the input")
-    rate: float = quantity(4000.0, "least rate of the ticks that solve it", "Hz")
-    ticks_per_cycle: int = quantity(64, "ticks that a cycle of the sine and one of the engine have at least")
+    rate: float = quantity(4000.0, "least tick rate of its simulation", "Hz")
+    ticks_per_cycle: int = quantity(64, "least ticks in a cycle of the sine and of the engine")
     settling: int = quantity(12, "time before the fit of a sine", "engine cycles")
     periods: int = quantity(4, "shortest fit of a sine", "periods of it")
     longest: int = quantity(2_000_000, "longest simulation of a sine", "ticks")
@@ -39,21 +39,20 @@ class Settings:
     fewest: int = quantity(50, "shortest measurement", "samples")
     most: int = quantity(1_000_000, "longest measurement", "samples")
     still: float = quantity(1e-12, "a channel whose spread is below this part of its size is dead")
-    exact: float = quantity(1e-4, "what the real-time solver promises, relative to a signal's largest value: no "
-                            "smaller noise is estimated")
-    least_ratio: float = quantity(1.0005, "least ratio of mu_s and mu_k while one is free: at 1 there is no decay that "
-                                  "could be told")
+    exact: float = quantity(1e-4, "precision of the real-time solver and least noise, relative to a signal's "
+                            "largest value")
+    least_ratio: float = quantity(1.0005, "least ratio of mu_s and mu_k while one is free: at 1 decay has no effect")
     orders: int = quantity(4, "longest autoregression of residuals", "samples")
     memory: int = quantity(200, "longest correlation of the noise", "samples")
-    lags: int = quantity(20, "correlations of what the autoregression leaves that are judged together", "samples")
-    lines: int = quantity(12, "multiples of the engine's frequency that are looked for in it")
-    shown: float = quantity(4.0, "shortest measurement for that", "engine cycles")
+    lags: int = quantity(20, "correlations of the residuals of the autoregression in one test", "samples")
+    lines: int = quantity(12, "multiples of the engine's frequency that are tested in them")
+    shown: float = quantity(4.0, "shortest measurement for this test", "engine cycles")
     explained: float = quantity(0.02, "mean square of short windows' residuals, over that of the signals, up to which "
                                 "a scene explains the motion")
-    unseen: float = quantity(4.0, "standard errors up to which residuals do not show that a fixed key is wrong")
+    unseen: float = quantity(4.0, "standard errors up to which residuals do not show an error of a fixed key")
     moved: float = quantity(2.0, "standard errors by which such a key must move a free one to be named")
-    looked_at: int = quantity(2000, "samples in which wrong units are looked for")
-    spare: float = quantity(1.25, "sub-steps over those that the values need")
+    looked_at: int = quantity(2000, "samples tested for wrong units")
+    spare: float = quantity(1.25, "sub-steps relative to those that the values need")
 
 
 DEFAULTS = Settings()
@@ -63,12 +62,13 @@ DEFAULTS = Settings()
 class Stage:
     """One stage of the fit.
 
-    window : s of a window
+    window : length of a window, s
     weight : of continuity, per squared noise
     tolerance : relative change of the cost at which the stage ends
-    iterations : most
-    robust : mean square of a window's residuals, over the median of them (at least 1), from which on it counts less
-        and less; infinite where all windows count alike
+    iterations : largest number
+    robust : mean square of a window's residuals, over their median (at least 1), above which it counts less; infinite
+        if
+        all windows count alike
     """
 
     window: float
@@ -80,37 +80,38 @@ class Stage:
 
 @dataclass(frozen=True)
 class FitSettings:
-    """How the fit is made.
+    """Settings of the fit.
 
-    The stages go from windows all but free to long ones that are all but one motion: short ones with a great weight
-    creep.
+    The stages go from nearly independent windows to long ones that nearly form one motion; short ones with a large
+    weight
+    converge slowly.
     """
 
     stages: tuple[Stage, ...] = (Stage(0.01, 1e-4, 1e-2, 20, 4.0), Stage(0.01, 1e-2, 1e-2, 20, 4.0),
                                  Stage(0.01, 1.0, 1e-2, 20, 4.0), Stage(0.01, 1e3, 1e-3, 20, 4.0),
                                  Stage(0.1, 1e4, 1e-2, 12, 4.0), Stage(0.1, 1e4, 1e-8, 60))
     layer: float = quantity(0.03, "slip speed within which a start in stick is held", "rad/s")
-    joined: float = quantity(1e3, "weight from which on starts in stick are no longer held")
-    stuck: float = quantity(4.0, "slip speeds below so many standard deviations of the noise count as stick in a "
-                            "window's start")
+    joined: float = quantity(1e3, "weight above which starts in stick are not held")
+    stuck: float = quantity(4.0, "standard deviations of the noise below which the slip speed of a window's start "
+                            "counts as stick")
     largest_step: float = quantity(0.3, "largest step of a parameter's logarithm in one iteration")
     angle_noise: float = quantity(1e-4, "scale of a plate angle that was not measured", "rad")
 
 
 @dataclass(frozen=True)
 class Gates:
-    """What a fit must keep to count as one, and a parameter to count as identified."""
+    """Limits of an acceptable fit and of an identified parameter."""
 
-    beyond: float = quantity(4.0, "largest chi-square a degree of freedom, over 1, in its standard deviations")
+    beyond: float = quantity(4.0, "largest excess of chi-square per degree of freedom over 1, in standard deviations")
     guessed: float = quantity(3.5, "relative standard deviation of a variance of noise that was estimated from a "
                               "signal, by the root of the samples")
-    explained: float = quantity(4.0, "standard errors by which something held must not differ from what residuals say")
-    white: float = quantity(1e-4, "least probability of the residuals, if they were noise")
+    explained: float = quantity(4.0, "largest change of a held quantity that residuals suggest, in its standard errors")
+    white: float = quantity(1e-4, "least probability of the residuals as noise")
     gap: float = quantity(4.0, "largest gap between windows, see `multiple_shooting.Fit`")
     relative: float = quantity(0.15, "largest standard error of an identified parameter, relative to its value")
     correlated: float = quantity(0.99, "largest correlation with another free parameter of an identified one")
-    starts: int = quantity(5, "fits that are tried, the first from the given values, the others from a Sobol set "
-                           "around them")
+    starts: int = quantity(5, "number of starts, the first at the given values, the others in a Sobol set around "
+                           "them")
     work: float = quantity(1.5e8, "sub-steps times derivatives after which no other start is tried: about 15 s")
     spread: float = quantity(0.15, "spread of that set, relative")
     drift: float = quantity(0.15, "largest difference between the phases of the data's first and last quarter and the "

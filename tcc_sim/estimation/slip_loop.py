@@ -1,11 +1,11 @@
-"""The loop that the package's slip controller closes about a settled motion: its multipliers and its margins.
+"""Closed loop of the package's slip controller about a settled motion: its multipliers and margins.
 
 The controller (`plant.slip_control`) answers every tick: a PI law on the mean slip speed over an engine cycle, whose
-pressure is held through the next tick. With whole ticks in an engine cycle, the nearest number to the controller's own,
-the loop is a linear map of the plant's state, the slip speeds of the last cycle and the integral part, periodic with
-the motion. The product of its maps over the motion's period decides on stability exactly; the gain margin and the
-largest delay come from it, by raising the gains and by delaying commands. The phase margin is that of the open loop's
-frequency response, whose plant is the harmonic transfer function.
+pressure is held through the next tick. With whole ticks in an engine cycle, the nearest number to the controller's, the
+loop is a linear map of the plant's state, the slip speeds of the last cycle and the integral part, periodic with the
+motion. The product of its maps over the motion's period determines stability exactly. Gain margin and largest delay
+follow from it, by raising the gains and by delaying commands. The phase margin is that of the open loop's frequency
+response, with the harmonic transfer function as the plant.
 """
 
 from __future__ import annotations
@@ -29,19 +29,16 @@ from tcc_sim.result import Described, reported
 from tcc_sim.trajectory import Floats
 
 Complex = NDArray[np.complex128]
-
-
 MOST_LATE = 512
-"""Longest delay of commands that is tried, ticks."""
+"""Longest tested delay of commands, ticks."""
 HIGHEST = 1000.0
-"""Largest factor of the gains that is tried."""
+"""Largest tested factor of the gains."""
 LOWEST, SLOWER, WITHIN = 0.1, 0.93, 0.01
-"""Least slip speed that is tried, relative to the motion's; factor from one to the next; relative error of the result.
-"""
+"""Least tested slip speed, relative to the motion's; factor from one to the next; relative error of the result."""
 
 
 class Gains(NamedTuple):
-    """Of the slip controller: N m per rad/s of the mean slip speed, and N m per rad of its integral."""
+    """Gains of the slip controller: N m per rad/s of the mean slip speed, and N m per rad of its integral."""
 
     proportional: float
     integral: float
@@ -49,7 +46,7 @@ class Gains(NamedTuple):
 
 @dataclass(frozen=True, repr=False)
 class SlipLoop(Described):
-    """Stability and margins of the loop that a slip controller closes."""
+    """Stability and margins of a closed loop with the slip controller."""
 
     proportional: float = field(metadata=reported("proportional gain of the slip controller", "N m s/rad"))
     integral: float = field(metadata=reported("integral gain of the slip controller", "N m/rad"))
@@ -73,18 +70,17 @@ class SlipLoop(Described):
 
 def slip_loop(motion: Constant | Periodic, gains: Gains, rate: float,
               response: Callable[[Floats], Complex]) -> SlipLoop:
-    """Judge the loop that a slip controller with these gains closes about a motion in slip.
+    """Judge the closed loop of a slip controller with these gains about a motion in slip.
 
-    Parameters
-    ----------
-    rate : ticks a second, Hz, at which the controller answers
+    rate : ticks per second of the controller, Hz
     response : slip speed over actuation pressure at frequencies, rad/s
 
     Raises
     ------
     InputError
-        Gains that are no numbers above 0, a motion in stick or with a slip speed below 0, or an engine cycle that holds
-        less than 4 ticks or more than 2000.
+        Gains that are not numbers above 0, a motion in stick or with a slip speed below 0, or an engine cycle of less
+        than
+        4 ticks or more than 2000.
     """
     for name, gain in zip(gains._fields, gains):
         if not 0.0 < gain < math.inf:
@@ -108,14 +104,13 @@ def slip_loop(motion: Constant | Periodic, gains: Gains, rate: float,
 
 
 def actuator_response(pressure: Pressure, omegas: Floats) -> Complex:
-    """Pressure at the plates over the commanded one, exp(-i omega delay)/(1 + i omega T); small commands meet no limit.
-    """
+    """Return pressure at the plates over the command, exp(-i omega delay)/(1 + i omega T), for small commands."""
     s = 1j * omegas
     return np.asarray(np.exp(-s * pressure.delay) / (1.0 + s * pressure.time_constant))
 
 
 def motion_slip(motion: Constant | Periodic) -> float:
-    """The mean slip speed, rad/s."""
+    """Return the mean slip speed, rad/s."""
     return motion.slip_speed if isinstance(motion, Constant) else motion.mean_slip
 
 
@@ -123,8 +118,9 @@ def motion_slip(motion: Constant | Periodic) -> float:
 class _Loop:
     """The closed loop, tick by tick.
 
-    maps : of every tick of the motion's period, the plant's (3, 3) derivative by its state and (3,) by the pressure, Pa
-    ticks : in an engine cycle
+    maps : for every tick of the motion's period, the plant's (3, 3) derivative by its state and (3,) by the pressure,
+        Pa
+    ticks : number in an engine cycle
     """
 
     system: System
@@ -134,7 +130,7 @@ class _Loop:
 
     @staticmethod
     def about(motion: Constant | Periodic, ticks: int, gains: Gains) -> _Loop:
-        """The loop about a motion."""
+        """Return the loop about a motion."""
         if isinstance(motion, Periodic):
             maps = [(part.by_state, part.by_input[:, 0]) for part in refined(motion, ticks).parts]
         else:
@@ -149,10 +145,11 @@ class _Loop:
         return self.system.cycle / self.ticks
 
     def multipliers(self, factor: float = 1.0, late: int = 0) -> Complex:
-        """Eigenvalues of the loop's map over the motion's period, with raised gains and commands that come late.
+        """Return the eigenvalues of the loop's map over the motion's period, with raised gains and late commands.
 
         State: the plant's, the integral part, the slip speeds of the cycle but the newest, the commands on their way
-        and, where the actuator lags, the pressure at the plates, whose mean over a tick acts in it.
+        and, for
+        an actuator with a lag, the pressure at the plates, whose mean over a tick acts in it.
         """
         past, lag = self.ticks - 1, self.system.pressure.time_constant
         late += round(self.system.pressure.delay / self.step)
@@ -173,11 +170,11 @@ class _Loop:
         return np.asarray(np.linalg.eigvals(np.vstack([x, integral, slips, waiting, plates])), np.complex128)
 
     def stable(self, factor: float = 1.0, late: int = 0) -> bool:
-        """Whether every multiplier is inside the unit circle."""
+        """Return whether every multiplier is inside the unit circle."""
         return bool(np.abs(self.multipliers(factor, late)).max() < 1.0)
 
     def gain_margin(self) -> float | None:
-        """The least factor of both gains that makes a stable loop unstable."""
+        """Return the least factor of both gains that makes a stable loop unstable."""
         low = 1.0
         for high in np.geomspace(1.0, HIGHEST, 61)[1:].tolist():
             if not self.stable(high):
@@ -189,7 +186,7 @@ class _Loop:
         return None
 
     def largest_delay(self) -> float | None:
-        """The least whole number of ticks of delay that makes a stable loop unstable, as a time, s."""
+        """Return the least delay in whole ticks that makes a stable loop unstable, s."""
         low, high = 0, 1
         while self.stable(late=high):
             low, high = high, 2 * high
@@ -201,7 +198,7 @@ class _Loop:
         return high * self.step
 
     def phase_margin(self, response: Callable[[Floats], Complex]) -> float | None:
-        """Least distance of the open loop's phase from -180 degrees where its gain is 1, rad."""
+        """Return the least distance of the open loop's phase from -180 degrees at gain 1, rad."""
         top = min(3.0 * self.system.natural_frequency, 0.9 * math.pi / self.step)
         omegas = np.unique(np.concatenate([np.geomspace(0.2, top, 400), np.linspace(0.2, top, 800)]))
         s = 1j * omegas
@@ -220,7 +217,7 @@ class _Loop:
 
 
 def _smallest_slip(motion: Constant | Periodic, ticks: int, gains: Gains) -> float:
-    """The mean slip speed down to which a loop remains stable, rad/s; 0 where it does so down to LOWEST."""
+    """Return the mean slip speed down to which a loop remains stable, rad/s; 0 if it does down to LOWEST."""
     at = motion_slip(motion)
     least, high = LOWEST * at, (at, motion)
     low: float | None = None
@@ -237,7 +234,7 @@ def _smallest_slip(motion: Constant | Periodic, ticks: int, gains: Gains) -> flo
 
 
 def _slower(motion: Constant | Periodic, slip: float) -> Constant | Periodic | None:
-    """The motion of another mean slip speed; None where there is none that repeats."""
+    """Return the motion of another mean slip speed; None if none repeats."""
     try:
         if isinstance(motion, Periodic):
             try:

@@ -1,4 +1,4 @@
-"""Units that a measurement is not in, found before anything is fitted: short windows of the motion tell them."""
+"""Detection of wrong units in a measurement before the fit, from short windows of the motion."""
 
 from __future__ import annotations
 
@@ -18,14 +18,15 @@ from tcc_sim.trajectory import Floats
 RPM, DEGREES = math.pi / 30.0, math.pi / 180.0
 OTHERS = {"slip_speed": {"rpm": RPM, "degrees/s": DEGREES}, "plate_speed": {"rpm": RPM, "degrees/s": DEGREES},
           "plate_angle": {"degrees": DEGREES}, "actuation_pressure": {"bar": 1e5, "kPa": 1e3, "MPa": 1e6}}
-"""Units that a column may be in by mistake, and the factor to SI."""
+"""Units that a column may have by mistake, and their factors to SI."""
 
 
 def check_units(model: Model, values: Floats, settings: FitSettings) -> None:
-    """Raise InputError where the motion goes on from sample to sample as the scene has it once a column is converted.
+    """Raise InputError if conversion of a column makes the scene explain the motion from sample to sample.
 
-    The windows of the fit's first stage begin at the samples; each column's misfit at their ends is compared with its
-    spread. A scene whose parameters are some per cent off explains most of it, one in other units does not.
+    The windows of the fit's first stage begin at the samples; the misfit of each column at their ends is compared with
+    its
+    spread. A scene with parameters a few per cent off explains most of it, one in other units does not.
     """
     measured = _beginning(model.measured)
     begun = _misfit(replace(model, measured=measured), values, settings)
@@ -41,12 +42,12 @@ def check_units(model: Model, values: Floats, settings: FitSettings) -> None:
     if found[0] < min(DEFAULTS.explained, 0.2 * begun):
         what, unit = found[1:3]
         raise InputError(f"{measured.source}: {what} {'look' if ' and ' in what else 'looks'} as if in {unit}: times "
-                         f"{OTHERS[what.split()[0]][unit]:.6g} the scene explains the motion from sample to sample, as "
-                         "it stands it does not; convert to SI")
+                         f"{OTHERS[what.split()[0]][unit]:.6g} the scene explains the motion from sample to sample, "
+                         "otherwise it does not; convert to SI")
 
 
 def _suspects(measured: Measurement) -> list[tuple[str, tuple[str, ...]]]:
-    """Units with the columns that may be in them: each alone, and all together."""
+    """Return units with the columns that may have them: each alone, and all combinations."""
     there = [name for name in OTHERS if name in measured.channels or name in measured.inputs]
     out = []
     for unit in dict.fromkeys(unit for name in there for unit in OTHERS[name]):
@@ -56,7 +57,7 @@ def _suspects(measured: Measurement) -> list[tuple[str, tuple[str, ...]]]:
 
 
 def _beginning(measured: Measurement) -> Measurement:
-    """Its first samples, as far as units show in them."""
+    """Return the first samples, enough to show units."""
     k = min(len(measured.t), DEFAULTS.looked_at)
     channels = {name: column[:k] for name, column in measured.channels.items() if np.ptp(column[:k]) > 0.0}
     if "slip_speed" not in channels:
@@ -66,14 +67,14 @@ def _beginning(measured: Measurement) -> Measurement:
 
 
 def _converted(measured: Measurement, name: str, factor: float) -> Measurement:
-    """The measurement with a column in another unit."""
+    """Return the measurement with a column in another unit."""
     if name in measured.channels:
         return replace(measured, channels=measured.channels | {name: measured.channels[name] * factor})
     return replace(measured, inputs=measured.inputs | {name: measured.inputs[name] * factor})
 
 
 def _misfit(model: Model, values: Floats, settings: FitSettings) -> float:
-    """Median square of the last residuals of windows that move, over that of how far; inf where none can be solved."""
+    """Return the median square of the windows' last residuals over that of the motion; inf if none can be solved."""
     measured = model.measured
     levels = {name: noise_of(column) for name, column in measured.channels.items()}
     try:
@@ -86,6 +87,6 @@ def _misfit(model: Model, values: Floats, settings: FitSettings) -> float:
     for name, column in measured.channels.items():
         data = column[:problem.count * problem.width].reshape(problem.count, problem.width)
         moved = np.abs(data[:, -1] - data[:, 0])
-        most = np.argsort(moved)[2 * len(moved) // 3:]   # In stick, and where little moves, units do not show.
+        most = np.argsort(moved)[2 * len(moved) // 3:]   # Units do not show in stick and in small motions.
         ratios.append(np.median((states[most, INDEX[name]] - data[most, -1]) ** 2) / np.mean(moved[most] ** 2))
     return float(max(ratios))

@@ -1,4 +1,4 @@
-"""What a fit is worth: whether it is one, and for every parameter whether the measurement tells it."""
+"""Verdicts on a fit: whether it is acceptable, and whether the measurement determines each parameter."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Parameter:
 
 def judged(model: Model, i: int, start: float, found: Fit, errors: Floats, correlations: Floats, accepted: bool,
            gates: Gates, hidden: tuple[str, float] | None = None) -> Parameter:
-    """The verdict on one parameter; `hidden` is a fixed key that it hangs on, see `residuals.Whiteness`."""
+    """Judge one parameter; `hidden` is a fixed key on which it depends, see `residuals.Whiteness`."""
     keys, step = model.keys, model.measured.step
     key, value, error = keys[i], float(found.values[i]), float(errors[i])
     low, high = value - WITHIN * error, value + WITHIN * error
@@ -49,40 +49,41 @@ def judged(model: Model, i: int, start: float, found: Fit, errors: Floats, corre
     if key in OFFSETS:
         relative, why = 0.0, "an offset, with its 95 % interval"
     if not accepted:
-        verdict, why = "not identifiable", "the fit is refused, so that its value says nothing"
+        verdict, why = "not identifiable", "the fit is refused"
     elif _at_bound(model, i, found.values):
-        verdict, why = "at its bound", "the fit ends at the largest or smallest value that is allowed"
+        verdict, why = "at its bound", "the fit ends at the largest or smallest allowed value"
         if key in (STATIC, KINETIC):
-            why += "; where mu_s and mu_k meet, a start with the larger one of them smaller leads to the other side"
+            why += "; if mu_s and mu_k meet, a start with a smaller value of the larger one leads to the other side"
     elif not math.isfinite(error) or relative > gates.relative or others[most] > gates.correlated:
         verdict = "not identifiable"
         why = f"its standard error is {100.0 * relative:.3g} %"
         if others[most] > 0.9:
-            why += f", and it goes with {keys[most]} (correlation {correlations[i, most]:.3f})"
+            why += f", and it depends on {keys[most]} (correlation {correlations[i, most]:.3f})"
         told_by = TOLD_BY if step > BREAKAWAY else TOLD_BY_FAST
-        why += "; " + told_by.get(key, "a longer measurement would tell, or one with more of the motion in it")
+        why += "; " + told_by.get(key, "a longer measurement would determine it, or one with larger motion")
     elif hidden is not None:
-        why += (f", if {hidden[0]} is right: {100.0 * HIDDEN:g} % of that would go unseen and move this by "
-                f"{hidden[1]:.2g} standard errors")
+        why += (f", if {hidden[0]} is right: residuals would not show an error of {100.0 * HIDDEN:g} % in it, which "
+                f"moves this by {hidden[1]:.2g} standard errors")
     return Parameter(key, start, value, error, low, high, verdict, why)
 
 
 TOLD_BY = {
-    "friction.decay": "samples at 10 kHz would tell, which see slip just after breakaway",
-    "friction.static_coefficient": "samples at 10 kHz would tell, or a fixed friction.decay",
-    "friction.smoothing": "samples within the layer |v| < 2/sigma would tell: a higher rate or a slower passage",
-    "driveline.flywheel_inertia": "the flywheel's speed, or a known change of the mean torque, would tell"}
-"""What measurement would tell a parameter that this one does not."""
+    "friction.decay": "samples at 10 kHz would determine it: they show slip just after breakaway",
+    "friction.static_coefficient": "samples at 10 kHz, or a fixed friction.decay, would determine it",
+    "friction.smoothing": "samples within the layer |v| < 2/sigma, at a higher rate or in a slower passage, would "
+                          "determine it",
+    "driveline.flywheel_inertia": "the flywheel's speed, or a known change of the mean torque, would determine it"}
+"""Measurement that would determine a parameter."""
 TOLD_BY_FAST = TOLD_BY | {
-    "friction.decay": "more breakaways would tell, or a fixed friction.static_coefficient",
-    "friction.static_coefficient": "more breakaways would tell, or a fixed friction.decay"}
-"""The same where the samples are 10 kHz already."""
+    "friction.decay": "more breakaways, or a fixed friction.static_coefficient, would determine it",
+    "friction.static_coefficient": "more breakaways, or a fixed friction.decay, would determine it"}
+"""The same for samples at 10 kHz."""
 BREAKAWAY = 1.5e-4
-"""Time between samples, s, up to which they see the fall of friction just after breakaway."""
+"""Longest time between samples that resolve the fall of friction just after breakaway, s."""
 
 
 def _at_bound(model: Model, i: int, values: Floats) -> bool:
-    """Whether a value is at an end of its range; mu_s and mu_k, free or not, bound each other."""
+    """Return whether a value is at an end of its range; mu_s and mu_k, free or not, bound each other."""
     key, value = model.keys[i], float(values[i])
     if key in OFFSETS:
         return False
@@ -96,7 +97,7 @@ def _at_bound(model: Model, i: int, values: Floats) -> bool:
 
 
 def why_no_noise(white: Whiteness, gates: Gates) -> str:
-    """Why the residuals of a fit are not noise, in a sentence; empty where they are."""
+    """Return the reason why the residuals of a fit are not noise, in a sentence; empty if they are."""
     what = white.explanation
     if what is not None and abs(what.errors) > gates.explained:
         by = f"{100.0 * what.amount:.3g} %" if what.unit == "%" else f"{what.amount:.3g} {what.unit}".rstrip()
@@ -112,11 +113,12 @@ def why_no_noise(white: Whiteness, gates: Gates) -> str:
 
 def why_not(found: Fit, model: Model, start: Floats, noise: dict[str, float], chi2: float, limit: float,
             gates: Gates) -> str:
-    """What speaks against a fit whose chi-square is above its limit or whose windows do not join, in sentences."""
+    """Return the reasons against a fit whose chi-square exceeds its limit or whose windows do not join, in sentences.
+    """
     if chi2 < limit:
-        return ("the windows fit, but do not join to one motion: a fit that did not converge; try other starts, or a "
-                "part of the measurement.")
-    out = (f"chi-square a degree of freedom is {chi2:.3g}, above {limit:.3g}: the scene does not explain the "
+        return ("the windows fit, but do not join to one motion: the fit did not converge; try other starts, or a part "
+                "of the measurement.")
+    out = (f"chi-square per degree of freedom is {chi2:.3g}, above {limit:.3g}: the scene does not explain the "
            "measurement.")
     rest = model.system.engine.mean_torque / model.system.driveline.stiffness
     begin, n = np.array([[model.measured.channels["slip_speed"][0], rest, 0.0]]), len(model.measured.t) - 1
@@ -127,14 +129,15 @@ def why_not(found: Fit, model: Model, start: Floats, noise: dict[str, float], ch
     for name, data in model.measured.channels.items():
         computed = alone[:, INDEX[name]]
         if np.std(computed) > 0.0 and float(np.corrcoef(data, computed)[0, 1]) < -0.3:
-            out += f" {name} looks as if its sign were swapped."
+            out += f" {name} seems to have the wrong sign."
     share = max((float(np.sqrt(np.mean(r**2))) / noise[name], name) for name, r in found.residuals.items())
     return (f"{out}{_drift(model.measured, model.system, gates)} Most of it is in {share[1]}, whose residuals are "
             f"{share[0]:.3g} times its noise.")
 
 
 def _drift(measured: Measurement, system: System, gates: Gates) -> str:
-    """A sentence where the phase of the engine's torque, or else of the motion, drifts against the scene's engine."""
+    """Return a sentence if the phase of the engine's torque, or else of the motion, drifts against the scene's engine.
+    """
     engine, torque = system.engine, measured.inputs.get("engine_torque")
     if (torque is None and (engine.source == "topic" or engine.torque_amplitude == 0.0)) \
             or measured.t[-1] - measured.t[0] < 8.0 * system.cycle:

@@ -1,8 +1,8 @@
 """The driveline from many starts at once: the windows of multiple shooting, with derivatives by starts and parameters.
 
-The real-time solver's method with several sub-steps a sample, and the exact derivatives of what it returns
-(`solvers.fixed_step_sensitivity`). The count of sub-steps is held while a stage of a fit goes on: where a parameter's
-change brought one more, the cost would jump.
+The real-time solver's method with several sub-steps per sample, and the exact derivatives of its result
+(`solvers.fixed_step_sensitivity`). The number of sub-steps is constant during a stage of a fit: a change of it would
+make the cost jump.
 """
 
 from __future__ import annotations
@@ -36,20 +36,20 @@ from tcc_sim.topics import INPUTS
 from tcc_sim.trajectory import Floats
 
 OFFSETS = {f"{name}.offset": name for name in INPUTS}
-"""Free parameters beside scene keys: what a sensor of an input shows too much, N m or Pa."""
+"""Free parameters besides scene keys: the offset of an input's sensor, N m or Pa."""
 FREE = ("friction.static_coefficient", "friction.kinetic_coefficient", "friction.decay", "friction.smoothing",
         "driveline.damping", "driveline.stiffness", "driveline.flywheel_inertia", "driveline.plate_inertia", *OFFSETS)
-"""What can be identified, beside friction.curve."""
+"""Keys that can be identified, besides friction.curve."""
 LINEAR = {*OFFSETS, *SHARES}
-"""Free parameters that may have either sign: a fit does not take their logarithms."""
+"""Free parameters of either sign, whose logarithms a fit does not use."""
 CURVE_ROWS = dict(zip((key for pair in zip(SHARES, RATES) for key in pair),
                       (EXCESS_RATIO, DECAY, *range(OTHER_PAIRS, ROWS))))
-"""Rows of the derivatives by the numbers of a curve."""
+"""Rows of the derivatives for the numbers of a curve."""
 STATIC, KINETIC = "friction.static_coefficient", "friction.kinetic_coefficient"
 
 
 def on_its_side(value: float, other: float, ratio: float, falls: bool | None = None) -> float:
-    """A coefficient at least `ratio` above another one, where friction `falls` as it is, else as much below it."""
+    """Return a coefficient at least `ratio` above another one, or as much below it if friction does not fall."""
     above = value >= other if falls is None else falls
     return max(value, other * ratio) if above else min(value, other / ratio)
 
@@ -63,10 +63,10 @@ def check_key(key: str) -> None:
 
 
 class Drive(NamedTuple):
-    """What drives the windows, for values of the free keys.
+    """Input of the windows for values of the free keys.
 
-    terms : of the scene; inputs that were measured are 0 in them
-    held : (n, 2, 2) engine torque and saturation torque at the start and end of each sample's step, beside those of
+    terms : of the scene; measured inputs are 0 in them
+    held : (n, 2, 2) engine torque and saturation torque at the start and end of each sample's step, added to those of
         `terms`, N m; None for none
     by : (ROWS, P) derivatives of the numbers of the equations by the keys
     """
@@ -78,14 +78,14 @@ class Drive(NamedTuple):
 
 @dataclass(frozen=True)
 class Model:
-    """A driveline whose `keys` are free, driven as the measurement says."""
+    """A driveline with free `keys`, driven by a measurement."""
 
     system: System
     keys: tuple[str, ...]
     measured: Measurement
 
     def drive(self, values: Floats) -> Drive:
-        """What drives it with these values of the keys.
+        """Return its input for these values of the keys.
 
         Raises
         ------
@@ -115,7 +115,7 @@ class Model:
                 by[LOAD_SCALE, i] = 1.0 / curve[CONSTANT]
                 continue
             by[:len(NUMBERS), i] = key_derivatives(system, (key,))[:, 0]
-            if key == KINETIC:   # It scales the load whichever way that comes about.
+            if key == KINETIC:   # It scales the load, also a measured one.
                 by[MEAN_LOAD:LOAD_AMPLITUDE + 1, i], by[LOAD_SCALE, i] = 0.0, 1.0 / system.friction.kinetic_coefficient
         if not inputs and not offsets:
             return Drive(terms, None, by)
@@ -129,14 +129,14 @@ class Model:
         return Drive(terms, np.stack(ends[self.measured.hold or HOLDS[0]], axis=1), by)
 
     def within(self, values: Floats) -> Floats:
-        """Values with the numbers of a curve in their ranges."""
+        """Return values with the numbers of a curve limited to their ranges."""
         low, high = rates_allowed(float(np.abs(self.measured.channels["slip_speed"]).max()))
         bounds = dict.fromkeys(SHARES, (-LARGEST_SHARE, LARGEST_SHARE)) | dict.fromkeys(RATES, (low, high))
         least, most = np.array([bounds.get(key, (-math.inf, math.inf)) for key in self.keys]).T
         return np.asarray(np.clip(values, least, most))
 
     def substeps(self, values: Floats) -> int:
-        """Sub-steps of a sample, with room for values somewhat different.
+        """Return the number of sub-steps per sample, with a reserve for slightly different values.
 
         Raises
         ------
@@ -152,7 +152,7 @@ class Model:
 
 
 def of_constant(coefficient: float) -> dict[str, object]:
-    """Scene values of a coefficient that does not depend on slip speed."""
+    """Return scene values of a coefficient that does not depend on slip speed."""
     return {STATIC: coefficient, KINETIC: coefficient, **dict.fromkeys(TABLE, ())}
 
 
@@ -165,18 +165,20 @@ class Sensitivities(NamedTuple):
 
 
 def states_of(model: Model, starts: Floats, width: int, values: Floats, n: int) -> Floats:
-    """The states of every window of `width` samples, (m, width + 1, 3), from its start, (m, 3), in n sub-steps each."""
+    """Return the states of every window of `width` samples, (m, width + 1, 3), from its start, (m, 3), with n
+    sub-steps.
+    """
     return _advanced(model, starts, width, model.drive(values)._replace(by=np.empty((ROWS, 0))), n)[0]
 
 
 def sensitivities(model: Model, starts: Floats, width: int, values: Floats, n: int) -> Sensitivities:
-    """The states of every window with their derivatives."""
+    """Return the states of every window with their derivatives."""
     states, derivatives = _advanced(model, starts, width, model.drive(values), n)
     return Sensitivities(states, derivatives[..., :3], derivatives[..., 3:])
 
 
 def _advanced(model: Model, starts: Floats, width: int, drive: Drive, n: int) -> tuple[Floats, Floats]:
-    """The states of the windows and their derivatives; NumericalFailure where they or the values are none."""
+    """Return the states of the windows and their derivatives; raise NumericalFailure if they are not finite."""
     measured = model.measured
     found = advance_windows(starts, float(measured.t[0]), measured.step, width, n, drive.terms, drive.held, drive.by)
     if not np.isfinite(found[0]).all():

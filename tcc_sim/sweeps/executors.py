@@ -1,7 +1,7 @@
-"""Who does the tasks of long work: threads, one that may be left behind, processes, or workers of a Dask cluster.
+"""Run tasks in threads, in processes, or on the workers of a Dask cluster.
 
-A cluster reschedules what a lost worker had in hand. What follows branches holds the interpreter lock most of the time,
-and is given to processes.
+A cluster reschedules the tasks of a lost worker. Following branches holds the interpreter lock most of the time and
+therefore runs in processes.
 """
 
 from __future__ import annotations
@@ -36,19 +36,23 @@ ADDRESS = re.compile(r"(?:(tcp|tls|ws|wss)://)?(\[[0-9a-fA-F:.%]+\]|[^\s:/\[\]]+
 
 
 class Attendance:
-    """Who is there to work, and how many tasks run at a time: threads are there as long as their process is."""
+    """Number of threads that work on tasks; threads exist as long as their process."""
 
     def __init__(self, threads: int) -> None:
         self.threads = threads
 
     def check(self) -> None:
-        """Raise WorkersLost where nobody has been there for long."""
+        """Raise WorkersLost if there have been no workers for long."""
 
 
 @contextmanager
 def workers(jobs: int | None, dask: str | None) -> Iterator[tuple[Executor, Attendance]]:
-    """Where tasks run, and who is there to do them: `jobs` threads, all cores by default, or the cluster at `dask`;
-    InputError for a number of jobs that makes no sense.
+    """Yield an executor with `jobs` threads (default: all cores) or on the cluster at `dask`, and its attendance.
+
+    Raises
+    ------
+    InputError
+        The number of jobs is not 1 to 1024.
     """
     if jobs is not None and not 1 <= jobs <= 1024:
         raise InputError(f"jobs is {jobs}; it must be 1 to 1024")
@@ -66,10 +70,11 @@ def workers(jobs: int | None, dask: str | None) -> Iterator[tuple[Executor, Atte
 
 def each_done(there: Attendance, take: Callable[[], Task | None],
               submit: Callable[[Task], Future[Done]]) -> Iterator[tuple[Task, Done]]:
-    """Tasks with what they gave, as they are done; few are handed out ahead, so that memory does not grow and Ctrl-C
-    ends soon.
+    """Yield tasks with their results as they complete.
 
-    take : gives the next task; None where there is none now
+    Few tasks are submitted ahead, so that memory does not grow and Ctrl-C takes effect soon.
+
+    take : function that returns the next task; None if there is none now
     """
     running: dict[Future[Done], Task] = {}
     try:
@@ -86,33 +91,31 @@ def each_done(there: Attendance, take: Callable[[], Task | None],
 
 
 def first_done(running: Collection[Future[Any]], there: Attendance) -> set[Future[Any]]:
-    """Those of some tasks that are done, at least one.
+    """Return the completed tasks of some, at least one.
 
     Raises
     ------
     WorkersLost
-        Nobody is there to do them any more.
+        No workers are left.
     """
     while not (done := wait(running, DEFAULTS.look, FIRST_COMPLETED).done):
         there.check()
     if any(future.cancelled() or isinstance(future.exception(), CancelledError) for future in done):
-        raise WorkersLost("those who worked on it gave it up")
+        raise WorkersLost("the workers gave it up")
     return done
 
 
 def cores() -> int:
-    """Cores that this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 class Scheduler(Attendance):
-    """Asks a scheduler whether it and its workers are still there.
+    """Attendance of a Dask cluster, by asking its scheduler.
 
-    Parameters
-    ----------
-    client : of the scheduler
-    address : its address, for the sentence
-    connect : seconds that it has to answer
+    client : client of the scheduler
+    address : its address, for messages
+    connect : time for an answer, s
     """
 
     def __init__(self, client: Any, address: str, connect: float) -> None:
@@ -121,7 +124,7 @@ class Scheduler(Attendance):
         self._seen = time.monotonic()
 
     def check(self) -> None:
-        """Raise WorkersLost where scheduler or workers have been gone for `patience` seconds."""
+        """Raise WorkersLost if scheduler or workers have been absent for `patience` seconds."""
         self.threads = self._ask()
         if self.threads:
             self._seen = time.monotonic()
@@ -130,26 +133,25 @@ class Scheduler(Attendance):
             raise WorkersLost(f"--dask {self._address}: the scheduler {gone} for {DEFAULTS.patience:g} s now")
 
     def _ask(self) -> int:
-        """Threads of all workers; 0 where no answer comes."""
+        """Return the number of threads of all workers; 0 without an answer."""
         try:
             return sum(in_time(time.monotonic() + 0.25 * self._connect, self._client.nthreads).values())
         except Exception:
-            return 0  # Whatever a client raises whose scheduler is gone.
+            return 0  # Clients without a scheduler raise various exceptions.
 
 
 @contextmanager
 def cluster(address: str, connect: float = DEFAULTS.connect_timeout) -> Iterator[tuple[Executor, Scheduler]]:
-    """An executor on the workers of the scheduler at `address`, which has `connect` seconds to answer, and who of
-    them is there.
+    """Yield an executor on the workers of the scheduler at `address`, and their attendance.
 
-    The package must be installed on the workers.
+    The package must be installed on the workers. `connect` is the time for an answer, s.
 
     Raises
     ------
     MissingPackage
         distributed is not installed.
     InputError
-        Not an address, no scheduler answers there in time, or it has no workers.
+        `address` is not an address, no scheduler answers there in time, or it has no workers.
     """
     require("distributed", "--dask")
     parts = ADDRESS.fullmatch(address)
@@ -159,7 +161,7 @@ def cluster(address: str, connect: float = DEFAULTS.connect_timeout) -> Iterator
     try:
         import socket
 
-        # A plain connection says at once that nothing listens; Dask would try again until its time is over.
+        # A plain connection fails at once if nothing listens; Dask would retry until its timeout.
         in_time(deadline, lambda: socket.create_connection((parts[2].strip("[]"), int(parts[3])), connect).close())
         import distributed
 
@@ -179,12 +181,12 @@ def cluster(address: str, connect: float = DEFAULTS.connect_timeout) -> Iterator
 
 
 def in_time(deadline: float, function: Callable[[], Any]) -> Any:
-    """What a function gives until a time of the monotonic clock, in a thread: looking up a name cannot be cut short.
+    """Call a function in a thread and return its result; a name lookup cannot be interrupted otherwise.
 
     Raises
     ------
     TimeoutError
-        It has not come back by then.
+        It has not returned by `deadline` of the monotonic clock, s.
     """
     found, thread = begun(function)
     thread.join(max(deadline - time.monotonic(), 0.0))
@@ -194,25 +196,24 @@ def in_time(deadline: float, function: Callable[[], Any]) -> Any:
 
 
 def processes_for(parts: int, jobs: int | None = None) -> int:
-    """How many processes so many parts are given, of at most `jobs`, by default one for every core."""
+    """Return the number of processes for so many parts: at most `jobs`, by default one per core."""
     return min(parts, jobs or cores())
 
 
 def each_in_a_process(work: Callable[[Part], Any], parts: Sequence[Part], jobs: int | None = None, unit: str = "part",
                       progress: bool = False) -> list[Any]:
-    """What `work`, a function of a module, makes of every part, in order.
+    """Return the results of `work`, a function of a module, for every part, in order.
 
-    Parameters
-    ----------
-    jobs : processes, all cores by default; with one, or for one part, `work` is called here
-    unit, progress : what a part is called, and whether progress is shown
+    If a process is killed, for instance because memory runs out, finished parts are kept, and half as many processes do
+    the others.
 
-    Where a process is killed, as where memory runs out, what is done is kept, and what is not is done by half as many.
+    jobs : number of processes (default: all cores); with one, or for one part, `work` is called in this process
+    unit, progress : name of a part, and whether progress is shown
 
     Raises
     ------
     WorkersLost
-        A process that was left to itself was killed too.
+        A process that ran alone was killed too.
     """
     count = processes_for(len(parts), jobs)
     if count < 2:
@@ -230,12 +231,12 @@ def each_in_a_process(work: Callable[[Part], Any], parts: Sequence[Part], jobs: 
 
 
 def _in_a_pool(work: Callable[[Part], Any], parts: Sequence[Part], count: int, found: dict[int, Any], bar: Any) -> None:
-    """Work on what is missing in `found` until all is there or a process was killed."""
+    """Compute the parts missing in `found` until all are there or a process was killed."""
     import multiprocessing
     from concurrent.futures.process import BrokenProcessPool, ProcessPoolExecutor
 
     others = set(multiprocessing.active_children())
-    # Ctrl-C ends the pool, which ends its processes; they are not to report it themselves.
+    # Ctrl-C ends the pool, which ends its processes; the processes must not report it too.
     pool = ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), signal.signal,
                                (signal.SIGINT, signal.SIG_IGN))
     try:

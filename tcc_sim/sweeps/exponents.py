@@ -1,15 +1,15 @@
-"""The largest Lyapunov exponent of either friction law, with an interval, and the diagnosis of motions without period.
+"""Largest Lyapunov exponent for both friction laws, with an interval, and diagnosis of motions without a period.
 
 A periodic motion of period N has the exponent log |mu|/(N T) of its largest Floquet multiplier mu, the largest
-eigenvalue of the product of the tangent maps over a period. Any other has the mean growth of a tangent vector that is
-renormalised at the end of every engine cycle (G. Benettin et al. (1980), Meccanica 15, 9 to 20). It is the same
-whatever the norm; this one is the energy of the linear part. The tangent is that of the engine's
-stroboscopic map; under the set-valued law it jumps where slip ends.
+eigenvalue of the product of the tangent maps over a period. Any other motion has the mean growth of a tangent vector
+that is renormalised after every engine cycle (G. Benettin et al. (1980), Meccanica 15, 9 to 20). The exponent does not
+depend on the norm; this one is the energy of the linear part. The tangent is that of the engine's stroboscopic map;
+with the set-valued law it jumps where slip ends.
 
-An exponent near 0 alone does not make a motion quasi-periodic: its slip may grow, its period may be a long one, or its
-chaos weak. What shows a torus is that averages over its section converge faster than any power of their length when
-they are weighted with a smooth bump, while those of chaos differ as the root of it (S. Das, Y. Saiki, E. Sander and
-J. A. Yorke (2017), Nonlinearity 30, 4111 to 4140).
+An exponent near 0 does not prove a quasi-periodic motion: slip may grow, the period may be long, or chaos weak. On a
+torus, averages over the section with the weight of a smooth bump converge faster than any power of their length; in
+chaos their difference falls as its square root (S. Das, Y. Saiki, E. Sander and J. A. Yorke (2017), Nonlinearity 30,
+4111 to 4140).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from tcc_sim.sweeps.settings import DEFAULTS
 from tcc_sim.trajectory import Cycles, Floats, State, Status, concatenated
 
 FIRST = np.array([1.0, 0.01, 1.0])
-"""The tangent vector at the start, of no particular direction: stick knows nothing of a change of slip speed alone."""
+"""Initial tangent vector, in no special direction; in stick a change of slip speed alone has no effect."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -64,13 +64,13 @@ class Lyapunov(Described):
 
 def largest_lyapunov_exponent(system: System, state: State, *, cycles: int = 2000, start_cycle: int = 0,
                               period: int = 0) -> Lyapunov:
-    """The largest Lyapunov exponent of the motion that starts at `state`, which should lie on the attractor.
+    """Return the largest Lyapunov exponent of the motion from `state`, which should lie on the attractor.
 
     Parameters
     ----------
     state : at t = start_cycle 2 pi/omega
-    cycles : engine cycles averaged where there is no period, at least 40
-    period : of the motion as its section shows it, in engine cycles; 0 for none
+    cycles : engine cycles averaged if there is no period, at least 40
+    period : period of the section, engine cycles; 0 for none
 
     Raises
     ------
@@ -105,7 +105,7 @@ def largest_lyapunov_exponent(system: System, state: State, *, cycles: int = 200
 
 
 def _periodic(system: System, start: Floats, first: int, period: int) -> Lyapunov:
-    """The exponent of a motion of known period; none where the orbit beside it is unstable, and so was passed only."""
+    """Return the exponent of a motion of known period; none near an unstable orbit, which the motion only passes."""
     exponent, error = floquet_exponent(system, start, first, period)
     if (exponent - error) * period * system.cycle > DEFAULTS.passed:
         return Lyapunov(math.nan, math.nan, math.nan, DEFAULTS.confidence, period, "unresolved")
@@ -113,9 +113,7 @@ def _periodic(system: System, start: Floats, first: int, period: int) -> Lyapuno
 
 
 def _seen(cycles: Cycles) -> tuple[str, int]:
-    """What the section of some cycles shows of a motion whose disturbances neither grow nor die out: runaway,
-    quasi-periodic or unresolved, and a long period, 0 for none.
-    """
+    """Diagnose by its section a motion whose disturbances neither grow nor decay; return its long period, or 0, too."""
     if slip_grows(cycles):
         return "runaway", 0
     found = periodicity(cycles, maximum=DEFAULTS.long_period)
@@ -125,7 +123,7 @@ def _seen(cycles: Cycles) -> tuple[str, int]:
 
 
 def change_of_averages(points: Floats) -> float:
-    """The largest difference of bump averages over the two halves of a section (n, 3), relative to its size.
+    """Return the largest difference of bump averages over the two halves of a section (n, 3), relative to its size.
 
     The weight is exp(-1/(s (1 - s))) over each half, 0 < s < 1.
     """
@@ -138,7 +136,7 @@ def change_of_averages(points: Floats) -> float:
 
 
 def diagnosis(mean: float, half: float) -> str:
-    """What a growth per cycle with the half width of its interval says of a motion without period."""
+    """Diagnose a motion without a period by its growth per cycle and the half width of the interval."""
     if mean - half > 0.0:
         return "chaotic"
     if mean + half < 0.0:
@@ -147,7 +145,7 @@ def diagnosis(mean: float, half: float) -> str:
 
 
 def batch_means(growth: Floats) -> tuple[float, float]:
-    """Mean and half width of its confidence interval, from the means of consecutive runs and Student's t."""
+    """Return the mean and the half width of its confidence interval, from batch means and Student's t."""
     from scipy.stats import t
 
     count, confidence = DEFAULTS.batches, DEFAULTS.confidence
@@ -158,10 +156,11 @@ def batch_means(growth: Floats) -> tuple[float, float]:
 
 
 def floquet_exponent(system: System, state: Floats, first: int, period: int) -> tuple[float, float]:
-    """log |mu|/(N T) of the largest multiplier of the periodic motion beside `state`, and its error, 1/s.
+    """Return log |mu|/(N T) of the largest multiplier of the periodic motion near `state`, and its error, 1/s.
 
-    The state is brought onto the motion by Newton's method. The error is the difference of two tolerances, and where
-    the state does not close, of two periods that follow each other.
+    Newton's method brings the state onto the motion. The error is the difference between two tolerances, and for a
+    state
+    that does not close between two successive periods.
     """
     scale = natural_sizes(terms_of(system))
     at, start = state, state
@@ -186,7 +185,7 @@ def floquet_exponent(system: System, state: Floats, first: int, period: int) -> 
 
 
 def mapped(system: System, state: Floats, first: int, cycles: int, tolerance: float) -> tuple[Floats, Floats]:
-    """The state after some engine cycles and the tangent map of the way, (3, 3); NaN where the steps fail."""
+    """Return the state after some engine cycles and the tangent map to it, (3, 3); NaN if a step fails."""
     try:
         found = Prepared(system, (), tolerance).over(state, first, first + cycles)
     except NumericalFailure:
@@ -195,7 +194,7 @@ def mapped(system: System, state: Floats, first: int, cycles: int, tolerance: fl
 
 
 def natural_sizes(terms: Terms) -> Floats:
-    """The sizes of slip speed (rad/s), plate angle (rad) and plate speed (rad/s) of a motion, (3,)."""
+    """Return the sizes of slip speed (rad/s), plate angle (rad) and plate speed (rad/s) of a motion, (3,)."""
     torque = abs(terms.mean_torque) + abs(terms.mean_load) + (terms.torque[0] if terms.torque is not None else 0.0)
     angle = max(torque, 1.0) / terms.linear[3]
     speed = angle * natural_frequency(terms)
@@ -203,7 +202,7 @@ def natural_sizes(terms: Terms) -> Floats:
 
 
 def _exponent(matrix: Floats, system: System, period: int) -> float:
-    """log |mu|/(N T) of the largest eigenvalue of a tangent map over N cycles, 1/s."""
+    """Return log |mu|/(N T) of the largest eigenvalue of a tangent map over N cycles, 1/s."""
     if not np.isfinite(matrix).all():
         return math.nan
     largest = float(np.abs(np.linalg.eigvals(matrix)).max())
@@ -211,15 +210,19 @@ def _exponent(matrix: Floats, system: System, period: int) -> float:
 
 
 def tangent_growth(system: System, state: Floats, first: int, cycles: int) -> tuple[Floats, Floats, Cycles | None]:
-    """Logarithm of the growth of a tangent vector in every engine cycle, (cycles,) array, how much less it is at the
-    coarser tolerance, in one of so many cycles, and the cycles themselves; NaN and None where the steps fail.
+    """Return the growth of a tangent vector along a motion; NaN and None if a step fails.
+
+    Returns
+    -------
+    logarithm of the growth in every engine cycle, (cycles,); its difference from a coarser tolerance in one of
+    `Settings.compared` cycles; and the cycles
     """
     every, runs = DEFAULTS.compared, list[Cycles]()
     growth, difference = np.full(cycles, np.nan), np.full(cycles // every, np.nan)
     i1, i2, _, stiffness = terms_of(system).linear
     energy = np.sqrt(np.array([[i1, 0.0, i1], [0.0, 0.0, i2], [0.0, stiffness, 0.0]]))
     fine, coarse = (Prepared(system, (), tolerance) for tolerance in (DEFAULTS.fine, DEFAULTS.coarse))
-    vector = FIRST  # Its growth is among those that the caller leaves out.
+    vector = FIRST  # The caller drops its growth.
     for begin in range(0, cycles, DEFAULTS.together):
         count = min(DEFAULTS.together, cycles - begin)
         run = solve(system, cycles=count, state=State.of(state), start_cycle=first + begin)

@@ -1,7 +1,7 @@
-"""The file of a sweep that takes points as they are done and from which the sweep can go on: JSON, one line a point.
+"""File of a sweep, to which completed points are appended and from which the sweep resumes: JSON, a line per point.
 
-The first line says which sweep it is. Numbers are written so that they are read back exactly, every line ends with a
-checksum of its text, and a last line that was cut short is dropped: its point is solved again.
+The first line identifies the sweep. Numbers are written so that reading restores them exactly. Every line ends with a
+checksum of its text. A truncated last line is dropped, and its point is solved again.
 """
 
 from __future__ import annotations
@@ -27,20 +27,21 @@ class SweepFile:
 
     Parameters
     ----------
-    path : where it is, or will be; None for no file, which takes everything and keeps nothing
-    header : what tells the sweep from others; it becomes the first line
-    form : name and version of the file's schema
-    kind : what the file is of, in errors
-    said : what the first line says besides, such as scene and command; it does not tell one sweep from another
-    take : called with curve, index and record of every point found in the file; KeyError, TypeError and ValueError say
-        that no sweep wrote it
+    path : path of the file; None for no file: points are then not stored
+    header : values that distinguish the sweep from others; they become the first line
+    form : name and version of the file's format
+    kind : contents of the file, for messages
+    said : further values of the first line, such as scene and command, which do not distinguish sweeps
+    take : function called with curve, index and record of every point in the file; KeyError, TypeError and ValueError
+        mean
+        that no sweep wrote the record
 
     Raises
     ------
     InputError
-        The path holds something else, the points of another sweep, or a damaged line, or has no directory to be in.
+        The path holds something else, points of another sweep, or a damaged line, or its directory does not exist.
     OSError
-        It cannot be read or written.
+        The file cannot be read or written.
     """
 
     def __init__(self, path: Path | None, header: Mapping[str, Any], take: Callable[[int, int, dict[str, Any]], None],
@@ -59,7 +60,7 @@ class SweepFile:
 
     def _read(self, path: Path, wanted: dict[str, Any], first: bytes,
               take: Callable[[int, int, dict[str, Any]], None]) -> int:
-        """Take the points of an existing file; returns the bytes that are whole lines."""
+        """Take the points of an existing file; return the number of bytes in whole lines."""
         if not path.is_file():
             raise InputError(f"{path}: not a file")
         whole = 0
@@ -67,8 +68,7 @@ class SweepFile:
             for number in range(1, 1 << 62):
                 line = stream.readline(DEFAULTS.longest_line)
                 if not line.endswith(b"\n") and len(line) < DEFAULTS.longest_line:
-                    # The end: nothing, or a line that was cut short, of which the first must be this sweep's own,
-                    # whatever was said besides.
+                    # The end: nothing, or a truncated line. A truncated first line must be that of this sweep.
                     beginning = (json.dumps(wanted, allow_nan=False)[:-1] + ", ").encode()
                     if number == 1 and not (first.startswith(line) or line.startswith(beginning)):
                         raise InputError(f"{path}: not the file of a {self._kind}; it is left as it is")
@@ -108,7 +108,7 @@ class SweepFile:
             self._write(encoded_line({"curve": curve, "index": index, "record": record}))
 
     def _write(self, line: bytes) -> None:
-        """One line."""
+        """Write one line."""
         assert self._stream is not None
         try:
             self._stream.write(line)
@@ -117,25 +117,25 @@ class SweepFile:
             raise OSError(error.errno, error.strerror, self._stream.name) from None
 
     def close(self) -> None:
-        """Close the file; what a full disk did not take was said when it was written."""
+        """Close the file; errors of a full disk were raised by the writes."""
         if self._stream is not None:
             with suppress(OSError):
                 self._stream.close()
 
 
 def encoded_line(values: Mapping[str, Any]) -> bytes:
-    """A line: an object whose last key is the checksum of what stands before it."""
+    """Return a line: a JSON object whose last key is the checksum of the text before it."""
     body = json.dumps(values, allow_nan=False)[:-1]
     return (body + SUM % zlib.crc32(body.encode())).encode()
 
 
 def decoded_line(line: bytes) -> dict[str, Any]:
-    """The object of a line.
+    """Return the object of a line.
 
     Raises
     ------
     ValueError
-        A wrong checksum, or no object of finite numbers.
+        The checksum is wrong, or the line is not an object of finite numbers.
     """
     body, end = line[:-SUM_LENGTH], line[-SUM_LENGTH:]
     if end != (SUM % zlib.crc32(body)).encode():
@@ -144,7 +144,7 @@ def decoded_line(line: bytes) -> dict[str, Any]:
 
 
 def _object(text: bytes) -> dict[str, Any]:
-    """An object of finite numbers in JSON; ValueError for anything else."""
+    """Return a JSON object of finite numbers; raise ValueError for anything else."""
     try:
         found = json.loads(text, parse_constant=_refused, parse_float=_finite)
     except RecursionError:
@@ -157,12 +157,12 @@ def _object(text: bytes) -> dict[str, Any]:
 
 
 def _refused(name: str) -> NoReturn:
-    """NaN and its like are no JSON."""
+    """Refuse NaN and infinities, which are not JSON."""
     raise ValueError(f"{name} is not a number in JSON")
 
 
 def _finite(text: str) -> float:
-    """A number that a float can hold."""
+    """Return a number within the range of floats."""
     value = float(text)
     if not math.isfinite(value):
         raise ValueError(f"{text} is beyond the range of numbers")

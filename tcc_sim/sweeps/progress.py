@@ -1,4 +1,4 @@
-"""How far long work is: a bar on a terminal and in a notebook, elsewhere a line a minute on standard error."""
+"""Progress of long work: a bar on a terminal and in a notebook, elsewhere a line a minute on standard error."""
 
 from __future__ import annotations
 
@@ -10,18 +10,17 @@ from contextlib import contextmanager
 from typing import Any
 
 EVERY = 60.0
-"""Seconds between two lines, where there is no terminal."""
+"""Time between two lines without a terminal, s."""
 _lock = threading.RLock()
-"""Of all bars of a process. tqdm's own is a semaphore of the system too, which a process that is ended leaves behind.
-"""
+"""Lock of all bars of a process. tqdm's own lock is a system semaphore, which a killed process leaves behind."""
 
 
 class ProgressLines:
-    """Progress where there is no terminal: `update` prints a line on standard error where the last one, or the start,
-    is EVERY seconds ago. Methods as those of tqdm's bars.
+    """Progress without a terminal, with the methods of tqdm's bars.
 
-    unit, total, done : as those of `progress_bar`
-    clock : seconds that pass
+    `update` prints a line on standard error if EVERY seconds have passed since the last line or the start. Parameters
+    as
+    for `progress_bar`.
     """
 
     def __init__(self, unit: str, total: float | None, done: float, clock: Callable[[], float]) -> None:
@@ -29,7 +28,7 @@ class ProgressLines:
         self._began = self._last = clock()
 
     def update(self, count: float = 1) -> None:
-        """Count parts that are done."""
+        """Count finished parts."""
         self.n += count
         now = self._clock()
         if now - self._last >= EVERY:
@@ -47,18 +46,18 @@ class ProgressLines:
     set_description_str = set_postfix_str
 
     def close(self) -> None:
-        """Print nothing more."""
+        """Stop printing."""
 
 
 def in_notebook() -> bool:
-    """Whether IPython runs this in a kernel, whose standard error shows bars although it is no terminal."""
+    """Return whether an IPython kernel runs this: its standard error shows bars although it is no terminal."""
     shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
     return hasattr(shell, "kernel")
 
 
 def begin_progress(unit: str, total: float | None = None, done: float = 0, shown: bool = True,
                    clock: Callable[[], float] = time.monotonic, **look: Any) -> Any:
-    """A bar or lines as `progress_bar`, which the caller closes."""
+    """Return a bar or lines as `progress_bar`; the caller must close it."""
     if shown and not in_notebook() and not sys.stderr.isatty():
         return ProgressLines(unit, total, done, clock)
     from tqdm import tqdm
@@ -70,16 +69,16 @@ def begin_progress(unit: str, total: float | None = None, done: float = 0, shown
 @contextmanager
 def progress_bar(unit: str, total: float | None = None, done: float = 0, shown: bool = True,
                  clock: Callable[[], float] = time.monotonic, **look: Any) -> Iterator[Any]:
-    """A bar, moved by its `update`; where standard error is neither a terminal nor a notebook's, lines.
+    """Yield a bar that its `update` moves; lines if standard error is neither a terminal nor that of a notebook.
 
     Parameters
     ----------
-    unit : what a part is called
-    total : parts; None where nobody knows
-    done : parts at the start
-    shown : False: neither a bar nor lines
-    clock : seconds that pass, for the lines
-    look : keywords of tqdm, for the bar
+    unit : name of a part
+    total : number of parts; None if it is unknown
+    done : parts finished at the start
+    shown : False for neither a bar nor lines
+    clock : function that returns the time for the lines, s
+    look : keywords of tqdm for the bar
     """
     bar = begin_progress(unit, total, done, shown, clock, **look)
     try:
@@ -90,7 +89,7 @@ def progress_bar(unit: str, total: float | None = None, done: float = 0, shown: 
 
 @contextmanager
 def point_bar(shown: bool = True) -> Iterator[Callable[[Any], None]]:
-    """A function to call with every point of a branch, which moves a count of them and names the last."""
+    """Yield a function to call with every point of a branch; it counts the points and shows the last one."""
     with progress_bar("point", shown=shown) as bar:
         def tick(point: Any) -> None:
             bar.set_postfix_str(f"{point.value:.6g}, period {point.orbit.period}", refresh=False)

@@ -1,4 +1,4 @@
-"""What sweeps give: a point at one value, points along one scene key, or on a grid of two; as JSON, columns, a line."""
+"""Results of sweeps: a point at one value, points along one scene key, or on a grid of two keys."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ MAY_BE_NAN = ("section_change", *(item.name for item in fields(Summary)
                                   if item.type == "float" and item.default is not MISSING))
 NOT_SOLVED = "not solved: the sweep was interrupted"
 EMPTY: dict[str, float | int | bool | str] = {"float": np.nan, "int": -1, "int | None": -1, "bool": False, "str": ""}
-"""What stands in a column where there is nothing, by the type of its field."""
+"""Value of an empty table cell by the type of its field."""
 COLUMNS: dict[str, float | int | bool | str] = {
     **{item.name: EMPTY[str(item.type)] for item in fields(Summary) if item.type in EMPTY}, "confirmed": False,
     "equivalent_damping": np.nan, "negative_slope_mean": np.nan,
     **{f"lyapunov_{item.name}": EMPTY[str(item.type)] for item in fields(Lyapunov) if item.type in EMPTY}, "status": ""}
-"""Columns of a table with a line per value, and what stands where there is nothing."""
+"""Columns of a table with a row per value, and the value of their empty cells."""
 
 
 @dataclass(frozen=True, slots=True)
 class Point:
     """The result at one value.
 
-    summary : with its section left to `section`; None where the solver failed
-    end : where the motion goes on from
+    summary : its section is empty and stands in `section`; None if the solver failed
+    end : end of the motion, from which a run may continue
     """
 
     value: float
@@ -57,18 +57,18 @@ class Point:
     end: Start
 
     def as_record(self) -> dict[str, Any]:
-        """The value, the results and the end of the motion as JSON values: a line in the file of a sweep."""
+        """Return the value, the results and the end of the motion as JSON values: a line in the file of a sweep."""
         return {"value": self.value, **json_of(self), "final": list(self.end.state.numbers),
                 "final_cycle": self.end.cycle}
 
     @staticmethod
     def from_record(record: Mapping[str, Any], system: System) -> Point:
-        """The point that `as_record` gave.
+        """Return the point of a record by `as_record`.
 
         Raises
         ------
         KeyError, TypeError, ValueError
-            A record that no point gives.
+            `as_record` did not write the record.
         """
         summary = None
         if record["max_slip_speed"] is not None:
@@ -115,7 +115,7 @@ class Curve:
             replace(self.system, {self.key: value})
 
     def at(self, index: int) -> System:
-        """The system at one of the values."""
+        """Return the system at one of the values."""
         return replace(self.system, {self.key: self.values[index]})
 
 
@@ -136,9 +136,9 @@ class Course:
 
 @dataclass(frozen=True, repr=False)
 class Sweep(Result):
-    """The results along one curve, in the order of its values.
+    """Results along one curve, in the order of its values.
 
-    points : what was found per value; None where the sweep was interrupted before
+    points : result per value; None where the sweep was interrupted before
     seconds : wall time of the whole call
     """
 
@@ -163,16 +163,16 @@ class Sweep(Result):
 
     @property
     def records(self) -> list[dict[str, Any] | None]:
-        """Per value what `Point.as_record` gives; None where the sweep was interrupted before."""
+        """`Point.as_record` per value; None where the sweep was interrupted before."""
         return [None if p is None else p.as_record() for p in self.points]
 
     def column(self, name: str) -> NDArray[np.float64]:
-        """A number per value, (n,), NaN where there is none; a truth is 0 or 1.
+        """Return a number per value, (n,); NaN for a missing one, 0 or 1 for a truth value.
 
         Raises
         ------
         InputError
-            A name that no such result has.
+            No result in numbers has this name.
         """
         numbers = [known for known, none in COLUMNS.items() if not isinstance(none, str)]
         if name not in numbers:
@@ -180,10 +180,7 @@ class Sweep(Result):
         return np.array([np.nan if r.get(name) is None else float(r[name]) for r in self._flat()])
 
     def columns(self) -> dict[str, NDArray[Any]]:
-        """(n,) arrays by name, as ``pandas.DataFrame`` and ``polars.DataFrame`` take them, with the key's values first.
-
-        The section is left out. Numbers are NaN and counts -1 where there is none.
-        """
+        """Return the key's values and all results but the section, (n,) each; missing ones are NaN, -1 or empty."""
         flat = self._flat()
         there = {name for r in flat for name in r}
         return {self.curve.key: self.values,
@@ -191,7 +188,7 @@ class Sweep(Result):
                    for name, none in COLUMNS.items() if name in there}}
 
     def _flat(self) -> list[dict[str, Any]]:
-        """The records of all values, with the fields of the exponent beside the others."""
+        """Return the records of all values, with the exponent's fields beside the others."""
         rows: list[dict[str, Any]] = [{"status": NOT_SOLVED} if r is None else r for r in self.records]
         return [{**r, **{f"lyapunov_{name}": x for name, x in r.get("lyapunov", {}).items()}} for r in rows]
 
@@ -202,7 +199,7 @@ class Sweep(Result):
         return self.course_with([self])
 
     def course_with(self, sweeps: Sequence[Sweep]) -> Course:
-        """How this sweep, and those of the same call, were done."""
+        """Return how this sweep and others of the same call were done."""
         plan = self.plan
         return Course(plan.direction, "default" if plan.discard is None else plan.discard,
                       plan.seconds(self.curve.system), self.curve.system.varying, all(s.complete for s in sweeps),
@@ -210,7 +207,7 @@ class Sweep(Result):
 
     @property
     def not_settled(self) -> int:
-        """How many values have a motion that is still a transient."""
+        """Number of values whose motion is still a transient."""
         return sum(p is not None and p.summary is not None and p.summary.transient for p in self.points)
 
     @property
@@ -223,7 +220,7 @@ class Sweep(Result):
 
 @dataclass(frozen=True, repr=False)
 class Grid(Result):
-    """The results on a grid of two keys: one Sweep over the first for every value of the second."""
+    """Results on a grid of two keys: one Sweep over the first key for every value of the second."""
 
     second_key: str = field(metadata=reported("second scene key", name="second_over"))
     second_values: tuple[float, ...] = field(metadata=reported("its values", "{second_over}"))
@@ -235,13 +232,13 @@ class Grid(Result):
                 f"{sum(p is not None and p.summary is not None for s in self.sweeps for p in s.points)} solved")
 
     def columns(self) -> dict[str, NDArray[Any]]:
-        """The columns of `Sweep` for all rows below each other, with the second key's values first."""
+        """Return the columns of `Sweep` for all rows below each other, with the second key's values first."""
         return {self.second_key: np.repeat(self.second_values, len(self.sweeps[0].points)), **stacked(self.sweeps)}
 
     @property
     @reporting("first scene key", spread=True)
     def curve(self) -> Curve:
-        """What every sweep is over."""
+        """Curve of the first row."""
         return self.sweeps[0].curve
 
     @property
@@ -258,19 +255,19 @@ class Grid(Result):
 
 
 def lists_of(sweeps: Sequence[Sweep]) -> dict[str, list[Any]]:
-    """Per result a list for each of the sweeps."""
+    """Return per result a list for each sweep."""
     rows = [s.lists for s in sweeps]
     none = [None] * len(sweeps[0].points)
     return {name: [row.get(name, none) for row in rows] for name in dict.fromkeys(n for row in rows for n in row)}
 
 
 def stacked(sweeps: Sequence[Sweep]) -> dict[str, NDArray[Any]]:
-    """The columns of sweeps of one length below each other."""
+    """Return the columns of sweeps of equal length below each other."""
     rows, length = [s.columns() for s in sweeps], len(sweeps[0].points)
     return {name: np.concatenate([row[name] if name in row else np.full(length, COLUMNS[name]) for row in rows])
             for name in dict.fromkeys(name for row in rows for name in row)}
 
 
 def _span(values: Sequence[float]) -> str:
-    """How many values there are, and between which."""
+    """Return the number of values and their range as text."""
     return f"{len(values)} value{'s' if len(values) > 1 else ''} from {min(values):g} to {max(values):g}"

@@ -1,4 +1,4 @@
-"""What scatters within tolerances: scrambled Sobol samples of scene keys, and quantiles of every result."""
+"""Scatter within tolerances: scrambled Sobol samples of scene keys, and quantiles of every result."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tcc_sim.sweeps.sweep import Curve, sweep_curves
 
 PROBABILITIES = (0.05, 0.5, 0.95)
 COUNTED = ("runaway", "not_settled")
-"""Why a sample is left out of quantiles."""
+"""Reasons for leaving a sample out of quantiles."""
 NUMBERS = ("max_slip_speed", "min_slip_speed", "stick_fraction", "period", "runaway", "clutch_energy", "mean_power",
            "peak_power", "max_shaft_torque", "min_shaft_torque", "breakaways", "equivalent_damping",
            "negative_slope_mean")
@@ -31,15 +31,15 @@ NUMBERS = ("max_slip_speed", "min_slip_speed", "stick_fraction", "period", "runa
 
 @dataclass(frozen=True)
 class Tolerances:
-    """Samples of scene keys that are uniform within bounds and independent of each other.
+    """Independent, uniform samples of scene keys within bounds.
 
-    bounds : key, its lowest and its highest value
+    bounds : key, lowest and highest value
     samples : a power of 2 fills the bounds most evenly
 
     Raises
     ------
     InputError
-        A key twice, bounds that are none, or a number of samples out of its range.
+        A repeated key, bounds in the wrong order, or a number of samples out of its range.
     """
 
     bounds: tuple[tuple[str, float, float], ...]
@@ -67,7 +67,7 @@ class Tolerances:
     @property
     @reporting("probabilities of the quantiles")
     def probabilities(self) -> tuple[float, ...]:
-        """Those of PROBABILITIES."""
+        """PROBABILITIES."""
         return PROBABILITIES
 
     @property
@@ -85,12 +85,12 @@ class Tolerances:
 
 @dataclass(frozen=True, repr=False)
 class Scattered(Result):
-    """The results of scattered keys: one Sweep for each sample, over another key or at one value.
+    """Results for scattered keys: one Sweep for each sample, over another key or at one value.
 
-    tolerances : what was scattered
-    over : key that every sample is swept over; empty for none
-    sweeps : one for each sample, in their order
-    every : whether quantiles are over every sample, also over those that ran away or have not settled
+    tolerances : scattered keys
+    over : key over which every sample is swept; empty for none
+    sweeps : one for each sample, in order
+    every : whether quantiles include samples that ran away or have not settled
     """
 
     tolerances: Tolerances = field(metadata=reported("what is scattered", spread=True))
@@ -104,18 +104,17 @@ class Scattered(Result):
         return f"Scattered {keys}: {self.tolerances.samples} samples{over}"
 
     def result(self, name: str) -> NDArray[np.float64]:
-        """(samples, values) numbers of one result, NaN where there is none."""
+        """Return one result, (samples, values); NaN for a missing one."""
         return np.array([sweep.column(name) for sweep in self.sweeps])
 
     def _unsteady(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """(samples, values) which results are those of a runaway, and of a transient."""
+        """Return which results, (samples, values), are those of a runaway and of a transient."""
         return self.result("runaway") == 1.0, self.result("transient") == 1.0
 
     def quantiles(self, name: str) -> NDArray[np.float64]:
-        """(values, 3) quantiles 0.05, 0.5 and 0.95 of one result over the samples that have it, NaN where none has.
+        """Return the quantiles 0.05, 0.5 and 0.95 of one result over the samples, (values, 3); NaN without a sample.
 
-        Those whose slip ran away, and those that have not settled, are left out unless `every` is asked for; how many
-        ran away is one of all samples.
+        Unless `every`, they leave out samples that ran away or have not settled; the quantiles of `runaway` do not.
         """
         found = self.result(name)
         if not self.every and name != "runaway":
@@ -125,7 +124,7 @@ class Scattered(Result):
             return np.asarray(np.nanquantile(found, PROBABILITIES, axis=0).T)
 
     def columns(self) -> dict[str, NDArray[Any]]:
-        """The columns of `Sweep` for all samples below each other, the scattered keys first."""
+        """Return the columns of `Sweep` for all samples below each other, the scattered keys first."""
         length, sampled = len(self.sweeps[0].points), self.tolerances.sampled
         return {**{key: np.repeat(values, length) for key, values in sampled.items()},
                 **{name: column for name, column in stacked(self.sweeps).items() if name not in sampled}}
@@ -133,21 +132,21 @@ class Scattered(Result):
     @property
     @reporting("results that quantiles leave out: runaway, and not settled")
     def left_out(self) -> dict[str, int]:
-        """How many results quantiles leave out because slip ran away, and because the motion had not settled."""
+        """Number of results that quantiles leave out, by reason."""
         return dict(zip(COUNTED, (0 if self.every else int(mask.sum()) for mask in self._unsteady())))
 
     @property
     @reporting("quantiles of every result over the samples, one for each probability; with over, a list of them per "
                "value", "{*}", name="quantiles")
     def all_quantiles(self) -> dict[str, NDArray[np.float64]]:
-        """Of every result in numbers that was worked out."""
+        """Quantiles of every computed result in numbers."""
         there = self.sweeps[0].lists
         return {name: self.quantiles(name)[slice(None) if self.over else 0] for name in NUMBERS if name in there}
 
     @property
     @reporting("value swept over", spread=True, asked_for=True)
     def curve(self) -> Curve | None:
-        """What every sample is swept over; None for a single value."""
+        """Curve over which every sample is swept; None for a single value."""
         return self.sweeps[0].curve if self.over else None
 
     @property
@@ -166,7 +165,7 @@ class Scattered(Result):
 
 def scattered_curves(system: System, tolerances: Tolerances, over: str = "",
                      values: Sequence[float] = ()) -> list[Curve]:
-    """One curve for every sample: over another key, or at the sample's own value of the first scattered key.
+    """Return a curve for every sample: over another key, or at the sample's value of the first scattered key.
 
     Raises
     ------
@@ -198,10 +197,10 @@ def scatter(scene: Scene | System | str, bounds: Mapping[str, tuple[float, float
     ----------
     scene : a scene, its name or file, or a system
     bounds : lowest and highest value by key
-    samples, seed : how many, and which
-    over, values : another key that every sample is swept over
-    every : whether quantiles are over every sample, also over those that ran away or have not settled
-    plan, jobs, dask, progress : as `sweep` takes them
+    samples, seed : number of samples, and seed of their scrambling
+    over, values : another key over which every sample is swept
+    every : whether quantiles include samples that ran away or have not settled
+    plan, jobs, dask, progress : as for `sweep`
 
     Raises
     ------

@@ -11,26 +11,24 @@ from tcc_sim.model.quantity import quantity
 class Settings:
     """How points of a sweep are solved, exponents worked out, and tasks given to others."""
 
-    cycles: int = quantity(150, "length of a solve where nothing is said", "engine cycles")
+    cycles: int = quantity(150, "default length of a solve", "engine cycles")
 
     # The points of a sweep and their file (`sweep.py`, `file.py`).
-    rtol: float = quantity(1e-6, "relative tolerance of a sweep that is given none: sections are good to that (fig02: "
-                           "4e-8, set-valued 2e-7), and over the curves of Figs. 4 to 18, 57 values each, the period "
-                           "is that at 1e-10 in all but three of 1995 points")
-    phases_tried: int = quantity(1000, "among which one is looked for whose phase of the load is that of the "
-                                 "neighbour's end", "engine cycles")
+    rtol: float = quantity(1e-6, "default relative tolerance of a sweep: that of sections (fig02: 4e-8, "
+                           "set-valued 2e-7), and over the curves of Figs. 4 to 18, 57 values each, the period is "
+                           "that at 1e-10 in all but three of 1995 points")
+    phases_tried: int = quantity(1000, "number in which the nearest load's phase is searched", "engine cycles")
     most_values: int = quantity(1_000_000, "most values of a range, of a grid, and of samples")
     longest_line: int = quantity(1 << 28, "longest line of a file of points; the first one of a sweep over a million "
                                  "values has a tenth of that", "bytes")
 
     # When a motion counts as settled (`steady_state.py`).
     settled: float = quantity(1e-6, "repetition of a settled section, relative to the size of the motion")
-    settled_window: int = quantity(50, "length over which it must repeat: three periods of the longest that is looked "
-                                   "for", "engine cycles")
+    settled_window: int = quantity(50, "length over which it repeats: three longest periods", "engine cycles")
     settled_block: int = quantity(25, "length that is solved at a time", "engine cycles")
 
     # Lyapunov exponents (`exponents.py`, `simulation.py`).
-    lyapunov_cycles: int = quantity(2000, "length of a mean growth where nothing is said", "engine cycles")
+    lyapunov_cycles: int = quantity(2000, "default length of a mean growth", "engine cycles")
     confidence: float = quantity(0.95, "confidence of the interval of a mean growth")
     batches: int = quantity(20, "means of consecutive runs of cycles, each long enough to be nearly independent")
     aligning_cycles: int = quantity(50, "first part, not counted, in which the tangent vector turns to the direction "
@@ -46,21 +44,18 @@ class Settings:
     polishings: int = quantity(4, "Newton steps towards a periodic motion")
     closed: float = quantity(1e-9, "largest distance of a state from its image after a period, relative to the size of "
                              "the motion")
-    nearby: float = quantity(0.1, "largest way to the periodic motion, relative to the size of the motion")
-    passed: float = quantity(1e-6, "logarithm of a multiplier above which a periodic motion is unstable, so that none "
-                             "can have settled on it")
-    long_period: int = quantity(128, "longest period that is looked for before a motion is called anything "
-                                "else", "engine cycles")
+    nearby: float = quantity(0.1, "largest distance to the periodic motion, relative to its size")
+    passed: float = quantity(1e-6, "logarithm of a multiplier above which a periodic motion is unstable, so that no "
+                           "motion settles on it")
+    long_period: int = quantity(128, "longest period that is searched before another diagnosis", "engine cycles")
     longest_period: int = quantity(512, "longest period of motion and excitation together", "engine cycles")
     converged: float = quantity(1e-6, "largest difference, relative to the size of the motion, of bump averages over "
                                 "the halves of a section on a torus")
 
     # Tasks given to processes and clusters (`executors.py`, `sweep.py`).
-    look: float = quantity(2.0, "time without a result after which it is asked whether those who work are still "
-                           "there", "s")
+    look: float = quantity(2.0, "time without a result after which the workers are checked", "s")
     connect_timeout: float = quantity(8.0, "time that a scheduler has to answer", "s")
-    patience: float = quantity(60.0, "time that it may be silent, or without workers, before a sweep that it works on "
-                               "is given up", "s")
+    patience: float = quantity(60.0, "time without an answer or without workers before a sweep is given up", "s")
     lost_workers: int = quantity(10, "workers that may die over one task before the task is given up")
     ahead: int = quantity(3, "tasks handed out per thread")
     dask_batch: int = quantity(8, "points in one task on a cluster: a task costs the scheduler about a millisecond")

@@ -1,4 +1,4 @@
-"""One motion solved and judged: its summary, and the equivalent damping, Lyapunov exponent and samples asked for.
+"""Solve and judge one motion: its summary and, on request, equivalent damping, Lyapunov exponent and samples.
 
 A simulation is a sweep of one point: the command `simulate`, every point of a sweep and Python users call `simulate`.
 """
@@ -44,20 +44,21 @@ Called = TypeVar("Called", bound=Callable[..., Any])
 
 @dataclass(frozen=True)
 class Plan:
-    """How a motion is solved and what is worked out of it.
+    """How a motion is solved, and which results are computed.
 
-    cycles : engine cycles solved, 150 by default; with discard "auto" the most that are
-    duration : s solved instead of whole cycles; where neither is given, profiles are solved to their last point
-    discard : cycles dropped; None drops 50, or half of them where there are fewer than 100, at most a third of those in
-        a duration, and none of a scene with profiles; "auto" drops those before the section has settled, and half of
-        all or more where it has not
-    direction : of a sweep: cold starts every point from the scene's initial state; up and down go on from the
-        neighbour's last state, from the lowest value or from the highest
-    solver, rtol, step : as `solvers.solve` takes them; a sweep without rtol is solved at `settings.Settings.rtol`
-    section_points : points of the section kept besides those of one period; 0 keeps none
-    damping : whether (21) is worked out
-    lyapunov : whether the largest Lyapunov exponent is worked out
-    lyapunov_cycles : cycles over which it is averaged where there is no period
+    cycles : engine cycles solved, 150 by default; with discard "auto" the largest number
+    duration : time solved instead of whole cycles, s; without either, profiles are solved to their last point
+    discard : dropped cycles; None drops 50, or half of them if there are fewer than 100, at most a third of those in a
+        duration, and none for a scene with profiles; "auto" drops those before the section has settled, and at least
+        half
+        if it has not
+    direction : of a sweep: cold starts every point from the scene's initial state; up and down continue from the
+        neighbour's last state, from the lowest or the highest value
+    solver, rtol, step : as for `solvers.solve`; a sweep without rtol uses `settings.Settings.rtol`
+    section_points : stored points of the section besides those of one period; 0 for none
+    damping : whether (21) is computed
+    lyapunov : whether the largest Lyapunov exponent is computed
+    lyapunov_cycles : cycles over which it is averaged if there is no period
 
     Raises
     ------
@@ -97,12 +98,12 @@ class Plan:
 
     @staticmethod
     def of(plan: Plan | None, settings: dict[str, Any]) -> Plan:
-        """A plan that is given whole, or by its fields.
+        """Return a plan given whole, or by its fields.
 
         Raises
         ------
         InputError
-            Both, an unknown field, or a value out of its range.
+            Both are given, a field is unknown, or a value is out of its range.
         """
         if plan is not None:
             if settings:
@@ -115,22 +116,22 @@ class Plan:
 
     @property
     def most(self) -> int:
-        """Engine cycles solved where no duration is."""
+        """Engine cycles solved if there is no duration."""
         return DEFAULTS.cycles if self.cycles is None else self.cycles
 
     def seconds(self, system: System) -> float | None:
-        """The duration that is solved, s; None where whole cycles are."""
+        """Return the duration that is solved, s; None for whole cycles."""
         if self.duration is None and self.cycles is None:
             return system.span or None
         return self.duration
 
     def dropped(self, cycles: int, default: int) -> int:
-        """The cycles to drop of so many, given or by default.
+        """Return how many of so many cycles are dropped: as given, or `default`.
 
         Raises
         ------
         InputError
-            A number that leaves no cycle.
+            No cycle would be left.
         """
         found = self.discard if isinstance(self.discard, int) else default
         if found >= max(cycles, 1):
@@ -139,7 +140,7 @@ class Plan:
         return found
 
     def check(self, system: System) -> None:
-        """InputError where the solver or the Lyapunov exponent cannot do this system, before anything is solved."""
+        """Raise InputError if the solver or a requested result cannot handle this system, before anything is solved."""
         check_setting(choose(system, self.solver), self.rtol, self.step)
         for asked, what in ((self.lyapunov, "the Lyapunov exponent"), (self.damping, "the equivalent damping"), (
                 self.direction != "cold", f"direction {self.direction}"), (self.discard == "auto", "discard auto")):
@@ -148,17 +149,17 @@ class Plan:
 
 
 PAPER = Plan()
-"""150 cycles of which 50 are dropped, from the initial state."""
+"""150 cycles, of which 50 are dropped, from the initial state."""
 
 
 @dataclass(frozen=True, repr=False)
 class Simulation(Result):
     """A motion solved and judged.
 
-    trajectory : what the solver gave; with discard "auto" its last block
-    summary : None where the solver failed
-    angles : (n,) array, plate angle on the section over the last cycles, oldest first, rad; `Plan.section_points`
-    end : where a run goes on from; the start itself where the solver failed
+    trajectory : result of the solver; with discard "auto" its last block
+    summary : None if the solver failed
+    angles : plate angle on the section over the last `Plan.section_points` cycles, oldest first, rad, (n,)
+    end : state from which a run may continue; the start if the solver failed
 
     Examples
     --------
@@ -187,7 +188,7 @@ class Simulation(Result):
         return self.summary._text().replace("Summary", "Simulation", 1)
 
     def columns(self) -> dict[str, list[Any]]:
-        """The summary's columns; `status` alone where there is none."""
+        """Return the summary's columns; `status` alone without a summary."""
         return self.summary.columns() if self.summary is not None else {"status": [self.status]}
 
     @property
@@ -197,7 +198,7 @@ class Simulation(Result):
         return f"{run.status.value}; {run.detail}" if run.detail else run.status.value
 
     def raise_for_status(self) -> Simulation:
-        """This simulation; InputError where the solver refused the case, NumericalFailure where it stopped early."""
+        """Return this simulation; raise InputError for a refused case, NumericalFailure for an early stop."""
         if self.trajectory.status is Status.REFUSED:
             raise InputError(f"{self.trajectory.solver}: {self.trajectory.detail or self.trajectory.status.value}")
         self.trajectory.raise_for_status()
@@ -205,7 +206,7 @@ class Simulation(Result):
 
 
 def with_plan_fields(function: Called) -> Called:
-    """The function, whose signature names the fields of `Plan` in the place of ``**settings``."""
+    """Return the function with the fields of `Plan` in its signature in place of ``**settings``."""
     signature = inspect.signature(function)
     own = [p for p in signature.parameters.values() if p.kind is not inspect.Parameter.VAR_KEYWORD]
     names = {p.name for p in own}
@@ -218,18 +219,18 @@ def with_plan_fields(function: Called) -> Called:
 @with_plan_fields
 def simulate(scene: Scene | System | str | Path, plan: Plan | None = None, *, samples_per_cycle: int = 0,
              flywheel_angle: bool = False, start: Start | None = None, **settings: Any) -> Simulation:
-    """Solve a motion and work out its summary and whatever else the plan asks for.
+    """Solve a motion and compute its summary and the further results of the plan.
 
     Parameters
     ----------
     scene : a scene, its name or file, or a system
-    plan : how; the fields of `Plan` can be given one by one instead, such as ``simulate("fig02", damping=True)``
-    samples_per_cycle, flywheel_angle : as `solvers.solve` takes them; a duration below one cycle needs samples
-    start : where the run starts; the system's own initial state at cycle 0 by default
+    plan : how; alternatively the fields of `Plan` one by one, such as ``simulate("fig02", damping=True)``
+    samples_per_cycle, flywheel_angle : as for `solvers.solve`; a duration below one cycle needs samples
+    start : start of the run; by default the system's initial state at cycle 0
 
     Returns
     -------
-    Simulation; a numerical failure is its status, with no summary
+    Simulation; a numerical failure is its status, without a summary
 
     Raises
     ------
@@ -261,14 +262,14 @@ def simulate(scene: Scene | System | str | Path, plan: Plan | None = None, *, sa
 
 
 def _solve(system: System, plan: Plan, start: Start, **span: Any) -> Trajectory:
-    """A solve as the plan says."""
+    """Solve by the plan."""
     return solve(system, solver=plan.solver, rtol=plan.rtol, step=plan.step, start_cycle=start.cycle, state=start.state,
                  **span)
 
 
 def _timed_run(system: System, plan: Plan, start: Start, duration: float,
                kept: dict[str, Any]) -> tuple[Trajectory, Cycles | None, int]:
-    """A duration in one solve."""
+    """Solve a duration in one call."""
     check_duration(system, duration, start.cycle)
     whole = system.whole_cycles(start.cycle, duration)
     discarded = plan.dropped(whole, min(ANALYSIS.discard, whole // 3) if system.profile is None else 0)
@@ -278,7 +279,7 @@ def _timed_run(system: System, plan: Plan, start: Start, duration: float,
 
 def _settled_run(system: System, plan: Plan, start: Start,
                  kept: dict[str, Any]) -> tuple[Trajectory, Cycles | None, int]:
-    """Cycles until the section repeats, and after how many it does; half of them or more where it never does."""
+    """Solve until the section repeats; drop the cycles before, or at least half if it never does."""
     found = solve_to_steady_state(system, start, plan.most, solver=plan.solver, rtol=plan.rtol, step=plan.step,
                                   loads_from=0)
     if found.cycles is None:
@@ -291,7 +292,7 @@ def _settled_run(system: System, plan: Plan, start: Start,
 
 def _judged(system: System, plan: Plan, start: Start, run: Trajectory, cycles: Cycles | None,
             discarded: int) -> Simulation:
-    """What a run comes to."""
+    """Judge a run: summary, confirmation and further results."""
     failed = Simulation(run, None, False, np.empty(0), None, None, start)
     if run.status is not Status.DONE:
         return failed
@@ -315,7 +316,7 @@ def _judged(system: System, plan: Plan, start: Start, run: Trajectory, cycles: C
 
 
 def _confirmed(system: System, plan: Plan, kept: Cycles, summary: Summary, end: Start) -> bool:
-    """Whether the section has settled and further cycles leave the period as it was found."""
+    """Return whether the section has settled and further cycles keep its period."""
     if not (summary.period and summary.settled):
         return False
     count = max(10, 2 * summary.period)

@@ -1,4 +1,4 @@
-"""The one way to settle a motion: solve it on until its section repeats."""
+"""Settle a motion: solve it until its section repeats."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from tcc_sim.trajectory import Cycles, Floats, State, Status, Trajectory, concat
 
 
 class Start(NamedTuple):
-    """Where a run starts: a state on the section, and the number of the engine cycle: the phase of the load."""
+    """Start of a run: a state on the section, and the number of the engine cycle, which sets the phase of the load."""
 
     state: State
     cycle: int
 
 
 class SettledRun(NamedTuple):
-    """A motion that was solved on until it settled.
+    """A motion solved until it settled.
 
-    run : the last block, whose status says whether all went well; its time is that of all blocks
-    cycles : of all blocks; None where the solver stopped early
-    after : cycles after which the section repeats until the end; None where it does not
+    run : the last block, with the status and the time of all blocks
+    cycles : cycles of all blocks; None if the solver stopped early
+    after : cycles after which the section repeats to the end; None if it does not
     """
 
     run: Trajectory
@@ -38,8 +38,9 @@ class SettledRun(NamedTuple):
 
 
 def solve_to_steady_state(system: System, start: Start, most: int, **how: Any) -> SettledRun:
-    """Solve a motion from a start until it settles, or for `most` engine cycles; Fig. 2 with the set-valued law takes
-    some 700. `how` is what `solvers.solve` takes, such as rtol.
+    """Solve a motion from a start until it settles, or for `most` engine cycles.
+
+    Fig. 2 with the set-valued law takes about 700. `how` are options of `solvers.solve`, such as rtol.
     """
     parts: list[Cycles] = []
     done, seconds, after = 0, 0.0, None
@@ -58,7 +59,7 @@ def solve_to_steady_state(system: System, start: Start, most: int, **how: Any) -
 
 
 def settled_from_start(system: System, most: int, **how: Any) -> tuple[Cycles, int]:
-    """The cycles of the motion that a scene's initial state leads to, and its period in cycles; 0 for none up to 16.
+    """Return the cycles of the motion from a scene's initial state, and its period; 0 for none up to 16 cycles.
 
     Raises
     ------
@@ -73,11 +74,9 @@ def settled_from_start(system: System, most: int, **how: Any) -> tuple[Cycles, i
 
 
 def steady_spectrum(system: System, start: Start, period: int, **how: Any) -> Spectrum:
-    """The spectrum of a motion that has settled, solved on from `start`; `how` is what `solvers.solve` takes.
+    """Return the spectrum of a settled motion, solved from `start`; `how` are options of `solvers.solve`.
 
-    Parameters
-    ----------
-    period : in engine cycles; 0 where it has none
+    period : in engine cycles; 0 for none
 
     Raises
     ------
@@ -95,10 +94,11 @@ def steady_spectrum(system: System, start: Start, period: int, **how: Any) -> Sp
 
 
 def repeats_after(cycles: Cycles) -> int | None:
-    """After how many cycles the section repeats with some period up to 16 until the end; None where it does not.
+    """Return the number of cycles after which the section repeats with a period up to 16 to the end; None for none.
 
-    All points that are a period apart lie within the tolerance of the last ones, relative to the size of the motion,
-    over at least the last `settled_window` cycles less one period.
+    All points that are a period apart are within the tolerance of the last ones, relative to the size of the motion,
+    over
+    at least the last `settled_window` cycles less one period.
     """
     points: Floats = cycles.section
     near = DEFAULTS.settled * sizes_of(points[-DEFAULTS.settled_window:], cycles.highest[-DEFAULTS.settled_window:])

@@ -1,8 +1,7 @@
 """Sweeps over one scene key or a grid of two, on all cores or on a Dask cluster, with results in value order.
 
-Points are independent where the direction is cold; up and down go along a curve from neighbour to neighbour, so there
-only the curves run side by side. The results do not depend on how many workers there are, nor on which of them did
-what.
+Points are independent with the direction cold; up and down follow a curve from neighbour to neighbour, so that only
+curves run in parallel. Results do not depend on the number of workers nor on the distribution of tasks.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ from tcc_sim.sweeps.simulation import PAPER, Plan, simulate, with_plan_fields
 from tcc_sim.sweeps.steady_state import Start
 
 Points = list[list[Point | None]]
-"""Per curve and value what was found, None for what was not tried yet."""
+"""Result per curve and value; None if it was not tried yet."""
 
 
 @with_plan_fields
@@ -48,8 +47,8 @@ def sweep(scene: Scene | System | str, key: str, values: Sequence[float], plan: 
     Parameters
     ----------
     scene : a scene, its name or file, or a system
-    plan : how; the fields of `Plan` can be given one by one instead, such as ``cycles=20``
-    jobs, dask, out, progress : as `sweep_curves` takes them
+    plan : how; alternatively the fields of `Plan` one by one, such as ``cycles=20``
+    jobs, dask, out, progress : as for `sweep_curves`
 
     Examples
     --------
@@ -67,7 +66,7 @@ def sweep(scene: Scene | System | str, key: str, values: Sequence[float], plan: 
 def sweep_grid(scene: Scene | System | str, key: str, values: Sequence[float], second_key: str,
                second_values: Sequence[float], plan: Plan | None = None, *, jobs: int | None = None,
                dask: str | None = None, out: Path | None = None, progress: bool = False, **settings: Any) -> Grid:
-    """Solve a grid of two scene keys; up and down go along the first one, within every row. As `sweep` otherwise.
+    """Solve a grid of two scene keys; up and down follow the first one within every row. Otherwise as `sweep`.
 
     Examples
     --------
@@ -84,7 +83,7 @@ def sweep_grid(scene: Scene | System | str, key: str, values: Sequence[float], s
 
 def curves_of(system: System, key: str, values: Sequence[float], second_key: str,
               second_values: Sequence[float]) -> list[Curve]:
-    """The rows of a grid: one curve over `key` for every value of `second_key`.
+    """Return the rows of a grid: one curve over `key` for every value of `second_key`.
 
     Raises
     ------
@@ -106,20 +105,20 @@ def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | Non
 
     Parameters
     ----------
-    jobs : threads (the kernels release the interpreter lock); all available cores by default
-    dask : address of a Dask scheduler whose workers do the work instead
-    out : file that takes every point as it is done; where it holds points of the same sweep, those are not solved again
-    said : what the first line of that file says besides, such as scene and command
+    jobs : threads (the kernels release the interpreter lock); by default all available cores
+    dask : address of a Dask scheduler whose workers solve the points instead
+    out : file to which every point is appended; points of the same sweep in it are not solved again
+    said : further values of the first line of that file, such as scene and command
     progress : show a bar on a terminal or in a notebook, elsewhere a line a minute
 
     Raises
     ------
     InputError
-        A wrong plan or number of jobs, no scheduler, or a file that holds something else.
+        A wrong plan or number of jobs, no scheduler, or a file with something else.
     SweepInterrupted
-        Ctrl-C; it carries what was done until then.
+        Ctrl-C; it carries the finished points.
     WorkersLost
-        The scheduler, or all of its workers, are gone; it carries what was done until then.
+        The scheduler or all of its workers are gone; it carries the finished points.
     MissingPackage
         `dask` without the package distributed.
     """
@@ -154,24 +153,24 @@ def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | Non
 
 
 def _header(curves: Sequence[Curve], plan: Plan) -> dict[str, Any]:
-    """What tells one sweep from another."""
+    """Return the values that distinguish a sweep from others."""
     return {"version": __version__, "plan": json_of(plan),
             "curves": [{"over": c.key, "values": c.values, "scene": dict(values_of(c.system))} for c in curves]}
 
 
 def _results(curves: Sequence[Curve], plan: Plan, points: Points, began: float) -> list[Sweep]:
-    """One Sweep per curve."""
+    """Return one Sweep per curve."""
     seconds = time.perf_counter() - began
     return [Sweep(curve, plan, found, seconds) for curve, found in zip(curves, points)]
 
 
 Task = tuple[int, list[int], Start | None]
-"""Number of a curve, indices of its values in the order of solving, and where to go on from."""
+"""Number of a curve, indices of its values in the order of solving, and the start."""
 
 
 def _solved(curves: Sequence[Curve], plan: Plan, executor: Executor, there: Attendance, batch: int,
             points: Points) -> Iterator[tuple[int, int, Point]]:
-    """Every point that was not found yet, as it is done."""
+    """Yield every missing point when it is done."""
     ready = _tasks(curves, plan, batch, points)
     following: deque[Task] = deque()
     plans = [with_sweep_tolerance(curve.system, plan) for curve in curves]
@@ -193,12 +192,12 @@ def _solved(curves: Sequence[Curve], plan: Plan, executor: Executor, there: Atte
 
 
 def _passed_on(curve: Curve, before: int, point: Point, following: int) -> Start:
-    """Where a value goes on from its neighbour."""
+    """Return the start of a value from the end of its neighbour."""
     return handed_over(curve.at(before), point.end, curve.at(following))
 
 
 def _tasks(curves: Sequence[Curve], plan: Plan, batch: int, points: Points) -> Iterator[Task]:
-    """What can be done at once: all that is missing, or for up and down the first missing piece of every curve."""
+    """Yield the tasks that can start: all missing points, or for up and down the first missing piece of every curve."""
     for c, curve in enumerate(curves):
         order = _order(curve, plan)
         missing = [i for i in order if points[c][i] is None]
@@ -214,7 +213,7 @@ def _tasks(curves: Sequence[Curve], plan: Plan, batch: int, points: Points) -> I
 
 
 def _order(curve: Curve, plan: Plan) -> list[int]:
-    """Indices of the values in the order of solving."""
+    """Return the indices of the values in the order of solving."""
     if plan.direction == "cold":
         return list(range(len(curve.values)))
     rising = [int(i) for i in np.argsort(curve.values, kind="stable")]
@@ -222,9 +221,9 @@ def _order(curve: Curve, plan: Plan) -> list[int]:
 
 
 def solve_point(system: System, value: float, plan: Plan, start: Start | None = None) -> Point:
-    """Solve one point of a sweep from `start`, or from the system's own initial state.
+    """Solve one point of a sweep from `start`, by default the system's initial state.
 
-    A numerical failure is the status of the point, with no summary; the state at which it stopped is not passed on.
+    A numerical failure is the status of the point, without a summary, and its last state is not passed on.
     """
     found = simulate(system, with_sweep_tolerance(system, plan), start=start)
     summary, section = found.summary, np.empty((0, 2))
@@ -236,7 +235,7 @@ def solve_point(system: System, value: float, plan: Plan, start: Start | None = 
 
 
 def with_sweep_tolerance(system: System, plan: Plan) -> Plan:
-    """The plan with the tolerance of a sweep where it gives none; to settle, a section must repeat more closely."""
+    """Return the plan with the tolerance of a sweep if it has none; settling needs a finer one."""
     entry = SOLVERS[choose(system, plan.solver)]
     if plan.rtol is not None or plan.discard == "auto" or entry.setting != "rtol" or entry.default >= DEFAULTS.rtol:
         return plan
@@ -244,7 +243,7 @@ def with_sweep_tolerance(system: System, plan: Plan) -> Plan:
 
 
 def solve_points(systems: Sequence[System], values: Sequence[float], plan: Plan, start: Start | None) -> list[Point]:
-    """Points one after the other; up and down go on from the end of the one before."""
+    """Solve points one after the other; up and down continue from the previous end."""
     points: list[Point] = []
     for k, (system, value) in enumerate(zip(systems, values)):
         if k and plan.direction != "cold":
@@ -254,12 +253,14 @@ def solve_points(systems: Sequence[System], values: Sequence[float], plan: Plan,
 
 
 def handed_over(before: System, end: Start, system: System) -> Start:
-    """Where a system takes up the motion of another one.
+    """Return the start at which a system takes over the motion of another one.
 
-    The state is that on the section, so the phase of the torque and of its harmonics goes on. The phase of the load is
-    2 pi (omega_f/omega) n + psi at cycle n: it goes on too where both systems have the same ratio, whatever the engine
-    frequency. Where the ratio is another one, n is the cycle of the first thousand at which the load is nearest to
-    where the other one left it, so that psi keeps its meaning.
+    The state is that on the section, so that the phase of the torque and of its harmonics continues. The phase of the
+    load
+    is 2 pi (omega_f/omega) n + psi at cycle n. It continues too if both systems have the same ratio, at any engine
+    frequency. For another ratio, n is the cycle of the first thousand with the nearest phase of the load, so that psi
+    keeps
+    its meaning.
     """
     ratio, earlier = system.pressure.frequency_ratio, before.pressure.frequency_ratio
     repeats = common_cycles(system)

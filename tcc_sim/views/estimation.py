@@ -76,7 +76,7 @@ def identification(path: Path, found: Any, title: str = "", width: float = style
         if names:
             draw_fit(axes[0], found)
             axes[above - 1].set_xlabel("time (s)")
-        words = f"chi-square a degree of freedom {found.chi2_per_dof:.3g}" + ("" if found.accepted else ": no fit")
+        words = f"chi-square per degree of freedom {found.chi2_per_dof:.3g}" + ("" if found.accepted else ": no fit")
         axes[0].set_title(words)
         for axis, name in zip(axes[1:], names):
             residual = found.residuals[name] / found.noise[name]

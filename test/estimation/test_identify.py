@@ -136,12 +136,12 @@ def test_a_dead_channel_is_said() -> None:
     t, states, _ = moved()
     with pytest.raises(InputError, match="plate_speed is 0 rad/s throughout; the channel is dead"):
         Measurement(t, {"slip_speed": states[:, 0], "plate_speed": np.zeros_like(t)})
-    with pytest.raises(InputError, match="slip_speed of sample 201 is no number"):
+    with pytest.raises(InputError, match="slip_speed of sample 201 is not a number"):
         Measurement(t, {"slip_speed": np.where(t > 1.2, np.nan, states[:, 0])})
 
 
 def test_a_swapped_sign_is_said() -> None:
-    refused({"plate_speed": -measured()[0].channels["plate_speed"]}, "plate_speed looks as if its sign were swapped")
+    refused({"plate_speed": -measured()[0].channels["plate_speed"]}, "plate_speed seems to have the wrong sign")
 
 
 def test_a_wrong_scene_is_said() -> None:
