@@ -75,9 +75,7 @@ class OperatingPoint:
 class Linearisation(Result):
     """Response of an output to small changes of an input about a settled motion.
 
-    mean_slip : rad/s
-    pressure, engine_torque : means, Pa and N m
-    period : engine cycles, 1 for a constant motion
+    mean_slip, pressure, engine_torque, period : as in `OperatingPoint`
     response : (m,) output over input at each frequency
     """
 
