@@ -30,7 +30,7 @@ DRAWINGS = ["views", "paper.drawings", "paper.branch_panels", "paper.histories",
 ROOMS = {
     "numba": ["solvers.compiling"], "llvmlite": ["solvers.compiling"],
     "scipy": ["solvers", "analysis", "sweeps", "continuation", "basins", "estimation", "benchmarks",
-              "paper.claims_interaction", "model.friction_curve"],
+              "paper.claims_jumps", "model.friction_curve"],
     "pandas": ["replay"], "distributed": ["sweeps.executors"], "dask": ["sweeps.executors"],
     "mcap": ["recording"], "zstandard": ["recording"], "lz4": ["recording"],
     "yaml": ["parameter_file", "scene", "recording", "messages"],

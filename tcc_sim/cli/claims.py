@@ -36,8 +36,7 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.output.files import draft
     from tcc_sim.output.tables import text
     from tcc_sim.paper.catalogue import paper_system
-    from tcc_sim.paper.claim_figures import ClaimsReport
-    from tcc_sim.paper.claims import PRESSURES, Verdict, claims_page, counts_of, judge
+    from tcc_sim.paper.claims import PRESSURES, ClaimsReport, Verdict, claims_page, counts_of, judge
     from tcc_sim.paper.errata import errata_page
     from tcc_sim.result import json_of
 
@@ -51,8 +50,8 @@ def run(arguments: argparse.Namespace) -> int:
     def show(verdict: Verdict) -> None:
         verdicts.append(verdict)
         found = verdict.finding
-        say(f"Fig. {found.figure:<10}  {verdict.verdict:<13}  {found.claim}" if found.figure[0].isdigit() else
-            f"{found.figure:<15}  {verdict.verdict:<13}  {found.claim}")
+        name = f"Fig. {verdict.row.figure}" if verdict.row.figure[0].isdigit() else verdict.row.figure
+        say(f"{name:<15}  {verdict.verdict:<13}  {verdict.row.sentence}")
         for name, value in json_of(found.values).items():
             say(f"{'':<32}{name}: {text(value)}")
         for motion in found.motions:
@@ -73,7 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
     if not verdicts:
         return 130
     say(counts_of(verdicts))
-    present(arguments, paper_system(), ClaimsReport([v.as_json() for v in verdicts], not interrupted))
+    present(arguments, paper_system(), ClaimsReport(verdicts, not interrupted))
     if arguments.markdown is not None:
         with draft(arguments.markdown) as part:
             part.write_text(claims_page(verdicts, complete=not interrupted))

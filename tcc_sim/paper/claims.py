@@ -3,31 +3,37 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import Field, asdict, dataclass, field, fields, replace
-from functools import partial
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import Field, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
 from tcc_sim.errors import counted
 from tcc_sim.output.tables import escape, markdown_table, text
-from tcc_sim.paper import (
-    claims_families,
-    claims_figure4,
-    claims_figures5to7,
-    claims_interaction,
-    claims_model,
-    claims_series,
-    claims_varying_load,
-)
+from tcc_sim.paper import claims_attenuation, claims_jumps, claims_methods, claims_periods, claims_stick
 from tcc_sim.paper.criteria import CONFIRMED, DEPENDS, NOT_CONFIRMED, Claim, Finding
 from tcc_sim.paper.evidence import LATER, T
 from tcc_sim.paper.stable_motions import StableMotions
-from tcc_sim.result import json_of
+from tcc_sim.result import Described, json_of, reported, reporting
 
-MODULES = (claims_model, claims_figure4, claims_figures5to7, claims_varying_load, claims_series, claims_interaction)
-CLAIMS: tuple[Claim, ...] = (*claims_families.ROWS, *(
-    row for module in MODULES for row in vars(module).values() if isinstance(row, Claim)))
+MODULES = (claims_methods, claims_stick, claims_jumps, claims_periods, claims_attenuation)
+
+
+def _rows() -> Iterator[Claim]:
+    """Yield the claims of every module, those of its tables included."""
+    for module in MODULES:
+        for value in vars(module).values():
+            yield from (row for row in (value if isinstance(value, tuple) else (value,)) if isinstance(row, Claim))
+
+
+def _place(row: Claim) -> tuple[float, float]:
+    """Return the section and the number of the figure or equation, the order of the paper."""
+    section, number = re.search(r"\d(\.\d)?", row.where), re.search(r"\d+", row.figure)
+    return float(section[0]) if section else 0.0, float(number[0]) if number else 0.0
+
+
+CLAIMS: tuple[Claim, ...] = tuple(sorted(_rows(), key=_place))
 """Every claim in the order of the paper."""
 TOLERANCE = 1e-9
 TIGHTER = 1e-11
@@ -36,8 +42,8 @@ PRESSURES = (225e3, 230e3, 240e3)
 """Mean pressures of Figs. 4 to 18, Pa. The paper does not print it; of 200 to 260 kPa these agree with all numbers of
 the text that depend on it. Values are shown at the first one.
 """
-ORDER = {NOT_CONFIRMED: "Not confirmed", DEPENDS: "Depends", CONFIRMED: "Confirmed"}
-"""The verdicts in the order of the page."""
+VERDICTS = {NOT_CONFIRMED: ("no", "not confirmed"), DEPENDS: ("depends", "depend"), CONFIRMED: ("yes", "confirmed")}
+"""The verdicts in the order of the page, in a cell of the table and in a count."""
 
 
 @dataclass(frozen=True)
@@ -47,43 +53,49 @@ class Verdict:
     row : the claim
     finding : at the first pressure and the tighter tolerance
     judged : by mean pressure, Pa, the verdict at TOLERANCE, and at the first pressure that at TIGHTER
-    varied : where asked for, by threshold that the criterion uses the verdicts at half and at twice of it, at the first
-        pressure and TOLERANCE
     """
 
-    row: Claim
-    finding: Finding
-    judged: Mapping[float, tuple[str, ...]]
-    varied: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    row: Claim = field(metadata=reported("claim", spread=True))
+    finding: Finding = field(metadata=reported("finding", spread=True))
+    judged: Mapping[float, Sequence[str]]
+    varied: Mapping[str, Sequence[str]] = field(default_factory=dict, metadata=reported(
+        "with --thresholds: by threshold the verdicts at half and at twice of it", name="thresholds"))
 
     @property
+    @reporting("verdict at each tolerance, at the first mean pressure")
+    def verdicts(self) -> dict[str, str]:
+        """The verdict at each tolerance, at the first mean pressure."""
+        return dict(zip((f"{TOLERANCE:g}", f"{TIGHTER:g}"), next(iter(self.judged.values()))))
+
+    @property
+    @reporting("verdict at each mean pressure, by its value in kPa")
     def pressures(self) -> dict[str, str]:
         """The verdict at each mean pressure, kPa: the one at every tolerance, or depends."""
         return {f"{p / 1e3:g}": v[0] if len(set(v)) == 1 else DEPENDS for p, v in self.judged.items()}
 
     @property
+    @reporting("confirmed, not confirmed or depends")
     def verdict(self) -> str:
         """The verdict that holds at every pressure, or depends."""
         return found.pop() if len(found := set(self.pressures.values())) == 1 else DEPENDS
 
     @property
+    @reporting("explanation of the verdict")
     def why(self) -> str:
-        """What explains the verdict."""
+        """Explanation of the verdict."""
         changes = ["the verdict changes with the tolerance"] * any(len(set(v)) > 1 for v in self.judged.values())
         if len(set(self.pressures.values())) > 1:
             changes.append("the verdict changes with the mean pressure: "
                            + ", ".join(f"{v} at {p} kPa" for p, v in self.pressures.items()))
         return "; ".join([*changes, *([self.finding.why] if self.finding.why else [])])
 
-    def as_json(self) -> dict[str, Any]:
-        """figure, where, claim, criterion, values, verdict, why, motions, and the verdict at each pressure."""
-        found = self.finding
-        at_first = dict(zip((f"{TOLERANCE:g}", f"{TIGHTER:g}"), next(iter(self.judged.values()))))
-        return {"figure": found.figure, "where": found.where, "claim": found.claim, "criterion": found.criterion,
-                "values": json_of(found.values), "verdict": self.verdict, "why": self.why,
-                "motions": list(found.motions), "verdicts": at_first,
-                "pressures": self.pressures, "fitted": self.row.fitted,
-                "thresholds": {name: list(pair) for name, pair in self.varied.items()}}
+
+@dataclass(frozen=True)
+class ClaimsReport(Described):
+    """All claims that were judged."""
+
+    claims: Sequence[Verdict] = field(metadata=reported("every claim"))
+    complete: bool = field(metadata=reported("whether every claim was judged"))
 
 
 class FindingFile:
@@ -92,21 +104,20 @@ class FindingFile:
     def __init__(self, path: Path | None) -> None:
         self.path, self.found = path, dict[str, Finding]()
         if path is not None and path.exists():
-            for line in path.read_text(encoding="utf-8").splitlines():
-                row = json.loads(line)
-                self.found[row["name"]] = Finding(**row["finding"])
+            names = {item.name for item in fields(Finding)}
+            for row in map(json.loads, path.read_text(encoding="utf-8").splitlines()):
+                self.found[row["name"]] = Finding(**{k: v for k, v in row["finding"].items() if k in names})
 
     def judged(self, row: Claim, evidence: StableMotions) -> Finding:
-        """Return the finding that is kept, or work it out and keep it."""
+        """Return the finding that is kept, or judge and keep it."""
         apart = [f"{item.name} {x:g}, " for item in fields(T) if (x := getattr(evidence.thresholds, item.name))
                  != item.default]
         name = f"{row.name} at {evidence.pressure:g} Pa, {''.join(apart)}rtol {evidence.rtol:g}: {row.criterion.words}"
         if name not in self.found:
-            evidence.used.clear()
-            self.found[name] = replace(row(evidence), thresholds=sorted(evidence.used))
+            found = self.found[name] = row(evidence)
             if self.path is not None:
                 with self.path.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps({"name": name, "finding": json_of(asdict(self.found[name]))}) + "\n")
+                    file.write(json.dumps({"name": name, "finding": json_of(vars(found))}) + "\n")
         return self.found[name]
 
 
@@ -119,7 +130,7 @@ def judge(claims: Sequence[Claim] = (), *, pressures: Sequence[float] = PRESSURE
     ----------
     claims : which; all where empty
     pressures : Pa; a claim that does not depend on it is judged once
-    kept : file of what was judged before, to go on from; each finding is added to it
+    kept : file of findings to go on from; each new finding is added to it
     thresholds : judge with every threshold halved and doubled too
     jobs : threads; all available cores by default
     progress : show a bar for every sweep on a terminal
@@ -136,18 +147,16 @@ def judge(claims: Sequence[Claim] = (), *, pressures: Sequence[float] = PRESSURE
     for row in claims or CLAIMS:
         findings = {p: [before.judged(row, evidence) for evidence in every[p]]
                     for p in (pressures[:1] if row.alone else pressures)}
-        varied = {name: (before.judged(row, every[first][0].varied(name, 0.5)).verdict,
-                         before.judged(row, every[first][0].varied(name, 2.0)).verdict)
+        varied = {name: [before.judged(row, every[first][0].varied(name, factor)).verdict for factor in (0.5, 2.0)]
                   for name in findings[first][0].thresholds} if thresholds else {}
-        verdict = Verdict(row, findings[first][1], {p: tuple(f.verdict for f in at) for p, at in findings.items()},
-                          varied)
+        verdict = Verdict(row, findings[first][1], {p: [f.verdict for f in at] for p, at in findings.items()}, varied)
         out.append(verdict)
         each(verdict)
     return out
 
 
-def claims_page(verdicts: list[Verdict], *, complete: bool = True) -> str:
-    """A summary, a table of the claims by verdict, and every claim with its numbers."""
+def claims_page(verdicts: Sequence[Verdict], *, complete: bool = True) -> str:
+    """Return a summary, a table of the claims by verdict, and every claim with its numbers."""
     places = list(dict.fromkeys(p for v in verdicts for p in v.pressures))
     kpa = f"{', '.join(places)} kPa"
     lines = ["# The paper's claims", "", f"- {counts_of(verdicts)}.", "",
@@ -166,13 +175,12 @@ def claims_page(verdicts: list[Verdict], *, complete: bool = True) -> str:
              f"{LATER} more before it counts as aperiodic; slip that grows without end is neither. Where motions "
              "coexist the stable ones found are",
              "listed: where each begins and ends, and to which of them the initial state (13) leads.", ""]
-    found = [v for name in ORDER for v in verdicts if v.verdict == name]
+    found = [v for name in VERDICTS for v in verdicts if v.verdict == name]
     lines += markdown_table(["Fig.", "Section", "claim", "verdict", f"at {kpa}"], map(claim_row, found))
     if any(v.varied for v in verdicts):
-        lines += ["", "## Thresholds halved and doubled", "", f"The verdicts that change, at {places[0]} kPa; a row "
-                  "without entries changes none.", "",
-                  *markdown_table(["threshold", "value", "halved", "doubled"], map(partial(threshold_row, verdicts),
-                                                                                   fields(T)))]
+        lines += ["", "## Thresholds halved and doubled", "", f"The verdicts that change, at {places[0]} kPa.", "",
+                  *markdown_table(["threshold", "meaning", "value", "halved", "doubled"],
+                                  [threshold_row(verdicts, item) for item in fields(T)])]
     if not complete:
         lines += ["", "**Interrupted: not every claim was judged.**"]
     for v in found:
@@ -180,48 +188,42 @@ def claims_page(verdicts: list[Verdict], *, complete: bool = True) -> str:
     return "\n".join(lines) + "\n"
 
 
-SHORT = {CONFIRMED: "yes", NOT_CONFIRMED: "no", DEPENDS: "depends"}
-"""Verdicts in a cell of the table."""
-
-
 def claim_row(v: Verdict) -> list[str]:
-    """The cells of the table on one claim."""
-    at = "any" if v.row.alone else ", ".join(SHORT[x] for x in v.pressures.values())
-    return [v.finding.figure, v.finding.where, escape(v.finding.claim), v.verdict, at + " (fitted)" * v.row.fitted]
+    """Return the cells of the table on one claim."""
+    at = "any" if v.row.alone else ", ".join(VERDICTS[x][0] for x in v.pressures.values())
+    return [v.row.figure, v.row.where, escape(v.row.sentence), v.verdict, at + " (fitted)" * v.row.fitted]
 
 
 def threshold_row(verdicts: Sequence[Verdict], item: Field[float]) -> list[str]:
-    """The cells on one threshold: the claims whose verdict is another one at half and at twice of it."""
-    changes = [[f"{v.finding.figure}: {escape(v.finding.claim)} ({v.varied[item.name][k]} instead of "
-                f"{next(iter(v.judged.values()))[0]})" for v in verdicts
-                if item.name in v.varied and v.varied[item.name][k] != next(iter(v.judged.values()))[0]]
-               for k in range(2)]
-    used = sum(item.name in v.varied for v in verdicts)
-    return [f"`{item.name}`, in {used} claims", f"{item.default:g}", *("; ".join(found) or "none" for found in changes)]
+    """Return the cells on one threshold: the claims whose verdict is another one at half and at twice of it."""
+    judged = [(v, next(iter(v.verdicts.values())), v.varied[item.name]) for v in verdicts if item.name in v.varied]
+    changes = ["; ".join(f"{v.row.figure}: {escape(v.row.sentence)} ({varied[k]} instead of {usual})"
+                         for v, usual, varied in judged if varied[k] != usual) or "none" for k in range(2)]
+    meaning = item.metadata["reported"]
+    return [f"`{item.name}`, in {counted(len(judged), 'claim')}", escape(meaning.meaning),
+            f"{item.default:g} {meaning.unit}".rstrip(), *changes]
 
 
 def claim_section(v: Verdict) -> list[str]:
-    """The part of the page on one claim."""
-    found = v.finding
-    lines = [f"## {found.figure}: {escape(found.claim)}", "",
-             f"**{v.verdict.capitalize()}**. Criterion: {escape(found.criterion)}."]
+    """Return the part of the page on one claim."""
+    lines = [f"## {v.row.figure}: {escape(v.row.sentence)}", "",
+             f"**{v.verdict.capitalize()}**. Criterion: {escape(v.row.criterion.words)}."]
     if v.why:
         lines += ["", f"{escape(v.why[0].upper() + v.why[1:])}."]
-    lines += listed_numbers(json_of(found.values))
-    if found.motions:
-        lines += ["", f"<details><summary>{counted(len(found.motions), 'stable motion')}</summary>", "",
-                  *(f"- {escape(str(motion['words']))}" for motion in found.motions), "", "</details>"]
+    lines += listed_numbers(json_of(v.finding.values))
+    if motions := v.finding.motions:
+        lines += ["", f"<details><summary>{counted(len(motions), 'stable motion')}</summary>", "",
+                  *(f"- {escape(str(motion['words']))}" for motion in motions), "", "</details>"]
     return lines
 
 
 def listed_numbers(values: Mapping[str, Any]) -> list[str]:
-    """Numbers as a list, with an empty line before it where there are any."""
+    """Return numbers as a list, with an empty line before it if there are any."""
     return [""] * bool(values) + [f"- {escape(name)}: {escape(text(value))}" for name, value in values.items()]
 
 
-def counts_of(verdicts: list[Verdict]) -> str:
-    """How many claims there are of each verdict."""
+def counts_of(verdicts: Sequence[Verdict]) -> str:
+    """Return how many claims there are of each verdict."""
     found = [v.verdict for v in verdicts]
-    words = {CONFIRMED: "confirmed", DEPENDS: "depend", NOT_CONFIRMED: "not confirmed"}
-    counts = ", ".join(f"{found.count(name)} {word}" for name, word in words.items())
-    return f"Of {len(found)} claims: {counts}"
+    return f"Of {len(found)} claims: " + ", ".join(f"{found.count(name)} {VERDICTS[name][1]}"
+                                                   for name in (CONFIRMED, DEPENDS, NOT_CONFIRMED))

@@ -19,7 +19,7 @@ from tcc_sim.model.harmonic_balance import harmonic_balance, mean_friction_torqu
 from tcc_sim.output.tables import escape, markdown_table
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, PRESSURE, paper_system
 from tcc_sim.paper.claims import listed_numbers
-from tcc_sim.paper.claims_model import PURE_SLIP
+from tcc_sim.paper.claims_stick import PURE_SLIP
 from tcc_sim.paper.evidence import KINETIC, Evidence, Values, two_digits, with_kinetic
 from tcc_sim.solvers import solve
 from tcc_sim.trajectory import integral
@@ -223,7 +223,7 @@ ERRATA: tuple[Erratum, ...] = (
     Erratum("After (14)", "a1 > 0: the motion will be of pure slip",
             "so for mu_k = mu_s; for mu_k < mu_s a motion may stick for a part of every cycle beside it",
             "a1 is the trend of a motion that never sticks. In stick friction carries up to mu_s N R, more than Tsm "
-            "where mu_k < mu_s, so that its mean may be Tm although Tsm is less", "paper.claims_model", held_in_stick),
+            "where mu_k < mu_s, so that its mean may be Tm although Tsm is less", "paper.claims_stick", held_in_stick),
     Erratum("(16)", "|a0| > |a21| + |a22|", "a0 > |a21| + |a22|, and v > 0 through the transient of (14)",
             "an a0 below 0 satisfies the print, but friction was taken for v > 0; and the transient can bring v to 0 "
             "before there is a steady state", "model.pure_slip", slip_condition),
@@ -262,18 +262,18 @@ ERRATA: tuple[Erratum, ...] = (
     Erratum("(31)", "[Tm + Tp sin(omega t/N)]", "[Tsm + Tsp sin(M omega t/N + psi)]", "the first factor is Ts of (5b)",
             "model.harmonic_balance"),
     Erratum("Section 6.1, before (30)", "a period identical to omega/N", "a period of N 2 pi/omega",
-            "omega/N is an angular frequency", "paper.claims_series"),
+            "omega/N is an angular frequency", "paper.claims_periods"),
     Erratum("(35)", "v = N for any M and N", "v = N for M/N in lowest terms and mu_k = mu_s",
             "commensurable means to the authors that one is a multiple of the other: 1/2, 2/1 and 2/3, 4/3 are as they "
             "say. But there is no condition on mu_k: for mu_k < mu_s the motion doubles or loses its period by itself",
-            "paper.claims_series"),
+            "paper.claims_periods"),
     Erratum("Proof of (35)", "v = KN is disregarded, since the least period defines the periodicity",
             "v = KN, K > 1, is a motion of its own", "a least period may be KN: that is what a doubling makes. The "
             "first two cases show that v is a multiple of N, no more; the claim on the proof has the periods met",
-            "paper.claims_series"),
+            "paper.claims_periods"),
     Erratum("Section 5, Fig. 4", "the transition moves with mu_k because the law is smoothed",
             "stick and stick-slip coexist, and (13) leads to the latter",
-            "the set-valued law moves the last slip as far: see the claim", "paper.claims_figure4"),
+            "the set-valued law moves the last slip as far: see the claim", "paper.claims_stick"),
     Erratum("Captions of Figs. 3 and 13", "mu_k = 0.677 mu_s; effect of omega_f",
             "0.667 is meant, if Fig. 5's is; effect of Tsp",
             "Fig. 3 and the claims on it use 0.677 as printed", "paper.catalogue"),

@@ -1,4 +1,4 @@
-"""What the paper's claims are judged by: sweeps and single motions, worked out once at a given tolerance."""
+"""Sweeps and motions by which the paper's claims are judged, computed once at a tolerance and a mean pressure."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from tcc_sim.analysis.summary import Summary, summarise_cycles
 from tcc_sim.model.parameters import System
 from tcc_sim.model.quantity import Value
 from tcc_sim.paper.catalogue import NORMALISED, OMEGA_N, PRESSURE, STATIC, paper_system
+from tcc_sim.result import reported
 from tcc_sim.solvers import SOLVERS, solve
 from tcc_sim.sweeps.executors import workers
 from tcc_sim.sweeps.exponents import Lyapunov, largest_lyapunov_exponent
@@ -23,32 +24,27 @@ from tcc_sim.sweeps.sweep import Curve, Plan, Sweep, solve_point, sweep_curves
 from tcc_sim.trajectory import Floats, State, Status, Trajectory
 
 FREQUENCY, KINETIC = "engine.frequency", "friction.kinetic_coefficient"
+
+
 @dataclass(frozen=True)
 class Thresholds:
-    """Thresholds of the criteria; `claims --thresholds` judges with each halved and doubled.
+    """Thresholds of the criteria; `claims --thresholds` judges with each of them halved and doubled."""
 
-    near : how far from a printed frequency or friction ratio something counts as there
-    close : the same where places are so dense that `near` would take in most of them
-    ends : how far from a step of a sweep the end of a motion counts as its cause
-    jump : least size of a jump, as a part of the largest value of its curve
-    prominent : least height of a peak above its surroundings, as a part of the curve's largest value
-    shows : difference of two largest slip speeds below which neither curve is the lower, rad/s
-    slipping : largest slip speed above which a curve slips, rad/s
-    alike : difference, relative to the largest slip speed, up to which two solutions agree
-    missing : part of the cases in which a statement may fail
-    factor : of the tolerances of numbers that are compared
-    """
-
-    near: float = 0.02
-    close: float = 0.01
-    ends: float = 4e-3
-    jump: float = 0.08
-    prominent: float = 0.02
-    shows: float = 0.05
-    slipping: float = 0.1
-    alike: float = 0.05
-    missing: float = 0.05
-    factor: float = 1.0
+    near: float = field(default=0.02, metadata=reported(
+        "largest distance from a printed frequency or friction ratio"))
+    close: float = field(default=0.01, metadata=reported(
+        "the same where places are so dense that `near` would cover most of the range"))
+    ends: float = field(default=4e-3, metadata=reported(
+        "largest distance of a step of a sweep from the end of a motion that causes it"))
+    jump: float = field(default=0.08, metadata=reported("least size of a jump, over the curve's largest value"))
+    prominent: float = field(default=0.02, metadata=reported(
+        "least height of a peak above its surroundings, over the curve's largest value"))
+    shows: float = field(default=0.05, metadata=reported("least difference of two largest slip speeds", "rad/s"))
+    slipping: float = field(default=0.1, metadata=reported("largest slip speed above which a curve slips", "rad/s"))
+    alike: float = field(default=0.05, metadata=reported(
+        "largest difference of two equal solutions, over the largest slip speed"))
+    missing: float = field(default=0.05, metadata=reported("part of the cases in which a statement may fail"))
+    factor: float = field(default=1.0, metadata=reported("factor of the tolerances of numbers that are compared"))
 
 
 T = Thresholds()
@@ -59,10 +55,10 @@ CYCLES, DISCARD = 150, 50
 """The paper's rule."""
 LATER = 500
 """Further cycles for a motion that the paper's rule leaves before its section repeats."""
-FAILED, RUNAWAY = -1, -2
-"""What stands for the period where a point failed, and where slip grows and the clutch never sticks."""
 LAST = 100
 """Cycles at the end of a long run in which its period is looked for."""
+FAILED, RUNAWAY = -1, -2
+"""Values in the place of a period: of a point that failed, and of slip that grows without end."""
 Values = Mapping[str, Value]
 
 
@@ -70,7 +66,7 @@ Values = Mapping[str, Value]
 class ColdStartMotion:
     """One motion from the initial state (13).
 
-    period : of the settled motion, 0 for none up to 16, RUNAWAY where slip grows without end, FAILED
+    period : of the settled motion, 0 for none up to 16, RUNAWAY or FAILED
     largest : largest |slip speed| over the kept cycles, rad/s; NaN where it failed
     lyapunov : where asked for
     """
@@ -82,7 +78,7 @@ class ColdStartMotion:
 
 @dataclass
 class Evidence:
-    """Sweeps and motions of Sections 5 and 6, kept once they are worked out.
+    """Sweeps and motions of Sections 5 and 6, kept once they are computed.
 
     rtol : tolerance of the smoothed engine
     jobs : threads; None takes all cores
@@ -126,20 +122,23 @@ class Evidence:
 
     def curves(self, rows: Sequence[Values], axis: Floats, *, over: str = FREQUENCY, direction: str = "cold",
                damping: bool = False) -> list[Sweep]:
-        """A sweep for every row of scene keys, over omega/omega_n, mu_k/mu_s, or the values of another key."""
+        """Return a sweep for every row, over omega/omega_n, mu_k/mu_s, or the values of another key."""
         scaled = axis * NORMALISED[over][1]
         values = tuple(float(x) for x in (np.minimum(scaled, STATIC) if over == KINETIC else scaled))
         wanted = [Curve(self.system(row), over, values) for row in rows]
         return swept(wanted, self.plan(rows[0], direction=direction, damping=damping), self._sweeps, self.jobs,
                      self.progress) if rows else []
 
-    def plan(self, row: Values, *, direction: str = "cold", lyapunov: bool = False, damping: bool = False) -> Plan:
-        """The paper's rule at this tolerance; the exact engine of the set-valued law has its own."""
-        return Plan(cycles=CYCLES, discard=DISCARD, direction=direction, rtol=self._rtol(self.system(row)),
-                    lyapunov=lyapunov, damping=damping)
+    def maxima(self, rows: Sequence[Values], axis: Floats, *, direction: str = "cold") -> Floats:
+        """(rows, values) largest |slip speed|, rad/s, over omega/omega_n."""
+        return np.array([s.column("max_slip_speed") for s in self.curves(rows, axis, direction=direction)])
+
+    def plan(self, row: Values, **how: Any) -> Plan:
+        """Return the paper's rule at this tolerance."""
+        return Plan(cycles=CYCLES, discard=DISCARD, rtol=self._rtol(self.system(row)), **how)
 
     def motion(self, row: Values, *, lyapunov: bool = False) -> ColdStartMotion:
-        """One motion from the initial state (13); its period is that of the settled motion."""
+        """Return the motion from the initial state (13), with the period of the settled motion."""
         system = self.system(row)
         if (system, lyapunov) not in self._motions:
             point = solve_point(system, 0.0, self.plan(row, lyapunov=lyapunov))
@@ -148,10 +147,19 @@ class Evidence:
                                                               point.lyapunov)
         return self._motions[system, lyapunov]
 
-    def periods(self, sweep: Sweep) -> NDArray[np.int64]:
-        """(n,) periods of the settled motions, as `ColdStartMotion` has them.
+    def beside(self, row: Values, ratio: float, *distances: float, lyapunov: bool = False) -> list[ColdStartMotion]:
+        """Return the motions from (13) at some distances from a frequency ratio."""
+        return [self.motion({**row, FREQUENCY: (ratio + d) * OMEGA_N}, lyapunov=lyapunov) for d in distances]
 
-        What has not settled by the paper's rule goes on for LATER cycles: a transient is neither periodic nor not.
+    def maximum(self, row: Values, ratio: float) -> float:
+        """Return the largest slip speed at one frequency ratio; NaN if it could not be solved."""
+        return self.motion({**row, FREQUENCY: ratio * OMEGA_N}).largest
+
+    def periods(self, sweep: Sweep) -> NDArray[np.int64]:
+        """(n,) periods of the settled motions, as in `ColdStartMotion`.
+
+        A motion that has not settled by the paper's rule goes on for LATER cycles: a transient is neither periodic nor
+        aperiodic.
         """
         name = (sweep.curve, sweep.plan)
         if name not in self._settled:
@@ -159,57 +167,49 @@ class Evidence:
         return self._settled[name]
 
     def slips(self, sweep: Sweep) -> NDArray[np.bool_]:
-        """(n,) whether the settled motion slips; what has not settled by the paper's rule goes on, as for `periods`."""
+        """(n,) whether the settled motion slips; motions that have not settled go on as for `periods`."""
         return np.array([found is not None and found.regime != "stick" for found in self._each(sweep)], dtype=bool)
 
     def _each(self, sweep: Sweep) -> list[Summary | None]:
-        """What every point of a sweep comes to."""
+        """Return the settled motion of every point of a sweep."""
         with workers(self.jobs, None) as (threads, _):
             return list(threads.map(self._settle, map(sweep.curve.at, range(len(sweep.points))), sweep.points))
 
     def _settle(self, system: System, point: Point | None) -> Summary | None:
-        """What a point comes to, from further cycles where its section does not repeat yet; None where it failed."""
+        """Return the motion of a point, from further cycles if its section does not repeat yet; None if it failed."""
         if point is None or point.summary is None or point.summary.settled or point.summary.runaway:
             return None if point is None else point.summary
         found = later(system, point.end, self._rtol(system))
         return None if found is None else found[0]
 
     def _rtol(self, system: System) -> float:
-        """The tolerance of the smoothed engine; the exact engine of the set-valued law has its own."""
+        """Return the tolerance of the smoothed engine, or that of the exact engine of the set-valued law."""
         return SOLVERS["event_driven"].default if system.friction.law == "set_valued" else self.rtol
 
     def run(self, system: System, cycles: int, *, samples: int = 0, start_cycle: int = 0,
             state: State | None = None) -> Trajectory:
-        """Some cycles at this tolerance, each with so many samples."""
+        """Solve some cycles at this tolerance, each with so many samples."""
         return solve(system, cycles=cycles, samples_per_cycle=samples, start_cycle=start_cycle, state=state,
                      rtol=self._rtol(system)).raise_for_status()
 
-    def largest_by_cycle(self, row: Values, cycles: int) -> Floats:
-        """(cycles,) largest |slip speed| of every cycle from the initial state (13), rad/s."""
-        return self.run(self.system(row), cycles).solved_cycles.largest
-
     def last_cycles(self, row: Values, cycles: int, samples: int) -> Trajectory:
-        """Some cycles with samples, after those of the paper's rule."""
+        """Solve some cycles with samples, after those of the paper's rule."""
         system = self.system(row)
         before = self.run(system, CYCLES)
         return self.run(system, cycles, samples=samples, start_cycle=CYCLES, state=before.final)
 
     def exponent(self, row: Values, begin: int, cycles: int) -> Lyapunov:
-        """The largest Lyapunov exponent over many cycles, after the first `begin` of them from (13)."""
+        """Return the largest Lyapunov exponent over many cycles, after the first `begin` of them from (13)."""
         system = self.system(row)
         return largest_lyapunov_exponent(system, self.run(system, begin).final, cycles=cycles, start_cycle=begin)
 
-    def maximum(self, row: Values, ratio: float) -> float:
-        """The largest slip speed at one frequency ratio, NaN where it could not be solved."""
-        return self.motion({**row, FREQUENCY: ratio * OMEGA_N}).largest
-
     def jumps(self, row: Values, axis: Floats) -> list[tuple[float, float]]:
-        """(omega/omega_n, change of the largest slip speed) at every true jump of a curve from cold starts.
+        """Return omega/omega_n and the change of the largest slip speed at every true jump of a curve from (13).
 
         Where neighbours differ by more than the threshold, the interval is halved BISECTIONS times, always
         towards the larger change; a change that mostly remains on an interval 2^-8 as wide is a jump.
         """
-        values = self.curves([row], axis)[0].column("max_slip_speed")
+        values = self.maxima([row], axis)[0]
         size = float(np.nanmax(values))
         found = []
         for k in self.steep(values):
@@ -229,7 +229,7 @@ class Evidence:
 
 def swept(curves: Sequence[Curve], plan: Plan, kept: dict[tuple[Curve, Plan], Sweep], jobs: int | None = None,
           progress: bool = False) -> list[Sweep]:
-    """The sweep of every curve, from those that are `kept`; the missing ones are worked out together, and kept."""
+    """Return the sweep of every curve; those that are not in `kept` are computed together and kept."""
     missing = [curve for curve in curves if (curve, plan) not in kept]
     if missing:
         kept.update({(sweep.curve, plan): sweep for sweep in sweep_curves(missing, plan, jobs=jobs, progress=progress)})
@@ -237,15 +237,12 @@ def swept(curves: Sequence[Curve], plan: Plan, kept: dict[tuple[Curve, Plan], Sw
 
 
 def period_of(found: Summary | None) -> int:
-    """The period of what a point comes to, as `ColdStartMotion` has it."""
+    """Return the period of a settled motion, as in `ColdStartMotion`."""
     return FAILED if found is None else RUNAWAY if found.runaway else found.period
 
 
 def later(system: System, start: Start, rtol: float | None = None) -> tuple[Summary, Start] | None:
-    """The motion of a point LATER cycles on: what its last LAST cycles are, and where it goes on from.
-
-    None where it could not be solved that far.
-    """
+    """Return a summary of the last LAST of LATER further cycles and their end; None if they could not be solved."""
     run = solve(system, cycles=LATER, start_cycle=start.cycle, state=start.state, rtol=rtol)
     if run.status is not Status.DONE or run.cycles is None:
         return None
@@ -254,7 +251,7 @@ def later(system: System, start: Start, rtol: float | None = None) -> tuple[Summ
 
 
 def steep(values: Floats, jump: float = JUMP) -> NDArray[np.int64]:
-    """Where neighbours differ by more than this part of the largest value, as a jump or as a steep rise."""
+    """Return where neighbours differ by more than this part of the largest value, as a jump or as a steep rise."""
     return np.flatnonzero(np.abs(np.diff(values)) > jump * float(np.nanmax(values)))
 
 
@@ -263,14 +260,8 @@ def sticks(sweep: Sweep) -> NDArray[np.bool_]:
     return np.array([p is not None and p.summary is not None and p.summary.regime == "stick" for p in sweep.points])
 
 
-def slips_at(sweep: Sweep) -> Floats:
-    """Frequency ratios at which the clutch slips at all."""
-    slipping: Floats = sweep.values[~sticks(sweep)] / OMEGA_N
-    return slipping
-
-
 def first_half(run: Trajectory) -> float:
-    """The part of the way slipped in positive direction that falls into the first half of the engine cycle."""
+    """Return the part of positive slip, as a way, in the first half of the engine cycle; NaN if there is none."""
     phase = np.mod(run.t / run.cycle + 1e-12, 1.0)
     slip = np.where(run.state == 1, np.maximum(run.slip_speed, 0.0), 0.0)
     total = float(slip.sum())
@@ -278,15 +269,15 @@ def first_half(run: Trajectory) -> float:
 
 
 def two_digits(x: float) -> float:
-    """A number as far as an average over a motion without a period has it."""
+    """Return a number with the digits that an average over an aperiodic motion has."""
     return float(f"{x:.2g}")
 
 
 def share_where(condition: Any, among: Any) -> float:
-    """The part of the cases `among` in which `condition` holds; 1 where there are none."""
+    """Return the part of the cases `among` in which `condition` holds; 1 if there are none."""
     return float(condition[among].mean()) if among.any() else 1.0
 
 
 def with_kinetic(ratio: float, row: Values | None = None) -> dict[str, Value]:
-    """A row with mu_k = ratio mu_s."""
+    """Return a row with mu_k = ratio mu_s."""
     return {**(row or {}), KINETIC: ratio * STATIC}

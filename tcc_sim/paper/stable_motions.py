@@ -1,7 +1,7 @@
-"""Evidence by branches: which stable motions there are, where each begins and ends, and to which of them (13) leads.
+"""Evidence by branches: which stable motions exist, where each begins and ends, and which of them (13) leads to.
 
-Branches are followed only over the part of an axis that a claim is about, and with few points: what they show holds
-whatever was started from, but a motion that no sweep came to stays unknown.
+Branches are followed only over the part of an axis that a claim is about, and with few points. Their motions do not
+depend on the initial state, but a motion that no sweep reached stays unknown.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from tcc_sim.model.sines import common_cycles
 from tcc_sim.paper.branches_behind import RUNS, seen_in, surveyed
 from tcc_sim.paper.catalogue import NORMALISED
 from tcc_sim.paper.evidence import CYCLES, FREQUENCY, LATER, Evidence, Values, share_where
+from tcc_sim.result import reported, reporting
 from tcc_sim.sweeps.executors import workers
 from tcc_sim.sweeps.progress import progress_bar
 from tcc_sim.sweeps.sweep import Sweep
@@ -36,15 +37,72 @@ from tcc_sim.trajectory import Floats, State
 SMOOTHING = "friction.smoothing"
 FEW = dataclasses.replace(SWEPT, longest_period=2, max_points=60, max_branches=5)
 """Branches over one part of an axis."""
+WAYS = ("cold", "up", "down")
+"""How a sweep starts every value: from (13), or from the neighbour below or above."""
 SEEDS = 24
 LOWEST, HIGHEST = np.array([-50.0, -0.1, -20.0]), np.array([200.0, 0.3, 20.0])
 """Points from which attractors are looked for: how many, and between which slip speeds, plate angles and speeds."""
 
 
 @dataclass(frozen=True)
+class EndFigures:
+    """An end of a stable motion along a curve."""
+
+    value: float = field(metadata=reported("place on the axis"))
+    kind: str | None = field(metadata=reported("bifurcation; null where the motion was followed to there only"))
+    residual: float | None = field(metadata=reported("residual of the bifurcation"))
+    jumps: bool = field(metadata=reported("whether a motion that comes here goes elsewhere"))
+
+    @staticmethod
+    def of(end: SegmentEnd) -> EndFigures:
+        """Return the end of a stretch."""
+        return EndFigures(end.value, end.kind or None, end.residual if end.kind else None, end.jumps)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A stable motion along a curve, whatever was started from; `stretch` has its period and ends."""
+
+    curve: str = field(metadata=reported("curve of the figure; empty if there is one only"))
+    over: str = field(metadata=reported("name of the axis"))
+    stretch: StableSegment
+    from_start: Sequence[float] = field(metadata=reported("places at which the initial state (13) leads to it"))
+
+    @property
+    @reporting("period of the motion", "engine cycles")
+    def period(self) -> int:
+        """Period, engine cycles."""
+        return self.stretch.period
+
+    @property
+    @reporting("lower end")
+    def low(self) -> EndFigures:
+        """Lower end."""
+        return EndFigures.of(self.stretch.low)
+
+    @property
+    @reporting("upper end")
+    def high(self) -> EndFigures:
+        """Upper end."""
+        return EndFigures.of(self.stretch.high)
+
+    @property
+    @reporting("the motion in a sentence")
+    def words(self) -> str:
+        """The motion in a sentence."""
+        at, where = self.from_start, "nowhere"
+        if at:
+            where = f"at {' to '.join(dict.fromkeys(f'{x:g}' for x in (min(at), max(at))))} " \
+                    f"({counted(len(at), 'value')})"
+        return (f"{self.curve}{': ' if self.curve else ''}period {self.stretch.period}, stable over {self.over} from "
+                f"{self.stretch.low} to {self.stretch.high}; within {CYCLES + RUNS * LATER} cycles (13) leads to it "
+                f"{where}")
+
+
+@dataclass(frozen=True)
 class Known:
-    """What no tolerance of the sweeps changes, by rows and axes as text: stable stretches, where there is a stable
-    periodic motion, and attractors.
+    """Results that no tolerance of the sweeps changes, by rows and axes as text: stable stretches, where there is a
+    stable periodic motion, and attractors.
     """
 
     stretches: dict[str, list[StableSegment]] = field(default_factory=dict)
@@ -54,7 +112,7 @@ class Known:
 
 @dataclass
 class StableMotions(Evidence):
-    """Evidence that knows branches too; `known` is for several to share."""
+    """Evidence with branches; several share `known`."""
 
     known: Known = field(default_factory=Known)
 
@@ -64,14 +122,14 @@ class StableMotions(Evidence):
         return replace(self, thresholds=changed, used=set())
 
     def stretches(self, rows: Sequence[Values], axis: Floats, *, over: str = FREQUENCY) -> list[list[StableSegment]]:
-        """For every row the stable stretches of the branches through the motions of sweeps: cold, up and down.
+        """Return for every row the stable stretches of the branches through the motions of sweeps in all WAYS.
 
         Their parameter is that of `curves`. Orbits are solved at 1e-12, whatever the tolerance of the sweeps.
         """
         names = [json.dumps([sorted(row.items()), axis.tolist(), over]) for row in rows]
         known = self.known.stretches
         missing = [k for k, name in enumerate(names) if name not in known]
-        sweeps = [self.curves([rows[k] for k in missing], axis, over=over, direction=d) for d in ("cold", "up", "down")]
+        sweeps = [self.curves([rows[k] for k in missing], axis, over=over, direction=way) for way in WAYS]
         with workers(self.jobs, None) as (pool, _), progress_bar("branches", len(missing), shown=self.progress) as bar:
             tasks = [pool.submit(_followed, directions) for directions in zip(*sweeps)]
             for k, task in zip(missing, tasks):
@@ -80,7 +138,7 @@ class StableMotions(Evidence):
         return [known[name] for name in names]
 
     def reached(self, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[int | None]:
-        """For every value the number of the stretch that the initial state (13) leads to; None where it is on none."""
+        """Return for every value the number of the stretch that (13) leads to; None if it is on none."""
         among = self.stretches([row], axis, over=over)[0]
         sweep = self.curves([row], axis, over=over)[0]
         unit, seen = NORMALISED[over][1], seen_in(sweep)
@@ -89,32 +147,30 @@ class StableMotions(Evidence):
         return [at.get(value) for value in sweep.curve.values]
 
     def motions(self, curve: str, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[Motion]:
-        """Every stretch of a curve with its ends, and where (13) leads to it."""
+        """Return every stretch of a curve with its ends, and where (13) leads to it."""
         among = self.stretches([row], axis, over=over)[0]
         on = self.reached(row, axis, over=over)
-        return [Motion(curve, NORMALISED[over][0], s, tuple(float(x) for x, found in zip(axis, on) if found == k))
+        return [Motion(curve, NORMALISED[over][0], s, [float(x) for x, found in zip(axis, on) if found == k])
                 for k, s in enumerate(among)]
 
-    def ends(self, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[SegmentEnd]:
-        """Where a stable motion ends in a jump, in order."""
+    def jump_ends(self, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[float]:
+        """Return where a stable motion ends in a jump, in order."""
         among = self.stretches([row], axis, over=over)[0]
-        found = {end.value: end for s in among for end in (s.low, s.high) if end.jumps}
-        return [found[value] for value in sorted(found)]
+        return sorted({end.value for s in among for end in (s.low, s.high) if end.jumps})
 
     def amplitudes(self, row: Values, axis: Floats) -> list[list[float]]:
-        """For every frequency ratio the largest slip speed of every stable motion known, that from (13) first."""
+        """Return for every frequency ratio the largest slip speeds of all stable motions, that from (13) first."""
         among = self.stretches([row], axis)[0]
-        cold = self.curves([row], axis)[0].column("max_slip_speed")
         return [[float(c), *(h for s in among if math.isfinite(h := s.amplitude(float(x))))]
-                for x, c in zip(axis, cold)]
+                for x, c in zip(axis, self.maxima([row], axis)[0])]
 
     def periodic_at(self, row: Values, axis: Floats) -> NDArray[np.bool_]:
-        """(n,) whether there is a stable periodic motion: one of a sweep, closed by Newton, with its multipliers."""
+        """(n,) whether a stable periodic motion exists: one of a sweep, closed by Newton, with its multipliers."""
         name = json.dumps([sorted(row.items()), axis.tolist()])
         if name not in self.known.periodic:
             found = np.zeros(len(axis), dtype=bool)
-            for direction in ("cold", "up", "down"):
-                curve = (sweep := self.curves([row], axis, direction=direction)[0]).curve
+            for way in WAYS:
+                curve = (sweep := self.curves([row], axis, direction=way)[0]).curve
                 of, span = DrivelineMap(curve.system, (curve.key,)), ParameterRange(curve.values[0], curve.values[-1])
                 for seen in seen_in(sweep):
                     k = curve.values.index(seen.value)
@@ -125,7 +181,7 @@ class StableMotions(Evidence):
         return np.array(self.known.periodic[name])
 
     def attractors(self, row: Values) -> list[tuple[int, float]]:
-        """Period and largest slip speed of every attractor found from (13) and from points spread over states."""
+        """Return period and largest slip speed of every attractor, from (13) and from points spread over states."""
         name = json.dumps(sorted(row.items()))
         if name not in self.known.attractors:
             system = self.system(row)
@@ -135,54 +191,16 @@ class StableMotions(Evidence):
         return list(self.known.attractors[name])
 
 
-@dataclass(frozen=True)
-class Motion:
-    """A stable motion along a curve, whatever was started from.
-
-    curve : which
-    over : what the parameter is
-    stretch : period and ends
-    from_start : values at which the initial state (13) leads to it
-    """
-
-    curve: str
-    over: str
-    stretch: StableSegment
-    from_start: tuple[float, ...]
-
-    def as_json(self) -> dict[str, Any]:
-        """Curve, period, both ends, `from_start` and the motion in words as JSON values."""
-        return {"curve": self.curve, "over": self.over, "period": self.stretch.period,
-                "low": end_as_json(self.stretch.low), "high": end_as_json(self.stretch.high),
-                "from_start": list(self.from_start), "words": str(self)}
-
-    def __str__(self) -> str:
-        """The motion in words."""
-        at, where = self.from_start, "nowhere"
-        if at:
-            where = f"at {' to '.join(dict.fromkeys(f'{x:g}' for x in (min(at), max(at))))} " \
-                    f"({counted(len(at), 'value')})"
-        return (f"{self.curve}{': ' if self.curve else ''}period {self.stretch.period}, stable over {self.over} from "
-                f"{self.stretch.low} to {self.stretch.high}; within {CYCLES + RUNS * LATER} cycles (13) leads to it "
-                f"{where}")
-
-
 def _followed(sweeps: Sequence[Sweep]) -> list[StableSegment]:
-    """The stable stretches of the branches through the motions of sweeps along a curve; what a worker does."""
+    """Return the stable stretches of the branches through the motions of sweeps along a curve."""
     curve = sweeps[0].curve
     branches = surveyed(curve, [s for sweep in sweeps for s in seen_in(sweep)], settings=FEW)
     return stable_segments(branches, min(curve.values), max(curve.values), NORMALISED[curve.key][1])
 
 
-def end_as_json(end: SegmentEnd) -> dict[str, Any]:
-    """The end of a stretch; without a kind it is where the motion was followed to."""
-    return {"value": end.value, "kind": end.kind or None, "residual": end.residual if end.kind else None,
-            "jumps": end.jumps}
-
-
 def ordered_shares(found: Sequence[Sequence[Sequence[float]]], curve: int, where: Any,
                    limits: tuple[float, float] = (0.05, 0.1), *, worst: bool = False) -> tuple[float, float]:
-    """The part of the places at which one curve is the lowest of all (the highest), where any slips.
+    """Return the parts of the places at which one curve is the lowest of all (`worst`: the highest), where any slips.
 
     Parameters
     ----------
@@ -191,7 +209,7 @@ def ordered_shares(found: Sequence[Sequence[Sequence[float]]], curve: int, where
 
     Returns
     -------
-    The part at which it is so whichever motion there is on every curve, and at which it is so for some.
+    The part at which this holds whichever motion there is on every curve, and at which it holds for some.
     """
     sign = -1.0 if worst else 1.0
     every, some, moving = [], [], []

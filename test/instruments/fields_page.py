@@ -15,7 +15,7 @@ from tcc_sim.output.explained import SceneExplanation
 from tcc_sim.output.fields import fields_of
 from tcc_sim.output.provenance import HEAD
 from tcc_sim.output.tables import escape, markdown_table
-from tcc_sim.paper.claim_figures import ClaimsReport
+from tcc_sim.paper.claims import ClaimsReport
 from tcc_sim.paper.figure_results import Figure
 from tcc_sim.replay.result import Replay
 from tcc_sim.result import Reported

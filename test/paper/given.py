@@ -13,6 +13,7 @@ from tcc_sim.analysis.summary import Summary
 from tcc_sim.continuation.loss_of_stability import SegmentEnd, StableSegment
 from tcc_sim.model.parameters import System
 from tcc_sim.paper.catalogue import OMEGA_N, STATIC, paper_system
+from tcc_sim.paper.claims import CLAIMS
 from tcc_sim.paper.evidence import KINETIC, ColdStartMotion
 from tcc_sim.paper.figure_results import Figure, Labelled, Numbers
 from tcc_sim.paper.stable_motions import StableMotions
@@ -21,6 +22,8 @@ from tcc_sim.sweeps.results import Point
 from tcc_sim.sweeps.steady_state import Start
 from tcc_sim.sweeps.sweep import Curve, Plan, Sweep
 from tcc_sim.trajectory import State
+
+rows = {claim.name: claim for claim in CLAIMS}
 
 
 def record(slip: float = 10.0, period: int = 1, regime: str = "stick-slip", *, settled: bool = True,
@@ -36,7 +39,6 @@ class Given(StableMotions):
 
     def __init__(self, at: Callable[..., Point] = lambda row, x, direction: record(),
                  jumps: Callable[..., list[float]] = lambda row: [], lyapunov: str = "chaotic",
-                 along: Callable[[Any], float] = lambda row: 10.0,
                  stretches: Callable[..., list[StableSegment]] = lambda row: [],
                  reached: Callable[[Any], set[int]] = lambda row: set(),
                  attractors: Callable[[Any], list[tuple[int, float]]] = lambda row: [],
@@ -45,7 +47,7 @@ class Given(StableMotions):
         super().__init__(1e-9, 1)
         self.runs, self.longer = runs, longer
         self.pieces, self.on, self.rest_in, self.closed = stretches, reached, attractors, periodic
-        self.at, self.leaps, self.diagnosis, self.along = at, jumps, lyapunov, along
+        self.at, self.leaps, self.diagnosis = at, jumps, lyapunov
 
     def curves(self, rows, axis, *, over="engine.frequency", direction="cold", **how):  # type: ignore
         unit = OMEGA_N if over == "engine.frequency" else STATIC
@@ -65,9 +67,6 @@ class Given(StableMotions):
 
     def jumps(self, row, axis):  # type: ignore
         return [(x, 10.0 + k) for k, x in enumerate(self.leaps(row))]
-
-    def largest_by_cycle(self, row, cycles):  # type: ignore
-        return np.full(cycles, self.along(row))
 
     def stretches(self, rows, axis, *, over="engine.frequency"):  # type: ignore
         return [self.pieces(row) for row in rows]

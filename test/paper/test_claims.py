@@ -5,37 +5,30 @@ any.
 from __future__ import annotations
 
 import json
-import math
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from documents import valid
+from given import rows
 
 from tcc_sim.cli import main
 from tcc_sim.output.tables import escape, markdown_table
-from tcc_sim.paper import claims, claims_model
+from tcc_sim.paper import claims
 from tcc_sim.paper.catalogue import OMEGA_N, paper_system
-from tcc_sim.paper.criteria import CONFIRMED, DEPENDS, NOT_CONFIRMED, Claim, Finding, Holds, Measured, Shares
+from tcc_sim.paper.criteria import CONFIRMED, DEPENDS, NOT_CONFIRMED, Claim, Finding, Measured, holds, shares
 from tcc_sim.paper.evidence import Evidence, share_where
 from tcc_sim.paper.stable_motions import StableMotions
+from tcc_sim.result import json_of
 
 PAGE = Path(__file__).resolve().parents[2] / ".github" / "paper" / "claims.md"
 
 
-@pytest.mark.parametrize("name", ["three_motions"])
-def test_claims_with_robust_numbers_hold(name: str) -> None:
-    claim = next(c for c in claims.CLAIMS if c.name == name)
-    assert claim(StableMotions(claims.TOLERANCE)).verdict == CONFIRMED
-
-
 def test_the_stick_limit_is_that_of_the_closed_form() -> None:
     """(25a) by hand: the amplitude of the interface torque is mu_s N R - Tm at the limit, far above omega_sn."""
-    found = claims_model.limits_of_stick(StableMotions(claims.TOLERANCE))
+    found = rows["limits_of_stick"](StableMotions(claims.TOLERANCE))
     (ratio, simulated), = found.values.values()
     omega = ratio * OMEGA_N
     spring = complex(3000.0, 0.6 * omega)
@@ -55,7 +48,7 @@ def test_the_page_has_every_claim_with_the_criterion_in_force() -> None:
         text = sections[f"{row.figure}: {escape(row.sentence)}"]
         assert f"**. Criterion: {escape(row.criterion.words)}.\n" in text, row.name
     verdicts = [text.split("**")[1].lower() for text in sections.values()]
-    assert verdicts == sorted(verdicts, key=list(claims.ORDER).index)
+    assert verdicts == sorted(verdicts, key=list(claims.VERDICTS).index)
     rows = [line.split(" | ") for line in page.splitlines() if line.startswith("| ")][2:]
     assert [cells[-2] for cells in rows] == verdicts
     counts = [verdicts.count(v) for v in (CONFIRMED, DEPENDS, NOT_CONFIRMED)]
@@ -73,37 +66,14 @@ def test_the_page_says_what_the_cheap_claims_come_to_now() -> None:
         assert markdown_table(claims.claim_row(verdict), [])[0] in page
 
 
-class Drawn(Evidence):
-    """The maxima of a curve of the test's own."""
-
-    def __init__(self, curve: Callable[[float], float]) -> None:
-        super().__init__(1e-6)
-        self.curve = curve
-
-    def curves(self, rows: Any, axis: Any, **how: Any) -> Any:
-        values = np.array([self.curve(x) for x in axis])
-        return [SimpleNamespace(column=lambda name: values)]
-
-    def maximum(self, row: Any, ratio: float) -> float:
-        return self.curve(ratio)
-
-
-def test_a_jump_is_told_from_a_steep_curve() -> None:
-    axis = np.linspace(0.1, 0.5, 21)
-
-    for curve, expected in ((lambda x: 40.0 if x < 0.313 else 50.0, [0.313]),
-                            (lambda x: 50.0 * math.tanh((x - 0.3) / 0.02), [])):
-        assert [x for x, _ in Drawn(curve).jumps({}, axis)] == pytest.approx(expected, abs=1e-4)
-
-
 @pytest.mark.parametrize(("judged", "verdict", "words"), [
     ({225e3: (CONFIRMED, CONFIRMED), 240e3: (CONFIRMED,)}, CONFIRMED, ""),
     ({225e3: (CONFIRMED, NOT_CONFIRMED)}, DEPENDS, "the verdict changes with the tolerance"),
     ({225e3: (CONFIRMED, CONFIRMED), 240e3: (NOT_CONFIRMED,)}, DEPENDS,
      "the verdict changes with the mean pressure: confirmed at 225 kPa, not confirmed at 240 kPa")])
 def test_a_verdict_is_that_of_every_pressure_and_tolerance(judged: Any, verdict: str, words: str) -> None:
-    finding = Finding("4", "5", "a claim", "a criterion", {"x": float("nan"), "n": np.int64(3)}, CONFIRMED)
-    found = claims.Verdict(claims_model.maximum_falls, finding, judged).as_json()
+    finding = Finding({"x": float("nan"), "n": np.int64(3)}, CONFIRMED)
+    found = json_of(claims.Verdict(rows["maximum_falls"], finding, judged))
     assert (found["verdict"], found["why"], found["fitted"]) == (verdict, words, False)
     assert list(found["pressures"]) == [f"{p / 1e3:g}" for p in judged]
     assert json.loads(json.dumps(found, allow_nan=False))["values"] == {"x": None, "n": 3}
@@ -117,7 +87,7 @@ def test_a_run_goes_on_from_what_was_judged(tmp_path: Path) -> None:
         worked.append((evidence.pressure, evidence.rtol))
         return Measured((evidence.pressure < 235e3,), {"x": 1.5}, "why")
 
-    row = Claim("4", "5", "a claim", Holds("it holds"), measure, "a_claim")
+    row = Claim("4", "5", "a claim", holds("it holds"), measure, "a_claim")
     for count in (2, 3, 3):
         found, = claims.judge([row], pressures=claims.PRESSURES[:count], kept=tmp_path / "kept.jsonl")
     assert worked == [(225e3, claims.TOLERANCE), (225e3, claims.TIGHTER), (230e3, claims.TOLERANCE),
@@ -128,7 +98,7 @@ def test_a_run_goes_on_from_what_was_judged(tmp_path: Path) -> None:
     assert varied.varied == {}
     alone, = claims.judge([replace(row, alone=True)], pressures=(240e3, 225e3))
     assert alone.pressures == {"240": NOT_CONFIRMED}
-    claims.judge([replace(row, criterion=Holds("it does"))], kept=tmp_path / "kept.jsonl")
+    claims.judge([replace(row, criterion=holds("it does"))], kept=tmp_path / "kept.jsonl")
     assert len(worked) == 4 + 2 + 4
 
 
@@ -137,24 +107,24 @@ def test_every_threshold_that_a_criterion_uses_is_halved_and_doubled() -> None:
     def measure(evidence: StableMotions) -> Measured:
         return Measured((evidence.limit("near") >= 0.03,), {})
 
-    row = Claim("4", "5", "a claim", Holds("it holds"), measure, "a_claim", alone=True)
+    row = Claim("4", "5", "a claim", holds("it holds"), measure, "a_claim", alone=True)
     found, = claims.judge([row], thresholds=True)
-    assert found.as_json()["thresholds"] == {"near": [NOT_CONFIRMED, CONFIRMED]}
+    assert json_of(found)["thresholds"] == {"near": [NOT_CONFIRMED, CONFIRMED]}
     page = claims.claims_page([found])
-    assert "| `near`, in 1 claims | 0.02 | none | 4: a claim (confirmed instead of not confirmed) |" in page
-    assert "| `jump`, in 0 claims | 0.08 | none | none |" in page
-    shares = Claim("4", "5", "a claim", Shares("cases"), lambda evidence: Measured((0.92,), {}), "b", alone=True)
-    assert claims.judge([shares], thresholds=True)[0].varied == {"missing": (DEPENDS, CONFIRMED)}
+    assert ("| `near`, in 1 claim | largest distance from a printed frequency or friction ratio | 0.02 | none | "
+            "4: a claim (confirmed instead of not confirmed) |") in page
+    assert "| `jump`, in 0 claims | least size of a jump, over the curve's largest value | 0.08 | none | none |" in page
+    row = Claim("4", "5", "a claim", shares("cases"), lambda evidence: Measured((0.92,), {}), "b", alone=True)
+    assert claims.judge([row], thresholds=True)[0].varied == {"missing": [DEPENDS, CONFIRMED]}
 
 
 def test_the_command_writes_json_and_a_page(tmp_path, judge_only, capsys) -> None:  # type: ignore[no-untyped-def]
-    judge_only(claims_model.maximum_falls, claims_model.slope_turns_negative)
+    judge_only(rows["maximum_falls"], rows["slope_turns_negative"])
     assert main(["claims", "--json", str(tmp_path / "c.json"), "--markdown", str(tmp_path / "c.md")]) == 0
     found = valid("claims", json.loads((tmp_path / "c.json").read_text()))
-    rows = found["claims"]
     assert found["complete"] is True
     assert [{"figure", "claim", "values", "criterion", "verdict", "why", "pressures", "fitted"} <= row.keys()
-            for row in rows] == [True, True]
+            for row in found["claims"]] == [True, True]
     assert (tmp_path / "c.md").read_text().count("## 3: ") == 2
     assert "confirmed" in capsys.readouterr().out
     assert main(["claims", "--json", str(tmp_path / "none" / "c.json")]) == 2
@@ -165,13 +135,13 @@ def test_an_interrupted_command_keeps_the_claims_that_were_judged(  # type: igno
     def stopped(evidence: Evidence) -> Measured:
         raise KeyboardInterrupt
 
-    interrupted = Claim("4", "5", "a claim", Holds("it holds"), stopped, "stopped")
-    for chosen, kept in (((claims_model.maximum_falls, interrupted), 1), ((interrupted,), 0)):
+    interrupted = Claim("4", "5", "a claim", holds("it holds"), stopped, "stopped")
+    for chosen, kept in (((rows["maximum_falls"], interrupted), 1), ((interrupted,), 0)):
         judge_only(*chosen)
-        page, rows = tmp_path / f"{kept}.md", tmp_path / f"{kept}.json"
-        assert main(["claims", "--json", str(rows), "--markdown", str(page)]) == 130
+        page, file = tmp_path / f"{kept}.md", tmp_path / f"{kept}.json"
+        assert main(["claims", "--json", str(file), "--markdown", str(page)]) == 130
         assert capsys.readouterr().err == "tcc-sim: interrupted; the claims judged so far are kept\n"
-        assert rows.exists() == page.exists() == bool(kept)
+        assert file.exists() == page.exists() == bool(kept)
     kept_rows = json.loads((tmp_path / "1.json").read_text())
     assert (len(kept_rows["claims"]), kept_rows["complete"]) == (1, False)
     assert "Interrupted" in (tmp_path / "1.md").read_text()

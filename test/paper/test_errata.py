@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from given import rows
 from scipy.integrate import solve_ivp
 
 from tcc_sim.cli import main
 from tcc_sim.model import pure_stick
 from tcc_sim.output.tables import escape, markdown_table
-from tcc_sim.paper import claims, claims_model, errata
+from tcc_sim.paper import claims, claims_stick, errata
 from tcc_sim.paper.catalogue import paper_system
 from tcc_sim.paper.evidence import Evidence
 
@@ -100,7 +101,7 @@ def test_33_is_right_as_printed() -> None:
 
 def least_slip(speed: float) -> float:
     """Least slip speed, rad/s, under (14) from this one on, were friction not to turn with it."""
-    system = paper_system({**claims_model.PURE_SLIP, "initial.slip_speed": speed})
+    system = paper_system({**claims_stick.PURE_SLIP, "initial.slip_speed": speed})
     d, e, load = system.driveline, system.engine, system.saturation_mean
 
     def rates(t: float, y: np.ndarray) -> list[float]:
@@ -113,7 +114,7 @@ def least_slip(speed: float) -> float:
 
 
 def test_the_command_writes_the_page(tmp_path, judge_only, monkeypatch) -> None:  # type: ignore[no-untyped-def]
-    judge_only(claims_model.maximum_falls)
+    judge_only(rows["maximum_falls"])
     monkeypatch.setattr(errata, "engine_speeds", dict)
     file = tmp_path / "errata.md"
     assert main(["claims", "--errata", str(file)]) == 0
@@ -133,4 +134,4 @@ def test_a_row_has_the_mean_pressure_that_is_judged(pressure: float) -> None:
         540.0 * pressure / 225e3, rel=1e-6)
     swinging = kept.system({"pressure.amplitude": 0.25 * 225e3}).pressure
     assert swinging.amplitude / swinging.mean == pytest.approx(0.25)
-    assert kept.system(claims_model.PURE_SLIP).pressure.mean == 125e3
+    assert kept.system(claims_stick.PURE_SLIP).pressure.mean == 125e3

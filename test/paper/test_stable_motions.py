@@ -12,10 +12,11 @@ from oracle import smoothed_states
 
 from tcc_sim.paper.catalogue import FIGURES, paper_system
 from tcc_sim.paper.claims import CLAIMS, Verdict, claims_page
-from tcc_sim.paper.claims_figures5to7 import AT_036, covered_down_to
+from tcc_sim.paper.claims_periods import AT_036, covered_down_to
 from tcc_sim.paper.criteria import Finding
 from tcc_sim.paper.evidence import KINETIC, with_kinetic
 from tcc_sim.paper.stable_motions import HIGHEST, LOWEST, StableMotions, ordered_shares
+from tcc_sim.result import json_of
 from tcc_sim.solvers import solve
 
 AXIS = np.array([0.865, 0.88, 0.9, 0.915, 0.93])
@@ -38,8 +39,8 @@ def test_both_motions_at_036_with_the_fold_and_where_the_start_leads() -> None:
     assert set(once.values()) == {True, False}
     assert {m.stretch.period: list(m.from_start) for m in (first, second)} == {
         1: [x for x, repeats in once.items() if repeats], 2: [x for x, repeats in once.items() if not repeats]}
-    json.dumps([first.as_json(), second.as_json()], allow_nan=False)
-    assert [end.value for end in evidence.ends(AT_036, AXIS, over=KINETIC)] == [two.high.value]
+    json.dumps(json_of([first, second]), allow_nan=False)
+    assert evidence.jump_ends(AT_036, AXIS, over=KINETIC) == [two.high.value]
     assert len(evidence.known.stretches) == 1
     again = StableMotions(1e-11, 1, known=evidence.known)
     assert again.stretches([AT_036], AXIS, over=KINETIC)[0] is found
@@ -95,14 +96,14 @@ def test_motions_stand_on_the_page_in_words() -> None:
     given = Given(lambda row, x, d: record(), stretches=lambda row: [stretch(0.67, 0.918464, 2, 48.0, "", "jump fold")],
                   reached=lambda row: {0})
     (motion,) = given.motions("psi = 0", AT_036, AXIS, over=KINETIC)
-    assert str(motion) == ("psi = 0: period 2, stable over mu_k/mu_s from 0.67 (followed no further) to 0.918464 "
+    assert motion.words == ("psi = 0: period 2, stable over mu_k/mu_s from 0.67 (followed no further) to 0.918464 "
                                 "(fold, residual 1e-12); within 2650 cycles (13) leads to it at 0.865 to 0.93 "
                                 "(5 values)")
-    assert str(replace(motion, from_start=(0.9,))).endswith("leads to it at 0.9 (1 value)")
-    assert str(replace(motion, curve="", from_start=())).endswith("cycles (13) leads to it nowhere")
-    finding = Finding("6", "5", "a claim", "a criterion", {}, "confirmed", "", [motion.as_json()])
+    assert replace(motion, from_start=(0.9,)).words.endswith("leads to it at 0.9 (1 value)")
+    assert replace(motion, curve="", from_start=()).words.endswith("cycles (13) leads to it nowhere")
+    finding = Finding({}, "confirmed", "", json_of([motion]))
     verdict = Verdict(CLAIMS[0], finding, {225e3: ("confirmed", "confirmed")})
     page = claims_page([verdict])
     assert "1 stable motion</summary>\n\n- psi = 0: period 2, stable over mu\\_k/mu\\_s" in page
-    assert verdict.as_json()["motions"][0]["high"] == {"value": 0.918464, "kind": "fold", "residual": 1e-12,
+    assert json_of(verdict)["motions"][0]["high"] == {"value": 0.918464, "kind": "fold", "residual": 1e-12,
                                                       "jumps": True}

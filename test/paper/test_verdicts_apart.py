@@ -1,99 +1,130 @@
-"""Verdicts that rest on more than curves: the solvers, the friction law, pure slip, the delay and (21)."""
+"""Verdicts that rest on more than curves: solvers, friction law, stick and slip, section, (21), harmonic balance."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from given import Given, law_of, record
+from given import Given, law_of, record, rows
 
 from tcc_sim.analysis.damping import slope_of_friction
+from tcc_sim.model import friction, harmonic_balance
 from tcc_sim.model.parameters import System
-from tcc_sim.paper import claims_figure4
-from tcc_sim.paper import claims_figures5to7 as damped
-from tcc_sim.paper import claims_model as model
-from tcc_sim.paper import claims_series as series_claims
-from tcc_sim.paper import claims_varying_load as varying
+from tcc_sim.model.pure_slip import pure_slip
+from tcc_sim.paper import claims_attenuation, claims_methods, claims_periods, claims_stick
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, paper_system
 from tcc_sim.paper.criteria import CONFIRMED, DEPENDS, NOT_CONFIRMED
 from tcc_sim.paper.evidence import FAILED, FREQUENCY, KINETIC, Evidence, with_kinetic
 from tcc_sim.solvers import solve
+from tcc_sim.trajectory import Cycles
 
 
-def dampings(cf: Callable[[float], float], changes: bool) -> Callable[..., Any]:
-    return lambda row, x, direction: record(period=2 if changes and x > 0.2 else 1, equivalent_damping=cf(x),
-                                            negative_slope_mean=-1.0)
+def given_run(section: Any = (), largest: float = 0.0, seconds: float = 0.0, **more: Any) -> Any:
+    """A run of which a claim looks at cycles, samples or the computing time."""
+    n = max(len(section) - 1, 0)
+    cycles = Cycles(np.array(section), np.full(n, largest), np.zeros(n), np.zeros(n))
+    return SimpleNamespace(solved_cycles=cycles, statistics=SimpleNamespace(seconds=seconds), final=None, **more)
 
 
-@pytest.mark.parametrize(("cf", "changes", "verdict"), [
-    (lambda x: -1.2 * x / 0.4, True, CONFIRMED), (lambda x: -1.2 * x / 0.4, False, NOT_CONFIRMED),
-    (lambda x: 0.0, True, NOT_CONFIRMED)])
-def test_a_crossing_counts_with_a_change_of_period_only(cf, changes, verdict) -> None:  # type: ignore
-    assert damped.damping_crosses(Given(dampings(cf, changes))).verdict == verdict
+@pytest.mark.parametrize(("steep", "changes", "verdict"), [(3.0, True, CONFIRMED), (3.0, False, NOT_CONFIRMED),
+                                                           (0.0, True, NOT_CONFIRMED)])
+def test_a_crossing_counts_with_a_change_of_period_only(steep: float, changes: bool, verdict: str) -> None:
+    given = Given(lambda row, x, d: record(period=2 if changes and x > 0.2 else 1, equivalent_damping=-steep * x,
+                                           negative_slope_mean=-1.0))
+    assert rows["damping_crosses"](given).verdict == verdict
+
+
+@pytest.mark.parametrize(("sign", "verdict"), [(1.0, CONFIRMED), (-1.0, NOT_CONFIRMED)])
+def test_damping_falls_where_every_curve_is_below_the_last(sign: float, verdict: str) -> None:
+    given = Given(lambda row, x, d: record(equivalent_damping=sign * float(row[KINETIC]),
+                                           negative_slope_mean=float(row[KINETIC])))
+    assert rows["damping_falls"](given).verdict == verdict
 
 
 @pytest.mark.parametrize(("shares", "verdict"), [
     ((1.0, 0.9, 0.1, 0.0), CONFIRMED), ((1.0, 0.7, 0.1, 0.0), NOT_CONFIRMED), ((1.0, 0.9, 0.3, 0.0), NOT_CONFIRMED)])
-def test_the_delay_is_judged_by_the_half_cycles(shares, verdict) -> None:  # type: ignore
+def test_the_delay_is_judged_by_the_half_cycles(shares: tuple[float, ...], verdict: str) -> None:
     """Two samples, one in either half of the cycle."""
     places = {s.values["engine.frequency"]: x for s, x in zip(FIGURES[9].series, shares)}
 
     def run(system: System) -> Any:
         share = places[system.engine.frequency]
-        return SimpleNamespace(t=np.array([0.25, 0.75]), cycle=1.0, state=np.ones(2),
-                               slip_speed=np.array([share, 1.0 - share]), final=None)
-    assert varying.delay(Given(runs=run)).verdict == verdict
+        return given_run(t=np.array([0.25, 0.75]), cycle=1.0, state=np.ones(2), slip_speed=np.array([share, 1 - share]))
+    assert rows["delay"](Given(runs=run)).verdict == verdict
 
 
 @pytest.mark.parametrize(("differences", "along", "period", "largest", "verdict"), [
     (0.01, 36.0, 1, 36.3, CONFIRMED), (0.01, 36.0, 2, 36.3, DEPENDS), (0.01, 36.0, 1, 63.7, DEPENDS),
     (0.01, 60.0, 1, 36.3, NOT_CONFIRMED), (0.2, 36.0, 1, 36.3, NOT_CONFIRMED)])
-def test_solvers_agree_where_their_attractors_do(differences, along, period, largest, verdict) -> None:  # type: ignore
-    given = Given(along=lambda row: along if law_of(row) == "set_valued" else 36.0,
+def test_solvers_agree_where_their_attractors_do(differences, along, period, largest, verdict,  # type: ignore
+                                                 monkeypatch) -> None:
+    monkeypatch.setattr(claims_methods, "cycle_differences",
+                        lambda chosen: {name: differences for name, *_ in chosen})
+    given = Given(runs=lambda system: given_run(np.ones((1001, 3)), along if system.friction.law == "set_valued"
+                                                else 36.0),
                   attractors=lambda row: [(period, largest), (2, 63.7)] if law_of(row) == "set_valued"
                   else [(1, 36.3), (2, 63.6)])
-    found = model.solvers_agree(given, differing=lambda chosen: {name: differences for name, *_ in chosen})
-    assert found.verdict == verdict
+    assert rows["solvers_agree"](given).verdict == verdict
 
 
 @pytest.mark.parametrize(("sizes", "verdict"), [
     ((0.0, 0.2), DEPENDS), ((0.2, 0.2), CONFIRMED), ((0.0, 0.0), NOT_CONFIRMED)])
-def test_the_classical_method_differs_at_some_steps(sizes, verdict) -> None:  # type: ignore
-    found = model.classical_differs(Given(), differing=lambda chosen: {name: sizes[float(name.split()[2]) > 3e-5]
-                                                                       for name, *_ in chosen})
-    assert found.verdict == verdict
+def test_the_classical_method_differs_at_some_steps(sizes, verdict, monkeypatch) -> None:  # type: ignore
+    monkeypatch.setattr(claims_methods, "cycle_differences", lambda chosen: {
+        name: sizes[float(name.split()[2]) > 3e-5] for name, *_ in chosen})
+    assert rows["classical_differs"](Given()).verdict == verdict
 
 
-@pytest.mark.parametrize(("name", "claim"), [
-    ("peak", model.maximum_falls), ("slope", model.slope_turns_negative)])
-def test_the_law_is_judged_for_the_figure_s_own_mu_k(name, claim) -> None:  # type: ignore
-    seen: list[float] = []
+def test_a_difference_over_a_cycle_is_its_root_mean_square() -> None:
+    """Of RK4 beyond its limit of stability, by the Euclidean norm of samples at the same times."""
+    found = claims_methods.cycle_differences((("rk4, step 5e-05 s", "smoothed", 5e-5), ("smoothed", "smoothed", None)))
+    system = paper_system(claims_methods.FIG02)
+    start = solve(system, cycles=1000).final
+    one, other = (solve(system, cycles=1, samples_per_cycle=400, start_cycle=1000, state=start, solver=name, step=step)
+                  for name, step in (("smoothed", None), ("rk4", 5e-5)))
+    apart = np.linalg.norm(other.slip_speed - one.slip_speed) / len(one.t) ** 0.5
+    assert found["rk4, step 5e-05 s"] == pytest.approx(apart / np.abs(one.slip_speed).max(), rel=1e-3)
+    assert found["smoothed"] == pytest.approx(0.0, abs=1e-12)
 
-    def flat(system: Any) -> float:
-        seen.append(round(1.0 / system.friction_ratio, 4))
-        return 2.0
-    assert claim(Given(), **{name: flat}).verdict == NOT_CONFIRMED
-    assert set(seen) == {1.0, 0.8, 0.75, 0.677}
+
+@pytest.mark.parametrize(("name", "law", "flat"), [("maximum_falls", "peak", (0.1, 2.0)),
+                                                   ("slope_turns_negative", "smoothed_and_slope", (0.0, np.ones(2)))])
+def test_the_law_is_judged_for_the_figure_s_own_mu_k(name, law, flat, monkeypatch) -> None:  # type: ignore
+    seen: set[float] = set()
+
+    def made_up(*terms: Any) -> Any:
+        seen.add(round(1.0 / (1.0 + (terms[-1] or (0.0,))[0]), 4))
+        return flat
+    monkeypatch.setattr(friction, law, made_up)
+    assert rows[name](Given()).verdict == NOT_CONFIRMED
+    assert seen == {1.0, 0.8, 0.75, 0.677}
 
 
 def test_pure_slip_is_held_against_the_solution() -> None:
-    from tcc_sim.model.pure_slip import pure_slip
     t = np.linspace(0.0, 1.0, 1001)
-    v = pure_slip(paper_system(model.PURE_SLIP)).slip_speed(t)
+    v = pure_slip(paper_system(claims_stick.PURE_SLIP)).slip_speed(t)
     for off, verdict in ((0.0, DEPENDS), (1e-3, NOT_CONFIRMED)):
-        run = SimpleNamespace(t=t, slip_speed=v * (1.0 + off))
-        found = model.pure_slip_guaranteed(Given(runs=lambda system, run=run: run))
+        run = given_run(t=t, slip_speed=v * (1.0 + off))
+        found = rows["pure_slip_guaranteed"](Given(runs=lambda system, run=run: run))
         assert found.verdict == verdict
         assert found.values["least Omega_e that slips for ever (rad/s)"] == pytest.approx(35.1, abs=0.1)
 
 
-def test_a_motion_that_has_not_settled_goes_on(monkeypatch) -> None:  # type: ignore
+@pytest.mark.parametrize(("sticks", "verdict"), [((0.0, 0.0), CONFIRMED), ((0.0, 0.01), NOT_CONFIRMED)])
+def test_a_positive_trend_slips_where_no_motion_sticks(sticks: tuple[float, ...], verdict: str) -> None:
+    left = iter(sticks)
+    def run(system: System) -> Any:
+        return SimpleNamespace(solved_cycles=Cycles(np.ones((51, 3)), np.ones(50), np.ones(50),
+                                                    np.full(50, next(left))))
+    assert rows["positive_trend_slips"](Given(runs=run)).verdict == verdict
+
+
+def test_a_motion_that_has_not_settled_goes_on() -> None:
     """Law (6) in Fig. 2: no period after 150 cycles from (13), period two once it has settled."""
-    row = {**model.FIG02, "friction.law": "set_valued"}
+    row = {**claims_methods.FIG02, "friction.law": "set_valued"}
     kept = Evidence(1e-9, 1)
     sweep = kept.curves([row], np.array([150.0 / OMEGA_N]))[0]
     found = sweep.points[0].summary
@@ -105,7 +136,7 @@ def test_a_motion_that_has_not_settled_goes_on(monkeypatch) -> None:  # type: ig
     assert kept.maximum(row, 150.0 / OMEGA_N) == kept.motion(row).largest
 
 
-def test_a_transient_of_slip_is_stick_once_it_has_settled():  # type: ignore
+def test_a_transient_of_slip_is_stick_once_it_has_settled() -> None:
     """Fig. 14, psi = 0, law (6) at 0.148: from (13) it slips for 2700 cycles; at 0.13 it sticks, at 0.16 it slips."""
     kept = Evidence(1e-9, 1)
     row = {**FIGURES[14].series[0].values, "friction.law": "set_valued"}
@@ -115,8 +146,15 @@ def test_a_transient_of_slip_is_stick_once_it_has_settled():  # type: ignore
     alone = kept.curves([row], np.array([0.13]))[0]
     for settled in (False, True):
         stuck = replace(alone.points[0].summary, settled=settled, regime="stick-slip")
-        said = replace(alone, points=[replace(alone.points[0], summary=stuck)])
-        assert kept.slips(said).tolist() == [settled]
+        assert kept.slips(replace(alone, points=[replace(alone.points[0], summary=stuck)])).tolist() == [settled]
+
+
+def test_a_point_that_failed_is_none_and_never_slips() -> None:
+    kept = Evidence(1e-9, 1)
+    sweep = Given().curves([FIGURES[14].series[0].values], np.array([0.13, 0.16]))[0]
+    failed = replace(sweep, points=[None, replace(sweep.points[1], summary=None)])
+    assert kept.periods(failed).tolist() == [FAILED, FAILED]
+    assert kept.slips(failed).tolist() == [False, False]
 
 
 def test_where_two_curves_of_maxima_cross_is_found_to_1e_5() -> None:
@@ -126,8 +164,19 @@ def test_where_two_curves_of_maxima_cross_is_found_to_1e_5() -> None:
     def slip(row: Any, x: float, direction: str) -> Any:
         return record(10.0 + (20.0 * (x - 0.3016) if row["pressure.phase"] == lagging["pressure.phase"] else 0.0))
 
-    assert model.crossing(Given(slip), {}, OMEGA_N, 0.30) == pytest.approx(0.3016, abs=1e-4)
-    assert model.crossing(Given(slip), {}, OMEGA_N, 0.40) is None
+    assert claims_attenuation.crossing(Given(slip), {}, OMEGA_N, 0.30) == pytest.approx(0.3016, abs=1e-5)
+    assert claims_attenuation.crossing(Given(slip), {}, OMEGA_N, 0.40) is None
+
+
+@pytest.mark.parametrize(("off", "verdict"), [(1e-3, CONFIRMED), (3e-3, NOT_CONFIRMED)])
+def test_the_critical_frequency_is_where_the_curves_cross(off: float, verdict: str) -> None:
+    """Curves made up to cross beside sqrt(I2/(I1 + I2)), for every pair of inertias."""
+    def largest(row: Any, x: float, direction: str) -> Any:
+        i1, i2 = row.get("driveline.flywheel_inertia", 0.2), row.get("driveline.plate_inertia", 0.02)
+        place = (i2 / (i1 + i2)) ** 0.5 + off
+        ratio = x * OMEGA_N / (3000.0 / i2) ** 0.5
+        return record(50.0 + (1.0 if row["pressure.phase"] == 0.0 else -1.0) * (ratio - place))
+    assert rows["critical_frequency"](Given(largest)).verdict == verdict
 
 
 def test_a_jump_keeps_its_change_on_a_narrow_interval_and_a_steep_rise_does_not() -> None:
@@ -140,29 +189,13 @@ def test_a_jump_keeps_its_change_on_a_narrow_interval_and_a_steep_rise_does_not(
     def slip(row: Any, x: float, direction: str) -> Any:
         return record(10.0 if x < 0.23 else 25.0 + 500.0 * min(max(x - 0.26, 0.0), 0.04))
 
-    axis = np.arange(0.1, 0.5, 0.04)
-    (found,) = Curve(slip).jumps({}, axis)
+    (found,) = Curve(slip).jumps({}, np.arange(0.1, 0.5, 0.04))
     assert found == pytest.approx((0.23, 15.0), abs=1e-3)
-
-
-def test_a_point_that_failed_is_none_and_never_slips() -> None:
-    kept = Evidence(1e-9, 1)
-    sweep = Given().curves([FIGURES[14].series[0].values], np.array([0.13, 0.16]))[0]
-    failed = replace(sweep, points=[None, replace(sweep.points[1], summary=None)])
-    assert kept.periods(failed).tolist() == [FAILED, FAILED]
-    assert kept.slips(failed).tolist() == [False, False]
-
-
-def test_damping_falls_where_every_curve_is_below_the_last() -> None:
-    for sign, verdict in ((1.0, CONFIRMED), (-1.0, NOT_CONFIRMED)):
-        given = Given(lambda row, x, d, sign=sign: record(equivalent_damping=sign * float(row[KINETIC]),
-                                                          negative_slope_mean=float(row[KINETIC])))
-        assert damped.damping_falls(given).verdict == verdict
 
 
 def test_stick_ends_where_10_says_by_a_run_from_stick() -> None:
     """(10) by hand for psi = pi: Tm + |Tp G + Tsp| at their phases; and a limit that is not there is none."""
-    values = model.stick_limits_varying(Evidence(1e-9, 1)).values
+    values = rows["stick_limits_varying"](Evidence(1e-9, 1)).values
     assert len(values) == 4  # For psi = 0 a lower limit too.
     for name, found in values.items():
         limit, simulated = found
@@ -173,83 +206,80 @@ def test_stick_ends_where_10_says_by_a_run_from_stick() -> None:
         torque = 300.0 + 250.0 * (gain * np.exp(1j * t)).imag
         psi = {"0": 0.0, "pi/2": 0.5 * np.pi, "pi": np.pi}[name.split("psi = ")[1].split(",")[0]]
         assert (540.0 * (1.0 + 0.25 * np.sin(t + psi)) - np.abs(torque)).min() == pytest.approx(0.0, abs=0.05)
-    assert model.end_of_stick(Evidence(1e-9, 1), {}, 0.45, 0.49) is None
+    assert claims_stick.end_of_stick(Evidence(1e-9, 1), {}, 0.45, 0.49) is None
+
+
+@pytest.mark.parametrize(("off", "verdict"), [(5e-4, CONFIRMED), (2e-3, NOT_CONFIRMED), (None, NOT_CONFIRMED)])
+def test_limits_of_stick_are_held_against_the_simulation(off, verdict, monkeypatch) -> None:  # type: ignore
+    monkeypatch.setattr(claims_stick, "end_of_stick", lambda evidence, row, low, high: None if off is None
+                        else 0.5 * (low + high) + off)
+    assert [rows[name](Given()).verdict for name in ("limits_of_stick", "stick_limits_varying")] == [verdict] * 2
+
+
+def test_the_smoothed_law_creeps_where_the_set_valued_one_sticks() -> None:
+    """Its slip speed carries the torque: tanh(50 v) is near |Tfi|/(mu_s N R), so v is some hundredths of a rad/s."""
+    found = rows["smoothed_stick_creeps"](Evidence(1e-9, 1))
+    assert found.verdict == CONFIRMED
+    assert 0.01 < found.values["largest slip speed (rad/s)"]["smoothed"] < 0.2
 
 
 def test_a_repeated_series_is_told_by_its_shortest_period() -> None:
     for series in ([1.0], [1.0, 2.0], [1.0, 2.0, 1.0, 3.0]):
-        assert claims_figure4.repeats(np.tile(np.array(series), 16)) == len(series)
-    assert claims_figure4.repeats(np.sin(np.arange(64.0))) == 0
-
-
-@pytest.mark.parametrize(("printed", "verdict"), [(300.0, CONFIRMED), (-6.4, NOT_CONFIRMED)])
-def test_the_series_balance_where_their_mean_is_the_engine_s(printed, verdict) -> None:  # type: ignore
-    """A slip of a + b cos in the simulation and in the series; what is left is the mean of (31)."""
-    t = np.linspace(0.0, 0.1, 50)
-    series = SimpleNamespace(slip=np.array([2.0]), coefficient=None, slip_speed=lambda t: 2.0 + np.cos(t))
-    def mean_torque(system, coefficient, period, printed=False, value=printed):  # type: ignore
-        return value if printed else 300.0
-
-    for mean, expected in ((2.0, verdict), (3.0, NOT_CONFIRMED)):
-        run = SimpleNamespace(t=t, slip_speed=mean + np.cos(t), final=None)
-        found = series_claims.series_balance(Given(runs=lambda system, run=run: run), mean=mean_torque,
-                                             balance=lambda system, period, count: series)
-        assert found.verdict == expected
-
-
-@pytest.mark.parametrize(("off", "verdict"), [(5e-4, CONFIRMED), (2e-3, NOT_CONFIRMED), (None, NOT_CONFIRMED)])
-def test_limits_of_stick_are_held_against_the_simulation(off, verdict) -> None:  # type: ignore
-    def ends(evidence, row, low, high):  # type: ignore
-        return None if off is None else 0.5 * (low + high) + off
-
-    assert model.limits_of_stick(Given(), ends=ends).verdict == verdict
-    assert model.stick_limits_varying(Given(), ends=ends).verdict == verdict
-
-
-def test_a_positive_trend_slips_where_no_motion_sticks() -> None:
-    for stick, verdict in (((0.0, 0.0), CONFIRMED), ((0.0, 0.01), NOT_CONFIRMED)):
-        left = iter(stick)
-
-        def run(system: Any, left: Any = left) -> Any:
-            one = np.full(50, next(left))
-            cycles = SimpleNamespace(stick_time=one, lowest=one, highest=one)
-            every = type("Cycles", (), {"__getitem__": lambda self, k: cycles})()
-            return SimpleNamespace(final=None, solved_cycles=every)
-        assert model.positive_trend_slips(Given(runs=run)).verdict == verdict
-
-
-@pytest.mark.parametrize(("off", "verdict"), [(1e-3, CONFIRMED), (3e-3, NOT_CONFIRMED)])
-def test_the_critical_frequency_is_where_the_curves_cross(off, verdict) -> None:  # type: ignore
-    """Curves made up to cross beside sqrt(I2/(I1 + I2)), for every pair of inertias."""
-    def largest(row: Any, x: float, direction: str) -> Any:
-        i1, i2 = row.get("driveline.flywheel_inertia", 0.2), row.get("driveline.plate_inertia", 0.02)
-        place = (i2 / (i1 + i2)) ** 0.5 + off
-        ratio = x * OMEGA_N / (3000.0 / i2) ** 0.5
-        return record(50.0 + (1.0 if row["pressure.phase"] == 0.0 else -1.0) * (ratio - place))
-    assert model.critical_frequency(Given(largest)).verdict == verdict
+        assert claims_periods.repeats(np.tile(np.array(series), 16)) == len(series)
+    assert claims_periods.repeats(np.sin(np.arange(64.0))) == 0
 
 
 @pytest.mark.parametrize(("apart", "verdict"), [(0, CONFIRMED), (1, CONFIRMED), (5, DEPENDS), (40, NOT_CONFIRMED)])
-def test_a_period_shows_in_both_or_in_one(apart, verdict) -> None:  # type: ignore
+def test_a_period_shows_in_both_or_in_one(apart: int, verdict: str) -> None:
     """Of 51 ratios so many have a maximum that alternates beside a section that does not."""
     number = iter(range(1000))
 
-    def run(system: Any) -> Any:
+    def run(system: System) -> Any:
         turn = np.arange(650) % 2 if next(number) < apart else np.zeros(650)
         return SimpleNamespace(solved_cycles=SimpleNamespace(section=np.ones((650, 3)), highest=10.0 + turn))
-    assert claims_figure4.shows_in_both(Given(runs=run)).verdict == verdict
+    assert rows["shows_in_both"](Given(runs=run)).verdict == verdict
 
 
-def test_a_difference_over_a_cycle_is_its_root_mean_square() -> None:
-    """Of RK4 beyond its limit of stability, by the Euclidean norm of samples at the same times."""
-    found = model.cycle_differences((("rk4, step 5e-05 s", "smoothed", 5e-5), ("smoothed", "smoothed", None)))
-    system = paper_system(model.FIG02)
-    start = solve(system, cycles=1000).final
-    one, other = (solve(system, cycles=1, samples_per_cycle=400, start_cycle=1000, state=start, solver=name, step=step)
-                  for name, step in (("smoothed", None), ("rk4", 5e-5)))
-    apart = np.linalg.norm(other.slip_speed - one.slip_speed) / len(one.t) ** 0.5
-    assert found["rk4, step 5e-05 s"] == pytest.approx(apart / np.abs(one.slip_speed).max(), rel=1e-3)
-    assert found["smoothed"] == pytest.approx(0.0, abs=1e-12)
+@pytest.mark.parametrize(("angle", "verdict"), [(0.1, CONFIRMED), (10.0, NOT_CONFIRMED)])
+def test_the_section_varies_less_where_its_spread_over_its_size_is_smaller(angle: float, verdict: str) -> None:
+    """A slip speed that alternates by half of its mean beside a plate angle that alternates by `angle` of its own."""
+    turn = np.arange(650) % 2 - 0.5
+    section = np.stack([1.0 + turn, 2.0 + angle * turn, turn], axis=1)
+    found = rows["section_varies_less"](Given(runs=lambda system: given_run(section)))
+    assert (found.verdict, found.values["ratios"]) == (verdict, 51)
+
+
+@pytest.mark.parametrize(("slips", "verdict"), [
+    ((36.0, 63.0, 63.7), CONFIRMED), ((36.0, 63.0, 36.0), NOT_CONFIRMED), ((63.7, 63.7, 63.7), NOT_CONFIRMED)])
+def test_smoothing_is_uncertain_where_some_sigma_leads_elsewhere(slips: tuple[float, ...], verdict: str) -> None:
+    """Made-up largest slip speeds for sigma = 50, 100, 1000 s/rad; 63.7 with law (6)."""
+    def run(system: System) -> Any:
+        exact = system.friction.law == "set_valued"
+        return given_run(np.zeros((2001, 3)), 63.7 if exact else slips[(50.0, 100.0,
+                                                                        1000.0).index(system.friction.smoothing)])
+    assert rows["smoothing_is_uncertain"](Given(runs=run)).verdict == verdict
+
+
+@pytest.mark.parametrize(("times", "verdict"), [(11.0, CONFIRMED), (9.0, NOT_CONFIRMED)])
+def test_the_discontinuous_solution_is_slow_from_ten_times_on(times: float, verdict: str) -> None:
+    given = Given(runs=lambda system: given_run(seconds=times if system.friction.law == "set_valued" else 1.0))
+    assert rows["discontinuous_is_slow"](given).verdict == verdict
+
+
+@pytest.mark.parametrize(("mean", "off", "printed", "satisfied", "unsuitable"), [
+    (2.0, 0.0, 300.0, CONFIRMED, NOT_CONFIRMED), (2.0, 0.0, -6.4, NOT_CONFIRMED, NOT_CONFIRMED),
+    (3.0, 0.0, 300.0, NOT_CONFIRMED, CONFIRMED), (2.0, 3.0, 300.0, NOT_CONFIRMED, CONFIRMED)])
+def test_a_balance_is_judged_by_its_series_and_by_the_mean_of_31(mean, off, printed, satisfied, unsuitable,  # type: ignore
+                                                                 monkeypatch) -> None:
+    """A slip of a + b cos in the simulation and in the series; the rest is the mean of (31)."""
+    t = np.linspace(0.0, 0.1, 50)
+    series = SimpleNamespace(slip=np.array([2.0]), coefficient=None, slip_speed=lambda t: 2.0 + off + np.cos(t))
+    monkeypatch.setattr(harmonic_balance, "harmonic_balance", lambda *how: series)
+    monkeypatch.setattr(harmonic_balance, "mean_friction_torque",
+                        lambda system, coefficient, period, printed=False, value=printed: value if printed else 300.0)
+    given = Given(runs=lambda system: given_run(t=t, slip_speed=mean + np.cos(t)))
+    assert rows["series_balance"](given).verdict == satisfied
+    assert rows["balance_unsuitable"](given).verdict == unsuitable
 
 
 def test_the_other_readings_of_21_are_means_of_the_slope() -> None:
@@ -257,7 +287,7 @@ def test_the_other_readings_of_21_are_means_of_the_slope() -> None:
     row = with_kinetic(0.667, {FREQUENCY: 0.12 * OMEGA_N})
     run = Evidence(1e-9, 1).last_cycles(row, 16, 4096)
     slope, v = slope_of_friction(run), run.slip_speed
-    found = damped.other_readings(Evidence(1e-9, 1))
+    found = claims_methods.other_readings(Evidence(1e-9, 1))
     for name, weights in (("no weight", None), ("|v|", np.abs(v)), ("(v - mean v)^2", (v - np.mean(v)) ** 2),
                           ("v^2 outside stick", v**2 * (run.state != 0))):
         assert len(found[name]) == 3
@@ -266,20 +296,20 @@ def test_the_other_readings_of_21_are_means_of_the_slope() -> None:
 
 def test_two_torques_have_the_frequencies_and_amplitudes_of_engine_and_load() -> None:
     """Of M/N = 2/3: 250 N m at 150 rad/s, and a quarter of mu_k N R = 540 N m at 100 rad/s."""
-    rows: list[Any] = []
-    series_claims.as_dual_excitation(Given(lambda row, x, direction: rows.append(row) or record()))
+    seen: list[Any] = []
+    rows["as_dual_excitation"](Given(lambda row, x, direction: seen.append(row) or record()))
     torques = [{row["engine.frequency"] * (k + 1): float(x) for k, x in enumerate(
         (row["engine.torque_amplitude"], *row["engine.harmonic_amplitudes"])) if x}
-        for row in rows if "engine.harmonic_amplitudes" in row]
+        for row in seen if "engine.harmonic_amplitudes" in row]
     assert torques == [pytest.approx({150.0: 250.0, 150.0 * ratio: 135.0}) for ratio in (0.5, 2.0, 2 / 3, 4 / 3)]
     assert all(len(row["engine.harmonic_phases"]) == len(row["engine.harmonic_amplitudes"])
-               for row in rows if "engine.harmonic_phases" in row)
+               for row in seen if "engine.harmonic_phases" in row)
 
 
 @pytest.mark.parametrize(("longer", "verdict"), [("chaotic", CONFIRMED), ("periodic", DEPENDS)])
-def test_an_exponent_too_near_0_is_that_of_a_longer_run(longer, verdict) -> None:  # type: ignore
+def test_an_exponent_too_near_0_is_that_of_a_longer_run(longer: str, verdict: str) -> None:
     given = Given(lambda row, x, direction: record(period=2 if x > 0.7 else 0), lambda row: [0.2], "unresolved",
                   longer=longer)
-    found = claims_figure4.doubling_to_chaos(given)
+    found = rows["doubling_to_chaos"](given)
     assert found.verdict == verdict
     assert {name for name, *_ in found.values["diagnosis, exponent's interval (1/s)"].values()} == {longer}
