@@ -1,7 +1,7 @@
 """The piece of a curve between two of its points, and roots of test functions along it.
 
-A root is found to rounding by T. R. Chandrupatla's bracketing method (Adv. Eng. Softw. 28, 1997), with a corrector in
-every evaluation.
+T. R. Chandrupatla's bracketing method (Adv. Eng. Softw. 28, 1997) finds a root to rounding, with a corrector in every
+evaluation.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ class Bracket(Generic[P]):
     a: P
     b: P
     by_amplitude: bool = True
-    """Whether the amplitudes are coordinates of the arclength, as they were on the way from a to b."""
+    """Whether the amplitudes are coordinates of the arclength, as they were on the step from a to b."""
 
     kept: dict[float, P] = field(default_factory=dict, compare=False, repr=False)
-    """Points solved for already, by their part of the chord."""
+    """Solved points, by their part of the chord."""
 
     def at(self, part: float) -> P | None:
         """The point at `part` (0 to 1) of the chord; None where the corrector fails."""
@@ -69,7 +69,7 @@ class Bracket(Generic[P]):
         return self.kept[part]
 
     def _start(self, part: float, row: Floats, weights: Floats) -> Floats | None:
-        """The cubic through the known points about `part`, with tangents; None where one goes back on the chord."""
+        """The cubic through the known points about `part`, with tangents; None where a tangent points backwards."""
         known = {0.0: self.a, 1.0: self.b, **self.kept}
         low, high = max(k for k in known if k < part), min(k for k in known if k > part)
         length = float(np.linalg.norm(self.b.solution.z - self.a.solution.z))
@@ -85,10 +85,9 @@ class Bracket(Generic[P]):
 
     def locate(self, test: Callable[[P], float],
              residual: Callable[[P], float] | None = None) -> P | None:
-        """The point where `test` changes sign; None where it does not or the branch is lost on the way, with the
-        amplitudes as coordinates and without them.
+        """The point where `test` changes sign; None where it does not, or where the corrector fails.
 
-        residual : of what is looked for; where it is small enough nothing better is
+        residual : of the bifurcation; the search ends where it is small enough
         """
         def value(part: float) -> float:
             point = self.at(part)
@@ -105,15 +104,15 @@ class Bracket(Generic[P]):
 
 
 def _hermite(p: Floats, q: Floats, dp: Floats, dq: Floats, t: float) -> Floats:
-    """The cubic through p and q with derivatives dp and dq at t in 0 to 1."""
+    """The cubic through p and q with derivatives dp and dq, at t from 0 to 1."""
     s = 1.0 - t
     return s * s * (1.0 + 2.0 * t) * p + t * s * s * dp + t * t * (3.0 - 2.0 * t) * q - t * t * s * dq
 
 
 def chandrupatla(f: Callable[[float], float], a: float, b: float, tolerance: float = DEFAULTS.root) -> float:
-    """A root of `f` between `a` and `b`, where its signs differ; the argument at which it was found to be least.
+    """A root of `f` between `a` and `b`, where its signs differ: the argument at which it was least.
 
-    It ends where the bracket is as narrow as `tolerance`, or where `f` is no more than its own rounding.
+    The search ends where the bracket is as narrow as `tolerance`, or where `f` is only rounding.
 
     Raises
     ------
@@ -152,5 +151,5 @@ def chandrupatla(f: Callable[[float], float], a: float, b: float, tolerance: flo
 
 
 def turned_round(one: Floats, two: Floats, opposite: float) -> bool:
-    """Whether two vectors point in opposite directions, to a cosine of `opposite`."""
+    """Whether two vectors are opposite: the cosine between them is below -`opposite`."""
     return float(one @ two) < -opposite * float(np.linalg.norm(one) * np.linalg.norm(two))

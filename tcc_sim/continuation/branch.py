@@ -1,6 +1,6 @@
-"""A branch of periodic orbits: followed both ways within a range, with its bifurcations; and what lies on it.
+"""Branches of periodic orbits with their bifurcations, and the motions that lie on them.
 
-Whether a motion lies on a branch is told by its section where that is known, else by period and amplitude.
+A motion lies on a branch by its section if that is known, else by its period and amplitude.
 """
 
 from __future__ import annotations
@@ -15,8 +15,7 @@ import numpy as np
 
 from tcc_sim.continuation.bracket import Bracket
 from tcc_sim.continuation.branch_track import BranchTrack
-from tcc_sim.continuation.detection import End, StopReason
-from tcc_sim.continuation.follow import follow
+from tcc_sim.continuation.follow import End, StopReason, follow
 from tcc_sim.continuation.newton import Orbit, OrbitFigures, shifts
 from tcc_sim.continuation.palc import corrector, null_direction, solution_at
 from tcc_sim.continuation.problem import Floats
@@ -26,16 +25,16 @@ from tcc_sim.continuation.special_points import Bifurcation, ContinuationPoint, 
 from tcc_sim.result import Described, reported, reporting
 
 Tick = Callable[[ContinuationPoint], None]
-"""Called with every point."""
+"""Callback for every point."""
 
 
 @dataclass(frozen=True)
 class BranchOrigin:
-    """Where a branch was begun: at a motion of the scene itself (start), a bifurcation, or an attractor.
+    """Where a branch begins: at a motion of the scene (start), a bifurcation, or an attractor.
 
     kind : start, attractor, or the kind of the bifurcation
     value : of the parameter there
-    branch, attractor : number of the branch of that bifurcation, or of the attractor
+    branch, attractor : number of the bifurcation's branch, or of the attractor
     """
 
     kind: str = "start"
@@ -55,10 +54,7 @@ START = BranchOrigin()
 
 @dataclass(repr=False)
 class Branch(Described):
-    """One branch in order along it.
-
-    ended : its two ends
-    """
+    """One branch, with its points in order and its two ends."""
 
     period: int = field(metadata=reported("period of the motions", "engine cycles"))
     origin: BranchOrigin
@@ -68,14 +64,14 @@ class Branch(Described):
     bifurcations: list[Bifurcation] = field(default_factory=list)
 
     def change_of_stability(self, after: int) -> Bifurcation | None:
-        """The bifurcation at which motions become stable or unstable between the point of this number and the next."""
+        """The bifurcation after the point of this number at which motions become stable or unstable."""
         return next((f for f in self.bifurcations if f.after == after and f.changes_stability), None)
 
     @property
     @reporting("start, or the kind and value of the bifurcation or attractor that it was begun at, with the number of "
                "its branch or its own", name="origin")
     def begun(self) -> str | dict[str, Any]:
-        """Where it was begun, as JSON has it."""
+        """Where it begins, as in JSON."""
         return self.origin.as_json()
 
     @property
@@ -97,77 +93,41 @@ class Branch(Described):
         return [end.reason.name.lower() for end in self.ended]
 
 
-class _Way:
-    """One direction of a branch, as it is followed."""
-
-    def __init__(self, first: ContinuationPoint) -> None:
-        self.points, self.found = [first], list[Bifurcation]()
-        self.end = End(StopReason.INTERRUPTED, first.shooting.ranges[0].name, first.value)
-
-    def run(self, tick: Tick | None) -> None:
-        """Collect the stream of points."""
-        stream = follow(BranchTrack(self.points[0]))
-        while True:
-            try:
-                step = next(stream)
-            except StopIteration as stopped:
-                self.end = stopped.value
-                self._end_is_no_bifurcation()
-                return
-            if step.again:
-                self.points[-1] = step.point
-                continue
-            self.found += [replace(f, after=len(self.points) - 1) for f in step.special]
-            self.points.append(step.point)
-            self.end = replace(self.end, value=step.point.value)
-            if tick is not None:
-                tick(step.point)
-
-    def _end_is_no_bifurcation(self) -> None:
-        """Where the branch ends in a doubling of shorter motions it passes into its own shift: the multiplier of 1 that
-        it has there is no fold and no branch point.
-        """
-        span, near = self.points[-1].shooting.ranges[0], self.points[-1].shooting.settings.same_end
-        while self.end.reason is StopReason.DOUBLING and self.found and (
-                self.found[-1].kind in ("branch_point", "fold")
-                and abs(span.scaled(self.found[-1].value) - span.scaled(self.end.value)) < near):
-            self.found.pop()
-
-
 def branch_through(first: ContinuationPoint, origin: BranchOrigin = START, number: int = 0, *, both: bool = True,
                    began: End | None = None, tick: Tick | None = None, keep: list[Branch] | None = None) -> Branch:
     """The branch through `first`, both ways, or only along its tangent.
 
     began : the end it starts at, where only one way is followed
-    keep : takes the branch, what there is of it after Ctrl-C too
+    keep : takes the branch, also its part up to Ctrl-C
     """
-    branch = Branch(first.orbit.period, origin, [first], (began or _Way(first).end,) * 2)
-    ways: list[_Way] = []
+    tracks = [BranchTrack(start) for start in ((first, turned(first)) if both else (first,))]
+    ahead, behind = tracks[0], tracks[-1]
     try:
-        for sign in (1.0, -1.0) if both else (1.0,):
-            ways.append(_Way(first if sign > 0.0 else turned(first)))
-            ways[-1].run(tick)
-            if ways[-1].end.reason is StopReason.CLOSED:
+        for track in tracks:
+            for point in follow(track):
+                if tick is not None:
+                    tick(point)
+            if track.ended.reason is StopReason.CLOSED:
                 break
     finally:
-        ahead, behind = ways[0], ways[1] if len(ways) > 1 else None
-        nodes = [] if behind is None else [turned(s) for s in behind.points[:0:-1]]
-        branch.points = nodes + ahead.points
-        if behind is not None:
-            branch.bifurcations = [replace(f, branch=number, after=len(nodes) - 1 - f.after)
-                                   for f in reversed(behind.found)]
-        branch.bifurcations += [replace(f, branch=number, after=len(nodes) + f.after) for f in ahead.found]
+        points, found = ahead.points, ahead.special
+        if both:
+            nodes = [turned(s) for s in behind.points[:0:-1]]
+            points = nodes + points
+            found = [*((len(nodes) - 1 - after, f) for after, f in reversed(behind.special)),
+                     *((len(nodes) + after, f) for after, f in found)]
+        closed = ahead.ended.reason is StopReason.CLOSED
+        start_end = ahead.ended if closed else behind.ended if both else began or ahead.ended
+        branch = Branch(first.orbit.period, origin, points, (start_end, ahead.ended), closed,
+                        [replace(f, branch=number, after=after) for after, f in found])
         branch.bifurcations = _with_changes_of_stability(branch)
-        branch.closed = ahead.end.reason is StopReason.CLOSED
-        start = ahead.end if branch.closed else behind.end if behind is not None else began or ahead.end
-        branch.ended = start, ahead.end
         if keep is not None:
             keep.append(branch)
     return branch
 
 
 def _with_changes_of_stability(branch: Branch) -> list[Bifurcation]:
-    """Its bifurcations, of which one, the nearest to the stable point, parts a stable point from an unstable one."""
+    """Its bifurcations; the one next to the stable point separates a stable point from an unstable one."""
     out = list(branch.bifurcations)
     for k, (a, b) in enumerate(pairwise(branch.points)):
         between = [n for n, f in enumerate(out) if f.after == k]
@@ -178,7 +138,7 @@ def _with_changes_of_stability(branch: Branch) -> list[Bifurcation]:
 
 
 def first_point(shooting: Shooting, z: Floats) -> ContinuationPoint:
-    """The point of a solution to which nothing has led; its tangent points to growing parameters."""
+    """The first point of a branch at a solution; its tangent points to growing parameters."""
     found = shooting.linearise(z)
     tangent = null_direction(found)
     if tangent[shooting.size] < 0.0:
@@ -187,7 +147,7 @@ def first_point(shooting: Shooting, z: Floats) -> ContinuationPoint:
 
 
 def orbits_at(branch: Branch, value: float) -> list[Orbit]:
-    """The orbits of a branch at exactly this value of its parameter, one for every crossing."""
+    """The orbits of a branch at exactly this value of its parameter, one for each crossing."""
     out: list[Orbit] = []
     for a, b in pairwise(branch.points):
         if a.value == value:
@@ -220,11 +180,11 @@ def _crossing(a: ContinuationPoint, b: ContinuationPoint, value: float) -> Orbit
 
 @dataclass(frozen=True)
 class SettledMotion:
-    """A motion that a sweep came to.
+    """A motion that a sweep found.
 
     value : of the parameter
     state : (n,) at the start of cycle `cycle`
-    period : cycles; 0 where it has none
+    period : cycles; 0 for none
     amplitude : its largest size
     """
 
@@ -235,20 +195,20 @@ class SettledMotion:
     amplitude: float
 
     def has_period(self, period: int, base: int = 1) -> bool:
-        """Whether it repeats as motions of `period` cycles do, where the excitation repeats after `base`."""
+        """Whether it repeats after `period` cycles, where the excitation repeats after `base`."""
         return self.period > 0 and math.lcm(self.period, base) == period
 
 
 @dataclass(frozen=True)
 class BranchPlace:
-    """Where a motion lies: a branch, and the number of the point before it."""
+    """The branch on which a motion lies, and the number of the point before it."""
 
     branch: int
     after: int
 
 
 class BranchPiece(NamedTuple):
-    """A piece of a branch at a value: the number of the point before it, its ends, and the part of the way between."""
+    """A piece of a branch at a value: the number of the point before it, its ends, and the part of the chord there."""
 
     after: int
     a: ContinuationPoint
@@ -256,10 +216,7 @@ class BranchPiece(NamedTuple):
     part: float
 
     def holds(self, seen: SettledMotion, size: float) -> float:
-        """How far a motion's amplitude is from that of the piece; inf where that is too far.
-
-        size : amplitude of the largest motion
-        """
+        """Distance of a motion's amplitude from the piece; inf where too far for a largest amplitude of `size`."""
         low, high = self.a.orbit.seen.largest, self.b.orbit.seen.largest
         away = abs(low + self.part * (high - low) - seen.amplitude)
         return away if away <= DEFAULTS.alike * size + DEFAULTS.off_chord * abs(high - low) else math.inf
@@ -276,7 +233,7 @@ def pieces_at(branch: Branch, value: float) -> list[BranchPiece]:
 
 
 def _pieces(branch: Branch) -> Iterator[tuple[int, ContinuationPoint, ContinuationPoint]]:
-    """Neighbouring points of a branch, its folds among them: a branch goes on to there beyond its last point."""
+    """Neighbouring points of a branch and its folds, which extend it beyond its extreme points."""
     folds: dict[int, list[ContinuationPoint]] = {}
     for found in branch.bifurcations:
         if found.kind == "fold":
@@ -287,7 +244,7 @@ def _pieces(branch: Branch) -> Iterator[tuple[int, ContinuationPoint, Continuati
 
 
 def place_of(seen: SettledMotion, branches: Sequence[Branch], size: float, base: int = 1) -> BranchPlace | None:
-    """Where a motion lies: on the stable piece with its period and amplitude; the nearest one of several."""
+    """The stable piece with the period and amplitude of a motion, the nearest one of several; None for no piece."""
     best, place = math.inf, None
     for number, branch in enumerate(branches):
         if not seen.has_period(branch.period, base):
@@ -299,7 +256,7 @@ def place_of(seen: SettledMotion, branches: Sequence[Branch], size: float, base:
 
 
 def passes_through(branch: Branch, found: ContinuationPoint) -> bool:
-    """Whether a branch passes through an orbit, whichever of its cycles it was taken up in."""
+    """Whether a branch passes through an orbit, which may begin in any of its cycles."""
     of, orbit = found.shooting.map, found.orbit
     if branch.period != orbit.period:
         return False

@@ -1,11 +1,10 @@
-"""Branches of periodic orbits as they are followed: corners, segments, families, and where a branch ends."""
+"""Rules for following a branch of periodic orbits: corners, segments, families of motions, and ends."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from tcc_sim.continuation.detection import End, StopReason, period_doubling_end, special_points_between
-from tcc_sim.continuation.follow import Continuation, segments_fit
+from tcc_sim.continuation.follow import Continuation, End, StopReason, segments_fit
 from tcc_sim.continuation.newton import newton, shifts
 from tcc_sim.continuation.palc import (
     Solution,
@@ -19,17 +18,23 @@ from tcc_sim.continuation.palc import (
 from tcc_sim.continuation.problem import FAILURES, Floats
 from tcc_sim.continuation.shooting import Linearised
 from tcc_sim.continuation.sliding import differ
-from tcc_sim.continuation.special_points import Bifurcation, ContinuationPoint, point_at
+from tcc_sim.continuation.special_points import (
+    Bifurcation,
+    ContinuationPoint,
+    period_doubling_end,
+    point_at,
+    special_points_between,
+)
 
 
 class BranchTrack(Continuation[ContinuationPoint, Bifurcation]):
     """One direction of a branch of periodic orbits along one parameter."""
 
     cut_at = 0
-    """Number of points when the orbit was last cut anew for want of a step."""
+    """Number of points when a failed step last cut the orbit into other segments."""
 
     def first_again(self) -> list[tuple[Floats, Floats]]:
-        """Unknowns and tangent of single shooting at the first orbit, for every cycle in which it may be taken up."""
+        """Unknowns and tangent of single shooting at the first orbit, for every cycle in which it may begin."""
         out, first = super().first_again(), self.here
         shooting, z = first.shooting, first.solution.z
         of, size, tangent = shooting.map, shooting.size, shooting.outer(first.solution.tangent)
@@ -42,7 +47,7 @@ class BranchTrack(Continuation[ContinuationPoint, Bifurcation]):
         return out
 
     def reached(self, solution: Solution, by_amplitude: bool = True) -> ContinuationPoint:
-        """The point of a solution behind the last one."""
+        """The point of a solution after the last point."""
         return point_at(self.here.shooting, solution, by_amplitude)
 
     def unresolved(self, new: ContinuationPoint) -> End | None:
@@ -52,25 +57,28 @@ class BranchTrack(Continuation[ContinuationPoint, Bifurcation]):
         return self.end(StopReason.CANARD, limit=self.settings.canard)
 
     def special_between(self, new: ContinuationPoint) -> list[Bifurcation] | None:
-        """The bifurcations up to `new`; None where the step has left out a piece of the branch."""
+        """The bifurcations up to `new`; None where the step has skipped a piece of the branch."""
         return special_points_between(self.here, new) if self.settings.detect else []
 
     def ended_by(self, new: ContinuationPoint, special: list[Bifurcation],
                  stop: End | None) -> tuple[ContinuationPoint, list[Bifurcation], End | None]:
-        """The point at which the orbit is one of a shorter period, or the first one again, where the branch ends."""
+        """The end of the branch where the orbit's period becomes shorter, or at its first point."""
         shorter = period_doubling_end(self.here, new) if self.here.solution.sign != new.solution.sign else None
         if shorter is not None:
-            # Beyond it the branch is its own shift, and what was found on the way to there is that end itself.
-            special = [f for f in special if f.kind not in ("branch_point", "fold")]
+            # Beyond it the branch is its own shift: the multiplier of 1 there is no fold and no branch point.
+            special, span = [f for f in special if f.kind not in ("branch_point", "fold")], shorter.shooting.ranges[0]
+            while not special and self.special and self.special[-1][1].kind in ("branch_point", "fold") and abs(
+                    span.scaled(self.special[-1][1].value) - span.scaled(shorter.value)) < self.settings.same_end:
+                self.special.pop()
             return shorter, special, stop or self.end(StopReason.DOUBLING, shorter)
         if self.passes_start(new):
             return self.points[0], special, stop or self.end(StopReason.CLOSED, self.points[0])
         return new, special, stop
 
     def stuck(self) -> End | None:
-        """The end where the branch has run for some length through motions with a multiplier of 1 at one parameter."""
-        # Two points alone do not show it: beside a doubling, where the parameter goes as the square of the way, it
-        # stands still and a multiplier is 1 as well.
+        """The end where some length of the branch has motions with a multiplier of 1 at one parameter."""
+        # Two points do not show it: beside a doubling, where the parameter grows as the square of the length, it hardly
+        # changes and a multiplier is 1 as well.
         last, settings = self.here, self.settings
         for point in reversed(self.points):
             if abs(point.slope) > settings.family or np.abs(point.orbit.multipliers - 1.0).min() > settings.family:
@@ -81,7 +89,7 @@ class BranchTrack(Continuation[ContinuationPoint, Bifurcation]):
         return None
 
     def went_on(self, before: ContinuationPoint, corner: bool) -> None:
-        """Take note of a new last point, and cut its orbit anew where that is due."""
+        """Update the predictor for a new last point, and cut its orbit into other segments where needed."""
         here = self.here
         super().went_on(before, corner or (before.shooting.map.piecewise
                                            and differ(before.orbit.seen.events, here.orbit.seen.events)))
@@ -90,13 +98,10 @@ class BranchTrack(Continuation[ContinuationPoint, Bifurcation]):
             self.points[-1], self.before = finer, []
 
     def cut_anew(self) -> bool:
-        """Go on in other segments where no step is possible in these; whether there are any.
-
-        One segment may start where slip does, and Newton's method then goes to and fro between two event sequences.
-        That is why segments are cut by growth and no node is put at an onset of slip: the onset moves along a branch,
-        and a node on it would be in the way at every step. With either law the canards behind both folds of period two
-        are passed so.
-        """
+        """Cut the orbit into other segments where no step succeeds; return whether there are any."""
+        # A segment may start at an onset of slip, and Newton's method then alternates between two event sequences. The
+        # onset moves along a branch, so segments are cut by growth. This passes the canards behind both folds of period
+        # two, with either law.
         if self.cut_at == len(self.points):
             return False
         self.cut_at, here = len(self.points), self.here
@@ -107,10 +112,8 @@ class BranchTrack(Continuation[ContinuationPoint, Bifurcation]):
         return True
 
     def beyond_corner(self) -> ContinuationPoint | None:
-        """The next point beyond a change of the event sequence at which the branch has a corner; None without one.
-
-        An end of slip that passes phase 0 makes one too: of motions that stick there none has a slip speed.
-        """
+        """The next point beyond a change of the event sequence at which the branch has a corner; None without one."""
+        # An end of slip that passes phase 0 is a corner too, as motions that stick there have no slip speed.
         here, shooting = self.here, self.here.shooting
         if not shooting.map.piecewise:
             return None
@@ -128,8 +131,8 @@ class BranchTrack(Continuation[ContinuationPoint, Bifurcation]):
         return None
 
     def _beyond(self, found: Linearised, along: Floats, beside: float) -> ContinuationPoint | None:
-        """The next point on the other piece of a branch that has a corner at the last one; None where none is found."""
-        # found : derivative `beside` the corner; where it is neither piece's, that along the other one is taken
+        """The next point beyond a corner at the last one; None where none is found."""
+        # found : derivative `beside` the corner; where it belongs to neither piece, the one along the other piece
         here, shooting, z = self.here, self.here.shooting, self.here.solution.z
         for known in (found, None):
             short = StepSize(shooting.settings, length=beside, smallest=shooting.settings.corner_step)
@@ -146,10 +149,9 @@ class BranchTrack(Continuation[ContinuationPoint, Bifurcation]):
 
 
 def remeshed(point: ContinuationPoint, count: int, anew: bool = False) -> ContinuationPoint | None:
-    """The point in other segments, where the growth over one of them is large or fewer may do, or `anew`; None where
-    these stay.
+    """The point in other segments where the growth over one is large, or `anew`; None where the segments stay.
 
-    count : of points until now; fewer segments are tried now and then
+    count : number of points so far; fewer segments are tried now and then
     """
     shooting, blocks = point.shooting, point.solution.found.blocks
     fewer = len(shooting.segments) > 1 and count % shooting.settings.fewer_after == 0

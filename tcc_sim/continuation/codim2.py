@@ -1,23 +1,20 @@
-"""Curves of bifurcations in two keys: fold, period doubling, Neimark-Sacker, and the border of pure stick.
-
-Points of codimension two on them are located and named. A curve ends in one of these, at the end of a range, where it
-closes, in a canard, or for another `StopReason`.
+"""Curves of bifurcations in two keys, with points of codimension two: folds, doublings, Neimark-Sacker, stick border.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
 
-from tcc_sim.continuation.augmented import MinimallyAugmented
+from tcc_sim.continuation.bordered import MinimallyAugmented
 from tcc_sim.continuation.bracket import CurvePoint
-from tcc_sim.continuation.codim2_points import parameters
+from tcc_sim.continuation.codim2_points import SpecialPoint, parameters
 from tcc_sim.continuation.curve_track import CurveTrack, facing, start_of_curve
-from tcc_sim.continuation.detection import End, StopReason
-from tcc_sim.continuation.follow import Bounds, follow
+from tcc_sim.continuation.follow import Bounds, End, StopReason, follow
 from tcc_sim.continuation.problem import FAILURES, Floats, ParameterMap
 from tcc_sim.continuation.settings import DEFAULTS, Settings
 from tcc_sim.continuation.shooting import Linearised, ParameterRange
@@ -27,7 +24,7 @@ from tcc_sim.result import Described, reported, reporting
 TRACED = ("fold", "period_doubling", "neimark_sacker")
 """Kinds that have a minimally augmented system."""
 KINDS = (*TRACED, "stick_border")
-"""What can be followed in two keys."""
+"""Kinds that can be followed in two keys."""
 Ranges = tuple[ParameterRange, ParameterRange]
 
 
@@ -69,31 +66,26 @@ class BifurcationCurve(Described):
     @property
     @reporting("a sentence for each end", name="ended")
     def sentences(self) -> list[str]:
-        """The two ends in words."""
+        """Its two ends in words."""
         return [str(end) for end in self.ended]
 
 
 class Border:
-    """One equation in two parameters: a margin that vanishes."""
+    """The equation of a border in two parameters: a margin vanishes."""
 
     rounding: ClassVar[float] = 1e-12
     settings: ClassVar[Settings] = DEFAULTS
     first_parameter: ClassVar[int] = 0
 
     def __init__(self, margin: Callable[[float, float], float], ranges: Ranges) -> None:
-        self.margin, self.ranges = margin, ranges
-
-    @property
-    def coarse(self) -> Border:
-        """This equation: there is none that costs less."""
-        return self
+        self.margin, self.ranges, self.coarse = margin, ranges, self
 
     def outer(self, vector: Floats) -> Floats:
-        """All of the unknowns: there are no segments."""
+        """All unknowns; there are no segments."""
         return vector
 
     def linearise(self, z: Floats) -> Linearised:
-        """The margin and its derivatives by central differences, by one-sided ones where the keys' own ranges end."""
+        """The margin and its derivatives by central differences; one-sided ones where the keys' own ranges end."""
         def at(p: Floats) -> float:
             return self.margin(self.ranges[0].value(float(p[0])), self.ranges[1].value(float(p[1])))
 
@@ -109,10 +101,10 @@ class Border:
 
 def bifurcation_curve(found: Bifurcation, of: ParameterMap, ranges: Ranges, second: float,
                       settings: Settings | None = None) -> BifurcationCurve | None:
-    """The curve of a located bifurcation in two parameters, both ways; None where it cannot be set up.
+    """The curve of a bifurcation in two parameters, both ways; None where it cannot be set up.
 
     of : the map with both parameters free
-    second : present value of the second one
+    second : value of the second parameter at the bifurcation
     """
     orbit, shooting = found.point.orbit, found.point.shooting
     shooting = replace(shooting, map=of, ranges=ranges, settings=settings or shooting.settings)
@@ -133,45 +125,36 @@ def border_curve(margin: Callable[[float, float], float], ranges: Ranges, value:
 
 
 def _both_ways(kind: str, start: Callable[[], CurvePoint]) -> BifurcationCurve | None:
-    """The curve through a point, both ways from it or once round."""
-    ways: list[_Way] = []
+    """The curve through a point, both ways from it or once round; None where it cannot be set up."""
+    tracks: list[CurveTrack] = []
     try:
         for forward in (True, False):
-            ways.append(_Way(CurveTrack(facing(start(), forward), BOUNDS)))
-            if ways[-1].end.reason is StopReason.CLOSED:
-                ways = ways[-1:]
+            tracks.append(CurveTrack(facing(start(), forward), BOUNDS))
+            deque(follow(tracks[-1]), 0)
+            if tracks[-1].ended.reason is StopReason.CLOSED:
+                del tracks[:-1]
                 break
     except FAILURES:
         return None
-    ahead, behind = ways[0], ways[-1]
-    points = [*(behind.points[:0:-1] if len(ways) > 1 else []), *ahead.points]
-    special = [*(behind.special[::-1] if len(ways) > 1 else []), *ahead.special]
-    values, others = zip(*points)
-    return BifurcationCurve(kind, values, others, (behind.end, ahead.end), tuple(special))
+    ahead, behind = tracks[0], tracks[-1]
+    points, special = ahead.points, [s for _, s in ahead.special]
+    if behind is not ahead:
+        points, special = behind.points[:0:-1] + points, [s for _, s in reversed(behind.special)] + special
+    values, others = zip(*map(parameter_values, points))
+    return BifurcationCurve(kind, values, others, (behind.ended, ahead.ended), tuple(map(_reported, special)))
 
 
 BOUNDS: Bounds = ((1, 0.0, 1.0), (0, 0.0, 1.0))
-"""Of both parameters; the second one comes first."""
+"""Bounds of both parameters; those of the second one first."""
 
 
-class _Way:
-    """One direction of a curve, collected: its points in both parameters, its special points, and why it ended."""
-
-    def __init__(self, track: CurveTrack) -> None:
-        self.points, self.special, stream = [_place(track.here)], list[Special](), follow(track)
-        while True:
-            try:
-                step = next(stream)
-            except StopIteration as stopped:
-                self.end: End = stopped.value
-                return
-            self.points[len(self.points) - step.again:] = [_place(step.point)]
-            for s in step.special:
-                one, two = (abs(w.width(0.0)) * float(e) for w, e in zip(s.point.equations.ranges, s.error))
-                self.special.append(Special(s.kind, *_place(s.point), one, two, s.located))
-
-
-def _place(point: CurvePoint) -> tuple[float, float]:
-    """Both parameters."""
+def parameter_values(point: CurvePoint) -> tuple[float, float]:
+    """Both parameters at a point of a curve."""
     one, two = (w.value(float(u)) for w, u in zip(point.equations.ranges, parameters(point, point.solution.z)))
     return one, two
+
+
+def _reported(found: SpecialPoint) -> Special:
+    """A special point with both parameters and their errors."""
+    one, two = (abs(w.width(0.0)) * float(e) for w, e in zip(found.point.equations.ranges, found.error))
+    return Special(found.kind, *parameter_values(found.point), one, two, found.located)

@@ -1,7 +1,7 @@
-"""Points of codimension two on curves of bifurcations: found between two points of a curve, each with its error.
+"""Points of codimension two between two points of a curve of bifurcations, each with its error.
 
-Yu. A. Kuznetsov, Elements of Applied Bifurcation Theory, chapter 9: cusp, generalised doubling, fold-flip and the
-strong resonances 1:1 to 1:4; and changes of the event sequence. Such a point is a root of a test function.
+They are roots of test functions: cusp, generalised doubling, fold-flip and the strong resonances 1:1 to 1:4
+(Yu. A. Kuznetsov, Elements of Applied Bifurcation Theory, chapter 9). The event sequence may change too.
 """
 
 from __future__ import annotations
@@ -14,10 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.continuation.augmented import MinimallyAugmented
+from tcc_sim.continuation.bordered import MinimallyAugmented, cyclic, nearest_margins
 from tcc_sim.continuation.bracket import Bracket, CurvePoint, chandrupatla
+from tcc_sim.continuation.newton import multipliers_of
 from tcc_sim.continuation.problem import FAILURES, Floats
-from tcc_sim.continuation.sliding import differ, kind_of_change, nearest_margins
+from tcc_sim.continuation.shooting import Linearised
+from tcc_sim.continuation.sliding import differ, kind_of_change
 
 
 @dataclass(frozen=True)
@@ -25,7 +27,7 @@ class SpecialPoint:
     """A point of codimension two.
 
     error : (P,) of the scaled parameters
-    located : whether its root was found; else it lies within `error` of the middle of the last bracket
+    located : whether its root was found; else it lies within `error` of the middle of the narrowest bracket
     """
 
     kind: str
@@ -37,33 +39,79 @@ class SpecialPoint:
 ENDING: dict[tuple[str, str], Callable[[CurvePoint], float]] = {
     ("neimark_sacker", "resonance_1_1"): lambda s: float(s.solution.z[-1]),
     ("neimark_sacker", "resonance_1_2"): lambda s: math.pi - float(s.solution.z[-1])}
-"""Kinds of curves and special points in which they end, as the pair of multipliers becomes real there: and how far the
-angle of the pair is from that.
+"""Kinds of curves and special points in which they end because a pair of multipliers becomes real, with the distance of
+the pair's angle from there.
 """
 
 
+def _tests(equations: MinimallyAugmented, u: Floats, found: Linearised, longer: float = 0.0) -> dict[str, float]:
+    """Smooth functions, each with a simple root where a curve has the special point of that name.
+
+    None has a pole: the normal form's coefficient of a doubling is multiplied by the tests of fold-flip and of 1:2, at
+    each of which it has one.
+
+    found : linearisation at u or near it
+    longer : step of differences relative to the usual one, to fourth order; 0 for the usual one, to second order
+    """
+    if equations.turning:
+        angle = float(u[-1])
+        return {"resonance_1_1": float(np.sin(angle)) if angle < 0.5 * np.pi else 1.0,
+                "resonance_1_2": float(np.sin(angle)) if angle > 0.5 * np.pi else 1.0,
+                "resonance_1_3": angle - 2.0 * np.pi / 3.0, "resonance_1_4": angle - 0.5 * np.pi}
+    mu = equations.multiplier(u).real
+    v, w, _ = equations.null_vectors(found.blocks, mu)
+    q, p, m = v / np.linalg.norm(v), w / np.linalg.norm(w), multipliers_of(*found.blocks)
+    others = m[np.argsort(np.abs(m - mu))[1:]]
+    simple, flip = float(p[-1] @ q[0]), float(np.prod((others + mu) / (1.0 + np.abs(others))).real)
+    if equations.kind == "fold":
+        bend = float(found.jacobian[-1, :equations.shooting.size] @ v.ravel()) / float(np.linalg.norm(v))
+        return {"cusp": bend, "resonance_1_1": simple, "fold_flip": flip}
+    out = {"resonance_1_2": simple, "fold_flip": flip}
+    try:
+        return out | {"generalised_doubling": flip * _cubic(equations, u, q, p, longer)}
+    except FAILURES:
+        return out
+
+def _cubic(equations: MinimallyAugmented, u: Floats, q: Floats, p: Floats, longer: float) -> float:
+    """The normal form's coefficient of third order at a doubling times p . E q, whose sign tells whether it is stable.
+    """
+    # p . (C(q, q, q) + 3 B(q, h))/2 with L(1) h = -B(q, q) (Kuznetsov, Section 5.4.2); E q is the factor of mu in L.
+    # The second difference needs all three Jacobians at u.
+    shooting, step = equations.shooting, (longer or 1.0) * equations.settings.bend / max(equations.bend, 1.0)
+    z, unit = u[:equations.unknowns], np.pad(q.ravel(), (0, equations.unknowns - q.size))
+    blocks = shooting.linearise(z).blocks
+
+    def differences(step: float) -> Floats:
+        ahead, behind = (shooting.linearise(z + s * step * unit).blocks for s in (1.0, -1.0))
+        return np.array([(ahead - behind) / (2.0 * step), (ahead - 2.0 * blocks + behind) / step**2])
+
+    first, second = (4.0 * differences(step) - differences(2.0 * step)) / 3.0 if longer else differences(step)
+    b, c = (np.einsum("kij,kj->ki", x, q) for x in (first, second))
+    h = np.linalg.solve(cyclic(blocks, 1.0), -b.ravel()).reshape(q.shape)
+    return float(0.5 * np.sum(p * (c + 3.0 * np.einsum("kij,kj->ki", first, h))))
+
+
 def values_of_tests(point: CurvePoint, longer: float = 0.0) -> dict[str, float]:
-    """The test functions at a point, those that have a value there: by its own linearisation, or a new one at the very
-    point with differences whose steps are `longer` than the usual ones by this factor.
+    """The test functions that have a value at a point, from its linearisation.
+
+    longer : if not 0, factor of the difference steps of a new linearisation at the point
     """
     equations, z = point.equations, point.solution.z
     if not isinstance(equations, MinimallyAugmented):
         return {}
     try:
         found = equations.linearise(z, longer) if longer else point.solution.found
-        return equations.tests(z, found, longer)
+        return _tests(equations, z, found, longer)
     except FAILURES:
         return {}
 
 
 Test = Callable[[CurvePoint, float], float]
-"""A test function of a point and of the step of its differences, relative to the usual one."""
+"""Test function of a point and of the step of its differences relative to the usual one."""
 
 
 def measured(point: CurvePoint, test: Test) -> tuple[float, float, Floats]:
-    """A test at a point, how much it changes with the steps of differences and with one more Newton step, and by how
-    much that changes the parameters.
-    """
+    """A test at a point, its change by other difference steps and one more Newton step, and the parameters' change."""
     try:
         found, value = point.equations.linearise(point.solution.z), test(point, 1.0)
         step = np.linalg.lstsq(found.jacobian, -found.residual, rcond=None)[0]
@@ -75,9 +123,7 @@ def measured(point: CurvePoint, test: Test) -> tuple[float, float, Floats]:
 
 
 def special_point(kind: str, a: CurvePoint, b: CurvePoint, test: Test) -> SpecialPoint:
-    """The special point between two points at which a test has different signs, with its error: by its root where that
-    is found, else as the middle of the narrowest bracket.
-    """
+    """The special point between two points at which a test has different signs: a root, or the narrowest bracket."""
     if a.equations is not b.equations:
         return midway(kind, a, b, False)
     bracket, values, settings = Bracket(a, b, False), dict[float, float](), a.equations.settings
@@ -110,17 +156,17 @@ def special_point(kind: str, a: CurvePoint, b: CurvePoint, test: Test) -> Specia
 
 def singular_end(kind: str, points: Sequence[CurvePoint], distance: Callable[[CurvePoint], float],
                  beyond: CurvePoint | None = None) -> SpecialPoint | None:
-    """The special point in which a curve ends behind some `points`, where its equations are singular: the resonances
-    1:1 and 1:2 on a Neimark-Sacker curve, and a generalised doubling on a curve of folds of doubled motions.
+    """The special point in which a curve ends behind some `points`, where its equations are singular.
 
-    The parameters are extrapolated to it through four points at which the `distance` from it (of an angle from 0 or pi,
-    of the halves of an orbit from each other) is larger. As a rule they are even functions of it.
+    These are the resonances 1:1 and 1:2 of Neimark-Sacker curves and generalised doublings of folds of doubled motions.
+    The parameters, usually even functions of the `distance` from the end (of an angle from 0 or pi, of the halves of an
+    orbit from each other), are extrapolated through four points at larger distances.
 
-    beyond : the first point with a distance below 0, where there is one; None is returned without it and near points
+    beyond : the first point with a distance below 0, if there is one; else None is returned without four points
     """
     last = points[-1] if beyond is None else beyond
     settings, alike = last.equations.settings, [s for s in points if s.equations is last.equations]
-    # The equations of points nearer than this are so nearly singular that rounding moves the parameters.
+    # Nearer to the end the equations are so close to singular that rounding changes the parameters.
     apart = [s for s in alike if distance(s) > settings.singular_apart]
     nodes = (apart if len(apart) >= 4 else alike)[-4:]
     if beyond is not None:
@@ -149,7 +195,7 @@ def singular_end(kind: str, points: Sequence[CurvePoint], distance: Callable[[Cu
 
 
 def midway(kind: str, a: CurvePoint, b: CurvePoint, is_located: bool) -> SpecialPoint:
-    """The special point between two points; its error is half of the way from one to the other."""
+    """The special point in the middle between two points; its error is half of their distance."""
     z, way = b.solution.z.copy(), parameters(b, b.solution.z) - parameters(a, a.solution.z)
     parameters(b, z)[:] -= 0.5 * way
     error = 0.5 * np.abs(way) + b.equations.settings.curve_exact
@@ -157,14 +203,14 @@ def midway(kind: str, a: CurvePoint, b: CurvePoint, is_located: bool) -> Special
 
 
 def parameters(point: CurvePoint, vector: NDArray[np.floating[Any]]) -> Floats:
-    """The two parameters' part of a vector of unknowns."""
+    """The two parameters in a vector of unknowns."""
     first = point.equations.first_parameter
     out: Any = vector[first:first + 2]
     return out  # type: ignore[no-any-return]
 
 
 def change_of_events(equations: MinimallyAugmented, a: CurvePoint, b: CurvePoint) -> SpecialPoint:
-    """The change of the event sequence between two points, by halvings of the piece of the curve between them."""
+    """The change of the event sequence between two points, by bisection."""
     bracket, ends, parts = Bracket(a, b, False), [a, b], [0.0, 1.0]
     for _ in range(equations.settings.border_halvings[0]):
         middle = 0.5 * (parts[0] + parts[1])
@@ -173,8 +219,8 @@ def change_of_events(equations: MinimallyAugmented, a: CurvePoint, b: CurvePoint
             break
         side = int(differ(events_of(point), events_of(a)))
         ends[side], parts[side] = point, middle
-    near = [nearest_margins(equations.shooting, s.solution.z[:equations.unknowns]).margins for s in ends]
-    kind = kind_of_change(events_of(ends[0]), events_of(ends[1]), (near[0], near[1]))
+    one, two = (nearest_margins(equations.shooting, s.solution.z[:equations.unknowns]) for s in ends)
+    kind = kind_of_change(events_of(ends[0]), events_of(ends[1]), (one, two))
     return midway(kind, ends[0], ends[1], True)
 
 

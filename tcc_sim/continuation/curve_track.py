@@ -1,4 +1,4 @@
-"""Curves of bifurcations in two parameters as they are followed: segments, points of codimension two, and their ends.
+"""Rules for following a curve of bifurcations in two parameters: segments, points of codimension two, and ends.
 
 A point of codimension two is listed where its test function has two signs, each of which is resolved: larger than the
 changes that other difference steps and one more Newton step make.
@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tcc_sim.continuation.augmented import MinimallyAugmented
+from tcc_sim.continuation.bordered import MinimallyAugmented
 from tcc_sim.continuation.bracket import CurvePoint, turned_round
 from tcc_sim.continuation.codim2_points import (
     ENDING,
@@ -25,8 +25,7 @@ from tcc_sim.continuation.codim2_points import (
     special_point,
     values_of_tests,
 )
-from tcc_sim.continuation.detection import End, StopReason
-from tcc_sim.continuation.follow import Bounds, Continuation, segments_fit
+from tcc_sim.continuation.follow import Bounds, Continuation, End, StopReason, segments_fit
 from tcc_sim.continuation.palc import (
     Equations,
     Solution,
@@ -45,20 +44,20 @@ class CurveTrack(Continuation[CurvePoint, SpecialPoint]):
 
     named = 1
     cut_to = math.inf
-    """Growth over a segment down to which the orbit has been cut anew at the last point for want of a step."""
+    """Growth over a segment below which failed steps have cut the orbit at the last point."""
 
     def __init__(self, first: CurvePoint, bounds: Bounds, step_size: StepSize | None = None) -> None:
         super().__init__(first, bounds, step_size)
         self.signs: dict[str, list[tuple[CurvePoint, float]]] = {}
-        """Points with the values of each test, since the last change of its sign."""
+        """Points and values of each test, since the last change of its sign."""
         self._test(first)
 
     def reached(self, solution: Solution, by_amplitude: bool = True) -> CurvePoint:
-        """The point of a solution behind the last one."""
+        """The point of a solution after the last point."""
         return self.here.moved(solution)
 
     def unresolved(self, new: CurvePoint) -> End | None:
-        """The end before a motion along a part of which a disturbance grows by more than double precision resolves."""
+        """The end before a motion along a part of which disturbances grow beyond double precision."""
         if not len(new.solution.found.blocks) or growth_over_parts(new.solution.found.blocks) <= self.settings.canard:
             return None
         return self.end(StopReason.CANARD_CURVE, limit=self.settings.canard)
@@ -76,7 +75,7 @@ class CurveTrack(Continuation[CurvePoint, SpecialPoint]):
         return sorted(self._test(new), key=lambda s: float(way @ s.point.solution.z))
 
     def _test(self, new: CurvePoint) -> list[SpecialPoint]:
-        """Evaluate the tests at a point, and locate the special points whose tests have changed their signs."""
+        """Evaluate the tests at a point, and locate special points where their signs have changed."""
         out: list[SpecialPoint] = []
         for name, value in values_of_tests(new).items():
             known = self.signs.setdefault(name, [])
@@ -110,7 +109,7 @@ class CurveTrack(Continuation[CurvePoint, SpecialPoint]):
 
     def ended_by(self, new: CurvePoint, special: list[SpecialPoint],
                  stop: End | None) -> tuple[CurvePoint, list[SpecialPoint], End | None]:
-        """The special point in which the curve ends, its first point where it is closed; else as they are given."""
+        """The end of the curve in a special point, or at its first point."""
         equations = self.here.equations
         if isinstance(equations, MinimallyAugmented):
             last = next((s for s in special if (equations.kind, s.kind) in ENDING), None)
@@ -130,11 +129,9 @@ class CurveTrack(Continuation[CurvePoint, SpecialPoint]):
         return replace(self.end(StopReason.SPECIAL, special.point), what=special.kind.replace("_", " "))
 
     def lost(self) -> tuple[list[SpecialPoint], End]:
-        """The end where no step is found, and the special point there.
-
-        Folds of doubled motions of amplitude a lie within the order of a^2 of a generalised doubling, and the doublings
-        of the halves meet them there, so that the equations are singular.
-        """
+        """The special point and the end where no step succeeds."""
+        # Folds of doubled motions of amplitude a lie within a^2 of a generalised doubling, where they meet the
+        # doublings of the halves, so that the equations are singular.
         equations, here = self.here.equations, self.here
         if not isinstance(equations, MinimallyAugmented) or not equations.doubled:
             return super().lost()
@@ -144,13 +141,13 @@ class CurveTrack(Continuation[CurvePoint, SpecialPoint]):
         return ([special], self._ended_in(special)) if special is not None else super().lost()
 
     def _apart(self, equations: MinimallyAugmented) -> Callable[[CurvePoint], float]:
-        """How far the halves of an orbit are from each other, in the direction in which they are at the last point."""
+        """The distance between the halves of an orbit, along that of the last point."""
         halves = equations.between_halves(self.here.solution.z)
         unit = halves / max(float(np.linalg.norm(halves)), 1e-300)
         return lambda s: float(unit @ equations.between_halves(s.solution.z))
 
     def went_on(self, before: CurvePoint, corner: bool) -> None:
-        """Take note of a new last point, and cut its orbit anew where that is due."""
+        """Update predictor and borders for a new last point, and cut its orbit into other segments where needed."""
         super().went_on(before, corner)
         self.cut_to, here = math.inf, self.here
         if isinstance(here.equations, MinimallyAugmented):
@@ -158,10 +155,10 @@ class CurveTrack(Continuation[CurvePoint, SpecialPoint]):
             self._remesh(others=(len(self.points) - 1) % self.settings.fewer_after == 0)
 
     def cut_anew(self) -> bool:
-        """Go on in segments over which disturbances grow by less, from now on; whether there are any."""
-        # What grows by some 1e3 in slip and is taken back by stick within one segment leaves no large derivative, but
-        # one that bends within 1e-5 and has the state's own error times the reciprocal of that: cusps are passed in
-        # segments over which it grows by some 10, and not in one.
+        """Cut the orbit into segments over which disturbances grow less; return whether there are any."""
+        # Where disturbances grow by 1e3 in slip and stick removes them within one segment, its derivative is not large,
+        # but changes within 1e-5, and its error is the state's over that length. Curves pass cusps only in segments
+        # over which disturbances grow by about 10.
         equations = self.here.equations
         if not isinstance(equations, MinimallyAugmented):
             return False
@@ -174,12 +171,12 @@ class CurveTrack(Continuation[CurvePoint, SpecialPoint]):
         return False
 
     def _remesh(self, growth: float | None = None, others: bool = False) -> bool:
-        """Go on in other segments where growth is large, to be below `growth`, or `others` may do; False for none."""
+        """Cut the last orbit into other segments if growth is large, above `growth`, or `others` may do."""
         here, old = self.here, self.here.equations
         if not isinstance(old, MinimallyAugmented) or not len(here.solution.found.blocks):
             return False
         settings, shooting = old.settings, old.shooting
-        # Growth that a segment takes back is seen by a thorough look alone.
+        # Only a thorough search finds growth that the same segment removes again.
         others = others and (settings.thorough or len(shooting.segments) > 1)
         if segments_fit(shooting, here.solution.found.blocks, settings, others or growth is not None):
             return False
@@ -198,11 +195,11 @@ class CurveTrack(Continuation[CurvePoint, SpecialPoint]):
             return False
         if polished is None:
             return False
-        # The first node and what is no node are the same in all segments; the motion carries errors on to the others.
+        # The first node and the parameters do not depend on the segments; the other nodes have the motion's errors.
         sign = 1.0 if float(old.outer(here.solution.tangent) @ other.outer(polished.tangent)) > 0.0 else -1.0
         self.points[-1] = CurvePoint(solution_at(polished.z, polished.found, sign * polished.tangent), other)
         self.before = []
-        self._test(self.here)
+        self.note(self._test(self.here))
         return True
 
 
@@ -213,13 +210,13 @@ def start_of_curve(equations: Equations, u: Floats) -> CurvePoint:
 
 
 def facing(point: CurvePoint, forward: bool) -> CurvePoint:
-    """The point with the tangent along which its second parameter grows, or falls."""
+    """The point with the tangent along which the second parameter grows, or falls."""
     growing = float(parameters(point, point.solution.tangent)[1]) > 0.0
     return point if growing == forward else point.moved(oriented(point.solution, -point.solution.sign))
 
 
 def growth_over_parts(blocks: Floats) -> float:
-    """The largest growth of a disturbance from any node to any later one, once round at most; blocks (m, n, n)."""
+    """The largest growth of a disturbance from any node to a later one within a period; blocks (m, n, n)."""
     count, most = len(blocks), 0.0
     ahead = np.broadcast_to(np.eye(blocks.shape[1]), blocks.shape)
     for k in range(count):

@@ -1,4 +1,4 @@
-"""A bifurcation diagram: branches through every motion of a sweep that lies on none yet, and their doublings."""
+"""Bifurcation diagrams: a branch through every motion of a sweep that lies on no other one, and doubled branches."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tcc_sim.continuation.branch import (
     passes_through,
     place_of,
 )
-from tcc_sim.continuation.detection import End, StopReason
+from tcc_sim.continuation.follow import End, StopReason
 from tcc_sim.continuation.newton import find_orbit, minimal_period
 from tcc_sim.continuation.palc import corrector
 from tcc_sim.continuation.problem import FAILURES, Floats, ParameterMap
@@ -27,12 +27,12 @@ from tcc_sim.continuation.shooting import ParameterRange, Shooting, product_of
 from tcc_sim.continuation.special_points import Bifurcation, ContinuationPoint, point_at
 
 SWEPT = Settings(max_points=200, largest_step=0.3)
-"""A step is a hundredth of what a picture shows or so, and a branch that is longer stands still in it."""
+"""Settings for pictures: steps of about a hundredth of their width, and bounded branches."""
 
 
 def bifurcation_diagram(of: ParameterMap, span: ParameterRange, seen: Sequence[SettledMotion],
                         tick: Tick | None = None, settings: Settings = SWEPT) -> list[Branch]:
-    """Branches through the periodic motions of a sweep, and those that its doublings beget.
+    """Branches through the periodic motions of a sweep, and the branches from their doublings.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def bifurcation_diagram(of: ParameterMap, span: ParameterRange, seen: Sequence[S
 
 def left_out(seen: Sequence[SettledMotion], branches: Sequence[Branch], base: int = 1,
              settings: Settings = SWEPT) -> list[str]:
-    """Sentences on what a diagram did not come to: nothing where it came to an end by itself."""
+    """Sentences on motions and branches that a diagram leaves out."""
     size, longest, out = amplitude_of(seen), settings.longest_period * base, list[str]()
     alone = [s for s in seen if s.period and place_of(s, branches, size, base) is None]
     long = sum(s.period > longest for s in alone)
@@ -74,7 +74,7 @@ def left_out(seen: Sequence[SettledMotion], branches: Sequence[Branch], base: in
 
 
 def amplitude_of(seen: Sequence[SettledMotion]) -> float:
-    """The largest size of those motions of a sweep that have a period; of all where those are next to nothing."""
+    """The largest size of the periodic motions of a sweep; of all motions where these are too small."""
     most = max((s.amplitude for s in seen), default=0.0)
     periodic = max((s.amplitude for s in seen if s.period), default=0.0)
     return periodic if periodic > DEFAULTS.next_to_nothing * most else most
@@ -92,7 +92,7 @@ def point_of(of: ParameterMap, span: ParameterRange, seen: SettledMotion,
 
 
 def state_at_phase_0(of: ParameterMap, seen: SettledMotion) -> Floats:
-    """The state of a motion where the excitation begins anew, in its cycle or in one of the next."""
+    """The state of a motion at the next cycle in which the excitation repeats."""
     phase = seen.cycle % of.forcing_period
     return of.evaluate(seen.state, (seen.value,), phase, of.forcing_period - phase).value if phase else seen.state
 
@@ -109,7 +109,7 @@ def _longest_run(left: dict[int, SettledMotion]) -> list[int]:
 
 
 def doubled(found: Bifurcation) -> ContinuationPoint | None:
-    """A first point on the branch that a period doubling begets; None where none is found.
+    """A first point on the branch of doubled motions; None where none is found.
 
     It lies in the plane phi . (x - x*) = eps, phi the eigenvector of the multiplier -1, so the orbit of the simple
     period is not in it; the tangent points away from the doubling.

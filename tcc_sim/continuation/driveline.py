@@ -50,7 +50,7 @@ class DrivelineMap:
         self._prepared: tuple[Values, Prepared] | None = None
         self._last: tuple[Any, Stroboscopic] | None = None
         if self.piecewise:
-            # What has no derivatives is refused before it is followed.
+            # A scene without derivatives is refused here.
             Prepared(system, self.keys, tolerance)
 
     @cached_property
@@ -74,7 +74,7 @@ class DrivelineMap:
         return [self._image(found, count) for found, count in zip(self._each(states, values, firsts, cycles), cycles)]
 
     def _image(self, found: Stroboscopic, cycles: float) -> Image:
-        """A motion as the map's image."""
+        """The map's image of a motion."""
         return Image(found.state, found.derivatives, self._seen(found, cycles), found.heights_derivatives)
 
     def observe(self, x: Floats, values: Values, first: int, cycles: int) -> Observation:
@@ -82,7 +82,7 @@ class DrivelineMap:
         return self._seen(self._passed(x, values, first, cycles), cycles)
 
     def _passed(self, x: Floats, values: Values, first: float, cycles: float) -> Stroboscopic:
-        """The motion with all there is to know of it; the last one is kept for who asks again."""
+        """The motion with its derivatives; the last one is cached."""
         asked = x.tobytes(), values, first, cycles
         if self._last is None or self._last[0] != asked:
             self._last = asked, self._each(x[None], values, [first], [cycles])[0]
@@ -105,16 +105,15 @@ class DrivelineMap:
         return found
 
     def _seen(self, found: Stroboscopic, cycles: float) -> Observation:
-        """What is seen of a motion."""
+        """Observation of a motion."""
         assert self._prepared is not None
         heights = found.heights.tolist()
         return Observation(max(heights), found.stick_time / (cycles * self._prepared[1].period), found.events,
                            tuple(heights))
 
     def settled(self, values: Values, most: int) -> tuple[Cycles, int]:
-        """`settled_from_start` of the scene; the exact engine's as finely as its map, for what is found from it depends
-        on the side of a border on which it ends.
-        """
+        """`settled_from_start` of the scene."""
+        # The set-valued law needs the map's tolerance: a border close to the motion decides which branch is followed.
         rtol = self.tolerance if self.piecewise else None
         return settled_from_start(self.system_at(values), most, rtol=rtol)
 
@@ -126,13 +125,12 @@ class DrivelineMap:
             return NO_MARGINS
         strength = system.friction_ratio * (system.saturation_mean + abs(system.saturation_amplitude))
         sizes = {"grazing": (GRAZING, self.amplitude_scale), "arrival": (ARRIVAL, strength), "stick": (STUCK, strength)}
-        slopes = {name: (found[row, GRADIENT:GRADIENT + 3] / size, found[row, GRADIENT + 3:] / size)
-                  for name, (row, size) in sizes.items()}
+        slopes = {name: found[row, GRADIENT:] / size for name, (row, size) in sizes.items()}
         grazing, arrival, stick = (float(found[row, VALUE]) / size for row, size in sizes.values())
         return Margins(grazing, arrival, bool(found[ARRIVAL, GROWS]), stick, slopes)
 
     def _settled(self, x: Floats) -> Floats:
-        """`x`, with a slip speed that differs from 0 by rounding only at 0 under the set-valued law."""
+        """`x`, where the set-valued law sets a slip speed of rounding to 0."""
         if self.piecewise and abs(x[0]) < SETTINGS.stuck:
             x = x.copy()
             x[0] = 0.0

@@ -1,21 +1,21 @@
-"""A curve of solutions as a stream: its points one way from a first one, each with the special points on the way to it.
+"""Follow a curve of solutions one way from its first point, and collect the special points on it.
 
-`follow` predicts, corrects and adapts the step. A `Continuation` is the state of a curve on its way: `BranchTrack` is
-one of periodic orbits along a parameter, `CurveTrack` one of their bifurcations in two. Readers of the stream decide
-what becomes of its points. After the iterator of BifurcationKit.jl.
+`follow` predicts, corrects and adapts the step. A `Continuation` is the state of a curve that is being followed:
+`BranchTrack` is one of periodic orbits along a parameter, `CurveTrack` one of their bifurcations in two. After the
+iterator of BifurcationKit.jl.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Generator
+from collections.abc import Iterator
 from dataclasses import dataclass
+from enum import Enum
 from typing import ClassVar, Generic, TypeVar
 
 import numpy as np
 
 from tcc_sim.continuation.bracket import Bracket, P
-from tcc_sim.continuation.detection import End, StopReason
 from tcc_sim.continuation.palc import (
     FLAT,
     Solution,
@@ -29,6 +29,43 @@ from tcc_sim.continuation.problem import FAILURES, Floats
 from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.shooting import Shooting
 
+
+class StopReason(Enum):
+    """Why a curve ends: a sentence with the parameter's `name` and `value`, a `limit`, and a special point `what`."""
+
+    RANGE = "{name} reached {value:.9g}, the end of the range"
+    CLOSED = "closed: back at its first point, {name} = {value:.9g}"
+    DOUBLING = "ended in a period doubling of motions of a shorter period at {name} = {value:.9g}"
+    BEGAN = "began in the period doubling at {name} = {value:.9g}"
+    CANARD = ("ended at {name} = {value:.9g}: beyond it a multiplier is above {limit:g}, a canard, which double "
+              "precision does not resolve")
+    CANARD_CURVE = ("ended at {name} = {value:.9g}: beyond it a disturbance grows by more than {limit:g} along a part "
+                    "of the motion, a canard, which double precision does not resolve")
+    FAMILY = ("met a family of motions with a multiplier of exactly 1 at {name} = {value:.9g}: no branch can be "
+              "followed through it")
+    POINTS = "stopped after {limit:g} points at {name} = {value:.9g}"
+    TRIES = "given up after {limit:g} steps tried at {name} = {value:.9g}: no progress"
+    STEP = ("no further point was found beyond {name} = {value:.9g}: no step, however short, met a residual of "
+            "{limit:g}")
+    SPECIAL = "ended in a {what} at {name} = {value:.9g}"
+    INTERRUPTED = "interrupted at {name} = {value:.9g}"
+
+
+@dataclass(frozen=True)
+class End:
+    """One end of a branch or curve: the reason, and the parameter there."""
+
+    reason: StopReason
+    name: str
+    value: float
+    limit: float = 0.0
+    what: str = ""
+
+    def __str__(self) -> str:
+        """The sentence."""
+        return self.reason.value.format(name=self.name, value=self.value, limit=self.limit, what=self.what)
+
+
 S = TypeVar("S")
 """Kind of special point."""
 Bounds = tuple[tuple[int, float, float], ...]
@@ -36,23 +73,16 @@ Bounds = tuple[tuple[int, float, float], ...]
 UNIT: Bounds = ((0, 0.0, 1.0),)
 
 
-@dataclass(frozen=True)
-class CurveStep(Generic[P, S]):
-    """A point of a curve, and the special points since the one before; or the last point `again`, in other segments."""
-
-    point: P
-    special: list[S]
-    again: bool = False
-
-
 class Continuation(Generic[P, S]):
-    """One direction of a curve on its way.
+    """One direction of a curve.
 
-    points : all until now
+    points : all so far
+    special : special points so far, each with the number of the point before it
+    stop : why the curve ended; None until then
     bounds : of the parameters
-    step_size : its control
+    step_size : step-size control
     before : solutions behind the last point, from which the next one is predicted
-    longest : next step, after one that has left the range or left out a piece of the curve
+    longest : longest next step, after one that has left the range or skipped a piece of the curve
     named : number of the parameter that names the ends
     """
 
@@ -60,6 +90,8 @@ class Continuation(Generic[P, S]):
 
     def __init__(self, first: P, bounds: Bounds = UNIT, step_size: StepSize | None = None) -> None:
         self.points, self.bounds = [first], bounds
+        self.special: list[tuple[int, S]] = []
+        self.stop: End | None = None
         self.settings: Settings = first.equations.settings
         self.step_size = step_size or StepSize(self.settings)
         self.before: list[Solution] = []
@@ -67,18 +99,27 @@ class Continuation(Generic[P, S]):
         self.starts = self.first_again()
 
     @property
+    def ended(self) -> End:
+        """Why the curve ended; an interruption while it is being followed."""
+        return self.stop or self.end(StopReason.INTERRUPTED)
+
+    def note(self, special: list[S]) -> None:
+        """Add special points behind the last point."""
+        self.special += [(len(self.points) - 1, found) for found in special]
+
+    @property
     def here(self) -> P:
         """The last point."""
         return self.points[-1]
 
     def end(self, reason: StopReason, point: P | None = None, limit: float = 0.0, number: int | None = None) -> End:
-        """An end at a point, the last one if none is given, named by the parameter of this number."""
+        """An end at a point (the last one by default), named by the parameter of this number."""
         number, at = self.named if number is None else number, self.here if point is None else point
         span = at.equations.ranges[number]
         return End(reason, span.name, span.value(float(at.solution.z[at.equations.first_parameter + number])), limit)
 
     def onward(self) -> P | None:
-        """The next point; where steps with the amplitudes as further coordinates fail, by the unknowns alone."""
+        """The next point; by the unknowns alone where steps with the amplitudes as coordinates fail."""
         here, step_size = self.here, self.step_size
         for by_amplitude in (True, False):
             if not by_amplitude:
@@ -101,8 +142,7 @@ class Continuation(Generic[P, S]):
 
     def shorten(self, refused: P) -> None:
         """Halve the step that led to a point which is not the next one."""
-        way = float(np.linalg.norm(refused.solution.z - self.here.solution.z))
-        self.longest = 0.5 * min(way, self.longest)
+        self.longest = 0.5 * min(float(np.linalg.norm(refused.solution.z - self.here.solution.z)), self.longest)
 
     def passes_start(self, new: P) -> bool:
         """Whether the step to `new` passes the first point."""
@@ -116,22 +156,20 @@ class Continuation(Generic[P, S]):
         return False
 
     def went_on(self, before: P, corner: bool) -> None:
-        """Take note of a new last point, behind a `corner` of the curve or on one smooth piece with that before it."""
+        """Update the predictor for a new last point; `corner`: the curve is not smooth between it and `before`."""
         self.before = [] if corner else [*self.before[1 - self.settings.nodes:], before.solution]
 
-    # What is different from one kind of curve to another.
-
     def first_again(self) -> list[tuple[Floats, Floats]]:
-        """Unknowns and tangent, whatever the segments, in which the first point may come back."""
+        """Unknowns and tangents with which the curve may pass its first point again."""
         first = self.here
         return [(first.equations.outer(first.solution.z), first.equations.outer(first.solution.tangent))]
 
     def reached(self, solution: Solution, by_amplitude: bool = True) -> P:
-        """The point of a solution behind the last one."""
+        """The point of a solution after the last point."""
         raise NotImplementedError
 
     def beyond_corner(self) -> P | None:
-        """The next point beyond a corner of the curve at the last one; None where there is none."""
+        """The next point beyond a corner of the curve at the last point; None where there is no corner."""
         return None
 
     def unresolved(self, new: P) -> End | None:
@@ -139,57 +177,50 @@ class Continuation(Generic[P, S]):
         raise NotImplementedError
 
     def special_between(self, new: P) -> list[S] | None:
-        """The special points up to `new`; None where the step has left out a piece of the curve."""
+        """The special points up to `new`; None where the step has skipped a piece of the curve."""
         raise NotImplementedError
 
     def ended_by(self, new: P, special: list[S], stop: End | None) -> tuple[P, list[S], End | None]:
-        """The last point, its special ones and the end where the curve ends up to `new`; else as they are given."""
+        """The last point, its special points and the end where the curve ends before `new`; else the arguments."""
         raise NotImplementedError
 
     def stuck(self) -> End | None:
-        """The end at a last point around which the curve does not go on."""
+        """The end where points pile up around the last one."""
         return None
 
     def cut_anew(self) -> bool:
-        """Go on in other segments for want of a step; whether there are any."""
+        """Cut the orbit into other segments where no step succeeds; return whether there are any."""
         raise NotImplementedError
 
     def lost(self) -> tuple[list[S], End]:
-        """The end where no step is found, and the special point there."""
+        """The special point and the end where no step succeeds."""
         return [], self.end(StopReason.STEP, limit=self.settings.residual)
 
 
-def follow(track: Continuation[P, S]) -> Generator[CurveStep[P, S], None, End]:
-    """The points behind the first one of a track along its tangent, until the curve ends.
-
-    Returns
-    -------
-    Why it ended, as the value of the generator.
-    """
-    while True:
-        here, stop = track.here, _exhausted(track)
-        if stop is not None:
-            return stop
+def follow(track: Continuation[P, S]) -> Iterator[P]:
+    """Yield the points of a track behind its first one along the tangent, until the curve ends."""
+    while track.stop is None:
+        here, track.stop = track.here, _exhausted(track)
+        if track.stop is not None:
+            return
         track.step_size.length = min(track.step_size.length, track.longest)
         edge, bound = _at_a_bound(track) or (None, 0)
         if edge is here:
-            return track.end(StopReason.RANGE, number=bound)
+            track.stop = track.end(StopReason.RANGE, number=bound)
+            return
         new = track.onward() if edge is None else edge
         corner = new is None and (new := track.beyond_corner()) is not None
         if new is None:
-            if track.cut_anew():
-                yield CurveStep(track.here, [], True)
-                continue
-            special, stop = track.lost()
-            if special:
-                yield CurveStep(track.here, special, True)
-            return stop
+            if not track.cut_anew():
+                special, track.stop = track.lost()
+                track.note(special)
+            continue
         if edge is None and not corner and not track.within(new):
             track.shorten(new)
             continue
-        stop = None if corner else track.unresolved(new)
-        if stop is not None:
-            return stop
+        track.stop = None if corner else track.unresolved(new)
+        if track.stop is not None:
+            return
         found = track.special_between(new)
         if found is None and not corner:
             track.shorten(new)
@@ -197,17 +228,16 @@ def follow(track: Continuation[P, S]) -> Generator[CurveStep[P, S], None, End]:
         track.longest = math.inf
         stop = None if edge is None else track.end(StopReason.RANGE, edge, number=bound)
         new, special, stop = track.ended_by(new, found or [], stop)
+        track.note(special)
         track.points.append(new)
-        stop = track.stuck() if stop is None and not corner else stop
-        if stop is not None:
-            yield CurveStep(new, special)
-            return stop
-        track.went_on(here, corner)
-        yield CurveStep(track.here, special)
+        track.stop = stop or (None if corner else track.stuck())
+        if track.stop is None:
+            track.went_on(here, corner)
+        yield track.here
 
 
 def _exhausted(track: Continuation[P, S]) -> End | None:
-    """The end where as many points or tries as are allowed have been made."""
+    """The end after the largest number of points or tries."""
     if len(track.points) > track.settings.max_points:
         return track.end(StopReason.POINTS, limit=track.settings.max_points)
     if track.step_size.tried > track.settings.max_tries:
@@ -218,7 +248,7 @@ def _exhausted(track: Continuation[P, S]) -> End | None:
 def _at_a_bound(track: Continuation[P, S]) -> tuple[P, int] | None:
     """The point on a bound that the next step would pass, and the parameter's number; None where it passes none.
 
-    The step is shortened until such a point is found. A curve that begins on a bound and leaves the range ends there.
+    The step is shortened until the point is found. A curve that begins on a bound and leaves the range ends there.
     """
     here, step_size = track.here, track.step_size
     solution, settings = here.solution, step_size.settings
@@ -249,7 +279,7 @@ def _at_a_bound(track: Continuation[P, S]) -> tuple[P, int] | None:
 
 
 def passing(z: Floats, tangent: Floats, p: Floats, q: Floats, settings: Settings) -> float | None:
-    """The part of the step from p to q at which it passes z along the tangent there; None where it does not."""
+    """The part of the step from p to q at which it passes z along `tangent`; None where it does not."""
     ahead, behind, step = float(tangent @ (q - z)), float(tangent @ (p - z)), q - p
     if not (behind < 0.0 <= ahead and float(step @ tangent) > 0.0):
         return None
@@ -259,9 +289,6 @@ def passing(z: Floats, tangent: Floats, p: Floats, q: Floats, settings: Settings
 
 
 def segments_fit(shooting: Shooting, blocks: Floats, settings: Settings, anew: bool) -> bool:
-    """Whether an orbit stays in its segments: growth over each is bounded, or other ones there are not.
-
-    anew : whether it does not for another reason
-    """
+    """Whether an orbit keeps its segments: the growth over each is bounded and `anew` is false, or it has no others."""
     large = float(np.abs(blocks).max()) > settings.regrowth * settings.growth
     return not (large or anew) or (not shooting.map.divisible and len(shooting.segments) == shooting.period)

@@ -1,4 +1,4 @@
-"""The orbits that branches begin with: the motion that a scene settles in, or given ones such as basins' attractors."""
+"""First orbits of branches: the motion that a scene settles in, or given ones such as attractors of basins."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from tcc_sim.trajectory import Cycles
 
 @dataclass(frozen=True)
 class Seed:
-    """A motion near an orbit: parameter, slip speed, plate angle and speed at phase 0, and period in engine cycles."""
+    """A motion near an orbit: parameter; slip speed, plate angle and speed at phase 0; period in engine cycles."""
 
     value: float
     state: tuple[float, float, float]
@@ -34,12 +34,12 @@ class Seed:
 
 def start_orbit(map_: DrivelineMap, span: ParameterRange, value: float,
                 period: int | None) -> tuple[Shooting, Floats]:
-    """The orbit to begin with: Newton from the section of the motion that the scene settles in.
+    """The orbit near the motion that the scene settles in, by Newton's method.
 
     Raises
     ------
     NumericalFailure
-        None was found; it says where in the range motions settle in a period.
+        None was found; the message names a value of the range at which motions settle.
     """
     base = map_.forcing_period
     cycles, own = map_.settled((value,), DEFAULTS.settling)
@@ -59,7 +59,7 @@ def start_orbit(map_: DrivelineMap, span: ParameterRange, value: float,
 
 def _nothing_found(map_: DrivelineMap, span: ParameterRange, value: float, cycles: Cycles, period: int | None,
                    wanted: Sequence[int]) -> str:
-    """Why no branch is begun at a value, and where one may begin instead."""
+    """Why no orbit was found at a value, and another value at which to begin."""
     away = slip_grows(cycles)
     if away:
         why = f"slip grows without end at {span.name} = {value:.9g}: {runaway_cause(map_.system_at((value,)))}"
@@ -83,7 +83,7 @@ def _nothing_found(map_: DrivelineMap, span: ParameterRange, value: float, cycle
 
 
 def _recurrent(section: Floats, starts: range, cycles: int, scales: Floats) -> list[Floats]:
-    """The section points that come back closest after `cycles` cycles, nearest first."""
+    """The section points that return closest after `cycles` cycles, nearest first."""
     kept = [k for k in starts if k >= cycles]
     away = [float(np.abs((section[k] - section[k - cycles]) / scales).max()) for k in kept]
     return [section[kept[i] - cycles] for i in np.argsort(away, kind="stable")[:DEFAULTS.guesses]]
@@ -91,7 +91,7 @@ def _recurrent(section: Floats, starts: range, cycles: int, scales: Floats) -> l
 
 def _shorter(map_: DrivelineMap, span: ParameterRange, value: float, period: int,
              guesses: list[Floats]) -> list[Floats]:
-    """Sections of an orbit of the shortest period, to be deflated from the search for a longer one."""
+    """Sections of an orbit of the shortest period, which the search for a longer one deflates."""
     base = map_.forcing_period
     if period == base:
         return []
@@ -102,7 +102,7 @@ def _shorter(map_: DrivelineMap, span: ParameterRange, value: float, period: int
 
 def seeded(map_: DrivelineMap, span: ParameterRange, seeds: Sequence[Seed], period: int | None,
            known: Sequence[Branch]) -> Iterator[tuple[ContinuationPoint, BranchOrigin]]:
-    """First points of branches at seeds that lie on none of those `known` by then, each with its origin.
+    """Yield first points of branches, with their origins, at seeds that lie on none of the branches `known` by then.
 
     Raises
     ------
@@ -133,7 +133,7 @@ def seeds_in(found: Mapping[str, Any], system: System, over: str, low: float, hi
     Raises
     ------
     InputError
-        No such document, one of another scene (but for `over` and initial.*), or none of them in the range.
+        No such document, another scene (apart from `over` and initial.*), or no attractor in the range.
     """
     try:
         if not str(found["format"]).startswith("tcc_sim basins "):
@@ -158,7 +158,7 @@ def seeds_in(found: Mapping[str, Any], system: System, over: str, low: float, hi
 
 
 def refuse_family(first: ContinuationPoint, system: System) -> None:
-    """Raise InputError where the motion is one of infinitely many in pure slip."""
+    """Raise InputError for a motion of a family in pure slip."""
     events = first.orbit.seen.events
     if events in ("+", "-") and np.abs(first.orbit.multipliers - 1.0).min() < DEFAULTS.family:
         raise InputError("the settled motion is pure slip, with friction that does not depend on slip speed and "

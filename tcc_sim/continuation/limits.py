@@ -1,25 +1,24 @@
-"""Where a bifurcation of the smoothed law goes as sigma goes to infinity.
+"""Limits of bifurcations of the smoothed law as sigma goes to infinity.
 
-It is traced in 1/sigma, from the scene's sigma towards 0: that is the evidence of where it goes, or that it is one of
-the smoothing, and its extrapolation says how near to that it must be. The value is the set-valued law's own: a branch
-of that law through the motion there, on which its own detection finds a bifurcation of the same kind within the error
-of the extrapolation; the extrapolated value stands where it finds none.
+A bifurcation is traced in 1/sigma, from the scene's sigma towards 0, and extrapolated; or it exists only at finite
+sigma. A branch of the set-valued law through the extrapolated motion then gives the limit, if it has a bifurcation of
+the same kind within the error of the extrapolation.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from tcc_sim.continuation.augmented import MinimallyAugmented
+from tcc_sim.continuation.bordered import MinimallyAugmented
 from tcc_sim.continuation.bracket import CurvePoint
 from tcc_sim.continuation.branch import branch_through, first_point
 from tcc_sim.continuation.codim2 import TRACED, with_error
 from tcc_sim.continuation.curve_track import CurveTrack, facing, start_of_curve
-from tcc_sim.continuation.detection import End, StopReason
-from tcc_sim.continuation.follow import follow
+from tcc_sim.continuation.follow import End, StopReason, follow
 from tcc_sim.continuation.palc import StepSize, corrector
 from tcc_sim.continuation.problem import FAILURES, Floats, ParameterMap
 from tcc_sim.continuation.settings import Settings
@@ -44,7 +43,7 @@ class Limit:
 
 
 class Trace(NamedTuple):
-    """A curve of a bifurcation over the smoothing.
+    """Trace of a bifurcation over the smoothing factor.
 
     smoothness : (K,) smoothing factor of the scene over that of each point
     places : (K, 1 + n) parameter, and state at phase 0 in natural sizes
@@ -93,44 +92,43 @@ def limit_of(found: Bifurcation, smoothed: ParameterMap, set_valued: ParameterMa
 
 
 def _traced(found: Bifurcation, smoothed: ParameterMap, span: ParameterRange, sigma: float) -> Trace | None:
-    """The curve of a bifurcation towards a smoothing of none; None where it cannot be set up."""
+    """The trace of a bifurcation towards infinite sigma; None where it cannot be set up."""
     ranges = span, ParameterRange(sigma, np.inf, inverse=True, name="friction.smoothing")
     shooting, orbit = replace(found.point.shooting, map=smoothed, ranges=ranges), found.point.orbit
-    rows, bound = list[Floats](), (0, -shooting.settings.limit_farthest, shooting.settings.limit_farthest)
+    settings, tracks = shooting.settings, list[CurveTrack]()
+    end = End(StopReason.STEP, span.name, found.value)
     try:
         shooting, z = shooting.cut(shooting.unknowns(orbit.nodes, (orbit.values[0], sigma)))
         equations = MinimallyAugmented(found.kind, shooting, z)
         last = start_of_curve(equations, equations.start)
-    except FAILURES:
-        return None
-    end = End(StopReason.STEP, span.name, found.value)
-    try:
-        for smallest in shooting.settings.limit_landings:
-            track = CurveTrack(facing(last, False), ((1, smallest, 1.0), bound),
-                               StepSize(shooting.settings, *shooting.settings.limit_steps))
-            stream, again = follow(track), False
-            while True:
-                last = track.here
-                u, n = last.solution.z, last.equations.first_parameter
-                rows[len(rows) - again:] = [np.array([u[n + 1], span.value(float(u[n])), *u[:smoothed.dimension]])]
-                try:
-                    again = next(stream).again
-                except StopIteration as stopped:
-                    end = stopped.value
-                    break
-            if end.reason is not StopReason.RANGE or end.name == span.name or rows[-1][0] > smallest:
+        for smallest in settings.limit_landings:
+            tracks.append(CurveTrack(
+                facing(last, False), ((1, smallest, 1.0), (0, -settings.limit_farthest, settings.limit_farthest)),
+                StepSize(settings, *settings.limit_steps)))
+            deque(follow(tracks[-1]), 0)
+            last, end = tracks[-1].here, tracks[-1].ended
+            if end.reason is not StopReason.RANGE or end.name == span.name or smoothness_at(last) > smallest:
                 break
     except FAILURES:
-        end = replace(end, reason=StopReason.STEP)
+        if not tracks:
+            return None
+        last, end = tracks[-1].here, replace(end, reason=StopReason.STEP)
+    points = [point for track in tracks for point in track.points]
+    places = [[span.value(float(u[n])), *u[:smoothed.dimension]]
+              for u, n in ((s.solution.z, s.equations.first_parameter) for s in points)]
     assert isinstance(last.equations, MinimallyAugmented)
-    table = np.array(rows)
-    return Trace(table[:, 0], table[:, 1:], last, last.equations.shooting, end)
+    return Trace(np.array([smoothness_at(s) for s in points]), np.array(places), last, last.equations.shooting, end)
+
+
+def smoothness_at(point: CurvePoint) -> float:
+    """The scene's smoothing factor over that of a point."""
+    return float(point.solution.z[point.equations.first_parameter + 1])
 
 
 def _extrapolated(smoothness: Floats, places: Floats, settings: Settings) -> tuple[Floats, Floats] | None:
-    """Where places go as the smoothness goes to 0, and the errors of that; None for a trace that does not tell."""
-    # A motion leaves stick after a time that goes as log(sigma)/sigma, so a + b e + c e log(e) is put through three of
-    # four points at about equal ratios; the other three, and a straight line, tell its error.
+    """The places at infinite sigma with their errors; None for a trace that is too short."""
+    # A motion leaves stick after a time of order log(sigma)/sigma, so a + b e + c e log(e) is fitted through three of
+    # four points at about equal ratios; the other three, and a straight line, give the error.
     ratio = min(2.0, float(smoothness.max() / smoothness[-1]) ** (1.0 / 3.0))
     chosen = [int(np.abs(np.log(smoothness / (smoothness[-1] * ratio**k))).argmin()) for k in range(4)]
     if smoothness[-1] > min(settings.limit_least, *smoothness[:-1]) or len(set(chosen)) < 4:
@@ -143,10 +141,10 @@ def _extrapolated(smoothness: Floats, places: Floats, settings: Settings) -> tup
 
 
 def _set_valued(kind: str, trace: Trace, limits: Floats, error: float, of: ParameterMap, width: float) -> float | None:
-    """The bifurcation of a kind that the set-valued law has within the error of an extrapolation, the nearest to it."""
-    # A branch is begun at the extrapolated motion, or at the last one of the trace, with a corrector that leaves the
-    # parameter as free as it is on the smoothed law's branch; first between these two, where steps are as fine as the
-    # bend of a canard, then in the whole width of the range.
+    """The nearest bifurcation of the set-valued law within the error of an extrapolation; None where there is none."""
+    # The branch begins at the extrapolated motion, or at the last one of the trace, where the corrector changes the
+    # parameter as much as on the smoothed law's branch. The first range lies between these two motions, where steps are
+    # short enough for a canard, the second one has the whole width.
     old, settings, last = trace.shooting, trace.shooting.settings, trace.places[-1]
     along = np.linalg.svd(trace.last.solution.found.jacobian[:old.size, :old.size + 1])[2][-1]
     for half in (2.0 * max(error, abs(last[0] - limits[0])), 0.5 * width):

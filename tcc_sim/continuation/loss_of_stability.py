@@ -1,6 +1,6 @@
-"""Where motions lose their stability: the stable segments of branches, and why a sweep jumps from one to another.
+"""Stable segments of branches, and the causes of jumps of a sweep from one to another.
 
-A sweep jumps where the branch before it or that behind it ends, or where the basins change hands.
+A sweep jumps where a branch loses its stability, or where the initial state enters another basin.
 """
 
 from __future__ import annotations
@@ -13,25 +13,23 @@ from itertools import pairwise
 import numpy as np
 
 from tcc_sim.continuation.branch import Branch, BranchPlace, SettledMotion, pieces_at, place_of
-from tcc_sim.continuation.detection import StopReason
 from tcc_sim.continuation.diagram import amplitude_of, doubled
+from tcc_sim.continuation.follow import StopReason
 from tcc_sim.continuation.settings import DEFAULTS
 from tcc_sim.continuation.special_points import Bifurcation, ContinuationPoint
 
 BASIN, STEEP, APERIODIC, NOT_FOLLOWED = "basin_boundary", "steep", "aperiodic", "not_followed"
-"""Causes that are no bifurcation of the branches: both motions go on, and the start is on the other side of the
-boundary of their basins; one motion all the way, which only changes steeply; a motion without a period on either side,
-whose end no branch tells; a motion with one on either side, but on no branch that was followed."""
+"""Causes that are no bifurcation of a branch: both motions go on, and the start enters the other basin; one motion that
+changes steeply; a motion without a period on either side; a periodic motion on a branch that was not followed."""
 
 
 @dataclass(frozen=True)
 class SegmentEnd:
-    """Where a segment ends.
+    """End of a segment.
 
     value : of the parameter
-    kind : of the bifurcation; empty at the end of the range, or where the branch could not be followed
-    residual : of the bifurcation
-    jumps : whether a motion that comes here goes elsewhere: at a fold, and at a doubling whose motions are unstable
+    kind, residual : of the bifurcation; empty at the end of the range, or where the branch could not be followed
+    jumps : whether a motion leaves the branch here: at a fold, and at a doubling whose doubled motions are unstable
     """
 
     value: float
@@ -47,13 +45,7 @@ class SegmentEnd:
 
 @dataclass(frozen=True)
 class StableSegment:
-    """Stable motions of one branch over an interval of the parameter.
-
-    period : cycles
-    low, high : its ends
-    values, amplitudes : along it, values growing
-    branch : number of the branch
-    """
+    """Stable motions of one branch, with a period in cycles, over an interval of the parameter; `values` ascend."""
 
     period: int
     low: SegmentEnd
@@ -63,7 +55,7 @@ class StableSegment:
     branch: int = 0
 
     def amplitude(self, value: float) -> float:
-        """The largest size of the motion; NaN beyond the ends."""
+        """The largest size of the motion at a value; NaN beyond the ends."""
         if not self.low.value <= value <= self.high.value:
             return math.nan
         return float(np.interp(value, self.values, self.amplitudes))
@@ -74,7 +66,7 @@ class StableSegment:
 
 
 def stable_segments(branches: Sequence[Branch], low: float, high: float, unit: float = 1.0) -> list[StableSegment]:
-    """The stable segments of branches over a range from `low` to `high`; their parameter is divided by `unit`."""
+    """The stable segments of branches over a range from `low` to `high`, in values of the parameter over `unit`."""
     span = low, high
     out = []
     for number, branch in enumerate(branches):
@@ -90,7 +82,7 @@ def stable_segments(branches: Sequence[Branch], low: float, high: float, unit: f
 
 
 def _different(found: list[StableSegment]) -> list[StableSegment]:
-    """The segments without those that are part of another one."""
+    """The segments that are not part of another one."""
     out: list[StableSegment] = []
     for segment in sorted(found, key=lambda s: s.low.value - s.high.value):
         middle = 0.5 * (segment.low.value + segment.high.value)
@@ -102,7 +94,7 @@ def _different(found: list[StableSegment]) -> list[StableSegment]:
 
 
 def _runs(points: Sequence[ContinuationPoint]) -> list[tuple[int, int]]:
-    """First and last numbers of the stable points in a row between which the parameter does not turn."""
+    """First and last numbers of stable points in a row along which the parameter does not turn."""
     out: list[tuple[int, int]] = []
     start, way = -1, 0.0
     for k, point in enumerate(points):
@@ -120,12 +112,12 @@ def _runs(points: Sequence[ContinuationPoint]) -> list[tuple[int, int]]:
 
 def _end(branches: Sequence[Branch], branch: Branch, point: int, beyond: int, span: tuple[float, float],
          unit: float) -> SegmentEnd:
-    """What ends a segment at one of its points, towards the neighbour `beyond`."""
+    """The end of a segment at one of its points, towards the neighbour `beyond`."""
     at, width = branch.points[point], span[1] - span[0]
     size = max((s.orbit.seen.largest for b in branches for s in b.points), default=0.0)
     inner = 0 <= point + beyond < len(branch.points)
     found = branch.change_of_stability(min(point, point + beyond)) if inner else None
-    # Where doubled motions end a multiplier is 1, more or less: that point may count as stable or not.
+    # Where doubled motions end a multiplier is 1 to rounding, so the point may count as stable or not.
     last = point + beyond if inner else point
     if found is None and last in (0, len(branch.points) - 1):
         begun = _doubling_of(branches, branch, last, width)
@@ -139,7 +131,7 @@ def _end(branches: Sequence[Branch], branch: Branch, point: int, beyond: int, sp
 
 
 def _doubling_of(branches: Sequence[Branch], branch: Branch, point: int, width: float) -> Bifurcation | None:
-    """The doubling of motions of half the period in which a branch begins or ends; None where it is none."""
+    """The doubling of motions of half the period in which a branch begins or ends, if any."""
     end = branch.ended[0] if point == 0 else branch.ended[1]
     if end.reason not in (StopReason.BEGAN, StopReason.DOUBLING):
         return None
@@ -149,7 +141,7 @@ def _doubling_of(branches: Sequence[Branch], branch: Branch, point: int, width: 
 
 
 def _jumps(found: Bifurcation) -> bool:
-    """Whether a motion goes elsewhere beyond a bifurcation; a doubling is asked for the motions that it begets."""
+    """Whether a motion leaves the branch at a bifurcation."""
     if found.kind == "period_doubling":
         first = doubled(found)
         return first is None or not first.orbit.stable
@@ -157,7 +149,7 @@ def _jumps(found: Bifurcation) -> bool:
 
 
 def segment_of(seen: SettledMotion, among: Sequence[StableSegment], size: float, base: int = 1) -> int | None:
-    """The number of the segment that a motion of a sweep is on, by its period and largest size; None for none."""
+    """The number of the segment of a motion of a sweep, by its period and largest size; None where there is none."""
     away = {k: abs(s.amplitude(seen.value) - seen.amplitude) for k, s in enumerate(among)
             if seen.has_period(s.period, base)}
     near = {k: a for k, a in away.items() if a <= 2.0 * DEFAULTS.alike * size}
@@ -166,12 +158,10 @@ def segment_of(seen: SettledMotion, among: Sequence[StableSegment], size: float,
 
 @dataclass(frozen=True)
 class Jump:
-    """A jump between two neighbouring values of a sweep.
+    """Jump between two neighbouring values `low` and `high` of a sweep.
 
-    low, high : the two values
     before, after : the largest sizes there
-    cause : kind of the bifurcation, or one of BASIN, STEEP, APERIODIC
-    found : the bifurcation
+    cause : kind of the bifurcation `found`, or one of BASIN, STEEP, APERIODIC, NOT_FOLLOWED
     """
 
     low: float
@@ -183,7 +173,7 @@ class Jump:
 
     @property
     def value(self) -> float:
-        """Of the bifurcation; else the middle between the two values."""
+        """Value of the bifurcation, or the middle between the two values."""
         return 0.5 * (self.low + self.high) if self.found is None else self.found.value
 
 
@@ -194,11 +184,10 @@ def jumps_of(seen: Sequence[SettledMotion], branches: Sequence[Branch], least: f
     Parameters
     ----------
     seen : its motions in order of the parameter
-    branches : as `bifurcation_diagram` found them
-    least : smallest change of the largest size between neighbours that counts, relative to the largest with a period
+    branches : from `bifurcation_diagram`
+    least : smallest change of the largest size of a jump, relative to the largest periodic motion
     base : cycles after which the excitation repeats
-    direction : up or down where every motion goes on from its neighbour below or above: the end of that one is the
-        cause then
+    direction : up or down where every motion starts from its neighbour below or above, whose end is then the cause
     """
     size = amplitude_of(seen)
     width = abs(seen[-1].value - seen[0].value) if seen else 0.0
@@ -213,7 +202,7 @@ def jumps_of(seen: Sequence[SettledMotion], branches: Sequence[Branch], least: f
 
 def _cause(a: SettledMotion, b: SettledMotion, branches: Sequence[Branch], size: float, width: float, base: int,
            direction: str) -> tuple[str, Bifurcation | None]:
-    """What ends between two neighbouring motions of a sweep."""
+    """The cause of a jump between two neighbouring motions of a sweep, and its bifurcation."""
     here, there = place_of(a, branches, size, base), place_of(b, branches, size, base)
     unplaced = NOT_FOLLOWED if any(s.period and p is None for s, p in ((a, here), (b, there))) else APERIODIC
     ends: list[tuple[bool, Bifurcation]] = []
@@ -239,11 +228,8 @@ def _cause(a: SettledMotion, b: SettledMotion, branches: Sequence[Branch], size:
 
 
 def _walk(branch: Branch, place: BranchPlace, goal: float) -> tuple[int, bool]:
-    """How far the branch goes on from a place towards a value of the parameter, stable and without turning.
-
-    Returns
-    -------
-    The number of the last point, and whether the value was reached (it lies between that point and its neighbour).
+    """The last point of a branch from a place towards a value along stable points without a turn, and whether the value
+    is reached, between that point and its neighbour.
     """
     points = branch.points
     a, b = points[place.after], points[place.after + 1]
@@ -264,7 +250,7 @@ def _walk(branch: Branch, place: BranchPlace, goal: float) -> tuple[int, bool]:
 
 
 def nearest_bifurcation(branch: Branch, point: int, size: float, width: float) -> Bifurcation | None:
-    """The bifurcation of a branch nearest to the pieces about one of its points; None where none is near."""
+    """The bifurcation of a branch nearest to the pieces about one of its points; None for none nearby."""
     about = branch.points[max(point - 1, 0):point + 2]
     values, amplitudes = [s.value for s in about], [s.orbit.seen.largest for s in about]
 
@@ -277,5 +263,5 @@ def nearest_bifurcation(branch: Branch, point: int, size: float, width: float) -
 
 
 def _beyond(x: float, among: Sequence[float]) -> float:
-    """How far a number is outside of what some numbers span."""
+    """Distance of a number from the interval of some numbers."""
     return max(min(among) - x, x - max(among), 0.0)

@@ -1,4 +1,4 @@
-"""Periodic motions of a scene along one of its keys: branches, bifurcations, curves, limits, as `continue` asks."""
+"""Periodic motions of a scene along one of its keys: branches, bifurcations, curves and limits."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ from tcc_sim.sweeps.progress import point_bar
 
 @dataclass(frozen=True)
 class ContinuationPlan:
-    """What is asked for.
+    """Task of a continuation.
 
-    over : key and range; `second` the same for two-parameter curves
-    period : engine cycles of the motion to begin with; None takes the settled one's
-    at : values at which orbits are wanted
+    over : scene key, with its range from `low` to `high`; `second` is the same for two-parameter curves
+    period : engine cycles of the first motion; None takes the period of the settled one
+    at : values with orbits in the result
     switch : generations of doubled branches
     limit : whether bifurcations of the smoothed law are followed to the set-valued one
-    seeds : motions from which branches are followed, those that lie on none yet, instead of the settled one
+    seeds : motions on further branches; they replace the settled one
 
     Raises
     ------
     InputError
-        A range, value, period or depth that makes no sense.
+        A wrong range, value, period or depth.
     """
 
     over: str = field(metadata=reported("scene key that is followed"))
@@ -90,7 +90,7 @@ class ContinuationPlan:
 
 @dataclass(frozen=True)
 class OrbitAt(Described):
-    """The motion of a branch at a value that was asked for."""
+    """The motion of a branch at a value of `--at`."""
 
     branch: int = field(metadata=reported("number of the branch"))
     period: int = field(metadata=reported("period of the motion", "engine cycles"))
@@ -100,7 +100,7 @@ class OrbitAt(Described):
 
 @dataclass(frozen=True)
 class BifurcationWithLimit:
-    """A bifurcation, and its limit where that was asked for."""
+    """A bifurcation, and its limit with `--limit`."""
 
     found: Bifurcation = field(metadata=reported("the bifurcation", spread=True))
     limit: Limit | None = field(metadata=reported("its limit, with --limit", spread=True, asked_for=True))
@@ -141,13 +141,13 @@ class Motions(Result):
 
     @property
     def bifurcations(self) -> list[Bifurcation]:
-        """Of all branches, in order."""
+        """Bifurcations of all branches, in order."""
         return [f for branch in self.branches for f in branch.bifurcations]
 
     @property
     @reporting("bifurcations of all branches, in order", name="bifurcations")
     def limited(self) -> list[BifurcationWithLimit]:
-        """The bifurcations, with their limits where these were asked for."""
+        """The bifurcations, with their limits if there are any."""
         none = Limit(None, why="not looked for: interrupted") if self.plan.limit else None
         return [BifurcationWithLimit(found, self.limits.get(k, none)) for k, found in enumerate(self.bifurcations)]
 
@@ -167,7 +167,7 @@ def continuation(scene: Scene | System | str, over: str, start: float, stop: flo
     ----------
     scene : a scene, its name or file, or a system
     over : scene key that is followed, from the smaller of `start` and `stop` to the larger
-    period, at, switch, second, limit, seeds : as `ContinuationPlan` has them
+    period, at, switch, second, limit, seeds : as in `ContinuationPlan`
     progress : show points on a terminal or in a notebook, elsewhere a line a minute
 
     Raises
@@ -190,12 +190,12 @@ def continuation(scene: Scene | System | str, over: str, start: float, stop: flo
 
 
 def check(system: System, plan: ContinuationPlan) -> DrivelineMap:
-    """The map of the scene with the plan's key free, once it is sure that the plan can be carried out.
+    """Check a plan, and return the map of the scene with the plan's key free.
 
     Raises
     ------
     InputError
-        A key that cannot be followed, a range beyond the key's own, or an option that would do nothing.
+        A key that cannot be followed, a range beyond the key's own, or an option without effect.
     """
     found = DrivelineMap(system, (plan.over,))
     for value in (plan.low, plan.high):
@@ -221,19 +221,19 @@ def check(system: System, plan: ContinuationPlan) -> DrivelineMap:
 
 def continue_motions(system: System, plan: ContinuationPlan, tick: Callable[[ContinuationPoint], None] | None = None,
                      into: Motions | None = None) -> Motions:
-    """Follow the branch through the scene's settled motion (or those through seeds), and all that the plan asks for.
+    """Follow the branch through the scene's settled motion, or the branches through seeds, as planned.
 
     Parameters
     ----------
     tick : called with every point
-    into : filled in as things are found, so that they are there after Ctrl-C
+    into : receives results as they are found, also those before Ctrl-C
 
     Raises
     ------
     InputError
-        As `check`; also where the settled motion is one of a family with a multiplier of exactly 1.
+        As `check`; also where the settled motion belongs to a family with a multiplier of exactly 1.
     NumericalFailure
-        No periodic motion was found to begin with.
+        No first periodic motion was found.
     """
     map_ = check(system, plan)
     out = into if into is not None else Motions(plan, system)
@@ -262,7 +262,7 @@ def continue_motions(system: System, plan: ContinuationPlan, tick: Callable[[Con
 
 
 def _present(system: System, key: str) -> float:
-    """The scene's value of a key that is one number."""
+    """The scene's value of a key with one number."""
     value = dict(values_of(system))[key]
     assert isinstance(value, float)
     return value

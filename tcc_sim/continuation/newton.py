@@ -1,4 +1,4 @@
-"""Periodic orbits at given parameters: Newton with deflation of those already known, multipliers, stability.
+"""Periodic orbits at given parameters: Newton's method with deflation of known orbits, multipliers, stability.
 
 Deflation: P. E. Farrell, A. Birkisson, S. W. Funke, Deflation techniques for finding distinct solutions of nonlinear
 partial differential equations, SIAM J. Sci. Comput. 37 (2015).
@@ -21,7 +21,7 @@ from tcc_sim.result import Described, reported
 
 @dataclass(frozen=True)
 class OrbitState:
-    """Where a periodic orbit is, and how it grows."""
+    """Section, size and multipliers of a periodic orbit."""
 
     value: float = field(metadata=reported("value of the key", "{over}"))
     slip_speed: float = field(metadata=reported("slip speed on the section at phase 0", "rad/s"))
@@ -74,13 +74,13 @@ class Orbit:
 
     @property
     def state(self) -> OrbitState:
-        """What every result has of it."""
+        """The figures that every result reports."""
         v, angle, speed = map(float, self.section)
         return OrbitState(self.values[0], v, angle, speed, self.seen.largest, self.multipliers)
 
     @property
     def figures(self) -> OrbitFigures:
-        """All that is reported of it."""
+        """All figures that are reported."""
         return OrbitFigures(**vars(self.state), stick_fraction=self.seen.stick_fraction, stable=self.stable,
                             events=self.seen.events, residual=self.residual)
 
@@ -128,7 +128,7 @@ def orbit_at(shooting: Shooting, z: Floats, found: Linearised) -> Orbit:
 
 
 def newton(shooting: Shooting, z: Floats, known: Sequence[Floats] = ()) -> Floats | None:
-    """A solution near `z` at its parameters, none of the `known` ones; None where there is none to be found.
+    """A solution near `z` at its parameters, apart from the `known` ones; None where Newton's method fails.
 
     `z` and `known` are scaled unknowns; the parameters of `z` stay. Steps are halved until the residual falls.
     """
@@ -167,7 +167,7 @@ def newton(shooting: Shooting, z: Floats, known: Sequence[Floats] = ()) -> Float
 
 
 def _newton_step(jacobian: Floats, residual: Floats, singular: float) -> Floats:
-    """Newton's step, the shortest one where the Jacobian is singular: the motion is then one of a family."""
+    """Newton's step; the shortest one where the Jacobian is singular, in a family of motions."""
     step: Any
     try:
         step = np.linalg.solve(jacobian, -residual)
@@ -192,7 +192,7 @@ def _slope(away: Any, step: Any) -> float:
 
 
 def shifts(of: ParameterMap, x: Floats, values: Values, period: int) -> list[Floats]:
-    """The points of a closed orbit at the starts of all cycles at which the map repeats."""
+    """The points of a periodic orbit at the starts of all cycles at which the map repeats."""
     points, at = [x], x
     for first in range(0, period - of.forcing_period, of.forcing_period):
         at = of.evaluate(at, values, first, of.forcing_period).value
@@ -201,7 +201,7 @@ def shifts(of: ParameterMap, x: Floats, values: Values, period: int) -> list[Flo
 
 
 def minimal_period(of: ParameterMap, x: Floats, values: Values, period: int, same: float = DEFAULTS.same) -> int:
-    """The smallest number of cycles after which a closed orbit of `period` cycles repeats, to `same` natural sizes."""
+    """The smallest number of cycles after which an orbit of `period` cycles repeats, to `same` natural sizes."""
     points = shifts(of, x, values, period)
     for k in range(1, len(points)):
         if len(points) % k == 0 and np.abs((points[k] - x) / of.scales).max() < same:
@@ -214,7 +214,7 @@ def find_orbit(shooting: Shooting, values: Values, guesses: Iterable[Floats],
     """The scaled unknowns of an orbit with exactly the period of `shooting` from the first guess that leads to one.
 
     guesses : states (n,) at phase 0
-    known : states (n,) at phase 0 of orbits that are not looked for; orbits of shorter periods that come up join them
+    known : states (n,) at phase 0 of orbits to avoid; orbits of shorter periods that are found join them
     """
     deflated = [shooting.unknowns(x[None], values) for x in known]
     for guess in guesses:

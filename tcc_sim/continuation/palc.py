@@ -1,11 +1,10 @@
-"""Pseudo-arclength continuation of any curve of solutions, one equation fewer than unknowns.
+"""Pseudo-arclength continuation of any curve of solutions, with one equation fewer than unknowns.
 
 H. B. Keller, Numerical solution of bifurcation and nonlinear eigenvalue problems, 1977. Each step is Newton's method in
-the plane at right angles to the tangent, from a predictor of second order. The largest sizes of the motion (amplitudes)
-are coordinates of the arclength beside the unknowns: where a motion grows much while its section hardly moves, steps
-are measured by its size. A step is halved where the corrector goes
-far from the predictor, where the tangent turns by more than a set angle, or where the determinant of Jacobian and
-tangent changes sign: there the curve has met another one, or the corrector has jumped to it.
+the plane at right angles to the tangent, from a polynomial predictor. The largest sizes of the motion (amplitudes) are
+coordinates of the arclength beside the unknowns: they measure steps where a motion grows while its section hardly
+moves. A step is halved where the corrector goes far from the predictor, where the tangent turns by more than a set
+angle, or where the determinant of Jacobian and tangent changes sign, because the curve has met another one.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from tcc_sim.continuation.shooting import Linearised, ParameterRange
 
 
 class Equations(Protocol):
-    """d equations in d + 1 scaled unknowns; `rounding` is the residual below which no Newton step is worth taking."""
+    """d equations in d + 1 scaled unknowns; below a residual of `rounding` no Newton step helps."""
 
     rounding: ClassVar[float]
 
@@ -33,7 +32,7 @@ class Equations(Protocol):
 
     @property
     def coarse(self) -> Equations:
-        """Equations that cost less and are good enough for a first step; these where there are no other ones."""
+        """Cheaper equations for a first step, or these equations."""
 
     @property
     def ranges(self) -> tuple[ParameterRange, ...]:
@@ -44,7 +43,7 @@ class Equations(Protocol):
         """Number of the unknown that is the first parameter."""
 
     def outer(self, vector: Floats) -> Floats:
-        """The part of a vector of unknowns that is there whatever the segments: the first node, and what is no node."""
+        """The unknowns that do not depend on the segments: the first node, and those that are no nodes."""
 
     def linearise(self, z: Floats) -> Linearised:
         """Residual and Jacobian."""
@@ -60,9 +59,12 @@ class Solution(NamedTuple):
 
 
 class Corrected(NamedTuple):
-    """What the corrector came to: a solution, the tangent's direction, how far it went from its guess (with the
-    amplitudes, where they are coordinates too), how these change along the tangent, and what share of its first step
-    Newton's second one was.
+    """Result of the corrector.
+
+    z, found, tangent : a solution, the last linearisation and the tangent's direction
+    distance : from the guess, with the amplitudes where they are coordinates
+    slopes : change of the amplitudes along the tangent
+    contraction : Newton's second step over the first one
     """
 
     z: Floats
@@ -73,14 +75,12 @@ class Corrected(NamedTuple):
     contraction: float
 
     def facing(self, way: Floats) -> Solution:
-        """The solution with that of its two tangents that goes along `way`."""
+        """The solution with the one of its two tangents that points along `way`."""
         return solution_at(self.z, self.found, self.tangent if float(self.tangent @ way) > 0.0 else -self.tangent)
 
 
 class AmplitudeRow(NamedTuple):
-    """Heights as further coordinates of the arclength: their weights (N,) in the plane's equation, and their values
-    (N,) at the guess.
-    """
+    """Amplitudes as coordinates of the arclength: weights (N,) in the plane's equation, values (N,) at the guess."""
 
     weights: Floats
     amplitudes: Floats
@@ -94,8 +94,8 @@ def corrector(equations: Equations, guess: Floats, row: Floats, plane: Amplitude
               first: Equations | None = None) -> Corrected | None:
     """Newton to the solution with row . (z - guess) + weights . (amplitudes - those at the guess) = 0, from `start`.
 
-    It starts at the guess where nothing else is given, and its first step is one by the equations `first` where these
-    are given. None where it does not converge, or a step is longer than `farthest`.
+    It starts at the guess by default, and takes its first step by the equations `first` if they are given. None where
+    it does not converge or a step is longer than `farthest`.
     """
     z, last, away = guess.copy() if start is None else start.copy(), np.inf, 0.0
     contraction, settings = 0.0, equations.settings
@@ -133,7 +133,7 @@ def corrector(equations: Equations, guess: Floats, row: Floats, plane: Amplitude
         if length > (settings.slowest if length > settings.squared else short) * last:
             return None
         contraction = contraction or (length / last if last < np.inf else 0.0)
-        # The step after one by the first equations may be as long as these are wrong.
+        # The step after one by the first equations corrects their error, so it may be longer.
         last, short, now = length, 1.0 if now is equations else math.inf, equations
     return None
 
@@ -150,12 +150,12 @@ def over_border(here: Solution, new: Solution) -> bool:
 
 
 def oriented(solution: Solution, sign: float) -> Solution:
-    """The solution with that of its two tangents with which det [Jacobian; tangent] has this sign.
+    """The solution with the tangent for which det [Jacobian; tangent] has this sign.
 
-    Where the event sequence changes, the Jacobians of a continuous map differ on both sides by c n^T, with n normal to
-    the border, so det [Jacobian; n] is the same: with tangents of one orientation a branch comes to the border on one
-    side and leaves it on the other, whichever way its parameter goes there. M. di Bernardo, C. J. Budd, A. R.
-    Champneys, P. Kowalczyk, Piecewise-smooth Dynamical Systems, Springer 2008, Section 3.1.
+    Where the event sequence changes, the Jacobians of a continuous map on both sides differ by c n^T, with n normal to
+    the border, so det [Jacobian; n] is the same: a branch with tangents of one orientation crosses the border,
+    whichever way its parameter goes there. M. di Bernardo, C. J. Budd, A. R. Champneys, P. Kowalczyk, Piecewise-smooth
+    Dynamical Systems, Springer 2008, Section 3.1.
     """
     if solution.sign == sign:
         return solution
@@ -163,11 +163,9 @@ def oriented(solution: Solution, sign: float) -> Solution:
 
 
 def astray_beyond(equations: Equations, here: Solution, new: Solution) -> bool:
-    """Whether a step over a change of the event sequence has come to no solution.
-
-    There the curve may have a corner, and Newton's method a cycle of two points on either side of it: the last step
-    from a small residual beyond leads back to a large one.
-    """
+    """Whether a step over a change of the event sequence has not reached a solution."""
+    # The curve may have a corner there, and Newton's method a cycle of two points, one on either side of it: the last
+    # step from a small residual on one side leads back to a large one on the other.
     if not over_border(here, new):
         return False
     try:
@@ -179,7 +177,7 @@ def astray_beyond(equations: Equations, here: Solution, new: Solution) -> bool:
 
 
 def tangent_of(found: Linearised, along: Floats) -> Floats:
-    """The unit tangent of the curve on the side of `along`."""
+    """The unit tangent of the curve that points along `along`."""
     side = np.zeros(len(along))
     side[-1] = 1.0
     t: Any = np.linalg.solve(np.vstack([found.jacobian, along]), side)
@@ -188,13 +186,13 @@ def tangent_of(found: Linearised, along: Floats) -> Floats:
 
 
 def null_direction(found: Linearised) -> Floats:
-    """A unit vector that the Jacobian maps to 0."""
+    """A unit vector that the Jacobian maps to zero."""
     out: Floats = np.linalg.svd(found.jacobian)[2][-1]
     return out
 
 
 def solution_at(z: Floats, found: Linearised, tangent: Floats) -> Solution:
-    """A point with the sign of its determinant."""
+    """The solution at a point, with the sign of its determinant."""
     matrix = np.empty((len(z), len(z)))
     matrix[:-1], matrix[-1] = found.jacobian, tangent
     return Solution(z, tangent, found, float(np.sign(np.linalg.det(matrix))))
@@ -205,9 +203,9 @@ class StepSize:
     """Step-size control; lengths are in natural sizes.
 
     length : of the next step
-    smallest : below which it is no step
-    tried : steps tried until now
-    missed : how far the last step's predictor was from the curve
+    smallest : shortest step
+    tried : number of steps tried
+    missed : distance of the last step's predictor from the curve
     """
 
     settings: Settings = DEFAULTS
@@ -221,9 +219,9 @@ class StepSize:
         self.smallest = self.smallest or self.settings.smallest_step
 
     def after(self, found: Corrected, refused: bool) -> float:
-        """The next length after a step; the corrector's way goes as the third power of the length.
+        """The next length after a step; the corrector's distance grows as the third power of the length.
 
-        refused : whether a longer one has just been, which the next one is not to be then
+        refused : whether a longer step has just failed
         """
         ways = (found.distance / self.settings.wanted, found.contraction / self.settings.contraction)
         factor = max(max(ways), 1e-9) ** (-1.0 / 3.0)
@@ -235,9 +233,9 @@ def next_solution(equations: Equations, here: Solution, before: Sequence[Solutio
             by_amplitude: bool = True, coarse: Equations | None = None) -> Solution | None:
     """The next point along the curve; None where no step is short enough.
 
-    before : points before `here`, the nearest one last, from which the predictor takes the curve's bend
+    before : points before `here` for the predictor, the nearest one last
     by_amplitude : whether the amplitudes are coordinates of the arclength, where there are any
-    coarse : equations that cost less and are good enough for the first step from a predictor that misses
+    coarse : cheaper equations for the first step where the predictor is far off
     """
     used = by_amplitude and len(here.found.amplitudes) > 0
     slopes = here.found.amplitude_gradient @ here.tangent if used else FLAT.weights
@@ -269,10 +267,8 @@ def next_solution(equations: Equations, here: Solution, before: Sequence[Solutio
 
 
 def beside(here: Solution, new: Solution, by_amplitude: bool) -> float:
-    """Cosine between the way from one point to the next and the tangent there.
-
-    Along a curve that bends little the way lies between both tangents; elsewhere the corrector has gone to another one.
-    """
+    """Cosine between the chord from one point to the next and the tangent there."""
+    # Along a curve that bends little the chord lies between both tangents; else the corrector has left the curve.
     way, along = new.z - here.z, new.tangent
     if by_amplitude:
         way = np.concatenate([way, new.found.amplitudes - here.found.amplitudes])
@@ -282,9 +278,9 @@ def beside(here: Solution, new: Solution, by_amplitude: bool) -> float:
 
 def predictor_nodes(here: Solution, before: Sequence[Solution], slopes: Floats,
                     count: int) -> list[tuple[float, Floats]]:
-    """Nodes of the predictor: how far each is along the tangent, and its unknowns and amplitudes from those of `here`.
+    """Nodes of the predictor: the distance of each along the tangent, and its unknowns and amplitudes less those here.
 
-    The first two are `here` itself, for its tangent; the tangent is in the place of the second one's unknowns.
+    The first two are `here` itself; the second one holds the tangent.
     """
     size, used = len(here.z), len(slopes)
     nodes = [(0.0, np.zeros(size + used)), (0.0, np.concatenate([here.tangent, slopes]) / (1.0 + slopes @ slopes))]
@@ -300,7 +296,8 @@ def predictor_nodes(here: Solution, before: Sequence[Solution], slopes: Floats,
 
 
 def predictor(nodes: list[tuple[float, Floats]], at: float) -> Floats:
-    """The polynomial through nodes in order, by divided differences; a second one at the same place is its slope."""
+    """The polynomial through nodes at a distance, by divided differences; a node at the place of another is its slope.
+    """
     places, column = [place for place, _ in nodes], [value for _, value in nodes]
     slope = column[1] if places[0] == places[1] else None
     if slope is not None:

@@ -1,7 +1,6 @@
-"""What the study of motions knows of a system: a map from cycle to cycle, with its derivatives and what can be seen.
+"""Protocol of the systems whose motions are followed: a map from cycle to cycle, with derivatives and observations.
 
-A textbook map is one instance, a scene of the driveline another (`DrivelineMap`). Orbits, branches and bifurcations are
-worked out on this protocol alone.
+A textbook map is one instance, a scene of the driveline another (`DrivelineMap`).
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ Values = tuple[float, ...]
 
 
 class Observation(NamedTuple):
-    """What is seen on the way of some cycles.
+    """Observation of a motion over some cycles.
 
     largest : the largest size of the motion (for the driveline |slip speed|, rad/s)
     stick_fraction : 0 to 1
@@ -34,12 +33,12 @@ class Observation(NamedTuple):
 
 
 class Image(NamedTuple):
-    """What some cycles make of a state, and its derivatives.
+    """Image of a state after some cycles, with derivatives.
 
     value : (n,) state after them
     derivatives : (n, n + P) with respect to the state before them, and to the free parameters
-    seen : what is seen on the way, where the map knows it at once
-    amplitude_gradient : (N, n + P) derivatives of the N amplitudes seen, likewise
+    seen : observation, if the map has it
+    amplitude_gradient : (N, n + P) derivatives of the N observed amplitudes, likewise
     """
 
     value: Floats
@@ -55,20 +54,20 @@ class Image(NamedTuple):
 
 @dataclass(frozen=True)
 class Margins:
-    """How far a motion is from the changes of its event sequence, each relative to a natural size; inf where none.
+    """Distances of a motion from changes of its event sequence, each relative to a natural size; inf for none.
 
     grazing : smallest |slip speed| at an extremum within slip
     arrival : r Ts - |lambda| where slip ends, the one nearest to 0, negative where slip goes on the other way
     arrival_grows : whether stick's margin grows there
     stick : smallest margin r Ts - |lambda| at a minimum within stick
-    slopes : derivatives of these by the state (n,) and the free parameters (P,), by name; only where they are known
+    slopes : known derivatives of these by the state and the free parameters (n + P,), by name
     """
 
     grazing: float
     arrival: float
     arrival_grows: bool
     stick: float
-    slopes: Mapping[str, tuple[Floats, Floats]] = field(default_factory=dict)
+    slopes: Mapping[str, Floats] = field(default_factory=dict)
 
 
 class ParameterMap(Protocol):
@@ -80,7 +79,7 @@ class ParameterMap(Protocol):
     forcing_period : cycles after which the map repeats (1 where it is the same in every cycle)
     piecewise : whether the event sequence changes the map (set-valued friction)
     divisible : whether `first` and `cycles` of `evaluate` may be parts of cycles
-    coarse : nearly the same map at less cost, for guesses; itself where there is no other
+    coarse : cheaper and nearly the same map, for guesses; or the map itself
 
     `evaluate` and `observe` raise ArithmeticError where the system cannot be solved and ValueError outside its range.
     """
@@ -94,7 +93,7 @@ class ParameterMap(Protocol):
 
     @property
     def coarse(self) -> ParameterMap:
-        """Nearly the same map."""
+        """Nearly the same map, cheaper."""
 
     def evaluate(self, x: Floats, values: Values, first: float, cycles: float) -> Image:
         """The state after `cycles` cycles from `x` at the start of cycle `first`, with derivatives."""
@@ -104,12 +103,12 @@ class ParameterMap(Protocol):
         """`evaluate` for several states (m, n), each with its start and its length."""
 
     def observe(self, x: Floats, values: Values, first: int, cycles: int) -> Observation:
-        """What is seen on that way."""
+        """Observation of these cycles."""
 
     def margins(self, x: Floats, values: Values, first: float, cycles: float) -> Margins:
-        """How far that way is from another event sequence."""
+        """Distances of these cycles from another event sequence."""
 
 
 NO_MARGINS = Margins(np.inf, np.inf, False, np.inf)
 FAILURES = (ArithmeticError, ValueError, np.linalg.LinAlgError)
-"""What a map raises where it has no value; the study then takes a smaller step."""
+"""Exceptions of a map where it has no value; continuation then takes a smaller step."""

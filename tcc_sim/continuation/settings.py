@@ -1,209 +1,165 @@
-"""The settings of the room: every tolerance, length and bound that the study of motions works with, in one object.
+"""Tolerances, lengths and bounds of continuation, in one object.
 
-Lengths, steps and residuals are in natural sizes where nothing else is said. They stand in groups,
-one for each part of the work, as BifurcationKit.jl's `ContinuationPar` holds its `NewtonPar`.
+Lengths, steps and residuals are in natural sizes unless a comment gives another unit.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tcc_sim.model.quantity import quantity
-
 
 @dataclass(frozen=True)
 class Settings:
-    """How orbits are solved for, followed and told apart."""
+    """How orbits are solved, followed and compared."""
 
     # The driveline's map, and how a motion is cut into segments (`driveline.py`, `shooting.py`, `branch_track.py`).
-    solver_tolerance: float = quantity(1e-12, "relative tolerance of the driveline's map: what a step leaves is some "
-                                       "1e-13 then, and the derivatives are good to 2e-7")
-    coarse_tolerance: float = quantity(1e-9, "the same for the first step of a corrector that has far to go")
-    stuck: float = quantity(1e-12, "slip speed below which the set-valued law is taken to stick", "rad/s")
-    growth: float = quantity(1e2, "growth over a segment above which it is cut: what a step of the solver leaves, some "
-                             "1e-13, stays below 1e-10")
-    regrowth: float = quantity(10.0, "growth over a segment, in `growth`, above which the orbit is cut anew")
-    fewer_after: int = quantity(20, "points after which fewer segments are tried")
-    parts: int = quantity(16, "parts of a cycle, or of a part of it, in which the growth is looked at")
-    thorough: bool = quantity(False, "whether it is looked at about every change between stick and slip too: what "
-                              "grows in slip and is taken back by stick within one part is not in its derivative, but "
-                              "in how sharply it bends")
+    # A step of the map leaves some 1e-13, and its derivatives are good to 2e-7.
+    solver_tolerance: float = 1e-12  # relative tolerance of the map
+    coarse_tolerance: float = 1e-9  # the same for the first step of a corrector that has far to go
+    stuck: float = 1e-12  # slip speed, rad/s, below which the set-valued law sticks
+    growth: float = 1e2  # growth over a segment above which it is cut: the solver's 1e-13 stays below 1e-10
+    regrowth: float = 10.0  # growth over a segment, in `growth`, above which the orbit is cut into other segments
+    fewer_after: int = 20  # points after which fewer segments are tried
+    parts: int = 16  # parts of a cycle, or of a part of it, over which growth is measured
+    # Whether growth is also measured about every change between stick and slip: growth in slip that stick removes
+    # within the same part is not in the part's derivative, but in how sharply it bends.
+    thorough: bool = False
 
-    # Newton's method for an orbit, and when two are the same (`newton.py`).
-    newton_tolerance: float = quantity(1e-10, "last step at which an orbit counts as found")
-    newton_iterations: int = quantity(25, "most steps of the method")
-    newton_rounding: float = quantity(1e-12, "residual below which no further step is worth taking")
-    newton_step: float = quantity(2.0, "longest step; a longer one is cut to it")
-    newton_parts: tuple[float, ...] = quantity((1.0, 0.5, 0.25, 0.1, 0.03), "parts of a step that are tried in order "
-                                               "until the residual falls, or the event sequence stays")
-    singular: float = quantity(1e-12, "singular value, relative to the largest one, below which a Jacobian is singular")
-    lost: float = quantity(1e-8, "reciprocal of a multiplier that the pencil of several segments has lost digits of: "
-                           "some 1e-16 is left of it there, so that 1e-8 stands for half the digits. The product of "
-                           "the segments gives it, as it is the largest")
-    residual: float = quantity(5e-9, "residual above which nothing counts as an orbit, however short the last step "
-                               "was: where the Jacobian is singular (a runaway is one), it may be none at all")
-    same: float = quantity(1e-6, "distance below which two orbits are the same")
-    neutral: float = quantity(1e-9, "distance of a multiplier from the unit circle that may be rounding: what is no "
-                              "further is neither stable nor a change of sign of a test function")
+    # Newton's method for an orbit, and when two orbits are the same (`newton.py`).
+    newton_tolerance: float = 1e-10  # last step of an orbit
+    newton_iterations: int = 25  # most steps
+    newton_rounding: float = 1e-12  # residual below which no further step helps
+    newton_step: float = 2.0  # longest step; a longer one is scaled to it
+    # Parts of a step that are tried in order until the residual falls or the event sequence is unchanged.
+    newton_parts: tuple[float, ...] = (1.0, 0.5, 0.25, 0.1, 0.03)
+    singular: float = 1e-12  # singular value, relative to the largest one, below which a Jacobian is singular
+    # Reciprocal of a multiplier below which the pencil of several segments has lost half its digits (its error is some
+    # 1e-16); the product of the segments gives such a large multiplier.
+    lost: float = 1e-8
+    # Largest residual of an orbit, however short the last step was: where the Jacobian is singular, as in runaway slip,
+    # a short step does not make an orbit.
+    residual: float = 5e-9
+    same: float = 1e-6  # distance below which two orbits are the same
+    neutral: float = 1e-9  # distance from the unit circle that may be rounding: neither stable nor a change of sign
 
     # The corrector of a continuation (`palc.py`).
-    correct_tolerance: float = quantity(1e-9, "last step at which a point counts as found")
-    correct_iterations: int = quantity(8, "most steps of the corrector")
-    correct_step: float = quantity(10.0, "step above which the corrector is given up")
-    squared: float = quantity(1e-5, "a step below this leaves an error of its square; the residual before it then "
-                              "decides too")
-    slowest: float = quantity(0.7, "share of the step before above which the corrector is given up: a shorter step of "
-                              "the continuation costs less")
-    missed: float = quantity(1e-8, "distance between predictor and corrector above which the first step of the next "
-                             "corrector is one of `coarse_tolerance`")
-    grown: float = quantity(10.0, "growth of a residual by the last step above which that has led elsewhere")
-    nothing: float = quantity(1e-12, "residual that counts as none there")
-    contraction: float = quantity(0.15, "share of the corrector's first step that its second one is to be: four of "
-                                  "them then reach rounding")
+    correct_tolerance: float = 1e-9  # last step of a point
+    correct_iterations: int = 8  # most steps
+    correct_step: float = 10.0  # step above which the corrector fails
+    squared: float = 1e-5  # step below which the error is its square, so that the residual before it decides too
+    slowest: float = 0.7  # share of the last step above which the corrector fails: a shorter predictor costs less
+    missed: float = 1e-8  # error of a predictor above which the next corrector begins with a coarse step
+    grown: float = 10.0  # growth of a residual by the last step above which it has left the curve
+    nothing: float = 1e-12  # least residual in that comparison
+    contraction: float = 0.15  # second step over first step that is aimed at: four steps then reach rounding
 
     # The steps of a continuation and their control (`palc.py`, `follow.py`).
-    first_step: float = quantity(0.01, "first step of a continuation")
-    flat_step: float = quantity(1e-3, "first step without the amplitudes among the arclength's coordinates")
-    smallest_step: float = quantity(1e-9, "smallest step, below which a continuation ends")
-    largest_step: float = quantity(0.1, "largest step")
-    wanted: float = quantity(2e-3, "distance between predictor and corrector that is aimed at")
-    farthest: float = quantity(0.3, "the largest that is taken, relative to the step")
-    shorter: float = quantity(0.5, "most that a step is shortened by")
-    longer: float = quantity(2.0, "most that a step is lengthened by")
-    longer_after_refused: float = quantity(1.2, "the same where a longer one has just been refused")
-    turn: float = quantity(0.9, "least cosine between neighbouring tangents")
-    branching: float = quantity(1e-4, "step in which a change of the determinant's sign is believed")
-    nodes: int = quantity(3, "points before the last one from which the next is predicted")
-    max_points: int = quantity(3000, "most points in one direction of a branch")
-    max_tries: int = quantity(6000, "most steps tried, halved ones too, in one direction")
+    first_step: float = 0.01
+    flat_step: float = 1e-3  # first step without the amplitudes among the coordinates of the arclength
+    smallest_step: float = 1e-9
+    largest_step: float = 0.1
+    wanted: float = 2e-3  # distance between predictor and corrector that is aimed at
+    farthest: float = 0.3  # the largest one, relative to the step
+    shorter: float = 0.5  # least factor of the step
+    longer: float = 2.0  # largest factor of the step
+    longer_after_refused: float = 1.2  # the same after a longer step has failed
+    turn: float = 0.9  # least cosine between neighbouring tangents
+    branching: float = 1e-4  # longest step in which the determinant may change its sign
+    nodes: int = 3  # points before the last one that the predictor uses
+    max_points: int = 3000  # most points in one direction of a branch
+    max_tries: int = 6000  # most steps tried in one direction
 
-    # Where a branch ends, or is closed (`branch_track.py`, `detection.py`, `branch.py`, `diagram.py`).
-    canard: float = quantity(1e10, "modulus of a multiplier above which a branch ends: an orbit known to 1e-12 closes "
-                             "to no better than 1e-2 over its period, and neither value nor sign of such a multiplier "
-                             "can be trusted. Motions along the falling branch of friction get there")
-    family: float = quantity(1e-7, "distance of a multiplier from 1, and of the tangent from one without a change of "
-                             "the parameter, on a family of motions at one value")
-    family_length: float = quantity(1e-2, "how far a branch runs along a family before it counts as one")
-    merged: float = quantity(1e-5, "distance, relative to the range, at which a branch ends in a doubling, or two "
-                             "begin in one")
-    same_end: float = quantity(1e-6, "distance, relative to the range, at which a fold is the end where a branch "
-                               "passes into its own shift")
-    passing: float = quantity(0.2, "distance from the first point, relative to the step, within which a chord is "
-                              "looked at for a closed branch")
-    passed: float = quantity(0.02, "distance from the first point, relative to the step, within which the branch is at "
-                             "that point")
+    # Where a branch ends or closes (`branch_track.py`, `follow.py`, `branch.py`, `diagram.py`).
+    # Modulus of a multiplier above which a branch ends: an orbit known to 1e-12 closes to 1e-2 only, so that neither
+    # value nor sign of the multiplier can be trusted. Motions along the falling branch of friction reach it.
+    canard: float = 1e10
+    family: float = 1e-7  # distance of a multiplier from 1, and slope of the parameter, in a family at one value
+    family_length: float = 1e-2  # length of a branch in a family before it ends
+    merged: float = 1e-5  # distance, relative to the range, at which two ends of branches are one doubling
+    same_end: float = 1e-6  # distance, relative to the range, at which a fold is the doubling where its branch ends
+    passing: float = 0.2  # distance from the first point, relative to the step, of a chord that may close a branch
+    passed: float = 0.02  # the same of a point on the branch that closes it
 
-    # Special points: found and located (`detection.py`, `special_points.py`, `bracket.py`, `augmented.py`).
-    detect: bool = quantity(True, "whether special points are looked for")
-    root: float = quantity(1e-13, "width of a bracket, relative to the step, at which a root counts as found")
-    enough: float = quantity(1e-11, "residual at which a root counts as found, however wide the bracket is")
-    spurious: float = quantity(1e-2, "residual above which a change of sign is one of rounding, not of a bifurcation")
-    located: float = quantity(1e-8, "last Newton step at which a bifurcation counts as found")
-    locate_iterations: int = quantity(15, "most Newton steps towards a bifurcation")
-    noise: float = quantity(1e-6, "part of the larger end value below which a test may be rounding")
-    idle: int = quantity(2, "evaluations in a row that may then fail to halve the least one before the root counts as "
-                         "found: to narrow the bracket further would be to ask the rounding")
-    forward: float = quantity(0.1, "least cosine between tangent and chord with which the tangents at its ends tell "
-                              "where the branch runs")
-    complex_pair: float = quantity(1e-6, "argument above which a pair of multipliers is complex and not real", "rad")
-    branch_point_step: float = quantity(1e-6, "difference by which Newton's method on the system of a branch point "
-                                        "takes derivatives")
-    branch_point_tolerance: float = quantity(1e-9, "last step of that method at which a branch point counts as found")
-    branch_point_iterations: int = quantity(12, "most steps of that method")
-    branch_point_reach: float = quantity(1e-2, "how far that method may go from where it began")
-    branch_point_defect: float = quantity(1e-6, "what may be left of the defect that it carries")
-    opposite: float = quantity(0.8, "cosine, but for its sign, beyond which what tells the halves of two orbits apart "
-                               "has turned round")
-    halves_met: float = quantity(1e-2, "distance between the halves of a fold's orbit at which a curve that goes no "
-                                 "further has come to a generalised doubling, whose parameters are then known to its "
-                                 "square")
-    halves_reach: float = quantity(0.1, "how far a doubling in which such a branch ends may be from where its halves "
-                                   "look the same")
+    # Special points (`special_points.py`, `bracket.py`, `bordered.py`).
+    detect: bool = True  # whether special points are located
+    root: float = 1e-13  # width of a bracket, relative to the step, of a root
+    enough: float = 1e-11  # residual of a root, however wide the bracket is
+    spurious: float = 1e-2  # residual above which a change of sign is rounding
+    located: float = 1e-8  # last Newton step of a bifurcation
+    noise: float = 1e-6  # part of the larger end value below which a test may be rounding
+    idle: int = 2  # evaluations in a row that may then fail to halve the least one: a narrower bracket is noise
+    forward: float = 0.1  # least cosine between tangent and chord of a cubic through the ends of a bracket
+    complex_pair: float = 1e-6  # argument, rad, above which a pair of multipliers is complex
+    branch_point_reach: float = 1e-2  # largest distance of a branch point from where Newton's method begins
+    branch_point_defect: float = 1e-6  # largest defect of its equations
+    opposite: float = 0.8  # cosine, but for its sign, above which the halves of two orbits are opposite
+    # Distance between the halves of a fold's orbit at which a curve that ends has reached a generalised doubling, whose
+    # parameters are then known to its square.
+    halves_met: float = 1e-2
+    halves_reach: float = 0.1  # largest distance of the doubling from the orbit whose halves are alike
 
-    # Sliding bifurcations, where the event sequence changes (`sliding.py`, `detection.py`, `branch_track.py`).
-    most_borders: int = quantity(6, "changes of the event sequence that are looked for in one step")
-    corner_step: float = quantity(1e-10, "smallest step beyond a corner")
-    beside: tuple[float, ...] = quantity((1e-8, 1e-7, 1e-6, 1e-5), "how far beyond a change of the event sequence its "
-                                         "other side is looked at")
-    border: float = quantity(1e-12, "margin, relative to its natural size, at which a sliding bifurcation counts as "
-                             "found")
-    border_halvings: tuple[int, ...] = quantity((24, 20, 0), "halvings of the bracket before Newton's method, and "
-                                                "further ones where that does not get through; none in the end")
-    border_residual: float = quantity(1e-11, "residual of the orbit itself at which it counts as closed")
-    border_iterations: int = quantity(40, "most steps of Newton's method towards a border")
-    border_left: float = quantity(0.1, "share of the margin that a Newton step leaves, so as to stay on the side that "
-                                  "has one")
-    border_finest: float = quantity(1e-12, "distance from the border below which it is not resolved where the margin "
-                                    "changes very fast (on a canard: slip that follows the falling branch of "
-                                    "friction); that distance is the residual then")
-    border_astray: float = quantity(10.0, "distance from the bracket beyond which another border has been "
-                                    "found", "lengths of the bracket")
-    repeats: int = quantity(8, "changes of one kind that are looked for at once (a symmetric motion has them in pairs)")
+    # Changes of the event sequence (`sliding.py`, `special_points.py`, `bordered.py`, `branch_track.py`).
+    most_borders: int = 6  # most changes in one step
+    corner_step: float = 1e-10  # smallest step beyond a corner
+    beside: tuple[float, ...] = (1e-8, 1e-7, 1e-6, 1e-5)  # distances at which the other side of a corner is tried
+    border: float = 1e-12  # margin, relative to its natural size, of a solution
+    border_residual: float = 1e-11  # residual of the orbit there
+    border_halvings: tuple[int, ...] = (24, 20, 0)  # bisections before Newton's method; further ones after it fails
+    border_iterations: int = 40  # most steps of Newton's method on a bordered system
+    border_left: float = 0.1  # share of the margin that a Newton step leaves, to stay on the side that has one
+    # Distance from the border below which it is not resolved because the margin changes very fast, on canards; the
+    # distance is the residual then.
+    border_finest: float = 1e-12
+    border_astray: float = 10.0  # distance, in lengths of the bracket, beyond which another border has been found
+    repeats: int = 8  # most changes of one kind at once (a symmetric motion has pairs of them)
 
-    # Bifurcation diagrams, the motions they begin with, and what lies on them or ends them (`diagram.py`, `motions.py`,
-    # `initial_orbits.py`, `loss_of_stability.py`, `branch.py`).
-    amplitudes: tuple[float, ...] = quantity((3e-3, 1e-3, 1e-2, 3e-4, 3e-5, 3e-6, 1e-6), "distances from a doubling at "
-                                             "which its branch is looked for; next to a canard, where the map bends "
-                                             "within 1e-5, only the smallest are on it")
-    max_branches: int = quantity(24, "most branches of a bifurcation diagram")
-    longest_period: int = quantity(12, "longest period that is followed in it", "periods of the excitation")
-    alike: float = quantity(0.01, "difference of two amplitudes, relative to the largest of a sweep, up to which they "
-                            "are those of one motion")
-    next_to_nothing: float = quantity(1e-3, "part of the largest size of a sweep below which that of its periodic "
-                                      "motions is no measure")
-    near_end: float = quantity(0.05, "how far a bifurcation may be from where stability ends, in parts of the range "
-                               "and of the largest size together")
-    same_segment: float = quantity(1e-3, "difference of the largest sizes, relative to themselves, up to which two "
-                                   "stable segments are one")
-    narrowest: float = quantity(1e-3, "width, relative to the range, below which a segment is left out: on canards "
-                                "stability comes and goes within less")
-    settling: int = quantity(4800, "time after which a motion that repeats nowhere is taken for aperiodic",
-                             "engine cycles")
-    settling_elsewhere: int = quantity(300, "the same at other values of the range", "engine cycles")
-    longest_start: int = quantity(16, "longest period to begin with that may be asked for", "engine cycles")
-    deepest_switch: int = quantity(8, "most generations of doubled branches that may be asked for")
-    guesses: int = quantity(8, "section points from which a first orbit is looked for")
-    elsewhere: int = quantity(9, "values of the range at which a motion that settles is looked for where none does at "
-                              "the scene's own")
-    off_chord: float = quantity(0.3, "how far a motion may be off the chord between two points, relative to how much "
-                                "that chord climbs")
-    on_chord: float = quantity(1e-3, "the same where the chord does not climb")
+    # Bifurcation diagrams, first motions, and the motions on a branch (`diagram.py`, `initial_orbits.py`, `motions.py`,
+    # `loss_of_stability.py`, `branch.py`).
+    # Distances from a doubling at which its branch is tried; beside a canard, where the map bends within 1e-5, only the
+    # smallest ones lie on it.
+    amplitudes: tuple[float, ...] = (3e-3, 1e-3, 1e-2, 3e-4, 3e-5, 3e-6, 1e-6)
+    max_branches: int = 24  # most branches of a diagram
+    longest_period: int = 12  # longest period in it, periods of the excitation
+    alike: float = 0.01  # difference of two amplitudes of one motion, relative to the largest of a sweep
+    next_to_nothing: float = 1e-3  # part of a sweep's largest size below which its periodic motions are no measure
+    near_end: float = 0.05  # distance of a bifurcation from a loss of stability, parts of range and largest size
+    same_segment: float = 1e-3  # relative difference of the largest sizes of one stable segment
+    narrowest: float = 1e-3  # least width of a segment, relative to the range: canards have many narrower ones
+    settling: int = 4800  # engine cycles after which a motion that does not repeat is aperiodic
+    settling_elsewhere: int = 300  # the same at other values of the range
+    longest_start: int = 16  # longest first period that may be asked for, engine cycles
+    deepest_switch: int = 8  # most generations of doubled branches that may be asked for
+    guesses: int = 8  # section points from which a first orbit is tried
+    elsewhere: int = 9  # values of the range at which a motion is tried where the scene's own does not settle
+    off_chord: float = 0.3  # distance of a motion from the chord between two points, relative to its rise
+    on_chord: float = 1e-3  # the same where the chord does not rise
 
-    # Curves of bifurcations in two keys (`curve_track.py`, `codim2_points.py`, `augmented.py`).
-    curve_step: float = quantity(0.03, "longest step, of which a picture shows every corner")
-    curve_regrowth: float = quantity(2.0, "`regrowth` along a curve")
-    finer_growths: tuple[float, ...] = quantity(
-        (10.0, 3.0), "growths over a segment, in order, with which orbits are cut anew, thoroughly, for want of a step")
-    curve_tolerance: float = quantity(1e-8, "last step and residual with which a point of a curve is one")
-    curve_root: float = quantity(1e-9, "width of the bracket of a point of codimension two, relative to the step")
-    curve_slope: float = quantity(1e-2, "distance from it at which the slope of its test function is taken, relative "
-                                  "to the bracket")
-    resolved: float = quantity(3.0, "changes of a test function by other difference steps and one more Newton step "
-                               "that it must exceed on both sides of such a point")
-    curve_exact: float = quantity(1e-11, "least error of a point of codimension two, relative to the ranges")
-    singular_apart: float = quantity(0.05, "least distance from a singular end of a curve at which it is extrapolated")
-    curve_jump: float = quantity(1e-2, "part of the larger end value above which its test function jumps there")
-    difference: float = quantity(1e-8, "step along null vectors of length one for first derivatives of the Jacobian. "
-                                 "Beside canards motions bend within 1e-7, and the Jacobian's own noise is some 1e-14: "
-                                 "measured by halving, the derivative is good to four digits in both cases")
-    bend: float = quantity(8e-3, "the same for second derivatives, relative to the length within which the Jacobian "
-                           "changes by one")
-    margin_step: float = quantity(1e-6, "step of differences of a margin by the two parameters")
+    # Curves of bifurcations in two keys (`curve_track.py`, `codim2_points.py`, `bordered.py`).
+    curve_step: float = 0.03  # longest step, for pictures
+    curve_regrowth: float = 2.0  # `regrowth` along a curve
+    finer_growths: tuple[float, ...] = (10.0, 3.0)  # growths over a segment of thorough cuts after failed steps
+    curve_tolerance: float = 1e-8  # last step and residual of a point
+    curve_root: float = 1e-9  # width of the bracket of a point of codimension two, relative to the step
+    curve_slope: float = 1e-2  # distance from it of the slope of its test, relative to the bracket
+    resolved: float = 3.0  # least value of a test on both sides, relative to its changes by steps of differences
+    curve_exact: float = 1e-11  # least error of a point of codimension two, relative to the ranges
+    singular_apart: float = 0.05  # least distance from a singular end of a curve in its extrapolation
+    curve_jump: float = 1e-2  # part of the larger end value above which a test jumps
+    # Step along null vectors of length one for first derivatives of the Jacobian. Beside canards motions bend within
+    # 1e-7, and the Jacobian's noise is some 1e-14: by halving, the derivative is good to four digits in both cases.
+    difference: float = 1e-8
+    bend: float = 8e-3  # the same for second derivatives, relative to the length in which the Jacobian changes by one
+    margin_step: float = 1e-6  # step of differences of a margin by the two parameters
 
-    # Where a bifurcation goes as the smoothing goes to none (`limits.py`).
-    limit_landings: tuple[float, ...] = quantity((8e-3, 4e-3, 2e-3, 1e-3), "smoothing of the scene over those at which "
-                                                 "a trace over the smoothing has points, the last one its end")
-    limit_steps: tuple[float, float] = quantity((0.02, 1e-7), "first and smallest step of that trace")
-    limit_least: float = quantity(0.3, "smoothing of the scene over that which a trace must have reached to be "
-                                  "extrapolated")
-    limit_farthest: float = quantity(100.0, "how far the parameter may go on it, in widths of its range: a limit may "
-                                     "lie outside")
-    limit_gain: float = quantity(0.1, "part of what an extrapolation adds to a straight line that its error is at "
-                                 "least")
-    limit_safety: float = quantity(4.0, "times an error that is taken. Of 44 limits that the set-valued law has too, "
-                                   "the farthest was 0.8 away without")
-    limit_stuck: float = quantity(1e-3, "slip speed on the section at which a smoothed motion is one in stick", "rad/s")
-    limit_solved: float = quantity(1e-9, "error, relative to the range, of a bifurcation of the set-valued law")
+    # Limits of bifurcations as sigma goes to infinity (`limits.py`).
+    limit_landings: tuple[float, ...] = (8e-3, 4e-3, 2e-3, 1e-3)  # ends of the trace, the scene's sigma over sigma
+    limit_steps: tuple[float, float] = (0.02, 1e-7)  # first and smallest step of the trace
+    limit_least: float = 0.3  # the scene's sigma over sigma that an extrapolated trace must reach
+    limit_farthest: float = 100.0  # how far the parameter may go on it, in widths of its range
+    limit_gain: float = 0.1  # error of an extrapolation, at least this part of its difference from a straight line
+    limit_safety: float = 4.0  # factor of the error; without it the worst of 44 known limits was 0.8 errors away
+    limit_stuck: float = 1e-3  # slip speed, rad/s, of a smoothed motion that sticks on the section
+    limit_solved: float = 1e-9  # error of a bifurcation of the set-valued law, relative to the range
 
     @property
     def finest(self) -> float:

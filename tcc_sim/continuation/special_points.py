@@ -1,7 +1,9 @@
-"""Tests along a branch and the location of their roots: fold, period doubling, Neimark-Sacker, branch point.
+"""Bifurcations between two neighbouring points of a branch.
 
-Yu. A. Kuznetsov, Elements of Applied Bifurcation Theory, Section 10.2. Each bifurcation is a root of a test function
-along the chord between two points of the branch.
+A fold, a doubling or a Neimark-Sacker bifurcation is a root of a test function along the chord between the points
+(Yu. A. Kuznetsov, Elements of Applied Bifurcation Theory, Section 10.2). A bordered system is solved where the branch
+is singular, at branch points and where the period halves, and where the test has no second sign: the margin of a change
+of the event sequence is defined on one side only.
 """
 
 from __future__ import annotations
@@ -14,26 +16,34 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.continuation.bracket import Bracket, CurvePoint
+from tcc_sim.continuation.bordered import (
+    BranchPoint,
+    MinimallyAugmented,
+    VanishingMargin,
+    nearest_margins,
+    newton_on,
+)
+from tcc_sim.continuation.bracket import Bracket, CurvePoint, turned_round
 from tcc_sim.continuation.newton import Orbit, OrbitState, orbit_at
-from tcc_sim.continuation.palc import Solution, oriented, solution_at
-from tcc_sim.continuation.problem import FAILURES
+from tcc_sim.continuation.palc import Solution, oriented, solution_at, tangent_of
+from tcc_sim.continuation.problem import FAILURES, Margins
 from tcc_sim.continuation.settings import DEFAULTS
 from tcc_sim.continuation.shooting import Shooting
+from tcc_sim.continuation.sliding import differ, kind_of_change, margin_of, margin_residual, ring
 from tcc_sim.result import Described, reported, reporting
 
 SMOOTH = ("fold", "period_doubling", "neimark_sacker", "branch_point")
-"""Kinds that are no change of the event sequence."""
+"""Kinds without a change of the event sequence."""
 
 
 @dataclass(frozen=True, repr=False)
 class ContinuationPoint(CurvePoint):
-    """A point of a branch: unknowns and tangent, the equations they belong to, and the orbit there."""
+    """A point of a branch: unknowns and tangent, their equations, and the orbit."""
 
     equations: Shooting
     orbit: Orbit
     by_amplitude: bool = True
-    """Whether the amplitudes were coordinates of the arclength on the way to it."""
+    """Whether the amplitudes were coordinates of the arclength on the step to this point."""
 
     @property
     def shooting(self) -> Shooting:
@@ -42,7 +52,7 @@ class ContinuationPoint(CurvePoint):
 
     @property
     def slope(self) -> float:
-        """The parameter's share of the tangent: 0 at a fold."""
+        """The parameter's component of the tangent: 0 at a fold."""
         return float(self.solution.tangent[self.shooting.size])
 
     @property
@@ -56,7 +66,7 @@ class ContinuationPoint(CurvePoint):
 
 
 def turned(point: ContinuationPoint) -> ContinuationPoint:
-    """The point with its tangent the other way round."""
+    """The point with its tangent reversed."""
     return replace(point, solution=oriented(point.solution, -point.solution.sign))
 
 
@@ -105,12 +115,12 @@ def doubling(m: NDArray[np.complex128]) -> float:
 
 
 def torus(m: NDArray[np.complex128]) -> float:
-    """Product of lambda_i lambda_j - 1 over pairs: 0 for a complex pair on the unit circle, or a neutral saddle."""
+    """Product of lambda_i lambda_j - 1 over pairs: 0 for a complex pair on the unit circle and for a neutral saddle."""
     return math.prod((x * y - 1.0 for x, y in combinations(m.tolist(), 2)), start=1.0 + 0.0j).real
 
 
 def _opposite(one: float, two: float, factors: Iterable[float]) -> bool:
-    """Whether a test function has changed its sign, and not by rounding: of its factors, one may be none."""
+    """Whether a test function, the product of `factors`, has changed its sign by more than rounding of one factor."""
     return one * two < 0.0 and max(abs(one), abs(two)) > DEFAULTS.neutral * math.prod(factors)
 
 
@@ -132,7 +142,7 @@ def smooth_bifurcations(bracket: Bracket[ContinuationPoint]) -> list[Bifurcation
         tests.append(("branch_point", lambda s: s.solution.sign,
                       lambda s: float(np.linalg.svd(s.solution.found.jacobian, compute_uv=False)[-1])))
     for kind, test, residual in tests:
-        point = branch_point(bracket) if kind == "branch_point" else bracket.locate(test, residual)
+        point = branch_point(bracket.b) if kind == "branch_point" else bracket.locate(test, residual)
         if point is None or (kind == "neimark_sacker" and not np.isfinite(_from_circle(point))):
             continue
         left = max(residual(point), point.orbit.residual)
@@ -142,36 +152,16 @@ def smooth_bifurcations(bracket: Bracket[ContinuationPoint]) -> list[Bifurcation
     return sorted(out, key=lambda f: float(along @ f.point.solution.z))
 
 
-def branch_point(bracket: Bracket[ContinuationPoint]) -> ContinuationPoint | None:
-    """The point where two branches cross, by Newton on a regular system that holds it; None where there is none.
-
-    G + beta w = 0, J^T w = 0, w . w = 1 (G. Moore, The numerical treatment of non-trivial bifurcation points, Numer.
-    Funct. Anal. Optim. 2, 1980); the derivative of J^T w is taken by differences.
-    """
-    near = bracket.b
-    shooting, z, found = near.shooting, near.solution.z, near.solution.found
-    w, beta, d = np.linalg.svd(found.jacobian)[0][:, -1], 0.0, len(near.solution.z) - 1
-    settings, away = shooting.settings, shooting.settings.branch_point_step
+def branch_point(near: ContinuationPoint) -> ContinuationPoint | None:
+    """The point where two branches cross; None where there is none."""
+    shooting, settings = near.shooting, near.shooting.settings
     try:
-        for _ in range(settings.branch_point_iterations):
-            matrix, side = np.zeros((2 * d + 2, 2 * d + 2)), np.zeros(2 * d + 2)
-            matrix[:d, :d + 1], matrix[:d, -1] = found.jacobian, w
-            matrix[:d, d + 1:-1] = beta * np.eye(d)
-            matrix[d:-1, d + 1:-1], matrix[-1, d + 1:-1] = found.jacobian.T, 2.0 * w
-            for k in range(d + 1):
-                step = np.zeros(d + 1)
-                step[k] = away
-                matrix[d:-1, k] = (shooting.linearise(z + step).jacobian - found.jacobian).T @ w / away
-            side[:d], side[d:-1], side[-1] = found.residual + beta * w, found.jacobian.T @ w, w @ w - 1.0
-            change = np.linalg.solve(matrix, -side)
-            z, w, beta = z + change[:d + 1], w + change[d + 1:-1], beta + float(change[-1])
-            found = shooting.linearise(z)
-            if np.abs(change).max() < settings.branch_point_tolerance:
-                break
-        if (np.linalg.norm(z - near.solution.z) > settings.branch_point_reach
-                or abs(beta) > settings.branch_point_defect):
+        system = BranchPoint(shooting, near.solution.z)
+        found = newton_on(system, system.start, settings.branch_point_reach)
+        if found is None or abs(found.u[-1]) > settings.branch_point_defect:
             return None
-        return point_at(shooting, solution_at(z, found, near.solution.tangent))
+        z = found.u[:-1]
+        return point_at(shooting, solution_at(z, shooting.linearise(z), near.solution.tangent))
     except FAILURES:
         return None
 
@@ -182,3 +172,118 @@ def _from_circle(point: ContinuationPoint) -> float:
     pairs = [abs(abs(x) ** 2 - 1.0) for x in point.orbit.multipliers if abs(np.angle(x)) > settings.complex_pair
              and abs(np.angle(x)) < np.pi - settings.complex_pair]
     return float(min(pairs, default=np.inf))
+
+
+def sliding_bifurcation(
+        bracket: Bracket[ContinuationPoint]) -> tuple[ContinuationPoint, ContinuationPoint, Bifurcation | None]:
+    """The points on both sides of a change of the event sequence, and the bifurcation there.
+
+    None in place of the bifurcation where friction is not the cause (the pressure reaches 0), or no margin vanishes.
+    """
+    low, high = 0.0, 1.0
+    left, right, settings = bracket.a, bracket.b, bracket.a.shooting.settings
+    best: tuple[ContinuationPoint, ContinuationPoint, Bifurcation] | None = None
+    for count in settings.border_halvings:
+        if not count:
+            left, right = bracket.a, bracket.b
+        for _ in range(count):
+            middle = 0.5 * (low + high)
+            point = bracket.at(middle)
+            if point is None:
+                break
+            point = observed(point)
+            if differ(point.orbit.seen.events, bracket.a.orbit.seen.events):
+                high, right = middle, point
+            else:
+                low, left = middle, point
+        events = left.orbit.seen.events, right.orbit.seen.events
+        if differ(events[0].replace("F", ""), events[1].replace("F", "")) is False:
+            return left, right, None
+        near = nearest_margins(left.shooting, left.solution.z), nearest_margins(right.shooting, right.solution.z)
+        kind = kind_of_change(*events, near)
+        found = _on_border(kind, left, right, near)
+        if found is not None:
+            return left, right, found
+        # The margin may vanish on one side only, and the bracket need not be narrow.
+        residual, at = min(((max(margin_residual(kind, (m,)), s.orbit.residual), s)
+                            for s, m in zip((left, right), near)), key=lambda side: side[0])
+        # In a bracket as narrow as rounding both ends may be on the side without the margin; then the next, wider
+        # brackets are tried.
+        if best is None or residual < best[2].residual:
+            best = left, right, Bifurcation(kind, at, residual)
+    assert best is not None
+    # Slip that begins at phase 0 to rounding changes the sequence too, but no margin vanishes there.
+    return best if best[2].residual < settings.spurious else (best[0], best[1], None)
+
+
+def observed(point: ContinuationPoint) -> ContinuationPoint:
+    """The point with the observation at the point itself; the corrector's is from before its last step."""
+    seen = point.shooting.linearise(point.solution.z).seen
+    return point if seen is None else replace(point, orbit=replace(point.orbit, seen=seen))
+
+
+def _on_border(kind: str, left: ContinuationPoint, right: ContinuationPoint,
+               near: tuple[Margins, Margins]) -> Bifurcation | None:
+    """The border between two points by Newton's method on its margin; None where that fails."""
+    name = margin_of(kind)
+    sides = [(s, m) for s, m in zip((left, right), near) if name in m.slopes]
+    if not sides:
+        return None
+    # The margin that is to vanish belongs to the side without the event that it would make.
+    start, _ = min(sides, key=lambda side: (len(ring(side[0].orbit.seen.events)), abs(getattr(side[1], name))))
+    shooting, size = start.shooting, start.shooting.size
+    apart = max(float(np.linalg.norm(right.solution.z - left.solution.z)), 1e-9)
+    solved = newton_on(VanishingMargin(shooting, kind), start.solution.z, shooting.settings.border_astray * apart)
+    if solved is None:
+        return None
+    found = solved.found._replace(residual=solved.found.residual[:size], jacobian=solved.found.jacobian[:size])
+    point = point_at(shooting, solution_at(solved.u, found, tangent_of(found, start.solution.tangent)))
+    return Bifurcation(kind, point, max(solved.error, point.orbit.residual))
+
+
+def special_points_between(a: ContinuationPoint, b: ContinuationPoint) -> list[Bifurcation] | None:
+    """The bifurcations between two neighbouring points, in order; None where the step has skipped a piece."""
+    if a.shooting is not b.shooting and a.shooting != b.shooting:
+        return []
+    bracket = Bracket(a, b, b.by_amplitude)
+    if not (a.shooting.map.piecewise and differ(a.orbit.seen.events, b.orbit.seen.events)):
+        return smooth_bifurcations(bracket)
+    out: list[Bifurcation] = []
+    for _ in range(a.shooting.settings.most_borders):
+        left, right, found = sliding_bifurcation(bracket)
+        if float(np.linalg.norm(right.solution.z - left.solution.z)) > a.shooting.settings.same:
+            return None
+        out += smooth_bifurcations(Bracket(bracket.a, left, b.by_amplitude))
+        if found is not None:
+            out.append(found)
+        bracket = Bracket(right, b, b.by_amplitude)
+        if not differ(right.orbit.seen.events, b.orbit.seen.events):
+            break
+    return out + smooth_bifurcations(bracket)
+
+
+def period_doubling_end(here: ContinuationPoint, new: ContinuationPoint) -> ContinuationPoint | None:
+    """The point between two at which the period of the orbit becomes shorter; None where it does not."""
+    # The distance between the halves of the orbit changes its sign there. The branch is singular, so the doubling of
+    # the shorter motion is solved instead.
+    shooting = here.shooting
+    of, period = shooting.map, shooting.period
+    for shorter in range(of.forcing_period, period, of.forcing_period):
+        if period % shorter:
+            continue
+        one, two = ((of.evaluate(p.orbit.section, p.orbit.values, 0, shorter).value - p.orbit.section) / of.scales
+                    for p in (here, new))
+        if turned_round(one, two, shooting.settings.opposite):
+            simple = Shooting.single(of, shorter, *shooting.ranges, settings=shooting.settings)
+            near = simple.unknowns((here.orbit.section + 0.5 * one * of.scales)[None], here.orbit.values)
+            whole = Shooting.single(of, period, *shooting.ranges, settings=shooting.settings)
+            try:
+                solved = newton_on(MinimallyAugmented("period_doubling", simple, near), near)
+                found = None if solved is None else whole.linearise(solved.u)
+            except FAILURES:
+                return here
+            if solved is None or found is None or float(np.abs(found.residual).max()) > shooting.settings.residual or (
+                    not np.abs(solved.u - near).max() < shooting.settings.halves_reach):
+                return here
+            return point_at(whole, solution_at(solved.u, found, shooting.outer(here.solution.tangent)))
+    return None

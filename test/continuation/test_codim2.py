@@ -8,7 +8,7 @@ from test_branches import branch_of, of_kind
 from textbook_maps import Step, TextbookMap, henon
 
 from tcc_sim.continuation.codim2 import BifurcationCurve, bifurcation_curve
-from tcc_sim.continuation.detection import StopReason
+from tcc_sim.continuation.follow import StopReason
 from tcc_sim.continuation.limits import limit_of
 from tcc_sim.continuation.palc import solution_at
 from tcc_sim.continuation.settings import Settings

@@ -1,6 +1,7 @@
 """How curves of bifurcations go on, close and stop, in other segments than at their start too."""
 
 import math
+from collections import deque
 
 import numpy as np
 import pytest
@@ -8,26 +9,21 @@ from test_branches import branch_of, of_kind
 from test_codim2 import P, Q, at_second, curve_of
 from textbook_maps import TextbookMap, henon
 
-from tcc_sim.continuation.augmented import MinimallyAugmented
+from tcc_sim.continuation.bordered import MinimallyAugmented
 from tcc_sim.continuation.codim2 import BOUNDS, bifurcation_curve
 from tcc_sim.continuation.curve_track import CurveTrack, facing, start_of_curve
-from tcc_sim.continuation.detection import End, StopReason
-from tcc_sim.continuation.follow import CurveStep, follow
+from tcc_sim.continuation.follow import StopReason, follow
 from tcc_sim.continuation.palc import Solution, StepSize, next_solution, solution_at
 from tcc_sim.continuation.problem import Image
 from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.shooting import ParameterRange, Shooting
 
 
-def steps_of(equations: MinimallyAugmented, forward: bool) -> tuple[list[CurveStep], End]:
-    """All steps of a curve from its start, and its end."""
+def followed(equations: MinimallyAugmented, forward: bool) -> CurveTrack:
+    """The curve from its start, followed to its end."""
     track = CurveTrack(facing(start_of_curve(equations, equations.start), forward), BOUNDS)
-    stream, out = follow(track), [CurveStep(track.here, [])]
-    while True:
-        try:
-            out.append(next(stream))
-        except StopIteration as stopped:
-            return out, stopped.value
+    deque(follow(track), 0)
+    return track
 
 
 def test_a_curve_that_comes_back_is_closed() -> None:
@@ -75,11 +71,11 @@ def test_a_curve_goes_on_in_more_segments_where_growth_within_one_is_taken_back(
     x = -math.sqrt(0.2)
     start = whole.unknowns(np.array([[x / of.gain**4]]), (-2.0 * x**3, 0.6))
     equations = MinimallyAugmented("fold", whole, start)
-    steps, _ = steps_of(equations, False)
-    values = [step.point.equations.shooting.values(step.point.solution.z) for step in steps]
+    track = followed(equations, False)
+    values = [point.equations.shooting.values(point.solution.z) for point in track.points]
     assert [27.0 * p**2 for p, _ in values] == pytest.approx([4.0 * q**3 for _, q in values], abs=1e-6)
     assert min(values[-1][0] + 1.0, 1.5 - values[-1][1]) == pytest.approx(0.0, abs=1e-9)
-    assert [found.kind for step in steps for found in step.special] == ["cusp"]
+    assert [found.kind for _, found in track.special] == ["cusp"]
 
 
 def test_a_curve_that_comes_back_in_other_segments_is_closed() -> None:
@@ -91,9 +87,9 @@ def test_a_curve_that_comes_back_in_other_segments_is_closed() -> None:
     span = ParameterRange(-2.0, 2.0)
     whole = Shooting.single(TextbookMap(ring, 2), 3, span, span, settings=Settings(growth=3.0, fewer_after=5))
     equations = MinimallyAugmented("fold", whole, whole.unknowns(np.zeros((1, 2)), (-0.8, 0.6)))
-    steps, end = steps_of(equations, True)
-    assert {step.point.equations.shooting.segments for step in steps} == {(3,), (1, 1, 1)}
-    assert end.reason is StopReason.CLOSED
+    track = followed(equations, True)
+    assert {point.equations.shooting.segments for point in track.points} == {(3,), (1, 1, 1)}
+    assert track.ended.reason is StopReason.CLOSED
 
 
 def test_a_closed_curve_that_was_lost_one_way_is_closed() -> None:
@@ -164,9 +160,8 @@ def test_a_curve_goes_on_where_its_orbits_are_cut_anew() -> None:
     start = whole.unknowns(found.point.orbit.nodes, (found.value, 0.3))
     equations = MinimallyAugmented("period_doubling", whole, start)
     for forward in (True, False):
-        steps, _ = steps_of(equations, forward)
-        cuts = [step.point.equations.shooting.segments for step in steps]
+        points = followed(equations, forward).points
+        cuts = [point.equations.shooting.segments for point in points]
         assert (cuts[0], cuts[-1]) == ((2,), (1, 1))
-        grown = [float(np.abs(step.point.solution.found.blocks).max()) for step, cut in zip(steps, cuts)
-                 if cut == (2,)]
+        grown = [float(np.abs(point.solution.found.blocks).max()) for point, cut in zip(points, cuts) if cut == (2,)]
         assert 3.5 < max(grown) < 5.0

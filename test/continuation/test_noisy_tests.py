@@ -5,9 +5,11 @@ import math
 import numpy as np
 import pytest
 from test_codim2 import curve_of, quintic
+from textbook_maps import henon
 
 from tcc_sim.continuation import curve_track
 from tcc_sim.continuation.codim2_points import measured
+from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.shooting import ParameterRange
 
 
@@ -55,3 +57,20 @@ def test_a_sign_that_is_resolved_on_one_side_only_lists_nothing(side: float, sec
     monkeypatch.setattr(curve_track, "measured", noisy)
     curve, _ = curve_of(quintic, 1, "period_doubling", (-0.2, second), [0.0], first=SPAN)
     assert curve.special == ()
+
+
+def test_a_change_of_sign_that_only_other_segments_resolve_is_listed_as_not_located(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    """Period two of the Henon map doubles at a = (1 - b)^2 + (1 + b)^2/4, with a 1:2 resonance at b = 1."""
+    def noisy(point, test):
+        value, noise, step = measured(point, test)
+        _, b = point.equations.shooting.values(point.solution.z)
+        return value, (1e9 if b > 1.0 and len(point.equations.shooting.segments) == 1 else noise), step
+
+    monkeypatch.setattr(curve_track, "measured", noisy)
+    curve, _ = curve_of(henon, 2, "period_doubling", (0.6, 0.3), [0.83, -0.13], period=2,
+                        second=ParameterRange(0.2, 1.5), settings=Settings(growth=2.2))
+    (found,) = curve.special
+    assert (found.kind, found.located) == ("resonance_1_2", False)
+    assert abs(found.value - 1.0) <= found.error < 0.5
+    assert abs(found.second - 1.0) <= found.second_error < 0.5

@@ -1,0 +1,281 @@
+"""Bordered systems: an orbit's equations and further scalars that vanish, solved by one Newton method.
+
+The scalar of a smooth bifurcation comes from a bordered matrix. The derivatives M_k of the segments of an orbit make
+L(mu) x = (M_1 x_1 - x_2, ..., M_m x_m - mu x_1), which is singular where mu is a multiplier: mu = 1 at a fold, -1 at a
+doubling, exp(i theta) with theta as a further unknown at a Neimark-Sacker bifurcation. With A = L(mu) singular, g of
+[A b; c 0] [v; g] = [0; 1] is 0 and smooth there, and its gradient is -w A_z v with w from the transposed system
+(W. Govaerts, Numerical Methods for Bifurcations of Dynamical Equilibria, SIAM 2000, Section 3.3; Yu. A. Kuznetsov,
+Elements of Applied Bifurcation Theory, Section 10.7). Second derivatives are symmetric, so one difference of the
+Jacobian along v gives all of w A_z v. At a branch point A is the Jacobian itself, with two borders. The scalar of a
+change of the event sequence is the margin that vanishes there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, ClassVar, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tcc_sim.continuation.newton import multipliers_of
+from tcc_sim.continuation.problem import FAILURES, Floats, Margins
+from tcc_sim.continuation.shooting import Linearised, Shooting
+from tcc_sim.continuation.sliding import differ, margin_of
+
+Vectors = NDArray[Any]
+"""Real or complex, (m, n): one for every segment."""
+
+
+class BorderedSystem(Protocol):
+    """An orbit's equations and further ones, as many as unknowns.
+
+    shooting : the equations of the orbit
+    left : share of the further residuals that a Newton step leaves, so as to stay on one side of a border
+    finest : Newton step below which a point is a solution
+    """
+
+    shooting: Shooting
+    left: float
+    finest: float
+
+    def linearise(self, u: Floats) -> Linearised:
+        """Residual and Jacobian; the orbit's equations come first."""
+
+
+class BorderedSolution(NamedTuple):
+    """A solution: its unknowns, the linearisation beside it, and its error (last step, or residual of the scalar)."""
+
+    u: Floats
+    found: Linearised
+    error: float
+
+
+def newton_on(system: BorderedSystem, u: Floats, reach: float = np.inf) -> BorderedSolution | None:
+    """The solution of a bordered system near `u`; None where Newton's method fails or goes further than `reach`."""
+    settings, size, start = system.shooting.settings, system.shooting.size, u
+    try:
+        found = system.linearise(u)
+        for _ in range(settings.border_iterations):
+            value = float(np.abs(found.residual[size:]).max())
+            if value <= settings.border and float(np.abs(found.residual).max()) <= settings.border_residual:
+                return BorderedSolution(u, found, value)
+            aim = -found.residual
+            if value > settings.border:
+                aim[size:] *= 1.0 - system.left
+            step: Any = np.linalg.solve(found.jacobian, aim)
+            length = float(np.linalg.norm(step))
+            if length <= system.finest and value > settings.border:
+                return BorderedSolution(u + step, found, length)
+            new = None
+            for part in settings.newton_parts:
+                try:
+                    new = system.linearise(u + part * step)
+                except FAILURES:
+                    continue
+                if float(np.abs(new.residual[size:]).max()) <= 2.0 * value + settings.border:
+                    break
+            else:
+                return None
+            u, found = u + part * step, new
+            if float(np.linalg.norm(u - start)) > reach:
+                return None
+    except FAILURES:
+        return None
+    return None
+
+
+def cyclic(blocks: Floats, mu: complex) -> Vectors:
+    """L(mu) of the segments' derivatives (m, n, n)."""
+    m, n = blocks.shape[:2]
+    out = np.zeros((m * n, m * n), dtype=np.complex128 if np.imag(mu) else np.float64)
+    for k in range(m):
+        rows, following = slice(k * n, k * n + n), (k + 1) % m
+        out[rows, rows] = blocks[k]
+        out[rows, following * n:following * n + n] -= np.eye(n) * (mu if k + 1 == m else 1.0)
+    return out
+
+
+def bordered(a: Vectors, b: Vectors, c: Vectors) -> tuple[Vectors, Vectors, Vectors]:
+    """v (k, q), w (d,) and g (k,) of [A b; c 0] [v; g] = [0; I] and of the transposed system; A (d, q), c (k, q)."""
+    d, q = a.shape
+    matrix = np.zeros((q + 1, q + 1), dtype=a.dtype)
+    matrix[:d, :q], matrix[:d, q], matrix[d:, :q] = a, b, c
+    unit = np.eye(q + 1)
+    right, left = np.linalg.solve(matrix, unit[:, d:]), np.linalg.solve(matrix.T, unit[q])
+    return right[:q].T, left[:d], right[q]
+
+
+class MinimallyAugmented:
+    """An orbit and the scalar g of a fold, a doubling or a Neimark-Sacker bifurcation, whose angle is an unknown.
+
+    One free parameter makes it a system with as many equations as unknowns, two make it a curve.
+    """
+
+    rounding: ClassVar[float] = 1e-9
+    left: float = 0.0
+
+    def __init__(self, kind: str, shooting: Shooting, z: Floats) -> None:
+        self.kind, self.shooting = kind, shooting
+        # Differences leave a larger residual of g than of the orbit, and so does rounding on a canard.
+        given = shooting.settings
+        self.settings = replace(given, correct_tolerance=given.curve_tolerance, residual=given.curve_tolerance,
+                                regrowth=given.curve_regrowth, largest_step=min(given.largest_step, given.curve_step))
+        self.ranges, self.first_parameter, self.coarse = shooting.ranges, shooting.size, self
+        self.turning, self.unknowns = kind == "neimark_sacker", shooting.size + len(shooting.ranges)
+        # The period of a fold may halve, in a generalised doubling.
+        self.doubled = kind == "fold" and shooting.period % (2 * shooting.map.forcing_period) == 0
+        self.finest, self.bend = given.located, 0.0
+        """Last Newton step of a solution, and by how much the segments' derivatives change along the null vector."""
+        found = shooting.linearise(z)
+        self.start = np.append(z, angle_of(found.blocks)) if self.turning else z
+        left, _, right = np.linalg.svd(cyclic(found.blocks, self.multiplier(self.start)))
+        self.b, self.c = left[:, -1], right[-1]
+
+    def outer(self, vector: Floats) -> Floats:
+        """The unknowns of single shooting: the first node, and those that are no nodes."""
+        return self.shooting.outer(vector)
+
+    def between_halves(self, u: Floats) -> Floats:
+        """Distance between the starts of the orbit's halves, in natural sizes."""
+        of, z = self.shooting.map, u[:self.unknowns]
+        x, half = self.shooting.nodes(z)[0], self.shooting.period // 2
+        out: Floats = (of.evaluate(x, self.shooting.values(z), 0, half).value - x) / of.scales
+        return out
+
+    def multiplier(self, u: Floats) -> complex:
+        """The multiplier on the unit circle."""
+        if self.turning:
+            return complex(np.exp(1j * u[-1]))
+        return 1.0 if self.kind == "fold" else -1.0
+
+    def null_vectors(self, blocks: Floats, mu: complex) -> tuple[Vectors, Vectors, complex]:
+        """v and w (m, n) of the bordered systems, and g."""
+        v, w, g = bordered(cyclic(blocks, mu), self.b, self.c[None])
+        return v[0].reshape(blocks.shape[:2]), w.reshape(blocks.shape[:2]), g[0]
+
+    def update_borders(self, u: Floats, found: Linearised, like: MinimallyAugmented | None = None) -> None:
+        """Set the borders to the null vectors at a point, the best ones there.
+
+        like : equations in other segments, whose signs they take; first nodes and last residuals are the same
+        """
+        v, w, _ = self.null_vectors(found.blocks, self.multiplier(u))
+        n, signs = self.shooting.map.dimension, (1.0, 1.0)
+        if like is not None and not self.turning:
+            signs = (-1.0 if float(w[-1] @ like.b[-n:]) < 0.0 else 1.0, -1.0 if float(v[0] @ like.c[:n]) < 0.0 else 1.0)
+        self.b, self.c = (sign * x.conj().ravel() / np.linalg.norm(x) for sign, x in zip(signs, (w, v)))
+
+    def linearise(self, u: Floats, longer: float = 1.0) -> Linearised:
+        """The orbit's equations and g, with derivatives.
+
+        longer : the step of their differences, relative to the usual one
+        """
+        z, mu = u[:self.unknowns], self.multiplier(u)
+        found = self.shooting.linearise(z)
+        v, w, g = self.null_vectors(found.blocks, mu)
+        gradient = -sum(factor * self._along(z, found, part, w, longer) for factor, part in _parts(v))
+        if self.turning:
+            gradient = np.append(gradient, 1j * mu * (w[-1] @ v[0]))
+        rows = np.array([gradient.real, gradient.imag] if self.turning else [gradient])
+        values = np.array([np.real(g), np.imag(g)] if self.turning else [g])
+        # On a canard g changes its sign within the rounding of z, so the residual is the distance of z from there.
+        size = max(float(np.linalg.norm(gradient)), 1.0)
+        orbit = np.pad(found.jacobian, ((0, 0), (0, 1))) if self.turning else found.jacobian
+        return Linearised(np.append(found.residual, values / size), np.vstack([orbit, rows / size]), found.blocks,
+                          found.seen)
+
+    def _along(self, z: Floats, found: Linearised, direction: Floats, w: Vectors, longer: float) -> Vectors:
+        """w . (derivative of the Jacobian along a change of the nodes), by the nodes and the parameters."""
+        size, step = self.shooting.size, longer * self.settings.difference
+        away = np.zeros(len(z))
+        away[:size] = step * direction.ravel()
+        try:
+            changed = self.shooting.linearise(z + away)
+        except FAILURES:  # The map ends there.
+            changed, step = self.shooting.linearise(z - away), -step
+        blocks = (changed.blocks - found.blocks) / step
+        self.bend = float(np.abs(blocks).max() / max(np.linalg.norm(direction), 1e-300))
+        parameters = (changed.jacobian[:, size:] - found.jacobian[:, size:]) / step
+        return np.concatenate([np.einsum("ki,kij->kj", w, blocks).ravel(), w.ravel() @ parameters])
+
+
+class BranchPoint:
+    """A point where two branches cross: G + beta b = 0 and two scalars, as the Jacobian has one rank less there."""
+
+    left: float = 0.0
+
+    def __init__(self, shooting: Shooting, z: Floats) -> None:
+        self.shooting, self.finest, self.start = shooting, shooting.settings.located, np.append(z, 0.0)
+        left, _, right = np.linalg.svd(shooting.linearise(z).jacobian)
+        self.b, self.c = left[:, -1], right[-2:]
+
+    def linearise(self, u: Floats) -> Linearised:
+        """The equations in the orbit's unknowns and beta; their derivatives by differences."""
+        found, step = self.shooting.linearise(u[:-1]), self.shooting.settings.difference
+        v, w, g = bordered(found.jacobian, self.b, self.c)
+        changes = [(self.shooting.linearise(u[:-1] + step * x).jacobian - found.jacobian) / step for x in v]
+        rows = np.array([-w @ change for change in changes])
+        jacobian = np.block([[found.jacobian, self.b[:, None]], [rows, np.zeros((2, 1))]])
+        return found._replace(residual=np.append(found.residual + u[-1] * self.b, g), jacobian=jacobian)
+
+
+class VanishingMargin:
+    """An orbit and the margin that vanishes where its event sequence changes.
+
+    It is regular up to the border, from the side on which the margin is defined.
+    """
+
+    def __init__(self, shooting: Shooting, kind: str) -> None:
+        self.shooting, self.name, self.events = shooting, margin_of(kind), ""
+        settings = shooting.settings
+        self.left = 0.0 if self.name == "arrival" else settings.border_left
+        self.finest = settings.border_finest
+
+    def linearise(self, z: Floats) -> Linearised:
+        """The orbit's equations and the margin; ArithmeticError beyond the border."""
+        found = self.shooting.linearise(z)
+        if self.left and found.seen is not None:
+            self.events = self.events or found.seen.events
+            if differ(found.seen.events, self.events):
+                raise ArithmeticError("the event sequence has changed")
+        near = nearest_margins(self.shooting, z)
+        if self.name not in near.slopes:
+            raise ArithmeticError("the motion has no such margin")
+        return found._replace(residual=np.append(found.residual, getattr(near, self.name)),
+                              jacobian=np.vstack([found.jacobian, near.slopes[self.name]]))
+
+
+def nearest_margins(shooting: Shooting, z: Floats) -> Margins:
+    """The margins of an orbit over all segments, with their known derivatives by the scaled unknowns."""
+    nodes, values, n, size = shooting.nodes(z), shooting.values(z), shooting.map.dimension, shooting.size
+    widths = np.array([w.width(float(u)) for w, u in zip(shooting.ranges, z[size:])])
+    least, slopes = dict.fromkeys(("grazing", "arrival", "stick"), np.inf), dict[str, Floats]()
+    grows, first = False, 0.0
+    for k, length in enumerate(shooting.segments):
+        found = shooting.map.margins(nodes[k], values, first, length)
+        first += length
+        for name in least:
+            value = float(getattr(found, name))
+            if not abs(value) < abs(least[name]):
+                continue
+            least[name] = value
+            grows = found.arrival_grows if name == "arrival" else grows
+            if name in found.slopes:
+                slopes[name] = np.zeros(len(z))
+                slopes[name][k * n:k * n + n] = found.slopes[name][:n] * shooting.map.scales
+                slopes[name][size:] = found.slopes[name][n:] * widths
+    return Margins(least["grazing"], least["arrival"], grows, least["stick"], slopes)
+
+
+def _parts(v: Vectors) -> list[tuple[complex, Floats]]:
+    """Real and imaginary part of a vector, each with its factor; only the real part of a real one."""
+    return [(1.0, v.real), (1j, v.imag)] if np.iscomplexobj(v) else [(1.0, v)]
+
+
+def angle_of(blocks: Floats) -> float:
+    """The argument of the complex pair of multipliers nearest to the unit circle, 0 to pi."""
+    m = multipliers_of(*blocks)
+    pairs = m[m.imag > 1e-9]
+    if not len(pairs):
+        raise ArithmeticError("there is no complex pair of multipliers")
+    return float(np.angle(pairs[np.argmin(np.abs(np.abs(pairs) - 1.0))]))
