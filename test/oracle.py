@@ -22,7 +22,7 @@ def coefficient_and_slope(v, pairs, sigma):
     """(7) and its derivative."""
     parts = [(c * math.exp(-a * abs(v)), a) for c, a in pairs]
     ratio, step = 1.0 + sum(part for part, _ in parts), math.tanh(sigma * v)
-    slope = ratio * sigma * (1.0 - step * step) - math.copysign(sum(a * part for part, a in parts), v) * step
+    slope = ratio * sigma * (1.0 - step * step) - math.copysign(1.0, v) * sum(a * part for part, a in parts) * step
     return ratio * step, slope
 
 
