@@ -25,7 +25,7 @@ from tcc_sim.solvers.compiling.changing import Causes, Changing
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.compiling.unrolled import exp, row_of, unrolled
 from tcc_sim.solvers.excitation import Pulsation
-from tcc_sim.solvers.key_derivatives import DECAY, EXCESS_RATIO, NUMBERS, SMOOTHING
+from tcc_sim.solvers.key_derivatives import DECAY, EXCESS_RATIO, LATER, NUMBERS, SMOOTHING
 from tcc_sim.solvers.series import (
     ANGLE,
     COLUMNS,
@@ -60,14 +60,19 @@ peak : of the largest |slip speed| of the cycle
 
 OF_ENGINE, OF_LOAD = range(2)
 """Rows of the sines whose amplitudes are changed: the first of Te, and that of Ts."""
-FRICTION, OF_SLIP, OF_EXCESS, OF_DECAY, OF_SMOOTHING = range(5)
-"""Columns of `law`: Ts mubar, and what it changes by."""
+FRICTION, OF_SLIP, OF_EXCESS, OF_DECAY, OF_SMOOTHING, OF_LATER = range(6)
+"""Columns of `law`: Ts mubar, and its derivatives by v, c_1, a_1, sigma; the first of those by c_2, a_2, c_3, a_3."""
 NUMBERS_OF_LAW = {OF_EXCESS: EXCESS_RATIO, OF_DECAY: DECAY, OF_SMOOTHING: SMOOTHING}
+NUMBERS_OF_ALL = {**NUMBERS_OF_LAW, **{OF_LATER + j: number for j, number in enumerate(LATER)}}
+COLUMNS_OF_PAIRS = (OF_EXCESS, OF_DECAY), (OF_LATER, OF_LATER + 1), (OF_LATER + 2, OF_LATER + 3)
+"""Columns of amplitude and rate of each exponential."""
+NARROW = 8
+"""Columns of `law` without those of the later exponentials."""
 
-ALONG = np.dtype([("sines", np.float64, (2, COLUMNS)), ("mubar", np.float64, COLUMNS),
-                  ("law", np.float64, (COLUMNS, 8)), ("shaped", np.int64)])
-"""What all lanes share over a Taylor step: coefficients of `expand_sines` and of `law_along`; whether alpha or sigma
-changes.
+ALONG, ALONG_ALL = (np.dtype([("sines", np.float64, (2, COLUMNS)), ("mubar", np.float64, COLUMNS),
+                              ("law", np.float64, (COLUMNS, width)), ("shaped", np.int64)]) for width in (NARROW, 16))
+"""Numbers that all lanes share over a Taylor step: coefficients of `expand_sines` and of `law_along`; whether another
+number of the law than c_1 changes. ALONG_ALL has columns for the later exponentials: kernels without them do not pay.
 """
 
 
@@ -144,7 +149,8 @@ def law_along(rows: Any, coefficients: Any, law: Any, shaped: Any, sign: Any, pu
     Parameters
     ----------
     rows, coefficients : the motion's coefficients, and those of mubar
-    law : (COLUMNS, 8) columns FRICTION to OF_SMOOTHING; those of alpha and sigma are 0 where `shaped` is None
+    law : (COLUMNS, 8 or 16) columns FRICTION to OF_SMOOTHING, and with 16 from OF_LATER on; only the first four are
+        filled where `shaped` is None, with 0 by a_1 and sigma
     sign : of the slip speed
     stribeck, factor : amplitudes and rates in turn, and F = exp(-a |v|) of the first one; None where they do not vary
     sigma, tanh, sech : sigma, T = tanh(sigma v) and 1 - T^2; None where it does not vary
@@ -155,15 +161,18 @@ def law_along(rows: Any, coefficients: Any, law: Any, shaped: Any, sign: Any, pu
     weighted, t, s, side = [0.0], [tanh], [sech], Changing(sign)
     turned, fallen, load = ([] for _ in range(3))
     falls: list[Exponential] = []
-    causes = range(OF_SLIP, OF_DECAY + 1 if shaped is None else 8)
+    causes = range(OF_SLIP, OF_DECAY + 1 if shaped is None else law.shape[-1])
+    later = shaped is not None and law.shape[-1] > NARROW
     rising: list[Any] = []
     mubar: list[Any] = []
     side_by_side: list[Any] = []
     if stribeck is not None:
         falls.append(Exponential(factor, Changing(stribeck[0], Causes({OF_EXCESS: 1.0})),
                                  Changing(stribeck[1], decays) * -side))
-        falls += [Exponential(exp(-stribeck[j + 1] * sign * rows[SLIP, 0]), Changing(stribeck[j]),
-                              Changing(stribeck[j + 1]) * -side) for j in range(2, len(stribeck), 2)]
+        for j, causes_of_pair in zip(range(2, len(stribeck), 2), COLUMNS_OF_PAIRS[1:]):
+            share, rate = (Causes({cause: 1.0}) if later else None for cause in causes_of_pair)
+            falls.append(Exponential(exp(-stribeck[j + 1] * sign * rows[SLIP, 0]), Changing(stribeck[j], share),
+                                     Changing(stribeck[j + 1], rate) * -side))
     if sigma is not None:
         sharpness = Changing(sigma, sharpens)
     for k in range(FRICTION_ORDER_MAXIMUM):
@@ -216,7 +225,7 @@ def changed_motion(rows: Any, changes: Any, now: Any, by: Any, sines: Any, coeff
             change = product(slope, slip, k)
             if by is not None:
                 change = change + product(mubar, [0.0 if p.change is None else p.change for p in load], k)
-                for cause, number in NUMBERS_OF_LAW.items():
+                for cause, number in (NUMBERS_OF_ALL if law.shape[-1] > NARROW else NUMBERS_OF_LAW).items():
                     change = change + by.row(number) * law[k, cause]
             friction = Changing(law[k, FRICTION], change)
         else:

@@ -13,13 +13,15 @@ import numpy as np
 
 from tcc_sim.errors import NumericalFailure
 from tcc_sim.model.parameters import System
-from tcc_sim.solvers.changes import ALONG, CHANGES, LANES
+from tcc_sim.solvers.changes import ALONG, ALONG_ALL, CHANGES, LANES
 from tcc_sim.solvers.compiling.compiled import Partial
 from tcc_sim.solvers.engine import GRADIENT, PART, EngineShell, Room, Tangent
 from tcc_sim.solvers.kept import CYCLE, DONE, MOVE, STATUSES
 from tcc_sim.solvers.key_derivatives import (
     DECAY,
+    DECAYS,
     EXCESS_RATIO,
+    EXCESSES,
     LOAD_AMPLITUDE,
     NUMBERS,
     SMOOTHING,
@@ -73,7 +75,8 @@ class Prepared:
     terms : the scene's, and those that it has not but that there are derivatives by
     by : (groups, len(NUMBERS), LANES) `changes`, columns in lanes behind those of the state
     forced : (groups,) a bit for every lane of a key
-    shaped : whether alpha or sigma changes with a key
+    later : whether a number of several exponentials changes with a key
+    shaped : the same, or whether a_1 or sigma does
     period, count : engine cycle, s; columns of the derivatives
     fastest : see `engine.Tangent`
     """
@@ -94,7 +97,9 @@ class Prepared:
         for k in range(3, self.count):
             self.by[k // LANES, :, k % LANES] = self.changes[:, k - 3]
         self.forced = [(1 << self.count) - 8 >> LANES * k & (1 << LANES) - 1 for k in range(len(self.by))]
-        self.shaped = bool(self.changes[[DECAY, SMOOTHING]].any())
+        curve = terms.stribeck is not None and len(terms.stribeck) > 2
+        self.later = curve and bool(self.changes[EXCESSES + DECAYS].any())
+        self.shaped = self.later or bool(self.changes[[DECAY, SMOOTHING]].any())
         self.setup = self.engine.setup_of_changes(system, terms, self.changes, rtol)
 
     def over(self, state: Floats, start: float, end: float, margins: bool = False) -> Stroboscopic:
@@ -133,7 +138,7 @@ class Prepared:
         period, count, setup, engine = self.period, len(states), self.setup, self.engine
         spans = [(math.floor(start), math.floor(end), start, end) for start, end in zip(starts, ends)]
         most = max([last - first for first, last, _, _ in spans]) + 1
-        room, solve = rooms.of(engine, len(self.by), most, count)
+        room, solve = rooms.of(engine, self.later, len(self.by), most, count)
         tangent = room.tangent
         tangent.groups["by"], tangent.groups["forced"], tangent.along["shaped"] = self.by, self.forced, self.shaped
         tangent.shared["fastest"], tangent.shared["asked"] = self.fastest, asked
@@ -152,20 +157,21 @@ class _Rooms(threading.local):
     """The room of a thread, used again as long as it is of the kind that is asked for and large enough."""
 
     def __init__(self) -> None:
-        self.asked: tuple[EngineShell, int, int, int] | None = None
+        self.asked: tuple[EngineShell, bool, int, int, int] | None = None
         self.room: Any = None
         self.kernel: Any = None
 
-    def of(self, engine: EngineShell, groups: int, most: int, count: int) -> tuple[Room, Partial]:
-        """Room for so many groups of lanes, cycles in a part, and parts; and the kernel with it."""
-        if self.asked is not None and self.asked[:2] == (engine, groups):
-            if most <= self.asked[2] and count <= self.asked[3]:
+    def of(self, engine: EngineShell, later: bool, groups: int, most: int, count: int) -> tuple[Room, Partial]:
+        """Return room for so many groups of lanes, cycles in a part, and parts; and the kernel with it."""
+        if self.asked is not None and self.asked[:3] == (engine, later, groups):
+            if most <= self.asked[3] and count <= self.asked[4]:
                 return self.room, self.kernel
-            most, count = max(most, self.asked[2]), max(count, self.asked[3])
-        tangent = Tangent(np.zeros(groups, CHANGES), np.zeros(1, ALONG)[0], np.zeros(1, engine.shared)[0],
+            most, count = max(most, self.asked[3]), max(count, self.asked[4])
+        along = np.zeros(1, ALONG_ALL if later else ALONG)[0]
+        tangent = Tangent(np.zeros(groups, CHANGES), along, np.zeros(1, engine.shared)[0],
                           np.zeros((most, groups, LANES)),
                           np.zeros((3, GRADIENT + groups * LANES)) if engine.columns else None)
-        self.asked = engine, groups, most, count
+        self.asked = engine, later, groups, most, count
         self.room = Room(np.zeros(count, PART), np.zeros((count, engine.moves * most), MOVE),
                          np.empty((count, groups, 3, LANES)), np.empty((count, most)),
                          np.empty((count, most, groups, LANES)), tangent, engine.memory()[1],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 from pathlib import Path
@@ -15,10 +16,12 @@ from piecewise import Piecewise
 from tcc_sim import cli
 from tcc_sim.errors import InputError
 from tcc_sim.model import friction
+from tcc_sim.model.groups import Friction
 from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.output.explanation import friction_lines, friction_of
 from tcc_sim.scene import load_scene, parse_assignments, parse_scene
 from tcc_sim.solvers import solve
+from tcc_sim.solvers.key_derivatives import CURVE
 from tcc_sim.solvers.stroboscopic import stroboscopic_map
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.trajectory import State
@@ -66,10 +69,42 @@ def test_the_set_valued_motion_is_that_of_filippov(shape: str) -> None:
     assert np.abs((own - states[:, :3]) / SIZES).max() < 1e-9
 
 
+def fitted(system: System, key: str, change: float) -> System:
+    """The system with one number of its fit changed by a part of itself."""
+    curve = system.friction.curve
+    assert curve is not None
+    name, _, number = key.removeprefix(CURVE).partition("_")
+    if name == "constant":
+        curve = dataclasses.replace(curve, constant=curve.constant * (1.0 + change))
+    else:
+        numbers = list(getattr(curve, f"{name}s"))
+        numbers[int(number) - 1] *= 1.0 + change
+        curve = dataclasses.replace(curve, **{f"{name}s": tuple(numbers)})
+    friction = type("Fitted", (Friction,), {"curve": curve})(**vars(system.friction))
+    return dataclasses.replace(system, friction=friction)
+
+
+def moved(system: System, key: str, change: float) -> System:
+    if key.startswith(CURVE):
+        return fitted(system, key, change)
+    return replace(system, {key: float(dict(values_of(system))[key]) * (1.0 + change)})  # type: ignore[arg-type]
+
+
+def value_of(system: System, key: str) -> float:
+    curve = system.friction.curve
+    if not key.startswith(CURVE) or curve is None:
+        return float(dict(values_of(system))[key])  # type: ignore[arg-type]
+    name, _, number = key.removeprefix(CURVE).partition("_")
+    return curve.constant if name == "constant" else float(getattr(curve, f"{name}s")[int(number) - 1])
+
+
+FIT = tuple(f"{CURVE}{name}" for name in ("constant", "amplitude_1", "rate_1", "amplitude_2", "rate_2"))
+
+
 @pytest.mark.parametrize("law", ["smoothed", "set_valued"])
 @pytest.mark.parametrize("shape", ["dip"])  # Three exponentials compile kernels of their own for the same loops.
 def test_derivatives_are_those_of_differences(shape: str, law: str) -> None:
-    """Of the state behind two cycles by the state before, whose eigenvalues are Floquet's multipliers, and by keys."""
+    """By the state before two cycles, whose eigenvalues are Floquet's multipliers, by keys, and by the table's fit."""
     smoothing = {} if law == "set_valued" else {"friction.smoothing": 200.0}
     system, start = scene(shape, 1, **{"friction.law": law, **smoothing}), np.array([3.0, 0.1, 2.0])
     keys = ("pressure.mean", "engine.frequency", "driveline.stiffness", *smoothing)
@@ -79,15 +114,17 @@ def test_derivatives_are_those_of_differences(shape: str, law: str) -> None:
         assert cycles is not None
         return cycles.section[-1]
 
-    found = stroboscopic_map(system, start, 2, parameters=keys)
+    found = stroboscopic_map(system, start, 2, parameters=keys + FIT)
+    if law == "smoothed":  # Without numbers of the fit another kernel does less.
+        fewer = stroboscopic_map(system, start, 2, parameters=keys)
+        assert fewer.derivatives == pytest.approx(found.derivatives[:, :3 + len(keys)], rel=1e-8, abs=1e-10)
     for k, step in enumerate((1e-3, 1e-5, 1e-3)):
         unit = np.eye(3)[k] * step
         assert apart(found.derivative[:, k] * step, lambda d, u=unit: end(system, start + d * u), 1.0, SIZES,
                      1e-4 * step / SIZES[k]) < 1e-6, k
-    for k, key in enumerate(keys):
-        value = float(dict(values_of(system))[key])  # type: ignore[arg-type]
-        assert apart(found.by_parameter[:, k] * 1e-5 * value, lambda d, key=key, v=value:
-                     end(replace(system, {key: v * (1.0 + 1e-5 * d)}), start), 1.0, SIZES, 1e-7) < 1e-6, key
+    for k, key in enumerate(keys + FIT):
+        assert apart(found.by_parameter[:, k] * 1e-5 * value_of(system, key), lambda d, key=key:
+                     end(moved(system, key, 1e-5 * d), start), 1.0, SIZES, 1e-7) < 1e-6, key
 
 
 def test_a_table_takes_the_place_of_the_coefficients() -> None:
@@ -98,6 +135,8 @@ def test_a_table_takes_the_place_of_the_coefficients() -> None:
             replace(system, {key: 0.2})
         with pytest.raises(InputError, match=f"{key} is not used where friction.slip_speeds"):
             stroboscopic_map(system, np.zeros(3), 1, parameters=(key,))
+    with pytest.raises(InputError, match=r"rate_3 is no number of the fit .* are friction\.curve\.constant, "):
+        stroboscopic_map(system, np.zeros(3), 1, parameters=(f"{CURVE}rate_3",))
     with pytest.raises(InputError, match="as many as friction"):
         replace(System(), {"friction.slip_speeds": SPEEDS})
 

@@ -18,9 +18,10 @@ def numbers(system):
     """The numbers of the equations from the paper's formulas."""
     d, e, p, f = system.driveline, system.engine, system.pressure, system.friction
     load = f.kinetic_coefficient * system.clutch.area * system.clutch.radius
+    ratio = f.static_coefficient / f.kinetic_coefficient
     return np.array([d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness, e.mean_torque, e.torque_amplitude,
-                     load * p.mean, load * p.amplitude, p.phase, f.static_coefficient / f.kinetic_coefficient - 1.0,
-                     f.decay, f.smoothing, math.log(e.frequency)])
+                     load * p.mean, load * p.amplitude, p.phase, ratio - 1.0, f.decay, f.smoothing,
+                     math.log(e.frequency), ratio, 0.0, 0.0, 0.0, 0.0, 0.0])
 
 
 @pytest.mark.parametrize("key", KEYS)
@@ -43,7 +44,7 @@ def test_several_keys_are_columns():
 
 @pytest.mark.parametrize(("key", "words"), [
     ("friction.law", "continuously"), ("initial.slip_speed", "continuously"),
-                                            ("pressure.frequency_ratio", "continuously"),
+    ("pressure.frequency_ratio", "continuously"), ("friction.curve.rate_1", "no friction.slip_speeds"),
     ("engine.frequncy", "did you mean engine.frequency"), ("engine.harmonic_amplitudes", "continuously")])
 def test_keys_without_a_derivative(key, words):
     with pytest.raises(InputError, match=words):

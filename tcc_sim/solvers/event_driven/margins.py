@@ -93,7 +93,7 @@ def arrival_change(out: Any, now: Any, by: Any, angle: Any, speed: Any, engine: 
     load = Changing(load, by.row(of.MEAN_LOAD) + by.row(of.LOAD_AMPLITUDE) * load_sine
                     + by.row(of.LOAD_PHASE) * (amplitude * load_cosine))
     torque = (plate * engine + flywheel * spring) / (flywheel + plate)
-    out.set_row((Changing(ratio, by.row(of.EXCESS_RATIO)) * load + Changing(side) * torque).change, 0)
+    out.set_row((Changing(ratio, by.row(of.BREAKAWAY)) * load + Changing(side) * torque).change, 0)
 
 
 change_arrival = unrolled(arrival_change)

@@ -19,6 +19,7 @@ from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.changes import (
     LANES,
+    NARROW,
     Rows,
     carry_slip,
     changed_at,
@@ -37,7 +38,7 @@ from tcc_sim.solvers.event_driven.modes import step_on
 from tcc_sim.solvers.event_driven.setup import Bounds
 from tcc_sim.solvers.event_driven.step import FALLING_ORDER, Step, monotone, stuck
 from tcc_sim.solvers.excitation import Pulsation
-from tcc_sim.solvers.key_derivatives import EXCESS_RATIO
+from tcc_sim.solvers.key_derivatives import BREAKAWAY
 from tcc_sim.solvers.series import INVERSE, SLIP
 from tcc_sim.solvers.terms import Terms
 from tcc_sim.trajectory import FREE, STICK
@@ -46,6 +47,8 @@ CONVERGED = 1e-10
 """Last terms of the friction's exponential, of its first, up to which its series counts as the exponential."""
 SMALL = 0.02
 """mu_s/mu_k - 1 up to which the motion need not show that exponential, though its derivatives do."""
+GONE = 40.0
+"""Rate times slip speed above which one of several exponentials is below rounding."""
 LINEAR_REACH, FALLING_REACH = 3.3, 1.6
 """Rates times length at which the last term of a disturbance's series is 1e-14 of it, to the orders of the two."""
 SHORTER = 0.6
@@ -59,25 +62,30 @@ def changed_stick(rows: Any, changes: Any, now: Any, by: Any, sines: Any, unit: 
                   pulsation: Any, margins: Any) -> Iterator[int]:
     """`step.stuck` and what changes in it; staged function."""
     yield from stuck(Rows(rows, changes, now, by, sines, unit, pulsation, margins), Changing(unit),
-                     linear_of(linear, by), changing(ratio, by, EXCESS_RATIO), pulsation)
+                     linear_of(linear, by), changing(ratio, by, BREAKAWAY), pulsation)
 
 
 expand_stick_changes = unrolled(changed_stick)
 
 
 @fast
-def unresolved(step: Step, mode: int, stribeck: Stribeck, rows: Any, room: Any) -> bool:
-    """Whether the last terms of exp(-alpha |v|) over a step count, where mu_s - mu_k is too small for the motion to
-    show them; `room` takes them.
+def unresolved(step: Step, mode: int, later: bool, stribeck: Stribeck, rows: Any, room: Any) -> bool:
+    """Return whether the last terms of an exponential over a step count, if its amplitude is too small for the motion
+    to show them; `room` takes them. Several exponentials are looked at only if there are derivatives by them (`later`).
     """
-    if stribeck is None or len(stribeck) > 2 or abs(stribeck[0]) > SMALL:
+    if stribeck is None or (len(stribeck) > 2 and not later):
         return False
-    room[0], power = 1.0, 1.0
-    for k in range(1, step.degree):
-        room[k], power = 0.0, power * step.x
-        for j in range(1, k + 1):
-            room[k] -= stribeck[1] * mode * j * rows[SLIP, j] * room[k - j] * INVERSE[k]
-    return bool(max(abs(room[step.degree - 2]) / step.x, abs(room[step.degree - 1])) * power > CONVERGED)
+    for i in range(0, len(stribeck), 2):
+        gone = len(stribeck) > 2 and stribeck[i + 1] * abs(rows[SLIP, 0]) > GONE
+        if abs(stribeck[i]) <= SMALL and not gone:
+            room[0], power = 1.0, 1.0
+            for k in range(1, step.degree):
+                room[k], power = 0.0, power * step.x
+                for j in range(1, k + 1):
+                    room[k] -= stribeck[i + 1] * mode * j * rows[SLIP, j] * room[k - j] * INVERSE[k]
+            if max(abs(room[step.degree - 2]) / step.x, abs(room[step.degree - 1])) * power > CONVERGED:
+                return True
+    return False
 
 
 @fast
@@ -213,13 +221,15 @@ def resolved_step(until: float, setup: Setup, memory: Memory, tangent: Tangent) 
     """
     bounds, terms, _, waves, tables = setup
     state, drive, work, sines = memory.state, memory.drive, memory.work, tangent.along.sines
+    later = tangent.along.law.shape[1] > NARROW
     amplitude: float = terms.pulsation[0]  # type: ignore[index]
     goal = min(until, state.tau + longest_step(bounds, terms.linear, terms.mean_load + amplitude, terms.stribeck,
                                                tangent.shared.fastest, state))
     while True:
         step = step_on(bounds, terms, waves, state, drive, goal, work, tables)
         falls = falls_along(step, state.mode, terms.stribeck)
-        if not (falls and step.x > 0.0 and unresolved(step, state.mode, terms.stribeck, work.rows, sines[0])):
+        if not (falls and step.x > 0.0 and unresolved(step, state.mode, later, terms.stribeck, work.rows,
+                                                           sines[0])):
             return step, goal
         goal = state.tau + SHORTER * step.x * step.unit
 

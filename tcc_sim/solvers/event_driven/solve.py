@@ -9,6 +9,7 @@ stick v = 0 exactly.
 from __future__ import annotations
 
 from tcc_sim.errors import InputError
+from tcc_sim.model.friction import exponentials
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import collocation
 from tcc_sim.solvers.engine import EngineShell, Memory, Setup
@@ -17,7 +18,7 @@ from tcc_sim.solvers.event_driven.sensitivity import SHARED
 from tcc_sim.solvers.event_driven.setup import COUNTERS, EVENTS, STATE, Bounds, bounds_of
 from tcc_sim.solvers.excitation import DRIVE, waves_of
 from tcc_sim.solvers.kept import DEGENERATE, EVENT_LIMIT, NOT_FINITE, OUTPUT, STEP_LIMIT
-from tcc_sim.solvers.key_derivatives import DECAY, EXCESS_RATIO
+from tcc_sim.solvers.key_derivatives import DECAYS, EXCESSES
 from tcc_sim.solvers.stages import WORK
 from tcc_sim.solvers.terms import Terms, load_frequency, per_system, terms_of
 from tcc_sim.trajectory import Floats
@@ -60,11 +61,12 @@ def constant_law(terms: Terms) -> Terms:
 
 def exact_bounds(terms: Terms, system: System, rtol: float, numbers: Floats) -> Bounds:
     """The bounds of a run in which mubar and its derivatives by the keys are constant from `far` on."""
-    if terms.stribeck is None or not (numbers[EXCESS_RATIO].any() or numbers[DECAY].any()):
+    if terms.stribeck is None or not numbers[EXCESSES + DECAYS].any():
         return bounds_of(terms, system.cycle, rtol)
-    excess, decay = terms.stribeck[:2]
-    wide = bounds_of(terms._replace(stribeck=(max(abs(excess), 1.0), decay)), system.cycle, rtol)
-    return wide._replace(ratio=1.0 + excess)
+    pairs = exponentials(terms.stribeck)
+    wide = tuple(number for share, rate in pairs for number in (max(abs(share), 1.0), rate))
+    return bounds_of(terms._replace(stribeck=wide), system.cycle, rtol)._replace(
+        ratio=1.0 + sum(share for share, _ in pairs))
 
 
 def setup_of_changes(system: System, terms: Terms, changes: Floats, rtol: float) -> Setup:

@@ -20,7 +20,7 @@ from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers import key_derivatives as of
 from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.bernstein import BERNSTEIN
-from tcc_sim.solvers.changes import LANES, changed_at, end_changes, hold_phase
+from tcc_sim.solvers.changes import LANES, NARROW, changed_at, end_changes, hold_phase
 from tcc_sim.solvers.collocation import DEGREE, FROM_ANGLE, FROM_SPEED, NODES, TERMS, TO_CHEBYSHEV, C
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.engine import Memory, Setup
@@ -41,10 +41,13 @@ SAMPLES = 8
 
 
 @fast
-def change_at_nodes(group: Any, lane: int, level: int, sign: float, loaded: bool, limits: Limits, waves: Any,
-                    tables: Any, drive: Any, work: Any, pulsation: tuple[float, float, float] | None,
+def change_at_nodes(group: Any, lane: int, later: bool, level: int, sign: float, loaded: bool, limits: Limits,
+                    waves: Any, tables: Any, drive: Any, work: Any, pulsation: tuple[float, float, float] | None,
                     stribeck: Stribeck) -> None:
-    """Torque on flywheel and plate together, and what the balance of the nodes changes by, of one lane."""
+    """Fill one lane's changes of the torque on flywheel and plate together, and of the balance of the nodes.
+
+    later : whether numbers of the later exponentials change
+    """
     by, rows, turn, h = group.by, work.rows, tables.turns[level], tables.rungs[level].length
     for n in range(NODES):
         s = C[n] * h
@@ -73,6 +76,10 @@ def change_at_nodes(group: Any, lane: int, level: int, sign: float, loaded: bool
                 share = stribeck[j] * math.exp(-stribeck[j + 1] * sign * v)
                 ratio += share
                 steep += stribeck[j + 1] * share
+            if later:
+                for j in range(2, len(stribeck), 2):
+                    change += law / ratio * math.exp(-stribeck[j + 1] * sign * v) * (
+                        by[of.SECOND_EXCESS + j - 2, lane] - by[of.SECOND_DECAY + j - 2, lane] * stribeck[j] * sign * v)
             fallen = law * factor / ratio
             rising += sign * steep * law / ratio
             change += by[of.EXCESS_RATIO, lane] * fallen - by[of.DECAY, lane] * stribeck[0] * sign * v * fallen
@@ -90,7 +97,7 @@ def change_at_nodes(group: Any, lane: int, level: int, sign: float, loaded: bool
 def carry_collocation(tangent: Any, place: Place, level: int, loaded: bool, limits: Limits, waves: Any, tables: Any,
                       drive: Any, work: Any, pulsation: tuple[float, float, float] | None, stribeck: Stribeck) -> None:
     """Changes of the slip speed at the nodes of a collocation step."""
-    rung = tables.rungs[level]
+    rung, later = tables.rungs[level], tangent.along.law.shape[1] > NARROW
     law_at_nodes(place, limits.sigma, stribeck, work)
     from_angle, from_speed = tables.sources[level, FROM_ANGLE].balance, tables.sources[level, FROM_SPEED].balance
     for i in range(tangent.groups.shape[0]):
@@ -101,8 +108,8 @@ def carry_collocation(tangent: Any, place: Place, level: int, loaded: bool, limi
             for n in range(NODES):
                 nodes[lane, n] = now[1, lane] * from_angle[n] + w * from_speed[n] + now[0, lane] * rung.start[n]
             if group.forced & (1 << lane):
-                change_at_nodes(group, lane, level, place.sign, loaded, limits, waves, tables, drive, work, pulsation,
-                                stribeck)
+                change_at_nodes(group, lane, later, level, place.sign, loaded, limits, waves, tables, drive, work,
+                                pulsation, stribeck)
                 for m in range(NODES):
                     for n in range(NODES):
                         nodes[lane, m] += tables.torque[level, m, n] * group.applied[lane, n]

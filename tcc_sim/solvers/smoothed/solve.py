@@ -31,7 +31,7 @@ from tcc_sim.solvers import collocation
 from tcc_sim.solvers.engine import EngineShell, Memory, Setup, Stretch
 from tcc_sim.solvers.excitation import DRIVE, load_phase, waves_of
 from tcc_sim.solvers.kept import NOT_FINITE, OUTPUT
-from tcc_sim.solvers.key_derivatives import EXCESS_RATIO
+from tcc_sim.solvers.key_derivatives import EXCESSES
 from tcc_sim.solvers.problem import Problem
 from tcc_sim.solvers.smoothed.integrate import integrate
 from tcc_sim.solvers.smoothed.sensitivity_series import SHARED
@@ -121,7 +121,7 @@ def longest_and_shortest_cycle(profile: Floats) -> tuple[float, float]:
 def setup_of_changes(system: System, terms: Terms, changes: Floats, rtol: float) -> Setup:
     """`setup_of` with derivatives."""
     # What mubar changes by with mu_s/mu_k dies down with slip as exp(-alpha |v|), however near to 1 it is.
-    setup = setup_of(system, terms, rtol, 1.0 if changes[EXCESS_RATIO].any() else 0.0)
+    setup = setup_of(system, terms, rtol, 1.0 if changes[EXCESSES].any() else 0.0)
     ladder = collocation.ladder_of(setup.limits.fastest, system.cycle)
     return setup._replace(tables=setup.tables._replace(torque=collocation.response(terms.linear, *ladder).torque))
 
