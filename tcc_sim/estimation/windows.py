@@ -21,11 +21,12 @@ from tcc_sim.model.groups import TABLE
 from tcc_sim.model.parameters import DEFAULTS as SCENE_KEYS
 from tcc_sim.model.parameters import System, replace, unknown_key
 from tcc_sim.recording.table import HOLDS
-from tcc_sim.solvers.fixed_step_sensitivity import LOAD_SCALE, OTHER_PAIRS, ROWS, advance_windows
+from tcc_sim.solvers.fixed_step_sensitivity import advance_windows
 from tcc_sim.solvers.key_derivatives import (
-    DECAY,
-    EXCESS_RATIO,
+    DECAYS,
+    EXCESSES,
     LOAD_AMPLITUDE,
+    LOG_LOAD,
     MEAN_LOAD,
     MEAN_TORQUE,
     NUMBERS,
@@ -42,8 +43,7 @@ FREE = ("friction.static_coefficient", "friction.kinetic_coefficient", "friction
 """Keys that can be identified, besides friction.curve."""
 LINEAR = {*OFFSETS, *SHARES}
 """Free parameters of either sign, whose logarithms a fit does not use."""
-CURVE_ROWS = dict(zip((key for pair in zip(SHARES, RATES) for key in pair),
-                      (EXCESS_RATIO, DECAY, *range(OTHER_PAIRS, ROWS))))
+CURVE_ROWS = dict(zip((*SHARES, *RATES), (*EXCESSES, *DECAYS)))
 """Rows of the derivatives for the numbers of a curve."""
 STATIC, KINETIC = "friction.static_coefficient", "friction.kinetic_coefficient"
 
@@ -68,7 +68,7 @@ class Drive(NamedTuple):
     terms : of the scene; measured inputs are 0 in them
     held : (n, 2, 2) engine torque and saturation torque at the start and end of each sample's step, added to those of
         `terms`, N m; None for none
-    by : (ROWS, P) derivatives of the numbers of the equations by the keys
+    by : (len(NUMBERS), P) derivatives of the numbers of the equations by the keys
     """
 
     terms: Terms
@@ -99,7 +99,7 @@ class Model:
             system = replace(self.system, named | (of_constant(curve[CONSTANT]) if curve else {}))
         except InputError as error:
             raise NumericalFailure(str(error)) from None
-        inputs, by = self.measured.inputs, np.zeros((ROWS, len(self.keys)))
+        inputs, by = self.measured.inputs, np.zeros((len(NUMBERS), len(self.keys)))
         per_pressure, terms = system.torque_per_pressure, terms_of(system)
         if curve:
             terms = terms._replace(stribeck=tuple(pairs_of(curve)))
@@ -112,11 +112,11 @@ class Model:
                 by[CURVE_ROWS[key], i] = 1.0
                 continue
             if key == CONSTANT:
-                by[LOAD_SCALE, i] = 1.0 / curve[CONSTANT]
+                by[LOG_LOAD, i] = 1.0 / curve[CONSTANT]
                 continue
-            by[:len(NUMBERS), i] = key_derivatives(system, (key,))[:, 0]
+            by[:, i] = key_derivatives(system, (key,))[:, 0]
             if key == KINETIC:   # It scales the load, also a measured one.
-                by[MEAN_LOAD:LOAD_AMPLITUDE + 1, i], by[LOAD_SCALE, i] = 0.0, 1.0 / system.friction.kinetic_coefficient
+                by[MEAN_LOAD:LOAD_AMPLITUDE + 1, i], by[LOG_LOAD, i] = 0.0, 1.0 / system.friction.kinetic_coefficient
         if not inputs and not offsets:
             return Drive(terms, None, by)
         terms = holding(terms, *(0.0 if name in inputs else None for name in INPUTS))
@@ -168,7 +168,7 @@ def states_of(model: Model, starts: Floats, width: int, values: Floats, n: int) 
     """Return the states of every window of `width` samples, (m, width + 1, 3), from its start, (m, 3), with n
     sub-steps.
     """
-    return _advanced(model, starts, width, model.drive(values)._replace(by=np.empty((ROWS, 0))), n)[0]
+    return _advanced(model, starts, width, model.drive(values)._replace(by=np.empty((len(NUMBERS), 0))), n)[0]
 
 
 def sensitivities(model: Model, starts: Floats, width: int, values: Floats, n: int) -> Sensitivities:

@@ -34,10 +34,9 @@ A21 = 0.5 * (1.0 - GAMMA)
 
 
 @compiled
-def _stage(known: tuple[float, float, float], guess: float, engine: float, load: float, hg: float,
-           plate: tuple[float, float, float, float, float, float], smoothing: float | None,
-           stribeck: Stribeck, t: float, piece: int, far: Floats | None,
-           linear: Linear) -> tuple[float, float, float, int]:
+def stage(known: tuple[float, float, float], guess: float, engine: float, load: float, hg: float,
+          plate: tuple[float, float, float, float, float, float], smoothing: float | None, stribeck: Stribeck,
+          t: float, piece: int, far: Floats | None, linear: Linear) -> tuple[float, float, float, int]:
     """One implicit stage x = known + hg f(x) at time t: the new v, theta2, omega2, and the iterations it took."""
     share, gain, drop, push, slip, per_slip = plate
     # omega2 = free + gain * Tf, since theta2 = known + hg omega2 and the plate is linear.
@@ -74,20 +73,20 @@ def stages(v: float, theta: float, omega: float, start: float, h: float,
     piece = piece_at(terms.profile, start + 0.5 * h)
     known = (v, theta, omega)
     engine, load = torques_now(start + hg, piece, terms.profile, terms)
-    v1, theta1, omega1, count1 = _stage(known, v, engine, load, hg, plate, terms.smoothing, terms.stribeck,
-                                         start + hg, piece, terms.far, terms.linear)
+    v1, theta1, omega1, count1 = stage(known, v, engine, load, hg, plate, terms.smoothing, terms.stribeck,
+                                       start + hg, piece, terms.far, terms.linear)
     # A stage's slope times h is (its value - what was known) / gamma.
     dv1, dtheta1, domega1 = (v1 - known[0]) * rate, (theta1 - known[1]) * rate, (omega1 - known[2]) * rate
     known2 = (v + A21 * dv1, theta + A21 * dtheta1, omega + A21 * domega1)
     engine2, load2 = torques_now(start + C2 * h, piece, terms.profile, terms)
-    v2, theta2, omega2, count2 = _stage(known2, v1, engine2, load2, hg, plate, terms.smoothing, terms.stribeck,
-                                         start + C2 * h, piece, terms.far, terms.linear)
+    v2, theta2, omega2, count2 = stage(known2, v1, engine2, load2, hg, plate, terms.smoothing, terms.stribeck,
+                                       start + C2 * h, piece, terms.far, terms.linear)
     dv2, dtheta2, domega2 = (v2 - known2[0]) * rate, (theta2 - known2[1]) * rate, (omega2 - known2[2]) * rate
     known3 = (v + B1 * dv1 + B2 * dv2, theta + B1 * dtheta1 + B2 * dtheta2,
               omega + B1 * domega1 + B2 * domega2)
     engine3, load3 = torques_now(start + h, piece, terms.profile, terms)
-    v, theta, omega, count3 = _stage(known3, v2, engine3, load3, hg, plate, terms.smoothing, terms.stribeck,
-                                      start + h, piece, terms.far, terms.linear)
+    v, theta, omega, count3 = stage(known3, v2, engine3, load3, hg, plate, terms.smoothing, terms.stribeck,
+                                    start + h, piece, terms.far, terms.linear)
     return (v1, theta1, omega1, engine, load, v2, theta2, omega2, engine2, load2, v, theta, omega, engine3, load3,
             count1 + count2 + count3, max(max(count1, count2), count3))
 

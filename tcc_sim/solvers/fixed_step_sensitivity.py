@@ -1,116 +1,130 @@
-"""The real-time solver's ticks from many starts, with the exact derivatives of what they return.
+"""Ticks of the real-time solver from many starts, with the exact derivatives of the discrete solution.
 
-Each stage x = known + h gamma f(x) of a sub-step is differentiated as it stands, so that the derivatives are those of
-the discrete solution, its count of sub-steps being held, and not approximations to those of the motion. The friction
-torque's slope enters where the scalar equation is solved: (1 + a dmubar/dv) dv is what the rest of the stage changes
-by (`scalar`), which is above 0 wherever sub-steps are small enough for one root.
+The text of a sub-step (`fixed_step.stages`) is run on numbers that carry their derivatives (`compiling.changing`), so
+that no derivative of the method is written out. The count of sub-steps is held. The scalar equation v + a mubar(v) = w
+of a stage has a rule of its own, by the implicit function theorem: (1 + a mubar'(v)) dv = dw - mubar da - a dmubar.
+Sub-steps are small enough for one root, so that 1 + a mubar' is above 0.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from itertools import chain
+from types import FunctionType
+from typing import Any, cast
 
 import numpy as np
 
 from tcc_sim.model.equations import Linear
-from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.profile import LOAD, TORQUE
-from tcc_sim.solvers.compiling.compiled import compiled, smoothed_and_slope
-from tcc_sim.solvers.fixed_step import A21, B1, B2, GAMMA, plate_of, stages
-from tcc_sim.solvers.key_derivatives import (
-    DAMPING,
-    DECAY,
-    EXCESS_RATIO,
-    FLYWHEEL_INERTIA,
-    MEAN_LOAD,
-    MEAN_TORQUE,
-    NUMBERS,
-    PLATE_INERTIA,
-    SMOOTHING,
-    STIFFNESS,
+from tcc_sim.solvers import key_derivatives as of
+from tcc_sim.solvers.changes import (
+    CHANGES,
+    COLUMNS_OF_PAIRS,
+    FRICTION,
+    LANES,
+    NUMBERS_OF_ALL,
+    OF_SLIP,
+    OF_SMOOTHING,
+    linear_of,
 )
+from tcc_sim.solvers.compiling.changing import Causes, Changing
+from tcc_sim.solvers.compiling.compiled import Kernel, compiled
+from tcc_sim.solvers.compiling.unrolled import exp, unrolled, where
+from tcc_sim.solvers.fixed_step import GAMMA, plate_of, stage, stages
+from tcc_sim.solvers.series import added
 from tcc_sim.solvers.terms import Terms
 from tcc_sim.solvers.torques import break_after
 from tcc_sim.trajectory import Floats
 
-LOAD_SCALE, OTHER_PAIRS, ROWS = len(NUMBERS), len(NUMBERS) + 1, len(NUMBERS) + 5
-"""Rows after those of NUMBERS: the relative change of the whole saturation torque, however it comes about; and
-amplitude and rate of the second and of the third exponential.
-"""
-_START, _SLOPE1, _SLOPE2, _LAW = 0, 1, 2, 3
+
+def text_of(kernel: Callable[..., Any], **names: Any) -> Callable[..., Any]:
+    """Return the Python function of a kernel, with other objects for some of the names in it."""
+    function = cast(Kernel, kernel).py_func
+    return FunctionType(function.__code__, {**function.__globals__, **names})
 
 
-@compiled
-def _stage(weights: tuple[float, float], keep: float, rate: float, at: tuple[float, float, float, float, float],
-           hg: float, linear: Linear, plate: tuple[float, float, float, float, float, float], smoothing: Any,
-           stribeck: Stribeck, by: Floats, room: Floats, to: int) -> None:
-    """Put into `room[to]` the derivatives of a stage's value less `keep` times those of what was known, by `rate`.
+def numbers_of(stribeck: Any) -> dict[int, int]:
+    """Return the numbers of the law by their columns."""
+    return {cause: NUMBERS_OF_ALL[cause] for cause in (
+        OF_SMOOTHING, *chain(*COLUMNS_OF_PAIRS[:len(stribeck or ()) // 2]))}
 
-    What was known is the step's start with `weights` times the slopes of the stages before; `at` is the stage's v,
-    theta2, omega2, Te and Ts.
+
+def law_of_stages(law: Any, speeds: Any, sigma: Any, stribeck: Any) -> None:
+    """Fill the rows of `law` with mubar and its derivatives, in the columns of `changes`, at three slip speeds; staged
+    function.
     """
-    v, theta, omega, engine, load = at
-    inertia1, inertia2, damping, stiffness = linear
-    share, gain, _, push, slip, _ = plate
-    one, two = weights
-    tanh = np.tanh(smoothing * v)
-    value, slope = smoothed_and_slope(v, smoothing, stribeck, tanh)
-    by_excess, by_decay, falling = 0.0, 0.0, 0.0
-    if stribeck is not None:
-        fade = np.exp(-stribeck[1] * np.abs(v))
-        falling = stribeck[0] * fade
-        by_excess, by_decay = fade * tanh, -np.abs(v) * falling * tanh
-        for j in range(2, len(stribeck), 2):
-            fade = np.exp(-stribeck[j + 1] * np.abs(v))
-            falling += stribeck[j] * fade
-            room[_LAW, j // 2, 0], room[_LAW, j // 2, 1] = fade * tanh, -np.abs(v) * stribeck[j] * fade * tanh
-    by_smoothing = (1.0 + falling) * (1.0 - tanh * tanh) * v
-    torque = load * value
-    plate_rate = (torque - damping * omega - stiffness * theta) / inertia2
-    flywheel_rate = (engine - torque) / inertia1
-    loaded = 1.0 if load > 0.0 else 0.0
-    steep, over = load * slope, 1.0 / (1.0 + slip * load * slope)
-    for c in range(by.shape[1]):
-        v_known = room[_START, 0, c] + one * room[_SLOPE1, 0, c] + two * room[_SLOPE2, 0, c]
-        theta_known = room[_START, 1, c] + one * room[_SLOPE1, 1, c] + two * room[_SLOPE2, 1, c]
-        omega_known = room[_START, 2, c] + one * room[_SLOPE1, 2, c] + two * room[_SLOPE2, 2, c]
-        pull = -(by[DAMPING, c] * omega + by[STIFFNESS, c] * theta + plate_rate * by[PLATE_INERTIA, c]
-                 + stiffness * theta_known)
-        rub = (load * (by_excess * by[EXCESS_RATIO, c] + by_decay * by[DECAY, c] + by_smoothing * by[SMOOTHING, c])
-               + torque * by[LOAD_SCALE, c] + loaded * value * by[MEAN_LOAD, c])
-        if stribeck is not None:
-            for j in range(2, len(stribeck), 2):
-                rub += load * (room[_LAW, j // 2, 0] * by[OTHER_PAIRS + j - 2, c]
-                               + room[_LAW, j // 2, 1] * by[OTHER_PAIRS + j - 1, c])
-        drive = by[MEAN_TORQUE, c] - flywheel_rate * by[FLYWHEEL_INERTIA, c]
-        free = share * omega_known + gain * pull
-        dv = (v_known + omega_known - free + push * drive - slip * rub) * over
-        domega = free + gain * (rub + steep * dv)
-        room[to, 0, c] = (dv - keep * v_known) * rate
-        room[to, 1, c] = (theta_known + hg * domega - keep * theta_known) * rate
-        room[to, 2, c] = (domega - keep * omega_known) * rate
+    for n, v in enumerate(speeds):
+        side = where(v, ">", 0.0, 1.0, -1.0)
+        size = Changing(v, Causes({OF_SLIP: 1.0})) * side
+        angle = size * Changing(sigma, Causes({OF_SMOOTHING: 1.0}))
+        left = exp(-2.0 * angle.value)
+        tanh, ratio = (1.0 - left) / (1.0 + left), Changing(1.0)
+        for j, (of_share, of_rate) in zip(range(0, len(stribeck or ()), 2), COLUMNS_OF_PAIRS):
+            exponent = -size * Changing(stribeck[j + 1], Causes({of_rate: 1.0}))
+            factor = exp(exponent.value)
+            ratio = ratio + Changing(stribeck[j], Causes({of_share: 1.0})) * Changing(factor, exponent.change * factor)
+        mubar = ratio * Changing(tanh, angle.change * (1.0 - tanh * tanh)) * side
+        law[n, FRICTION] = mubar.value
+        for cause in (OF_SLIP, *numbers_of(stribeck)):
+            law[n, cause] = mubar.change[cause]
+
+
+def changed_step(now: Any, by: Any, law: Any, start: Any, speeds: Any, torques: Any, loads: Any, h: Any, linear: Linear,
+                 stribeck: Any) -> None:
+    """Carry four derivatives over a sub-step; staged function.
+
+    Parameters
+    ----------
+    now, by : (3, LANES) and (len(NUMBERS), LANES) derivatives of the state and of the numbers of the equations
+    law : see `law_of_stages`
+    start : v, theta2, omega2
+    speeds, torques, loads : v, Te, Ts of the three stages
+    """
+    solved = iter(enumerate(speeds))
+    by_load = [by.row(of.MEAN_LOAD) * where(load, ">", 0.0, 1.0, 0.0) + by.row(of.LOG_LOAD) * load for load in loads]
+    applied = iter([(Changing(torque, by.row(of.MEAN_TORQUE)), Changing(load, change))
+                    for torque, load, change in zip(torques, loads, by_load)])
+
+    def root(w: Changing, a: Changing, *_: Any) -> tuple[Changing, int]:
+        """Return the slip speed of a stage with its derivatives."""
+        n, v = next(solved)
+        shares = [by.row(number) * law[n, cause] for cause, number in numbers_of(stribeck).items()]
+        change = w.change - a.change * law[n, FRICTION] - added(shares) * a.value
+        return Changing(v, change * (1.0 / (1.0 + a.value * law[n, OF_SLIP]))), 0
+
+    names = {"scalar_root": root, "torques_now": lambda *_: next(applied), "piece_at": lambda *_: 0}
+    time = Changing(h)
+    inertias: Any = linear_of(linear, by)
+    plate = text_of(plate_of)(time * GAMMA, inertias)
+    state = [Changing(number, now.row(i)) for i, number in enumerate(start)]
+    found = text_of(stages, stage=text_of(stage, **names), **names)(
+        *state, 0.0, time, plate, Terms(inertias, 0.0, None, None, 0.0, None, None, None))
+    for i, number in enumerate(found[10:13]):
+        now.set_row(number.change, i)
+
+
+expand_law, change_step = unrolled(law_of_stages), unrolled(changed_step)
 
 
 @compiled
 def _sub_step(state: Floats, start: float, h: float, plate: tuple[float, float, float, float, float, float],
-              terms: Terms, by: Floats, room: Floats) -> None:
-    """One step of SDIRK3 on `state` and on its derivatives, `room[0]`."""
-    v1, theta1, omega1, engine1, load1, v2, theta2, omega2, engine2, load2, v, theta, omega, engine, load, _, _ = \
-        stages(state[0], state[1], state[2], start, h, plate, terms)
-    hg, rate, linear, smoothing, stribeck = h * GAMMA, 1.0 / GAMMA, terms.linear, terms.smoothing, terms.stribeck
-    room[_SLOPE1:] = 0.0
-    _stage((0.0, 0.0), 1.0, rate, (v1, theta1, omega1, engine1, load1), hg, linear, plate, smoothing, stribeck, by,
-           room, _SLOPE1)
-    _stage((A21, 0.0), 1.0, rate, (v2, theta2, omega2, engine2, load2), hg, linear, plate, smoothing, stribeck, by,
-           room, _SLOPE2)
-    _stage((B1, B2), 0.0, 1.0, (v, theta, omega, engine, load), hg, linear, plate, smoothing, stribeck, by, room,
-           _START)
+              terms: Terms, groups: Any, law: Floats) -> None:
+    """Carry the state and its derivatives, those of `groups`, over one step of SDIRK3."""
+    v0, theta0, omega0 = state[0], state[1], state[2]
+    v1, _, _, engine1, load1, v2, _, _, engine2, load2, v, theta, omega, engine, load, _, _ = \
+        stages(v0, theta0, omega0, start, h, plate, terms)
+    speeds, torques, loads = (v1, v2, v), (engine1, engine2, engine), (load1, load2, load)
+    expand_law(0, law, speeds, terms.smoothing, terms.stribeck)
+    for g in range(groups.shape[0]):
+        change_step(0, groups[g].now, groups[g].by, law, (v0, theta0, omega0), speeds, torques, loads, h, terms.linear,
+                    terms.stribeck)
     state[0], state[1], state[2] = v, theta, omega
 
 
 @compiled
 def _over(terms: Terms, profile: Floats | None, torque: float, load: float) -> Terms:
-    """`terms` with so much more of engine torque and saturation torque; `profile` is room for that of the sum."""
+    """Return `terms` with more engine torque and saturation torque; `profile` is room for that of the sum."""
     if profile is not None:
         for i in range(len(profile)):
             profile[i, TORQUE] = terms.profile[i, TORQUE] + torque  # type: ignore[index]
@@ -120,26 +134,28 @@ def _over(terms: Terms, profile: Floats | None, torque: float, load: float) -> T
 
 
 @compiled
-def _keep(state: Floats, room: Floats, values: Floats, derivatives: Floats) -> None:
+def _keep(state: Floats, groups: Any, values: Floats, derivatives: Floats) -> None:
     """Copy the state and its derivatives."""
     for i in range(3):
         values[i] = state[i]
-        for c in range(room.shape[2]):
-            derivatives[i, c] = room[_START, i, c]
+        for g in range(groups.shape[0]):
+            for lane in range(LANES):
+                derivatives[i, g * LANES + lane] = groups[g].now[i, lane]
 
 
 @compiled
 def _advance(starts: Floats, first: float, step: float, n: int, terms: Terms, profile: Floats | None, held: Floats,
-             by: Floats, states: Floats, derivatives: Floats, state: Floats, room: Floats) -> None:
-    """See `advance_windows`, whose results are filled in."""
+             states: Floats, derivatives: Floats, state: Floats, groups: Any, law: Floats) -> None:
+    """Fill `states` and `derivatives`; see `advance_windows`."""
     h, width = step / n, states.shape[1] - 1
     whole = plate_of(h * GAMMA, terms.linear)
     for j in range(len(starts)):
-        room[_START] = 0.0
+        for g in range(groups.shape[0]):
+            groups[g].now[:] = 0.0
         for i in range(3):
             state[i] = starts[j, i]
-            room[_START, i, i] = 1.0
-        _keep(state, room, states[j, 0], derivatives[j, 0])
+            groups[0].now[i, i] = 1.0
+        _keep(state, groups, states[j, 0], derivatives[j, 0])
         for k in range(width):
             tick = j * width + k
             for i in range(n):
@@ -150,18 +166,18 @@ def _advance(starts: Floats, first: float, step: float, n: int, terms: Terms, pr
                                 held[tick, 0, 1] + share * (held[tick, 1, 1] - held[tick, 0, 1]))
                 part = break_after(profile, start, left)
                 while part < left:
-                    _sub_step(state, start, part, plate_of(part * GAMMA, terms.linear), applied, by, room)
+                    _sub_step(state, start, part, plate_of(part * GAMMA, terms.linear), applied, groups, law)
                     start += part
                     left -= part
                     part = break_after(profile, start, left)
                 _sub_step(state, start, left, whole if left == h else plate_of(left * GAMMA, terms.linear), applied,
-                          by, room)
-            _keep(state, room, states[j, k + 1], derivatives[j, k + 1])
+                          groups, law)
+            _keep(state, groups, states[j, k + 1], derivatives[j, k + 1])
 
 
 def advance_windows(starts: Floats, first: float, step: float, width: int, n: int, terms: Terms, held: Floats | None,
                     by: Floats) -> tuple[Floats, Floats]:
-    """Every window of `width` ticks from its start, one window after the other in time.
+    """Advance every window of `width` ticks from its start; one window follows the other in time.
 
     Parameters
     ----------
@@ -171,17 +187,21 @@ def advance_windows(starts: Floats, first: float, step: float, width: int, n: in
     terms : of the smoothed law
     held : (m width, 2, 2) engine torque and saturation torque, N m, at the start and at the end of each tick, linear
         between, beside those of `terms`, whose sum with the latter is at least 0; None where there are none
-    by : (ROWS, P) derivatives of the numbers of the equations by the keys: `key_derivatives`, LOAD_SCALE, OTHER_PAIRS
+    by : (len(NUMBERS), P) derivatives of the numbers of the equations by the keys (`key_derivatives`); those of the
+        sines' amplitudes, phase and frequency are not used
 
     Returns
     -------
     the states, (m, width + 1, 3), and their derivatives by the window's start and by the keys, (m, width + 1, 3, 3 + P)
     """
     shape, count = (len(starts), width + 1, 3), 3 + by.shape[1]
-    states, derivatives, columns = np.empty(shape), np.empty((*shape, count)), np.zeros((ROWS, count))
-    columns[:, 3:] = by
+    groups = np.zeros(-(-count // LANES), CHANGES)
+    columns = np.zeros((len(by), len(groups) * LANES))
+    columns[:, 3:count] = by
+    groups["by"] = columns.reshape(len(by), len(groups), LANES).transpose(1, 0, 2)
+    states, derivatives = np.empty(shape), np.empty((*shape, columns.shape[1]))
     if held is None:
         held = np.zeros((len(starts) * width, 2, 2))
-    _advance(starts, first, step, n, terms, None if terms.profile is None else terms.profile.copy(), held, columns,
-             states, derivatives, np.empty(3), np.empty((4, 3, count)))
-    return states, derivatives
+    _advance(starts, first, step, n, terms, None if terms.profile is None else terms.profile.copy(), held, states,
+             derivatives, np.empty(3), groups, np.empty((3, len(NUMBERS_OF_ALL) + 2)))
+    return states, derivatives[..., :count]

@@ -11,8 +11,8 @@ from differences import apart
 from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers.fixed_step import advance, advance_ticks
-from tcc_sim.solvers.fixed_step_sensitivity import LOAD_SCALE, ROWS, advance_windows
-from tcc_sim.solvers.key_derivatives import LOAD_AMPLITUDE, MEAN_LOAD, MEAN_TORQUE, NUMBERS, key_derivatives
+from tcc_sim.solvers.fixed_step_sensitivity import advance_windows
+from tcc_sim.solvers.key_derivatives import LOAD_AMPLITUDE, LOG_LOAD, MEAN_LOAD, MEAN_TORQUE, NUMBERS, key_derivatives
 from tcc_sim.solvers.terms import Terms, holding, substeps, terms_of
 
 KEYS = ("friction.static_coefficient", "friction.kinetic_coefficient", "friction.decay", "friction.smoothing",
@@ -26,10 +26,9 @@ STEP, WIDTH = 1e-3, 30
 
 def columns(system: System) -> np.ndarray:
     """The derivatives of the numbers by the start and KEYS; a friction coefficient scales the whole load."""
-    by = np.zeros((ROWS, len(KEYS)))
-    by[:len(NUMBERS)] = key_derivatives(system, KEYS)
+    by = key_derivatives(system, KEYS)
     by[MEAN_LOAD:LOAD_AMPLITUDE + 1] = 0.0
-    by[LOAD_SCALE, KEYS.index("friction.kinetic_coefficient")] = 1.0 / system.friction.kinetic_coefficient
+    by[LOG_LOAD, KEYS.index("friction.kinetic_coefficient")] = 1.0 / system.friction.kinetic_coefficient
     return by
 
 
@@ -90,8 +89,8 @@ def test_derivatives_where_inputs_are_held() -> None:
     rng = np.random.default_rng(0)
     held = np.column_stack([rng.uniform(100.0, 500.0, 2 * WIDTH), rng.uniform(300.0, 600.0, 2 * WIDTH)])
     held[7, 1] = 0.0
-    by = np.zeros((ROWS, 3))
-    by[LOAD_SCALE, 0], by[MEAN_TORQUE, 1], by[MEAN_LOAD, 2] = 1.0, 1.0, 1.0
+    by = np.zeros((len(NUMBERS), 3))
+    by[LOG_LOAD, 0], by[MEAN_TORQUE, 1], by[MEAN_LOAD, 2] = 1.0, 1.0, 1.0
     found, terms = swept(FIG02, held, by)[1], terms_of(FIG02)
 
     def at(scale: float, torque: float, load: float) -> np.ndarray:
