@@ -35,6 +35,7 @@ class Reported:
     spread : JSON has the fields of the value instead of the field
     listed : the same for a sequence: each field of its members becomes a list of their values
     of : classes of the value or its members, if the annotation does not name them
+    scatters : `scatter` gives quantiles of the field
     """
 
     meaning: str
@@ -44,6 +45,7 @@ class Reported:
     spread: bool = False
     listed: bool = False
     of: tuple[type, ...] = ()
+    scatters: bool = False
 
 
 def reported(meaning: str, unit: str = "", **how: Any) -> dict[str, Reported]:

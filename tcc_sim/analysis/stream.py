@@ -63,12 +63,9 @@ class RunCycles:
     def kept(self, discard: int | None) -> tuple[Cycles, int, int]:
         """Return the cycles after the first `discard`, the number of the first of them, and the number of dropped ones.
 
-        One NaN cycle stands for each gap between cycles; cycles within gaps at the start count as dropped too.
-
-        Raises
-        ------
+        One NaN cycle stands for each gap between cycles; cycles within gaps at the start count as dropped too. Raise
         InputError
-            No cycle is left, or the number is negative.
+        if no cycle is left, or for a negative number.
         """
         if not self.pieces:
             raise InputError("the recording holds no whole engine cycle")
@@ -173,12 +170,8 @@ class CycleStream:
                          far_end_of(states.output_angle, states.output_speed))
 
     def longest(self) -> tuple[int, RunCycles]:
-        """Return the number of the run with the most whole cycles, the last of several, and its cycles.
-
-        Raises
-        ------
-        InputError
-            There are no samples.
+        """Return number and cycles of the run with the most cycles, the last of several; raise InputError without
+        samples.
         """
         if not self.runs:
             raise InputError("the recording holds no samples")
@@ -186,13 +179,7 @@ class CycleStream:
         return number, self.runs[number]
 
     def summary(self, discard: int | None = None, number: int | None = None) -> Summary:
-        """Return the summary of the longest run, or of run `number`; the same object until more cycles come.
-
-        Raises
-        ------
-        InputError
-            No whole cycle, or none left after `discard`.
-        """
+        """Return the summary of the longest run, or of run `number`; raise InputError if no whole cycle is left."""
         run = self.longest()[1] if number is None else self.runs[number]
         made_of = run.observed(), discard
         if run.summary is None or run.summary[0] != made_of:

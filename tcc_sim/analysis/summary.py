@@ -98,12 +98,7 @@ def default_discard(cycles: int) -> int:
 
 
 def dropped_of(cycles: int, discard: int | None) -> int:
-    """Return the number of cycles to drop: `discard`, or the default.
-
-    Raises
-    ------
-    InputError
-        A negative number, or one that leaves no cycle.
+    """Return the number of cycles to drop: `discard` or the default; raise InputError if it is negative or leaves none.
     """
     dropped = default_discard(cycles) if discard is None else discard
     if dropped < 0:
@@ -129,13 +124,15 @@ class Summary(Result):
     [0.73]
     """
 
-    max_slip_speed: float = field(metadata=reported("largest |slip speed| over the kept cycles", "rad/s"))
-    min_slip_speed: float = field(metadata=reported("smallest slip speed, signed", "rad/s"))
-    period: int = field(metadata=reported("period of the motion; 0 where none up to 16 is found", "engine cycles"))
+    max_slip_speed: float = field(metadata=reported(
+        "largest |slip speed| over the kept cycles", "rad/s", scatters=True))
+    min_slip_speed: float = field(metadata=reported("smallest slip speed, signed", "rad/s", scatters=True))
+    period: int = field(metadata=reported(
+        "period of the motion; 0 if none up to 16 is found", "engine cycles", scatters=True))
     section: list[tuple[float, float]] = field(metadata=reported(
         "plate angle and slip speed at t = 2 pi n/omega over the last whole period, in order and from an n that is a "
-        "multiple of the period; over all kept cycles where the period is 0", "rad, rad/s"))
-    stick_fraction: float = field(metadata=reported("time in stick over time"))
+        "multiple of the period; over all kept cycles if the period is 0", "rad, rad/s"))
+    stick_fraction: float = field(metadata=reported("time in stick over time", scatters=True))
     regime: str = field(metadata=reported(
         "stick, slip or stick-slip; a stick fraction within 0.005 of 0 or 1 counts as slip or stick"))
     cycles: int = field(metadata=reported("number of engine cycles solved or observed"))
@@ -150,21 +147,24 @@ class Summary(Result):
     section_states: list[tuple[float, float, float]] | None = field(default=None, metadata=reported(
         "plate angle, slip speed and plate speed at the points of the section", "rad, rad/s, rad/s", asked_for=True))
     runaway: bool = field(default=False, metadata=reported(
-        "whether slip grows and never sticks, as where the friction torque is below the mean engine torque; such a "
-        "motion has no period and has not settled"))
+        "whether slip grows and never sticks, for instance because the friction torque is below the mean engine "
+        "torque; such a motion has no period and has not settled", scatters=True))
     transient: bool = field(default=False, metadata=reported(
-        "whether the motion is still on its way: its period is that of a limit, or its cycles still grow or decay"))
+        "whether the motion has not settled: its period is that of a limit, or its cycles still grow or decay"))
     covers: tuple[float, float] = field(default=(math.nan, math.nan), metadata=reported(
-        "from when to when extremes, stick, energies, powers, torques and breakaways are taken: all that was solved "
-        "and not dropped; period and section are those of the whole cycles in it", "s"))
+        "start and end of the time covered by extremes, stick, energies, powers, torques and breakaways: all that was "
+        "solved and not dropped; period and section are those of its whole cycles", "s"))
     clutch_energy: float = field(default=math.nan, metadata=reported(
-        "work of the friction torque, integral of Tf v; null where it was not worked out", "J"))
-    mean_power: float = field(default=math.nan, metadata=reported("clutch energy over its time", "W"))
-    peak_power: float = field(default=math.nan, metadata=reported("largest power of the friction torque, Tf v", "W"))
+        "work of the friction torque, integral of Tf v; null if it was not computed", "J", scatters=True))
+    mean_power: float = field(default=math.nan, metadata=reported("clutch energy over its time", "W", scatters=True))
+    peak_power: float = field(default=math.nan, metadata=reported(
+        "largest power of the friction torque, Tf v", "W", scatters=True))
     max_shaft_torque: float = field(default=math.nan, metadata=reported(
-        "largest torque in the shaft, C23 theta2' + K23 theta2", "N m"))
-    min_shaft_torque: float = field(default=math.nan, metadata=reported("smallest torque in the shaft", "N m"))
-    breakaways: int | None = field(default=None, metadata=reported("number of changes from stick to slip"))
+        "largest torque in the shaft, C23 theta2' + K23 theta2", "N m", scatters=True))
+    min_shaft_torque: float = field(default=math.nan, metadata=reported(
+        "smallest torque in the shaft", "N m", scatters=True))
+    breakaways: int | None = field(default=None, metadata=reported(
+        "number of changes from stick to slip", scatters=True))
 
     def _text(self) -> str:
         period = f"period {self.period}, {'settled' if self.settled else 'settling'}" if self.period else "no period"

@@ -73,13 +73,7 @@ class IdentifiedCurve:
 
 
 def keys_of(count: float | None) -> tuple[str, ...]:
-    """Return the free parameters of a curve with `count` exponentials.
-
-    Raises
-    ------
-    InputError
-        The count is not 1 to MOST_TERMS.
-    """
+    """Return the free keys of a curve with `count` exponentials; raise InputError unless it is 1 to MOST_TERMS."""
     count = PAIRS if count is None else count
     if count not in range(1, MOST_TERMS + 1):
         raise InputError(f"{CURVE} has {count:g} exponentials; it must have 1 to {MOST_TERMS}")

@@ -177,12 +177,8 @@ def _with_estimates(scene: Scene, model: Model, best: Fit, curve: IdentifiedCurv
 
 
 def given(measured: Measurement | str | Path, scene: Scene | None = None) -> tuple[Measurement, Scene]:
-    """Return the measurement in a table's file or a recording, and its scene, by default that of the recording.
-
-    Raises
-    ------
-    InputError
-        A measurement that cannot be used, or a table without a scene.
+    """Return the measurement in a table's file or a recording, and its scene (default: the recording's), or raise
+    InputError.
     """
     if not isinstance(measured, Measurement):
         path = Path(measured)

@@ -263,13 +263,7 @@ def _cycle_rows(motion: Periodic, output: str) -> tuple[Floats, Floats]:
 
 
 def response_of(motion: Periodic, inputs: str, output: str, omegas: Floats) -> Complex:
-    """Return the harmonic transfer function within DEFAULTS.within, with enough parts for each frequency.
-
-    Raises
-    ------
-    InputError
-        A frequency needs more than DEFAULTS.most_parts.
-    """
+    """Return the harmonic transfer function within DEFAULTS.within; raise InputError if it needs too many parts."""
     out, count = np.zeros(len(omegas), np.complex128), DEFAULTS.parts
     left = np.arange(len(omegas))
     while len(left):

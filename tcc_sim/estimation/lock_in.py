@@ -27,12 +27,9 @@ from tcc_sim.trajectory import Floats
 def simulated(motion: Constant | Periodic, inputs: str, output: str, omega: float) -> complex:
     """Return output over input at `omega`, rad/s, about a motion.
 
-    Raises
-    ------
-    InputError
-        The set-valued law, which the real-time solver does not have, an input with mean 0, or a frequency so low that
-        the
-        simulation would take more than 2 million ticks.
+    Raise InputError for the set-valued law, which the real-time solver does not have, for an input with mean 0, and for
+    a
+    frequency so low that the simulation would take more than 2 million ticks.
     """
     system = motion.system
     if system.friction.law != "smoothed":

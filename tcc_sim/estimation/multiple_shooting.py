@@ -67,20 +67,13 @@ class Fit:
 
 def fit(model: Model, noise: dict[str, float], values: Floats, settings: FitSettings, stages: tuple[Stage, ...] = (),
         starts: Floats | None = None, tick: Callable[[], None] | None = None) -> Fit:
-    """Fit a measurement, starting from `values`.
+    """Fit a measurement, starting from `values`; raise NumericalFailure if the solution there cannot be computed.
 
-    Parameters
-    ----------
     noise : standard deviation of every measured channel
     values : (P,) of the model's keys
     stages : by default those of the settings
     starts : of the first stage's windows; by default from the measurement
     tick : function called after every iteration
-
-    Raises
-    ------
-    NumericalFailure
-        The solution cannot be computed at the start.
     """
     width, work = 0, 0.0
     for stage in stages or settings.stages:

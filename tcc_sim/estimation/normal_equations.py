@@ -29,13 +29,7 @@ class Normal(NamedTuple):
     slope_by_key: Floats
 
     def solved(self, damping: float) -> tuple[Floats, Floats, Floats]:
-        """Return steps of the starts and of the parameters with Levenberg's damping, and the parameters' covariance.
-
-        Raises
-        ------
-        numpy.linalg.LinAlgError
-            The equations are singular.
-        """
+        """Return damped steps of starts and parameters, and the latter's covariance; raise LinAlgError if singular."""
         found = self.by_starts(damping)
         squares, slope = self.by_keys(found, damping)
         covariance = np.linalg.inv(squares)
@@ -64,13 +58,8 @@ class Normal(NamedTuple):
         return corner - both[:, :size], self.slope_by_key - both[:, size]
 
     def covariance(self) -> Floats:
-        """Return the covariance of the parameters, (P, P), with a little damping if rounding makes the equations
-        singular.
-
-        Raises
-        ------
-        NumericalFailure
-            The equations are singular.
+        """Return the parameters' covariance, (P, P), slightly damped if rounding makes it singular; raise
+        NumericalFailure.
         """
         for damping in (0.0, 1e-13, 1e-11, 1e-9):
             try:

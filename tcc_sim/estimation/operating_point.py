@@ -90,16 +90,11 @@ class Periodic:
 
 
 def operating_point(system: System, slip: float | None) -> Constant | Periodic:
-    """Return the motion in which the scene settles, or the one with the mean slip speed `slip`.
+    """Return the motion in which the scene settles, or the one with the mean slip speed `slip`, rad/s.
 
-    slip : rad/s; Newton's method finds the mean pressure for it. None keeps the scene's pressure.
-
-    Raises
-    ------
-    InputError
-        The excitation does not repeat, the slip runs away, or no pressure gives this slip speed.
-    NumericalFailure
-        Newton's method does not close the motion.
+    For `slip` Newton's method finds the mean pressure; None keeps the scene's pressure. Raise InputError if the
+    excitation
+    does not repeat, the slip runs away, or no pressure gives this slip speed, and NumericalFailure if the method fails.
     """
     if common_cycles(system) == 0:
         raise InputError(f"pressure.frequency_ratio is {system.pressure.frequency_ratio:g}; a motion that settles "

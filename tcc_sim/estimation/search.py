@@ -55,12 +55,8 @@ class Search:
                    self.tick)
 
     def best(self, models: Sequence[Model]) -> tuple[Fit, Model, int]:
-        """Return the best fit of several models, its model, and the number of starts tried with the first one.
-
-        Raises
-        ------
-        InputError
-            No start can be solved.
+        """Return the best fit, its model, and the number of starts of the first model; raise InputError if none can be
+        solved.
         """
         first, tried = self._from_starts(models[0])
         best, of = first, models[0]

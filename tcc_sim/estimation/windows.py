@@ -85,13 +85,7 @@ class Model:
     measured: Measurement
 
     def drive(self, values: Floats) -> Drive:
-        """Return its input for these values of the keys.
-
-        Raises
-        ------
-        NumericalFailure
-            Values out of their ranges.
-        """
+        """Return its input for values of the keys; raise NumericalFailure if one is out of its range."""
         named = {k: float(v) for k, v in zip(self.keys, values) if k in SCENE_KEYS}
         curve = {k: float(v) for k, v in zip(self.keys, values) if k.startswith(CURVE)}
         offsets = {OFFSETS[k]: float(v) for k, v in zip(self.keys, values) if k in OFFSETS}
@@ -136,12 +130,8 @@ class Model:
         return np.asarray(np.clip(values, least, most))
 
     def substeps(self, values: Floats) -> int:
-        """Return the number of sub-steps per sample, with a reserve for slightly different values.
-
-        Raises
-        ------
-        NumericalFailure
-            Values out of their ranges, or that need too many sub-steps.
+        """Return the sub-steps per sample, with a reserve for slightly different values; raise NumericalFailure for too
+        many.
         """
         drive = self.drive(values)
         held = 0.0 if drive.held is None else float(drive.held[..., 1].max())

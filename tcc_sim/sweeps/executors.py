@@ -47,13 +47,7 @@ class Attendance:
 
 @contextmanager
 def workers(jobs: int | None, dask: str | None) -> Iterator[tuple[Executor, Attendance]]:
-    """Yield an executor with `jobs` threads (default: all cores) or on the cluster at `dask`, and its attendance.
-
-    Raises
-    ------
-    InputError
-        The number of jobs is not 1 to 1024.
-    """
+    """Yield an executor with `jobs` threads (default: all cores) or on the cluster at `dask`, and its attendance."""
     if jobs is not None and not 1 <= jobs <= 1024:
         raise InputError(f"jobs is {jobs}; it must be 1 to 1024")
     if dask is not None:
@@ -91,13 +85,7 @@ def each_done(there: Attendance, take: Callable[[], Task | None],
 
 
 def first_done(running: Collection[Future[Any]], there: Attendance) -> set[Future[Any]]:
-    """Return the completed tasks of some, at least one.
-
-    Raises
-    ------
-    WorkersLost
-        No workers are left.
-    """
+    """Return the completed tasks of some, at least one; raise WorkersLost if no workers are left."""
     while not (done := wait(running, DEFAULTS.look, FIRST_COMPLETED).done):
         there.check()
     if any(future.cancelled() or isinstance(future.exception(), CancelledError) for future in done):
@@ -181,12 +169,7 @@ def cluster(address: str, connect: float = DEFAULTS.connect_timeout) -> Iterator
 
 
 def in_time(deadline: float, function: Callable[[], Any]) -> Any:
-    """Call a function in a thread and return its result; a name lookup cannot be interrupted otherwise.
-
-    Raises
-    ------
-    TimeoutError
-        It has not returned by `deadline` of the monotonic clock, s.
+    """Call a function in a thread, because a name lookup cannot be interrupted; raise TimeoutError after `deadline`, s.
     """
     found, thread = begun(function)
     thread.join(max(deadline - time.monotonic(), 0.0))

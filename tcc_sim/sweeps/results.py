@@ -14,7 +14,7 @@ from tcc_sim.analysis.damping import Damping
 from tcc_sim.analysis.summary import Summary
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace, unknown_key
-from tcc_sim.result import Result, as_lists, json_of, reported, reporting
+from tcc_sim.result import Result, as_lists, json_of, names_in, reported, reporting
 from tcc_sim.sweeps.exponents import Lyapunov
 from tcc_sim.sweeps.settings import DEFAULTS
 from tcc_sim.sweeps.simulation import CONFIRMED, Plan
@@ -30,7 +30,7 @@ EMPTY: dict[str, float | int | bool | str] = {"float": np.nan, "int": -1, "int |
 """Value of an empty table cell by the type of its field."""
 COLUMNS: dict[str, float | int | bool | str] = {
     **{item.name: EMPTY[str(item.type)] for item in fields(Summary) if item.type in EMPTY}, "confirmed": False,
-    "equivalent_damping": np.nan, "negative_slope_mean": np.nan,
+    **dict.fromkeys(names_in(Damping), np.nan),
     **{f"lyapunov_{item.name}": EMPTY[str(item.type)] for item in fields(Lyapunov) if item.type in EMPTY}, "status": ""}
 """Columns of a table with a row per value, and the value of their empty cells."""
 
@@ -63,13 +63,7 @@ class Point:
 
     @staticmethod
     def from_record(record: Mapping[str, Any], system: System) -> Point:
-        """Return the point of a record by `as_record`.
-
-        Raises
-        ------
-        KeyError, TypeError, ValueError
-            `as_record` did not write the record.
-        """
+        """Return the point of a record by `as_record`; raise KeyError, TypeError or ValueError for any other record."""
         summary = None
         if record["max_slip_speed"] is not None:
             numbers = {name: record[name] for name in SUMMARY_KEYS}
@@ -80,9 +74,8 @@ class Point:
                 raise TypeError("not a number")
         damping = lyapunov = None
         if "equivalent_damping" in record:
-            weighted, negative = (math.nan if x is None else float(x)
-                                  for x in (record["equivalent_damping"], record["negative_slope_mean"]))
-            damping = Damping(weighted, negative, -system.driveline.damping)
+            averages = (math.nan if record[name] is None else float(record[name]) for name in names_in(Damping))
+            damping = Damping(*averages, -system.driveline.damping)
         if "lyapunov" in record:
             values: dict[str, Any] = {k: math.nan if v is None else v for k, v in record["lyapunov"].items()}
             lyapunov = Lyapunov(**values)

@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tcc_sim.analysis.damping import Damping
+from tcc_sim.analysis.summary import Summary
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.quantity import sequence_of_numbers
-from tcc_sim.result import Result, reported, reporting
+from tcc_sim.result import Result, reported, reported_of, reporting
 from tcc_sim.scene import Scene, system_of
 from tcc_sim.sweeps.results import Course, Point, Sweep, lists_of, stacked
 from tcc_sim.sweeps.settings import DEFAULTS
@@ -23,10 +25,9 @@ from tcc_sim.sweeps.sweep import Curve, sweep_curves
 PROBABILITIES = (0.05, 0.5, 0.95)
 COUNTED = ("runaway", "not_settled")
 """Reasons for leaving a sample out of quantiles."""
-NUMBERS = ("max_slip_speed", "min_slip_speed", "stick_fraction", "period", "runaway", "clutch_energy", "mean_power",
-           "peak_power", "max_shaft_torque", "min_shaft_torque", "breakaways", "equivalent_damping",
-           "negative_slope_mean")
-"""Results that have quantiles; a truth counts as 0 or 1."""
+NUMBERS = tuple(entry.name or name for kind in (Summary, Damping) for name, entry in reported_of(kind).items()
+                if entry.scatters)
+"""Results that have quantiles; a truth value counts as 0 or 1."""
 
 
 @dataclass(frozen=True)

@@ -98,13 +98,7 @@ class Plan:
 
     @staticmethod
     def of(plan: Plan | None, settings: dict[str, Any]) -> Plan:
-        """Return a plan given whole, or by its fields.
-
-        Raises
-        ------
-        InputError
-            Both are given, a field is unknown, or a value is out of its range.
-        """
+        """Return a plan given whole, or by its fields; raise InputError for both, or for a wrong field."""
         if plan is not None:
             if settings:
                 raise InputError(f"{next(iter(settings))} is given beside a plan; change the plan instead")
@@ -126,13 +120,7 @@ class Plan:
         return self.duration
 
     def dropped(self, cycles: int, default: int) -> int:
-        """Return how many of so many cycles are dropped: as given, or `default`.
-
-        Raises
-        ------
-        InputError
-            No cycle would be left.
-        """
+        """Return the number of cycles to drop: as given, or `default`; raise InputError if none would be left."""
         found = self.discard if isinstance(self.discard, int) else default
         if found >= max(cycles, 1):
             raise InputError(f"discard is {found}; it must be 0 to {max(cycles - 1, 0)}, since {cycles} whole cycles "

@@ -90,6 +90,19 @@ def test_what_is_too_short_or_too_coarse_is_refused():
         orders_of(solve(load_scene("slip"), cycles=40, samples_per_cycle=4))
 
 
+def test_commanded_torque_has_orders_where_its_cycles_are_known():
+    scene = load_scene("minimal").with_values({"engine.source": "topic"})
+    run = solve(load_scene("minimal"), cycles=20, samples_per_cycle=64)
+    commanded = with_fields(run, system=scene.system)
+    starts = np.arange(21) * scene.system.cycle
+    known = with_fields(commanded, cycles=with_fields(run.cycles, starts=starts))
+    np.testing.assert_allclose(orders_of(known).shaft_torque, orders_of(run).shaft_torque, rtol=1e-6, atol=1e-6)
+    starts = np.where(np.arange(21) == 7, math.nan, starts)
+    for cycles in (run.cycles, None, with_fields(run.cycles, starts=starts)):
+        with pytest.raises(InputError, match="its engine cycles are not known"):
+            orders_of(with_fields(commanded, cycles=cycles))
+
+
 def test_a_recording_has_the_orders_of_the_run_that_it_holds(tmp_path):
     from tcc_sim.cli import main
     from tcc_sim.output.samples import write_trajectory

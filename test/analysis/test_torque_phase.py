@@ -39,6 +39,11 @@ def test_a_sine_is_found_to_many_digits(frequency):
     assert len(found.starts) in {int((frequency * 19.999 + 0.4) / TURN), int((frequency * 19.999 + 0.4) / TURN) + 1}
 
 
+def test_a_small_torque_is_found_as_a_large_one_is():
+    found = phase_of(lambda t: 3e-6 + 2.5e-6 * np.sin(150.0 * t + 0.4), seconds=4.0)
+    assert found.low == found.high == pytest.approx(150.0, rel=1e-6)
+
+
 @pytest.mark.parametrize("seconds", [0.1, 0.12, 0.2, 0.3, 0.5])
 def test_a_short_run_is_fitted_as_a_whole(seconds):
     found = phase_of(lambda t: 300.0 + 250.0 * np.sin(150.0 * t + 0.4), seconds=seconds)
@@ -79,6 +84,7 @@ def test_a_frequency_that_drifts_by_up_to_ten_per_cent_a_second_is_followed(freq
     found = phase_of(lambda t: 300.0 + 250.0 * np.sin(phase(t)), seconds=10.0)
     assert largest_error(found, phase) < 0.02
     assert len(found.starts) >= abs(float(phase(9.99))) / TURN - 3
+    assert np.array_equal(found.numbers, np.rint(phase(found.starts) / TURN))
     ends = sorted([frequency, frequency * math.exp(10.0 * rate)])
     assert [found.low, found.high] == pytest.approx(ends, rel=0.03)
     (stretch,) = clock_of({0: found}).stretches(0, 0.0, 10.0)

@@ -178,8 +178,10 @@ def test_gaps_and_uneven_samples_are_said() -> None:
     slower = np.r_[0:200, 200:500:2]
     with pytest.raises(InputError, match=r"a gap of 0\.002 s at 1\.2 s"):
         Measurement(t[slower], {"slip_speed": slip[slower]})
+    jitter = 1e-3 * (np.arange(len(t)) % 7 == 0) / 1000.0   # A thousandth of a step, which is allowed.
+    assert Measurement(t + 0.99 * jitter, {"slip_speed": slip}).step == pytest.approx(1e-3, rel=1e-5)
     with pytest.raises(InputError, match="evenly spaced"):
-        Measurement(t + 1e-4 * (np.arange(len(t)) % 7 == 0), {"slip_speed": slip})
+        Measurement(t + 1.01 * jitter, {"slip_speed": slip})
 
 
 @pytest.mark.parametrize("rate", [500.0, 4000.0])

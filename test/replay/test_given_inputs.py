@@ -85,6 +85,7 @@ def test_a_command_that_no_tick_tells_is_left_to_the_scene(tmp_path):
     ("t,slip_speed\n0,1\n1,1\n", "must name the column engine_torque, actuation_pressure or output_speed"),
     ("t,engine_torque\n0,1\n1\n", "line 3 has 1 values; the first line names 2"),
     ("t,engine_torque\n0,1\n", "has 1 row;"), ("t,engine_torque\n0,1\n0,1\n", "must begin at 0 or later and increase"),
+    ("t,engine_torque\n-0.1,1\n1,1\n", "must begin at 0 or later and increase"),
     ("t,engine_torque\n0,1\n1,x\n", "line 3 has no number in column engine_torque"),
     ("t,actuation_pressure\n0,1\n1,-5\n", "actuation_pressure is -5 Pa at 1 s; it must be 0 to 1e"),
     ("", "no column t")])

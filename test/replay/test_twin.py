@@ -42,6 +42,7 @@ def test_the_difference_is_that_of_the_two_speeds(tmp_path: Path) -> None:
     found = twin_of(table, run)
     assert found is not None
     assert found.difference == pytest.approx(0.5, abs=1e-6)
+    assert found.t.tolist() == run.t.tolist()
     assert "0.5 rad/s apart" in str(found)
     table.write_text("t,engine_torque\n0,1\n1,2\n")
     assert twin_of(table, run) is None

@@ -75,6 +75,7 @@ def test_the_picture_shows_samples_or_bands(over: list[str], tmp_path) -> None: 
 @pytest.mark.parametrize(("words", "said"), [
     (["--samples", "4"], "--scatter"), (["--scatter", f"{AMPLITUDE}=1:2"], "--samples"),
     (["--scatter", f"{AMPLITUDE}=1", "--samples", "4"], "KEY=LOW:HIGH"),
+    (["--scatter", f"{AMPLITUDE}=2:1", "--samples", "4"], f"scatter of {AMPLITUDE} is 2 to 1; the first must be below"),
     (["--scatter", f"{AMPLITUDE}=1:2", "--samples", "1"], "samples is 1"),
     (["--scatter", f"{AMPLITUDE}=1:2", "--samples", "4", "--over", f"{AMPLITUDE}=1:2:3"], "swept and scattered"),
     (["--scatter", f"{AMPLITUDE}=1:2", "--samples", "4", "--set", f"{AMPLITUDE}=3"], "itself varies"),

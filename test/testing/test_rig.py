@@ -211,6 +211,28 @@ def test_a_controller_that_fails_fails_the_test_with_that_sentence(driveline: An
     plant.add(Controller(answer))
     with pytest.raises(ControllerFailed, match=sentence):
         plant.run(seconds=1.0)
+    waits = answer is waits_for_ever   # Only Python code can be stopped.
+    assert plant._worker.stuck == waits
+    assert ("nodes under test" in [thread.name for thread in threading.enumerate()]) >= waits
+
+
+def test_close_destroys_the_driveline_and_the_nodes_under_test(driveline: Any) -> None:
+    plant = driveline("controlled")
+    plant.add(Controller(lambda state: 1e5))
+    plant.run(ticks=1)
+    seen = Node("observer")
+    assert {"driveline", "my_controller"} <= set(seen.get_node_names())
+    plant.close()
+    assert not {"driveline", "my_controller"} & set(seen.get_node_names())
+    seen.destroy_node()
+
+
+def test_a_pause_is_not_a_hang(driveline: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """However long it is: the patience is that for an answer, after the pause."""
+    plant, given = driveline("controlled", patience=3.0), []
+    monkeypatch.setattr(plant._worker, "run", lambda work, patience, failed: given.append(patience))
+    plant.pause(7.0)
+    assert given == [10.0]
 
 
 def test_a_node_that_destroys_itself_and_one_of_another_type_are_one_sentence(driveline: Any) -> None:
