@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.analysis.periodicity import cycles_drift, periodicity
+from tcc_sim.analysis.periodicity import cycles_drift, enough_after_a_gap, periodicity
 from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.errors import InputError
 from tcc_sim.model import equations
@@ -160,7 +160,8 @@ class Summary(Result):
     peak_power: float = field(default=math.nan, metadata=reported(
         "largest power of the friction torque, Tf v", "W", scatters=True))
     max_shaft_torque: float = field(default=math.nan, metadata=reported(
-        "largest torque in the shaft, C23 theta2' + K23 theta2", "N m", scatters=True))
+        "largest torque in the shaft, C23 (theta2' - theta3') + K23 (theta2 - theta3); the angle theta3 of the "
+        "shaft's far end is 0 where the far end stands still", "N m", scatters=True))
     min_shaft_torque: float = field(default=math.nan, metadata=reported(
         "smallest torque in the shaft", "N m", scatters=True))
     breakaways: int | None = field(default=None, metadata=reported(
@@ -270,12 +271,10 @@ def slip_grows(cycles: Cycles) -> bool:
     """Return whether the slip of the last cycles grows like that of a runaway, without stick or reversal.
 
     In lasting slip, (1a) accelerates the flywheel by (Te - Tf)/I1, and |Tf| falls with |v|, so that growth continues,
-    while
-    every other motion in slip tends to one of constant size. The last cycles in slip of one sign must therefore be at
-    least
-    a third of all. In them the flywheel speed on the section, which is independent of plate vibration, must rise from
-    third
-    to third by steps that do not halve and exceed the tolerance of a repeating section.
+    while every other motion in slip tends to one of constant size. The last cycles in slip of one sign must therefore
+    be at least a third of all. In them the flywheel speed on the section, which is independent of plate vibration, must
+    rise from third to third by steps that do not halve and exceed the tolerance of a repeating section. After a gap in
+    a recording, 16 cycles are needed: the cycles before may have stuck.
 
     Parameters
     ----------
@@ -285,7 +284,7 @@ def slip_grows(cycles: Cycles) -> bool:
     slips = (high * low > 0.0) & (cycles.stick_time == 0.0)
     stops = np.flatnonzero(~slips)
     width = (len(slips) - (int(stops[-1]) + 1 if len(stops) else 0)) // 3
-    if width < max(len(slips) // 9, 1):
+    if width < max(len(slips) // 9, 1) or not enough_after_a_gap(cycles):
         return False
     speed = (cycles.section[1:, 0] + cycles.section[1:, 2])[len(slips) - 3 * width:]
     early, middle, late = (math.copysign(1.0, low[-1]) * speed.reshape(3, width).mean(axis=1)).tolist()

@@ -57,8 +57,6 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.sweeps.simulation import simulate
 
     scene, measured = common.scene_of(arguments, parse_profiles(arguments.profile)), None
-    if arguments.spectrum:
-        scene.system.check_repeats("a spectrum")
     if arguments.inputs is not None:
         from tcc_sim.replay.given_inputs import driven_by
 
@@ -69,6 +67,8 @@ def run(arguments: argparse.Namespace) -> int:
             scene, measured = at_measured_speed(scene, arguments.inputs, arguments.pulses)
     elif arguments.hold is not None:
         raise InputError("--hold is for the inputs of a table; give the table with --inputs")
+    if arguments.spectrum:
+        scene.system.check_repeats("a spectrum")
     plan = common.plan_of(arguments)
     cycle, duration = scene.system.cycle, plan.seconds(scene.system)
     common.check_outputs(arguments, SUFFIXES)

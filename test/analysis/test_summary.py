@@ -154,3 +154,11 @@ def test_a_runaway_may_have_stuck_before() -> None:
     late = speeds(np.where(n < 30, 4.0, 20.0 + 0.3 * n))
     assert slip_grows(late)
     assert not slip_grows(speeds(np.where(n < 75, 4.0, 20.0 + 0.3 * n)))
+
+
+@pytest.mark.parametrize(("kept", "grows"), [(3, False), (15, False), (16, True)])
+def test_few_cycles_after_a_gap_show_no_growth(kept: int, grows: bool) -> None:
+    found = speeds(20.0 + 0.3 * np.arange(9.0 if kept < 9 else 24.0))
+    found.highest[-kept - 1] = np.nan
+    assert slip_grows(found) is grows
+    assert summarise_cycles(found, CYCLE).runaway is grows

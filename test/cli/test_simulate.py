@@ -192,3 +192,11 @@ def test_an_interrupt_ends_it_at_once_and_leaves_nothing(capsys, monkeypatch, tm
 def test_damping_is_said_or_why_there_is_none(words, said, capsys):
     assert main(["simulate", *words, "--damping"]) == 0
     assert f"equivalent damping (21)  {said}" in capsys.readouterr().out
+
+
+def test_a_spectrum_of_measured_inputs_is_refused_before_anything_is_solved(capsys, monkeypatch, tmp_path):
+    table = tmp_path / "a.csv"
+    table.write_text("t,engine_torque\ns,N m\n0,300\n1,310\n")
+    monkeypatch.setattr("tcc_sim.sweeps.simulation.solve", None)
+    err = refused(capsys, "fig02", "--inputs", table, "--spectrum")
+    assert "a spectrum needs a periodic excitation, and this scene has inputs" in err

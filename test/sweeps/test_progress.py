@@ -1,9 +1,10 @@
-"""Progress: bars on a terminal and in a notebook, elsewhere a line a minute, by a clock that the test turns."""
+"""Progress: bars on a terminal and in a notebook, elsewhere a line a minute."""
 
 from __future__ import annotations
 
 import io
 import sys
+import threading
 from collections.abc import Callable
 from types import SimpleNamespace
 
@@ -11,45 +12,49 @@ import pytest
 from fig02_measured import FIG02, measured
 
 import tcc_sim
-from tcc_sim.sweeps.progress import in_notebook, progress_bar
+from tcc_sim.sweeps import progress
+from tcc_sim.sweeps.progress import ProgressLines, in_notebook, progress_bar
 
 
-class Clock:
-    """Seconds that pass where the test says so."""
+class Written(io.StringIO):
+    """A standard error that is no terminal, and reports each line."""
 
-    now = 0.0
+    def __init__(self) -> None:
+        super().__init__()
+        self.lines = threading.Semaphore(0)
 
-    def __call__(self) -> float:
-        return self.now
+    def flush(self) -> None:
+        self.lines.release()
 
 
-def test_without_a_terminal_a_line_a_minute_counts_what_is_done(capsys: pytest.CaptureFixture[str]) -> None:
-    clock = Clock()
-    with progress_bar("point", 40, 3, clock=clock) as bar:
-        for clock.now in (20.0, 59.0, 60.0, 70.0, 119.0, 121.0):
-            bar.set_postfix_str(f"at {clock.now:g}", refresh=False)
-            bar.update()
-    assert capsys.readouterr().err.splitlines() == [
-        "tcc-sim: 6 of 40 points after 60 s: at 60", "tcc-sim: 9 of 40 points after 121 s: at 121"]
+def test_without_a_terminal_lines_come_even_when_no_part_finishes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(progress, "EVERY", 1e-3)
+    monkeypatch.setattr(sys, "stderr", written := Written())
+    with progress_bar("point", 40, 3):
+        for _ in range(2):
+            assert written.lines.acquire(timeout=60.0)
+    assert set(written.getvalue().splitlines()) == {"tcc-sim: 3 of 40 points after 0 s"}
 
 
 @pytest.mark.parametrize(("unit", "total", "line"), [
-    ("branches", 5, "tcc-sim: 1 of 5 branches after 60 s"), (" states", None, "tcc-sim: 1 states after 60 s"),
-    ("s", 90.5, "tcc-sim: 1 of 90 s after 60 s")])
-def test_a_line_names_the_unit(unit: str, total: float | None, line: str, capsys: pytest.CaptureFixture[str]) -> None:
-    clock = Clock()
-    with progress_bar(unit, total, clock=clock) as bar:
-        clock.now = 60.0
-        bar.update()
+    ("point", 40, "tcc-sim: 2 of 40 points after 60 s: at 7"),
+    ("branches", 5, "tcc-sim: 2 of 5 branches after 60 s: at 7"),
+    (" states", None, "tcc-sim: 2 states after 60 s: at 7"), ("s", 90.5, "tcc-sim: 2 of 90 s after 60 s: at 7")])
+def test_a_line_counts_what_is_done(unit: str, total: float | None, line: str,
+                                    capsys: pytest.CaptureFixture[str]) -> None:
+    with progress_bar(unit, total) as bar:
+        assert isinstance(bar, ProgressLines)
+        bar.set_postfix_str("at 7", refresh=False)
+        bar.update(2)
+        assert capsys.readouterr().err == ""
+        bar.tell(60.0)
     assert capsys.readouterr().err == f"{line}\n"
 
 
-def test_nothing_is_printed_where_nobody_asks(capsys: pytest.CaptureFixture[str]) -> None:
-    clock = Clock()
-    with progress_bar("point", 2, shown=False, clock=clock) as bar:
-        clock.now = 100.0
-        bar.update()
-    assert capsys.readouterr().err == ""
+def test_nothing_is_printed_where_nobody_asks() -> None:
+    with progress_bar("point", 2, shown=False) as bar:
+        assert not isinstance(bar, ProgressLines)
+        assert bar.disable
 
 
 STEADY = tcc_sim.load_scene("controlled").with_values({"engine.torque_amplitude": 0.0})
@@ -66,7 +71,11 @@ STEADY = tcc_sim.load_scene("controlled").with_values({"engine.torque_amplitude"
     ids=["scatter", "linearise", "identify", "continuation"])
 def test_functions_show_progress_where_asked(call: Callable[..., object], line: str, monkeypatch: pytest.MonkeyPatch,
                                              capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr("tcc_sim.sweeps.progress.EVERY", 0.0)
+    def update(bar: ProgressLines, count: float = 1) -> None:
+        bar.n += count
+        bar.tell(0.0)
+
+    monkeypatch.setattr(ProgressLines, "update", update)
     call()
     assert capsys.readouterr().err == ""
     call(progress=True)
