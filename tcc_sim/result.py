@@ -146,16 +146,17 @@ class Described:
         return f"{type(self).__name__}: {', '.join(text for name, value in found if (text := _short(name, value)))}"
 
     def __repr__(self) -> str:
-        return f"<{'; '.join([self._text(), *_doubts_in(self)])}>"
+        system = system_behind(self)
+        return f"<{'; '.join([self._text(), *(system.friction.doubts if system is not None else ())])}>"
 
 
-def _doubts_in(result: Any) -> list[str]:
-    """Return the warnings on the friction table of the system that a result is of."""
-    for name in ("friction", "system", "scene", "curve", "trajectory", "sweeps"):
-        held = getattr(result, name, None)
-        if held is not None:
-            return list(held.doubts) if name == "friction" else _doubts_in(held[0] if isinstance(held, list) else held)
-    return []
+def system_behind(result: Any) -> Any:
+    """Return the system that a result is of; None if the result does not hold one."""
+    if hasattr(getattr(result, "friction", None), "doubts"):
+        return result
+    held = (getattr(result, name, None) for name in ("system", "scene", "curve", "trajectory", "sweeps"))
+    holder = next((each[0] if isinstance(each, list) else each for each in held if each is not None), None)
+    return None if holder is None else system_behind(holder)
 
 
 class Result(Described):

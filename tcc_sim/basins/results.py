@@ -16,6 +16,7 @@ from tcc_sim.errors import counted
 from tcc_sim.model.parameters import System
 from tcc_sim.model.quantity import sequence_of_numbers
 from tcc_sim.result import Described, Result, as_lists, reported, reporting
+from tcc_sim.shown_units import speed
 
 
 @dataclass(frozen=True)
@@ -128,7 +129,7 @@ class Basins(Result):
         lines = [f"Basins in {first.key} ({len(first.values)}) and {second.key} ({len(second.values)})"]
         said = [f"attractor {a.number}: " if self.over else "" for a in self.attractors]
         lines += [f"  {100.0 * self.fraction(k):6.2f} %  {said[k]}{f'period {a.period}' if a.period else 'no period'}, "
-                  f"largest slip speed {a.largest:.6g} rad/s" for k, a in enumerate(self.attractors[:most])]
+                  f"largest slip speed {speed(a.largest)}" for k, a in enumerate(self.attractors[:most])]
         if most is not None and len(self.attractors) > most:
             lines.append(f"  {counted(len(self.attractors) - most, 'more attractor')}")
         return [*lines, f"  {100.0 * self.fraction(RUNAWAY):6.2f} %  runaway slip",

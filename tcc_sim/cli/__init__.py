@@ -22,8 +22,8 @@ from typing import NoReturn
 from tcc_sim import __version__
 from tcc_sim.cli.verbs import GROUPS, MEASURING, VERBS, verbs_by_purpose
 from tcc_sim.errors import InputError, TccError, one_line
-from tcc_sim.output.shown_units import show_in
 from tcc_sim.output.terminal import open_streams
+from tcc_sim.shown_units import show_in
 
 
 class _Parser(argparse.ArgumentParser):
@@ -76,7 +76,7 @@ def _status_of(words: list[str]) -> int:
     """Run one verb, print the error if it fails, and return the exit status."""
     try:
         arguments = build_parser(_check_verb(words)).parse_args(words, argparse.Namespace(words=words))
-        show_in(getattr(arguments, "units", "rad"))
+        show_in(getattr(arguments, "units", None) or "rad", 1.0)
         status: int = import_module(f"tcc_sim.cli.{module_of(arguments.verb)}").run(arguments)
         sys.stdout.flush()
         return status

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from tcc_sim.cli.arguments import add_outputs, add_spectrum, check_outputs, document_of, plot_result, present
 from tcc_sim.errors import InputError, counted, require
-from tcc_sim.output.shown_units import show_order
 from tcc_sim.output.terminal import say
+from tcc_sim.shown_units import show_in
 from tcc_sim.topics import JOINT_NAMES
 
 DEFAULT_SCENE = "fig02"
@@ -77,6 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.rrd is not None or arguments.spawn or arguments.connect is not None:
         require("rerun", "Rerun")
     recording = read(arguments.recording, arguments.scene, arguments.joints)
+    show_in(order=recording.scene.system.engine.order)
     if arguments.layout:
         from tcc_sim.views.recording_layout import write_layout
 
@@ -84,7 +85,6 @@ def run(arguments: argparse.Namespace) -> int:
     found = replay(recording, rrd=arguments.rrd, spawn=arguments.spawn, connect=arguments.connect,
                    discard=arguments.discard, frequency=arguments.frequency,
                    verify=arguments.verify, damping=arguments.damping, window=window, progress=True)
-    show_order(found.scene.system.engine.order)
     lines = found.lines()
     drawn: object = found
     # A manoeuvre is drawn whole, as by `simulate --plot`; any other run by its last cycles and its maxima.
@@ -129,7 +129,7 @@ def _table(arguments: argparse.Namespace) -> int:
         raise InputError("a table needs --orders or --spectrum; give one of them")
     check_outputs(arguments)
     scene = load_scene(arguments.scene or DEFAULT_SCENE)
-    show_order(scene.system.engine.order)
+    show_in(order=scene.system.engine.order)
     found = analyse_table(arguments.recording, scene.system, orders=arguments.orders, spectrum=arguments.spectrum,
                           pulses=arguments.pulses, start=arguments.start, end=arguments.end)
     lines = [f"{arguments.recording}: {counted(found.samples, 'row')} over {found.seconds:.6g} s"]

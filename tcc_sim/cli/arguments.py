@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from tcc_sim.errors import InputError, check_folder, check_suffix, printable, require
 from tcc_sim.output.files import STANDARD_OUTPUT, check_name, draft, replaceable, write_json
-from tcc_sim.output.shown_units import in_words, show_order
 from tcc_sim.output.terminal import say
+from tcc_sim.shown_units import UNITS, show_in
 
 if TYPE_CHECKING:
     from tcc_sim.model.parameters import System
@@ -165,7 +165,7 @@ def scene_of(arguments: argparse.Namespace, more: Mapping[str, Any] | None = Non
         if f"{key}_times" in (more or {}):
             raise InputError(f"--set {key} beside --profile {key}: both set {key}; remove one of them")
     scene = load_scene(arguments.scene).with_values({**given, **(more or {})})
-    show_order(scene.system.engine.order)
+    show_in(order=scene.system.engine.order)
     return scene
 
 
@@ -240,11 +240,16 @@ def add_outputs(parser: argparse.ArgumentParser, json: str, out: str = "", metav
     output.add_argument("--json", metavar="FILE", type=Path, help=f"write {json} as JSON; - is standard output")
     if out:
         output.add_argument("--out", metavar=metavar, type=Path, help=f"write {out}")
-    output.add_argument("--units", choices=("rad", "rpm", "hz"), default="rad", help="unit of printed and drawn speeds "
-                        "and frequencies: rad/s, revolutions per minute or hertz; files stay in rad/s (default rad)")
+    add_units(output)
     output.add_argument("--force", action="store_true", help=force)
     add_picture(parser, "draw the result: .png, .svg or .pdf", "the scene or recording")
     return output
+
+
+def add_units(group: argparse._ArgumentGroup, default: str = "rad") -> None:
+    """Add --units with its default in words."""
+    group.add_argument("--units", choices=list(UNITS), help="unit of printed and drawn speeds and frequencies: rad/s, "
+                       f"revolutions per minute or hertz; files stay in rad/s (default: {default})")
 
 
 def add_picture(parser: argparse.ArgumentParser, plot: str, title: str) -> None:
@@ -311,7 +316,7 @@ def present(arguments: argparse.Namespace, scene: Scene | System, result: Any,
     if arguments.json is not None:
         write_json(arguments.json, document_of(arguments, scene, result))
     if arguments.json != STANDARD_OUTPUT and (shown := "\n".join(lines)):
-        say(in_words(shown))
+        say(shown)
 
 
 def warn_of(scene: Scene | System) -> None:

@@ -20,6 +20,7 @@ from tcc_sim.cli.arguments import (
     values_of_range,
 )
 from tcc_sim.errors import BasinsInterrupted, counted
+from tcc_sim.shown_units import key_value
 
 if TYPE_CHECKING:
     from tcc_sim.basins.results import Axis, Basins
@@ -87,7 +88,7 @@ def _lines(found: list[Basins], over: Axis | None, boundary: bool) -> Iterator[s
     """Yield the lines of the summary."""
     for k, one in enumerate(found):
         if over is not None:
-            yield f"{over.key} = {over.values[k]:.9g}"
+            yield key_value(over.key, over.values[k])
         yield from one.lines()
         uncertain = one.boundary() if boundary else None
         if uncertain is not None:
@@ -96,4 +97,4 @@ def _lines(found: list[Basins], over: Axis | None, boundary: bool) -> Iterator[s
         elif boundary:
             yield "  boundary: no uncertainty exponent, too few neighbouring cells have different labels"
         yield (f"  {counted(one.labels.size, 'cell')} in {one.seconds:.3g} s, "
-               f"{float(one.cycles.mean()):.1f} cycles per cell")
+               f"{float(one.cycles.mean()):.1f} periods of excitation per cell")

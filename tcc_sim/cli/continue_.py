@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from tcc_sim.cli.arguments import add_outputs, add_scene, bounds_of_range, check_outputs, plot_result, present, scene_of
 from tcc_sim.errors import counted
+from tcc_sim.shown_units import key_value, speed
 
 if TYPE_CHECKING:
     from tcc_sim.continuation.motions import Motions
@@ -68,19 +69,20 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _lines(found: Motions) -> Iterator[str]:
     """Yield lines for the branches, their ends and their bifurcations."""
+    key = found.plan.over
     for number, branch in enumerate(found.branches):
         values = [s.value for s in branch.points]
-        yield (f"branch {number}: period {branch.period}, {found.plan.over} {min(values):.9g} to {max(values):.9g}, "
+        yield (f"branch {number}: period {branch.period}, {key_value(key, min(values), 9, max(values))}, "
                f"{counted(len(values), 'point')}, {sum(s.orbit.stable for s in branch.points)} stable")
         for sentence in dict.fromkeys(branch.ended):
             yield f"  {sentence}"
     for index, item in enumerate(found.bifurcations):
         limit = f"  {found.limits[index]}" if index in found.limits else ""
-        yield (f"{item.kind:>18}  {item.value:.10g}  branch {item.branch}  "
-               f"max slip {item.point.orbit.seen.largest:.8g} rad/s  residual {item.residual:.1e}{limit}")
+        yield (f"{item.kind:>18}  {key_value(key, item.value, 10)}  branch {item.branch}  "
+               f"max slip {speed(item.point.orbit.seen.largest, 8)}  residual {item.residual:.1e}{limit}")
     for entry in found.at:
-        yield (f"at {entry['value']:.9g}: branch {entry['branch']}, period {entry['period']}, max slip "
-               f"{entry['max_slip_speed']:.9g} rad/s, {'stable' if entry['stable'] else 'unstable'}, {entry['events']}")
+        yield (f"at {key_value(key, entry['value'])}: branch {entry['branch']}, period {entry['period']}, max slip "
+               f"{speed(entry['max_slip_speed'], 9)}, {'stable' if entry['stable'] else 'unstable'}, {entry['events']}")
     for curve in found.curves:
         ends = "; ".join(dict.fromkeys(map(str, curve.ended)))
         yield f"curve of {curve.kind}: {counted(len(curve.values), 'point')}; {ends}"

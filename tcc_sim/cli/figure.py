@@ -11,8 +11,10 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tcc_sim.cli.arguments import add_units
 from tcc_sim.errors import InputError, RecordingError, printable, require
 from tcc_sim.output.terminal import say
+from tcc_sim.shown_units import show_in
 
 if TYPE_CHECKING:
     from tcc_sim.paper.catalogue import FigureOptions
@@ -40,6 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     output.add_argument("--width", choices=("column", "page"), default="page", help="width in a paper (default page)")
     output.add_argument("--title", metavar="T", default="",
                         help="title over the picture of one figure (default: its number and title)")
+    add_units(output)
     output.add_argument("--force", action="store_true", help="replace existing figures")
 
 
@@ -78,14 +81,20 @@ def run(arguments: argparse.Namespace) -> int:
         _write(number, stem, options, draw_one, arguments.words)
         return 0
     # Drawing takes as long as computing and holds the interpreter lock, so another process draws.
-    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), signal.signal,
-                             (signal.SIGINT, signal.SIG_IGN)) as painter:
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _begin_painter,
+                             (arguments.units,)) as painter:
         drawn = [_write(number, stem, options, lambda data, where: painter.submit(draw_one, data, where),
                         arguments.words)
                  for number, stem in stems.items()]
         for picture in drawn:
             picture.result()
     return 0
+
+
+def _begin_painter(units: str | None) -> None:
+    """Prepare the process that draws: it ignores Ctrl-C, and draws in the selected unit."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    show_in(units)
 
 
 def _write(number: int, stem: Path, options: FigureOptions, draw: Callable[[Figure, Path], Any],

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from tcc_sim.cli.arguments import add_outputs, check_outputs, plot_result, present
 from tcc_sim.errors import InputError, counted
+from tcc_sim.shown_units import speed
 
 if TYPE_CHECKING:
     from tcc_sim.estimation.curve import IdentifiedCurve
@@ -112,9 +113,9 @@ def _curve_lines(curve: IdentifiedCurve) -> Iterator[str]:
     for k in range(0, len(curve.slip_speeds), 10):
         shown = (f"{curve.coefficient[k]:.5f}, {curve.low[k]:.5f} to {curve.high[k]:.5f}" if curve.visited[k] else
                 "not visited")
-        yield f"{curve.slip_speeds[k]:10.4g} rad/s  {shown}; the scene has {curve.scene[k]:.5f}"
+        yield f"{speed(curve.slip_speeds[k], 4):>16}  {shown}; the scene has {curve.scene[k]:.5f}"
     v = curve.slip_speeds[curve.visited]
-    yield f"not visited: slip speeds below {v[0]:.4g} and above {v[-1]:.4g} rad/s"
+    yield f"not visited: slip speeds below {speed(v[0], 4)} and above {speed(v[-1], 4)}"
 
 
 def _assigned(option: str, word: str) -> tuple[str, float | None]:

@@ -20,6 +20,7 @@ from tcc_sim.cli.arguments import (
     spaced,
 )
 from tcc_sim.errors import InputError, counted
+from tcc_sim.shown_units import speed
 
 if TYPE_CHECKING:
     from tcc_sim.estimation.linearise import Linearisation
@@ -79,21 +80,22 @@ def run(arguments: argparse.Namespace) -> int:
 def _lines(found: Linearisation) -> Iterator[str]:
     """Yield lines for the motion, and for the response at some frequencies."""
     if found.kind == "periodic":
-        kind = f"a periodic motion of {counted(found.period, 'engine cycle')}"
+        kind = f"a periodic motion of {counted(found.period, 'period')} of excitation"
     else:
         kind = f"constant {found.kind}"
-    yield (f"from {found.input} to {found.output} about {kind}: mean slip {found.mean_slip:.6g} rad/s, pressure "
+    yield (f"from {found.input} to {found.output} about {kind}: mean slip {speed(found.mean_slip)}, pressure "
            f"{found.pressure:.8g} Pa, engine torque {found.engine_torque:.6g} N m")
     yield ("A, B, C, D are continuous" if found.dt == 0.0 else
            f"A, B, C, D are discrete with dt {found.dt:.6g} s, one period; the output is the mean over a period")
     words = ", ".join(f"{z.real:.4g}{f'{z.imag:+.4g}i' if abs(z.imag) > 1e-12 else ''}" for z in found.multipliers)
     yield f"multipliers {words}"
     for k in np.unique(np.round(np.linspace(0, len(found.frequencies) - 1, SHOWN)).astype(int)):
-        yield f"{found.frequencies[k]:10.4g} rad/s  {_decibels(found.gain[k])}  {math.degrees(found.phase[k]):8.2f} deg"
+        yield (f"{speed(found.frequencies[k], 4):>16}  {_decibels(found.gain[k])}  "
+               f"{math.degrees(found.phase[k]):8.2f} deg")
     if found.controller is not None:
         yield from _loop_lines(found.controller)
     for point in found.checked:
-        yield f"simulated at {point.frequency:.4g} rad/s  {_decibels(point.gain)}  {math.degrees(point.phase):8.2f} deg"
+        yield f"simulated at {speed(point.frequency, 4)}  {_decibels(point.gain)}  {math.degrees(point.phase):8.2f} deg"
 
 
 def _loop_lines(loop: SlipLoop) -> Iterator[str]:
@@ -109,7 +111,7 @@ def _loop_lines(loop: SlipLoop) -> Iterator[str]:
         yield ("  stable at every tested delay" if delay is None else
                f"  unstable from a delay of {1e3 * delay:.4g} ms on")
         yield ("  stable down to a tenth of the mean slip speed" if not slip else
-               f"  stable down to a mean slip speed of {slip:.4g} rad/s")
+               f"  stable down to a mean slip speed of {speed(slip, 4)}")
 
 
 def _gains(text: str) -> tuple[float, float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from tcc_sim.cli.arguments import add_picture, new_file
+from tcc_sim.cli.arguments import add_picture, add_units, new_file
 from tcc_sim.errors import printable
 from tcc_sim.output.terminal import say
 
@@ -17,7 +17,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="file that --json or --out wrote; a result without samples is solved again")
     add_picture(parser, "the picture: .pdf, .svg or .png (default: the result's name with .pdf, in this directory)",
                 "that of the command")
-    parser.add_argument_group("output").add_argument("--force", action="store_true", help="replace an existing file")
+    output = parser.add_argument_group("output")
+    add_units(output, "those of the command")
+    output.add_argument("--force", action="store_true", help="replace an existing file")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -35,6 +37,6 @@ def run(arguments: argparse.Namespace) -> int:
         say(f"{arguments.result.name} {lacking}")
     title = title_of(values) if arguments.title is None else arguments.title
     with draft(path) as part:
-        plot(values, part, arguments.width, title=printable(title))
+        plot(values, part, arguments.width, title=printable(title), units=arguments.units)
     say(f"picture in {path}")
     return 0

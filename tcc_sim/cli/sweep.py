@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.output.provenance import said
     from tcc_sim.output.tables import quantile_lines, sweep_lines, unsettled_lines
     from tcc_sim.sweeps.scatter import Scattered
-    from tcc_sim.sweeps.sweep import Grid, sweep_curves
+    from tcc_sim.sweeps.sweep import sweep_curves
 
     scene = common.scene_of(arguments)
     plan = common.plan_of(arguments, direction=arguments.direction)
@@ -76,8 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
     elif isinstance(found, Scattered):
         lines = quantile_lines(found)
     else:
-        second = (found.second_key, found.second_values) if isinstance(found, Grid) else ("", ())
-        lines = sweep_lines(sweeps, *second, terminal_width())
+        lines = sweep_lines(found, terminal_width())
     if resumable and arguments.json != STANDARD_OUTPUT:
         arguments.json = None  # Else the resumed command would refuse to overwrite this file.
     common.present(arguments, scene, found, lines)

@@ -31,11 +31,13 @@ TABLE = ("friction.slip_speeds", "friction.coefficients")
 class Driveline(Group):
     """Linear part of equations (1): two inertias, and the spring and damper between plate and far end."""
 
-    flywheel_inertia: float = quantity(0.20, "flywheel inertia I1", "kg m^2", 1e-6, 1e3)
+    flywheel_inertia: float = quantity(0.20, "flywheel inertia I1", "kg m^2", 1e-6, 1e3, label="flywheel inertia $I_1$")
     plate_inertia: float = quantity(0.02, "clutch plate inertia I2 (friction shoe and pressure plate)", "kg m^2", 1e-6,
-                                    1e3)
-    damping: float = quantity(0.6, "driveline viscous damping C23", "N m s/rad", 0.0, 1e4)
-    stiffness: float = quantity(3000.0, "driveline stiffness K23", "N m/rad", 0.0, 1e8, above=True)
+                                    1e3, label="clutch plate inertia $I_2$")
+    damping: float = quantity(0.6, "driveline viscous damping C23", "N m s/rad", 0.0, 1e4,
+                              label="driveline damping $C_{23}$")
+    stiffness: float = quantity(3000.0, "driveline stiffness K23", "N m/rad", 0.0, 1e8, above=True,
+                                label="driveline stiffness $K_{23}$")
 
 
 @dataclass(frozen=True)
@@ -45,11 +47,14 @@ class Friction(Group):
     law: str = quantity("smoothed", "friction law: (7) smoothed or (6) set_valued", choices=("smoothed", "set_valued"),
                         otherwise="; laws with memory, such as LuGre, are not modelled: sweep over friction "
                         "tables instead")
-    static_coefficient: float = quantity(0.3, "static friction coefficient mu_s", "", 0.0, 2.0, above=True, live=True)
+    static_coefficient: float = quantity(0.3, "static friction coefficient mu_s", "", 0.0, 2.0, above=True, live=True,
+                                         label=r"static friction coefficient $\mu_s$")
     kinetic_coefficient: float = quantity(0.24, "kinetic friction coefficient mu_k, of fast slip", "", 0.0, 2.0,
-                                          above=True, live=True)
-    decay: float = quantity(2.0, "decay alpha of the friction coefficient with slip speed", "s/rad", 0.0, 1e3)
-    smoothing: float = quantity(50.0, "smoothing factor sigma of law (7)", "s/rad", 1.0, 1e12)
+                                          above=True, live=True, label=r"kinetic friction coefficient $\mu_k$")
+    decay: float = quantity(2.0, "decay alpha of the friction coefficient with slip speed", "s/rad", 0.0, 1e3,
+                            label=r"decay of friction $\alpha$")
+    smoothing: float = quantity(50.0, "smoothing factor sigma of law (7)", "s/rad", 1.0, 1e12,
+                                label=r"smoothing factor $\sigma$")
     slip_speeds: tuple[float, ...] = quantity((), "slip speeds at which friction.coefficients were measured, the first "
                                               "0", "rad/s", 0.0, 1e4, live=True)
     coefficients: tuple[float, ...] = quantity((), "measured friction coefficients; friction.static_coefficient, "
@@ -112,8 +117,8 @@ class Friction(Group):
 class Clutch(Group):
     """Geometry of the clutch, which relates pressure and torque."""
 
-    area: float = quantity(0.08, "pressure area A", "m^2", 0.0, 10.0, above=True)
-    radius: float = quantity(0.1, "friction moment arm R", "m", 0.0, 10.0, above=True)
+    area: float = quantity(0.08, "pressure area A", "m^2", 0.0, 10.0, above=True, label="pressure area $A$")
+    radius: float = quantity(0.1, "friction moment arm R", "m", 0.0, 10.0, above=True, label="moment arm $R$")
 
 
 @dataclass(frozen=True)
@@ -135,11 +140,12 @@ class Excitation(Group):
 class Engine(Excitation):
     """Engine torque Te = Tm + Tp sin(omega t) + sum over n >= 2 of Tpn sin(n omega t + phi_n), Section 2.2."""
 
-    mean_torque: float = quantity(300.0, "mean engine torque Tm", "N m", -TORQUE_MAXIMUM, TORQUE_MAXIMUM, live=True)
+    mean_torque: float = quantity(300.0, "mean engine torque Tm", "N m", -TORQUE_MAXIMUM, TORQUE_MAXIMUM, live=True,
+                                  label="mean engine torque $T_m$")
     torque_amplitude: float = quantity(250.0, "amplitude Tp of the first harmonic", "N m", 0.0, TORQUE_MAXIMUM,
-                                       live=True)
+                                       live=True, label="engine torque amplitude $T_p$")
     frequency: float = quantity(150.0, "angular frequency omega of the first harmonic; an engine cycle is 2 pi/omega",
-                                "rad/s", 1e-3, 1e5, live=True)
+                                "rad/s", 1e-3, 1e5, live=True, label=r"engine frequency $\omega$")
     order: float = quantity(1.0, "periods of the excitation in a crank revolution, which orders are counted by: 2 for "
                             "a four-cylinder four-stroke engine", "", 0.1, 100.0)
     harmonic_amplitudes: tuple[float, ...] = quantity((), "amplitudes of harmonics 2, 3, ... of omega", "N m",
@@ -181,11 +187,14 @@ class Engine(Excitation):
 class Pressure(Excitation):
     """Actuation pressure P = Pm + Pp sin(omega_f t + psi), equation (3), never below 0."""
 
-    mean: float = quantity(FIG02_PRESSURE, "mean pressure Pm", "Pa", 0.0, PRESSURE_MAXIMUM, live=True)
+    mean: float = quantity(FIG02_PRESSURE, "mean pressure Pm", "Pa", 0.0, PRESSURE_MAXIMUM, live=True,
+                           label="mean pressure $P_m$")
     amplitude: float = quantity(FIG02_PRESSURE / 5.0, "pressure amplitude Pp; the sum is clamped at 0", "Pa", 0.0,
-                                PRESSURE_MAXIMUM, live=True)
-    frequency_ratio: float = quantity(1.0, "omega_f/omega", "", 0.0, 100.0, above=True, live=True)
-    phase: float = quantity(0.0, "pressure phase psi relative to the engine torque", "rad", -100.0, 100.0, live=True)
+                                PRESSURE_MAXIMUM, live=True, label="pressure amplitude $P_p$")
+    frequency_ratio: float = quantity(1.0, "omega_f/omega", "", 0.0, 100.0, above=True, live=True,
+                                      label=r"pressure frequency $\omega_f/\omega$")
+    phase: float = quantity(0.0, "pressure phase psi relative to the engine torque", "rad", -100.0, 100.0, live=True,
+                            label=r"pressure phase $\psi$")
     mean_times: tuple[float, ...] = quantity((), "times at which pressure.mean_values hold, the first 0", "s", 0.0,
                                              LATEST)
     mean_values: tuple[float, ...] = quantity((), "Pm at these times, linear between them and constant afterwards; "
@@ -219,6 +228,9 @@ class Pressure(Excitation):
 class Initial(Group):
     """Initial state; the default is (13) with Omega_e = 150 rad/s. The flywheel angle starts at the plate angle."""
 
-    slip_speed: float = quantity(150.0, "initial slip speed", "rad/s", -1e5, 1e5)
-    plate_angle: float = quantity(0.0, "initial plate angle theta2", "rad", -1e3, 1e3)
-    plate_speed: float = quantity(0.0, "initial plate speed", "rad/s", -1e5, 1e5)
+    slip_speed: float = quantity(150.0, "initial slip speed", "rad/s", -1e5, 1e5,
+                                 label=r"initial slip speed $\dot\delta_1$")
+    plate_angle: float = quantity(0.0, "initial plate angle theta2", "rad", -1e3, 1e3,
+                                  label=r"initial plate angle $\delta_2$")
+    plate_speed: float = quantity(0.0, "initial plate speed", "rad/s", -1e5, 1e5,
+                                  label=r"initial plate speed $\dot\delta_2$")

@@ -44,8 +44,9 @@ class Quantity:
     """Meaning of a key: description, unit, allowed range or choices, and whether a running node may change it.
 
     above : the lower bound itself is not allowed
-    otherwise : end of the error message for an invalid choice
     zero : 0 is allowed in addition to the range
+    otherwise : end of the error message for an invalid choice
+    label : name with the paper's symbol, in the mathematics of matplotlib, for axes; empty for the key itself
     """
 
     description: str
@@ -57,6 +58,7 @@ class Quantity:
     live: bool = False
     zero: bool = False
     otherwise: str = ""
+    label: str = ""
 
     @property
     def described(self) -> str:
@@ -100,9 +102,9 @@ def apart(value: float, *others: float) -> str:
 
 def quantity(default: Value | tuple[str, ...], description: str, unit: str = "", low: float = -math.inf,
              high: float = math.inf, *, above: bool = False, choices: tuple[str, ...] = (), live: bool = False,
-             zero: bool = False, otherwise: str = "") -> Any:
+             zero: bool = False, otherwise: str = "", label: str = "") -> Any:
     """Return a dataclass field with its Quantity as metadata."""
-    meta = Quantity(description, unit, low, high, above, choices, live, zero, otherwise)
+    meta = Quantity(description, unit, low, high, above, choices, live, zero, otherwise, label)
     return field(default=default, metadata={"quantity": meta})
 
 

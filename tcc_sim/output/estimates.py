@@ -16,6 +16,7 @@ from tcc_sim.model.pure_slip import pure_slip
 from tcc_sim.model.pure_stick import stick_margin
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.result import reported
+from tcc_sim.shown_units import engine_speed, shown_unit, speed
 from tcc_sim.solvers.terms import terms_of, torques_at
 
 SAMPLES = 2000
@@ -174,8 +175,8 @@ WORDS = {
 def estimate_lines(found: Estimates) -> list[str]:
     """Return the lines of the estimates."""
     def mode(name: str, formula: str, one: Mode) -> str:
-        return (f"  {name:<9} {one.frequency:.6g} rad/s ({one.frequency / (2.0 * math.pi):.4g} Hz), damping ratio "
-                f"{one.damping_ratio:.4g}   {formula}")
+        hertz = f" ({one.frequency / (2.0 * math.pi):.4g} Hz)" if shown_unit()[0] != "Hz" else ""
+        return f"  {name:<9} {speed(one.frequency)}{hertz}, damping ratio {one.damping_ratio:.4g}   {formula}"
 
     def torque(name: str, one: Torque) -> str:
         span = f"{one.low:.6g} to {one.high:.6g} N m, mean {one.mean:.6g} N m"
@@ -189,19 +190,20 @@ def estimate_lines(found: Estimates) -> list[str]:
                                                         if found.steepest_slope < least else
                                                         "the oscillation of steady slip is damped"))
     low, high = found.engine_frequency
+    critical_frequency = engine_speed(found.critical_frequency)
     if low < found.critical_frequency < high:
-        side = f"the engine passes it between {low:.6g} and {high:.6g} rad/s"
+        side = f"the {engine_speed(low, 6, high)} passes it"
     else:
         half, word = ("first", "below") if high < found.critical_frequency else ("second", "above")
-        side = (f"engine frequency {low:.6g}{f' to {high:.6g}' if low < high else ''} rad/s is {word} it, so "
-                f"positive slip falls into the {half} half of a cycle")
+        side = (f"{engine_speed(low, 6, high if low < high else None)} is {word} it, so positive slip falls into the "
+                f"{half} half of a period of excitation")
     return ["natural frequencies",
             mode("slipping", "sqrt(K23/I2)", found.slipping), mode("stuck", "sqrt(K23/(I1 + I2))", found.stuck),
-            "torques over a cycle", torque("engine", found.engine), torque("clutch, mu_s N R", found.static),
-            torque("clutch, mu_k N R", found.kinetic),
+            "torques over a period of excitation", torque("engine", found.engine),
+            torque("clutch, mu_s N R", found.static), torque("clutch, mu_k N R", found.kinetic),
             f"  expected: {found.expected}; {WORDS[found.expected]}{margin}",
             f"critical slope (22): {critical}",
-            f"critical frequency (28): {found.critical_frequency:.6g} rad/s; {side}",
+            f"critical frequency (28): {critical_frequency}; {side}",
             *([] if found.actuator is None else [_actuator_line(found.actuator, found.slipping.frequency)])]
 
 
@@ -212,5 +214,5 @@ def _actuator_line(found: ActuatorEffect, omega: float) -> str:
         ("rate limit", found.rate_limit, "Pa/s")) if value]
     limit = "" if found.largest_amplitude is None else (
         f"; the rate limit allows an amplitude of {found.largest_amplitude:.4g} Pa there")
-    return (f"actuator: {', '.join(parts)}; at the slipping mode, {omega:.6g} rad/s, it costs "
+    return (f"actuator: {', '.join(parts)}; at the slipping mode, {speed(omega)}, it costs "
             f"{-math.degrees(found.phase):.4g} degrees of phase and leaves {found.gain:.1%} of the amplitude{limit}")

@@ -28,6 +28,7 @@ from tcc_sim.output.explained import (
 )
 from tcc_sim.result import json_of
 from tcc_sim.scene import Scene
+from tcc_sim.shown_units import speed
 from tcc_sim.solvers import choose
 from tcc_sim.solvers.terms import Terms, general_terms, held_and_left_out, stick_speed_of, substeps, terms_of
 from tcc_sim.topics import TOPICS
@@ -94,7 +95,7 @@ def friction_lines(found: dict[str, Any]) -> list[str]:
     parts = [f"{found['constant']:.6g}", *(f"{c:+.6g} exp(-{a:.4g} |v|)"
                                            for c, a in zip(found["amplitudes"], found["rates"]))]
     fit = "" if found["fit_error"] is None else (f"; largest error of the fit {found['fit_error']:.2%} of the largest "
-                                                 f"coefficient of the table, at {found['fit_error_at']:g} rad/s")
+                                                 f"coefficient of the table, at {speed(found['fit_error_at'])}")
     static, kinetic = found["constant"] + sum(found["amplitudes"]), found["constant"]
     signs = {amplitude > 0.0 for amplitude in found["amplitudes"]}
     course = ("does not depend on slip speed" if not signs else
@@ -102,7 +103,7 @@ def friction_lines(found: dict[str, Any]) -> list[str]:
               f"{'falls' if static > kinetic else 'rises'} with slip speed from {static:.4g} to {kinetic:.4g}")
     lines = [f"sliding friction: mu(v) = {' '.join(parts)}{fit}", f"  the coefficient {course}"]
     if found["stick_speed"] > 0.0:
-        lines.append(f"  smoothed through 0: slip speeds up to {found['stick_speed']:.4g} rad/s count as stick; "
+        lines.append(f"  smoothed through 0: slip speeds up to {speed(found['stick_speed'], 4)} count as stick; "
                      f"largest coefficient {found['largest_coefficient']:.4g}")
     return lines
 
@@ -233,14 +234,14 @@ def closed_form_lines(found: dict[str, Any] | None) -> list[str]:
     if slip is None:
         lines.append("  pure slip (12) to (18): none, because it needs mu_k = mu_s and a pressure above 0")
     else:
-        lines.append(f"  pure slip (15): {slip['mean']:.6g} rad/s plus sines of {slip['amplitude']:.6g} rad/s"
+        lines.append(f"  pure slip (15): {speed(slip['mean'])} plus sines of {speed(slip['amplitude'])}"
                      + (f", growing by {slip['growth']:.4g} rad/s^2" if slip["growth"] else ""))
         least = "slip ends, because the friction torque outweighs the engine torque" if slip["least"] is None else (
-            f"smallest slip speed with the transient {slip['least']:.6g} rad/s, so pure slip "
+            f"smallest slip speed with the transient {speed(slip['least'])}, so pure slip "
             f"{'lasts for ever' if slip['pure_slip'] else 'does not last'}")
-        lines.append(f"    margin of (16) {slip['margin']:.6g} rad/s; {least}")
+        lines.append(f"    margin of (16) {speed(slip['margin'])}; {least}")
         if slip["tick_difference"] is not None:
-            lines.append(f"    the real-time solver is within {slip['tick_difference']:.2g} rad/s of (14) over "
+            lines.append(f"    the real-time solver is within {speed(slip['tick_difference'], 2)} of (14) over "
                          f"{COMPARED} ticks")
     if stick is None:
         lines.append("  pure stick (8) to (11): none, because the stuck resonance is excited without damping")

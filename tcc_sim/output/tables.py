@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,13 +11,15 @@ import numpy as np
 from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.analysis.summary import Summary, runaway_cause
 from tcc_sim.errors import counted
+from tcc_sim.result import units_of_columns
+from tcc_sim.shown_units import engine_speed, key_unit, key_value, shown_unit, speed
 
 if TYPE_CHECKING:
     from tcc_sim.analysis.damping import Damping
     from tcc_sim.analysis.orders import OrderComparison, Orders
     from tcc_sim.analysis.spectra import Spectrum
     from tcc_sim.sweeps.exponents import Lyapunov
-    from tcc_sim.sweeps.results import Sweep
+    from tcc_sim.sweeps.results import Grid, Sweep
     from tcc_sim.sweeps.scatter import Scattered
     from tcc_sim.sweeps.simulation import Simulation
 
@@ -25,24 +27,11 @@ LINES_SHOWN = 6
 """Largest number of spectral lines shown."""
 SECTION_LINES = 16
 """Largest number of section points shown."""
-Row = dict[str, Any]
-Column = tuple[str, int, Callable[[Row], str]]
-
-COLUMNS: list[Column] = [
-    ("max |slip|", 11, lambda r: f"{r['max_slip_speed']:.7g}"),
-    ("period", 7, lambda r: _period(r)),
-    ("stick", 6, lambda r: f"{r['stick_fraction']:.4f}"),
-    ("regime", 10, lambda r: str(r["regime"]))]
-"""Heading, width and text of the columns of every sweep."""
-DAMPING: list[Column] = [
-    ("Cf (21)", 9, lambda r: _number(r.get("equivalent_damping"))),
-    ("neg. slope", 10, lambda r: _number(r.get("negative_slope_mean")))]
-EXPONENT: list[Column] = [
-    ("exponent", 9, lambda r: _number(r["lyapunov"]["exponent"])),
-    ("+-", 7, lambda r: _half(r["lyapunov"])),
-    ("diagnosis", 14, lambda r: str(r["lyapunov"]["diagnosis"]))]
-QUANTILES = (("max_slip_speed", "largest |slip speed|", "rad/s", 1.0), ("stick_fraction", "in stick", "%", 100.0),
-             ("clutch_energy", "clutch energy", "J", 1.0), ("max_shaft_torque", "largest shaft torque", "N m", 1.0))
+SWEPT = ("max_slip_speed", "period", "stick_fraction", "regime", "equivalent_damping", "negative_slope_mean",
+         "lyapunov_exponent", "lyapunov_low", "lyapunov_high", "lyapunov_diagnosis")
+"""Columns of a sweep that its table shows, as far as they were computed."""
+QUANTILES = ("max_slip_speed", "stick_fraction", "clutch_energy", "max_shaft_torque")
+"""Results whose quantiles are printed."""
 
 
 def aligned(pairs: list[tuple[str, str]]) -> list[str]:
@@ -56,11 +45,13 @@ def simulation_lines(name: str, found: Simulation) -> list[str]:
     run = found.trajectory
     lines = [f"{name}: {run.t[-1]:.6g} s, solved by {run.solver} in {counted(run.statistics.steps, 'step')} in "
              f"{run.statistics.seconds:.3g} s"]
-    pairs = summary_rows(found.summary) if found.summary is not None else [("status", found.status)]
-    if found.summary is not None:
+    if found.summary is None:
+        pairs = [("status", found.status)]
+    else:
+        pairs = summary_rows(found.summary, "raise --cycles or --duration")
         pairs += covers_row(found.summary, 0.0, float(run.t[-1]))
-    if found.summary is not None and found.summary.runaway and run.system is not None:
-        pairs.append(("runaway", runaway_cause(run.system)))
+        if found.summary.runaway and run.system is not None:
+            pairs.append(("runaway", runaway_cause(run.system)))
     if found.damping is not None:
         pairs.append(damping_row(found.damping))
     if found.lyapunov is not None:
@@ -70,14 +61,15 @@ def simulation_lines(name: str, found: Simulation) -> list[str]:
 
 def order_lines(found: Orders) -> list[str]:
     """Return the main results of an order analysis."""
-    pairs = [("orders", f"{counted(len(found.time), 'window')} from engine frequency {found.frequency.min():.6g} to "
-                        f"{found.frequency.max():.6g} rad/s, up to order {found.order[-1]:g}")]
+    pairs = [("orders", f"{counted(len(found.time), 'window')} from "
+                        f"{engine_speed(found.frequency.min(), 6, found.frequency.max())}, up to order "
+                        f"{found.order[-1]:g}")]
     for order, passed in zip(found.torque_order, found.transmissibility.T):
         if not np.isnan(passed).any():
             pairs.append((f"order {order:g}", f"shaft torque over engine torque at most {passed.max():.4g}, at "
-                                              f"engine frequency {found.frequency[passed.argmax()]:.6g} rad/s"))
+                                              + engine_speed(found.frequency[passed.argmax()])))
     judder = found.judder
-    most = f"at most {judder.peak.max():.6g} rad/s about the cycle mean, rms {judder.rms.max():.6g} rad/s"
+    most = f"at most {speed(judder.peak.max())} about the cycle mean, rms {speed(judder.rms.max())}"
     if not np.isnan(judder.breakaways).any():
         most += f"; {judder.breakaways.max():.4g} breakaways per second"
     pairs.append(("judder", most))
@@ -107,8 +99,8 @@ def spectrum_lines(found: Spectrum) -> list[str]:
         largest = np.sort(np.argsort(np.nan_to_num(found.slip_speed[1:]))[::-1][:LINES_SHOWN] + 1)
         for k in largest.tolist():
             torque = found.shaft_torque[k]
-            pairs.append((f"order {found.order[k]:g}", f"{found.frequency[k]:.6g} rad/s: slip speed "
-                          f"{found.slip_speed[k]:.6g} rad/s"
+            pairs.append((f"order {found.order[k]:g}",
+                          f"{speed(found.frequency[k])}: slip speed {speed(found.slip_speed[k])}"
                           + ("" if math.isnan(torque) else f", shaft torque {torque:.6g} N m")))
         if len(found.subharmonics):
             shown = ", ".join(f"{order:g}" for order in found.subharmonics[:LINES_SHOWN])
@@ -117,24 +109,25 @@ def spectrum_lines(found: Spectrum) -> list[str]:
     return aligned(pairs)
 
 
-def summary_rows(summary: Summary) -> list[tuple[str, str]]:
-    """Return the results of a steady state with their units."""
+def summary_rows(summary: Summary, advice: str) -> list[tuple[str, str]]:
+    """Return the results of a steady state with their units; `advice` is the remedy for a motion that has not settled.
+    """
     if summary.runaway:
         period = "none: slip grows and never sticks"
     elif summary.period:
-        period = counted(summary.period, "engine cycle")
+        period = f"{counted(summary.period, 'period')} of excitation"
         period += (", settled" if summary.settled else
                    f", still converging: the section changes by {summary.section_change:.1e}, relative, per period")
     else:
-        period = f"none up to {DEFAULTS.maximum_period} engine cycles" + (
-            "; the motion has not settled: raise --cycles" if summary.transient else "")
-    out = [("largest |slip speed|", f"{summary.max_slip_speed:.9g} rad/s"),
-           ("smallest slip speed", f"{summary.min_slip_speed:.9g} rad/s"),
+        period = f"none up to {DEFAULTS.maximum_period} periods of excitation" + (
+            f"; the motion has not settled: {advice}" if summary.transient else "")
+    out = [("largest |slip speed|", speed(summary.max_slip_speed, 9)),
+           ("smallest slip speed", speed(summary.min_slip_speed, 9)),
            ("regime", f"{summary.regime}, in stick for {100.0 * summary.stick_fraction:.2f} % of the time")]
     if summary.cycles:
         out.append(("period", period))
-    for number, (angle, speed) in enumerate(summary.section[:SECTION_LINES] if summary.period else []):
-        out.append(("section: plate angle, slip speed" if number == 0 else "", f"{angle:.9g} rad, {speed:.9g} rad/s"))
+    for number, (angle, slip) in enumerate(summary.section[:SECTION_LINES] if summary.period else []):
+        out.append(("section: plate angle, slip speed" if number == 0 else "", f"{angle:.9g} rad, {speed(slip, 9)}"))
     if not summary.period and summary.section:
         out.append(("section", counted(len(summary.section), "point")))
     if not math.isnan(summary.clutch_energy):
@@ -143,7 +136,7 @@ def summary_rows(summary: Summary) -> list[tuple[str, str]]:
                  + (f"; {counted(summary.breakaways, 'breakaway')}" if summary.breakaways is not None else "")),
                 ("shaft torque", f"{summary.min_shaft_torque:.6g} to {summary.max_shaft_torque:.6g} N m")]
     dropped = f"the first {summary.discarded}" if summary.discarded else "none"
-    out.append(("engine cycles", f"{summary.cycles}, {dropped} dropped"))
+    out.append(("periods of excitation", f"{summary.cycles}, {dropped} dropped"))
     return out
 
 
@@ -159,7 +152,8 @@ def covers_row(summary: Summary, begin: float, end: float) -> list[tuple[str, st
 def damping_row(found: Damping) -> tuple[str, str]:
     """Return the equivalent damping (21), with the mean slope and the threshold of (23)."""
     if math.isnan(found.weighted):
-        reason = "no whole engine cycle could be solved" if math.isnan(found.negative_mean) else "there is no slip"
+        reason = ("there is no slip" if math.isfinite(found.negative_mean) else
+                  "no whole period of excitation could be solved")
         return "equivalent damping (21)", f"none: {reason}"
     return ("equivalent damping (21)",
             f"{found.weighted:.4g} N m s/rad, mean of the negative slope {found.negative_mean:.4g}; "
@@ -172,29 +166,51 @@ def lyapunov_row(found: Lyapunov) -> tuple[str, str]:
             f"{100.0 * found.confidence:g} % confidence: {found.diagnosis}")
 
 
-def sweep_lines(sweeps: Sequence[Sweep], second_key: str = "", second_values: Sequence[float] = (),
-                width: int | None = None) -> list[str]:
-    """Return a heading and one line per point; in a grid, the value of the second key comes first.
+def sweep_lines(found: Sweep | Grid, width: int | None = None) -> list[str]:
+    """Return a heading with names and units, and one line per point, first the keys with their values.
 
     Columns that do not fit in the width of the terminal form further tables below.
     """
-    extras = {name for sweep in sweeps for name in sweep.lists}
-    columns = [*COLUMNS, *(DAMPING if "equivalent_damping" in extras else []),
-               *(EXPONENT if "lyapunov" in extras else [])]
-    keys = [*([second_key] if second_key else []), sweeps[0].curve.key]
-    lines = [", ".join(keys) + "; slip speed in rad/s" + ("; exponent in 1/s" if "lyapunov" in extras else "")
-             + ("; Cf and slope in N m s/rad" if "equivalent_damping" in extras else "")]
-    rows = [("  ".join(f"{x:>12.8g}" for x in ([*second_values[k:k + 1], value])), record)
-            for k, sweep in enumerate(sweeps) for value, record in zip(sweep.curve.values, sweep.records)]
-    start = "  ".join(f"{name.rpartition('.')[2][:12]:>12}" for name in keys)
-    for table in _tables(columns, len(start), width):
-        lines.append(start + "".join(f"  {name:>{wide}}" for name, wide, _ in table))
-        for values, record in rows:
-            if record is None or record["max_slip_speed"] is None:
-                lines.append(f"{values}  {record['status'] if record is not None else 'not solved'}")
-            else:
-                lines.append(values + "".join(f"  {text(record):>{wide}}" for _, wide, text in table))
-    return lines + unsettled_lines(sweeps, "* ")
+    columns = found.columns()
+    units, keys = units_of_columns(type(found), columns), list(columns)[:list(columns).index("max_slip_speed")]
+    status, failed = columns["status"], np.isnan(columns["max_slip_speed"])
+    own = []
+    for key in keys:
+        unit, factor = key_unit(key)
+        own.append(_padded([key.rpartition(".")[2], unit, *(f"{x * factor:.8g}" for x in columns[key].tolist())]))
+    tables: list[list[list[str]]] = []
+    used = math.inf
+    for name in (name for name in SWEPT if name in columns):
+        unit, factor = shown_unit(units.get(name, ""))
+        cells = [_cell(columns, name, k, factor) for k in range(len(status))]
+        column = _padded([name, "periods" if name == "period" else unit, *cells])
+        used += 2 + len(column[0])
+        if not tables or (width is not None and used > width):
+            tables.append([])
+            used = sum(2 + len(one[0]) for one in (*own, column)) - 2
+        tables[-1].append(column)
+    lines = []
+    for table in tables:
+        for k, line in enumerate(zip(*own, *table)):
+            fails = k > 1 and failed[k - 2]
+            lines.append("  ".join([*line[:len(keys)], str(status[k - 2])] if fails else line).rstrip())
+    return lines + unsettled_lines(found.sweeps if hasattr(found, "sweeps") else [found], "* ")
+
+
+def _padded(cells: list[str]) -> list[str]:
+    """Return texts aligned to the right."""
+    width = max(map(len, cells))
+    return [f"{cell:>{width}}" for cell in cells]
+
+
+def _cell(columns: Mapping[str, Any], name: str, k: int, factor: float) -> str:
+    """Return one result of a sweep; a star marks the period of a motion that has not settled."""
+    value = columns[name][k].item()
+    if name == "period":
+        return "runaway" if columns["runaway"][k] else f"{value or 'none'}{'*' if columns['transient'][k] else ''}"
+    if isinstance(value, float):
+        return "none" if math.isnan(value) else f"{value * factor:.{7 if name == 'max_slip_speed' else 4}g}"
+    return str(value)
 
 
 def unsettled_lines(sweeps: Sequence[Sweep], mark: str = "") -> list[str]:
@@ -210,45 +226,19 @@ def quantile_lines(found: Scattered) -> list[str]:
 
     values = found.sweeps[0].curve.values if found.over else ()
     lines = [f"{counted(found.tolerances.samples, 'sample')} of "
-             + ", ".join(f"{key} {low:g} to {high:g}" for key, low, high in found.tolerances.bounds)]
+             + ", ".join(key_value(key, low, 6, high) for key, low, high in found.tolerances.bounds)]
     left_out = found.left_out
     if any(left_out.values()):
         lines.append(f"quantiles leave out {counted(left_out['runaway'], 'result')} that ran away and "
                      f"{left_out['not_settled']} that have not settled; raise --cycles, or give --every-sample")
-    for name, label, unit, scale in QUANTILES:
-        lines.append(f"{label} ({unit})" + "".join(f"  {100.0 * p:g} %" for p in PROBABILITIES))
-        for k, row in enumerate(scale * found.quantiles(name)):
-            start = f"  {found.over} {values[k]:.8g}" if found.over else " "
+    units = units_of_columns(Summary, QUANTILES)
+    for name in QUANTILES:
+        unit, factor = shown_unit(units.get(name, ""))
+        lines.append(f"{name}{unit and f' ({unit})'}" + "".join(f"  {100.0 * p:g} %" for p in PROBABILITIES))
+        for k, row in enumerate(factor * found.quantiles(name)):
+            start = f"  {key_value(found.over, values[k], 8)}" if found.over else " "
             lines.append(start + "".join(f"  {x:.6g}" for x in row))
     return lines
-
-
-def _tables(columns: list[Column], start: int, width: int | None) -> list[list[Column]]:
-    """Distribute the columns over tables no wider than `width`, each after `start` characters of keys."""
-    tables: list[list[Column]] = [[]]
-    for column in columns:
-        used = start + sum(2 + wide for _, wide, _ in tables[-1])
-        if width is not None and tables[-1] and used + 2 + column[1] > width:
-            tables.append([])
-        tables[-1].append(column)
-    return tables
-
-
-def _period(record: Row) -> str:
-    """Return the period in engine cycles, with a star if the motion has not settled; else runaway or none."""
-    if record["runaway"]:
-        return "runaway"
-    return f"{record['period'] or 'none'}{'*' if record['transient'] else ''}"
-
-
-def _number(value: float | None) -> str:
-    """Return a number with four digits, or none."""
-    return "none" if value is None else f"{value:.4g}"
-
-
-def _half(found: Row) -> str:
-    """Return half the width of a confidence interval."""
-    return "none" if found["low"] is None else f"{0.5 * (found['high'] - found['low']):.2g}"
 
 
 def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]], align: str = "---",

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.paper.figure_results import Labelled, Numbers
+from tcc_sim.shown_units import speed
 from tcc_sim.views import style
 
 CYCLES = "time (engine cycles)"
@@ -166,7 +167,7 @@ def _paint_steady(axis: Any, data: Numbers) -> None:
         {"color": style.GREEN, "linestyle": (0, (5, 2, 1, 2))})
     for row, look in zip(data.steady, looks):
         axis.plot(row.t, row.slip_speed, label=f"{row.label}: period {row.period}, "
-                  f"{row.max_slip_speed:.2f} rad/s", **look)
+                  f"{speed(row.max_slip_speed, 4)}", **look)
     axis.set_xlim(0.0, data.steady[0].t[-1])
     wide = style.wide(axis.figure.get_figwidth())
     axis.set_ylim(top=(1.4 if wide else 1.9) * max(row.max_slip_speed for row in data.steady))

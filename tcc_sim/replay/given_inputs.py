@@ -17,6 +17,7 @@ from tcc_sim.model.profile import Inputs, held_lines, joined_lines
 from tcc_sim.recording.table import DRIVING, HOLDS, TIME, looks_smooth, read_columns, table_of
 from tcc_sim.replay.recorded import read
 from tcc_sim.scene import Scene
+from tcc_sim.shown_units import speed
 from tcc_sim.topics import topic
 from tcc_sim.trajectory import Floats, Trajectory
 
@@ -156,7 +157,7 @@ class Twin:
 
     def __str__(self) -> str:
         wrong, size = (float(np.sqrt(np.mean(x**2))) for x in (self.difference, self.slip_speed))
-        return f"slip speed beside {self.source}: {wrong:.4g} rad/s apart (rms), of {size:.4g} rad/s"
+        return f"slip speed beside {self.source}: {speed(wrong, 4)} apart (rms), of {speed(size, 4)}"
 
 
 def twin_of(path: Path, trajectory: Trajectory) -> Twin | None:

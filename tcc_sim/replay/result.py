@@ -108,7 +108,7 @@ class Replay(Result):
                  ("messages", f"{self.messages} of joint_states, {self.lost_messages} lost"), ("stamps", stamps),
                  *self._pace(),
                  ("frequency", self.timing.sentence()),
-                 *summary_rows(self.summary)]
+                 *summary_rows(self.summary, "record for longer")]
         for name, held in self.inputs.items():
             table.append((name.replace("_", " "), f"held {held.sentence()}"))
         if self.command_age is not None:

@@ -19,6 +19,7 @@ from tcc_sim.recording.commands import TARGET
 from tcc_sim.replay.timeline import Timeline, slip_between_gaps
 from tcc_sim.result import Described, reported
 from tcc_sim.scene import Scene
+from tcc_sim.shown_units import speed
 
 MOST_SEGMENTS = 1000
 """Largest number of segments that are analysed; the others are only counted."""
@@ -46,17 +47,17 @@ class Segment(Described):
         if self.summary is not None:
             s = self.summary
             period = f"period {s.period}" if s.period else "no period"
-            out.append(("", f"largest |slip speed| {s.max_slip_speed:.6g} rad/s, {s.regime}, {period}, "
+            out.append(("", f"largest |slip speed| {speed(s.max_slip_speed)}, {s.regime}, {period}, "
                             f"{counted(s.cycles, 'cycle')}"))
         else:
-            out.append(("", "no whole engine cycle after the dropped ones"))
+            out.append(("", "no whole period of excitation after the dropped ones"))
         if self.tracking is not None:
             t = self.tracking
             settled = f"settled after {t.settling_time:.4g} s" if math.isfinite(t.settling_time) else "not settled"
             if not math.isfinite(t.mean_slip):
-                return [*out, ("", f"target {t.target:g} rad/s: no whole engine cycle to compare with it")]
-            out.append(("", f"target {t.target:g} rad/s: mean {t.mean_slip:.6g}, rms error {t.rms_error:.4g}, largest "
-                            f"{t.largest_error:.4g}, overshoot {t.overshoot:.4g} rad/s, {settled}"))
+                return [*out, ("", f"target {speed(t.target)}: no whole period of excitation to compare with it")]
+            out.append(("", f"target {speed(t.target)}: mean {speed(t.mean_slip)}, rms error {speed(t.rms_error, 4)}, "
+                            f"largest {speed(t.largest_error, 4)}, overshoot {speed(t.overshoot, 4)}, {settled}"))
         return out
 
 

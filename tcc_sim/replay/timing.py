@@ -17,6 +17,7 @@ from tcc_sim.recording.reader import Run
 from tcc_sim.replay.timeline import Timeline
 from tcc_sim.result import reported, reporting
 from tcc_sim.scene import Scene, load_scene, parse_scene
+from tcc_sim.shown_units import speed
 
 SOURCES = {"given": "as given", "scene": "as the scene says", "found": "found in the recorded engine torque"}
 SLICE, TICKS = 0.1, 20
@@ -67,8 +68,8 @@ class Timing:
         if not self.clock.told:
             return "not known"
         if self.low == self.high:
-            return f"{self.frequency:.9g} rad/s, {SOURCES[self.source]}"
-        return f"{self.low:.6g} to {self.high:.6g} rad/s, {SOURCES[self.source]}"
+            return f"{speed(self.frequency, 9, engine=True)}, {SOURCES[self.source]}"
+        return f"{speed(self.low, 6, self.high, engine=True)}, {SOURCES[self.source]}"
 
 
 def timing_of(scene: Scene, given: float | None, runs: Iterable[JointStates], changed: bool = False) -> Timing:

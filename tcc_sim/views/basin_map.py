@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.basins.proximity import RUNAWAY, UNDECIDED
+from tcc_sim.shown_units import speed
 from tcc_sim.views import style
-from tcc_sim.views.key_labels import label_of
 from tcc_sim.views.sweeps import draw_cells, edges
 
 TINTS = ("#BFD9EC", "#F6D9A8", "#BFE3D4", "#F0C6AE", "#EBD2E0", "#D3ECF8", "#D0D0D0")
@@ -68,7 +68,7 @@ def _into(axes: Any, planes: Sequence[Mapping[str, Any]]) -> None:
 def attractor_label(attractor: Mapping[str, Any]) -> str:
     """An attractor in a legend."""
     what = f"period {attractor['period']}" if attractor["period"] else "no period"
-    return f"{what}, largest slip speed {attractor['max_slip_speed']:.4g} rad/s"
+    return f"{what}, largest slip speed {speed(attractor['max_slip_speed'], 4)}"
 
 
 def _map(axes: Any, plane: Mapping[str, Any]) -> None:
@@ -79,7 +79,7 @@ def _map(axes: Any, plane: Mapping[str, Any]) -> None:
     if plane["labels"] is not None:
         colours = [EXTRAS[RUNAWAY][0], EXTRAS[UNDECIDED][0], *(TINTS[k % len(TINTS)] for k in range(max(count, 1)))]
         draw_cells(axes, x, y, np.asarray(plane["labels"], np.float64) - RUNAWAY, colours)
-    axes.set(xlabel=label_of(first["key"]), ylabel=label_of(second["key"]), xlim=edges(x)[[0, -1]],
+    axes.set(xlabel=style.label_of(first["key"]), ylabel=style.label_of(second["key"]), xlim=edges(x)[[0, -1]],
              ylim=edges(y)[[0, -1]])
     states = ("initial.plate_angle", "initial.slip_speed", "initial.plate_speed")
     columns = [states.index(axis["key"]) for axis in plane["plane"]]
@@ -97,7 +97,7 @@ def _map(axes: Any, plane: Mapping[str, Any]) -> None:
         if plane[name] > 0.0:
             axes.fill([], [], facecolor=colour, edgecolor=style.GREY, label=f"{words} ({100 * plane[name]:.3g} %)")
     axes.plot([], [], linestyle="", marker="o", color=style.GREY, markersize=4.5, label=(
-        f"their sections, projected along the {label_of(beside).removeprefix('initial ').partition(' (')[0]}"))
+        f"their sections, projected along the {style.label_of(beside).removeprefix('initial ').partition(' (')[0]}"))
 
 
 def _fractions(axes: Any, planes: Sequence[Mapping[str, Any]]) -> None:
@@ -116,6 +116,6 @@ def _fractions(axes: Any, planes: Sequence[Mapping[str, Any]]) -> None:
             names.append(words)
             colours.append(colour)
     axes.stackplot(values, rows, labels=names, colors=colours, edgecolor=style.GREY, linewidth=0.4)
-    axes.set(xlabel=label_of(planes[0]["over"][0]), ylabel="fraction of the plane", ylim=(0.0, 1.0),
+    axes.set(xlabel=style.label_of(planes[0]["over"][0]), ylabel="fraction of the plane", ylim=(0.0, 1.0),
              xlim=(min(values), max(values)))
     style.legend_above(axes)

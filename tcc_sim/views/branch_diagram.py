@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.views import style
-from tcc_sim.views.key_labels import label_of
 
 MARKS = {"fold": ("o", "fold"), "period_doubling": ("s", "period doubling"), "neimark_sacker": ("D", "Neimark-Sacker"),
          "branch_point": ("X", "branch point"), "grazing_sliding": ("^", "grazing-sliding"),
@@ -63,7 +62,7 @@ def stable_and_unstable(found: Mapping[str, Any], number: int) -> list[tuple[Any
 def into(axis: Any, found: Any) -> None:
     """Draw lines of the branches and marks of their bifurcations into an axis."""
     found = style.json_values(found)
-    axis.set(xlabel=label_of(found["over"]), ylabel="max |slip speed| (rad/s)")
+    axis.set(xlabel=style.label_of(found["over"]), ylabel="max |slip speed| (rad/s)")
     periods = sorted({b["period"] for b in found["branches"]})
     named: set[str] = set()
     for number, branch in enumerate(found["branches"]):
@@ -106,4 +105,4 @@ def _curves(axis: Any, found: Mapping[str, Any]) -> None:
                       color=style.INK)
             axis.annotate(point["kind"].replace("_", " "), (point["value"], point["second"]), (5.0, -10.0),
                           textcoords="offset points", fontsize=6.5)
-    axis.set(xlabel=label_of(found["over"]), ylabel=label_of(found["second_over"]))
+    axis.set(xlabel=style.label_of(found["over"]), ylabel=style.label_of(found["second_over"]))

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.estimation.linearise import INPUTS, OUTPUTS
+from tcc_sim.shown_units import speed
 from tcc_sim.views import style
-from tcc_sim.views.key_labels import label_of
 from tcc_sim.views.stored import Record
 from tcc_sim.views.sweeps import numbers
 
@@ -38,7 +38,7 @@ def bode(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> 
         gain.set_xlabel("")
         phase.set(ylabel="phase (degrees)", xlabel="angular frequency (rad/s)")
         parts = [f"{values['output']} by {values['input']}".replace("_", " "),
-                 f"mean slip {values['operating_point']['mean_slip']:.4g} rad/s"]
+                 f"mean slip {speed(values['operating_point']['mean_slip'], 4)}"]
         gain.set_title((", " if style.wide(width) else "\n").join(parts))
         gain.legend(loc="best")
         return style.save(drawn, path)
@@ -89,7 +89,7 @@ def identification(path: Path, found: Any, title: str = "", width: float = style
         if found.likelihood is not None:
             axes[-1].plot(found.likelihood.values, found.likelihood.excess, marker="o")
             axes[-1].axhline(3.84, color=style.RED, linewidth=0.8, label="95 %")
-            axes[-1].set_xlabel(label_of(found.likelihood.key))
+            axes[-1].set_xlabel(style.label_of(found.likelihood.key))
             axes[-1].set_ylabel("chi-square over\nthe least one")
             axes[-1].legend(loc="upper center")
         return style.save(drawn, path)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from tcc_sim.analysis.control import Control, Event
 from tcc_sim.analysis.spectra import Spectrum
 from tcc_sim.analysis.summary import Summary
+from tcc_sim.shown_units import speed
 from tcc_sim.trajectory import Cycles, Trajectory
 from tcc_sim.views import style
 from tcc_sim.views.dense import between
@@ -202,9 +203,10 @@ def draw_cycle_maxima(axis: Any, cycles: Cycles, first_cycle: int, summary: Summ
             axis.plot(number[chosen], largest[chosen], linestyle="none", marker="o", markersize=size,
                       markeredgewidth=0.0, color=colour, label=f"{name} ({above} off scale)" if above else name)
     axis.axhline(summary.max_slip_speed, color=style.RED, linewidth=0.8, linestyle=(0, (4, 2)), zorder=1.5)
-    axis.annotate(f"{summary.max_slip_speed:.5g} rad/s", (0.99, summary.max_slip_speed), (0.0, 4.0), color=style.RED,
+    axis.annotate(speed(summary.max_slip_speed, 5), (0.99, summary.max_slip_speed), (0.0, 4.0), color=style.RED,
                   ha="right", xycoords=("axes fraction", "data"), textcoords="offset points", fontsize=7.5)
-    axis.set(xlabel="time (s)" if over_time else "engine cycle", ylabel="max |slip speed| (rad/s)", ylim=(0.0, top))
+    axis.set(xlabel="time (s)" if over_time else "period of excitation", ylabel="max |slip speed| (rad/s)",
+             ylim=(0.0, top))
     style.legend_above(axis)
 
 

@@ -1,4 +1,4 @@
-"""Pictures of one's own work: every result that the package gives, as Python has it, and some as JSON has them."""
+"""Pictures of results: of every result class of the package, and of the JSON of most commands."""
 
 from __future__ import annotations
 
@@ -13,19 +13,21 @@ from tcc_sim.analysis.spectra import Spectrum
 from tcc_sim.analysis.summary import Summary, cycles_of, first_cycle_of, summarise
 from tcc_sim.errors import InputError, check_suffix, require
 from tcc_sim.output.files import replaceable
+from tcc_sim.result import system_behind
+from tcc_sim.shown_units import UNITS, shown_in
 from tcc_sim.trajectory import Trajectory, no_cycles
 from tcc_sim.views import style
 from tcc_sim.views.dense import last_cycles
 from tcc_sim.views.overview import HISTORY_CYCLES, ORBIT_CYCLES, overview
-from tcc_sim.views.stored import Record, drawer_of, kind_of, read_stored, revived, title_of
+from tcc_sim.views.stored import Record, arguments_in, drawer_of, kind_of, read_stored, revived, title_of
 from tcc_sim.views.whole_runs import manoeuvre
 
 
 @dataclass(frozen=True, repr=False)
 class Picture:
-    """A picture that no file holds; a notebook shows it.
+    """Picture without a file, which a notebook shows.
 
-    png : the bytes of a .png file
+    png : content of a .png file
     """
 
     png: bytes
@@ -34,17 +36,17 @@ class Picture:
         return f"<Picture: {len(self.png)} bytes of PNG>"
 
     def _repr_png_(self) -> bytes:
-        """What a notebook shows."""
+        """Return the view in a notebook."""
         return self.png
 
 
 def check_picture(path: Path, width: str = "page") -> None:
-    """Raise before anything is computed where `path` cannot become a picture.
+    """Check that a picture can be written to `path`, before anything is computed.
 
     Raises
     ------
     InputError
-        The suffix is none of png, svg and pdf, or the width neither column nor page.
+        The suffix is not .png, .svg or .pdf, or the width is not column or page.
     MissingPackage
         matplotlib is not installed.
     """
@@ -54,20 +56,21 @@ def check_picture(path: Path, width: str = "page") -> None:
 
 
 def plot(result: Any, file: str | Path | None = None, width: str = "page", *, title: str = "", ax: Any = None,
-         force: bool = False) -> Any:
-    """Draw a result as a picture, or its main curve into an axis of one's own.
+         force: bool = False, units: str | None = None) -> Any:
+    """Draw a result as a picture, or its main curve into an axis.
 
     Parameters
     ----------
-    result : a result of any function of the package; the JSON of a command, or the name of its .json or .npz file,
-        which is solved again where it has no samples; a scene, whose friction law is drawn; of a recording its first
-        run
-    file : ends in .png, .svg or .pdf; without a file or an axis the picture is returned, and a notebook shows it
-    width : column or page, of a paper
-    title : over the picture
-    ax : matplotlib's axis that takes the main curve instead: slip speed over time, the largest slip speed over a key,
-        a gain, or a map
-    force : whether an existing file is replaced
+    result : a result of any function of the package; the JSON of a command or the name of its .json or .npz file, whose
+        scene is solved again if it has no samples; a scene, of which the friction law is drawn; of a recording, the
+        first run is drawn
+    file : name ending in .png, .svg or .pdf; without file and axis, the picture is returned, and a notebook shows it
+    width : column or page of a paper
+    title : title above the picture
+    ax : matplotlib axis for the main curve: slip speed over time, the largest slip speed over a key, a gain, or a map
+    force : whether to replace an existing file
+    units : unit of speeds and frequencies of a picture: rad (rad/s), rpm or hz; None for that of the command which wrote the JSON,
+        else rad
 
     Returns
     -------
@@ -76,7 +79,7 @@ def plot(result: Any, file: str | Path | None = None, width: str = "page", *, ti
     Raises
     ------
     InputError
-        Something else, another suffix or width, a file and an axis, or a file that exists.
+        The result has no picture, a suffix, width or unit is wrong, both file and axis are given, or the file exists.
     MissingPackage
         matplotlib is not installed.
 
@@ -89,24 +92,43 @@ def plot(result: Any, file: str | Path | None = None, width: str = "page", *, ti
     """
     if file is not None and ax is not None:
         raise InputError("give either a file or an axis to draw into")
+    if units is not None and units not in UNITS:
+        raise InputError(f"units is {units!r}; it must be {', '.join(UNITS)}")
     if ax is not None:
         return draw_into(ax, result, title)
     if file is None:
         with TemporaryDirectory(prefix="tcc_sim_") as folder:
-            return Picture(plot(result, Path(folder) / "picture.png", width, title=title).read_bytes())
+            return Picture(plot(result, Path(folder) / "picture.png", width, title=title, units=units).read_bytes())
     path = Path(file)
     check_picture(path, width)
     if replaceable(path) and not force:
         raise InputError(f"{path} exists; it is not overwritten")
     if isinstance(result, (str, Path)):
         result = read_stored(Path(result))
+    order = _order_of(result)
     if isinstance(result, Mapping):
+        units = units or getattr(arguments_in(result), "units", None)
         title, result = title or title_of(result), revived(result)
-    if isinstance(result, Record):
-        return drawer_of(kind_of(vars(result)))(path, result, title=title, width=style.width_of(width))
-    look = look_of(result)
+    with shown_in(units, order):
+        return _drawn(result, path, width, title)
+
+
+def _order_of(result: Any) -> float | None:
+    """Return the `engine.order` of a result, or None if the result does not hold it."""
+    if isinstance(result, Mapping):
+        found: float | None = result.get("scene", {}).get("engine.order")
+        return found
+    run, system = getattr(result, "measured", result), system_behind(result)
+    found = getattr(run, "per_revolution", None if system is None else system.engine.order)
+    return found
+
+
+def _drawn(result: Any, path: Path, width: str, title: str) -> Path:
+    """Draw a result to a file."""
+    look = (drawer_of(kind_of(vars(result))),) if isinstance(result, Record) else look_of(result)
     if look is not None:
-        return look[0](path, result, title=title, width=style.width_of(width))
+        look[0](path, result, title=title, width=style.width_of(width))
+        return path
     run = _run_of(result)
     if run is result:
         return plot_run(run, path, width, title=title)

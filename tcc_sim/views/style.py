@@ -1,4 +1,4 @@
-"""The look of every picture in one place: sizes, fonts, colours, and how a picture is saved."""
+"""Style of every picture: sizes, fonts, colours, labels and units of axes, legends, and files."""
 
 from __future__ import annotations
 
@@ -9,8 +9,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from tcc_sim.errors import InputError, check_suffix, require
-from tcc_sim.views.unit_axes import on_axes
+from tcc_sim.model.elements import list_of
+from tcc_sim.model.parameters import QUANTITIES
+from tcc_sim.shown_units import shown_axis
 
 COLUMN = 3.5
 """Width of a picture in one column of a paper, inch."""
@@ -19,7 +23,7 @@ PAGE = 7.2
 WIDTHS = {"column": COLUMN, "page": PAGE}
 SUFFIXES: dict[str, dict[str, Any]] = {".png": {"Software": None}, ".svg": {"Date": None},
                                        ".pdf": {"CreationDate": None, "Producer": None, "Creator": None}}
-"""What a picture may be written as, and what is left out of it so that the same picture is the same file."""
+"""Suffixes of pictures, and metadata left out, so that the same picture is the same file."""
 DOTS = 200
 """Resolution of a PNG, dots per inch."""
 
@@ -29,7 +33,7 @@ INK, GREY, STICK = "#222222", "#8C8C8C", "#DDE7EE"
 RUNAWAY = "#8B0000"
 """Colour of slip that grows."""
 CYCLE = (BLUE, RED, GREEN, ORANGE, PURPLE, SKY, INK)
-"""Line colours in order: Okabe and Ito's, which colour-blind readers tell apart."""
+"""Line colours in order: those of Okabe and Ito, which colour-blind readers can distinguish."""
 MANY = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, YELLOW, "#7A4B00", "#5B2A86", "#F781BF", "#98D8C8", "#A65628",
         "#B3DE69", "#FB9A99", "#1B4F72", "#C7B299")
 """A colour for every period up to 16, in maps."""
@@ -55,8 +59,7 @@ _SETTINGS: dict[str, Any] = {
 
 @contextmanager
 def figure(width: float = PAGE, height: float = 4.0, title: str = "") -> Iterator[Any]:
-    """A matplotlib Figure of `width` by `height` inch in the house style, with a title over all of it where one is
-    given; draw and save it inside the `with`.
+    """Yield a matplotlib Figure of `width` by `height` inch with a title; draw and save it inside the `with`.
 
     Raises
     ------
@@ -73,24 +76,24 @@ def figure(width: float = PAGE, height: float = 4.0, title: str = "") -> Iterato
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(_SETTINGS)
         matplotlib.rcParams["axes.prop_cycle"] = cycler(color=CYCLE)
-        # Texts are not equally wide at every resolution: the layout is that of the resolution at which it is saved.
+        # The width of a text depends on the resolution, so the layout uses the resolution of the saved picture.
         drawn = Figure(figsize=(width, height), dpi=DOTS, layout="constrained")
         FigureCanvasAgg(drawn)
         if title:
-            # Ten points bold are about 0.085 inch a letter; what is longer than the picture is wide goes on below.
+            # A bold letter of ten points is about 0.085 inch wide.
             drawn.suptitle(textwrap.fill(title, max(int(width / 0.085), 20)), x=0.01, ha="left", fontsize=10.0,
                            fontweight="bold")
         yield drawn
 
 
 def json_values(result: Any) -> Mapping[str, Any]:
-    """A result as its JSON has it, whether it is one or was read back."""
+    """Return a result as JSON values; JSON values that were read back are returned unchanged."""
     values: Mapping[str, Any] = result if isinstance(result, Mapping) else result.as_json()
     return values
 
 
 def width_of(name: str) -> float:
-    """The width in inch of a picture that is column or page wide.
+    """Return the width, inch, of a picture that is `column` or `page` wide.
 
     Raises
     ------
@@ -103,12 +106,12 @@ def width_of(name: str) -> float:
 
 
 def wide(width: float) -> bool:
-    """Whether a picture of this width, inch, is one over the whole page."""
+    """Return whether a picture of this width, inch, covers the whole page."""
     return width > 0.5 * (COLUMN + PAGE)
 
 
 def save(drawn: Any, path: Path) -> Path:
-    """Write a picture as the suffix of `path` says, the same bytes every time for the same picture.
+    """Write a picture in the format of the suffix of `path`; the same picture gives the same bytes.
 
     Raises
     ------
@@ -116,29 +119,59 @@ def save(drawn: Any, path: Path) -> Path:
         Another suffix than those of SUFFIXES.
     """
     check_suffix(path, SUFFIXES)
-    on_axes(drawn)
-    _lay_out(drawn)
-    drawn.savefig(path, metadata=SUFFIXES[path.suffix])
-    return path
-
-
-def _lay_out(drawn: Any) -> None:
-    """Fix the layout."""
+    convert_axes(drawn)
     if drawn.get_layout_engine() is not None:
         drawn.draw_without_rendering()
         drawn.set_layout_engine("none")
         _round_places(drawn)
+    drawn.savefig(path, metadata=SUFFIXES[path.suffix])
+    return path
+
+
+def convert_axes(drawn: Any) -> None:
+    """Convert the axes of a figure whose labels end with (rad/s) to the selected unit; the data stay in SI."""
+    for axes in (*drawn.axes, *(child for a in drawn.axes for child in a.child_axes)):
+        for axis in (axes.xaxis, axes.yaxis):
+            if (shown := shown_axis(axis.get_label_text())) is not None:
+                axis.set_label_text(shown[0])
+                _rescale(axis, shown[1])
+
+
+def _rescale(axis: Any, factor: float) -> None:
+    """Place the ticks of an axis at round numbers of another unit."""
+    from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
+
+    class Round(MaxNLocator):
+        """Ticks at round numbers of the other unit."""
+
+        def tick_values(self, low: float, high: float) -> Any:
+            """Return the ticks in the unit of the data."""
+            return np.asarray(super().tick_values(low * factor, high * factor)) / factor
+
+    if axis.get_scale() == "log":
+        low, high = (np.log10(x * factor) for x in axis.get_view_interval())
+        axis.set_major_locator(FixedLocator((10.0 ** np.arange(np.ceil(low), np.floor(high) + 1.0) / factor).tolist()))
+        axis.set_minor_locator(NullLocator())
+    else:
+        axis.set_major_locator(Round(nbins=6, steps=[1, 2, 2.5, 5, 10]))
+    axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x * factor:.6g}"))
+
+
+def label_of(key: str) -> str:
+    """Return the label of an axis over a scene key, such as "mean pressure $P_m$ (Pa)"."""
+    meant = QUANTITIES.get(list_of(key))
+    return key if meant is None else f"{meant.label or key}{meant.unit and f' ({meant.unit})'}"
 
 
 def _round_places(drawn: Any) -> None:
-    """Round the places of the axes: the solver of the layout leaves different last digits every time."""
+    """Round the positions of the axes, whose last digits the layout engine leaves different every time."""
     for axis in drawn.axes:
         axis.set_position([round(x, 5) for x in axis.get_position(original=True).bounds])
 
 
 def save_both(drawn: Any, stem: Path) -> tuple[Path, Path]:
-    """Write `stem`.png and `stem`.svg, laid out once for both; or one file where its suffix is that of a picture."""
-    # An engine lays out anew in every pass, and a picture with one is drawn twice: it goes once its work is done.
+    """Write `stem`.png and `stem`.svg with one layout, or one file if `stem` has the suffix of a picture."""
+    # With a layout engine, each file would be drawn twice.
     drawn.get_layout_engine().execute(drawn)
     drawn.set_layout_engine(None)
     _round_places(drawn)
@@ -149,7 +182,7 @@ def save_both(drawn: Any, stem: Path) -> tuple[Path, Path]:
 
 
 def panel_titles(axes: Any, titles: list[str]) -> None:
-    """Letter the panels of a picture, (a), (b), ..., each with its title; above a legend where both need the row."""
+    """Title the panels (a), (b), ...; a title that does not fit beside the legend is placed above it."""
     for letter, axis, title in zip("abcdefghijklmnop", axes, titles):
         words = f"({letter}) {title}" if len(axes) > 1 else title
         if not wide(axis.figure.get_figwidth()) and "$" not in words:
@@ -158,13 +191,13 @@ def panel_titles(axes: Any, titles: list[str]) -> None:
 
 
 def _rows_of(legend: Any) -> int:
-    """Lines of a legend, with those of its title."""
+    """Return the number of lines of a legend, its title included."""
     heading, entries, columns = str(legend.get_title().get_text()), len(legend.get_texts()), int(legend._ncols)
     return -(-entries // columns) + (heading.count("\n") + 1 if heading else 0)
 
 
 def _crowded(axis: Any, title: str) -> bool:
-    """Whether a title and the entries of the legend above are wider than the axes, by about what letters need."""
+    """Estimate whether a title and the legend beside it are wider than the axes."""
     legend, place = axis.get_legend(), axis.get_subplotspec()
     if legend is None or place is None:
         return False
@@ -175,17 +208,17 @@ def _crowded(axis: Any, title: str) -> bool:
 
 
 def _entry(text: str, size: float) -> float:
-    """Width of an entry of a legend with its line, in points, by about what letters need."""
+    """Estimate the width of a legend entry with its line, points."""
     return (0.58 * _letters(text) + 2.6) * size
 
 
 def _letters(text: str) -> int:
-    """Letters of a text as it is drawn: a command of its mathematics is one."""
+    """Return the number of letters of a drawn text; a command of its mathematics is one letter."""
     return len(re.sub(r"\\[A-Za-z]+ ?|[${}_]", lambda found: "x" if found[0].startswith("\\") else "", text))
 
 
 def legend_above(axis: Any) -> None:
-    """The legend above the right end of the axes, where it hides nothing: in one row, or in rows that fit a column."""
+    """Place the legend above the right end of the axes, in one row, or in rows that fit a column."""
     handles, labels = axis.get_legend_handles_labels()
     narrow = not wide(axis.figure.get_figwidth())
     small = {"fontsize": 6.5, "handlelength": 1.1, "columnspacing": 0.8, "handletextpad": 0.4} if narrow else {}
@@ -197,7 +230,7 @@ def legend_above(axis: Any) -> None:
 
 
 def legend_below(drawn: Any, axes: Sequence[Any]) -> None:
-    """One legend of all axes below the picture, which grows by its rows."""
+    """Place one legend of all axes below the picture, whose height grows by the rows of the legend."""
     found = {name: handle for axis in axes for handle, name in zip(*axis.get_legend_handles_labels())}
     if not found:
         return

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from tcc_sim.trajectory import Floats
 from tcc_sim.views import style
-from tcc_sim.views.key_labels import label_of
 
 Bools = NDArray[np.bool_]
 NOT_FOUND = "#B0B0B0"
@@ -47,7 +46,7 @@ def draw_sweep(path: Path, found: Any, title: str = "", width: float = style.PAG
         share = numbers(values["stick_fraction"])
         stick.plot(*parted(x, 100.0 * share), color=style.BLUE, marker="o", markersize=_size(len(x)),
                    markeredgewidth=0.0, linewidth=0.9)
-        stick.set(ylabel="stick (%)", ylim=(-4.0, 104.0), xlabel=label_of(values["over"]))
+        stick.set(ylabel="stick (%)", ylim=(-4.0, 104.0), xlabel=style.label_of(values["over"]))
         if len(x) > 1:
             beside = 0.01 * np.ptp(x)  # So that no marker is cut.
             stick.set_xlim(np.nanmin(x) - beside, np.nanmax(x) + beside)
@@ -59,7 +58,7 @@ def draw_sweep(path: Path, found: Any, title: str = "", width: float = style.PAG
 def draw_maxima(axis: Any, found: Any) -> None:
     """The largest slip speed over one key, coloured by regime."""
     values = style.json_values(found)
-    axis.set(xlabel=label_of(values["over"]), ylabel="max |slip speed| (rad/s)")
+    axis.set(xlabel=style.label_of(values["over"]), ylabel="max |slip speed| (rad/s)")
     x, largest = numbers(values["values"]), numbers(values["max_slip_speed"])
     regimes = classes(values["regime"], values.get("runaway", []))
     away = regimes["runaway"][1] if "runaway" in regimes else np.zeros(len(x), dtype=bool)
@@ -163,7 +162,7 @@ def _over_two(axis: Any, values: Mapping[str, Any]) -> None:
     """The axes of a map over two keys."""
     axis.set_facecolor(NOT_FOUND)
     axis.grid(False)
-    axis.set(xlabel=label_of(values["over"]), ylabel=label_of(values["second_over"]))
+    axis.set(xlabel=style.label_of(values["over"]), ylabel=style.label_of(values["second_over"]))
 
 
 def _period_map(drawn: Any, axis: Any, x: Floats, y: Floats, values: Mapping[str, Any]) -> None:
@@ -178,7 +177,7 @@ def _period_map(drawn: Any, axis: Any, x: Floats, y: Floats, values: Mapping[str
     for number, p in enumerate(found):
         place[period == p] = number
     shade = draw_cells(axis, x, y, place, colours)
-    bar = drawn.colorbar(shade, ax=axis, ticks=range(len(found)), label="period (engine cycles)")
+    bar = drawn.colorbar(shade, ax=axis, ticks=range(len(found)), label="period (periods of excitation)")
     bar.ax.set_yticklabels([looks[p][0] if p in looks else str(p) for p in found])
     bar.ax.minorticks_off()
 
@@ -198,7 +197,7 @@ def draw_scatter(path: Path, found: Any, title: str = "", width: float = style.P
                 for axis, key in zip(row, keys):
                     _samples(axis, values, name, key, scale)
         for axis, key in zip(axes[-1], keys or [over]):
-            axis.set_xlabel(label_of(key))
+            axis.set_xlabel(style.label_of(key))
             axis.locator_params(axis="x", nbins=9 if len(keys) < 2 else 7 if style.wide(width) else 4)
         style.legend_below(drawn, axes[0, :1])
         return style.save(drawn, path)
@@ -212,7 +211,7 @@ def draw_scattered(axis: Any, found: Any) -> None:
         draw_band(axis, values, "max_slip_speed")
     else:
         _samples(axis, values, "max_slip_speed", first, 1.0)
-    axis.set(xlabel=label_of(over or first), ylabel="max |slip speed| (rad/s)")
+    axis.set(xlabel=style.label_of(over or first), ylabel="max |slip speed| (rad/s)")
 
 
 def draw_band(axis: Any, values: Mapping[str, Any], name: str, scale: float = 1.0) -> None:

@@ -186,7 +186,7 @@ def test_an_interrupt_ends_it_at_once_and_leaves_nothing(capsys, monkeypatch, tm
 
 @pytest.mark.parametrize(("words", "said"), [
     (["slip", "--cycles", "4"], "0 N m s/rad, mean of the negative slope 0; -C23 is -0.6"),
-    (["fig02", "--duration", "0.01"], "none: no whole engine cycle could be solved"),
+    (["fig02", "--duration", "0.01"], "none: no whole period of excitation could be solved"),
     (["fig02", "--cycles", "2", "--set", "friction.law=set_valued", "--set", "engine.torque_amplitude=0",
       "--set", "initial.slip_speed=0", "--set", "initial.plate_angle=0.1"], "none: there is no slip")])
 def test_damping_is_said_or_why_there_is_none(words, said, capsys):

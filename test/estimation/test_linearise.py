@@ -211,7 +211,7 @@ def test_the_command_writes_what_control_tools_take(tmp_path, capsys) -> None:
     words = ["linearise", "controlled", "--slip", "20", "--frequencies", "2:300:5", "--check", "1", "--json",
              str(names[".json"]), "--out", str(names[".npz"]), "--plot", str(names[".png"])]
     assert cli.main(words) == 0
-    assert "periodic motion of 1 engine cycle" in capsys.readouterr().out
+    assert "periodic motion of 1 period of excitation" in capsys.readouterr().out
     found = valid("linearise", json.loads(names[".json"].read_text()))
     with np.load(names[".npz"]) as arrays:
         model = StateSpace(arrays["A"], arrays["B"], arrays["C"], arrays["D"], dt=float(arrays["dt"]))

@@ -1,32 +1,39 @@
 """Speeds in the units that are asked for: factors by hand, axes by their tick labels."""
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tcc_sim.cli import main
-from tcc_sim.output.shown_units import in_words, show_in
+from tcc_sim.shown_units import engine_speed, key_value, show_in, shown_unit, speed
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed")
 from tcc_sim.views import style
-from tcc_sim.views.unit_axes import on_axes
 
 
 @pytest.fixture(autouse=True)
 def _rad_again():
     yield
-    show_in("rad")
+    show_in("rad", 1.0)
 
 
-def test_lines_are_converted_number_by_number():
-    text = "largest 104.71976 rad/s; engine frequency 60 to 600 rad/s; 3 rad/s^2; 2 N m s/rad; (rad/s)^2/Hz"
-    assert in_words(text) == text
+def test_a_number_is_converted_with_its_unit():
+    assert speed(104.71976, 9) == "104.71976 rad/s"
+    assert engine_speed(60.0, 6, 600.0) == "engine frequency 60 to 600 rad/s"
+    assert key_value("engine.frequency", 150.0) == "engine.frequency 150 rad/s"
     show_in("hz")
-    assert in_words(text).startswith("largest 16.666667 Hz; engine frequency 9.5493 to 95.493 Hz; 3 rad/s^2; 2 N m s/")
+    assert speed(104.71976) == "16.6667 Hz"
+    assert engine_speed(60.0, 5, 600.0) == "engine frequency 9.5493 to 95.493 Hz"
     show_in("rpm", 2.0)
-    assert in_words(text).startswith("largest 1000 rpm; engine speed 286.48 to 2864.8 rpm; 3 rad/s^2")
+    assert speed(104.71976) == "1000 rpm"
+    assert engine_speed(60.0, 5, 600.0) == "engine speed 286.48 to 2864.8 rpm"
+    assert key_value("initial.slip_speed", 104.71976, 6) == "initial.slip_speed 1000 rpm"
+    assert key_value("engine.frequency", 104.71976, 6, 209.43952) == "engine.frequency 500 to 1000 rpm"
+    assert key_value("friction.smoothing", 50.0) == "friction.smoothing 50 s/rad"
+    assert shown_unit("N m s/rad") == ("N m s/rad", 1.0)
 
 
 def test_axes_keep_their_data_and_change_their_ticks():
@@ -37,7 +44,7 @@ def test_axes_keep_their_data_and_change_their_ticks():
         one.set(xlabel="engine frequency (rad/s)", ylabel="slip speed (rad/s)")
         other.plot([0.0, 1.0], [0.0, 1.0])
         other.set(xlabel="time (s)", ylabel="slip speed, dB re 1 rad/s")
-        on_axes(drawn)
+        style.convert_axes(drawn)
         drawn.canvas.draw()
         assert (one.get_xlabel(), one.get_ylabel()) == ("engine speed (rpm)", "slip speed (rpm)")
         assert (other.get_xlabel(), other.get_ylabel()) == ("time (s)", "slip speed, dB re 1 rad/s")
@@ -48,14 +55,31 @@ def test_axes_keep_their_data_and_change_their_ticks():
             np.testing.assert_allclose(places * factor / 10.0, np.round(places * factor / 10.0), atol=1e-9)
 
 
-def test_a_command_prints_rpm_and_writes_si(tmp_path, capsys):
-    words = ["simulate", "slip", "--cycles", "20", "--json", str(tmp_path / "a.json")]
-    assert main([*words, "--units", "rpm", "--plot", str(tmp_path / "a.png")]) == 0
-    said = capsys.readouterr().out
+@pytest.mark.parametrize("words", [
+    ["simulate", "slip", "--cycles", "20", "--spectrum"], ["simulate", "slip", "--duration", "2", "--orders"],
+    ["explain", "slip"],
+    ["sweep", "slip", "--over", "engine.frequency=100,200", "--cycles", "20"],
+    ["sweep", "slip", "--scatter", "initial.slip_speed=100:200", "--samples", "2", "--cycles", "20"],
+    ["linearise", "slip", "--slip", "20", "--frequencies", "5:50:3"]])
+def test_a_command_prints_rpm_and_no_speed_in_si(words, capsys):
+    assert main([*words, "--units", "rpm"]) == 0
+    said = re.sub(r"N m s/rad|s/rad|rad/s\^2", "", capsys.readouterr().out)
     assert "rpm" in said
     assert "rad/s" not in said
-    assert main(["simulate", "slip", "--cycles", "20"]) == 0
-    assert "rad/s" in capsys.readouterr().out
+
+
+def test_a_sweep_prints_engine_speeds_of_the_crankshaft(capsys):
+    words = ["sweep", "slip", "--set", "engine.order=2", "--over", "engine.frequency=104.71976,209.43952", "--cycles",
+             "20"]
+    assert main(words) == 0
+    plain = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert main([*words, "--units", "rpm"]) == 0
+    shown = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert (plain[1], shown[1]) == (["rad/s", "rad/s", "periods"], ["rpm", "rpm", "periods"])
+    assert [float(row[0]) for row in shown[2:]] == pytest.approx([500.0, 1000.0])
+    for one, other in zip(plain[2:], shown[2:]):
+        assert float(other[1]) == pytest.approx(float(one[1]) * 30.0 / math.pi, rel=1e-6)
+        assert other[2:] == one[2:]
 
 
 def test_a_four_cylinder_scene_comes_to_three_pictures_by_the_page_alone(tmp_path, monkeypatch):

@@ -88,7 +88,7 @@ def test_a_segment_without_a_whole_cycle_has_no_figures(tmp_path):
     found = replay(bag(tmp_path / "run", rows, SLIP))
     segment = found.as_json()["segments"][1]
     assert (segment["began_by"], segment["max_slip_speed"], segment["regime"]) == ("reset", None, None)
-    assert "no whole engine cycle after the dropped ones" in "\n".join(found.lines())
+    assert "no whole period of excitation after the dropped ones" in "\n".join(found.lines())
 
 
 def controlled(target, start=150.0, rate=4.0, seconds=6.0):

@@ -45,8 +45,9 @@ def test_the_command_gives_a_grid_row_by_row(tmp_path, capsys) -> None:  # type:
     assert main([*words, "--out", str(tmp_path / "grid.jsonl")]) == 0
     assert main(words) == 0
     lines = capsys.readouterr().out.splitlines()
-    body = [line for line in lines if line[:12].strip() in ("200000", "300000")]
-    assert [line.split()[:2] for line in body] == [[p, k] for p in ("200000", "300000")
+    assert lines[-8].split()[:4] == ["mean", "kinetic_coefficient", "max_slip_speed", "period"]
+    assert lines[-7].split() == ["Pa", "rad/s", "periods"]
+    assert [line.split()[:2] for line in lines[-6:]] == [[p, k] for p in ("200000", "300000")
                                                    for k in ("0.24", "0.26", "0.28")]
 
 
@@ -68,7 +69,7 @@ def test_every_extra_asked_for_has_its_columns(capsys) -> None:  # type: ignore[
     plain = capsys.readouterr().out
     assert main([*words, "--damping", "--lyapunov"]) == 0
     full = capsys.readouterr().out
-    for heading in ("Cf (21)", "neg. slope", "exponent", "diagnosis"):
+    for heading in ("equivalent_damping", "negative_slope_mean", "lyapunov_exponent", "lyapunov_diagnosis"):
         assert heading in full
         assert heading not in plain
     assert max(map(len, plain.splitlines())) <= 80
@@ -83,10 +84,10 @@ def test_every_extra_asked_for_has_its_columns(capsys) -> None:  # type: ignore[
 
 def test_a_motion_without_period_reads_none_and_one_that_settles_has_a_star() -> None:
     chaos = load_scene("chaos").system
-    lines = sweep_lines([sweep(chaos, KINETIC, [chaos.friction.kinetic_coefficient], Plan(cycles=100))])
+    lines = sweep_lines(sweep(chaos, KINETIC, [chaos.friction.kinetic_coefficient], Plan(cycles=100)))
     assert lines[2].split()[2] == "none"
     spiral = replace(load_scene("slip").system, {"driveline.damping": 0.1233})
-    lines = sweep_lines([sweep(spiral, "engine.frequency", [1161.858217])])
+    lines = sweep_lines(sweep(spiral, "engine.frequency", [1161.858217]))
     assert lines[2].split()[2] == "1*"
     assert lines[-1] == "* 1 of 1 point has not settled; raise --cycles"
 
@@ -150,12 +151,13 @@ def test_a_grid_goes_on_from_its_file_only_as_the_same_grid(tmp_path) -> None:  
 
 
 def test_a_table_that_is_too_wide_for_the_terminal_goes_on_below() -> None:
-    found = [sweep(SYSTEM, KINETIC, [0.23, 0.24], Plan(cycles=30, damping=True, lyapunov=True))]
-    whole = sweep_lines(found, "engine.frequency", [150.0])
-    parts = sweep_lines(found, "engine.frequency", [150.0], width=80)
-    assert max(map(len, whole)) > 80 >= max(map(len, parts[1:]))
-    headings = [line.split("  ") for line in parts if "kinetic_coef  " in line]
-    assert len(headings) == 2
-    heading, first = whole[1][26:], whole[2][26:]
-    assert parts[1][26:] + parts[4][26:] == heading
-    assert parts[2][26:] + parts[5][26:] == first
+    found = sweep_grid(SYSTEM, KINETIC, [0.23, 0.24], "engine.frequency", [150.0],
+                       Plan(cycles=30, damping=True, lyapunov=True))
+    whole, parts = sweep_lines(found), sweep_lines(found, width=80)
+    assert max(map(len, whole)) > 80 >= max(map(len, parts))
+    heads = [k for k, line in enumerate(parts) if "kinetic_coefficient" in line]
+    assert heads == [0, 4, 8, 12]
+    keys = len("frequency  kinetic_coefficient")
+    for k in range(4):
+        assert {parts[head + k][:keys] for head in heads} == {whole[k][:keys]}
+        assert " ".join(parts[head + k][keys:] for head in heads).split() == whole[k][keys:].split()

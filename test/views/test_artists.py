@@ -98,7 +98,7 @@ def test_the_maxima_of_cycles_keep_the_scale_of_those_that_count() -> None:
         assert (kept.get_label(), kept.get_xydata().tolist()) == ("kept", [[9.0, 9.0], [10.0, 10.0]])
         assert set(line.get_ydata()) == {10.0}
         assert axis.get_ylim() == (0.0, 16.0)
-        assert axis.get_xlabel() == "engine cycle"
+        assert axis.get_xlabel() == "period of excitation"
     uneven = replace(cycles, starts=np.array([0.0, 1.0, 2.0, 3.0, 5.0]))
     with style.figure() as drawn:
         axis = drawn.subplots()
