@@ -48,11 +48,6 @@ def values_of_range(text: str, option: str = "--over", even: bool = False) -> tu
 
     A range includes both ends; `:log` spaces its values evenly in logarithm. `even` allows KEY=START:STOP:COUNT only.
 
-    Raises
-    ------
-    InputError
-        The text has another form.
-
     Examples
     --------
     >>> values_of_range("engine.frequency=1:100:3:log")
@@ -74,10 +69,7 @@ def values_of_range(text: str, option: str = "--over", even: bool = False) -> tu
 def spaced(text: str, option: str, logarithmic: bool = True, wrong: InputError | None = None) -> list[float]:
     """Return the values of START:STOP:COUNT, both ends included, spaced evenly or evenly in logarithm.
 
-    Raises
-    ------
-    InputError
-        The text has another form (then `wrong`, if given), or the count or the ends are out of range.
+    For a text of another form, the error is `wrong`, if given.
     """
     wrong = wrong or InputError(f"{option} is {text!r}; it must be START:STOP:COUNT, two numbers and a whole number")
     parts = text.split(":")
@@ -101,13 +93,7 @@ def spaced(text: str, option: str, logarithmic: bool = True, wrong: InputError |
 
 
 def bounds_of_range(text: str, option: str, names: str = "START:STOP") -> tuple[str, float, float]:
-    """Return the key and the two numbers of KEY=LOW:HIGH, the smaller one first.
-
-    Raises
-    ------
-    InputError
-        The text has another form, or the numbers are equal.
-    """
+    """Return the key and the two numbers of KEY=LOW:HIGH, the smaller one first."""
     key, equals, numbers = text.partition("=")
     wrong = InputError(f"{option} is {text!r}; it must be KEY={names}")
     parts = numbers.split(":")
@@ -212,13 +198,7 @@ def add_spectrum(figures: argparse._ArgumentGroup) -> None:
 
 
 def plan_of(arguments: argparse.Namespace, **more: Any) -> Plan:
-    """Return the plan of a simulation from --cycles, --duration, --discard and the options of `add_solver`.
-
-    Raises
-    ------
-    InputError
-        A value out of its range.
-    """
+    """Return the plan of a simulation from --cycles, --duration, --discard and the options of `add_solver`."""
     from tcc_sim.sweeps.simulation import Plan
 
     discard = arguments.discard

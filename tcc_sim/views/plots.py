@@ -69,8 +69,8 @@ def plot(result: Any, file: str | Path | None = None, width: str = "page", *, ti
     title : title above the picture
     ax : matplotlib axis for the main curve: slip speed over time, the largest slip speed over a key, a gain, or a map
     force : whether to replace an existing file
-    units : unit of speeds and frequencies of a picture: rad (rad/s), rpm or hz; None for that of the command which wrote the JSON,
-        else rad
+    units : unit of speeds and frequencies of a picture: rad (rad/s), rpm or hz; None for that of the command which
+        wrote the JSON, else rad
 
     Returns
     -------
@@ -115,11 +115,9 @@ def plot(result: Any, file: str | Path | None = None, width: str = "page", *, ti
 
 def _order_of(result: Any) -> float | None:
     """Return the `engine.order` of a result, or None if the result does not hold it."""
-    if isinstance(result, Mapping):
-        found: float | None = result.get("scene", {}).get("engine.order")
-        return found
     run, system = getattr(result, "measured", result), system_behind(result)
-    found = getattr(run, "per_revolution", None if system is None else system.engine.order)
+    found: float | None = result.get("scene", {}).get("engine.order") if isinstance(result, Mapping) else getattr(
+        run, "per_revolution", None if system is None else system.engine.order)
     return found
 
 

@@ -206,7 +206,8 @@ def test_a_scene_sticks_slips_or_runs_away(name: str, changes: dict[str, object]
 
 
 def test_a_run_up_passes_the_critical_frequency() -> None:
-    assert "the engine frequency 60 to 600 rad/s passes it" in "\n".join(estimate_lines(estimates_of(load_scene("runup").system)))
+    lines = estimate_lines(estimates_of(load_scene("runup").system))
+    assert "the engine frequency 60 to 600 rad/s passes it" in "\n".join(lines)
 
 
 @pytest.mark.parametrize("width", ["column", "page"])
