@@ -46,7 +46,6 @@ class Fit:
     """Result of a fit.
 
     values : (P,) of the parameters
-    covariance : (P, P), for the given noise
     starts : (m, 3) of the windows
     residuals : by channel (n,), in its unit
     chi2 : sum of squared residuals over the noise, per degree of freedom
@@ -56,7 +55,6 @@ class Fit:
     """
 
     values: Floats
-    covariance: Floats
     starts: Floats
     residuals: dict[str, Floats]
     chi2: float
@@ -148,7 +146,7 @@ class MultipleShooting:
             normal = self._normal(rows, self._scaled(found, values), stage.weight, limit)
             while damping < 1e8:
                 try:
-                    by_start, by_key, _ = normal.solved(damping)
+                    by_start, by_key = normal.solved(damping)
                     tried, moved = self._moved(values, by_key), starts + by_start * self.scales
                     self.work += n * self.count * self.width * (3.0 + len(values))
                     there = sensitivities(self.model, moved, self.width, tried, n)
@@ -250,15 +248,11 @@ class MultipleShooting:
                       slopes[:, 3:].sum(axis=0))
 
     def result(self, values: Floats, starts: Floats, weight: float) -> Fit:
-        """Return the fit with its covariance."""
-        found = sensitivities(self.model, starts, self.width, values, self.model.substeps(values))
-        rows = self._rows(found.states, starts, weight)
-        scale = np.where(self.logarithmic, values, 1.0)
-        covariance = self._normal(rows, self._scaled(found, values), weight, math.inf).covariance()
-        fitted = self._fitted(found.states).reshape(-1, len(self.channels))
+        """Return the fit."""
+        states = states_of(self.model, starts, self.width, values, self.model.substeps(values))
+        rows, fitted = self._rows(states, starts, weight), self._fitted(states).reshape(-1, len(self.channels))
         freedom = max(fitted.size - len(values) - 3, 1)
-        return Fit(values, covariance * np.outer(scale, scale), starts,
-                   {name: fitted[:, i] * self.noise[i] for i, name in enumerate(self.channels)},
+        return Fit(values, starts, {name: fitted[:, i] * self.noise[i] for i, name in enumerate(self.channels)},
                    float(np.sum(fitted**2)) / freedom, float(np.abs(rows[:, -4:-1]).max()), freedom)
 
     def explained(self, values: Floats, starts: Floats, weight: float) -> Explained:

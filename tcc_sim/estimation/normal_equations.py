@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import solveh_banded
 
-from tcc_sim.errors import NumericalFailure
 from tcc_sim.trajectory import Floats
 
 
@@ -28,13 +27,12 @@ class Normal(NamedTuple):
     slope: Floats
     slope_by_key: Floats
 
-    def solved(self, damping: float) -> tuple[Floats, Floats, Floats]:
-        """Return damped steps of starts and parameters, and the latter's covariance; raise LinAlgError if singular."""
+    def solved(self, damping: float) -> tuple[Floats, Floats]:
+        """Return steps of the starts and of the parameters with Levenberg's damping; raise LinAlgError if singular."""
         found = self.by_starts(damping)
         squares, slope = self.by_keys(found, damping)
-        covariance = np.linalg.inv(squares)
-        by_key = -covariance @ slope
-        return -found[..., -1] - found[..., :-1] @ by_key, by_key, 0.5 * (covariance + covariance.T)
+        by_key = -np.linalg.inv(squares) @ slope
+        return -found[..., -1] - found[..., :-1] @ by_key, by_key
 
     def by_starts(self, damping: float) -> Floats:
         """Solve the starts' equations for the columns of the parameters and for the slope, (m, 3, P + 1)."""
@@ -56,14 +54,3 @@ class Normal(NamedTuple):
         both = self.border.reshape(-1, size).T @ solved.reshape(-1, size + 1)
         corner = self.corner + damping * np.diag(np.diag(self.corner))
         return corner - both[:, :size], self.slope_by_key - both[:, size]
-
-    def covariance(self) -> Floats:
-        """Return the parameters' covariance, (P, P), slightly damped if rounding makes it singular; raise
-        NumericalFailure.
-        """
-        for damping in (0.0, 1e-13, 1e-11, 1e-9):
-            try:
-                return self.solved(damping)[2]
-            except np.linalg.LinAlgError:
-                continue
-        raise NumericalFailure("the parameters' covariance cannot be worked out")

@@ -77,6 +77,9 @@ def test_a_run_is_judged_with_what_lies_between_its_samples():
     assert found.stick_fraction == 0.0
     assert (found.pressure_low, found.pressure_high) == (run.applied_pressure[1:].min(), run.applied_pressure.max())
     assert found.time_at_limit == 1.0
+    steps = np.count_nonzero(np.diff(run.applied_pressure[1:]))
+    assert found.pressure_rate == pytest.approx(5e7 * math.sqrt(steps * 1e-3 / 0.4))
+    assert steps > 0
     assert run.tracking_of(390.0).time_at_limit == 0.0
     assert math.isnan(tracking(20.0, np.zeros(9), CYCLE, 0).pressure_low)
 

@@ -86,6 +86,7 @@ def test_judder_of_a_run_up_ends_where_breakaways_do():
 def test_what_is_too_short_or_too_coarse_is_refused():
     with pytest.raises(InputError, match="orders need 16 periods of the excitation, and there are 4"):
         orders_of(solve(load_scene("slip"), cycles=4, samples_per_cycle=64))
+    assert orders_of(solve(load_scene("slip"), cycles=20, samples_per_cycle=10)).cuts == [1.0, 2.0]
     with pytest.raises(InputError, match="orders need 8 samples in a period of the excitation, and there are 4"):
         orders_of(solve(load_scene("slip"), cycles=40, samples_per_cycle=4))
 

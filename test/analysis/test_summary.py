@@ -44,6 +44,7 @@ def test_the_maxima_and_the_section_of_a_sine_are_exact():
     assert found.min_slip_speed == pytest.approx(-15.0, abs=1e-6)
     assert found.period == 1
     assert found.settled
+    assert "30 cycles, period 1, settled, " in repr(found)
     assert found.section == [(0.0, pytest.approx(5.0 + 20.0 * math.sin(0.3), abs=1e-9))]
     assert (found.cycles, found.discarded, found.solver) == (30, 10, "by_hand")
 
@@ -134,6 +135,7 @@ def test_slip_that_grows_is_a_runaway_whatever_its_sign() -> None:
     for sign in (1.0, -1.0):
         found = summarise_cycles(speeds(sign * (20.0 + 0.3 * n), sign * 5.0), CYCLE)
         assert (found.runaway, found.period, found.settled) == (True, 0, False)
+        assert ", runaway, slip;" in repr(found)
     assert slip_grows(speeds(150.0 + 2e-3 * n))
     assert slip_grows(speeds(20.0 + 0.3 * n)[:3])
 
