@@ -74,6 +74,12 @@ def test_windows_begin_again_in_robust_stages_only(monkeypatch: pytest.MonkeyPat
         assert len(seen) == calls
 
 
+def test_starts_in_stick_are_held_in_early_stages_only() -> None:
+    of = problem((STATIC,))
+    assert len(of.stuck) > 0
+    assert [len(of._held(stage.weight)) > 0 for stage in FitSettings().stages] == [True] * 3 + [False] * 3
+
+
 def test_a_start_that_is_far_off_begins_where_the_window_before_ends() -> None:
     of, truth = problem((STATIC,)), moved(0.2)[1][::10]
     values, n = np.array([0.3]), problem((STATIC,)).model.substeps(np.array([0.3]))

@@ -9,6 +9,7 @@ from driveline_bags import START, TICK, bag, ticked
 
 from tcc_sim.messages import cdr
 from tcc_sim.recording.bag import BagWriter
+from tcc_sim.replay.control import _inferred_fallbacks
 from tcc_sim.replay.replay import replay
 from tcc_sim.scene import load_scene
 from tcc_sim.topics import FLOAT64, FLUID_PRESSURE, HEADER, topic
@@ -158,9 +159,11 @@ def test_commands_of_a_machine_whose_clock_alone_is_set_back_are_not_kept_for_ev
     np.testing.assert_allclose(command.t[shown], 1e-3 * (sent_at + 1), atol=1e-9)
 
 
-@pytest.mark.parametrize("says", [True, False])
-def test_an_input_falls_back_where_the_driveline_says_so(says, tmp_path):
-    """Commands that the recorder lost for longer than command_timeout are no fallback."""
+@pytest.mark.parametrize(("says", "until", "after", "fallen"), [
+    (True, 100, 800, [0.6]), (False, 100, 800, [0.3]), (False, 795, 1000, [])])
+def test_an_input_falls_back_where_the_driveline_says_so(says, until, after, fallen, tmp_path):
+    """Commands that the recorder lost for longer than command_timeout are no fallback, nor is one just before a reset.
+    """
     scene = load_scene("commands").with_values({"engine.source": "harmonic", "command_timeout": LIMIT})
     sources = []
     rows = ticked(scene, 1500, pressure=lambda k: 2e5 if 50 <= k < 600 or k >= 800 else None, resets=(1000,),
@@ -176,17 +179,24 @@ def test_an_input_falls_back_where_the_driveline_says_so(says, tmp_path):
         for since, text in (rest for row, *rest in sources if says and row == k):
             writer.write(said, log - 1, log - 1, cdr.header(since, text))
         writer.write(states, log, log, cdr.joint_state(stamp, *columns), k)
-        if 50 <= k < 100 or k >= 800:  # Those from 100 to 600 are lost.
+        if 50 <= k < until or k >= after:  # Those from 100 to 600 are lost.
             writer.write(commands, log + TICK // 2, log + TICK // 2, cdr.fluid_pressure(0, 2e5), k)
         if k % 100 == 99:
             writer.file.flush()
     writer.close({"lost": {}})
     control = replay(tmp_path / "run", frequency=150.0).control
-    at = 0.6 if says else 0.3
     assert [(round(event.t, 2), event.text.partition(":")[0]) for event in control.events] == [
-        (at, "pressure falls back"), (1.0, "reset or restart")]
+        *((at, "pressure falls back") for at in fallen), (1.0, "reset or restart")]
     later = replay(tmp_path / "run", frequency=150.0, discard=0)
     assert [segment.tracking.target for segment in later.segments] == [20.0, 20.0]
+
+
+def test_only_inputs_that_come_from_topics_fall_back():
+    scene = load_scene("commands").with_values({"engine.source": "harmonic", "command_timeout": LIMIT})
+    stamps = np.array([0, 100, 700]) * TICK
+    signals = dict.fromkeys(("engine_torque", "actuation_pressure"), (stamps, np.zeros(3)))
+    events = [(event.t, event.text.split()[0]) for event in _inferred_fallbacks(scene, signals, 0.75)]
+    assert events == [(pytest.approx(0.3), "pressure")]
 
 
 def test_a_target_outlives_a_reset(tmp_path):
