@@ -74,8 +74,9 @@ class Point:
                 raise TypeError("not a number")
         damping = lyapunov = None
         if "equivalent_damping" in record:
-            averages = (math.nan if record[name] is None else float(record[name]) for name in names_in(Damping))
-            damping = Damping(*averages, -system.driveline.damping)
+            weighted, negative = (math.nan if record[name] is None else float(record[name])
+                                  for name in names_in(Damping))
+            damping = Damping(weighted, negative, -system.driveline.damping)
         if "lyapunov" in record:
             values: dict[str, Any] = {k: math.nan if v is None else v for k, v in record["lyapunov"].items()}
             lyapunov = Lyapunov(**values)

@@ -26,11 +26,11 @@ def trajectory_of(slip_speed, slip_acceleration, count, samples=400, start=0):
                       zero, np.zeros(len(t), np.int8), CYCLE, "by_hand", SYSTEM)
 
 
-def part_of(whole, samples):
-    """The first samples of a trajectory."""
+def part_of(whole, samples, first=0):
+    """Samples of a trajectory."""
     names = ("t", "slip_speed", "plate_angle", "plate_speed", "engine_torque", "saturation_torque", "friction_torque",
              "state")
-    return with_field(whole, **{name: getattr(whole, name)[:samples] for name in names})
+    return with_field(whole, **{name: getattr(whole, name)[first:samples] for name in names})
 
 
 def sine(offset, amplitude, phase, ratio=1.0):
@@ -106,6 +106,17 @@ def test_a_trajectory_shorter_than_a_cycle_is_refused():
         summarise_cycles(Cycles(np.zeros((1, 3)), np.empty(0), np.empty(0), np.empty(0)), CYCLE)
     with pytest.raises(InputError, match="no whole engine cycle"):
         summarise(part_of(trajectory_of(*sine(5.0, 20.0, 0.3), 1), 200), 1)
+
+
+def test_parts_of_cycles_count_at_the_end_and_where_nothing_is_dropped_at_the_start():
+    """Slip of 20 rad/s and a rise at either end, in the parts of cycles there."""
+    whole = trajectory_of(lambda t: 20.0 + 0.0 * t, lambda t: 0.0 * t, 10)
+    speed = np.where(np.arange(len(whole.t)) < 300, 30.0, np.where(whole.t > 9.5 * CYCLE, 25.0, 20.0))
+    cut = part_of(with_field(whole, slip_speed=speed), 3901, 200)
+    for discard, begin, largest in ((0, 0.5, 30.0), (2, 3.0, 25.0)):
+        found = summarise(cut, discard)
+        assert found.covers == pytest.approx((begin * CYCLE, 9.75 * CYCLE))
+        assert (found.max_slip_speed, found.cycles) == (pytest.approx(largest), 8)
 
 
 def test_the_paper_drops_fifty_cycles():
