@@ -37,7 +37,8 @@ class Operation(Options):
     rate: float = quantity(1000.0, "tick rate of the physics and of the topics", "Hz", 1.0, 20000.0)
     real_time_factor: float = quantity(1.0, "simulated seconds per second of real time; 0 is as fast as possible", "",
                                        0.0, 1000.0, live=True)
-    pacing: str = quantity("real_time", "what a tick waits for: its deadline, or the command of the tick before",
+    pacing: str = quantity("real_time", "condition for the next tick: its deadline, or the command that answers the "
+                                        "last tick",
                            choices=("real_time", "lockstep"))
     command_timeout: float = quantity(0.5,
                                       "without a command for this long in simulated time the input falls back (see "
@@ -51,11 +52,11 @@ class Operation(Options):
     publish_shaft_torque: bool = quantity(False, "publish shaft_torque, for a vehicle that answers with output_speed")
     publish_diagnostics: bool = quantity(True, "publish /diagnostics at 1 Hz")
     publish_clock: bool = quantity(False, "publish /clock, unless another node does; in lock-step it is published "
-                                  "anyway where a node with use_sim_time listens")
+                                  "anyway if a node with use_sim_time listens")
     thread_priority: int = quantity(0, "SCHED_FIFO priority of the real-time thread, one less for the others; 0: none",
                                     "", 0, 99)
     cpu_affinity: tuple[int, ...] = quantity((), "cores that the real-time thread may run on; empty: all", "", 0, 1023)
-    lock_memory: bool = quantity(False, "lock the process's memory, so that the real-time thread meets no page fault")
+    lock_memory: bool = quantity(False, "lock the memory of the process, so that no page fault delays it")
 
     def __post_init__(self) -> None:
         super().__post_init__()

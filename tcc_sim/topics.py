@@ -73,16 +73,16 @@ _SHAFT = (("publish_shaft_torque", True),)
 
 TOPICS: tuple[Topic, ...] = (
     Topic("scene", STRING, "", "out", (),
-          "the scene with every override, as a parameter file; said again after a change", latched=True),
+          "the scene with every override, as a parameter file; published again after a change", latched=True),
     Topic("engine_torque", FLOAT64, "N m", "in", _TORQUE, "engine torque command, held until the next one",
           "torque/engine_command", key="engine.mean_torque"),
     Topic("actuation_pressure", FLUID_PRESSURE, "Pa", "in", _PRESSURE,
           "actuation pressure command, held until the next one", "pressure/command", key="pressure.mean"),
     Topic("output_speed", FLOAT64, "rad/s", "in", (),
-          "speed of the shaft's far end, held until the next one, from whoever has a vehicle; without one the far end "
-          "stands still", "far_end/command", key="initial.plate_speed"),
+          "speed of the shaft's far end, for instance of a vehicle, held until the next message; without a publisher "
+          "the far end stands still", "far_end/command", key="initial.plate_speed"),
     Topic("input_source", HEADER, "", "out", (*_TORQUE, *_PRESSURE),
-          "which inputs a command holds and which the fallback, from the state with this stamp on; said at every "
+          "source of each input, command or fallback, from the state with this stamp on; published at every "
           "change", "events", latched=True),
     Topic("joint_states", JOINT_STATE, "", "out", (),
           "angles (rad), speeds (rad/s) of flywheel and clutch plate; effort: engine torque applied to the flywheel "
@@ -102,15 +102,15 @@ TOPICS: tuple[Topic, ...] = (
           "torque of spring and damper in the shaft, which acts on a vehicle at its far end", "torque/shaft",
           fields=("shaft_torque",)),
     Topic("output_state", JOINT_STATE, "", "beside", (),
-          "the shaft's far end as joint output, once somebody has published output_speed: angle theta3 (rad), speed "
+          "the shaft's far end as joint output, after the first message of output_speed: angle theta3 (rad), speed "
           "held through this tick (rad/s), shaft torque (N m); stamp: simulation time",
           fields=("output_angle", "output_speed", "shaft_torque")),
     Topic("target_slip_speed", FLOAT64, "rad/s", "beside", (),
-          "what the slip controller is asked to hold in the mean over an engine cycle; from the slip_controller node",
-          "slip/target", latched=True),
+          "slip speed that the slip controller holds in the mean over a period of excitation; from the slip_controller "
+          "node", "slip/target", latched=True),
     Topic("unsent_messages", DIAGNOSTIC_STATUS, "", "beside", (),
-          "by topic, messages that the middleware did not take from the driveline since it started; said when there "
-          "are more", latched=True),
+          "number of messages, by topic, that the middleware has refused from the driveline since its start; published "
+          "when it grows", latched=True),
     Topic("/diagnostics", DIAGNOSTIC_ARRAY, "", "out", (("publish_diagnostics", True),),
           "rate reached, missed ticks, lateness, iterations, refused and timed-out commands; once a second"),
     Topic(CLOCK_TOPIC, CLOCK, "", "out", (("publish_clock", True),),

@@ -246,7 +246,7 @@ class Trajectory(Result):
 
     def _text(self) -> str:
         long = f"{float(self.t[-1] - self.t[0]):.6g} s" if len(self.t) else "no time"
-        cycles = f", {counted(len(self.cycles), 'engine cycle')}" if self.cycles is not None else ""
+        cycles = f", {counted(len(self.cycles), 'period')} of excitation" if self.cycles is not None else ""
         samples = counted(len(self.t), "sample")
         return f"{type(self).__name__} by {self.solver}: {samples} over {long}{cycles}; {self.status.value}"
 

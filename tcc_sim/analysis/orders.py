@@ -31,7 +31,8 @@ LEAST = 1e-12
 class Judder:
     """Oscillation of the slip speed in each of W windows."""
 
-    rms: Floats = field(metadata=reported("rms of the slip speed about its mean over each engine cycle, (W,)", "rad/s"))
+    rms: Floats = field(metadata=reported(
+        "rms of the slip speed about its mean over each period of excitation, (W,)", "rad/s"))
     peak: Floats = field(metadata=reported("largest deviation from that mean, (W,)", "rad/s"))
     breakaways: Floats = field(metadata=reported("changes from stick to slip in a second, (W,)", "1/s"))
 

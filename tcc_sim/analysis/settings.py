@@ -12,7 +12,7 @@ class Settings:
     """How cycles are found in time, judged, and compared with each other."""
 
     # The period of a motion on its section (`periodicity.py`).
-    maximum_period: int = quantity(16, "longest period looked for", "engine cycles")
+    maximum_period: int = quantity(16, "longest period looked for", "periods of excitation")
     tolerance: float = quantity(1e-4, "repetition, relative to the size of the motion, that counts as settled")
     fine: float = quantity(1e-8, "repetition of each coordinate, relative to its largest value, over cycles after "
                            "which fewer need not be seen")
@@ -33,12 +33,12 @@ class Settings:
     ended: float = quantity(0.01, "a fall of a difference has ended if it varies by less than this part of its last "
                             "third's fall while the period repeats")
     after_a_gap: int = quantity(16, "least length without a gap before a period is stated after one: that of the "
-                                "longest", "engine cycles")
+                                "longest", "periods of excitation")
     growth: float = quantity(2.0, "growth of a difference from a third of the run to the next, twice, that shows a "
                              "departing motion")
 
     # The figures of a steady state (`summary.py`).
-    discard: int = quantity(50, "length dropped as transient: the paper's rule", "engine cycles")
+    discard: int = quantity(50, "length dropped as transient: the paper's rule", "periods of excitation")
     rounding: float = quantity(1e-12, "largest share of time in stick that counts as 0, and in slip as 1")
     drift: float = quantity(4.0, "change of the largest slip speeds over a run without a period that marks a "
                             "transient, in standard errors")
@@ -54,11 +54,11 @@ class Settings:
                                           "and fixed steps are coarse")
     drifting: float = quantity(5e-3, "a cycle that differs by this part of the length of the last ones belongs to no "
                                "period")
-    at_the_end: int = quantity(16, "how many these last ones are", "engine cycles")
+    at_the_end: int = quantity(16, "how many these last ones are", "periods of excitation")
 
     # When engine cycles start (`engine_clock.py`).
-    slack: float = quantity(1e-9, "part of an engine cycle by which a sample may miss the instant at which the cycle "
-                            "starts")
+    slack: float = quantity(1e-9, "part of a period of excitation by which a sample may miss the instant at which "
+                            "the cycle starts")
     memory: int = quantity(6, "blocks from which the next phase is expected, by a parabola")
     full_size: float = quantity(0.7, "part of the amplitude of the next block that the first of a stretch must have, "
                                 "and the last of the one before it")
@@ -90,9 +90,9 @@ class Settings:
     least_known: float = quantity(0.25, "part of a run in which the phase must be known")
 
     # Orders along a run (`orders.py`).
-    window: int = quantity(16, "length of a window", "engine cycles")
-    hop: int = quantity(4, "from one window to the next", "engine cycles")
-    per_cycle: int = quantity(64, "points in an engine cycle after resampling")
+    window: int = quantity(16, "length of a window", "periods of excitation")
+    hop: int = quantity(4, "from one window to the next", "periods of excitation")
+    per_cycle: int = quantity(64, "points in a period of excitation after resampling")
     highest_order: int = quantity(10, "highest order that is given")
     least_samples: int = quantity(8, "samples that a cycle must have on average; orders up to a quarter of them, and "
                                   "`highest_order` at most, are given")
@@ -108,7 +108,7 @@ class Settings:
                                   "excitation is listed")
 
     # Equivalent damping (`damping.py`).
-    averaged: int = quantity(16, "length that the averages are taken over", "engine cycles")
+    averaged: int = quantity(16, "length that the averages are taken over", "periods of excitation")
     rtol: float = quantity(1e-9, "relative tolerance of the motion and its integrals with the smoothed law")
     growth_between: float = quantity(0.07, "growth of slip on the falling law between two samples, in natural "
                                      "logarithm; the error is about its fourth power")
@@ -120,7 +120,7 @@ class Settings:
     most_steps: int = quantity(200_000, "most values of a held signal that are kept for a picture; the earliest go "
                                "first")
     settled_cycles: int = quantity(5, "least number of cycles to the end of a run that show that the mean stays",
-                                   "engine cycles")
+                                   "periods of excitation")
     settled: float = quantity(0.02, "part of the step, or of the target where that is larger, within which the cycle "
                               "mean counts as settled")
 

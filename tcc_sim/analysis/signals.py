@@ -177,7 +177,7 @@ def _phase_of(run: Trajectory, system: System) -> Phase:
         return turns_at(system, run.t), system.cycle_start
     starts = run.cycles.starts if run.cycles is not None else None
     if starts is None or len(starts) < 2 or not np.isfinite(starts).all():
-        raise InputError("the torque was commanded, and its engine cycles are not known: there are no orders")
+        raise InputError("the torque was commanded, and its periods of excitation are not known: there are no orders")
     numbers = np.arange(len(starts), dtype=np.float64)
     within = run.t[(run.t >= starts[0]) & (run.t <= starts[-1])]
     return np.interp(within, starts, numbers), lambda turns: np.interp(turns, numbers, starts)

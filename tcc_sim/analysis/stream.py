@@ -68,7 +68,7 @@ class RunCycles:
         if no cycle is left, or for a negative number.
         """
         if not self.pieces:
-            raise InputError("the recording holds no whole engine cycle")
+            raise InputError("the recording holds no whole period of excitation")
         self._join_all()
         first, last = self.pieces[0].first, self.pieces[-1].first + len(self.pieces[-1].cycles)
         dropped = dropped_of(last - first, discard)
@@ -216,7 +216,7 @@ class CycleStream:
         begin, end = float(self._waiting[0][0, 0]), float(rows[0, -1])
         held = sum(part.shape[1] for part in self._waiting)
         if (end - begin) / self.clock.cycle > held:
-            raise InputError(f"{held} stamps lie {end - begin:.3g} s apart and an engine cycle takes "
+            raise InputError(f"{held} stamps lie {end - begin:.3g} s apart and a period of excitation takes "
                              f"{self.clock.cycle:.3g} s: there must be at least one for each cycle")
         stretches = self.clock.stretches(run, self._from - STAMP, end + STAMP)
         whole = [(first, starts) for first, starts in stretches if len(starts) > 1]

@@ -106,7 +106,7 @@ def dropped_of(cycles: int, discard: int | None) -> int:
     if dropped >= cycles:
         whole = f"the {cycles} cycles" if cycles != 1 else "the only cycle"
         raise InputError(f"--discard {dropped} leaves none of {whole}" if cycles else
-                         "there is no whole engine cycle to summarise")
+                         "there is no whole period of excitation to summarise")
     return dropped
 
 
@@ -128,15 +128,15 @@ class Summary(Result):
         "largest |slip speed| over the kept cycles", "rad/s", scatters=True))
     min_slip_speed: float = field(metadata=reported("smallest slip speed, signed", "rad/s", scatters=True))
     period: int = field(metadata=reported(
-        "period of the motion; 0 if none up to 16 is found", "engine cycles", scatters=True))
+        "period of the motion; 0 if none up to 16 is found", "periods of excitation", scatters=True))
     section: list[tuple[float, float]] = field(metadata=reported(
         "plate angle and slip speed at t = 2 pi n/omega over the last whole period, in order and from an n that is a "
         "multiple of the period; over all kept cycles if the period is 0", "rad, rad/s"))
     stick_fraction: float = field(metadata=reported("time in stick over time", scatters=True))
     regime: str = field(metadata=reported(
         "stick, slip or stick-slip; a stick fraction within 0.005 of 0 or 1 counts as slip or stick"))
-    cycles: int = field(metadata=reported("number of engine cycles solved or observed"))
-    discarded: int = field(metadata=reported("number of engine cycles dropped at the start"))
+    cycles: int = field(metadata=reported("number of periods of excitation solved or observed"))
+    discarded: int = field(metadata=reported("number of periods of excitation dropped at the start"))
     settled: bool = field(metadata=reported(
         "whether the section repeats within the tolerance; a period that is not settled is that of the limit to which "
         "the section decays"))
@@ -226,7 +226,7 @@ def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, t
     observed = np.isfinite(cycles.highest) & np.isfinite(cycles.lowest) & np.isfinite(cycles.stick_time)
     count = int(observed.sum())
     if not (count or beside):
-        raise InputError("there is no whole engine cycle to summarise")
+        raise InputError("there is no whole period of excitation to summarise")
     steady = cycles[min(varied, len(cycles)):] if varied else cycles
     runaway = slip_grows(steady)
     found = periodicity(steady, tolerance)

@@ -49,7 +49,7 @@ class AttractorFigures:
     """One attractor as JSON has it."""
 
     number: int = field(metadata=reported("the same at every value of over at which the attractor goes on"))
-    period: int = field(metadata=reported("period of the motion; 0 for none", "engine cycles"))
+    period: int = field(metadata=reported("period of the motion; 0 for none", "periods of excitation"))
     max_slip_speed: float = field(metadata=reported("largest |slip speed|", "rad/s"))
     section: NDArray[np.float64] = field(metadata=reported(
         "plate angle and slip speed at t = 2 pi n/omega", "rad, rad/s"))

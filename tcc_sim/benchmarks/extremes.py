@@ -144,7 +144,7 @@ class Examined:
     """What one engine made of one case, as stability.json has it; None is what a refused or stopped run has not."""
 
     keys: Mapping[str, Any] = field(metadata=reported(
-        "scene keys that differ from `scene`, engine cycles and friction law", "{*}", spread=True))
+        "scene keys that differ from `scene`, periods of excitation and friction law", "{*}", spread=True))
     solver: str = field(metadata=reported("name of the solver"))
     step: float | None = field(metadata=reported("step; null for an engine that chooses its own", "s"))
     status: str = field(default="REFUSED", metadata=reported("how the solver ended"))

@@ -36,8 +36,8 @@ class References:
 class SteadyState:
     """The motion that is reached from the initial state."""
 
-    cycles: int = field(metadata=reported("number of engine cycles from the initial state"))
-    period: int = field(metadata=reported("period of the motion; 0 for none up to 16", "engine cycles"))
+    cycles: int = field(metadata=reported("number of periods of excitation from the initial state"))
+    period: int = field(metadata=reported("period of the motion; 0 for none up to 16", "periods of excitation"))
     max_slip_speed: float | None = field(metadata=reported(
         "largest |slip speed| of SciPy's solution; null where the motion has no period, or SciPy did not end", "rad/s"))
     closure: float | None = field(metadata=reported(
@@ -85,9 +85,9 @@ class Omitted(SolverSetting):
 class LongRun(SolverSetting):
     """Its time where the cost of a call no longer counts."""
 
-    cycles: int = field(metadata=reported("number of engine cycles"))
+    cycles: int = field(metadata=reported("number of periods of excitation"))
     seconds_per_100_cycles: float = field(metadata=reported(
-        "run time of 100 engine cycles where the cost of a call no longer counts", "s"))
+        "run time of 100 periods of excitation where the cost of a call no longer counts", "s"))
 
 
 @dataclass
@@ -97,7 +97,7 @@ class StudiedScene:
     scene: str = field(metadata=reported("name of the scene"))
     description: str = field(metadata=reported("description of the scene"))
     law: str = field(metadata=reported("friction law"))
-    cycles: int = field(metadata=reported("number of engine cycles solved"))
+    cycles: int = field(metadata=reported("number of periods of excitation solved"))
     reference: References = field(metadata=reported("the two references"))
     steady: SteadyState = field(metadata=reported("the motion that is reached from the initial state"))
     results: list[PrecisionResult] = field(default_factory=list, metadata=reported("errors and run times"))
@@ -178,8 +178,9 @@ def _head(found: PrecisionReport) -> list[str]:
         own = [row[engine].seconds for row in best if engine in row]
         if not own:
             continue
-        said += ["", f"With all three errors at most {TARGET:g}, {cycles} engine cycles take {code_name(engine)} "
-                 f"{_range([1e3 * x for x in own])} ms on the {len(scenes)} scenes of its friction law."]
+        said += ["", f"With all three errors at most {TARGET:g}, {cycles} periods of excitation take "
+                 f"{code_name(engine)} {_range([1e3 * x for x in own])} ms on the {len(scenes)} scenes of its "
+                 "friction law."]
         names = dict.fromkeys(r.solver for record in scenes for r in record.results)
         others = [name for name in names if name != engine]
         said += ["", f"Run time relative to {code_name(engine)}:", ""] if others else []
@@ -224,8 +225,8 @@ def _method(found: PrecisionReport) -> list[str]:
         "plate angle and plate speed: of the final state, of all states at t = 2 pi n/omega (section), and of each "
         "cycle's largest slip speed.",
         f"Measured on {found.machine}.",
-        f"The horizon is {cycles} engine cycles from the initial state, transient included: longer ones say nothing "
-        "where the motion is chaotic.",
+        f"The horizon is {cycles} periods of excitation from the initial state, transient included: longer ones say "
+        "nothing where the motion is chaotic.",
         "The steady state is that of a long run from the initial state; its error is that of the largest slip speed "
         "of the last cycles. Solvers that would take too long for it have none, nor have motions without a period.",
         "Times are minima of the CPU time of repeated calls of `solve` (one thread), per-cycle results included; in "

@@ -35,8 +35,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     part.add_argument("--from", metavar="S", type=float, dest="start", help="only from this simulation time on, s")
     part.add_argument("--to", metavar="S", type=float, dest="end", help="only up to this simulation time, s")
     part.add_argument("--discard", metavar="CYCLES", type=int,
-                      help="engine cycles dropped from the figures at the start (default 50, or half of the cycles if "
-                      "there are fewer than 100; 0 for a scene with profiles)")
+                      help="periods of excitation dropped from the figures at the start (default 50, or half of them "
+                      "if there are fewer than 100; 0 for a scene with profiles)")
     figures = parser.add_argument_group("further figures")
     figures.add_argument("--verify", action="store_true",
                          help="solve the run again from the recording alone and compare")

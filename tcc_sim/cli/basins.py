@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     plane.add_argument("--over", metavar="KEY=START:STOP:COUNT",
                        help="scene key; the plane is computed at each of its values")
     plane.add_argument("--cycles", metavar="N", type=int, default=600,
-                       help="most engine cycles solved for a cell (default 600)")
+                       help="most periods of excitation solved for a cell (default 600)")
     parser.add_argument_group("further figures").add_argument(
         "--boundary", action="store_true", help="add the uncertainty exponent of the basin boundary")
     add_workers(parser)

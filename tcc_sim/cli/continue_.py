@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     followed = parser.add_argument_group("branches")
     followed.add_argument("--over", metavar="KEY=START:STOP", required=True, help="scene key to vary, and its range")
     followed.add_argument("--period", metavar="N", type=int,
-                          help="period of the first motion in engine cycles (default: that of the settled motion)")
+                          help="periods of excitation in a period of the first motion (default: as the settled one)")
     followed.add_argument("--seeds", metavar="FILE", type=Path,
                           help="start from the attractors in FILE, which basins --json wrote")
     followed.add_argument("--switch", metavar="DEPTH", type=int, nargs="?", const=1, default=0,

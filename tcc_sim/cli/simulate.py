@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         "linear, or value of the next row (default: as the table says, else previous)")
     length = parser.add_argument_group("length")
     span = length.add_mutually_exclusive_group()
-    span.add_argument("--cycles", metavar="N", type=int, help="engine cycles solved (default 150)")
+    span.add_argument("--cycles", metavar="N", type=int, help="periods of excitation solved (default 150)")
     span.add_argument("--duration", metavar="S", type=float,
                       help="seconds solved instead (default for a scene with profiles: up to their last point)")
     length.add_argument("--discard", metavar="N|auto",
@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     common.add_spectrum(figures)
     output = common.add_outputs(parser, "the summary", "the samples: .npz, .csv or .mcap")
     output.add_argument("--samples", metavar="N", type=int, default=SAMPLES,
-                        help=f"samples per engine cycle in --out (default {SAMPLES})")
+                        help=f"samples per period of excitation in --out (default {SAMPLES})")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -125,7 +125,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _check_samples(arguments: argparse.Namespace, cycles: float) -> None:
     """Raise InputError for a number of samples per cycle out of range, or for too many samples in a file."""
     if not 1 <= arguments.samples <= 1_000_000:
-        raise InputError(f"--samples is {arguments.samples}; it must be 1 to 1000000 per engine cycle")
+        raise InputError(f"--samples is {arguments.samples}; it must be 1 to 1000000 per period of excitation")
     samples = cycles * arguments.samples
     if arguments.out is not None and samples > LARGEST_OUTPUT:
         raise InputError(f"--out would hold {samples:.3g} samples; it must be at most {LARGEST_OUTPUT:g}")

@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                          help="include samples that ran away or have not settled in the quantiles")
     length = parser.add_argument_group("length")
     span = length.add_mutually_exclusive_group()
-    span.add_argument("--cycles", metavar="N", type=int, help="engine cycles solved per value (default 150)")
+    span.add_argument("--cycles", metavar="N", type=int, help="periods of excitation solved per value (default 150)")
     span.add_argument("--duration", metavar="S", type=float,
                       help="seconds solved instead (default for a scene with profiles: up to their last point)")
     length.add_argument("--discard", metavar="N|auto", default=None,

@@ -56,7 +56,7 @@ START = BranchOrigin()
 class Branch(Described):
     """One branch, with its points in order and its two ends."""
 
-    period: int = field(metadata=reported("period of the motions", "engine cycles"))
+    period: int = field(metadata=reported("period of the motions", "periods of excitation"))
     origin: BranchOrigin
     points: list[ContinuationPoint]
     ended: tuple[End, End]

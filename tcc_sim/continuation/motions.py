@@ -69,7 +69,8 @@ class ContinuationPlan:
         if not self.low < self.high:
             raise InputError(f"--over has a range from {self.low:g} to {self.high:g}; the two must differ")
         if self.period is not None and not 1 <= self.period <= DEFAULTS.longest_start:
-            raise InputError(f"--period is {self.period}; it must be 1 to {DEFAULTS.longest_start} engine cycles")
+            raise InputError(f"--period is {self.period}; it must be 1 to {DEFAULTS.longest_start} periods of "
+                             "excitation")
         if not 0 <= self.switch <= DEFAULTS.deepest_switch:
             raise InputError(f"--switch is {self.switch}; it must be 0 to {DEFAULTS.deepest_switch}")
         for seed in self.seeds:
@@ -93,7 +94,7 @@ class OrbitAt(Described):
     """The motion of a branch at a value of `--at`."""
 
     branch: int = field(metadata=reported("number of the branch"))
-    period: int = field(metadata=reported("period of the motion", "engine cycles"))
+    period: int = field(metadata=reported("period of the motion", "periods of excitation"))
     origin: str | dict[str, Any] = field(metadata=reported("where the branch was begun, as in `branches`"))
     orbit: OrbitFigures = field(metadata=reported("the motion", spread=True))
 

@@ -98,7 +98,7 @@ class Bifurcation(Described):
         return self.point.orbit.state
 
     @property
-    @reporting("period of the motion", "engine cycles")
+    @reporting("period of the motion", "periods of excitation")
     def period(self) -> int:
         """Cycles of the motion."""
         return self.point.orbit.period

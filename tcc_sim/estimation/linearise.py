@@ -68,7 +68,7 @@ class OperatingPoint:
     mean_slip: float = field(metadata=reported("mean slip speed", "rad/s"))
     pressure: float = field(metadata=reported("mean pressure", "Pa"))
     engine_torque: float = field(metadata=reported("mean engine torque", "N m"))
-    period: int = field(metadata=reported("period of the motion; 1 for a constant one", "engine cycles"))
+    period: int = field(metadata=reported("period of the motion; 1 for a constant one", "periods of excitation"))
 
 
 @dataclass(frozen=True, repr=False)

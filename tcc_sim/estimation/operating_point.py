@@ -188,7 +188,8 @@ def _settled(system: System) -> tuple[int, Floats]:
             raise InputError(f"slip runs away: the mean torque of {system.engine.mean_torque:g} N m exceeds what the "
                              f"clutch carries while it slips, {system.saturation_mean:g} N m; give --slip or another "
                              "pressure")
-        raise InputError(f"the scene settles in no motion of a period up to {ANALYSIS.maximum_period} engine cycles "
+        raise InputError(f"the scene settles in no motion of a period up to {ANALYSIS.maximum_period} periods of "
+                         "excitation "
                          f"within {DEFAULTS.cycles}; there is nothing to linearise about")
     return period, cycles.section[-1]
 

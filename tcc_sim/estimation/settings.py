@@ -15,7 +15,7 @@ from tcc_sim.model.quantity import quantity
 class Settings:
     """Settings of the check of measurements, the search for motions, and their responses."""
 
-    parts: int = quantity(512, "fewest parts of an engine cycle; even, for Simpson's rule")
+    parts: int = quantity(512, "fewest parts of a period of excitation; even, for Simpson's rule")
     most_parts: int = quantity(65536, "most parts of a motion, over each of which an input is held")
     turn: float = quantity(0.4, "most of a period of the input in one part", "rad")
     still_slip: float = quantity(1e-9, "slip speed of a section of the set-valued law that counts as stick", "rad/s")
@@ -24,14 +24,14 @@ class Settings:
     rtol: float = quantity(1e-10, "relative tolerance of the engine")
     closed: float = quantity(1e-8, "largest residual of a periodic motion", "natural sizes")
     iterations: int = quantity(40, "most iterations of Newton's method")
-    cycles: int = quantity(400, "longest run from the initial state", "engine cycles")
+    cycles: int = quantity(400, "longest run from the initial state", "periods of excitation")
     lowest: float = quantity(2.0, "lowest default frequency", "rad/s")
     count: int = quantity(240, "default number of frequencies, to three times the slipping mode, evenly in logarithm")
     most_frequencies: int = quantity(100_000, "largest number of frequencies")
     amplitude: float = quantity(2e-3, "amplitude of the simulated sine, relative to the mean of the input")
     rate: float = quantity(4000.0, "least tick rate of its simulation", "Hz")
     ticks_per_cycle: int = quantity(64, "least ticks in a cycle of the sine and of the engine")
-    settling: int = quantity(12, "time before the fit of a sine", "engine cycles")
+    settling: int = quantity(12, "time before the fit of a sine", "periods of excitation")
     periods: int = quantity(4, "shortest fit of a sine", "periods of it")
     longest: int = quantity(2_000_000, "longest simulation of a sine", "ticks")
     bands: int = quantity(12, "multiples of the motion's frequency whose side bands are fitted")
@@ -46,7 +46,7 @@ class Settings:
     memory: int = quantity(200, "longest correlation of the noise", "samples")
     lags: int = quantity(20, "correlations of the residuals of the autoregression in one test", "samples")
     lines: int = quantity(12, "multiples of the engine's frequency that are tested in them")
-    shown: float = quantity(4.0, "shortest measurement for this test", "engine cycles")
+    shown: float = quantity(4.0, "shortest measurement for this test", "periods of excitation")
     explained: float = quantity(0.02, "mean square of short windows' residuals, over that of the signals, up to which "
                                 "a scene explains the motion")
     unseen: float = quantity(4.0, "standard errors up to which residuals do not show an error of a fixed key")

@@ -50,7 +50,7 @@ class SlipLoop(Described):
 
     proportional: float = field(metadata=reported("proportional gain of the slip controller", "N m s/rad"))
     integral: float = field(metadata=reported("integral gain of the slip controller", "N m/rad"))
-    step: float = field(metadata=reported("time between two commands: a whole part of the engine cycle", "s"))
+    step: float = field(metadata=reported("time between two commands: a whole part of the period of excitation", "s"))
     stable: bool = field(metadata=reported("whether every multiplier is inside the unit circle"))
     multipliers: Complex = field(metadata=reported(
         "of the closed loop over the motion's period, [re, im], largest modulus first; those below 1e-6 are left out"))
@@ -88,7 +88,8 @@ def slip_loop(motion: Constant | Periodic, gains: Gains, rate: float,
     system = motion.system
     ticks = round(system.cycle * rate)
     if not 4 <= ticks <= 2000:
-        raise InputError(f"an engine cycle holds {system.cycle * rate:.4g} ticks at {rate:g} Hz; a controller needs 4 "
+        raise InputError(f"a period of excitation holds {system.cycle * rate:.4g} ticks at {rate:g} Hz; a controller "
+                         "needs 4 "
                          "to 2000")
     if isinstance(motion, Constant) and math.isinf(motion.slope):
         raise InputError("the scene sticks, and no controller changes its slip speed; give --slip")

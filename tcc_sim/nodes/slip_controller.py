@@ -57,7 +57,7 @@ class SlipControllerNode(Node):
         """Log the controlled topic and the nominal plant."""
         tuning = self.controller.tuning
         log(self, f"holds a mean slip speed of {self.controller.target:g} rad/s by {self._command.topic_name}, from "
-                  f"{self._states.topic_name}: bandwidth {tuning.bandwidth:g} rad/s, engine cycle "
+                  f"{self._states.topic_name}: bandwidth {tuning.bandwidth:g} rad/s, period of excitation "
                   f"{tuning.cycle_steps:.4g} states of {tuning.step:g} s, at most {tuning.pressure_limit:g} Pa")
 
     def _publish_target(self) -> None:

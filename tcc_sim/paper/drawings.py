@@ -61,7 +61,7 @@ def caption_of(data: Figure, width: float = style.PAGE) -> str:
     if data.kind in SWEPT:
         found = data.numbers
         most = max(len(points or ()) for curve in found.curves for points in curve.theta2)
-        parts += [f"{found.cycles} engine cycles, the first {found.discarded} dropped",
+        parts += [f"{found.cycles} periods of excitation, the first {found.discarded} dropped",
                   rf"$\delta_2$ at $t = 2\pi n/\omega$ over the last {most}"]
         if any(mark is panels.SETTLING for mark in panels.marks_met(found.curves)):
             parts.append("grey: still settling to a period")

@@ -218,8 +218,9 @@ ERRATA: tuple[Erratum, ...] = (
             amplitude),
     Erratum("(10)", "Tfi(t) <= mu_s N(t) R", "|Tfi(t)| <= mu_s N(t) R", "slip begins in either direction",
             "model.pure_stick"),
-    Erratum("(11b)", "a period of 2 pi/omega", "N engine cycles for omega_f = (M/N) omega in lowest terms",
-            "mu_s N(t) R repeats with omega_f, so one engine cycle does not show its least margin", "model.pure_stick"),
+    Erratum("(11b)", "a period of 2 pi/omega", "N periods of excitation for omega_f = (M/N) omega in lowest terms",
+            "mu_s N(t) R repeats with omega_f, so one period of excitation does not show its least "
+            "margin", "model.pure_stick"),
     Erratum("After (14)", "a1 > 0: the motion will be of pure slip",
             "so for mu_k = mu_s; for mu_k < mu_s a motion may stick for a part of every cycle beside it",
             "a1 is the trend of a motion that never sticks. In stick friction carries up to mu_s N R, more than Tsm "

@@ -24,7 +24,7 @@ class Reached:
     """A motion that a neighbour's last state leads to."""
 
     max_slip_speed: float = field(metadata=reported("largest |slip speed|", "rad/s"))
-    period: int = field(metadata=reported("period of the motion", "engine cycles"))
+    period: int = field(metadata=reported("period of the motion", "periods of excitation"))
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Coexisting:
     index: int = field(metadata=reported("number of the value along the curve"))
     value: float = field(metadata=reported("value of the key", "{over}"))
     max_slip_speed: float = field(metadata=reported("largest |slip speed| of the cold start's motion", "rad/s"))
-    period: int = field(metadata=reported("period of the cold start's motion", "engine cycles"))
+    period: int = field(metadata=reported("period of the cold start's motion", "periods of excitation"))
     other: Reached = field(metadata=reported("the other motion"))
     spike: bool = field(metadata=reported("whether the cold start stands out from both of its neighbours"))
 
@@ -101,7 +101,7 @@ class Labelled:
         "rms difference from the first curve over its largest |slip speed|; null where the solver stopped early"))
     final: Any = field(default=None, metadata=asked(
         "slip speed, plate angle and plate speed at the end", "rad/s, rad, rad/s"))
-    t: Any = field(default=None, metadata=asked("time from the first sample on", "engine cycles"))
+    t: Any = field(default=None, metadata=asked("time from the first sample on", "periods of excitation"))
     slip_speed: Any = field(default=None, metadata=asked("slip speed", "rad/s"))
     plate_angle: Any = field(default=None, metadata=asked("angle of the clutch plate", "rad"))
     friction_torque: Any = field(default=None, metadata=asked("friction torque", "N m"))
@@ -124,16 +124,16 @@ class Numbers:
     axis: Any = field(default=None, metadata=asked("name of the axis"))
     x: Any = field(default=None, metadata=asked("values on the axis"))
     unit: Any = field(default=None, metadata=asked("value of the key at 1 on the axis"))
-    cycles: Any = field(default=None, metadata=asked("number of engine cycles solved at every value"))
+    cycles: Any = field(default=None, metadata=asked("number of periods of excitation solved at every value"))
     discarded: Any = field(default=None, metadata=asked("number of them dropped"))
     threshold: Any = field(default=None, metadata=asked("-C23 of (23)", "N m s/rad"))
     slip_speed: Any = field(default=None, metadata=asked("slip speeds of the curves of Fig. 3", "rad/s"))
     near_slip_speed: Any = field(default=None, metadata=asked("slip speeds near 0, Fig. 3", "rad/s"))
-    cycle: Any = field(default=None, metadata=asked("engine cycle", "s"))
+    cycle: Any = field(default=None, metadata=asked("period of excitation", "s"))
     curves: Any = field(default=None, metadata=asked("one for each series", of=(Labelled,)))
     panels: Any = field(default=None, metadata=asked("time histories", of=(Labelled,)))
     steady: Any = field(default=None, metadata=asked("steady state of each law from (13)", of=(Labelled,)))
-    steady_cycles: Any = field(default=None, metadata=asked("number of engine cycles before a steady state"))
+    steady_cycles: Any = field(default=None, metadata=asked("number of periods of excitation before a steady state"))
 
 
 @dataclass(frozen=True)

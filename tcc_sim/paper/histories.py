@@ -10,7 +10,7 @@ from tcc_sim.paper.figure_results import Labelled, Numbers
 from tcc_sim.shown_units import speed
 from tcc_sim.views import style
 
-CYCLES = "time (engine cycles)"
+CYCLES = "time (periods of excitation)"
 SLIP = r"$\dot\delta_1$ (rad/s)"
 
 

@@ -69,7 +69,7 @@ class Motion:
     from_start: Sequence[float] = field(metadata=reported("places at which the initial state (13) leads to it"))
 
     @property
-    @reporting("period of the motion", "engine cycles")
+    @reporting("period of the motion", "periods of excitation")
     def period(self) -> int:
         """Period, engine cycles."""
         return self.stretch.period

@@ -34,13 +34,15 @@ class Tuning(Options):
         A value is not a number above 0, or the engine cycle has less than 1 or more than 1e6 steps.
     """
 
-    target: float = quantity(20.0, "slip speed to hold in the mean over an engine cycle", "rad/s", 0.0, above=True)
+    target: float = quantity(20.0, "slip speed to hold in the mean over a period of excitation", "rad/s", 0.0,
+                             above=True)
     target_times: tuple[float, ...] = quantity((), "times at which target_values hold, the first 0", "s", 0.0, LATEST)
     target_values: tuple[float, ...] = quantity((), "target at these times, linear between them and constant "
                                                 "afterwards; target is then not used", "rad/s", 0.0, above=True)
-    bandwidth: float = quantity(15.0, "bandwidth of the closed loop; at most about 0.6 divided by the engine cycle's "
-                                "length", "rad/s", 0.0, above=True)
-    frequency: float = quantity(150.0, "engine.frequency; the engine cycle is 2 pi/frequency", "rad/s", 0.0, above=True)
+    bandwidth: float = quantity(15.0, "bandwidth of the closed loop; at most about 0.6 divided by the period of "
+                                "excitation", "rad/s", 0.0, above=True)
+    frequency: float = quantity(150.0, "engine.frequency; the period of excitation is 2 pi/frequency", "rad/s", 0.0,
+                                above=True)
     inertia: float = quantity(0.2, "flywheel inertia I1", "kg m^2", 0.0, above=True)
     torque_per_pressure: float = quantity(0.27 * 0.08 * 0.1, "nominal mu_k A R", "N m/Pa", 0.0, above=True)
     pressure_limit: float = quantity(600e3, "largest commanded pressure", "Pa", 0.0, above=True)
@@ -50,7 +52,7 @@ class Tuning(Options):
         super().__post_init__()
         check_profile("target", self.target_times, self.target_values)
         if not 1.0 <= self.cycle_steps <= 1e6:
-            raise InputError(f"step is {self.step:g} s; the engine cycle must have 1 to 1e+06 steps, not "
+            raise InputError(f"step is {self.step:g} s; the period of excitation must have 1 to 1e+06 steps, not "
                              f"{self.cycle_steps:g}")
 
     def target_at(self, t: float) -> float:

@@ -160,7 +160,8 @@ def _analysed(recording: Recording, line: Timeline, timing: Timing, discard: int
     kept, begin, _ = longest.kept(discard) if clock.told else (cycles, first, 0)
     warnings = [*run.warnings, *_warnings(recording, line, timing)]
     if clock.told and not enough_after_a_gap(kept):
-        warnings.append(f"no period: a period needs {DEFAULTS.after_a_gap} or more engine cycles after the last gap")
+        warnings.append(f"no period: a period needs {DEFAULTS.after_a_gap} or more periods of excitation after the "
+                        "last gap")
     segments, count = segments_of(line, timing.segment_clock, discard, controlled=run.controlled, solver=run.solver,
                                   elapsed_s=elapsed, stream=stream)
     if count > MOST_SEGMENTS:

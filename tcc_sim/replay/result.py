@@ -44,7 +44,7 @@ class Replay(Result):
     trajectory: Trajectory
     cycles: Cycles
     first_cycle: int
-    timing: Timing = field(metadata=reported("timing of the engine cycles", spread=True))
+    timing: Timing = field(metadata=reported("timing of the periods of excitation", spread=True))
     continuity: StampCounter = field(metadata=reported("gaps, resets and restarts by the stamps", spread=True))
     messages: int = field(metadata=reported("number of joint_states read"))
     lost_messages: int = field(metadata=reported("number of joint_states missing according to the stamps"))

@@ -35,7 +35,8 @@ class Segment(Described):
     changes: Mapping[str, object] = field(metadata=reported(
         "new values of changed scene keys or target_slip_speed", "{*}"))
     summary: Summary | None = field(metadata=reported(
-        "figures of the segment; null without a whole engine cycle after the dropped ones", spread=True, of=(Summary,)))
+        "figures of the segment; null without a whole period of excitation after the dropped ones",
+        spread=True, of=(Summary,)))
     tracking: Tracking | None = field(metadata=reported(
         "tracking error of the target, if a target was recorded", asked_for=True))
 

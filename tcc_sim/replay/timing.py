@@ -39,7 +39,7 @@ class Timing:
 
     clock: EngineClock
     source: str = field(metadata=reported(
-        "given, scene, found, or none if no engine cycle was identified", name="frequency_source"))
+        "given, scene, found, or none if no period of excitation was identified", name="frequency_source"))
     low: float
     high: float
     note: str = ""
@@ -56,7 +56,7 @@ class Timing:
         return self.low, self.high
 
     @property
-    @reporting("frequency of a typical engine cycle; null if no cycle was identified", "rad/s")
+    @reporting("frequency of a typical period of excitation; null if no cycle was identified", "rad/s")
     def frequency(self) -> float:
         """Frequency of a typical engine cycle, rad/s; NaN if no cycle was identified."""
         if not self.clock.told:
@@ -104,11 +104,12 @@ def timing_of(scene: Scene, given: float | None, runs: Iterable[JointStates], ch
     if clock is None or longest is None:
         why = longest.why if longest is not None else "there are no samples"
         return Timing(Uniform(max(SLICE, TICKS * tracker.tick), told=False), "none", math.nan, math.nan,
-                      f"engine cycles could not be identified, so there is no section, period or cycle mean: {why}")
-    note = longest.why and f"engine cycles of the longest run could not be identified: {longest.why}"
+                      f"periods of excitation could not be identified, so there is no section, period or cycle mean: "
+                      f"{why}")
+    note = longest.why and f"periods of excitation of the longest run could not be identified: {longest.why}"
     if longest.known and longest.known < COMPLETE:
-        note = (f"engine cycles were identified in {100.0 * longest.known:.0f} % of the longest run: elsewhere the "
-                "engine torque has no oscillation that can be followed")
+        note = (f"periods of excitation were identified in {100.0 * longest.known:.0f} % of the longest run: elsewhere "
+                "the engine torque has no oscillation that can be followed")
     found = longest if not longest.why else max(phases.values(), key=lambda run: len(run.starts))
     return Timing(clock, "found", found.low, found.high, note)
 

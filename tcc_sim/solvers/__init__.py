@@ -104,7 +104,7 @@ def solve(scene: Scene | System | str, *, cycles: int | None = None, duration: f
     >>> scene = tcc_sim.load_scene("minimal").with_values({"engine.frequency": 140.0})
     >>> run = tcc_sim.solve(scene, cycles=60, samples_per_cycle=100)
     >>> run
-    <Trajectory by smoothed: 6001 samples over 2.69279 s, 60 engine cycles; reached the end>
+    <Trajectory by smoothed: 6001 samples over 2.69279 s, 60 periods of excitation; reached the end>
     """
     system = system_of(scene)
     name = choose(system, solver)

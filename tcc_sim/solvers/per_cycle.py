@@ -169,8 +169,8 @@ def _check_times(t: Floats, starts: Floats) -> None:
         raise InputError("sample times must be two or more and strictly increasing")
     slack = STAMP + 1e-8 * float(starts[1] - starts[0] if len(starts) > 1 else t[-1] - t[0])
     if starts[0] < t[0] - slack or (len(starts) > 1 and starts[-1] > t[-1] + slack):
-        raise InputError(f"engine cycles from {starts[0]:g} to {starts[-1]:g} s must lie within the samples, which go "
-                         f"from {t[0]:g} to {t[-1]:g} s")
+        raise InputError(f"periods of excitation from {starts[0]:g} to {starts[-1]:g} s must lie within the samples, "
+                         f"which go from {t[0]:g} to {t[-1]:g} s")
 
 
 def _loads(grid: _Grid, v: Floats, slip: Floats, angle: Floats, speed: Floats, plate: Floats, section: Floats,

@@ -149,7 +149,7 @@ class Prepared:
         for k, status in enumerate(room.parts["status"][:count].tolist()):
             if status != DONE:
                 why = engine.why(status, int(room.parts["steps"][k]), setup) or STATUSES[status].value
-                raise NumericalFailure(f"{engine.name}: {why} after phase {starts[k]:g} of the engine cycle")
+                raise NumericalFailure(f"{engine.name}: {why} after phase {starts[k]:g} of the period of excitation")
         return room
 
 

@@ -50,7 +50,7 @@ class Lyapunov(Described):
         "lower end of the interval that holds the errors of steps and of sampling", "1/s"))
     high: float = field(metadata=reported("upper end of that interval", "1/s"))
     confidence: float = field(metadata=reported("confidence of the sampling, that of batch means"))
-    cycles: int = field(metadata=reported("number of engine cycles averaged, or those of the period"))
+    cycles: int = field(metadata=reported("number of periods of excitation averaged, or those of the period"))
     diagnosis: str = field(metadata=reported(
         "periodic (a period up to `long_period` was found), chaotic (the whole interval is above 0), contracting (it "
         "is below 0, and there is no period: disturbances die out, so the motion has a longer period, has not settled "

@@ -119,9 +119,9 @@ class Course:
 
     direction: str = field(metadata=reported(
         "cold: every value starts from the initial state; up, down: from the neighbour's last one"))
-    discard: int | str = field(metadata=reported("number of engine cycles dropped, default or auto"))
+    discard: int | str = field(metadata=reported("number of periods of excitation dropped, default or auto"))
     duration: float | None = field(metadata=reported(
-        "time solved instead of whole engine cycles; null for cycles", "s"))
+        "time solved instead of whole periods of excitation; null for cycles", "s"))
     varying: Sequence[str] = field(metadata=reported("what varies in time"))
     complete: bool = field(metadata=reported("whether every value was tried"))
     not_settled: int = field(metadata=reported("number of motions that are still transients"))

@@ -100,7 +100,7 @@ def test_commanded_torque_has_orders_where_its_cycles_are_known():
     np.testing.assert_allclose(orders_of(known).shaft_torque, orders_of(run).shaft_torque, rtol=1e-6, atol=1e-6)
     starts = np.where(np.arange(21) == 7, math.nan, starts)
     for cycles in (run.cycles, None, with_fields(run.cycles, starts=starts)):
-        with pytest.raises(InputError, match="its engine cycles are not known"):
+        with pytest.raises(InputError, match="its periods of excitation are not known"):
             orders_of(with_fields(commanded, cycles=cycles))
 
 

@@ -143,7 +143,7 @@ def test_a_wild_stamp_neither_fills_memory_nor_hangs():
 
 def test_a_recording_without_a_whole_cycle_is_refused():
     stream, _ = fed(recorded(np.arange(20)), sizes_like("random"))
-    with pytest.raises(InputError, match="no whole engine cycle"):
+    with pytest.raises(InputError, match="no whole period of excitation"):
         stream.summary()
     with pytest.raises(InputError, match="no samples"):
         CycleStream(SYSTEM).summary()

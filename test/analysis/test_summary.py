@@ -102,9 +102,9 @@ def test_a_discard_that_leaves_nothing_is_refused():
 
 
 def test_a_trajectory_shorter_than_a_cycle_is_refused():
-    with pytest.raises(InputError, match="no whole engine cycle"):
+    with pytest.raises(InputError, match="no whole period of excitation"):
         summarise_cycles(Cycles(np.zeros((1, 3)), np.empty(0), np.empty(0), np.empty(0)), CYCLE)
-    with pytest.raises(InputError, match="no whole engine cycle"):
+    with pytest.raises(InputError, match="no whole period of excitation"):
         summarise(part_of(trajectory_of(*sine(5.0, 20.0, 0.3), 1), 200), 1)
 
 

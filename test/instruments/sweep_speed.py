@@ -40,8 +40,8 @@ class SpeedEffort(NamedTuple):
 
     frequencies : omega/omega_n of the scenes, for each mu_k/mu_s of Fig. 4
     values : frequencies of each curve of the whole sweep
-    horizon : engine cycles over which errors are taken: some motions of Fig. 4 are chaotic, and any error grows
-    cycles : engine cycles that are timed, those of one point of a sweep
+    horizon : periods of excitation over which errors are taken: some motions of Fig. 4 are chaotic, and any error grows
+    cycles : periods of excitation that are timed, those of one point of a sweep
     repeats : runs of which the least time counts
     ladder : tolerances, of which the first that is tight enough is timed
     """
@@ -138,7 +138,7 @@ def sweep_speed(effort: SpeedEffort, done: Callable[[int, int, str], None]) -> S
 
 
 def on_attractor(system: System) -> System:
-    """The same system with the initial state that it has come to after SETTLING engine cycles."""
+    """The same system with the initial state that it has come to after SETTLING periods of excitation."""
     return solve(system, cycles=SETTLING, solver=ENGINE, rtol=1e-10).raise_for_status().final.starting(system)
 
 
@@ -229,7 +229,7 @@ def speed_summary(found: SweepSpeed) -> list[str]:
         default = [row.default.cycles_per_second for row in table if row.default]
         ratios = [row.ratio for row in table if row.ratio is not None]
         where = "from the initial state" if stretch == "transient" else "on the attractor"
-        out.append(f"{where}: {_range(loose)} engine cycles a second and core at a section error of at most "
+        out.append(f"{where}: {_range(loose)} periods of excitation a second and core at a section error of at most "
                    f"{found.error:g} on {len(table)} scenes of Fig. 4, {_range(default)} at the default tolerance")
         if ratios:
             peer = [row.peer.cycles_per_second for row in table if row.peer]

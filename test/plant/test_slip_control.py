@@ -16,7 +16,7 @@ STEP = 1e-3
 
 
 def cycle_means(slip_speed: list[float], cycle: float) -> np.ndarray:
-    """The mean over every whole engine cycle, by the trapezoidal rule."""
+    """The mean over every whole period of excitation, by the trapezoidal rule."""
     v = np.array(slip_speed)
     angle = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]))]) * STEP
     t = np.arange(len(v)) * STEP
@@ -108,7 +108,7 @@ def test_the_same_states_give_the_same_pressures_after_a_reset() -> None:
 @pytest.mark.parametrize(("values", "match"), [
     ({"target": 0.0}, "target is 0 rad"), ({"bandwidth": math.nan}, "bandwidth is nan"),
     ({"step": True}, "step is True"), ({"inertia": "heavy"}, "inertia is 'heavy'"),
-    ({"frequency": 1e-9}, "engine cycle must have"), ({"frequency": 1e9}, "engine cycle must have"),
+    ({"frequency": 1e-9}, "period of excitation must have"), ({"frequency": 1e9}, "period of excitation must have"),
     ({"pressure_limit": math.inf}, "pressure_limit is inf")])
 def test_a_senseless_tuning_is_refused(values: dict[str, object], match: str) -> None:
     with pytest.raises(InputError, match=match):

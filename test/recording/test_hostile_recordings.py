@@ -129,7 +129,7 @@ def test_extreme_stamps_are_a_sentence_and_no_memory(tmp_path: Path, capsys: pyt
     states = chunk(b"".join(message(1, n * 10**17) for n in range(20)))
     path = written(tmp_path / "x.mcap", scene(), schema(), channel(1), states)
     assert main(["analyse", str(path), "--verify"]) == 2
-    assert "an engine cycle takes" in capsys.readouterr().err
+    assert "a period of excitation takes" in capsys.readouterr().err
 
 
 def test_a_gap_of_years_is_not_solved_through(tmp_path: Path) -> None:

@@ -141,14 +141,14 @@ def test_the_frequency_of_a_commanded_torque_is_found_or_given(tmp_path):
     assert (values["period"], values["section"], values["cycles"], values["settled"]) == (0, [], 0, False)
     assert values["max_slip_speed"] == pytest.approx(SPEED + 2.0 * SWING, rel=1e-6)
     assert [text for text in unknown.warnings if "cycle" in text] == [
-        "engine cycles could not be identified, so there is no section, period or cycle mean: the engine torque is "
-        "constant"]
+        "periods of excitation could not be identified, so there is no section, period or cycle mean: the engine "
+        "torque is constant"]
 
 
 @pytest.mark.parametrize(("keywords", "words"), [
     ({"discard": 71}, "--discard 71"), ({"discard": -1}, "--discard is -1"),
     ({"frequency": math.nan}, "frequency is nan"),
-    ({"frequency": 0.5}, "no whole engine cycle"),
+    ({"frequency": 0.5}, "no whole period of excitation"),
 ])
 def test_wrong_arguments(tmp_path, keywords, words):
     path = bag(tmp_path / "run", slip(3.0), "slip")
@@ -190,7 +190,7 @@ def test_everything_goes_to_rerun(tmp_path, monkeypatch):
 def test_a_file_for_rerun_appears_whole_or_not_at_all(tmp_path):
     pytest.importorskip("rerun")
     path = bag(tmp_path / "run", slip(0.02), "slip")
-    with pytest.raises(InputError, match="no whole engine cycle"):
+    with pytest.raises(InputError, match="no whole period of excitation"):
         replay(path, rrd=tmp_path / "run.rrd")
     assert [p.name for p in tmp_path.iterdir()] == ["run"]
 
@@ -239,7 +239,7 @@ def test_a_gap_is_not_taken_for_a_period(tmp_path, settling, gap, period):
     rows = settling[:gap[0]] + settling[gap[1]:]
     found = replay(bag(tmp_path / "run", rows, load_scene("fig02")))
     assert (found.summary.period, found.summary.settled) == (period, False)
-    said = "no period: a period needs 16 or more engine cycles after the last gap" in found.warnings
+    said = "no period: a period needs 16 or more periods of excitation after the last gap" in found.warnings
     assert said is (period == 0)
 
 
@@ -286,7 +286,7 @@ def test_a_run_whose_torque_tells_no_cycles_is_read_all_the_same(tmp_path, run_u
     v = np.array([row[3] - row[4] for row in rows])
     assert (found.summary.cycles, found.summary.period, found.summary.section) == (0, 0, [])
     assert found.summary.max_slip_speed == pytest.approx(np.abs(v[:2900]).max(), rel=0.02)
-    assert len([text for text in found.warnings if text.startswith("engine cycles could not be")]) == 1
+    assert len([text for text in found.warnings if text.startswith("periods of excitation could not be")]) == 1
     assert "frequency" in "\n".join(found.lines())
     from tcc_sim.views.plots import plot
 

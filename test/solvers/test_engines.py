@@ -182,13 +182,13 @@ def test_a_run_that_ends_early_keeps_its_samples_up_to_its_end(monkeypatch, name
     for column in ("t", "slip_speed", "plate_angle", "plate_speed"):
         np.testing.assert_array_equal(getattr(cut, column)[:-1], getattr(whole, column)[:count])
     if name == "event_driven":
-        assert cut.detail == "8 steps in one engine cycle"
+        assert cut.detail == "8 steps in one period of excitation"
 
 
 def test_a_motion_with_derivatives_names_the_steps_that_it_was_allowed(monkeypatch):
     system = ENGINES["event_driven"].system(FIG02)
     monkeypatch.setattr(import_module("tcc_sim.solvers.event_driven.setup"), "STEPS_ALLOWED", 0)
-    with pytest.raises(NumericalFailure, match="event_driven: 0 steps in one engine cycle after phase 0 of"):
+    with pytest.raises(NumericalFailure, match="event_driven: 0 steps in one period of excitation after phase 0 of"):
         stroboscopic_map(system, np.zeros(3), 1)
 
 

@@ -93,8 +93,9 @@ def setup_of_changes(system: System, terms: Terms, changes: Floats, rtol: float)
 
 def why(ended: int, steps: int, setup: Setup) -> str:
     """A sentence on a failure."""
-    return {EVENT_LIMIT: f"{setup.limits.events} events in one engine cycle", NOT_FINITE: "the state is not finite",
-            STEP_LIMIT: f"{steps} steps in one engine cycle", DEGENERATE: "slip ends where its rate is 0 too"
+    return {EVENT_LIMIT: f"{setup.limits.events} events in one period of excitation",
+            NOT_FINITE: "the state is not finite",
+            STEP_LIMIT: f"{steps} steps in one period of excitation", DEGENERATE: "slip ends where its rate is 0 too"
             }.get(ended, "")
 
 
