@@ -1,10 +1,10 @@
-"""Solvers by name. Every solver turns a Problem into a Trajectory; its module is imported when it is used."""
+"""Solvers by name. Every solver turns a Problem into a Trajectory; its module is imported on first use."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 
@@ -17,9 +17,7 @@ from tcc_sim.trajectory import State, Status, Trajectory
 
 @dataclass(frozen=True)
 class Entry:
-    """One registered solver: its module below this package, what it is, which laws it solves, and which setting it
-    takes.
-    """
+    """A registered solver: its module below this package, description, friction laws and setting."""
 
     module: str
     function: str
@@ -33,23 +31,18 @@ class Entry:
     far_end: bool = False
     """Whether it moves the shaft's far end."""
 
+    @cache  # noqa: B019 (the entries of SOLVERS live as long as the process)
     def load(self) -> Callable[[Problem], Trajectory]:
-        """The solver's function."""
-        return _function(self.module, self.function)
-
-
-@cache
-def _function(module: str, name: str) -> Callable[[Problem], Trajectory]:
-    """A function of a module below this package."""
-    found: Callable[[Problem], Trajectory] = getattr(import_module(f"{__name__}.{module}"), name)
-    return found
+        """Import the solver's function."""
+        found: Callable[[Problem], Trajectory] = getattr(import_module(f"{__name__}.{self.module}"), self.function)
+        return found
 
 
 SMOOTHED = ("smoothed",)
 SET_VALUED = ("set_valued",)
 SCIPY = "comparison.scipy_methods"
 SHORTEST = 1e-8
-"""Least duration, in engine cycles: some times what the engines take for the end of a cycle."""
+"""Least duration, in engine cycles: a multiple of the engines' tolerance at the end of a cycle."""
 
 SOLVERS: dict[str, Entry] = {
     "fixed_step": Entry("fixed_step_solve", "solve", "real-time solver: SDIRK3, implicit friction, fixed ticks",
@@ -122,28 +115,22 @@ def solve(scene: Scene | System | str, *, cycles: int | None = None, duration: f
         i = system.initial
         state = State(i.slip_speed, i.plate_angle, i.plate_speed, i.plate_angle)
     if not math.isfinite(state.slip_speed + state.plate_angle + state.plate_speed + state.flywheel_angle):
-        _say_what_is_not_finite(state)
+        for quantity, value in vars(state).items():
+            if not math.isfinite(value):
+                raise InputError(f"the initial {quantity.replace('_', ' ')} is {value}; it must be finite")
     return entry.load()(Problem(system, state, start_cycle, cycles, duration, samples_per_cycle, rtol, step,
                                 flywheel_angle, loads_from))
 
 
 def check_duration(system: System, duration: float, start_cycle: int = 0) -> None:
-    """Raise InputError for a duration, s, that is no part of an engine cycle worth the name, or too long."""
+    """Raise InputError for a duration, s, that is too short a part of an engine cycle, or too long."""
     least = SHORTEST * float(system.cycle_start(start_cycle + 1) - system.cycle_start(start_cycle))
     if not least <= duration <= 1e6:
         raise InputError(f"duration is {duration:g} s; it must be {least:.3g} to 1e6 s")
 
 
-def _say_what_is_not_finite(state: State) -> None:
-    """Raise InputError where a number of the state is not finite."""
-    for quantity in fields(state):
-        value = getattr(state, quantity.name)
-        if not math.isfinite(value):
-            raise InputError(f"the initial {quantity.name.replace('_', ' ')} is {value}; it must be finite")
-
-
 def check_setting(name: str, rtol: float | None, step: float | None) -> None:
-    """Raise InputError unless the registered solver `name` takes this tolerance, or this step in s."""
+    """Raise InputError unless the registered solver `name` takes this tolerance, or this step, s."""
     entry = SOLVERS[name]
     if rtol is not None:
         if entry.setting != "rtol":
@@ -158,7 +145,7 @@ def check_setting(name: str, rtol: float | None, step: float | None) -> None:
 
 
 def choose(system: System, solver: str) -> str:
-    """The registered name behind `solver`, checked against the system's friction law."""
+    """Return the registered name for `solver`, after checks against the system's law and inputs."""
     law, moved = system.friction.law, system.inputs is not None and system.inputs.output_speed is not None
     if solver == "auto" and moved:
         solver = "fixed_step"

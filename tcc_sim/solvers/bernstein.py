@@ -1,4 +1,4 @@
-"""Bernstein's form of a polynomial on an interval: its coefficients, halving, and an interval with one root alone.
+"""Bernstein form of a polynomial on an interval: coefficients, halving, and isolation of a root.
 
 A polynomial stays within the hull of its coefficients in this form, and by Descartes' rule of signs it has no root in
 the interval where they do not change sign, and exactly one where they change it once; otherwise the interval is halved
@@ -25,10 +25,10 @@ WORKSPACE = (HALVINGS + 4, 40)
 """Shape of the array of floats that crossings and extremes work in."""
 
 BERNSTEIN = 0
-"""Row of the workspace with the coefficients over the whole step; behind it lies the stack."""
+"""Row of the workspace with the coefficients over the whole step; the rows behind it are a stack."""
 LEFT, WIDTH, NOISE, LOW, HIGH = range(32, 37)
-"""Places behind the coefficients in a row: start and length of its interval, error bound of its coefficients; in the
-first row their hull too."""
+"""Columns behind the coefficients: start and length of the interval, error bound of the coefficients; in the first row
+also their hull."""
 
 ROUNDING = 1.12e-16
 PASCAL = np.array([[math.comb(i, k) for i in range(32)] for k in range(32)], dtype=np.float64)
@@ -36,7 +36,7 @@ PER_BINOMIAL = np.array([[1.0 / math.comb(n, k) if k <= n else 0.0 for k in rang
 
 
 def staged_form(lanes: int) -> Any:
-    """The staged function of `to_bernstein` for degrees below `lanes`; powers behind the degree are not read."""
+    """Return the staged function of `to_bernstein` for degrees below `lanes`."""
     places = range(0, lanes, 8)
 
     def staged(c: Any, x: Any, per_binomial: Any, out: Any) -> None:
@@ -83,7 +83,7 @@ def to_bernstein(c: Any, row: int, degree: int, x_end: float, workspace: Any) ->
 
 @fast
 def halve(workspace: Any, row: int, degree: int) -> None:
-    """De Casteljau at the middle: the left half goes to the next row, the right one stays."""
+    """Halve the interval by de Casteljau's algorithm: the left half goes to the next row, the right one stays."""
     for k in range(degree + 1):
         workspace[row + 1, k] = workspace[row, 0]
         for i in range(degree - k):
@@ -102,7 +102,7 @@ def halve(workspace: Any, row: int, degree: int) -> None:
 
 @fast
 def later_part(workspace: Any, row: int, degree: int, at: float) -> None:
-    """De Casteljau: cut the first part `at` of the interval away."""
+    """Cut the first part `at` of the interval away, by de Casteljau's algorithm."""
     for k in range(degree):
         for i in range(degree - k):
             workspace[row, i] = (1.0 - at) * workspace[row, i] + at * workspace[row, i + 1]
@@ -117,8 +117,8 @@ def later_part(workspace: Any, row: int, degree: int, at: float) -> None:
 
 @fast
 def slope_changes(workspace: Any, row: int, degree: int) -> tuple[int, float, float]:
-    """How often the slope of the polynomial whose Bernstein coefficients are in a row may change its sign, by
-    Descartes' rule; where it does last, as a share of the row's interval; and the last step between coefficients.
+    """Return for the polynomial of a row the number of sign changes of its slope by Descartes' rule, the place of the
+    last one as a share of the interval, and the last step between coefficients.
     """
     noise, changes, last, place = workspace[row, NOISE], 0, 0.0, 0.0
     for i in range(degree):
@@ -133,8 +133,7 @@ def slope_changes(workspace: Any, row: int, degree: int) -> tuple[int, float, fl
 
 @fast
 def search_on(workspace: Any, row: int, degree: int, changes: int, shortest: float) -> int:
-    """Halve the interval of a row where its slope changes its sign more than once, else drop it; the row that is
-    next.
+    """Halve the interval of the stack's top row if its slope changes sign more than once, else drop it; return the top.
     """
     if changes < 2 or workspace[row, WIDTH] <= shortest or row + 2 >= WORKSPACE[0]:
         return row - 1
@@ -144,10 +143,10 @@ def search_on(workspace: Any, row: int, degree: int, changes: int, shortest: flo
 
 @fast
 def isolate(workspace: Any, degree: int, threshold: float) -> tuple[float, float, float]:
-    """Ends of an interval with exactly one root, the first at which the polynomial of row 1 falls, and a guess of it.
+    """Return an interval with exactly one root, the first at which the polynomial of row 1 falls, and a guess of it.
 
-    Coefficients within `threshold` or within their rounding of 0 count as neither sign, and as positive at the start of
-    an interval: a root there is found. (inf, inf, inf) where it does not fall through 0.
+    Coefficients within `threshold` or within their rounding of 0 have no sign, but count as positive at the start of
+    an interval, so that a root there is found. (inf, inf, inf) where it does not fall through 0.
     """
     top = 1
     shortest = workspace[1, WIDTH] * 2.0 ** -HALVINGS

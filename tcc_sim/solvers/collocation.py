@@ -1,4 +1,4 @@
-"""What collocation needs to know beforehand: Radau IIA, and for steps of 16 nodes the linear part of the driveline.
+"""Tables of collocation: Radau IIA, and for steps of 16 nodes the linear part of the driveline.
 
 With w = theta2' + kappa v, kappa = I1/(I1 + I2), M = I1 + I2 the equations of motion (2) read
 
@@ -6,12 +6,12 @@ With w = theta2' + kappa v, kappa = I1/(I1 + I2), M = I1 + I2 the equations of m
     v' = Te/I1 + (C23 theta2' + K23 theta2)/I2 - beta Ts mubar(v),
 
 so that at the nodes of a step h (a = h A, A the Runge-Kutta matrix) theta2 and w are linear in their values at the
-start, the torque at the nodes and the slip speeds V at the nodes. What is left is
+start, the torque at the nodes and the slip speeds V at the nodes. There remains
 
     b - L V - beta Ts mubar(V) = 0,    L = a^-1 - (C23 dU/dV + K23 dX/dV)/I2,    X = theta2, U = theta2' at the nodes.
 
-All of it is worked out here in NumPy for a ladder of steps (rungs), so that a step costs products only. The rungs are
-the same absolute lengths for all scenes, so that the points of a sweep over a frequency share them.
+NumPy computes all of it here for a ladder of steps (rungs), so that a step costs products only. The rungs have the same
+absolute lengths for all scenes, so that the points of a sweep over a frequency share them.
 
 Source: E. Hairer and G. Wanner, Solving Ordinary Differential Equations II, Sec. IV.5.
 """
@@ -31,39 +31,35 @@ from tcc_sim.trajectory import Floats
 NODES = 16
 DEGREE = NODES
 TERMS = 20
-"""Coefficients of a polynomial of degree 16, and three zeros: rows of a multiple of four numbers are added up
-faster.
-"""
+"""Coefficients of a polynomial of degree 16, and three zeros: rows of a multiple of four numbers are faster."""
 LEVELS = 22
 """Rungs of a ladder, each shorter than the one before by sqrt 2: at least from an engine cycle down to 1/1448 of it."""
 GAP = 200.0
-"""The shortest rung times the fastest rate of a scene, at most: what is shorter the series bridge, whose steps are
-limited to about 5 times the inverse of that rate."""
+"""The shortest rung times the fastest rate of a scene, at most: shorter steps are series, which that rate limits to
+about 5 times its inverse."""
 
 RUNG = np.dtype([("length", np.float64), ("start", np.float64, NODES), ("diagonal", np.float64, NODES),
                  ("coupling", np.float64, (NODES, NODES)), ("angle", np.float64, (NODES, TERMS)),
                  ("speed", np.float64, (NODES, TERMS)), ("end_angle", np.float64, NODES),
                  ("end_speed", np.float64, NODES)])
-"""A rung: h (s); a^-1 1, the share of v(0) in b; the diagonal and the columns of L; what each V_j adds to the Chebyshev
-coefficients over the step, and to the end values, of theta2 and of w.
+"""A rung: h (s); a^-1 1, the share of v(0) in b; the diagonal and the columns of L; shares of each V_j in the Chebyshev
+coefficients over the step, and in the end values, of theta2 and of w.
 """
 
 SOURCE = np.dtype([("balance", np.float64, NODES), ("angle", np.float64, TERMS), ("speed", np.float64, TERMS),
                    ("end_angle", np.float64), ("end_speed", np.float64)])
-"""What a unit of something given adds to b, to the Chebyshev coefficients, and to the end values, of theta2 and of
-w.
-"""
+"""Shares of a unit of a source in b, and in the Chebyshev coefficients and end values of theta2 and of w."""
 
 TURN = np.dtype([("cosine", np.float64, NODES), ("sine", np.float64, NODES)])
-"""Cosine and sine of the angle by which the load's phase has gone on at the nodes."""
+"""Cosine and sine of the advance of the load's phase at the nodes."""
 
 FROM_ANGLE, FROM_SPEED, FROM_MEAN, FROM_WAVES = 0, 1, 2, 3
 """Sources: theta2 and w at the start, a constant torque; then for every sine of the torque its value and quadrature."""
 
 
 class Tables(NamedTuple):
-    """Of one system, longest step first: arrays of RUNG (levels,), SOURCE (levels, FROM_WAVES + 2 waves), TURN
-    (levels,); and `Response.torque`, where derivatives are asked for.
+    """Tables of a system, longest step first: arrays of RUNG (levels,), SOURCE (levels, FROM_WAVES + 2 waves), TURN
+    (levels,); and `Response.torque` if there are derivatives.
     """
 
     rungs: NDArray[Any]
@@ -73,7 +69,7 @@ class Tables(NamedTuple):
 
 
 class Response(NamedTuple):
-    """Of one linear part: the rungs, the sources but those of the waves (levels, FROM_WAVES, numbers of a SOURCE), and
+    """Tables of a linear part: the rungs, the sources without the waves (levels, FROM_WAVES, numbers of a SOURCE), and
     the matrices that make a source of a torque at the nodes, (levels, numbers of a SOURCE, NODES).
     """
 
@@ -83,7 +79,7 @@ class Response(NamedTuple):
 
 
 def radau(count: int) -> tuple[Floats, Floats]:
-    """Nodes c (count,) and matrix A (count, count) of Radau IIA.
+    """Return nodes c (count,) and matrix A (count, count) of Radau IIA.
 
     The nodes are the zeros of P_s(2 c - 1) - P_(s-1)(2 c - 1), the last of them 1.
     """
@@ -101,13 +97,13 @@ def radau(count: int) -> tuple[Floats, Floats]:
 
 
 def to_chebyshev(nodes: Floats) -> Floats:
-    """The matrix that makes Chebyshev coefficients over [0, 1] of values at 0 and at the nodes."""
+    """Return the matrix that makes Chebyshev coefficients over [0, 1] of values at 0 and at the nodes."""
     points = np.concatenate([[0.0], nodes])
     return np.asarray(np.linalg.inv(np.polynomial.chebyshev.chebvander(2.0 * points - 1.0, len(nodes))))
 
 
 def chebyshev_to_powers(degree: int) -> Floats:
-    """(degree + 1, degree + 1) matrix whose row i has the coefficients of T_i(2 x - 1) in powers of x, exactly."""
+    """Return the (degree + 1, degree + 1) matrix of exact coefficients of T_i(2 x - 1) in powers of x, row by row."""
     out = np.eye(degree + 1)
     out[1, 0], out[1, 1] = -1.0, 2.0
     for i in range(2, degree + 1):  # T_i(y) = 2 y T_(i-1)(y) - T_(i-2)(y)
@@ -120,16 +116,14 @@ C, A = radau(NODES)
 INVERSE = np.linalg.inv(A)
 TO_CHEBYSHEV = np.zeros((NODES + 1, TERMS))
 TO_CHEBYSHEV[:, :DEGREE + 1] = to_chebyshev(C).T
-"""Row 0: what a value at the start adds to the Chebyshev coefficients over the step; row j: what the value at node j
-adds.
-"""
+"""Shares in the Chebyshev coefficients over the step of the value at the start (row 0), and at node j (row j)."""
 TO_POWERS = np.zeros((TERMS, TERMS))
 TO_POWERS[:DEGREE + 1, :DEGREE + 1] = chebyshev_to_powers(DEGREE)
 
 
 def ladder_of(fastest: float, period: float) -> tuple[int, int]:
-    """The longest rung, at most one engine cycle: its length is 2^(-top/2) s; and the number of rungs that are needed
-    where the fastest rate is `fastest`, 1/s.
+    """Return `top`, where the longest rung is 2^(-top/2) s, at most one engine cycle, and the number of rungs for a
+    fastest rate, 1/s.
     """
     top = math.ceil(-2.0 * math.log2(period) - 1e-9)
     return top, max(LEVELS, 1 + math.ceil(2.0 * math.log2(fastest / GAP) - top))
@@ -137,7 +131,7 @@ def ladder_of(fastest: float, period: float) -> tuple[int, int]:
 
 @lru_cache(maxsize=16)
 def response(linear: Linear, top: int, levels: int) -> Response:
-    """How theta2 and w over every rung follow their start, the torque and the slip."""
+    """Return the response of theta2 and w on every rung to their start, the torque and the slip."""
     i1, i2, damping, stiffness = linear
     inertia, kappa = i1 + i2, i1 / (i1 + i2)
     lengths = 2.0 ** (-0.5 * (top + np.arange(levels)))
@@ -171,40 +165,37 @@ def response(linear: Linear, top: int, levels: int) -> Response:
 
 @lru_cache(maxsize=16)
 def tables(linear: Linear, rates: tuple[float, ...], load_rate: float, top: int, levels: int) -> Tables:
-    """The tables of a system whose torque has sines of these rates (rad/s); `load_rate` is that of the load's.
-
-    Read only: they are shared by all that ask for them.
-    """
-    known = response(linear, top, levels)
-    times = known.rungs["length"][:, None] * C
-    sources = np.empty((levels, FROM_WAVES + 2 * len(rates), known.fixed.shape[2]))
-    sources[:, :FROM_WAVES] = known.fixed
+    """Return the tables, read only, of a system whose torque has sines of these rates (rad/s), and its load one."""
+    own = response(linear, top, levels)
+    times = own.rungs["length"][:, None] * C
+    sources = np.empty((levels, FROM_WAVES + 2 * len(rates), own.fixed.shape[2]))
+    sources[:, :FROM_WAVES] = own.fixed
     waves = np.empty((levels, NODES, 2))
     for i, rate in enumerate(rates):
         angles = rate * times
         np.cos(angles, out=waves[:, :, 0])
         np.sin(angles, out=waves[:, :, 1])
-        sources[:, FROM_WAVES + 2 * i:FROM_WAVES + 2 * i + 2] = (known.torque @ waves).transpose(0, 2, 1)
-    return _tables(known, sources, load_rate, top)
+        sources[:, FROM_WAVES + 2 * i:FROM_WAVES + 2 * i + 2] = (own.torque @ waves).transpose(0, 2, 1)
+    return _tables(own, sources, load_rate, top)
 
 
 @lru_cache(maxsize=16)
 def nodal_tables(linear: Linear, top: int, levels: int) -> Tables:
-    """The tables of a system whose torque is given at the nodes: there are NODES sources of it, one for each."""
-    known = response(linear, top, levels)
-    return _tables(known, np.concatenate([known.fixed, known.torque.transpose(0, 2, 1)], axis=1), 0.0, top)
+    """Return the tables of a system whose torque is given at the nodes: each node is a source."""
+    own = response(linear, top, levels)
+    return _tables(own, np.concatenate([own.fixed, own.torque.transpose(0, 2, 1)], axis=1), 0.0, top)
 
 
-def _tables(known: Response, sources: Floats, load_rate: float, top: int) -> Tables:
-    """The tables with these sources, (levels, sources, numbers of a SOURCE)."""
+def _tables(own: Response, sources: Floats, load_rate: float, top: int) -> Tables:
+    """Return the tables with these sources, (levels, sources, numbers of a SOURCE)."""
     named = np.ascontiguousarray(sources).view(SOURCE)[..., 0]
     named.setflags(write=False)
-    return Tables(known.rungs, named, turns_of(load_rate, top, len(sources)))
+    return Tables(own.rungs, named, turns_of(load_rate, top, len(sources)))
 
 
 @lru_cache(maxsize=16)
 def turns_of(load_rate: float, top: int, levels: int) -> NDArray[Any]:
-    """Cosine and sine of the load's angle at the nodes of every rung, from its start."""
+    """Return cosine and sine of the load's angle at the nodes of every rung, from its start."""
     angles = load_rate * (2.0 ** (-0.5 * (top + np.arange(levels))))[:, None] * C
     turns: NDArray[Any] = np.stack([np.cos(angles), np.sin(angles)], axis=1).reshape(levels, -1).view(TURN)[:, 0]
     turns.setflags(write=False)
@@ -212,6 +203,6 @@ def turns_of(load_rate: float, top: int, levels: int) -> NDArray[Any]:
 
 
 def _polynomials(nodal: Floats) -> Floats:
-    """Chebyshev coefficients (levels, TERMS, columns) of nodal values (levels, NODES, columns), 0 at the start."""
+    """Return Chebyshev coefficients (levels, TERMS, columns) of nodal values (levels, NODES, columns); 0 at x = 0."""
     out: Floats = TO_CHEBYSHEV[1:].T @ nodal
     return out

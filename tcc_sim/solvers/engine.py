@@ -1,7 +1,6 @@
-"""The shell of both engines: a solve, section points of many motions, and motions with their derivatives.
+"""The shell of both engines: the compiled loop, a solve, section points of many motions, and motions with derivatives.
 
-An engine is a compiled loop, `integrate`, with all that it is given and changes; the shell is the same for both laws.
-A loop sets up the memory that is not `output.started` from the state in it.
+A law adds to the loop how a motion starts, and one step.
 """
 
 from __future__ import annotations
@@ -17,9 +16,11 @@ from numpy.typing import NDArray
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import SOLVERS
 from tcc_sim.solvers.changes import LANES
-from tcc_sim.solvers.compiling.compiled import fast
-from tcc_sim.solvers.kept import CYCLE, DONE, STATUSES, Kept, Store, scratch
+from tcc_sim.solvers.compiling.compiled import compiled, fast
+from tcc_sim.solvers.excitation import load_phase
 from tcc_sim.solvers.problem import Problem
+from tcc_sim.solvers.run_output import CYCLE, DONE, FULL, GOES_ON, STATUSES, STEP_LIMIT, RunOutput, Store, full, scratch
+from tcc_sim.solvers.series import COLUMNS
 from tcc_sim.solvers.terms import Terms
 from tcc_sim.trajectory import Floats, Orbits, Statistics, Trajectory
 
@@ -28,11 +29,17 @@ SCALES = np.array([10.0, 0.1, 10.0])
 VALUE, GROWS, GRADIENT = 0, 1, 2
 """Columns of margins: the value; 1 where stick's margin grows at that end of slip; derivatives by the disturbances."""
 WITHIN = 1.0 - 1e-9
-"""Part of a reach that a motion must be within to end: whoever asks again, with other roundings, finds the same."""
+"""Share of a radius within which a motion ends, so that a repetition with other rounding ends too."""
+MOVES_AT_ONCE = 2 * COLUMNS
+"""Most transitions of one step."""
+COUNTERS = np.dtype([("steps", np.int64), ("rejected", np.int64), ("iterations", np.int64),
+                     ("iterations_max", np.int64), ("limited", np.int64), ("events", np.int64)])
+"""Steps taken and rejected; Newton iterations in all and most in a step; steps that count towards the limit; events of
+the present engine cycle."""
 
 
 class Setup(NamedTuple):
-    """What a system comes to at a tolerance; `waves` are a solve's own, which keeps sines in them.
+    """A system at a tolerance; every solve has its own `waves`, which hold sines.
 
     limits : tolerances and rates of the engine
     ratio : omega_f/omega
@@ -47,8 +54,8 @@ class Setup(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """What one solve changes as it goes; `drive` is that of `excitation`, `work` that of `stages`, `output` that of
-    `kept`; the others are the engine's.
+    """Records that a solve changes: DRIVE of `excitation`, WORK of `stages`, COUNTERS, OUTPUT of `run_output`; `state`
+    and `control` are the engine's.
     """
 
     state: Any
@@ -60,12 +67,12 @@ class Memory(NamedTuple):
 
 
 class Tangent(NamedTuple):
-    """What a loop carries along with a motion for its derivatives.
+    """Derivatives of a motion, which a loop carries along.
 
     groups, along : array of CHANGES, and record of ALONG
-    shared : record of the engine's, with `fastest`, the rate of the fastest sine by whose amplitude there are
-        derivatives, rad/s, 0 for none: no step is longer than its series hold, for the motion need not show it; and
-        `asked`, whether the engine's further results are asked for
+    shared : record of the engine's, with `fastest`, the rate in rad/s of the fastest sine by whose amplitude there are
+        derivatives (0 for none), which limits the steps even where the motion does not have that sine; and `asked`,
+        whether the engine's further results are wanted
     peaks : (cycles, groups, LANES) changes of the largest |slip speed| of every cycle
     margins : (3, GRADIENT + groups * LANES) `event_driven.margins`; None under the smoothed law
     """
@@ -78,23 +85,23 @@ class Tangent(NamedTuple):
 
 
 Stretch = tuple[Setup, int, float]
-"""One call: with what, up to how many cycles from the start of the solve, and how many seconds of the one after."""
+"""Arguments of one call: setup, number of cycles from the start of the solve, and seconds of the cycle after them."""
 PART = np.dtype([("first", np.int64), ("cycles", np.int64), ("tau", np.float64), ("tail", np.float64),
                  ("steps", np.int64), ("state", np.float64, 3), ("status", np.int64), ("moves", np.int64),
                  ("mode", np.int64), ("stick_time", np.float64)])
 """A part: number of the cycle in which it starts, ends of cycles that it passes, time at its start within that cycle,
-and at its end within the last one (s); the most steps; the state at its start, then at its end; how it ended; the
-transitions on the way; the mode at its end; its time in stick (s)."""
+and at its end within the last one (s); the most steps; the state at its start, then at its end; its result; number of
+transitions; the mode at its end; its time in stick (s)."""
 
 
 class Room(NamedTuple):
-    """What parts are given in, what becomes of them, and work space; all of it is used again by the next ones.
+    """Arguments, results and work space of parts, used again by the next ones.
 
     parts : (m,) array of PART
     moves : (m, k) array of MOVE, their transitions
     ends : (m, groups, 3, LANES) array, the tangents at their ends
     heights, climbs : (m, n), (m, n, groups, LANES) arrays, the largest |slip speed| of every cycle or part of one, and
-        what it changes by
+        its change
     """
 
     parts: Any
@@ -110,21 +117,20 @@ class Room(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class EngineShell:
-    """An engine: its loop, and what the shell must know of its law.
+    """An engine: its loop and the properties of its law.
 
     name : of SOLVERS
-    integrate : `integrate(first, count, tail, step_limit, setup, memory, tangent, store, angle)`, how it ended
-    kinds : kinds of the records of `Memory`; None for none
-    shared : kind of the record of `Tangent`
-    setup : (system, rtol), whose `waves` are to be copied for every solve
+    integrate : loop by `loop_by`
+    kinds : dtypes of the records of `Memory`; None for none
+    shared : dtype of the record of `Tangent`
+    setup : (system, rtol); a solve copies `waves`
     setup_of_changes : (system, terms, `key_derivatives`, rtol), with derivatives
-    steps, steps_of_changes : (setup, cycles), most steps, as `integrate` counts them
-    why : (how it ended, most steps, setup), a sentence on a failure
+    steps, steps_of_changes : (setup, cycles), most steps, as the loop counts them
+    why : (result, most steps, setup), a sentence on a failure
     stretches : the calls that make a solve
-    moves : transitions that are kept of a part per engine cycle
-    more_moves : transitions for which a call asks for room beforehand
+    moves : room for transitions of a part, per engine cycle
     columns : numbers of a sample with the mode; 0 where the mode follows from the slip speed
-    stride : cycles after which a motion that may end is looked at
+    stride : engine cycles between two tests whether a motion ends at an orbit
     bound : most iterations
     """
 
@@ -138,7 +144,6 @@ class EngineShell:
     steps_of_changes: Callable[[Setup, int], int]
     why: Callable[[int, int, Setup], str]
     moves: int
-    more_moves: Callable[[Setup], int] = lambda _: 0
     stretches: Callable[[Problem, Setup], Iterable[Stretch]] = lambda problem, setup: (
         (setup, problem.whole_cycles, problem.rest),)
     columns: int = 0
@@ -156,7 +161,7 @@ class EngineShell:
         return parts_by(self.integrate)
 
     def memory(self) -> tuple[NDArray[np.uint8], Memory]:
-        """Memory, as bytes that are 0 and as its parts."""
+        """Return new memory: all bytes, which are 0, and its records."""
         there = {name: kind for name, kind in self.kinds._asdict().items() if kind is not None}
         whole = np.zeros(1, np.dtype(list(there.items())))
         return whole.view(np.uint8), Memory(*(whole[0][name] if name in there else None for name in Memory._fields))
@@ -166,8 +171,7 @@ class EngineShell:
 
         Returns
         -------
-        Trajectory with `cycles` and `transitions`; a run that cannot go on ends early, with its Status and the states
-        so far.
+        Trajectory with `cycles` and `transitions`; after a failure it has its Status and ends early.
         """
         setup = self.setup(problem.system, SOLVERS[self.name].default if problem.rtol is None else problem.rtol)
         setup = setup._replace(waves=setup.waves.copy())
@@ -177,34 +181,31 @@ class EngineShell:
         content.fill(0)
         state, counters, numbers = memory.state, memory.counters, (*problem.state.numbers, problem.state.flywheel_angle)
         state["slip_speed"], state["plate_angle"], state["plate_speed"], state["flywheel_angle"] = numbers
-        kept = Kept(problem, memory.output, self.columns or len(problem.first), self.more_moves(setup))
+        output = RunOutput(problem, memory.output, self.columns or len(problem.first))
         limit = self.steps(setup, problem.whole_cycles + 1)
         for own, cycles, rest in self.stretches(problem, setup):
-            ended = kept.run(self.integrate, problem.start_cycle, cycles, rest, limit, own, memory, None)
+            ended = output.run(self.integrate, problem.start_cycle, cycles, rest, limit, own, memory, None)
             if ended != DONE:
                 break
         first: tuple[float, ...] = problem.first
         if self.columns:
             first = *numbers, state["first_mode"]
-        cost = dict(zip(counters.dtype.names, counters.item()))
-        return kept.trajectory(self.name, STATUSES[ended], first, state.item()[:len(first)], float(state["tau"]),
-                               self.why(ended, limit, setup), Statistics(
-                                   cost["steps"], cost.get("rejected", 0), cost.get("iterations", 0),
-                                   cost.get("iterations_max", 0), self.bound),
-                               modes=bool(self.columns))
+        statistics = Statistics(*counters.item()[:4], iterations_bound=self.bound)
+        return output.trajectory(self.name, STATUSES[ended], first, state.item()[:len(first)], float(state["tau"]),
+                                 self.why(ended, limit, setup), statistics, modes=bool(self.columns))
 
     def fill_sections(self, out: Floats, system: System, first: int, rtol: float, orbits: Orbits) -> None:
-        """Fill `out`, in which the starts are, with what `stroboscopic.sections` returns."""
+        """Fill `out`, which holds the starts, with the result of `stroboscopic.sections`."""
         setup, count = self.setup(system, rtol), out.shape[1] - 1
         store = Store(np.zeros(count + 2, CYCLE), np.empty((0, self.columns or 3)), 0, None)
-        # The end of a run costs a step of the exact engine: whether a motion ends is asked every `stride` cycles.
+        # The end of a call costs the exact engine a step, so it tests every `stride` cycles whether a motion ends.
         self.sections(first, count, self.stride if len(orbits.reach) else count, self.steps(setup, count),
                       setup._replace(waves=setup.waves.copy()), self.memory()[1], store, orbits, out)
 
 
 @fast
 def within_reach(point: Any, k: int, orbits: Orbits) -> bool:
-    """Whether a section point is within the reach of that of an orbit."""
+    """Return whether a section point is within the radius of that of an orbit."""
     slip_speed = point[0] / SCALES[0] - orbits.points[k, 0]
     plate_angle = point[1] / SCALES[1] - orbits.points[k, 1]
     plate_speed = point[2] / SCALES[2] - orbits.points[k, 2]
@@ -214,7 +215,7 @@ def within_reach(point: Any, k: int, orbits: Orbits) -> bool:
 
 @fast
 def ends(section: Any, since: int, until: int, output: Any, first: int, cycles: Any, orbits: Orbits) -> bool:
-    """Take the points of a motion after cycle `since`; whether it ends there, as where it did not come to `until`."""
+    """Store the points of a motion after cycle `since`; return whether it ends there, or stopped before `until`."""
     for i in range(since + 1, output.cycle + 1):
         section[i, 0], section[i, 1], section[i, 2] = cycles[i].slip_speed, cycles[i].plate_angle, cycles[i].plate_speed
         for k in range(orbits.reach.shape[0]):
@@ -224,8 +225,48 @@ def ends(section: Any, since: int, until: int, output: Any, first: int, cycles: 
     return bool(output.cycle < until)
 
 
+def loop_by(start: Callable[..., None], take_step: Callable[..., int]) -> Callable[..., int]:
+    """Return the compiled loop of an engine.
+
+    Parameters
+    ----------
+    start : (setup, memory, tangent), sets up all but the state, where a motion starts
+    take_step : (first, count, tail, setup, memory, tangent, store, angle), takes a step or none, across the end of one
+        engine cycle at most; a result or GOES_ON
+    """
+    @compiled
+    def integrate(first: int, count: int, tail: float, step_limit: int, setup: Setup, memory: Memory, tangent: Any,
+                  store: Store, angle: Any) -> int:
+        """Solve `count` engine cycles from cycle `first` on, then `tail` seconds of one more; return the result.
+
+        A motion whose output has not `started` starts from the state; else it goes on after `output.cycle` cycles.
+        `tangent` and `angle` are None without derivatives and without theta1.
+        """
+        state, counters, output = memory.state, memory.counters, memory.output
+        period = setup.limits.period
+        if output.started == 0:
+            counters.limited, counters.events = 0, 0
+            state.shift = load_phase(setup.ratio, setup.terms.pulsation, first)
+            start(setup, memory, tangent)
+        while output.cycle < count or state.tau < tail:
+            if counters.limited >= step_limit:
+                return STEP_LIMIT
+            if tangent is None and full(store.moves, output.moves + MOVES_AT_ONCE):
+                return FULL
+            counters.limited += 1
+            status = take_step(first, count, tail, setup, memory, tangent, store, angle)
+            if status != GOES_ON:
+                return status
+            if state.tau >= period:
+                state.tau -= period
+                state.shift = load_phase(setup.ratio, setup.terms.pulsation, first + output.cycle)
+        return DONE
+
+    return integrate
+
+
 def sections_by(integrate: Callable[..., int]) -> Callable[..., None]:
-    """`integrate` for every state, by itself, some cycles at a time until it ends."""
+    """Return the kernel that integrates every state by itself, some cycles at a time until it ends."""
     @fast
     def sections(first: int, count: int, stride: int, step_limit: int, setup: Setup, memory: Memory, store: Store,
                  orbits: Orbits, out: Any) -> None:
@@ -243,7 +284,7 @@ def sections_by(integrate: Callable[..., int]) -> Callable[..., None]:
 
 
 def parts_by(integrate: Callable[..., int]) -> Callable[..., None]:
-    """`integrate` for every part, with the tangent the identity at its start."""
+    """Return the kernel that integrates every part, with the identity as the tangent at its start."""
     @fast
     def parts(room: Room, count: int, setup: Setup) -> None:
         parts, moves, ends, heights, climbs, tangent, memory, cycles, samples = room

@@ -1,5 +1,5 @@
-"""What drives a kernel: engine torque and saturation torque, their Taylor coefficients, and where the clamp of the
-pressure at 0 sets in and ends.
+"""Excitation of a kernel: engine torque and saturation torque, their Taylor coefficients, and the times at which the
+clamp of the pressure at 0 begins and ends.
 
 For the engines time is `tau`, seconds into an engine cycle. The sines of the engine torque repeat with the cycle; the
 load's phase at the start of the cycle is `shift` (rad), so that no large angle loses digits however long a run is.
@@ -29,8 +29,7 @@ GRID = math.pi / 8.0
 """Step in the load's angle within which the load less its clamp has one extremum at most."""
 BISECTIONS = 60
 PAST = 1e-7
-"""Part of such a step behind a root in which no other is looked for."""
-
+"""Part of such a step behind a root in which no other is searched for."""
 
 WAVE = np.dtype([("rate", np.float64), ("amplitude", np.float64), ("phase", np.float64), ("sine", np.float64),
                  ("cosine", np.float64)])
@@ -42,7 +41,7 @@ DRIVE = np.dtype([("torque", np.float64), ("torque_rate", np.float64), ("load", 
 
 
 def waves_of(terms: Terms) -> NDArray[Any]:
-    """The sines of the engine torque as an array of WAVE, the first harmonic first."""
+    """Return the sines of the engine torque as an array of WAVE, the first harmonic first."""
     rows = [] if terms.torque is None else [(terms.torque[1], terms.torque[0], 0.0, 0.0, 1.0)]
     if terms.harmonics is not None:
         rows += [(rate, amplitude, phase, 0.0, 1.0) for rate, amplitude, phase in terms.harmonics.tolist()]
@@ -54,13 +53,13 @@ reached = fast(of.reached)
 
 @fast
 def frequency_at(tau: float, row: Any) -> float:
-    """omega at tau by a row, rad/s."""
+    """Return omega at tau, rad/s."""
     return float(row[of.FREQUENCY] + row[of.FREQUENCY_RATE] * (tau - row[of.TIME]))
 
 
 @fast
 def swell_and_rate(tau: float, phase: float, omega: float, row: Any) -> tuple[float, float]:
-    """The harmonics whose amplitude varies, N m, and their change in a second, at tau by a row."""
+    """Return the sum at tau of the harmonics whose amplitude varies, N m, and its rate, N m/s."""
     torque, rate, k = 0.0, 0.0, of.SWELLS
     while k < row.shape[0]:
         sine, cosine = sine_and_cosine(row[k] * phase + row[k + 1])
@@ -74,7 +73,7 @@ def swell_and_rate(tau: float, phase: float, omega: float, row: Any) -> tuple[fl
 @fast
 def excite(tau: float, shift: float, loaded: bool, mean_torque: float, waves: Any, mean_load: float,
            pulsation: Pulsation, profile: Any, drive: Any) -> None:
-    """Fill `drive` and the sines and cosines of `waves` at tau; Ts is 0 where `loaded` is False."""
+    """Fill `drive` and the sines and cosines of `waves` at tau; Ts is 0 unless `loaded`."""
     phase, omega, torque, torque_rate, load, load_rate = tau, 1.0, mean_torque, 0.0, mean_load, 0.0
     if profile is not None:
         phase, torque, load = reached(tau, profile)
@@ -105,9 +104,8 @@ def excite(tau: float, shift: float, loaded: bool, mean_torque: float, waves: An
 @fast
 def expand_excitation(rows: Any, count: int, unit: float, tau: float, loaded: bool, mean_torque: float, waves: Any,
                       mean_load: float, pulsation: Pulsation, profile: Any, drive: Any) -> None:
-    """The first `count` Taylor coefficients in t/unit of Te and Ts, about where `drive` and `waves` are.
-
-    Of a load that does not vary only coefficient 0 is written.
+    """Fill the first `count` Taylor coefficients in t/unit of Te and Ts about tau, for which `drive` and `waves` are
+    filled. Of a constant load only coefficient 0 is written.
     """
     if profile is not None:
         expand_varying(rows, count, unit, tau, loaded, waves, pulsation, profile, drive)
@@ -147,9 +145,7 @@ def add_chirp(rows: Any, row: int, count: int, sine: float, cosine: float, rate:
 @fast
 def add_swells(rows: Any, count: int, unit: float, tau: float, phase: float, rate: float, growth: float,
                row: Any) -> None:
-    """Add the first `count` coefficients of the harmonics whose amplitude varies to those of Te: each is a chirp times
-    a + b x.
-    """
+    """Add to Te the first `count` coefficients of the harmonics with varying amplitude, chirps times a + b x."""
     k = of.SWELLS
     while k < row.shape[0]:
         sine, cosine = sine_and_cosine(row[k] * phase + row[k + 1])
@@ -162,7 +158,7 @@ def add_swells(rows: Any, count: int, unit: float, tau: float, phase: float, rat
 @fast
 def expand_varying(rows: Any, count: int, unit: float, tau: float, loaded: bool, waves: Any,
                    pulsation: Pulsation, row: Any, drive: Any) -> None:
-    """`expand_excitation` by a row."""
+    """Fill the coefficients of `expand_excitation` by a row of the profile."""
     rate, growth = frequency_at(tau, row) * unit, row[of.FREQUENCY_RATE] * unit * unit
     phase, torque, load = reached(tau, row)
     for k in range(count):
@@ -184,10 +180,10 @@ def expand_varying(rows: Any, count: int, unit: float, tau: float, loaded: bool,
 
 @fast
 def load_phase(ratio: float, pulsation: Pulsation, cycle: int) -> float:
-    """The load's phase at the start of an engine cycle, rad: whole turns are taken off before anything is rounded.
+    """Return the load's phase at the start of an engine cycle, rad, without its whole turns, which are exact.
 
-    The ratio of the frequencies is split_cycles by T. J. Dekker's method (Numerische Mathematik 18, 1971), so that the
-    product of its greater part and the number of the cycle is exact.
+    The ratio of the frequencies is split by T. J. Dekker's method (Numerische Mathematik 18, 1971), so that the product
+    of its greater part and the number of the cycle is exact.
     """
     if pulsation is None:
         return 0.0
@@ -201,7 +197,7 @@ def load_phase(ratio: float, pulsation: Pulsation, cycle: int) -> float:
 @fast
 def clamp_edge(tau: float, end: float, shift: float, mean_load: float, pulsation: Pulsation,
                profile: Any) -> tuple[float, bool]:
-    """The next time at which the clamp of Ts at 0 sets in or ends, or the profile goes on otherwise, at most `end`, and
+    """Return the next time at which the clamp of Ts at 0 switches or the profile has a corner, at most `end`, and
     whether Ts is above 0 until then.
     """
     if profile is not None:
@@ -231,7 +227,7 @@ def clamp_edge(tau: float, end: float, shift: float, mean_load: float, pulsation
 
 @fast
 def torque_beside_mean(tau: float, mean: float, waves: Any, row: Any) -> float:
-    """Te at tau less a mean, N m."""
+    """Return Te at tau less a mean, N m."""
     phase, now, _ = reached(tau, row)
     torque = float(now - mean) + swell_and_rate(tau, phase, 1.0, row)[0]
     for i in range(waves.shape[0]):
@@ -241,7 +237,7 @@ def torque_beside_mean(tau: float, mean: float, waves: Any, row: Any) -> float:
 
 @fast
 def load_and_rate(tau: float, pulsation: Pulsation, row: Any) -> tuple[float, float]:
-    """Ts before the clamp, N m, and its change in a second."""
+    """Return Ts before the clamp, N m, and its rate, N m/s."""
     phase, _, load = reached(tau, row)
     sine, cosine = sine_and_cosine(pulsation[1] * phase + row[of.SHIFT])
     return (load + pulsation[0] * sine,
@@ -250,7 +246,7 @@ def load_and_rate(tau: float, pulsation: Pulsation, row: Any) -> tuple[float, fl
 
 @fast
 def bisected(low: float, high: float, which: int, pulsation: Pulsation, row: Any) -> float:
-    """Where the load (`which` 0) or its rate (1) changes its sign between low and high: just behind it."""
+    """Return the time just behind a change of sign between low and high of the load (`which` 0) or its rate (1)."""
     rising = load_and_rate(high, pulsation, row)[which] > 0.0
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
@@ -263,7 +259,7 @@ def bisected(low: float, high: float, which: int, pulsation: Pulsation, row: Any
 
 @fast
 def edge_varying(tau: float, end: float, pulsation: Pulsation, row: Any) -> tuple[float, bool]:
-    """`clamp_edge` by a row: at most where the piece ends."""
+    """Return `clamp_edge` by a row of the profile, at most the end of the piece."""
     until = min(end, row[of.UNTIL])
     before, after = reached(tau, row)[2], reached(until, row)[2]
     if abs(pulsation[0]) <= min(before, after):

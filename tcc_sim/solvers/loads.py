@@ -1,9 +1,9 @@
-"""What clutch and shaft bear in a step: work and power of the friction torque, and the torque in the shaft.
+"""Loads of clutch and shaft in a step: work and power of the friction torque, and the torque in the shaft.
 
 (2b) gives the friction torque from the polynomials of the plate's motion, Tf = I2 theta2'' + C23 theta2' + K23 theta2,
-so neither its law nor its mode is asked for. Integrals over a step are sums by the rule of Lobatto with eight
-points, which holds for polynomials up to degree thirteen (M. Abramowitz and I. A. Stegun (1964), 25.4.32). The hull of
-a step, in the first row of the workspace, is left as it is.
+under any law and in any mode. Integrals over a step are sums by the rule of Lobatto with eight
+points, exact for polynomials up to degree thirteen (M. Abramowitz and I. A. Stegun (1964), 25.4.32). The first row of
+the workspace, the hull of the step, is not changed.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from tcc_sim.trajectory import Loads
 
 LOADS = np.dtype([("energy", np.float64), ("peak_power", np.float64), ("highest_shaft_torque", np.float64),
                   ("lowest_shaft_torque", np.float64), ("breakaways", np.float64), ("wanted", np.float64)])
-"""An engine cycle: the fields of `Loads`, and 1 where they are asked for."""
+"""An engine cycle: the fields of `Loads`, and 1 where they are computed."""
 
 COUNT = 8
 _INNER = np.polynomial.Legendre.basis(COUNT - 1).deriv().roots()
@@ -32,15 +32,15 @@ POINTS = 0.5 + 0.5 * np.concatenate([[-1.0], _INNER, [1.0]])
 WEIGHTS = 1.0 / (COUNT * (COUNT - 1) * np.polynomial.Legendre.basis(COUNT - 1)(2.0 * POINTS - 1.0) ** 2)
 """Abscissae and weights of the rule on [0, 1]."""
 PLACE, POWER, SHAFT, CLOSER = 1, 2, 3, 3
-"""Rows of the workspace: places in a step and what is there; so many rows further the same for closer ones."""
+"""Rows of the workspace: places in a step, power and torque there; CLOSER rows further on the same, closer together."""
 ROOM = 0.1
-"""How far, in parts of the values at the points, an extreme may lie beyond the largest of them."""
+"""Largest distance of an extreme from the values at the points, relative to their range."""
 MOVES = 16
-"""As often the closer places may move on; they need fourteen from one end of where they may be to the other."""
+"""Most moves of the closer places; fourteen take them from one end of their range to the other."""
 
 
 def room_for_loads(problem: Problem) -> NDArray[Any] | None:
-    """Records of LOADS for the cycles of a run and what follows them; None where no loads are asked for."""
+    """Return records of LOADS for the cycles of a run and the rest behind them; None without loads."""
     if problem.loads_from is None:
         return None
     out = np.zeros(problem.whole_cycles + 2, LOADS)
@@ -50,7 +50,7 @@ def room_for_loads(problem: Problem) -> NDArray[Any] | None:
 
 
 def loads_of(records: NDArray[Any] | None, problem: Problem, first: int, end: int) -> Loads | None:
-    """The loads of the cycles `first` to `end` of a run, from their records."""
+    """Return the loads of the cycles `first` to `end` of a run, from their records."""
     if records is None or problem.loads_from is None:
         return None
     columns = records[first:end].view(np.float64).reshape(end - first, LOADS.itemsize // 8)[:, :-1].T.copy()
@@ -59,7 +59,7 @@ def loads_of(records: NDArray[Any] | None, problem: Problem, first: int, end: in
 
 
 def staged_loads(lanes: int) -> Any:
-    """The staged function of `evaluate_loads` for degrees below `lanes`."""
+    """Return the staged function of `evaluate_loads` for degrees below `lanes`."""
     def staged(rows: Any, kept: Any, unit: Any, linear: Linear, places: Any, power: Any, shaft: Any) -> None:
         x = places.row(0, count=COUNT)
         v, angle, speed, rise = 0.0, 0.0, 0.0, 0.0
@@ -81,9 +81,7 @@ loads_24, loads_32 = unrolled(staged_loads(24)), unrolled(staged_loads(32))
 
 @fast
 def evaluate_loads(rows: Any, degree: int, unit: float, linear: Linear, closer: int, workspace: Any) -> None:
-    """Power of the friction torque, W, and torque in the shaft, N m, at COUNT places of a step at once, `closer` 0 or
-    CLOSER.
-    """
+    """Fill power of the friction torque, W, and torque in the shaft, N m, at COUNT places; `closer` is 0 or CLOSER."""
     places, power, shaft = workspace[PLACE + closer], workspace[POWER + closer], workspace[SHAFT + closer]
     if degree < 24:
         loads_24(0, rows, PER_BINOMIAL[degree], unit, linear, places, power, shaft)
@@ -94,9 +92,10 @@ def evaluate_loads(rows: Any, degree: int, unit: float, linear: Linear, closer: 
 @fast
 def largest_near(rows: Any, degree: int, unit: float, which: int, sign: float, at: int, linear: Linear,
                  workspace: Any) -> float:
-    """The largest of `sign` times POWER or SHAFT, from its values at the places, of which that `at` is the largest: the
-    vertex of the parabola through three of them about it, at closer places about a vertex of the first. Where the
-    largest of the closer ones is the outermost, they move on to it.
+    """Return the largest of `sign` times POWER or SHAFT, whose value at the place `at` is the largest.
+
+    It is the vertex of a parabola through three closer places, which are about the vertex of one through the places
+    next to `at`, and move on as long as their largest value is at their end.
     """
     closer, most, moved = 0, -math.inf, 0
     low, high, middle, apart = 0.0, 0.0, 0.0, 0.0
@@ -132,7 +131,7 @@ def largest_near(rows: Any, degree: int, unit: float, which: int, sign: float, a
 
 @fast
 def wanted(loads: Any, cycle: int) -> bool:
-    """Whether the loads of an engine cycle are asked for."""
+    """Return whether the loads of an engine cycle are computed."""
     if loads is None:
         return False
     else:
@@ -142,9 +141,7 @@ def wanted(loads: Any, cycle: int) -> bool:
 @fast
 def keep_loads(loads: Any, rows: Any, degree: int, unit: float, x: float, cut: float, cycle: int,
                linear: Linear, workspace: Any) -> None:
-    """Add a step over [0, x], which the end of the engine cycle cuts at `cut` (beyond x: not at all), to the records of
-    LOADS from `cycle` on, as far as there are any and they are wanted.
-    """
+    """Add a step over [0, x] to the records of LOADS, if any, of `cycle` and, behind `cut`, of the next one."""
     if loads is not None:
         if wanted(loads, cycle):
             add_part(rows, degree, unit, 0.0, min(x, cut), linear, loads[cycle], workspace)

@@ -17,23 +17,21 @@ from tcc_sim.solvers.terms import Terms, stick_speed_of
 from tcc_sim.trajectory import STILL, Cycles, FarEnd, Floats, Loads
 
 STAMP = 1e-9
-"""What the rounding of a stamp to whole nanoseconds may take from a cycle, s."""
+"""Loss of a cycle by the rounding of stamps to whole nanoseconds, s."""
 ROUNDING = 1e-12
-"""Times this close to each other are one but for rounding, s."""
+"""Times closer than this are equal, s."""
 LAYER = 7.0
 """Half width of the layer in which the smoothed law is stiff, in stick speeds: tanh is 1 to rounding beyond it."""
 
 
 def cycle_starts(first: int, end: float, cycle: float) -> Floats:
-    """Times n cycle, s, at which the engine cycles from number `first` on start and end, up to `end`, (m + 1,) for m
-    whole cycles.
-    """
+    """Return the times n cycle, s, from n = `first` on, up to `end`: (m + 1,) starts and ends of m whole cycles."""
     count = max(int(np.floor((end + 1e-9 * cycle) / cycle)) - first, 0)
     return np.asarray((first + np.arange(count + 1)) * cycle, dtype=np.float64)
 
 
 def starts_of(system: System | None, first: int, end: float, cycle: float = 0.0) -> Floats:
-    """`cycle_starts` of a system, whose frequency may vary in time; without one its cycles are all `cycle` s long."""
+    """Return `cycle_starts` of a system, whose frequency may vary in time; without one cycles are `cycle` s long."""
     if system is None or system.profile is None:
         return cycle_starts(first, end, cycle if system is None else system.cycle)
     count = max(int(np.floor(system.cycles_until(end) + 1e-9)) - first, 0)
@@ -41,11 +39,10 @@ def starts_of(system: System | None, first: int, end: float, cycle: float = 0.0)
 
 
 def cycles_of_states(t: Floats, states: Floats, terms: Terms, starts: Floats) -> Cycles:
-    """`cycles_from_samples` of states (n, 3 or 4) of the smoothed law, cut where the excitation has a corner or a jump.
+    """Return the cycles of states (n, 3 or 4) of the smoothed law, cut where the excitation has a corner or a jump.
 
-    Every such time between the samples gets two: one just before it, with the rates that hold until then, and one with
-    those that hold from then on, so that no interpolation crosses it. A state that was not solved there is
-    extrapolated from both sides.
+    Every such time gets two samples, one just before it with the rates until then, and one with the rates from then on,
+    so that no interpolation crosses it. A missing state there is extrapolated from both sides.
 
     Parameters
     ----------
@@ -80,12 +77,11 @@ def cycles_of_states(t: Floats, states: Floats, terms: Terms, starts: Floats) ->
 def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats, plate_angle: Floats,
                         plate_speed: Floats, plate_acceleration: Floats, *, starts: Floats,
                         stick_speed: float, linear: Linear | None = None, far: FarEnd = STILL) -> Cycles:
-    """What each whole engine cycle within the samples comes to.
+    """Return the results of each whole engine cycle within the samples.
 
-    The slip speed is the piecewise cubic through v and v'. Its extremes, its value where a cycle starts and the time it
-    spends within +-stick_speed are those of the cubic, interior extremes and several crossings in one interval
-    included. The plate angle is interpolated by a quintic, the plate speed by a cubic. The error is of order h^4 on
-    smooth arcs, of order h J where v' jumps by J between two samples.
+    The slip speed is the piecewise cubic through v and v', which gives the section, all extremes and the time within
+    +-stick_speed. The plate angle is interpolated by a quintic, the plate speed by a cubic. The error is of order h^4
+    on smooth arcs, of order h J where v' jumps by J between two samples.
 
     Parameters
     ----------
@@ -94,7 +90,8 @@ def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats
     plate_angle, plate_speed, plate_acceleration : (n,) arrays, rad, rad/s, rad/s^2
     starts : (m + 1,) array, s, increasing: where the m cycles start, and where the last of them ends (`cycle_starts`)
     stick_speed : |v| at or below which the clutch sticks, rad/s; 0 for the set-valued law, whose stick is v = 0 exactly
-    linear : I1, I2, C23, K23, where the loads of clutch and shaft are asked for too; `far` of the shaft's far end
+    linear : I1, I2, C23, K23, for the loads of clutch and shaft; None without them
+    far : motion of the shaft's far end
 
     Returns
     -------
@@ -136,9 +133,9 @@ def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats
 class _Grid(NamedTuple):
     """Samples at times t, (n,), and where the cycles start between them, at `starts`, (m + 1,).
 
-    place, left, h, u : of every start, behind how many samples it lies, the interval, its length, s, and the part of it
-        before the start
-    width : s, of all intervals between samples and starts from the first start to the last
+    place, left, h, u : for every start, the number of samples before it, the interval, its length, s, and the part of
+        it before the start
+    width : lengths of all intervals between samples and starts from the first start to the last, s
     pieces : (m,) the first of these in each cycle
     """
 
@@ -153,7 +150,7 @@ class _Grid(NamedTuple):
 
 
 def _grid(t: Floats, starts: Floats) -> _Grid:
-    """The cycles' starts between samples."""
+    """Return the grid of samples and starts of cycles."""
     place = np.searchsorted(t, starts, side="right")
     left = np.clip(place - 1, 0, len(t) - 2)
     h = t[left + 1] - t[left]
@@ -164,7 +161,7 @@ def _grid(t: Floats, starts: Floats) -> _Grid:
 
 
 def _check_times(t: Floats, starts: Floats) -> None:
-    """Raise InputError where times of samples do not increase, or engine cycles do not lie within them."""
+    """Raise InputError if times of samples do not increase, or engine cycles do not lie within them."""
     if t.ndim != 1 or len(t) < 2 or not np.all(np.diff(t) > 0.0):
         raise InputError("sample times must be two or more and strictly increasing")
     slack = STAMP + 1e-8 * float(starts[1] - starts[0] if len(starts) > 1 else t[-1] - t[0])
@@ -175,10 +172,10 @@ def _check_times(t: Floats, starts: Floats) -> None:
 
 def _loads(grid: _Grid, v: Floats, slip: Floats, angle: Floats, speed: Floats, plate: Floats, section: Floats,
            stick_speed: float, linear: Linear, far: FarEnd) -> Loads:
-    """Loads of clutch and shaft between samples, the torques from (2a) and (2b).
+    """Return the loads of clutch and shaft, with the torques from (2a) and (2b).
 
-    The clutch's energy is what the engine's work leaves over after the dissipation in C23 and the change of what is
-    stored, so that no integrand has the jumps of Tf.
+    The clutch's energy is the engine's work less the dissipation in C23 and the change of the stored energy, so that no
+    integrand has the jumps of Tf.
     """
     (i1, i2, damping, stiffness), t, starts, place = linear, grid.t, grid.starts, grid.place
     h = np.diff(t)
@@ -209,14 +206,14 @@ def _loads(grid: _Grid, v: Floats, slip: Floats, angle: Floats, speed: Floats, p
 
 
 def _about_starts(grid: _Grid, y: Floats, leaving: Floats, arriving: Floats) -> tuple[Floats, ...]:
-    """The cubics of the intervals in which the cycles start: values and slopes times h at both ends."""
+    """Return the cubics of the intervals in which the cycles start: values and slopes times h at both ends."""
     left, h = grid.left, grid.h
     return y[left], h * leaving[left], y[left + 1], h * arriving[left]
 
 
 def _cut(grid: _Grid, y: Floats, leaving: Floats, arriving: Floats) -> tuple[Floats, ...]:
-    """The cubics between samples and starts of cycles from the first start to the last, p, dp, q, dq of each, from
-    values y, (n,), and slopes at both ends of every interval, (n - 1,) each.
+    """Return the cubics between samples and starts of cycles from the first start to the last, p, dp, q, dq, by values
+    y, (n,), and slopes at both ends of every interval, (n - 1,) each.
     """
     own = _about_starts(grid, y, leaving, arriving)
     slope = _cubic_slope(grid.u, *own) / grid.h
@@ -227,12 +224,11 @@ def _cut(grid: _Grid, y: Floats, leaving: Floats, arriving: Floats) -> tuple[Flo
 
 
 def _without_overshoot(t: Floats, v: Floats, a: Floats, stick_speed: float) -> tuple[Floats, Floats]:
-    """Slopes at the start and at the end of every interval, (n - 1,) each, limited where an interval lands in the stick
-    layer.
+    """Return slopes at both ends of every interval, (n - 1,) each, limited where an interval lands in the stick layer.
 
-    There the slope at one end lasts for a part of the interval only, and the cubic would swing beyond both ends. The
-    sign of it is that dp + dq = 2 (q - p) + O(h^3) does not hold, as it does on smooth arcs. The limit, which makes the
-    cubic monotone, is that of F. N. Fritsch and R. E. Carlson (1980), SIAM J. Numer. Anal. 17, Section 4.
+    There the slope at one end lasts for a part of the interval only, and the cubic would swing beyond both ends:
+    dp + dq = 2 (q - p) + O(h^3) does not hold, as it does on smooth arcs. The limit, which makes the cubic monotone, is
+    that of F. N. Fritsch and R. E. Carlson (1980), SIAM J. Numer. Anal. 17, Section 4.
     """
     chord = np.diff(v) / np.diff(t)
     p, q = a[:-1], a[1:]
@@ -243,8 +239,7 @@ def _without_overshoot(t: Floats, v: Floats, a: Floats, stick_speed: float) -> t
 
 
 def hermite(at: Floats, t: Floats, y: Floats, rate: Floats) -> Floats:
-    """The piecewise cubic through values `y` and derivatives `rate` at times `t`, all (n,), evaluated at times `at`,
-    (m,).
+    """Return the piecewise cubic through values `y` and derivatives `rate` at times `t`, all (n,), at times `at`, (m,).
     """
     left = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 2)
     h = t[left + 1] - t[left]
@@ -252,22 +247,21 @@ def hermite(at: Floats, t: Floats, y: Floats, rate: Floats) -> Floats:
 
 
 def _cubic(u: Floats, p: Floats, dp: Floats, q: Floats, dq: Floats) -> Floats:
-    """The cubic on 0 <= u <= 1 with end values p, q and end slopes dp, dq; exactly p and q at the ends."""
+    """Return the cubic on 0 <= u <= 1 with end values p, q and end slopes dp, dq; exactly p and q at the ends."""
     w = 1.0 - u
     out: Floats = w * w * (p * (1.0 + 2.0 * u) + u * dp) + u * u * (q * (1.0 + 2.0 * w) - w * dq)
     return out
 
 
 def _cubic_slope(u: Floats, p: Floats, dp: Floats, q: Floats, dq: Floats) -> Floats:
-    """d/du of `_cubic`."""
+    """Return d/du of `_cubic`."""
     w = 1.0 - u
     out: Floats = 6.0 * u * w * (q - p) + w * (1.0 - 3.0 * u) * dp + u * (3.0 * u - 2.0) * dq
     return out
 
 
 def _quintic(u: Floats, h: Floats, left: NDArray[np.int64], y: Floats, rate: Floats, second: Floats) -> Floats:
-    """The quintic through value, first and second derivative at both ends of the intervals `left`, at the fraction u.
-    """
+    """Return the quintic through value, first and second derivative at both ends of the intervals `left`, at u."""
     p, q = y[left], y[left + 1]
     dp, dq = h * rate[left], h * rate[left + 1]
     ddp, ddq = h * h * second[left], h * h * second[left + 1]
@@ -279,7 +273,7 @@ def _quintic(u: Floats, h: Floats, left: NDArray[np.int64], y: Floats, rate: Flo
 
 
 def _turning_points(p: Floats, dp: Floats, q: Floats, dq: Floats) -> Floats:
-    """(m, 4) array: 0, the interior extremes of each cubic in order (or an end, where there are fewer), 1."""
+    """Return (m, 4) array: 0, the interior extremes of each cubic in order (or an end, where there are fewer), 1."""
     a, b, c = 3.0 * (2.0 * (p - q) + dp + dq), 3.0 * (q - p) - 2.0 * dp - dq, dp
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         root = b * b - a * c
@@ -293,7 +287,7 @@ def _turning_points(p: Floats, dp: Floats, q: Floats, dq: Floats) -> Floats:
 
 
 def _share_within(turns: Floats, values: Floats, p: Floats, dp: Floats, q: Floats, dq: Floats, level: float) -> Floats:
-    """The part of each interval, 0 to 1, where the cubic lies within +-level, from its three monotone pieces."""
+    """Return the part of each interval, 0 to 1, with the cubic within +-level, from its three monotone pieces."""
     share = np.zeros(len(p))
     for k in range(3):
         low, high = np.minimum(values[:, k], values[:, k + 1]), np.maximum(values[:, k], values[:, k + 1])
@@ -308,7 +302,7 @@ def _share_within(turns: Floats, values: Floats, p: Floats, dp: Floats, q: Float
 
 
 def _share_at_rest(p: Floats, dp: Floats, q: Floats, dq: Floats) -> Floats:
-    """The part of each interval, 0 to 1, in which the clutch rests that slips at one of its ends only.
+    """Return the part of each interval, 0 to 1, at rest, where the clutch slips at one end of the interval only.
 
     Slip ends at a constant deceleration, which jumps to 0 then; it begins with an acceleration that grows from 0.
     """
@@ -321,7 +315,7 @@ def _share_at_rest(p: Floats, dp: Floats, q: Floats, dq: Floats) -> Floats:
 
 def _crossing(level: float, a: Floats, b: Floats, rising: NDArray[np.bool_], p: Floats, dp: Floats, q: Floats,
               dq: Floats) -> Floats:
-    """Where monotone pieces [a, b] reach `level`, by bisection; the nearer end where they do not."""
+    """Return the place at which monotone pieces [a, b] reach `level`, by bisection; else the nearer end."""
     for _ in range(50):
         middle = 0.5 * (a + b)
         beyond = (_cubic(middle, p, dp, q, dq) > level) == rising

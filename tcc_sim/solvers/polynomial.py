@@ -1,8 +1,8 @@
-"""What a step's polynomial of the slip speed says: its values, the first crossing of a level, its extremes, certified.
+"""Polynomials of a step: values, the first crossing of a level and extremes, certified.
 
-Nothing is decided from values at the ends of a step: Descartes' rule of signs on the coefficients of Bernstein's form
-proves that there is no root, or isolates the first, so a dip into the layer and out again within one step is found. A
-polynomial is a row of an array of coefficients: a view of the row would cost two atomic reference counts at every call.
+Descartes' rule of signs on the Bernstein coefficients proves that there is no root, or isolates the first one, so that
+a dip into the layer and out again within one step is found. A polynomial is a row of an array of coefficients: a view
+of the row would cost two atomic reference counts at every call.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from tcc_sim.solvers.compiling.compiled import fast
 
 @fast
 def value(c: Any, row: int, degree: int, x: float) -> float:
-    """The polynomial sum of c[row, k] x^k, k = 0 to degree."""
+    """Return sum over k of c[row, k] x^k, k = 0 to degree."""
     out = c[row, degree]
     for k in range(degree - 1, -1, -1):
         out = out * x + c[row, k]
@@ -40,7 +40,7 @@ def value(c: Any, row: int, degree: int, x: float) -> float:
 
 @fast
 def values(c: Any, degree: int, x: float) -> tuple[float, float, float]:
-    """Those of rows 0, 1 and 2, side by side, two powers at a time: a sum waits for half as many before it."""
+    """Return the values of rows 0, 1 and 2, two powers at a time, which halves the chain of dependent sums."""
     odd, square = degree % 2, x * x
     first, second, third = odd * c[0, degree], odd * c[1, degree], odd * c[2, degree]
     for k in range(degree - 1 - odd, 0, -2):
@@ -52,7 +52,7 @@ def values(c: Any, degree: int, x: float) -> tuple[float, float, float]:
 
 @fast
 def value_and_slope(c: Any, row: int, degree: int, x: float) -> tuple[float, float]:
-    """The polynomial and its first derivative."""
+    """Return the polynomial and its first derivative."""
     out = c[row, degree]
     slope = 0.0
     for k in range(degree - 1, -1, -1):
@@ -63,7 +63,7 @@ def value_and_slope(c: Any, row: int, degree: int, x: float) -> tuple[float, flo
 
 @fast
 def slope_and_curvature(c: Any, row: int, degree: int, x: float) -> tuple[float, float]:
-    """First and second derivative of the polynomial."""
+    """Return the first and second derivative of the polynomial."""
     slope = 0.0
     curvature = 0.0
     for k in range(degree, 0, -1):
@@ -74,7 +74,7 @@ def slope_and_curvature(c: Any, row: int, degree: int, x: float) -> tuple[float,
 
 @fast
 def variation(c: Any, row: int, degree: int, x: float) -> float:
-    """A bound on how far the polynomial moves from its first value over [0, x]."""
+    """Return a bound on the distance of the polynomial from its first value over [0, x]."""
     out = 0.0
     for k in range(degree, 0, -1):
         out = (out + abs(c[row, k])) * x
@@ -84,9 +84,9 @@ def variation(c: Any, row: int, degree: int, x: float) -> float:
 @fast
 def fall_within(c: Any, row: int, degree: int, low: float, high: float, x: float, sign: float, level: float,
                 accuracy: float, since: float) -> float:
-    """The one root between low and high at which sign * polynomial falls to `level`: Newton's method within a bracket.
+    """Return the one root between low and high at which sign * polynomial falls to `level`, by Newton's method.
 
-    With `since` at or above 0 that root is divided out: it is where the polynomial was at the level before.
+    A root `since` at or above 0, where the polynomial was at the level before, is divided out.
     """
     last = 4e-16 * high
     for _ in range(80):
@@ -112,7 +112,7 @@ def fall_within(c: Any, row: int, degree: int, low: float, high: float, x: float
 @fast
 def fall_from(c: Any, row: int, degree: int, x_start: float, x_end: float, sign: float, level: float, accuracy: float,
               workspace: Any) -> float:
-    """`first_crossing` over [x_start, x_end] for a polynomial whose Bernstein coefficients over it are in row 1."""
+    """Return `first_crossing` over [x_start, x_end] for the polynomial whose Bernstein coefficients are in row 1."""
     noise = workspace[1, NOISE] + 2.0 * ROUNDING * abs(level)
     for i in range(degree + 1):
         workspace[1, i] = sign * workspace[1, i] - level
@@ -137,7 +137,7 @@ def fall_from(c: Any, row: int, degree: int, x_start: float, x_end: float, sign:
 @fast
 def crossing_of(c: Any, row: int, degree: int, x_end: float, sign: float, level: float, accuracy: float,
                 workspace: Any) -> float:
-    """`first_crossing` of a polynomial whose Bernstein coefficients over [0, x_end] are in the workspace already."""
+    """Return `first_crossing` of the polynomial whose Bernstein coefficients over [0, x_end] are in the workspace."""
     tiny = max(workspace[BERNSTEIN, NOISE] + 2.0 * ROUNDING * abs(level), 0.5 * accuracy)
     least = workspace[BERNSTEIN, LOW] if sign > 0.0 else -workspace[BERNSTEIN, HIGH]
     if not least - level < -tiny:
@@ -150,11 +150,11 @@ def crossing_of(c: Any, row: int, degree: int, x_end: float, sign: float, level:
 @fast
 def first_crossing(c: Any, row: int, degree: int, x_end: float, sign: float, level: float, accuracy: float,
                    workspace: Any) -> float:
-    """First x in [0, x_end] at which sign * polynomial falls to `level`; inf if it does not.
+    """Return the first x in [0, x_end] at which sign * polynomial falls to `level`; inf if it does not.
 
-    Where it starts within `accuracy` of the level, 0 if it falls, else where it comes back to where it started; where
-    it starts below, 0 if it falls, else where it falls back after it has passed the level. A dip that passes the level
-    by less than half of `accuracy`, or than the rounding of its coefficients, is no crossing.
+    A polynomial that starts within `accuracy` of the level crosses at 0 if it falls, else where it returns to its first
+    value; one that starts below crosses at 0 if it falls, else where it falls back after it has passed the level. A dip
+    below the level by less than half of `accuracy`, or than the rounding of its coefficients, is no crossing.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ def first_crossing(c: Any, row: int, degree: int, x_end: float, sign: float, lev
 @fast
 def stick_crossing(c: Any, row: int, degree: int, x_start: float, x_end: float, mode: int, level: float,
                    workspace: Any) -> float:
-    """First x in (x_start, x_end] at which the slip speed leaves `mode` (-1, 0, 1: slip, stick at |v| <= level, slip).
+    """Return the first x in (x_start, x_end] at which the slip speed leaves `mode` (-1, 1: slip; 0: |v| <= level).
 
     The first row of the workspace holds the Bernstein coefficients over [0, x_end] (`to_bernstein`).
     """
@@ -187,15 +187,15 @@ def stick_crossing(c: Any, row: int, degree: int, x_start: float, x_end: float, 
 
 @fast
 def newton_within(low: float, high: float, x: float, f: float, slope: float) -> float:
-    """Newton's next x for a root of f between low and high; their middle where it is not between them."""
+    """Return Newton's next x for a root of f between low and high, or their middle."""
     following = x - f / slope if slope != 0.0 else math.inf
     return following if low <= following <= high else 0.5 * (low + high)
 
 
 @fast
 def turning(c: Any, row: int, degree: int, low: float, high: float, x: float, rising: bool, noise: float) -> float:
-    """The value of the polynomial at the one root of its slope between low, where it is `rising` or not, and high; x is
-    a guess of it.
+    """Return the polynomial's value at the one root of its slope between low, where it is `rising` or not, and high,
+    from a guess x.
     """
     for _ in range(80):
         slope, curvature = slope_and_curvature(c, row, degree, x)
@@ -212,7 +212,7 @@ def turning(c: Any, row: int, degree: int, low: float, high: float, x: float, ri
 
 @fast
 def one_way(degree: int, noise: float, workspace: Any) -> bool:
-    """Whether the polynomial whose Bernstein coefficients are in the first row rises, or falls, all the way."""
+    """Return whether the polynomial whose Bernstein coefficients are in the first row is monotone."""
     rises, falls = 0, 0
     for i in range(degree):
         change = workspace[BERNSTEIN, i + 1] - workspace[BERNSTEIN, i]
@@ -224,8 +224,8 @@ def one_way(degree: int, noise: float, workspace: Any) -> bool:
 @fast
 def extremes_of(c: Any, row: int, degree: int, x_end: float, highest: float, lowest: float,
                 workspace: Any) -> tuple[float, float]:
-    """`highest` and `lowest` widened by what a polynomial reaches over [0, x_end], to rounding; its Bernstein
-    coefficients are in the workspace already.
+    """Return `highest` and `lowest` widened by a polynomial's extremes over [0, x_end]; its Bernstein coefficients are
+    in the workspace.
     """
     if not (workspace[BERNSTEIN, HIGH] > highest or workspace[BERNSTEIN, LOW] < lowest):
         return highest, lowest

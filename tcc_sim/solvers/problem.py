@@ -1,4 +1,4 @@
-"""What a solver is asked, and the Trajectory made of what it found."""
+"""The problem that a solver solves, and the Trajectory of its results."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ from tcc_sim.trajectory import (
 
 NOTHING_SPENT = Statistics()
 LEAST_REST = 1e-9
-"""What follows the whole cycles of a run counts where it is longer, in cycles; less is rounding."""
+"""Least part of a cycle, in cycles, that counts behind the whole cycles of a run; less is rounding."""
 
 
 @dataclass(frozen=True)
 class Problem:
-    """What to solve: a system from a start to an end, and what to keep.
+    """A system to solve from a start to an end, and the results to store; `solvers.solve` describes the fields.
 
     Time 0 is where the engine sine starts; a solve starts at a whole engine cycle, so section points fall on
     t = 2 pi n/omega exactly.
@@ -44,19 +44,14 @@ class Problem:
     cycles: int | None = None
     duration: float | None = None
     samples_per_cycle: int = 0
-    """Samples kept per engine cycle, uniform in time, besides the start and the end; 0 keeps none of them."""
     rtol: float | None = None
-    """Relative tolerance of an adaptive solver; None takes the solver's default."""
     step: float | None = None
-    """Step of a fixed-step solver, s; None takes the solver's default."""
     flywheel_angle: bool = False
-    """Integrate theta1 as well."""
     loads_from: int | None = None
-    """Engine cycle of the run from which on the loads of clutch and shaft are worked out; None for none."""
 
     @property
     def first(self) -> tuple[float, ...]:
-        """The numbers of the initial state, with theta1 where it is asked for."""
+        """Initial slip speed, plate angle and plate speed, and theta1 if it is integrated too."""
         angle = (self.state.flywheel_angle,) if self.flywheel_angle else ()
         return *self.state.numbers, *angle
 
@@ -83,29 +78,27 @@ class Problem:
 
     @property
     def rest(self) -> float:
-        """Seconds behind the whole cycles, of cycles of one length; 0 where there is nothing but rounding."""
+        """Seconds behind the whole cycles, for cycles of one length; 0 if only rounding is left."""
         if self.duration is None:
             return 0.0
         rest = self.duration - self.whole_cycles * self.system.cycle
         return rest if rest >= 1e-12 * self.system.cycle else 0.0
 
     def cycle_starts(self) -> Floats:
-        """When the whole cycles start, the end of the last one and, where the run goes on, the end of the run, s."""
+        """Return the starts of the whole cycles, the end of the last one and, if the run goes on, its end, s."""
         starts: Floats = self.system.cycle_start(self.start_cycle + np.arange(self.whole_cycles + 2))
         begun = self.end - starts[-2] > LEAST_REST * (starts[-1] - starts[-2])
         return np.append(starts[:-1], self.end) if begun else starts[:-1]
 
     def breaks(self) -> Floats:
-        """Start and end, and between them the times at which the excitation's profile has a corner or a jump, s."""
+        """Return start, corners and jumps of the excitation's profile, and end, s."""
         if self.system.profile is None:
             return np.array([self.start, self.end])
         inner = self.system.profile[:, TIME]
         return np.concatenate([[self.start], inner[(inner > self.start) & (inner < self.end)], [self.end]])
 
     def sample_times(self) -> Floats:
-        """The times to keep, s: those that divide every cycle into `samples_per_cycle`, from start to end, both
-        included.
-        """
+        """Return the times, s, that divide every cycle into `samples_per_cycle`, from start to end, both included."""
         if self.samples_per_cycle < 1:
             return np.array([self.start, self.end])
         if self.system.profile is not None:
@@ -124,7 +117,7 @@ class Problem:
 
 
 def rates_along(t: Floats, states: Floats, terms: Terms) -> Floats:
-    """Time derivatives of states (n, 3 or 4) of the smoothed law at the times t, (n,), from the equations of motion."""
+    """Return the time derivatives of states (n, 3 or 4) of the smoothed law at the times t, (n,)."""
     assert terms.smoothing is not None
     v, angle, speed = states[:, 0], states[:, 1], states[:, 2]
     engine, load = torques_at(terms, t)
@@ -135,14 +128,14 @@ def rates_along(t: Floats, states: Floats, terms: Terms) -> Floats:
 
 
 def far_end_along(t: Floats, terms: Terms) -> FarEnd:
-    """How the shaft's far end moves at the times t, (n,), s."""
+    """Return the motion of the shaft's far end at the times t, (n,), s."""
     return FarEnd() if terms.far is None else FarEnd(*far_end_at(terms.far, t))
 
 
 def assemble(problem: Problem, solver: str, t: Floats, states: Floats, *, modes: Modes | None = None,
              cycles: Cycles | None = None, rest: Cycles | None = None, transitions: Transitions | None = None,
              status: Status = Status.DONE, detail: str = "", statistics: Statistics = NOTHING_SPENT) -> Trajectory:
-    """A Trajectory from times (n,) and states (n, 3 or 4): slip speed, plate angle, plate speed and, if there, theta1.
+    """Return the Trajectory of times (n,) and states (n, 3 or 4): slip speed, plate angle, plate speed, maybe theta1.
 
     The smoothed law gives the friction torque from the state, the set-valued one from `modes` (n,) too: (6) in slip,
     lambda in stick, 0 when free.

@@ -1,5 +1,4 @@
-"""Parts of a collocation step that both engines take: what is given at its nodes, the plate behind the slip speeds, and
-the rung of the ladder (`collocation`) that comes next.
+"""Parts of a collocation step of both engines: data at its nodes, the plate's motion, and the next rung of the ladder.
 
 The error of a polynomial of degree s goes as h^s (K. Gustafsson's elementary controller; E. Hairer and G. Wanner,
 Solving Ordinary Differential Equations II, Sec. IV.8).
@@ -19,14 +18,12 @@ from tcc_sim.solvers.stages import add_share, add_slip, to_powers
 SAFETY = 0.85
 SHRINK_MOST = 0.25
 SMALLEST_ERROR = 1e-9
-"""Errors below are rounding, and say nothing of the length."""
+"""Smaller errors are rounding and do not depend on the length."""
 
 
 @fast
 def weigh(state: Any, h: float, kappa: float, mean_torque: float, waves: Any, profile: Any, work: Any) -> None:
-    """How much of every source there is: the start, and the sines of the torque and their quadratures, or the torque at
-    the nodes.
-    """
+    """Fill the weights of the sources: the start, and the torque's sines and quadratures, or that at the nodes."""
     weights = work.weights
     weights[FROM_ANGLE] = state.plate_angle
     weights[FROM_SPEED] = state.plate_speed + kappa * state.slip_speed
@@ -44,7 +41,7 @@ def weigh(state: Any, h: float, kappa: float, mean_torque: float, waves: Any, pr
 @fast
 def grip_at_nodes(tau: float, h: float, turn: Any, loaded: bool, beta: float, mean_load: float, pulsation: Pulsation,
                   profile: Any, drive: Any, grip: Any) -> None:
-    """beta Ts at the nodes of a collocation step."""
+    """Fill beta Ts at the nodes of a collocation step."""
     cosine, sine = turn.cosine, turn.sine
     for i in range(NODES):
         load = mean_load
@@ -57,7 +54,7 @@ def grip_at_nodes(tau: float, h: float, turn: Any, loaded: bool, beta: float, me
 
 @fast
 def balance(sources: Any, level: int, work: Any) -> None:
-    """b without the share of v(0) at the nodes."""
+    """Fill b without the share of v(0) at the nodes."""
     work.balance[:] = 0.0
     for k in range(sources.shape[1]):
         add_share(0, work.balance, sources[level, k].balance, work.weights[k])
@@ -65,9 +62,7 @@ def balance(sources: Any, level: int, work: Any) -> None:
 
 @fast
 def fill_plate(rung: Any, sources: Any, level: int, kappa: float, work: Any) -> None:
-    """The polynomials of theta2 and theta2' over the step, and the Chebyshev coefficients of theta2' in
-    work.chebyshev.
-    """
+    """Fill the polynomials of theta2 and theta2', and work.chebyshev with the Chebyshev coefficients of theta2'."""
     rows, slip, weights, chebyshev = work.rows, work.slip, work.weights, work.chebyshev
     chebyshev[:] = 0.0
     for k in range(sources.shape[1]):
@@ -85,7 +80,7 @@ def fill_plate(rung: Any, sources: Any, level: int, kappa: float, work: Any) -> 
 
 @fast
 def state_at_end(rung: Any, sources: Any, level: int, kappa: float, work: Any, state: Any) -> None:
-    """The state at the last node, the end of the rung."""
+    """Set the state to that at the last node, the end of the rung."""
     slip, weights, end_angle, end_speed = work.slip, work.weights, rung.end_angle, rung.end_speed
     angle, speed = 0.0, 0.0
     for k in range(sources.shape[1]):
@@ -102,7 +97,7 @@ def state_at_end(rung: Any, sources: Any, level: int, kappa: float, work: Any, s
 
 @fast
 def rung_below(rungs: Any, level: int, length: float) -> int:
-    """The longest rung from `level` on that is at most `length`; their number where there is none."""
+    """Return the longest rung from `level` on that is at most `length`; the number of rungs where there is none."""
     while level < rungs.shape[0] and rungs[level].length > length:
         level += 1
     return level
@@ -110,5 +105,5 @@ def rung_below(rungs: Any, level: int, length: float) -> int:
 
 @fast
 def growth(error: float) -> float:
-    """Factor to the length at which the error, relative to what is allowed, is expected to be a little below 1."""
+    """Return the factor to the length at which the relative error is expected to be a little below 1."""
     return max(SAFETY * math.exp(-math.log(max(error, SMALLEST_ERROR)) / NODES), SHRINK_MOST)

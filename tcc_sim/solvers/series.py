@@ -1,4 +1,4 @@
-"""Taylor series: the one set of recurrences, and with them the motion of the driveline.
+"""Taylor series of the motion of the driveline by recurrences.
 
 The recurrences are those of automatic differentiation (Hairer, Norsett and Wanner, Solving Ordinary Differential
 Equations I, Sec. I.8; A. Jorba and M. Zou, Experimental Mathematics 14, 2005): E = exp(-alpha |v|) from
@@ -35,13 +35,13 @@ INVERSE = 1.0 / np.maximum(np.arange(COLUMNS + 2), 1.0)
 
 OF_SINE, OF_COSINE = (np.array([(0.0, 1.0, 0.0, -1.0)[(k + start) % 4] / math.factorial(k) for k in range(COLUMNS)])
                       for start in (1, 0))
-"""What sine and cosine now add to the Taylor coefficients of a sine of rate 1."""
+"""Shares of sine and cosine at the start in the Taylor coefficients of a sine of rate 1."""
 ENDLESS = 900.0
-"""log2 of a length that nothing limits."""
+"""log2 of an unlimited length."""
 
 
 def total(terms: Sequence[Any]) -> Any:
-    """The sum of terms of which the last two are known last: the others are added up while those are awaited."""
+    """Return the sum of terms; the last two, which the processor computes last, are added last."""
     early, late = terms[:-2], terms[-2:]
     out: Any = 0.0
     for chain in (early[0::2], early[1::2]):
@@ -55,24 +55,24 @@ def total(terms: Sequence[Any]) -> Any:
 
 
 def product(a: Sequence[Any], b: Sequence[Any], k: int) -> Any:
-    """Coefficient k of the product of two series: sum over j of a_j b_(k-j)."""
+    """Return coefficient k of the product of two series: sum over j of a_j b_(k-j)."""
     return total([a[j] * b[k - j] for j in sorted(range(k + 1), key=lambda j: max(j, k - j))])
 
 
 def square(a: Sequence[Any], k: int) -> Any:
-    """Coefficient k of the square of a series."""
+    """Return coefficient k of the square of a series."""
     mixed = [2.0 * a[j] * a[k - j] for j in range((k - 1) // 2, -1, -1)]
     return total([a[k // 2] * a[k // 2], *mixed] if k % 2 == 0 else mixed)
 
 
 def inner(a: Sequence[Any], b: Sequence[Any], k: int) -> Any:
-    """Coefficient k of the product of two series without its ends a_0 b_k and a_k b_0."""
+    """Return coefficient k of the product of two series without its ends a_0 b_k and a_k b_0."""
     return total([a[j] * b[k - j] for j in sorted(range(1, k), key=lambda j: max(j, k - j))])
 
 
 def side_by_side(pairs: Sequence[Any], rows: list[Any], k: int) -> list[Any]:
-    """`inner` of several pairs of series in the lanes of one row, 0 for a pair that is None; `rows` keeps what was
-    asked for before.
+    """Return `inner` of several pairs of series in the lanes of one row, 0 for a pair that is None; `rows` holds the
+    coefficients below k - 1.
     """
     there = [pair for pair in pairs if pair is not None]
     if not there:
@@ -85,8 +85,8 @@ def side_by_side(pairs: Sequence[Any], rows: list[Any], k: int) -> list[Any]:
 
 
 def driven(rate: Any, weighted: Sequence[Any], other: Sequence[Any], k: int) -> Any:
-    """Coefficient k >= 1 of the series whose derivative is rate v' times `other`, without what v_k adds, which is
-    rate `other`_0 v_k; `weighted` holds j v_j.
+    """Return coefficient k >= 1 of the series with derivative rate v' `other`, without the share rate `other`_0 v_k;
+    `weighted` holds j v_j.
     """
     return rate * (1.0 / k) * inner(weighted, other, k)
 
@@ -104,10 +104,10 @@ def hyperbolic(rate: Any, weighted: Sequence[Any], tanh: list[Any], sech: list[A
 
 def motion(rows: Any, unit: Any, linear: Linear, sign: Any, pulsation: Any, stribeck: Any, excess: Any, sigma: Any,
            tanh: Any, sech: Any) -> Iterator[int]:
-    """Coefficients of slip speed, plate angle and plate speed by equations (2), mubar by recurrence.
+    """Fill the coefficients of slip speed, plate angle and plate speed by equations (2), mubar by recurrence.
 
-    Each series waits for the one before it, so what v_k adds last of all is one product: the slope of mubar now times
-    v_k is its share in coefficient k of mubar, whose other terms are known before v_k is.
+    Each coefficient waits for the one before it. Therefore v_k enters by one product: its share in coefficient k of
+    mubar is the slope of mubar at the start times v_k, and the other terms are added up before.
 
     Parameters
     ----------
@@ -168,12 +168,12 @@ def motion(rows: Any, unit: Any, linear: Linear, sign: Any, pulsation: Any, stri
 
 
 def added(numbers: Sequence[Any]) -> Any:
-    """The sum of a few numbers, 0 of none."""
+    """Return the sum of a few numbers, 0 of none."""
     return functools.reduce(operator.add, numbers) if numbers else 0.0
 
 
 def excesses(stribeck: Any, first: Any, sign: Any, v: Any) -> list[Any]:
-    """Values c exp(-a |v|) of the exponentials, the first one given."""
+    """Return the values c exp(-a |v|) of the exponentials; the first one is given."""
     if stribeck is None:
         return []
     return [first, *(stribeck[j] * exp(-stribeck[j + 1] * sign * v) for j in range(2, len(stribeck), 2))]
@@ -186,14 +186,14 @@ FRICTION_ORDER_MAXIMUM."""
 
 @fast
 def logarithm(x: float) -> float:
-    """log2 x for x > 0, up to 0.09 too small and never too large; beyond 1e300 that of 1e300."""
+    """Return log2 x for x > 0, up to 0.09 too small and never too large; x is limited to 1e300."""
     mantissa, exponent = math.frexp(min(x, 1e300))
     return exponent - 2.0 + 2.0 * mantissa
 
 
 @fast
 def power_of_two(x: float) -> float:
-    """2^x, up to 0.9 % too small and never too large: enough for a length, and faster than exp."""
+    """Return 2^x, up to 0.9 % too small and never too large: enough for a length, and faster than exp."""
     whole = math.floor(x)
     part = x - whole
     return math.ldexp(1.0 + part * (0.6565 + 0.3435 * part) - 0.004, int(whole))
@@ -201,10 +201,9 @@ def power_of_two(x: float) -> float:
 
 @fast
 def sine_and_cosine(angle: float) -> tuple[float, float]:
-    """Sine and cosine of an angle within about 1e6 rad, to the last bit or two, at the price of one.
+    """Return sine and cosine of an angle within about 1e6 rad, to the last bit or two, in the time of one.
 
-    S. L. Moshier's polynomials (Cephes, sin.c) on [-pi/4, pi/4]; pi/2 in three parts takes multiples of it away
-    exactly.
+    S. L. Moshier's polynomials (Cephes, sin.c) on [-pi/4, pi/4]; pi/2 in three parts makes the reduction exact.
     """
     turns = math.floor(angle * 0.6366197723675814 + 0.5)
     x = ((angle - turns * 1.570796251296997) - turns * 7.549789415861596e-8) - turns * 5.390302858158119e-15
@@ -224,7 +223,7 @@ def sine_and_cosine(angle: float) -> tuple[float, float]:
 
 
 def powers_of(x: Any) -> Iterator[Any]:
-    """1, x, x^2, ... in rows of eight, by a short chain of products."""
+    """Yield 1, x, x^2, ... in rows of eight, by a short chain of products."""
     square = x * x
     cube, fourth = square * x, square * square
     row = row_of([1.0, x, square, cube, fourth, fourth * x, fourth * square, fourth * cube])
@@ -246,14 +245,12 @@ expand_sine = unrolled(sine)
 
 @fast
 def add_sine(rows: Any, row: int, count: int, sine: float, cosine: float, rate: float) -> None:
-    """Add the coefficients of a sine to a row, `count` and up to seven more: its value and its quadrature now, its rate
-    per unit.
-    """
+    """Add `count` or up to seven more coefficients of a sine, given at the start with its quadrature, to a row."""
     expand_sine(count - 1, rows[row], sine, cosine, rate)
 
 
 @fast
 def add_integral(rows: Any, order: int, unit: float) -> None:
-    """Coefficients 1 to `order` of theta1, the integral of slip speed + plate speed; coefficient 0 is given."""
+    """Fill coefficients 1 to `order` of theta1, the integral of slip speed + plate speed."""
     for k in range(order):
         rows[FLYWHEEL, k + 1] = unit * (rows[SLIP, k] + rows[SPEED, k]) * INVERSE[k + 1]

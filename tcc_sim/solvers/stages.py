@@ -1,8 +1,7 @@
 """The nonlinear equations of a collocation step, b - L V - beta Ts mubar(V) = 0 for the slip speeds V at the nodes.
 
-They are solved by Newton's method, with the diagonal alone where friction outweighs the rest. What is done to all nodes
-at once is straight-line code on rows of 16 numbers (`unrolled`), which the processor adds and multiplies four or eight
-at a time.
+They are solved by Newton's method, with the diagonal alone where friction outweighs the rest. Operations on all nodes
+are straight-line code on rows of 16 numbers (`unrolled`), which the processor handles four or eight at a time.
 """
 
 from __future__ import annotations
@@ -30,15 +29,15 @@ from tcc_sim.solvers.series import COLUMNS, ROWS, added
 
 ITERATIONS_MAXIMUM = 20
 DOMINANT = 6.0
-"""beta Ts mubar' beside the last, largest diagonal term of L, above which Newton's matrix is taken as diagonal."""
+"""Ratio of beta Ts mubar' to the last, largest diagonal term of L above which Newton's matrix counts as diagonal."""
 FOLLOWED = 0.7
-"""Newton's method changes sigma V by at most this at a time: further on tanh is another function."""
+"""Largest change of sigma V in an iteration of Newton's method: over a longer one tanh changes too much."""
 LEAST_SLOPE = 0.05
-"""Slope of mubar, relative to sigma, below which a residual is no measure of how far V is from its place."""
+"""Slope of mubar, relative to sigma, below which a residual does not measure the distance of V from the solution."""
 STALLED, ROUNDED = 0.3, 100.0
-"""Corrections that no longer shrink below the one share, and are within that many accuracies, are rounding."""
+"""Corrections are rounding if they shrink by less than the first factor and are below the second times `accuracy`."""
 LARGEST, LEAST = range(2)
-"""Places of a measure: Newton's largest correction, and the least beta Ts mubar' at the nodes."""
+"""Entries of `measure`: Newton's largest correction, and the least beta Ts mubar' at the nodes."""
 WIDTH = 4
 """Numbers in a part of a column."""
 
@@ -56,18 +55,17 @@ WORK = np.dtype([
     ("weights", np.float64, FROM_WAVES + 2 * WAVES_MAXIMUM)])
 """Work space.
 
-rows, bernstein : the polynomials of a step, in powers of its time, two of them an engine's own, and what searches on
-    them need
+rows, bernstein : the polynomials of a step, in powers of its time, two of them an engine's own; work space of searches
 slip, law, slope, grip : at the nodes, V, mubar(V), mubar'(V) and beta Ts
 balance, demand : at the nodes, b without the share of v(0), and b/(beta Ts), what mubar would be without inertia
-change, measure : Newton's correction of V; sizes named in `stages`
+change, measure : Newton's correction of V; LARGEST and LEAST
 chebyshev : coefficients over the step of the polynomial in hand
-weights : how much of every source there is
+weights : factors of the sources
 """
 
 
 class Place(NamedTuple):
-    """Where the state is: its region, the sign of v, and the errors of v and theta2' that a step may leave."""
+    """Region of the state, sign of v, and tolerances of v and theta2' of a step."""
 
     region: int
     sign: float
@@ -76,8 +74,8 @@ class Place(NamedTuple):
 
 
 def staged_law(slip: Any, law: Any, slope: Any, sign: Any, sigma: Any, stribeck: Any) -> None:
-    """mubar of (7), or of (6) where sigma is None, and its slope at the nodes, with |v| continued as sign * v through
-    v = 0: the kink is a step's end.
+    """Fill mubar of (7), or of (6) where sigma is None, and its slope at the nodes, with |v| continued as sign * v
+    through v = 0, where a step ends.
     """
     v = slip.row()
     if sigma is None:
@@ -101,15 +99,13 @@ def staged_law(slip: Any, law: Any, slope: Any, sign: Any, sigma: Any, stribeck:
 
 
 def excesses_at(v: Any, sign: Any, stribeck: Any) -> list[tuple[Any, Any]]:
-    """Values c exp(-a sign v) of the exponentials at the nodes, and their rates."""
+    """Return the values c exp(-a sign v) of the exponentials at the nodes, and their rates."""
     return [(exp(limited(v * (-rate * sign), -700.0, 1.0)) * share, rate)
             for share, rate in zip(stribeck[::2], stribeck[1::2])]
 
 
 def staged_guess(demand: Any, slip: Any, sign: Any, sigma: Any, stribeck: Any) -> None:
-    """Where mubar meets the demand on its rising branch, to about a per cent: atanh by a quotient, the exponential
-    once.
-    """
+    """Fill the slip speeds at which mubar meets the demand on its rising branch, to about a per cent."""
     asked = demand.row()
     if stribeck is None:
         v = inverse_tanh(limited(asked, -0.98, 0.98))
@@ -122,14 +118,14 @@ def staged_guess(demand: Any, slip: Any, sign: Any, sigma: Any, stribeck: Any) -
 
 
 def inverse_tanh(y: Any) -> Any:
-    """atanh to about a per cent up to 0.985, for a first guess."""
+    """Return atanh to about a per cent up to 0.985."""
     s = y * y
     return y * (1.0 - s * (0.7789 - 0.0936 * s)) / (1.0 - s * (1.1122 - 0.2236 * s))
 
 
 def staged_residual(coupling: Any, slip: Any, law: Any, slope: Any, grip: Any, balance: Any, start: Any, v: Any,
                   change: Any, measure: Any) -> None:
-    """b - L V - beta Ts mubar(V), into `change`, and the least beta Ts mubar'."""
+    """Fill `change` with b - L V - beta Ts mubar(V), and measure[LEAST]."""
     speeds = slip.row()
     sums = [0.0, 0.0, 0.0, 0.0]
     for j in range(NODES):
@@ -140,25 +136,24 @@ def staged_residual(coupling: Any, slip: Any, law: Any, slope: Any, grip: Any, b
 
 
 def staged_follow(change: Any, slip: Any, grip: Any, slope: Any, sigma: Any) -> None:
-    """Correct V by what friction alone answers to the residual, at most as far as Newton's method goes."""
+    """Correct V by the residual over the slope of friction alone, at most by FOLLOWED."""
     stiffness = grip.row() * limited(slope.row() / sigma, LEAST_SLOPE, 1e300)
     correction = limited(change.row() / stiffness, -FOLLOWED, FOLLOWED)
     slip.set_row(slip.row() + correction / sigma)
 
 
 def staged_divide(change: Any, diagonal: Any, grip: Any, slope: Any, measure: Any) -> None:
-    """Newton's correction with the diagonal of its matrix alone."""
+    """Fill Newton's correction by the diagonal of its matrix alone."""
     out = change.row() / (diagonal.row() + grip.row() * slope.row())
     change.set_row(out)
     measure[LARGEST,] = largest_size(out)
 
 
 def staged_eliminate(change: Any, coupling: Any, grip: Any, slope: Any, measure: Any) -> None:
-    """Newton's correction: (L + beta Ts mubar') x = change, by elimination without pivoting, a column in four parts.
+    """Fill Newton's correction: (L + beta Ts mubar') x = change, by Gauss and Jordan's elimination.
 
-    Gauss and Jordan's elimination, below the diagonal and above it: no row waits for the next one's solution.
-
-    L is dominated by a^-1, whose leading minors do not vanish, and friction adds to the diagonal where it is strong.
+    It needs no pivoting: L is dominated by a^-1, whose leading minors do not vanish, and friction adds to the diagonal
+    where it is strong.
     """
     found, = eliminated(coupling, grip, slope, [[change.row(WIDTH * p, count=WIDTH) for p in range(NODES // WIDTH)]])
     change.set_row(found)
@@ -166,7 +161,7 @@ def staged_eliminate(change: Any, coupling: Any, grip: Any, slope: Any, measure:
 
 
 def staged_eliminate_rows(rows: Any, coupling: Any, grip: Any, slope: Any) -> None:
-    """The same for every row of `rows`."""
+    """Solve the same equations for every row of `rows`."""
     count, parts = rows.shape[0], range(NODES // WIDTH)
     right = [[rows.row(i, WIDTH * p, count=WIDTH) for p in parts] for i in range(count)]
     for i, found in enumerate(eliminated(coupling, grip, slope, right)):
@@ -174,7 +169,7 @@ def staged_eliminate_rows(rows: Any, coupling: Any, grip: Any, slope: Any) -> No
 
 
 def eliminated(coupling: Any, grip: Any, slope: Any, sides: list[list[Any]]) -> list[Any]:
-    """The solutions for right-hand sides, each in parts of WIDTH numbers."""
+    """Return the solutions for right-hand sides, each in parts of WIDTH numbers."""
     parts = range(NODES // WIDTH)
     columns = [[coupling.row(j, WIDTH * p, count=WIDTH) for p in parts] for j in range(NODES)]
     for p in parts:
@@ -195,12 +190,12 @@ def eliminated(coupling: Any, grip: Any, slope: Any, sides: list[list[Any]]) -> 
 
 
 def _lanes(chosen: Any) -> tuple[float, ...]:
-    """1 in the chosen places of a part of a column, 0 elsewhere."""
+    """Return 1 in the chosen lanes of a part of a column, 0 elsewhere."""
     return tuple(1.0 if chosen(i) else 0.0 for i in range(WIDTH))
 
 
 def staged_add_share(total: Any, share: Any, weight: Any) -> None:
-    """Add so much of a source to what it adds to."""
+    """Add a source times its weight."""
     total.set_row(total.row() + share.row() * weight)
 
 
@@ -213,7 +208,7 @@ def staged_add_slip(slip: Any, shares: Any, chebyshev: Any) -> None:
 
 
 def staged_slip_polynomial(slip: Any, v: Any, chebyshev: Any, powers: Any) -> None:
-    """The polynomial through v at the start and V at the nodes: Chebyshev coefficients, and powers of x."""
+    """Fill the polynomial through v at the start and V at the nodes: Chebyshev coefficients, and powers of x."""
     speeds = slip.row()
     sums = [v * TO_CHEBYSHEV[0], 0.0]
     for j in range(NODES):
@@ -223,7 +218,7 @@ def staged_slip_polynomial(slip: Any, v: Any, chebyshev: Any, powers: Any) -> No
 
 
 def staged_powers(chebyshev: Any, powers: Any) -> None:
-    """Powers of x from Chebyshev coefficients over [0, 1]; first those: large integers would meet rounding."""
+    """Fill powers of x from Chebyshev coefficients over [0, 1]."""
     coefficients = chebyshev.row()
     out: Any = 0.0
     for i in range(NODES + 1):
@@ -246,8 +241,8 @@ to_powers = unrolled(staged_powers)
 
 @fast
 def follow_manifold(rung: Any, v: float, sign: float, sigma: float, stribeck: Stribeck, work: Any) -> None:
-    """A better guess in stick, where V changes little from node to node: b - L V - beta Ts mubar(V) = 0 with V in L V
-    as it was guessed. It costs a third of an iteration, and saves one.
+    """Improve the guess in stick, where V changes little from node to node, by b - L V - beta Ts mubar(V) = 0 with the
+    guess in L V. It costs a third of an iteration, and saves one.
     """
     evaluate_law(0, work.slip, work.law, work.slope, sign, sigma, stribeck)
     evaluate_residual(0, rung.coupling, work.slip, work.law, work.slope, work.grip, work.balance, rung.start, v,
@@ -257,7 +252,7 @@ def follow_manifold(rung: Any, v: float, sign: float, sigma: float, stribeck: St
 
 @fast
 def law_at_nodes(place: Place, sigma: float | None, stribeck: Stribeck, work: Any) -> None:
-    """mubar and its slope at the nodes; where mubar is constant it stays so: a step is cut at the edge of a region."""
+    """Fill mubar and its slope at the nodes; mubar stays constant past the region's edge, where the step is cut."""
     if place.region == SLIDING:
         for i in range(NODES):
             work.law[i], work.slope[i] = place.sign, 0.0
@@ -268,9 +263,9 @@ def law_at_nodes(place: Place, sigma: float | None, stribeck: Stribeck, work: An
 @fast
 def solve_stages(rung: Any, v: float, place: Place, sharpness: float, sigma: float | None, stribeck: Stribeck,
                  accuracy: float, work: Any) -> int:
-    """Newton's method from the guess in work.slip, mubar changing with v as fast as `sharpness`, s/rad.
+    """Solve by Newton's method from the guess in work.slip; mubar changes with v as fast as `sharpness`, s/rad.
 
-    Returns the iterations used, negative where they did not converge to `accuracy` (rad/s).
+    Returns the iterations, negative where they did not converge to `accuracy` (rad/s).
     """
     slip, law, slope, grip, change = work.slip, work.law, work.slope, work.grip, work.change
     measure, coupling, diagonal = work.measure, rung.coupling, rung.diagonal

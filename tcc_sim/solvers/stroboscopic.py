@@ -16,7 +16,6 @@ from tcc_sim.model.parameters import System
 from tcc_sim.solvers.changes import ALONG, ALONG_ALL, CHANGES, LANES
 from tcc_sim.solvers.compiling.compiled import Partial
 from tcc_sim.solvers.engine import GRADIENT, PART, EngineShell, Room, Tangent
-from tcc_sim.solvers.kept import CYCLE, DONE, MOVE, STATUSES
 from tcc_sim.solvers.key_derivatives import (
     DECAY,
     DECAYS,
@@ -28,24 +27,25 @@ from tcc_sim.solvers.key_derivatives import (
     TORQUE_AMPLITUDE,
     key_derivatives,
 )
+from tcc_sim.solvers.run_output import CYCLE, DONE, MOVE, STATUSES
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.trajectory import NO_ORBITS, Floats, Orbits, event_sequence
 
 
 class Stroboscopic(NamedTuple):
-    """What some engine cycles make of a state.
+    """The state after some engine cycles, with derivatives.
 
     state : (3,) slip speed, plate angle, plate speed after them
     derivatives : (3, 3 + P) by the state before, and by the keys, each at constant phase omega t; under the set-valued
         law a start in stick is projected on v = 0
     events : modes in order: S stick, + and - slip, F free
-    heights : (N,) the largest |slip speed| of every cycle, rad/s; a part of a cycle counts as one
-    heights_derivatives : (N, 3 + P) of `heights`, likewise
+    heights : (N,) the largest |slip speed| of every cycle or part of one, rad/s
+    heights_derivatives : (N, 3 + P) of `heights`
     stick_time : s
     moves : (time in s, mode before, mode after) of each change of mode
     margins : (3, 2 + 3 + P) rows GRAZING, ARRIVAL, STUCK of `event_driven.margins`: value, whether stick's margin
-        grows, derivatives by the state and the keys; inf where there is no such place. None where they were not asked
-        for, and under the smoothed law
+        grows, derivatives by the state and the keys; inf where there is no such place. None unless requested, and under
+        the smoothed law
     """
 
     state: Floats
@@ -59,12 +59,12 @@ class Stroboscopic(NamedTuple):
 
     @property
     def derivative(self) -> Floats:
-        """(3, 3) by the state before."""
+        """(3, 3) array of derivatives by the state before."""
         return self.derivatives[:, :3]
 
     @property
     def by_parameter(self) -> Floats:
-        """(3, P) by the keys."""
+        """(3, P) array of derivatives by the keys."""
         return self.derivatives[:, 3:]
 
 
@@ -72,7 +72,7 @@ class Prepared:
     """A system with keys, ready to be evaluated at many states by the engine of its friction law.
 
     changes : (len(NUMBERS), P) `key_derivatives`
-    terms : the scene's, and those that it has not but that there are derivatives by
+    terms : the scene's, and at zero amplitude those by which there are derivatives
     by : (groups, len(NUMBERS), LANES) `changes`, columns in lanes behind those of the state
     forced : (groups,) a bit for every lane of a key
     later : whether a number of several exponentials changes with a key
@@ -103,13 +103,13 @@ class Prepared:
         self.setup = self.engine.setup_of_changes(system, terms, self.changes, rtol)
 
     def over(self, state: Floats, start: float, end: float, margins: bool = False) -> Stroboscopic:
-        """From the phase `start` to the phase `end`, in engine cycles; see `stroboscopic_map`."""
+        """Map a state at the phase `start` to the phase `end`, in engine cycles; see `stroboscopic_map`."""
         found, = self.each(state[None], [start], [end], margins)
         return found
 
     def each(self, states: Floats, starts: Sequence[float], ends: Sequence[float],
              margins: bool = False) -> list[Stroboscopic]:
-        """`over` for several starts, states (m, 3), by one compiled call; margins are those of the last of them."""
+        """Map several states, (m, 3), by one compiled call; margins are those of the last of them."""
         room = self.passed(states, starts, ends, margins)
         count, most = len(states), room.heights.shape[1]
         by = room.ends[:count].transpose(0, 2, 1, 3).reshape(count, 3, -1)[..., :self.count].copy()
@@ -128,7 +128,7 @@ class Prepared:
         return out
 
     def passed(self, states: Floats, starts: Sequence[float], ends: Sequence[float], asked: bool = False) -> Room:
-        """`each`, as the engine leaves it in the room of this thread; `asked` is that of `engine.Tangent`.
+        """Integrate several states into this thread's Room; `asked` is that of `engine.Tangent`.
 
         Raises
         ------
@@ -154,7 +154,7 @@ class Prepared:
 
 
 class _Rooms(threading.local):
-    """The room of a thread, used again as long as it is of the kind that is asked for and large enough."""
+    """The Room of a thread, used again as long as it has the right kind and is large enough."""
 
     def __init__(self) -> None:
         self.asked: tuple[EngineShell, bool, int, int, int] | None = None
@@ -184,7 +184,7 @@ rooms = _Rooms()
 
 
 def engine_of(system: System) -> EngineShell:
-    """The engine of a system's friction law; the other one is not loaded."""
+    """Import the engine of a system's friction law."""
     if system.friction.law == "set_valued":
         from tcc_sim.solvers.event_driven import solve as exact
 
@@ -196,7 +196,7 @@ def engine_of(system: System) -> EngineShell:
 
 def stroboscopic_map(system: System, state: Floats, cycles: float, *, start_cycle: float = 0, rtol: float = 1e-12,
                      parameters: Sequence[str] = (), margins: bool = False) -> Stroboscopic:
-    """The state after engine cycles (whole ones or parts), and its derivatives by the state and by scene keys.
+    """Return the state after engine cycles (whole ones or parts), and its derivatives by the state and by scene keys.
 
     Parameters
     ----------
@@ -204,7 +204,7 @@ def stroboscopic_map(system: System, state: Floats, cycles: float, *, start_cycl
     cycles, start_cycle : number of engine cycles, and the phase of the start in cycles
     rtol : relative tolerance of the steps
     parameters : scene keys that are one number each
-    margins : whether the set-valued law's margins to other event sequences are wanted
+    margins : whether to return the set-valued law's margins to other event sequences
 
     Raises
     ------
@@ -218,18 +218,17 @@ def stroboscopic_map(system: System, state: Floats, cycles: float, *, start_cycl
 
 def sections(system: System, starts: Floats, first: int, cycles: int, rtol: float,
              orbits: Orbits = NO_ORBITS) -> Floats:
-    """(m, cycles + 1, 3) slip speed, plate angle and plate speed at the starts of cycles `first` to `first + cycles`.
+    """Return slip speed, plate angle and plate speed at the starts of cycles `first` to `first + cycles`.
 
     Parameters
     ----------
     starts : (m, 3) states at the start of cycle `first`
     rtol : relative tolerance
-    orbits : where a motion ends, once two points in a row are by those of one; their points are in the sizes of SCALES
+    orbits : a motion ends once two points in a row are near those of an orbit, whose points are in units of SCALES
 
     Returns
     -------
-    Section points, NaN from where a motion ended or could not be solved further. The interpreter's lock is free
-    meanwhile.
+    (m, cycles + 1, 3) section points, NaN after the end or the failure of a motion. Other threads run meanwhile.
     """
     out = np.full((len(starts), cycles + 1, 3), np.nan)
     out[:, 0] = starts
@@ -238,8 +237,8 @@ def sections(system: System, starts: Floats, first: int, cycles: int, rtol: floa
 
 
 def slope_integrals(system: System, state: Floats, cycle: int, rtol: float) -> Floats:
-    """The integrals over engine cycle number `cycle` of dT/dv v^2, v^2 and min(dT/dv, 0), (3,), by quadrature on the
-    polynomials of the steps; see (21). Only of the smoothed law.
+    """Return the integrals over engine cycle number `cycle` of dT/dv v^2, v^2 and min(dT/dv, 0), (3,), by quadrature on
+    the polynomials of the steps; see (21). Only for the smoothed law.
 
     Raises
     ------

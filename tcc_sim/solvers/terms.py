@@ -1,9 +1,8 @@
-"""What a kernel is given: the numbers of a scene, with None for every term that the scene does not have.
+"""Arguments of the kernels: the numbers of a scene, with None for every term that the scene does not have.
 
 The types of the fields select the compiled code: a kernel is one source text, and Numba leaves out the branches of a
-term that is None (pass the field on as an argument of its own: the pruning looks at arguments). What follows from
-a system alone is kept for the systems that were asked for last (`per_system`): a short solve costs less than to work it
-out again.
+term that is None (pass such a field on as an argument of its own: the pruning looks at arguments). `per_system` caches
+what follows from a system alone, which takes longer than a short solve.
 """
 
 from __future__ import annotations
@@ -19,28 +18,13 @@ from numpy.typing import NDArray
 
 from tcc_sim.errors import InputError
 from tcc_sim.model import equations, friction
+from tcc_sim.model import profile as of
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.friction_curve import MOST_TERMS
 from tcc_sim.model.groups import Friction
 from tcc_sim.model.parameters import System
-from tcc_sim.model.profile import (
-    FREQUENCY,
-    LOAD,
-    LOAD_RATE,
-    START,
-    SWELL,
-    SWELLS,
-    TIME,
-    TORQUE,
-    Floats,
-    Origin,
-    along,
-    motion_of_far_end,
-    pieces,
-    profile_of,
-    swelling,
-)
+from tcc_sim.model.profile import START, Floats, Origin
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 SWINGS = 40.0
@@ -50,7 +34,7 @@ RESOLUTION = 0.04
 SUBSTEP_LIMIT = 20_000
 """A tick that needs more sub-steps is refused."""
 RESULTS_KEPT = 64
-"""Results kept; a sweep asks for a system a few times in a row, and never again."""
+"""Results in each cache: a sweep needs a system a few times in a row, and never again."""
 
 
 class Terms(NamedTuple):
@@ -78,46 +62,44 @@ class Terms(NamedTuple):
 
 
 def per_system(function: Function) -> Function:
-    """Keep what a function of a system, and of numbers, gave for the very same object; whoever asks must not change it.
+    """Cache the results, which callers must not change, of a function of a system, by identity, and of numbers.
 
-    Systems are frozen, and to compare two of them field by field would cost more than most of what is kept.
+    Systems are frozen, and to compare two of them field by field would cost more than most of the results.
     """
-    kept: dict[tuple[Any, ...], tuple[System, Any]] = {}
+    cache: dict[tuple[Any, ...], tuple[System, Any]] = {}
     changing = Lock()
 
     @wraps(function)
-    def found(system: System, *numbers: Any) -> Any:
+    def cached(system: System, *numbers: Any) -> Any:
         key = id(system), *numbers
-        known = kept.get(key)
-        if known is not None:
-            return known[1]
+        entry = cache.get(key)
+        if entry is not None:
+            return entry[1]
         result = function(system, *numbers)
         with changing:
-            while len(kept) >= RESULTS_KEPT:
-                del kept[next(iter(kept))]
-            kept[key] = system, result  # The system is kept too, so that no other one gets its address.
+            while len(cache) >= RESULTS_KEPT:
+                del cache[next(iter(cache))]
+            cache[key] = system, result  # With a reference to the system, no other one gets its address.
         return result
 
-    return cast(Function, found)
+    return cast(Function, cached)
 
 
 @per_system
 def terms_of(system: System) -> Terms:
-    """The terms of `system`. An input that comes from a topic is its fallback: what applies where nobody commands
-    it.
-    """
+    """Return the terms of `system`; an input from a topic has its fallback value."""
     return terms_from(system, START)
 
 
 def terms_from(system: System, origin: Origin) -> Terms:
-    """`terms_of` with the phase counted from `origin`."""
+    """Return the terms of `system` with the phase counted from `origin`."""
     if origin == START:
         return _terms(system, system.profile, 0.0)
-    return _terms(system, profile_of(system.engine, system.pressure, system.inputs, origin), origin.lead)
+    return _terms(system, of.profile_of(system.engine, system.pressure, system.inputs, origin), origin.lead)
 
 
 def _terms(system: System, profile: Floats | None, lead: float) -> Terms:
-    """The terms with this profile, whose loads are pressures, and the load ahead by `lead` rad."""
+    """Return the terms with this profile, whose loads are pressures, and the load ahead by `lead` rad."""
     d, e, p, f, inputs = system.driveline, system.engine, system.pressure, system.friction, system.inputs
     omega = e.frequency if profile is None else 1.0
     own_torque = e.harmonic and (inputs is None or inputs.torque is None)
@@ -143,19 +125,19 @@ def _terms(system: System, profile: Floats | None, lead: float) -> Terms:
         smoothing=f.smoothing if f.law == "smoothed" else None,
         stribeck=f.stribeck,
         profile=None if profile is None else with_loads(profile, system.torque_per_pressure),
-        far=None if moved is None or profile is None else motion_of_far_end(moved, profile[:, TIME]),
+        far=None if moved is None or profile is None else of.motion_of_far_end(moved, profile[:, of.TIME]),
     )
 
 
 def with_loads(profile: Floats, torque_per_pressure: float) -> Floats:
-    """A profile with saturation torques, N m, in the place of its pressures."""
+    """Return a profile with saturation torques, N m, in place of its pressures."""
     out: Floats = profile.copy()
-    out[:, LOAD:LOAD_RATE + 1] *= torque_per_pressure
+    out[:, of.LOAD:of.LOAD_RATE + 1] *= torque_per_pressure
     return out
 
 
 def holding(terms: Terms, torque: float | None, load: float | None) -> Terms:
-    """`terms` with a commanded engine torque and saturation torque (N m) held; None leaves the scene's own.
+    """Return `terms` with a commanded engine torque and saturation torque (N m) held; None keeps the scene's input.
 
     The harmonics of an input that is held stay as terms of zero amplitude, so that the kernel is the same.
     """
@@ -163,16 +145,16 @@ def holding(terms: Terms, torque: float | None, load: float | None) -> Terms:
         return terms
     linear, mean_torque, sine, harmonics, mean_load, pulsation, smoothing, stribeck, profile, approach, far = terms
     if torque is not None:
-        mean_torque, sine, profile = torque, sine and (0.0, sine[1]), _held_in(profile, TORQUE, torque)
+        mean_torque, sine, profile = torque, sine and (0.0, sine[1]), _held_in(profile, of.TORQUE, torque)
         harmonics = None if harmonics is None else harmonics * (1.0, 0.0, 1.0)
     if load is not None:
-        mean_load, pulsation, profile = load, pulsation and (0.0, *pulsation[1:]), _held_in(profile, LOAD, load)
+        mean_load, pulsation, profile = load, pulsation and (0.0, *pulsation[1:]), _held_in(profile, of.LOAD, load)
     return Terms(linear, mean_torque, sine, harmonics, mean_load, pulsation, smoothing, stribeck, profile, approach,
                  far)
 
 
 def same_but_means(one: Terms, other: Terms) -> bool:
-    """Whether terms are the same but for the mean torque and the mean load."""
+    """Return whether terms differ in the mean torque and the mean load only."""
     return (one.harmonics is other.harmonics and one.profile is other.profile
             and one.approach is other.approach and one.far is other.far
             and (one.linear, one.torque, one.pulsation, one.smoothing, one.stribeck)
@@ -180,19 +162,19 @@ def same_but_means(one: Terms, other: Terms) -> bool:
 
 
 def _held_in(profile: Floats | None, column: int, value: float) -> Floats | None:
-    """A profile with a constant in this column."""
+    """Return a profile with a constant in this column."""
     if profile is None:
         return None
     out: Floats = profile.copy()
     out[:, column], out[:, column + 1] = value, 0.0
-    if column == TORQUE:
-        out[:, SWELLS + 2::SWELL] = out[:, SWELLS + 3::SWELL] = 0.0
+    if column == of.TORQUE:
+        out[:, of.SWELLS + 2::of.SWELL] = out[:, of.SWELLS + 3::of.SWELL] = 0.0
     return out
 
 
 def general_terms(system: System, origin: Origin = START) -> Terms:
-    """The same physics with every term present, absent ones at zero amplitude: for comparison, and for live changes."""
-    own = _terms(system, profile_of(system.engine, system.pressure, system.inputs, origin), origin.lead)
+    """Return the terms with every term present, absent ones at zero amplitude: for comparison, and for live changes."""
+    own = _terms(system, of.profile_of(system.engine, system.pressure, system.inputs, origin), origin.lead)
     return own._replace(
         torque=own.torque or (0.0, 1.0),
         harmonics=np.array([[2.0, 0.0, 0.0]]) if own.harmonics is None else own.harmonics,
@@ -202,43 +184,48 @@ def general_terms(system: System, origin: Origin = START) -> Terms:
 
 
 def _all_exponentials(friction: Friction, own: Stribeck) -> Stribeck:
-    """As many exponentials as the law may have: those of a table are as many as its fit needs."""
+    """Return as many exponentials as the law may have: the fit of a table takes as many as it needs."""
     if friction.curve is None:
         return own or (0.0, friction.decay)
     return (*(own or ()), *((0.0, 1.0) * (MOST_TERMS - len(own or ()) // 2)))
 
 
 def torques_at(terms: Terms, t: Floats) -> tuple[Floats, Floats]:
-    """Te and Ts, N m, at the times t, an array of any shape, s."""
-    angle, mean_torque, mean_load = t, terms.mean_torque, terms.mean_load
-    if terms.profile is not None:
-        angle, mean_torque, mean_load = along(terms.profile, t)
-        mean_torque = mean_torque + swelling(t, angle, np.moveaxis(terms.profile[pieces(terms.profile, t)], -1, 0))
+    """Return Te and Ts, N m, at the times t, an array of any shape, s."""
+    angle, mean_torque, mean_load, profile = t, terms.mean_torque, terms.mean_load, terms.profile
+    if profile is not None:
+        angle, mean_torque, mean_load = of.along(profile, t)
+        mean_torque = mean_torque + of.swelling(t, angle, np.moveaxis(profile[of.pieces(profile, t)], -1, 0))
     return (np.asarray(equations.engine_torque(angle, mean_torque, terms.torque, terms.harmonics)),
             np.asarray(equations.saturation_torque(angle, mean_load, terms.pulsation)))
 
 
 def piece_of(terms: Terms, begin: float, end: float) -> Terms:
-    """`terms` with the one piece of the profile that holds from `begin` to `end`."""
+    """Return `terms` with the one piece of the profile that holds from `begin` to `end`."""
     if terms.profile is None:
         return terms
-    k = pieces(terms.profile, 0.5 * (begin + end))
+    k = of.pieces(terms.profile, 0.5 * (begin + end))
     return terms._replace(profile=terms.profile[k:k + 1], far=None if terms.far is None else terms.far[k:k + 1])
 
 
+def _means(terms: Terms, column: int, mean: float) -> Floats:
+    """Return the values of a column of the profile, or the one constant mean."""
+    return np.array([mean]) if terms.profile is None else np.asarray(terms.profile[:, column])
+
+
 def peak_load(terms: Terms) -> float:
-    """The largest saturation torque, N m."""
-    mean = terms.mean_load if terms.profile is None else float(terms.profile[:, LOAD].max())
+    """Return the largest saturation torque, N m."""
+    mean = float(_means(terms, of.LOAD, terms.mean_load).max())
     return mean + (abs(terms.pulsation[0]) if terms.pulsation is not None else 0.0)
 
 
 def least_mean_load(terms: Terms) -> float:
-    """The smallest saturation torque less its sine, N m."""
-    return terms.mean_load if terms.profile is None else float(terms.profile[:, LOAD].min())
+    """Return the smallest saturation torque without its sine, N m."""
+    return float(_means(terms, of.LOAD, terms.mean_load).min())
 
 
 def held_and_left_out(terms: Terms) -> tuple[list[str], list[str]]:
-    """The names of the terms a kernel holds, and of those it leaves out."""
+    """Return the names of the terms that a kernel has, and of those that it leaves out."""
     present = {
         "engine torque sine": terms.torque is not None,
         "engine torque harmonics 2, 3, ...": terms.harmonics is not None,
@@ -252,57 +239,52 @@ def held_and_left_out(terms: Terms) -> tuple[list[str], list[str]]:
 
 
 def excitation_frequency(terms: Terms) -> float:
-    """The largest angular frequency in the excitation, rad/s (0 for constant inputs)."""
-    found = [0.0]
-    if terms.torque is not None:
-        found.append(terms.torque[1])
-    if terms.pulsation is not None:
-        found.append(terms.pulsation[1])
+    """Return the largest angular frequency in the excitation, rad/s (0 for constant inputs)."""
+    found = [0.0, *(pair[1] for pair in (terms.torque, terms.pulsation) if pair is not None)]
     if terms.harmonics is not None:
         found.append(float(terms.harmonics[:, 0].max()))
     if terms.profile is not None:
-        found += terms.profile[0, SWELLS::SWELL].tolist()
-    return max(found) * (1.0 if terms.profile is None else float(terms.profile[:, FREQUENCY].max()))
+        found += terms.profile[0, of.SWELLS::of.SWELL].tolist()
+    return max(found) * float(_means(terms, of.FREQUENCY, 1.0).max())
 
 
 def load_frequency(terms: Terms) -> float:
-    """The largest angular frequency of the load, rad/s; 0 where it is constant."""
-    rate = 0.0 if terms.pulsation is None else terms.pulsation[1]
-    return rate * (1.0 if terms.profile is None else float(terms.profile[:, FREQUENCY].max()))
+    """Return the largest angular frequency of the load, rad/s; 0 where it is constant."""
+    return (0.0 if terms.pulsation is None else terms.pulsation[1]) * float(_means(terms, of.FREQUENCY, 1.0).max())
 
 
 def largest_mean_torque(terms: Terms) -> float:
-    """The largest size of the mean engine torque, N m."""
-    return abs(terms.mean_torque) if terms.profile is None else float(np.abs(terms.profile[:, TORQUE]).max())
+    """Return the largest size of the mean engine torque, N m."""
+    return float(np.abs(_means(terms, of.TORQUE, terms.mean_torque)).max())
 
 
 def torque_swing(terms: Terms) -> float:
-    """The sum of the amplitudes of the engine torque, N m."""
+    """Return the sum of the amplitudes of the engine torque, N m."""
     found = terms.torque[0] if terms.torque is not None else 0.0
     if terms.harmonics is not None:
         found += float(terms.harmonics[:, 1].sum())
     if terms.profile is not None:  # An amplitude is linear within a piece and constant in the last.
-        found += float(terms.profile[:, SWELLS + 2::SWELL].max(axis=0).sum())
+        found += float(terms.profile[:, of.SWELLS + 2::of.SWELL].max(axis=0).sum())
     return found
 
 
 def natural_frequency(terms: Terms) -> float:
-    """omega_n = sqrt(K23/I2), rad/s."""
+    """Return omega_n = sqrt(K23/I2), rad/s."""
     return math.sqrt(terms.linear[3] / terms.linear[1])
 
 
 def steps_allowed(terms: Terms, period: float) -> int:
-    """Most steps of one engine cycle of a solve that gets on: a long one needs some for what swings by itself."""
+    """Return the most steps of one engine cycle: a long cycle needs more for the driveline's own oscillation."""
     return 2_000 * max(1, math.ceil(natural_frequency(terms) * period / (2.0 * math.pi * SWINGS)))
 
 
 def stick_speed_of(terms: Terms) -> float:
-    """The slip speed at or below which this package says stick; 0 for the set-valued law."""
+    """Return the slip speed, rad/s, up to which the mode is stick; 0 for the set-valued law."""
     return friction.stick_speed(terms.smoothing, terms.stribeck) if terms.smoothing is not None else 0.0
 
 
 def substeps(terms: Terms, step: float, held: float = 0.0) -> int:
-    """How many sub-steps a tick of `step` seconds needs; `held` is saturation torque beside that of `terms`, N m.
+    """Return the sub-steps of a tick of `step` seconds; `held` is saturation torque beside that of `terms`, N m.
 
     Raises
     ------

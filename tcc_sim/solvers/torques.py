@@ -1,5 +1,5 @@
-"""Torques for methods that ask for them at a time since cycle 0, by a whole profile: engine torque and saturation
-torque, a load on its way to a command, and what a moving far end of the shaft adds.
+"""Torques at a time since cycle 0, by a whole profile: engine torque; saturation torque, also of an actuator that
+approaches a command; and the pull of a moving far end of the shaft.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from tcc_sim.solvers.terms import Terms
 from tcc_sim.trajectory import Floats
 
 START, BEFORE, RISE, RATE = range(4)
-"""Columns of an approach: time, s, at which the load is BEFORE, N m; then it is BEFORE + RISE (1 - exp(-RATE t)), or
-BEFORE + RISE t where RATE, 1/s, is 0.
+"""Columns of an approach: time, s, at which the load is BEFORE, N m; after t s it is BEFORE + RISE (1 - exp(-RATE t)),
+or BEFORE + RISE t where RATE, 1/s, is 0.
 """
 
 
 @compiled
 def torques_now(t: float, piece: int, profile: Floats | None, terms: Terms) -> tuple[float, float]:
-    """Te and Ts at time t; with a profile, by its piece of this number."""
+    """Return Te and Ts at time t; with a profile, by its piece of this number."""
     if profile is None:
         return (engine_torque(t, terms.mean_torque, terms.torque, terms.harmonics),
                 load_on_approach(t, saturation_torque(t, terms.mean_load, terms.pulsation), terms.approach))
@@ -34,7 +34,7 @@ def torques_now(t: float, piece: int, profile: Floats | None, terms: Terms) -> t
 
 @compiled
 def load_on_approach(t: float, load: float, approach: Floats | None) -> float:
-    """Ts at time t where an actuator's pressure approaches a command; else `load`, as it is."""
+    """Return Ts at time t: `load`, or that of an actuator whose pressure approaches a command."""
     if approach is None:
         return load
     else:
@@ -47,7 +47,7 @@ def load_on_approach(t: float, load: float, approach: Floats | None) -> float:
 
 @compiled
 def pull_of_far_end(t: float, far: Floats | None, piece: int, linear: Linear) -> float:
-    """C23 w3 + K23 theta3 at time t, N m: what the moving far end of the shaft adds to the torque on the plate."""
+    """Return C23 w3 + K23 theta3 at time t, N m, the torque of the moving far end of the shaft on the plate."""
     if far is None:
         return 0.0
     else:
@@ -59,7 +59,7 @@ def pull_of_far_end(t: float, far: Floats | None, piece: int, linear: Linear) ->
 
 @compiled
 def piece_at(profile: Floats | None, t: float) -> int:
-    """The number of the piece of the profile that holds at time t; 0 where there is none."""
+    """Return the number of the piece of the profile at time t; 0 without a profile."""
     if profile is None:
         return 0
     else:
@@ -68,7 +68,7 @@ def piece_at(profile: Floats | None, t: float) -> int:
 
 @compiled
 def break_after(profile: Floats | None, t: float, h: float) -> float:
-    """How far the next corner or jump of the profile is from time t, at most h seconds."""
+    """Return the time from t to the next corner or jump of the profile, at most h, s."""
     if profile is None:
         return h
     else:

@@ -16,7 +16,7 @@ from tcc_sim.errors import NumericalFailure
 from tcc_sim.model import pure_slip, pure_stick
 from tcc_sim.model.friction import stick_speed
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.solvers import Status, kept, solve
+from tcc_sim.solvers import Status, run_output, solve
 from tcc_sim.solvers.stroboscopic import stroboscopic_map
 from tcc_sim.solvers.terms import steps_allowed, terms_of
 from tcc_sim.trajectory import State
@@ -196,9 +196,9 @@ def test_a_motion_with_derivatives_names_the_steps_that_it_was_allowed(monkeypat
 def test_no_transition_is_lost_where_there_are_more_than_one_call_has_room_for(monkeypatch, name):
     system = ENGINES[name].system(SCENES["reversals"])
     whole = solve(system, cycles=80, loads_from=0)
-    monkeypatch.setattr(kept, "MOVES", 100)
+    monkeypatch.setattr(run_output, "MOVES", 100)
     parts = solve(system, cycles=80, loads_from=0)
-    assert len(parts.transitions.time) > 3 * kept.MOVES
+    assert len(parts.transitions.time) > 3 * run_output.MOVES
     for found, wanted in zip(astuple(parts.transitions), astuple(whole.transitions)):
         np.testing.assert_array_equal(found, wanted)
     np.testing.assert_array_equal(parts.cycles.loads.breakaways, whole.cycles.loads.breakaways)

@@ -1,1 +1,1 @@
-"""Methods that others would use: SciPy's, and classical Runge-Kutta. For comparison, not for work."""
+"""Methods for comparison: SciPy's, and classical Runge-Kutta."""

@@ -3,8 +3,7 @@
 The first has a fixed step, for contrast: it needs steps below about 2.8/(beta Ts sigma). The second is the paper's
 "Runge-Kutta 4th(5th) order". Its coefficients, step control (Hairer, Norsett and Wanner, Solving Ordinary Differential
 Equations I, II.4) and interpolant of order 4 (Shampine 1986) are those of `scipy.integrate.RK45`, which takes the same
-steps; stability holds them below 3.3/(beta Ts r sigma) in stick, and a call of Python for each of those is what made it
-slow.
+steps. Stability limits them to 3.3/(beta Ts r sigma) in stick, so that calls of Python would take most of the time.
 """
 
 from __future__ import annotations
@@ -29,34 +28,34 @@ from tcc_sim.trajectory import Floats, Statistics, Status, Trajectory, concatena
 STEPS = 2_000_000_000
 """Most steps of one solve."""
 KEPT_PER_CYCLE = 4096
-"""States kept per cycle for its extremes and stick time; every state where there are fewer."""
+"""Most states per cycle for its extremes and stick time."""
 SAFETY, LEAST_FACTOR, MOST_FACTOR = 0.9, 0.2, 10.0
-"""By how much the length of a step changes, as in SciPy."""
+"""Factors to the length of a step, as in SciPy."""
 PIECES = 64
-"""Most points kept within one step beside the times asked for."""
+"""Most points within one step beside the marks."""
 AT_ONCE = 1_000_000
 """Steps between two looks at signals."""
 SMALLEST = 10.0 * 2.0**-52
 """The shortest step, relative to the time."""
 GOES_ON, TOO_SMALL = 0, 1
 REACH = {"rk4": 2.785, "rk45": 3.3, "dop853": 6.0}
-"""How far the stability region of an explicit method reaches along the negative real axis (Hairer and Wanner, IV.2)."""
+"""Length of the stability region of an explicit method along the negative real axis (Hairer and Wanner, IV.2)."""
 
 
 def stick_rate(system: System) -> float:
-    """The fastest rate beta Ts r sigma of the smoothed law, 1/s: that of stick under the largest load."""
+    """Return the fastest rate beta Ts r sigma of the smoothed law, 1/s: that of stick under the largest load."""
     return system.inverse_inertia * peak_load(terms_of(system)) * system.friction_ratio * system.friction.smoothing
 
 
 def rk4_limit(system: System) -> float:
-    """The largest step, s, at which the classical method is stable in stick: 2.785/(beta Ts r sigma)."""
+    """Return the largest step, s, at which the classical method is stable in stick: 2.785/(beta Ts r sigma)."""
     return REACH["rk4"] / stick_rate(system)
 
 
 def rk4(problem: Problem) -> Trajectory:
-    """Classical Runge-Kutta (Kutta 1901) with equal steps of at most `problem.step` between the times to keep.
+    """Solve by classical Runge-Kutta (Kutta 1901) with equal steps of at most `problem.step` between the samples.
 
-    A blow-up, which is what too large a step gives, ends with Status.NOT_FINITE at the last finite sample.
+    Too large a step blows up: the run ends with Status.NOT_FINITE at the last finite sample.
     """
     terms = terms_of(problem.system)
     step = SOLVERS["rk4"].default if problem.step is None else problem.step
@@ -107,7 +106,7 @@ def rk4(problem: Problem) -> Trajectory:
 
 @compiled
 def slopes(t: float, v: float, plate_angle: float, plate_speed: float, terms: Any) -> tuple[float, float]:
-    """v' and omega2' of (2) with the smoothed law (7), rad/s^2; `terms` are Terms."""
+    """Return v' and omega2' of (2) with the smoothed law (7), rad/s^2."""
     engine, load = torques_now(t, piece_at(terms.profile, t), terms.profile, terms)
     friction = smoothed_coefficient(v, terms.smoothing, terms.stribeck) * load
     return accelerations(plate_angle, plate_speed, engine, friction, terms.linear)  # type: ignore[no-any-return]
@@ -115,7 +114,7 @@ def slopes(t: float, v: float, plate_angle: float, plate_speed: float, terms: An
 
 @compiled
 def rates(t: float, y: Floats, terms: Any, out: Floats) -> None:
-    """y' of (1), (2) into `out`; y is (slip speed, plate angle, plate speed[, flywheel angle])."""
+    """Fill `out` with y' of (1), (2); y is (slip speed, plate angle, plate speed[, flywheel angle])."""
     out[0], out[2] = slopes(t, y[0], y[1], y[2], terms)
     out[1] = y[2]
     if len(y) > 3:
@@ -159,8 +158,7 @@ def _advance(start: float, h: float, count: int, stride: int, y: Floats, terms: 
 
 
 class Tableau(NamedTuple):
-    """The Butcher tableau: weights of the stages, (6, 5) and (6,), their times, (6,), error, (7,), interpolant, (7, 4).
-    """
+    """Butcher tableau: weights of the stages, (6, 5) and (6,), their times, (6,), error, (7,), interpolant, (7, 4)."""
 
     stages: Floats
     weights: Floats
@@ -171,16 +169,14 @@ class Tableau(NamedTuple):
 
 @cache
 def dormand_prince() -> Tableau:
-    """That of Dormand and Prince, as SciPy has it."""
+    """Return SciPy's tableau of Dormand and Prince."""
     from scipy.integrate import RK45
 
     return Tableau(RK45.A, RK45.B, RK45.C, RK45.E, RK45.P)
 
 
 class Wanted(NamedTuple):
-    """Which rows are kept: at times, s, no more than a spacing apart, and step ends no nearer to the last row than
-    `least`.
-    """
+    """Rows to store: at marks, s, at most a spacing apart, and step ends at least `least` behind the last row."""
 
     marks: Floats
     spacing: float
@@ -188,7 +184,7 @@ class Wanted(NamedTuple):
 
 
 def prepare(terms: Terms, y: Floats) -> None:
-    """Compile what `march` calls for these terms and states like `y`."""
+    """Compile the kernel of `march` for these terms and states like `y`."""
     march(terms, 0.0, 0.0, y, 0.0, 0.0, y, y[:0], 0.0, 0.0)
 
 
@@ -199,15 +195,15 @@ def march(terms: Terms, begin: float, end: float, y: Floats, first_step: float, 
     Parameters
     ----------
     y : (n,) array, state at `begin`
-    first_step : s, tried first
+    first_step : s
     rtol, atol : tolerances, the latter (n,)
-    marks : (m,) array, rising times in (begin, end] that get rows of their own
-    spacing : s, the longest way between two rows, as far as PIECES in a step allow
-    cycle : s; step ends nearer than 1/KEPT_PER_CYCLE of it to the last row get none
+    marks : (m,) array, rising times of rows in (begin, end]
+    spacing : s, longest time between two rows, as far as PIECES in a step allow
+    cycle : s; step ends within 1/KEPT_PER_CYCLE of it after the last row get none
 
     Returns
     -------
-    rows (t, state), how it ended (GOES_ON at `end`), and steps
+    rows (t, state); GOES_ON at `end`, else TOO_SMALL; number of steps
     """
     found: list[Floats] = []
     ended, steps = GOES_ON, 0
@@ -225,7 +221,7 @@ def march(terms: Terms, begin: float, end: float, y: Floats, first_step: float, 
 
 @compiled
 def _stages(t: float, h: float, y: Floats, new: Floats, k: Floats, terms: Any, tableau: Tableau) -> None:
-    """The slopes of a step from y into rows 1 to 6 of k, and the state at its end into `new`."""
+    """Fill rows 1 to 6 of k with the slopes of a step from y, and `new` with the state at its end."""
     for s in range(1, 7):
         for i in range(len(y)):
             total = 0.0
@@ -237,7 +233,7 @@ def _stages(t: float, h: float, y: Floats, new: Floats, k: Floats, terms: Any, t
 
 @compiled
 def _error(h: float, y: Floats, new: Floats, k: Floats, error: Floats, rtol: float, atol: Floats) -> float:
-    """The sum of the squares of a step's errors, relative to what is allowed."""
+    """Return the sum of the squares of a step's errors per tolerance."""
     square = 0.0
     for i in range(len(y)):
         total = 0.0
@@ -249,7 +245,7 @@ def _error(h: float, y: Floats, new: Floats, k: Floats, error: Floats, rtol: flo
 
 @compiled
 def _within(row: Floats, x: float, h: float, y: Floats, k: Floats, interpolant: Floats) -> None:
-    """The state at the share x of a step into row[1:]."""
+    """Fill row[1:] with the state at the share x of a step."""
     for i in range(len(y)):
         row[1 + i] = y[i]
     for j in range(7):
@@ -262,8 +258,8 @@ def _within(row: Floats, x: float, h: float, y: Floats, k: Floats, interpolant: 
 @compiled
 def _march(at: Floats, end: float, y: Floats, new: Floats, k: Floats, terms: Any, tableau: Tableau, rtol: float,
            atol: Floats, wanted: Wanted, rows: Floats) -> tuple[int, int, int]:
-    """Steps until `end`, AT_ONCE of them or `rows` is full; `at` is time, length of the next step and time of the last
-    row, (3,). Gives rows used, steps taken and how it ended.
+    """Step until `end`, AT_ONCE steps or until `rows` is full; `at` is time, length of the next step, time of the last
+    row. Return rows, steps, and GOES_ON or TOO_SMALL.
     """
     n, marks = len(y), wanted.marks
     t, h, last = at[0], at[1], at[2]

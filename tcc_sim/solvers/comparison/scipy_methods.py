@@ -28,14 +28,14 @@ POINTS = 256
 
 
 def rates_of(t: float, y: Floats, terms: Terms) -> Floats:
-    """y' of (1), (2) with the smoothed law; y is (slip speed, plate angle, plate speed[, flywheel angle])."""
+    """Return y' of (1), (2) with the smoothed law; y is (slip speed, plate angle, plate speed[, flywheel angle])."""
     out = np.empty_like(y)
     rates(t, y, terms, out)
     return out
 
 
 def jacobian(t: float, y: Floats, terms: Terms) -> Floats:
-    """The derivative of `rates_of` with respect to y."""
+    """Return the derivative of `rates_of` by y."""
     out = np.zeros((len(y), len(y)))
     _jacobian(t, y, terms, out)
     return out
@@ -43,7 +43,7 @@ def jacobian(t: float, y: Floats, terms: Terms) -> Floats:
 
 @compiled
 def _jacobian(t: float, y: Floats, terms: Any, out: Floats) -> None:
-    """See `jacobian`."""
+    """Fill `out` with the derivative of `rates_of` by y."""
     _, slope = smoothed_and_slope(y[0], terms.smoothing, terms.stribeck)
     rate = slope * torques_now(t, piece_at(terms.profile, t), terms.profile, terms)[1]
     flywheel, plate, damping, stiffness = terms.linear
@@ -60,7 +60,7 @@ def _jacobian(t: float, y: Floats, terms: Any, out: Floats) -> None:
 
 
 def _scales(problem: Problem, terms: Terms) -> Floats:
-    """The sizes below which an error counts as absolute: slip speed in stick, static twist, twist at omega_n."""
+    """Return sizes of absolute errors: slip speed in stick, static twist, twist at omega_n."""
     engine = problem.system.engine
     torque = max(abs(engine.mean_torque) + engine.torque_amplitude + sum(engine.harmonic_amplitudes), 1.0)
     twist = torque / terms.linear[3]
@@ -76,7 +76,7 @@ backward differentiation of order 1 to 5; and, of ODEPACK, Adams' methods with a
 
 
 def _solve(problem: Problem, name: str) -> Trajectory:
-    """March a method and keep its dense output at the samples, the cycle ends and enough points for the extremes."""
+    """Solve by a method, with dense output at the samples, the cycle ends and enough points for the extremes."""
     terms, method = terms_of(problem.system), METHODS[name]
     rtol = SOLVERS[name].default if problem.rtol is None else problem.rtol
     y0 = np.array(problem.first)
@@ -110,7 +110,7 @@ rk45, dop853, radau, bdf, lsoda = (partial(_solve, name=name) for name in METHOD
 
 
 def _solver(name: str, method: Any, terms: Terms, begin: float, end: float, y: Floats, options: dict[str, Any]) -> Any:
-    """SciPy's solver for a piece of time within which the excitation has no corner."""
+    """Return SciPy's solver for a time within which the excitation has no corner."""
     if name in ("radau", "bdf", "lsoda"):
         options = {**options, "jac": lambda t, y: jacobian(t, y, terms)}
     return method(lambda t, y: rates_of(t, y, terms), begin, y, end, **options)
@@ -118,7 +118,7 @@ def _solver(name: str, method: Any, terms: Terms, begin: float, end: float, y: F
 
 def _compiled_through(solver_of: Any, problem: Problem, y: Floats, marks: Floats,
                       spacing: float) -> tuple[Floats, Floats, Status, str, int]:
-    """`_solve_through` in compiled steps; SciPy's solver says how long the first one of each piece is."""
+    """Do as `_solve_through` in compiled steps; SciPy's solver gives the length of the first one of each piece."""
     terms, breaks = terms_of(problem.system), problem.breaks()
     rows, ended, steps = [np.concatenate([breaks[:1], y])[None, :]], GOES_ON, 0
     for begin, end in itertools.pairwise(breaks.tolist()):
@@ -138,7 +138,7 @@ def _compiled_through(solver_of: Any, problem: Problem, y: Floats, marks: Floats
 
 def _solve_through(solver_of: Any, problem: Problem, y: Floats, marks: Floats,
                    spacing: float) -> tuple[Floats, Floats, Status, str, int]:
-    """Times, states, status, detail and number of steps; every mark reached is among the times."""
+    """Return times, with every mark among them, states, status, detail and number of steps."""
     breaks = problem.breaks()
     times, states = [breaks[:1]], [np.array(y)[None, :]]
     following, steps, status, detail = 1, 0, Status.DONE, ""

@@ -1,1 +1,1 @@
-"""The one place that compiles, links and keeps compiled kernels."""
+"""Compiling, linking and caching of kernels."""

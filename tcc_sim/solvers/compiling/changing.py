@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from tcc_sim.solvers.compiling.unrolled import is_known
+from tcc_sim.solvers.compiling.unrolled import is_constant
 
 
 class Causes(dict[int, Any]):
@@ -36,11 +36,11 @@ class Changing:
 
     def __add__(self, other: Any) -> Any:
         if not isinstance(other, Changing):
-            return self if is_known(other, 0.0) else Changing(self.value + other, self.change)
+            return self if is_constant(other, 0.0) else Changing(self.value + other, self.change)
         return Changing(self.value + other.value, _both(self.change, other.change))
 
     def __mul__(self, other: Any) -> Any:
-        if is_known(other, 0.0):
+        if is_constant(other, 0.0):
             return 0.0
         if not isinstance(other, Changing):
             other = Changing(other)

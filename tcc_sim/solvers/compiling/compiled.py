@@ -1,7 +1,7 @@
 """Kernels: Python functions that are compiled once for each kind of arguments, and then called without the compiler.
 
-Numba compiles (`linked`); what it makes is kept on disk (`kernel_cache`) and called through llvmlite and ctypes, so
-that a process that finds its kernels there never loads Numba, three quarters of the time of a short command.
+Numba compiles (`linked`). The machine code is stored on disk (`kernel_cache`) and called through llvmlite and ctypes. A
+process that finds its kernels there never loads Numba, which takes three quarters of the time of a short command.
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ SCALARS = {float: "d", np.float64: "d", int: "q", np.int64: "q", bool: "?", type
 C_ORDER, FORTRAN_ORDER, WRITABLE = 0x1, 0x2, 0x400
 """NumPy's flags of an array that Numba compiles for; of an array in both orders it takes the first."""
 TESTED = "0.62", "0.68"
-"""First and last version of Numba whose inner parts `linked` fits; with others Numba compiles in every process."""
+"""First and last version of Numba that `linked` works with; other versions compile in every process."""
 _lock = threading.RLock()
 
 
 class EntryPoint(NamedTuple):
-    """How compiled code is called.
+    """Compiled code, ready to call.
 
-    block : what it is given of arguments and their words
-    run : call it with such a block, which it leaves as it was but for what it gives back
+    block : makes the block of words for arguments and their words
+    run : calls the code with a block, in which it changes the results only
     """
 
     block: Callable[[tuple[Any, ...], Words], Any]
@@ -53,9 +53,9 @@ class EntryPoint(NamedTuple):
 
 
 class Kernel:
-    """A function that Python calls compiled. Another kernel that calls it takes it in as a part of its own.
+    """A function that Python calls compiled, and that is linked into other kernels that call it.
 
-    entries : what was loaded for each kind of arguments
+    entries : code that was loaded, by kind of arguments
     """
 
     def __init__(self, function: FunctionType, options: dict[str, Any]) -> None:
@@ -69,13 +69,13 @@ class Kernel:
         return entry.run(entry.block(arguments, words))
 
     def entered(self, arguments: tuple[Any, ...]) -> tuple[EntryPoint, Words]:
-        """What is called for these arguments, and their words."""
+        """Return the code for these arguments, and their words."""
         words: Words = []
         return self.entry(_laid_out(arguments, words), arguments, words), words
 
     @cached_property
     def part(self) -> Any:
-        """What Numba knows of it."""
+        """Numba's dispatcher of the function."""
         if numba_supported():
             from tcc_sim.solvers.compiling.linked import dispatcher
 
@@ -91,14 +91,14 @@ class Kernel:
 
     @cached_property
     def dependencies(self) -> Dependencies:
-        """What it can call, and how that is compiled."""
+        """The functions and constants that the kernel can reach, and the compiler's options."""
         return Dependencies(self.py_func, *_compiler(), sorted(map(repr, self.options.items())))
 
     def entry(self, kind: Kind, arguments: tuple[Any, ...], words: Words) -> EntryPoint:
-        """What is called for these arguments, which is loaded or compiled first, by one thread at a time."""
-        known = self.entries.get(kind)
-        if known is not None:
-            return known
+        """Return the code for arguments of a kind; one thread at a time loads or compiles it."""
+        entry = self.entries.get(kind)
+        if entry is not None:
+            return entry
         with _lock:
             if kind not in self.entries and not numba_supported():
                 why = f"Numba {_numba()[0]} is not one of {TESTED[0]} to {TESTED[1]}, whose code can be kept"
@@ -115,7 +115,7 @@ class Kernel:
 
 
 def timed(kernel: Callable[..., object], *arguments: Any) -> tuple[Any, float]:
-    """What a kernel gives back, and the seconds that it ran: compiling it is not running it."""
+    """Return the result of a kernel, and the seconds that it ran, without those of compiling."""
     entry, words = cast(Kernel, kernel).entered(arguments)
     block = entry.block(arguments, words)
     began = time.perf_counter()
@@ -124,14 +124,12 @@ def timed(kernel: Callable[..., object], *arguments: Any) -> tuple[Any, float]:
 
 
 class Call:
-    """A call that is made again and again: its arguments are laid out once, and only numbers that change are written
-    anew. It belongs to one thread at a time.
+    """A repeated call: its arguments are laid out once, and only changing numbers are written anew, by one thread.
 
     Parameters
     ----------
-    kernel : what is called
-    first : number of the first argument that changes; before it are numbers and arrays, each of which is a word
-    formats : of it and of those behind it that change, as `struct` has them: d for a float, q for an integer
+    first : position of the first argument that changes; those before it are numbers and arrays
+    formats : `struct` formats of the changing arguments from there on: d for a float, q for an integer
     """
 
     def __init__(self, kernel: Callable[..., object], first: int, formats: str) -> None:
@@ -139,7 +137,7 @@ class Call:
         self._write, self._place = Struct(formats).pack_into, 8 * first
 
     def use(self, *arguments: Any) -> None:
-        """Take these arguments from the next call on, and arrays as they are then."""
+        """Use these arguments from the next call on; arrays are not copied."""
         entry, words = self._kernel.entered(arguments)
         self._arguments, self._run, self._block = arguments, entry.run, entry.block(arguments, words)
 
@@ -153,21 +151,21 @@ class Call:
 
 
 class Partial:
-    """A kernel whose first arguments stay the same and are laid out once; it takes arrays as they are then."""
+    """A kernel whose first arguments stay the same and are laid out once; arrays are not copied."""
 
     def __init__(self, kernel: Callable[..., object], *first: Any) -> None:
         self._kernel, self._first, self._words = cast(Kernel, kernel), first, Words()
         self._kind = _laid_out(first, self._words)
 
     def __call__(self, *further: Any) -> Any:
-        """Call with further arguments behind the first ones."""
+        """Call with more arguments behind the first ones."""
         words, arguments = self._words.copy(), self._first + further
         entry = self._kernel.entry(self._kind + _laid_out(further, words), arguments, words)
         return entry.run(entry.block(arguments, words))
 
 
 def _laid_out(values: tuple[Any, ...], words: Words) -> Kind:
-    """Add the numbers of arguments, and the addresses of arrays, to `words`; their kind."""
+    """Append the numbers of arguments, and the addresses of arrays, to `words`; return the kind of the arguments."""
     kind: list[Any] = [*map(SCALARS.get, map(type, values))]
     if None not in kind:
         words += values if "" not in kind else [value for value in values if value is not None]
@@ -192,21 +190,21 @@ def _laid_out(values: tuple[Any, ...], words: Words) -> Kind:
 
 @cache
 def _numba() -> tuple[str, str]:
-    """Numba's version and what it says of it, without loading Numba."""
+    """Return Numba's version and the text of its version module, without loading Numba."""
     found = importlib.util.find_spec("numba")
     text = Path(found.origin).with_name("_version.py").read_text()  # type: ignore[union-attr, arg-type]
     return str(re.search(r'"version": "([^"]*)"', text)[1]), text  # type: ignore[index]
 
 
 def numba_supported() -> bool:
-    """Whether what Numba compiles can be kept on disk."""
+    """Return whether `linked` works with this version of Numba."""
     first, last, version = (tuple(map(int, re.findall(r"\d+", text)[:2])) for text in (*TESTED, _numba()[0]))
     return first <= version <= last
 
 
 @cache
 def _compiler() -> tuple[str, ...]:
-    """The compiler, the processor and how kernels are linked, without loading Numba."""
+    """Return the versions of the compiler, the processor and the linking code, without loading Numba."""
     room = Path(__file__).parent
     texts = room / "numba_registration.py", room / "linked.py", room / "unrolled.py"
     return (_numba()[1], *(text.read_text() for text in texts), llvmlite.__version__, binding.get_process_triple(),
@@ -215,13 +213,7 @@ def _compiler() -> tuple[str, ...]:
 
 
 def loaded(content: bytes, words: Words) -> EntryPoint:
-    """How compiled code (see `linked.machine_code`) is called.
-
-    Raises
-    ------
-    UnusableFile
-        The code needs a function that this process does not have.
-    """
+    """Load code of `linked.machine_code`; raise UnusableFile if it needs a function that this process lacks."""
     outputs, names, code = content.split(b"\n", 2)
     binding.initialize_native_target()
     binding.initialize_native_asmprinter()
@@ -254,7 +246,7 @@ def loaded(content: bytes, words: Words) -> EntryPoint:
 
 
 def compiled(function: Function, **options: Any) -> Function:
-    """Compile on first call for the kind of arguments given; None arguments leave their branches out.
+    """Compile on the first call with arguments of a kind; the branches of an argument that is None are left out.
 
     The compiled code creates no array, releases the interpreter lock, and keeps IEEE arithmetic.
     """
@@ -262,7 +254,7 @@ def compiled(function: Function, **options: Any) -> Function:
 
 
 def fast(function: Function) -> Function:
-    """`compiled`, with products and sums fused where the processor can."""
+    """Like `compiled`, with products and sums fused where the processor can."""
     return compiled(function, fastmath={"contract"})
 
 

@@ -1,4 +1,4 @@
-"""Compiled kernels on disk: under a key of all that a kernel can reach, in a directory of one's own, never in the way.
+"""Compiled kernels on disk, each under a key of all code that it can reach, in a private directory.
 
 The key is made function by function: two kernels in one file have keys of their own, and a change in a file that
 a kernel calls nothing of leaves its compiled code as it is. Comments, docstrings and the places of lines do not count.
@@ -35,25 +35,25 @@ Loaded = TypeVar("Loaded")
 
 SECONDS_PER_BYTE = 1e-4
 """Compile time per byte of bytecode that a kernel reaches, s: measured on one core of 2.5 GHz, rounded."""
-WORTH_SAYING = 1.0
-"""Compile time, s, from which on it is announced."""
+ANNOUNCED_FROM = 1.0
+"""Least compile time, s, that is announced."""
 DAY = 86400.0
 UNUSED_AFTER = 30.0 * DAY
-"""Time, s, after which a file that nothing has used is removed; kernels of another version are never used again."""
+"""Time, s, after which an unused file is removed; kernels of another version are never used again."""
 _CHECKSUM = hashlib.sha256().digest_size
 announced: set[str] = set()
-"""Kinds of sentences that were said."""
+"""Kinds of messages that were printed."""
 _PACKAGE = __name__.partition(".")[0]
 _ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
 _PLAIN = (int, float, complex, str, bytes, type(None), np.generic, np.dtype)
 
 
 class Dependencies:
-    """The functions, constants and options that a function can reach, walked once.
+    """The functions, constants and options that a function can reach.
 
-    digest : SHA-256 of all of it, as hexadecimal digits
-    seen : functions and modules among it
-    size : bytes of bytecode, which the time of compiling follows
+    digest : their SHA-256, as hexadecimal digits
+    seen : functions and modules among them
+    size : bytes of bytecode, to which compile time is proportional
     """
 
     def __init__(self, function: FunctionType, *context: object) -> None:
@@ -63,13 +63,13 @@ class Dependencies:
         self.digest = self._hash.hexdigest()
 
     def _add(self, *words: object) -> None:
-        """Take words into the digest, each with its length."""
+        """Add words to the digest, each with its length."""
         for word in words:
             data = word if isinstance(word, bytes) else repr(word).encode()
             self._hash.update(len(data).to_bytes(8, "little") + data)
 
     def _take(self, value: Any, names: set[str]) -> None:
-        """Take what a name stands for; `names` are those that the function looks up, in modules too."""
+        """Add a value; `names` are those that the function looks up, in modules too."""
         if isinstance(getattr(value, "py_func", None), FunctionType):
             self._add(sorted(map(repr, getattr(value, "options", {}).items())))
             value = value.py_func
@@ -87,7 +87,7 @@ class Dependencies:
             cells = [cell.cell_contents for cell in value.__closure__ or ()]
             for item in (*named.items(), value.__defaults__, *cells):
                 self._take(item, names)
-        elif isinstance(value, ModuleType):  # Of one outside this package only kernels and numbers.
+        elif isinstance(value, ModuleType):  # Of modules outside this package add only kernels and numbers.
             self._add(value.__name__)
             own = value.__name__.startswith(_PACKAGE)
             for name in sorted(names & vars(value).keys()):
@@ -105,11 +105,11 @@ class Dependencies:
         elif not isinstance(value, BuiltinFunctionType):
             self._add(value if isinstance(value, _PLAIN) else _ADDRESS.sub("", repr(value)))
             file = getattr(sys.modules.get(type(value).__module__), "__file__", None)
-            if type(value).__module__.startswith(_PACKAGE) and file is not None:  # What its class does.
+            if type(value).__module__.startswith(_PACKAGE) and file is not None:  # The text of its class.
                 self._add(Path(file).read_bytes())
 
     def _code(self, code: CodeType, documentation: str | None = None) -> set[str]:
-        """Take the instructions and constants of a code object; the names that it looks up."""
+        """Add the instructions and constants of a code object; return the names that it looks up."""
         self.size += len(code.co_code)
         self._add(code.co_code, code.co_names, code.co_varnames, code.co_freevars)
         names = set(code.co_names)
@@ -122,11 +122,11 @@ class Dependencies:
 
 
 class UnusableFile(Exception):
-    """A file of the cache that is not loaded; the sentence says why."""
+    """A file of the cache cannot be loaded; the message gives the reason."""
 
 
-def tell(kind: str, sentence: str) -> None:
-    """Say something on standard error once for each kind, in the first process of a command only."""
+def print_once(kind: str, sentence: str) -> None:
+    """Print a message on standard error, one of each kind, in the first process of a command only."""
     if kind not in announced and multiprocessing.parent_process() is None and sys.stderr is not None:
         with suppress(OSError, ValueError):
             sys.stderr.write(f"tcc-sim: {one_line(sentence)}\n")
@@ -136,7 +136,7 @@ def tell(kind: str, sentence: str) -> None:
 
 @cache
 def directory() -> Path | None:
-    """The directory for compiled kernels, or None (and a line on standard error) where none can be trusted.
+    """Return the directory for compiled kernels; print a line and return None if it cannot be trusted.
 
     It is `tcc_sim` in NUMBA_CACHE_DIR, else in XDG_CACHE_HOME, else in ~/.cache, and is made with mode 0700.
     """
@@ -156,18 +156,18 @@ def directory() -> Path | None:
     except (OSError, RuntimeError, ValueError) as error:
         place = Path(getattr(error, "filename", None) or "~/.cache")
         reason = getattr(error, "strerror", None) or str(error)
-    tell("cache", f"kernels are compiled without a cache: {place}: {reason}")
+    print_once("cache", f"kernels are compiled without a cache: {place}: {reason}")
     return None
 
 
 def _base() -> Path:
-    """Where the user keeps caches; relative names of XDG_CACHE_HOME do not count, as its specification says."""
+    """Return the user's cache directory; a relative XDG_CACHE_HOME is ignored, as its specification requires."""
     own, named = os.environ.get("NUMBA_CACHE_DIR", ""), os.environ.get("XDG_CACHE_HOME", "")
     return Path(own) if own else Path(named) if os.path.isabs(named) else Path.home() / ".cache"
 
 
 def _distrust(place: Path) -> str:
-    """Why somebody else might have written to a directory; empty where nobody can have."""
+    """Return why another user might have written to a directory; empty if none could."""
     found = place.lstat()
     if not stat.S_ISDIR(found.st_mode):
         return "it is not a directory"
@@ -179,7 +179,7 @@ def _distrust(place: Path) -> str:
 
 
 def _distrust_parents(place: Path) -> str:
-    """Why somebody else might put another folder in the place of one that leads to `place`; empty where nobody can.
+    """Return why another user might replace a folder that leads to `place`; empty if none can.
 
     In a sticky folder others can rename or remove only their own.
     """
@@ -201,12 +201,12 @@ def _distrust_parents(place: Path) -> str:
 
 
 def _content(path: Path) -> bytes:
-    """What was kept in a file; UnusableFile unless it is one's own and as it was written."""
+    """Read a file; raise UnusableFile unless it belongs to the user alone and is undamaged."""
     descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     with open(descriptor, "rb") as file:
         found = os.fstat(descriptor)
         if not stat.S_ISREG(found.st_mode) or found.st_uid != os.geteuid() or found.st_mode & 0o022:
-            raise UnusableFile(f"{path} is not a file of one's own")
+            raise UnusableFile(f"{path} is not a private file")
         content = file.read()
     if len(content) < _CHECKSUM or hashlib.sha256(content[:-_CHECKSUM]).digest() != content[-_CHECKSUM:]:
         raise UnusableFile(f"{path} is damaged")
@@ -214,10 +214,7 @@ def _content(path: Path) -> bytes:
 
 
 def load_or_build(name: str, size: int, make: Callable[[], bytes], load: Callable[[bytes], Loaded]) -> Loaded:
-    """What `load` makes of what was kept under a name, or of what is made now and kept, all of it or nothing.
-
-    size : bytes of bytecode that are compiled, by which it is announced where it takes a while
-    """
+    """Load the stored kernel of this name, or make and store it; `size` is the bytecode to compile, bytes."""
     place = directory()
     if place is not None:
         path = place / name
@@ -229,7 +226,7 @@ def load_or_build(name: str, size: int, make: Callable[[], bytes], load: Callabl
         except FileNotFoundError:
             pass
         except Exception as error:
-            tell("damage", f"a kernel is compiled anew, since the cache is of no use: {_reason(error)}")
+            print_once("damage", f"a kernel is compiled anew, since the cache is of no use: {_reason(error)}")
             with suppress(OSError):
                 path.unlink()
     announce(size, "once" if place is not None else "in every process, since they cannot be kept")
@@ -239,19 +236,19 @@ def load_or_build(name: str, size: int, make: Callable[[], bytes], load: Callabl
         try:
             _write(path, content + hashlib.sha256(content).digest())
         except OSError as error:
-            tell("cache", f"compiled kernels are not kept: {_reason(error)}")
+            print_once("cache", f"compiled kernels are not kept: {_reason(error)}")
     return load(content)
 
 
 def announce(size: int, how_often: str) -> None:
-    """Say that something is compiled, where it takes a while."""
+    """Announce a compilation that takes a while; `size` is the bytecode to compile, bytes."""
     seconds = SECONDS_PER_BYTE * size
-    if seconds >= WORTH_SAYING:
-        tell("compiling", f"compiling kernels for this kind of scene, about {seconds:.0f} s, {how_often}")
+    if seconds >= ANNOUNCED_FROM:
+        print_once("compiling", f"compiling kernels for this kind of scene, about {seconds:.0f} s, {how_often}")
 
 
 def _write(path: Path, content: bytes) -> None:
-    """Write a file of one's own, all of it or nothing."""
+    """Write a private file atomically."""
     descriptor, unfinished = tempfile.mkstemp(prefix="tmp", dir=path.parent)
     try:
         with open(descriptor, "wb") as file:
@@ -263,9 +260,7 @@ def _write(path: Path, content: bytes) -> None:
 
 
 def remove_unused(place: Path, now: float) -> None:
-    """Remove the files of a cache that were last used more than UNUSED_AFTER before `now`, s since 1970, and what was
-    left of writes that were killed more than a day before.
-    """
+    """Remove files unused for UNUSED_AFTER before `now`, s since 1970, and remains of writes killed a day before."""
     for pattern, age in (("*-*", UNUSED_AFTER), ("tmp*", DAY)):
         for path in place.glob(pattern):
             with suppress(OSError):
@@ -274,6 +269,6 @@ def remove_unused(place: Path, now: float) -> None:
 
 
 def _reason(error: BaseException) -> str:
-    """What went wrong, in one sentence."""
+    """Return an error's message."""
     name = getattr(error, "filename", None)
     return f"{name}: {error.strerror}" if name and isinstance(error, OSError) else str(error) or type(error).__name__

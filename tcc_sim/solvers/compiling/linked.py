@@ -1,11 +1,11 @@
-"""How a kernel of many small functions is compiled: all of them together, and nothing that is not called.
+"""Compiler of kernels: all functions that a kernel reaches are linked first, and optimised once.
 
-Numba optimises each function that another one calls with all that it calls in turn, and makes machine code of it and
-entries for Python and for C. Here a function stays as it was written out; the kernel that Python calls takes in every
-one that it reaches, and only then is optimised. The passes over the text that no kernel needs are left out as well.
+Numba alone optimises each function with all its callees, and makes machine code and wrappers for Python and C of each.
+Here a function stays unoptimised LLVM code until it is linked into a kernel. Numba's passes that no kernel needs are
+left out.
 
 Python calls a kernel with the address of one block of words of 8 bytes: the numbers of its arguments one after the
-other, the addresses of the objects that are arrays and records, and room for what it gives back.
+other, the addresses of the objects that are arrays and records, and room for the results.
 """
 
 from __future__ import annotations
@@ -30,45 +30,45 @@ from tcc_sim.solvers.compiling.numba_registration import registered
 NEEDED = {"TranslateByteCode", "FixupArgs", "IRProcessing", "RewriteSemanticConstants", "DeadBranchPrune",
           "GenericRewrites", "ReconstructSSA", "NopythonTypeInference", "PreLowerStripPhis", "IRLegalization",
           "NativeLowering", "NoPythonBackend"}
-"""Numba's passes for what makes no array: without closures, array expressions, context managers and annotations."""
+"""Numba's passes for code that makes no array: without closures, array expressions, contexts and annotations."""
 WORD, REAL = ir.IntType(64), ir.DoubleType()
 HEAD = object.__basicsize__
 """Bytes of a Python object before its own fields (`PyArrayObject` and `PyVoidScalarObject` of NumPy's headers)."""
 
 
 class PartLibrary(JITCodeLibrary):  # type: ignore[misc]
-    """A function that waits to be linked: neither optimised nor made machine code, so that it has no address."""
+    """The unoptimised LLVM module of a function, without machine code, to be linked into kernels."""
 
     codegen = property(lambda self: self)
 
     def add_llvm_module(self, ll_module: Any) -> None:
-        """Take what the function was written out as."""
+        """Add LLVM code."""
         self._final_module.link_in(ll_module)
 
     def add_linking_library(self, library: Any) -> None:
-        """Remember what it calls."""
+        """Add a library that the function calls."""
         self._linking_libraries.append(library)
 
     def finalize(self) -> None:
-        """Nothing can be added any more."""
+        """Close the library."""
         self._raise_if_finalized()
         self._shared_module = self._final_module
         self._finalized = True
 
     def get_pointer_to_function(self, _name: str) -> int:
-        """It has none, and nobody asks for more than to put it away."""
+        """Return 0: there is no machine code, and Numba only stores the address."""
         self._ensure_finalized()
         return 0
 
     def set_env(self, _name: str, _env: Any) -> None:
-        """What Python objects a function needs: none."""
+        """Set no environment: no function uses Python objects."""
 
 
 class PartCompiler(compiler.CompilerBase):  # type: ignore[misc]
-    """Compiles a function as other compiled functions call it."""
+    """Numba's compiler for functions that compiled functions call."""
 
     def define_pipelines(self) -> list[PassManager]:
-        """Numba's passes, those that are needed where nothing is allocated."""
+        """Return Numba's pipeline, reduced to NEEDED."""
         self.state.library = PartLibrary(self.state.targetctx.codegen(), self.state.func_id.func_qualname)
         out = PassManager("kernel")
         for step, description in compiler.DefaultPassBuilder.define_nopython_pipeline(self.state).passes:
@@ -79,7 +79,7 @@ class PartCompiler(compiler.CompilerBase):  # type: ignore[misc]
 
 
 def dispatcher(function: FunctionType, options: dict[str, Any]) -> Any:
-    """A kernel as Numba knows functions."""
+    """Return Numba's dispatcher of a function, whose `machine_code` makes a kernel of it."""
     out = registered(function, options, pipeline_class=PartCompiler, no_cpython_wrapper=True, no_cfunc_wrapper=True)
     out.machine_code = lambda arguments: machine_code(out, arguments)
     return out
@@ -87,9 +87,7 @@ def dispatcher(function: FunctionType, options: dict[str, Any]) -> Any:
 
 @contextmanager
 def _hurrying(context: Any) -> Iterator[None]:
-    """Numba in an eighth less time: it asks only once what a function is for arguments of some types, two floats in
-    most cases, and Python does not look for unreachable objects meanwhile.
-    """
+    """Save an eighth of Numba's time: cache the types of functions, and pause Python's garbage collector."""
     resolve, collects = context.resolve_function_type, gc.isenabled()
     resolutions: dict[Any, Any] = {}
 
@@ -114,8 +112,8 @@ def _hurrying(context: Any) -> Iterator[None]:
 
 @global_compiler_lock  # type: ignore[untyped-decorator]
 def machine_code(part: Any, arguments: tuple[Any, ...]) -> bytes:
-    """The machine code of a kernel for arguments like these, after a line with the format of what it gives back (as
-    `struct` has it, in brackets where it is a tuple) and one with the names of the functions that it needs.
+    """Return the machine code of a kernel for arguments like these, behind two lines: the `struct` format of its result
+    (in brackets for a tuple), and the names of the C functions that it needs.
     """
     kinds = tuple(map(numba.typeof, arguments))
     with _hurrying(part.typingctx):
@@ -131,20 +129,20 @@ def machine_code(part: Any, arguments: tuple[Any, ...]) -> bytes:
         libraries += [called for called in dict.fromkeys(library._linking_libraries) if called not in libraries]
     for function in whole.functions:
         if not function.is_declaration and function.name != "kernel":
-            function.linkage = "internal"  # What is called at one place is always inlined.
+            function.linkage = "internal"  # A function with a single caller is always inlined.
     passes, builder = codegen._module_pass_manager()
     passes.run(whole, builder)
     needed = [function for function in whole.functions
               if function.is_declaration and not function.name.startswith("llvm.")]
     for function in needed:
-        function.name = function.name.removeprefix("numba_")  # What it names its own way is C's frexp and ldexp.
+        function.name = function.name.removeprefix("numba_")  # Numba's names of C's frexp and ldexp.
     names = " ".join(function.name for function in needed)
     code: bytes = codegen._tm.emit_object(whole)
     return f"{outputs}\n{names}\n".encode() + code
 
 
 def _write_entry(context: Any, module: Any, descriptor: Any, kinds: tuple[Any, ...]) -> str:
-    """Write what Python calls: it takes the arguments from the block, and puts what comes back behind them."""
+    """Write the entry that Python calls: it reads the arguments from the block and stores the results behind them."""
     function = ir.Function(module, ir.FunctionType(ir.IntType(32), [WORD.as_pointer()]), "kernel")
     builder = ir.IRBuilder(function.append_basic_block())
     places = _places(builder, function.args[0])
@@ -165,18 +163,18 @@ def _write_entry(context: Any, module: Any, descriptor: Any, kinds: tuple[Any, .
 
 
 FORMATS = {types.float64: "d", types.int64: "q", types.boolean: "?7x"}
-"""How `struct` reads a word."""
+"""Formats of a word in `struct`."""
 
 
 def _places(builder: Any, block: Any) -> Iterator[Any]:
-    """The words of a block, one after the other."""
+    """Yield the addresses of the words of a block."""
     while True:
         yield block
         block = builder.gep(block, [ir.Constant(WORD, 1)])
 
 
 def _taken(context: Any, builder: Any, places: Iterator[Any], kind: Any) -> Any:
-    """An argument out of its words."""
+    """Read an argument from its words."""
     if isinstance(kind, types.NoneType):
         return context.get_dummy_value()
     if isinstance(kind, types.BaseTuple):
@@ -201,6 +199,6 @@ def _taken(context: Any, builder: Any, places: Iterator[Any], kind: Any) -> Any:
 
 
 def _field(builder: Any, start: Any, offset: int) -> Any:
-    """A word of a structure."""
+    """Read a word of a structure."""
     place = builder.add(start, ir.Constant(WORD, offset))
     return builder.load(builder.inttoptr(place, WORD.as_pointer()))

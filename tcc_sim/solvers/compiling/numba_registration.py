@@ -1,4 +1,4 @@
-"""Kernels as Numba knows functions, by what it offers to those who extend it."""
+"""Registration of kernels and staged functions with Numba, by its interface for extensions."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tcc_sim.solvers.compiling.unrolled import Unrolled
 
 
 def registered(function: FunctionType, options: dict[str, Any], **how: Any) -> Any:
-    """A function as Numba knows it; a number that is known while compiling makes no kind of its own."""
+    """Return Numba's dispatcher of a function, whose types do not depend on the values of literal numbers."""
     out = numba.njit(function, nogil=True, error_model="numpy", **how, **options)
     template = out.get_call_template
     out.get_call_template = lambda kinds, names: template(
@@ -32,7 +32,7 @@ def _(staged: Unrolled, _context: Any) -> Any:
 
 @cache
 def _typed(staged: Unrolled) -> Any:
-    """The type of a staged function, which is run while compiling."""
+    """Return the type of a staged function, which runs while compiling."""
     class Template(AbstractTemplate):  # type: ignore[misc]
         key = staged
 

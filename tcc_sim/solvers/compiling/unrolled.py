@@ -24,13 +24,13 @@ FUSED = ("contract",)
 
 
 class Name:
-    """A number, or a row of numbers (each in a lane of its own), that the running code will know."""
+    """A number, or a row of numbers in lanes, of the code that is being written."""
 
     def __init__(self, builder: Any, value: Any) -> None:
         self.builder, self.value = builder, value
 
     def _operand(self, other: Any) -> Any:
-        """`other` as an operand of the same shape."""
+        """Return `other` as an operand of the same shape."""
         shape = self.value.type
         if not isinstance(other, Name):
             count = getattr(shape, "count", 0)
@@ -44,10 +44,10 @@ class Name:
         return Name(self.builder, getattr(self.builder, operation)(left, right, flags=FUSED))
 
     def __add__(self, other: Any) -> Name:
-        return self if is_known(other, 0.0) else self._with("fadd", self.value, self._operand(other))
+        return self if is_constant(other, 0.0) else self._with("fadd", self.value, self._operand(other))
 
     def __sub__(self, other: Any) -> Name:
-        return self if is_known(other, 0.0) else self._with("fsub", self.value, self._operand(other))
+        return self if is_constant(other, 0.0) else self._with("fsub", self.value, self._operand(other))
 
     def __mul__(self, other: Any) -> Any:
         if not isinstance(self.value.type, ir.VectorType):
@@ -56,9 +56,9 @@ class Name:
             if isinstance(other, np.ndarray):
                 shape = ir.VectorType(REAL, len(other))
                 return Name(self.builder, _spread(self.builder, self.value, shape)) * other
-        if is_known(other, 0.0):
+        if is_constant(other, 0.0):
             return 0.0
-        return self if is_known(other, 1.0) else self._with("fmul", self.value, self._operand(other))
+        return self if is_constant(other, 1.0) else self._with("fmul", self.value, self._operand(other))
 
     def __truediv__(self, other: Any) -> Name:
         return self._with("fdiv", self.value, self._operand(other))
@@ -67,13 +67,13 @@ class Name:
         return self._with("fdiv", self._operand(other), self.value)
 
     def __rsub__(self, other: Any) -> Name:
-        return -self if is_known(other, 0.0) else self._with("fsub", self._operand(other), self.value)
+        return -self if is_constant(other, 0.0) else self._with("fsub", self._operand(other), self.value)
 
     def __neg__(self) -> Name:
         return Name(self.builder, self.builder.fneg(self.value))
 
     def __getitem__(self, place: int) -> Name:
-        """One number of a row."""
+        """Return one number of a row."""
         return Name(self.builder, self.builder.extract_element(self.value, ir.Constant(ir.IntType(32), place)))
 
     __radd__ = __add__
@@ -81,7 +81,7 @@ class Name:
 
 
 class Storage:
-    """An array of floats, one- or two-dimensional, whose entries are read once and written where they are set."""
+    """An array of floats with one or two dimensions; the code reads each entry once and writes it where it is set."""
 
     def __init__(self, context: Any, builder: Any, kind: Any, argument: Any) -> None:
         array = context.make_array(kind)(context, builder, argument)
@@ -92,7 +92,7 @@ class Storage:
             self.strides[-1] = ir.Constant(WHOLE, 8)
         self.shape = getattr(kind, "shape", (0,))
         self.length = self.shape[-1]
-        self.known: dict[Any, Name] = {}
+        self.entries: dict[Any, Name] = {}
 
     def _place(self, key: tuple[int, ...]) -> Any:
         offset = ir.Constant(WHOLE, 0)
@@ -101,17 +101,17 @@ class Storage:
         return self.builder.bitcast(self.builder.gep(self.start, [offset]), REAL.as_pointer())
 
     def __getitem__(self, key: tuple[int, ...]) -> Name:
-        if key not in self.known:
-            self.known[key] = Name(self.builder, self.builder.load(self._place(key)))
-        return self.known[key]
+        if key not in self.entries:
+            self.entries[key] = Name(self.builder, self.builder.load(self._place(key)))
+        return self.entries[key]
 
     def __setitem__(self, key: tuple[int, ...], value: Any) -> None:
-        self.known[key] = value
+        self.entries[key] = value
         stored = value.value if isinstance(value, Name) else ir.Constant(REAL, float(value))
         self.builder.store(stored, self._place(key))
 
     def row(self, *key: int, count: int = 0) -> Name:
-        """`count` numbers from an entry on, as they are in memory now; without a count the whole of a row."""
+        """Read `count` numbers from an entry on, or a whole row."""
         place = self.builder.bitcast(self._place(key), ir.VectorType(REAL, count or self.length).as_pointer())
         return Name(self.builder, self.builder.load(place, align=8))
 
@@ -127,14 +127,14 @@ def magnitude(x: Any) -> Any:
 
 
 def limited(x: Any, low: float, high: float) -> Any:
-    """x within [low, high], lane by lane."""
+    """Return x limited to [low, high], lane by lane."""
     if not isinstance(x, Name):
         return np.clip(x, low, high)
     return _called("llvm.maxnum", _called("llvm.minnum", x, high), low)
 
 
 def row_of(numbers: Sequence[Any]) -> Any:
-    """A row made of single numbers."""
+    """Return a row of single numbers."""
     builder = next((n.builder for n in numbers if isinstance(n, Name)), None)
     if builder is None:
         return np.array(numbers)
@@ -146,12 +146,12 @@ def row_of(numbers: Sequence[Any]) -> Any:
 
 
 def with_sign(x: Any, of: Any) -> Any:
-    """|x| with the sign of `of`, lane by lane."""
+    """Return |x| with the sign of `of`, lane by lane."""
     return _called("llvm.copysign", x, of) if isinstance(x, Name) else np.copysign(x, of)
 
 
 def exp(x: Any) -> Any:
-    """e^x to a unit in the last place, lane by lane, for |x| up to 700: beyond, that of 700.
+    """Return e^x to a unit in the last place, lane by lane; |x| is limited to 700.
 
     x = n log 2 + y with log 2 in two parts, |y| <= 0.35; e^y to order 13; n goes into the exponent's bits.
     """
@@ -173,12 +173,12 @@ def exp(x: Any) -> Any:
 
 
 def largest_size(x: Any) -> Any:
-    """The largest size of the numbers of a row; not a number where all are none."""
+    """Return the largest size of the numbers of a row; nan where all are nan."""
     return folded(lambda a, b: _called("llvm.maxnum", a, b) if isinstance(a, Name) else max(a, b), magnitude(x))
 
 
 def where(x: Any, relation: str, y: Any, chosen: Any, other: Any) -> Any:
-    """`chosen` in the lanes where x is above (">") or below ("<") y, `other` elsewhere."""
+    """Return `chosen` in the lanes where x is above (">") or below ("<") y, `other` elsewhere."""
     if not isinstance(x, Name):
         return np.where(np.greater(x, y) if relation == ">" else np.less(x, y), chosen, other)
     test = x.builder.fcmp_ordered(relation, x.value, x._operand(y))
@@ -186,19 +186,17 @@ def where(x: Any, relation: str, y: Any, chosen: Any, other: Any) -> Any:
 
 
 def greater(x: Any, y: Any) -> Any:
-    """The larger of the two, lane by lane; y where one of them is not a number."""
+    """Return the larger of the two, lane by lane; y where one of them is nan."""
     return where(x, ">", y, x, y)
 
 
 def lesser(x: Any, y: Any) -> Any:
-    """The smaller of the two, lane by lane; y where one of them is not a number."""
+    """Return the smaller of the two, lane by lane; y where one of them is nan."""
     return where(x, "<", y, x, y)
 
 
 def folded(operation: Callable[[Any, Any], Any], x: Any) -> Any:
-    """One number of all the numbers of a row, whose count is a power of two: half the row with the other half, and so
-    on.
-    """
+    """Reduce a row, whose length is a power of two, to one number, half by half."""
     if not isinstance(x, Name):
         return functools.reduce(operation, x)
     while x.value.type.count > 1:
@@ -209,7 +207,7 @@ def folded(operation: Callable[[Any, Any], Any], x: Any) -> Any:
 
 
 def _called(function: str, x: Name, *others: Any) -> Name:
-    """One of the compiler's own functions of one or two rows."""
+    """Call an LLVM intrinsic of one or two rows."""
     shape = x.value.type
     count = getattr(shape, "count", 0)
     operands = [x.value, *(x._operand(o) for o in others)]
@@ -218,25 +216,25 @@ def _called(function: str, x: Name, *others: Any) -> Name:
     return Name(x.builder, x.builder.call(made, operands))
 
 
-def is_known(other: Any, number: float) -> bool:
-    """Whether an operand is this very number, known while compiling."""
-    return isinstance(other, (int, float)) and other == number  # An array of known numbers is neither.
+def is_constant(other: Any, number: float) -> bool:
+    """Return whether an operand is this constant; an array of constants is not."""
+    return isinstance(other, (int, float)) and other == number
 
 
 def _spread(builder: Any, value: Any, shape: Any) -> Any:
-    """A row of equal numbers."""
+    """Return a row of equal numbers."""
     empty = ir.Constant(shape, ir.Undefined)
     first = builder.insert_element(empty, value, ir.Constant(ir.IntType(32), 0))
     return builder.shuffle_vector(first, empty, ir.Constant(ir.VectorType(ir.IntType(32), shape.count), None))
 
 
 def _items(builder: Any, value: Any) -> list[Any]:
-    """What a tuple or a fixed array holds."""
+    """Return the items of a tuple or a fixed array."""
     return [builder.extract_value(value, i) for i in range(len(value.type))]
 
 
 def _named(context: Any, builder: Any, kind: Any, argument: Any) -> Any:
-    """An argument as the staged function sees it: None, tuples and whole arrays keep their shape."""
+    """Return the staged function's argument: None, a tuple, a Storage or a Name."""
     if kind.name == "none":
         return None
     if hasattr(kind, "types"):
@@ -247,7 +245,7 @@ def _named(context: Any, builder: Any, kind: Any, argument: Any) -> Any:
 
 
 class Unrolled:
-    """What stands for a staged function in compiled functions; `linked` says what calling it means."""
+    """A staged function, as compiled functions call it."""
 
     def __init__(self, staged: Callable[..., Any]) -> None:
         self.py_func = staged
@@ -267,12 +265,12 @@ class Unrolled:
 
 
 def unrolled(staged: Callable[..., Any]) -> Callable[..., None]:
-    """The compiled form of `staged`, to be called from compiled functions, with the order before its own arguments.
+    """Return `staged` for calls from compiled functions, with the order before its own arguments.
 
     Parameters
     ----------
-    staged : a generator function of floats, tuples, None and arrays, that yields k where coefficients up to order k are
-        written: the code ends at the first yield with k at or above the order asked for. Or an ordinary function, whose
-        order is ignored.
+    staged : a generator function of floats, tuples, None and arrays, that yields k once the coefficients up to order k
+        are written: the code ends at the first yield with k at or above the order. Or an ordinary function, which
+        ignores the order.
     """
     return cast(Callable[..., None], Unrolled(staged))

@@ -1,7 +1,7 @@
-"""How far a motion is from another event sequence, with derivatives: what vanishes at a bifurcation with sliding.
+"""Margins of a motion to other event sequences, with derivatives: they vanish at bifurcations with sliding.
 
-M. di Bernardo, P. Kowalczyk, A. Nordmark, Bifurcations of dynamical systems with sliding, Physica D 170 (2002). Each
-margin is taken from the polynomials of the steps, its smallest value over the motion is kept.
+M. di Bernardo, P. Kowalczyk, A. Nordmark, Bifurcations of dynamical systems with sliding, Physica D 170 (2002). A
+margin is the smallest value over the motion, from the polynomials of the steps.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ from tcc_sim.solvers.series import SLIP
 from tcc_sim.trajectory import FREE, STICK
 
 GRAZING, ARRIVAL, STUCK = range(3)
-"""Rows of margins: |v| at its smallest extremum in slip, rad/s; r Ts + sgn(v) lambda where slip ends, N m (negative
+"""Rows of margins: |v| at its smallest extremum in slip, rad/s; r Ts + sgn(v) lambda at the end of slip, N m (negative
 where slip goes on the other way), the one nearest to 0; r Ts - |lambda| at its smallest minimum in stick, N m."""
 
 
 @fast
 def root_of_slope(c: Any, row: int, degree: int, low: float, high: float, sign: float) -> float:
-    """Where the slope of sign * polynomial rises through 0 between low and high."""
+    """Return the place between low and high at which the slope of sign * polynomial rises through 0."""
     x = 0.5 * (low + high)
     for _ in range(80):
         slope, curvature = polynomial.slope_and_curvature(c, row, degree, x)
@@ -57,10 +57,8 @@ def root_of_slope(c: Any, row: int, degree: int, low: float, high: float, sign: 
 @fast
 def smallest_dip(c: Any, row: int, degree: int, x_end: float, sign: float, below: float,
                  workspace: Any) -> tuple[float, float]:
-    """The smallest local minimum of sign * polynomial within (0, x_end), and its place; (below, -1) where none is
-    lower.
-
-    Every interval on which the slope changes its sign once is found by Descartes' rule, as in `polynomial.extremes_of`.
+    """Return the smallest local minimum of sign * polynomial within (0, x_end), and its place; (below, -1) if none is
+    lower. Descartes' rule finds every interval with one change of sign of the slope, as in `polynomial.extremes_of`.
     """
     to_bernstein(c, row, degree, x_end, workspace)
     for i in range(WORKSPACE[1]):
@@ -85,7 +83,7 @@ def smallest_dip(c: Any, row: int, degree: int, x_end: float, sign: float, below
 
 def arrival_change(out: Any, now: Any, by: Any, angle: Any, speed: Any, engine: Any, load: Any, sines: Any,
                    amplitude: Any, ratio: Any, side: Any, linear: Linear) -> None:
-    """What r Ts + side * lambda changes by at constant phase, lambda in stick's form; staged function."""
+    """Fill the change of r Ts + side * lambda at constant phase, lambda in stick's form; staged function."""
     flywheel, plate, damping, stiffness = linear_of(linear, by)
     sine, load_sine, load_cosine = sines
     spring = damping * Changing(speed, now.row(2)) + stiffness * Changing(angle, now.row(1))
@@ -102,7 +100,7 @@ change_arrival = unrolled(arrival_change)
 @fast
 def note_step(mode: int, order: int, x: float, rows: Any, least: Any, places: Any,
               workspace: Any) -> bool:
-    """Look for smaller margins within a step; True where there is one, at places[.] of the step."""
+    """Search for smaller margins within a step; return whether there is one, at places[.] of the step."""
     places[GRAZING] = -1.0
     places[STUCK] = -1.0
     if mode == STICK:
@@ -122,7 +120,7 @@ def note_step(mode: int, order: int, x: float, rows: Any, least: Any, places: An
 
 @fast
 def note_gradient(mode: int, order: int, block: int, group: Any, rows: Any, least: Any, places: Any) -> None:
-    """Derivatives of the margins that `note_step` has found in a step, by the disturbances of a group."""
+    """Store the derivatives of the margins that `note_step` found in a step, by the disturbances of a group."""
     for lane in range(LANES):
         column = GRADIENT + block * LANES + lane
         if places[GRAZING] > 0.0:
@@ -135,10 +133,10 @@ def note_gradient(mode: int, order: int, block: int, group: Any, rows: Any, leas
 @fast
 def note_arrival(mode: int, step: Step, state: Any, drive: Any, linear: Linear, ratio: float, groups: Any,
                  sines: Any, pulsation: Pulsation, room: Any, least: Any) -> None:
-    """The margin where slip in direction `mode` ends with a step, before the disturbances are taken over.
+    """Store the margin at the end of slip in direction `mode`, before the disturbances pass the event.
 
     sines : coefficients of `changes.expand_sines` over that step
-    room : (LANES,) to work in
+    room : (LANES,) work space
     """
     flywheel, plate, damping, stiffness = linear
     both = flywheel + plate

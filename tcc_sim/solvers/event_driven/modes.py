@@ -1,7 +1,7 @@
-"""Modes of the set-valued law (6): which one holds, the next step in it, and the mode that follows.
+"""Modes of the set-valued law (6): the mode of a state, the next step in it, and the mode that follows.
 
-After slip has ended the mode is decided from torques and their rates, never from the sign of a rounded slip speed: in
-stick v = 0 exactly, and slip begins at v = 0 exactly.
+After the end of slip the torques and their rates decide on the mode, never the sign of a rounded slip speed: in stick
+v = 0 exactly, and slip begins at v = 0 exactly.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from tcc_sim.trajectory import FREE, NEGATIVE, POSITIVE, STICK
 @fast
 def mode_at_rest(plate_angle: float, plate_speed: float, drive: Any, ratio: float, tolerance: float,
                  linear: Linear) -> int:
-    """The mode that follows v = 0 under load: stick where |lambda| <= r Ts, else slip in the direction of lambda.
+    """Return the mode after v = 0 under load: stick where |lambda| <= r Ts, else slip in the direction of lambda.
 
     Within `tolerance` (N m) of breakaway the rate of the margin decides: stick if it grows.
     """
@@ -48,7 +48,7 @@ def mode_at_rest(plate_angle: float, plate_speed: float, drive: Any, ratio: floa
 @fast
 def mode_of(slip_speed: float, loaded: bool, plate_angle: float, plate_speed: float, drive: Any, ratio: float,
             tolerance: float, linear: Linear) -> int:
-    """The mode of a state where a run starts, or where the load sets in or ends."""
+    """Return the mode of a state at the start of a run, or where the load begins or ends."""
     if not loaded:
         return FREE
     if slip_speed != 0.0:
@@ -58,7 +58,7 @@ def mode_of(slip_speed: float, loaded: bool, plate_angle: float, plate_speed: fl
 
 @fast
 def begin(bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any) -> None:
-    """The mode in which a state moves on, from the torques and their rates there; and when the clamp next acts."""
+    """Set the mode of a state from the torques and their rates there, and the time at which the clamp next switches."""
     state.load_edge = math.inf
     state.level = FRESH
     loaded = terms.mean_load > 0.0
@@ -74,7 +74,7 @@ def begin(bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any) -> N
 @fast
 def step_on(bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any, goal: float, work: Any,
             tables: Tables | None) -> Step:
-    """The next step, at most to `goal` (s into the cycle) or to where the clamp acts; the state stays where it is."""
+    """Return the next step, at most to `goal`, s into the cycle, or to the clamp's next switching."""
     remaining = min(goal, state.load_edge) - state.tau
     excite(state.tau, state.shift, state.mode != FREE, terms.mean_torque, waves, terms.mean_load, terms.pulsation,
            None, drive)
@@ -97,7 +97,7 @@ def step_on(bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any, go
 @fast
 def finish(bounds: Bounds, terms: Terms, waves: Any, step: Step, goal: float, state: Any, drive: Any, rows: Any,
            angle: Any) -> bool:
-    """Bring the state to the end of a step and decide the mode that follows; True where it may be another one."""
+    """Bring the state to the end of a step and set the mode that follows; return whether there may be a new one."""
     until = min(goal, state.load_edge)
     full = step.event == NO_EVENT and step.x * step.unit >= (until - state.tau) * (1.0 - 1e-13)
     if step.x > 0.0:
@@ -109,7 +109,7 @@ def finish(bounds: Bounds, terms: Terms, waves: Any, step: Step, goal: float, st
             state.at_rest = 0
     state.tau = until if full else state.tau + step.x * step.unit
     if abs(state.plate_speed) < 1e-26 * bounds.speed_scale:
-        # An arc that has died down: products of what is left would be denormal, and slow.
+        # An arc that has decayed: products of smaller numbers would be denormal, and slow.
         state.plate_speed = 0.0
     if step.event != NO_EVENT or state.load_edge <= state.tau:
         state.level = FRESH

@@ -1,6 +1,4 @@
-"""What the exact engine's kernel is given: rates that scale time, tolerances, where the law is constant; and what it
-changes as it goes.
-"""
+"""Constants of the exact engine's kernel: rates that scale time, tolerances, region of the constant law; its state."""
 
 from __future__ import annotations
 
@@ -13,59 +11,59 @@ from tcc_sim.model.friction import exponentials, largest_ratio
 from tcc_sim.solvers.terms import Terms, excitation_frequency, peak_load, steps_allowed, torque_swing
 
 EXACT = 1e-16
-"""Truncation where every arc is linear: the arcs are exact to rounding, whatever tolerance was asked for."""
+"""Truncation where every arc is linear: the arcs are exact to rounding at any tolerance."""
 SHARE = 1.0
-"""Truncation of one step, of the tolerance asked for: sections are then good to that (medians over
-50 starts of fig02 and chaos, rtol 1e-4 to 1e-10), since it is the last two terms that come to it, not the error."""
+"""Truncation of one step per tolerance of a solve: sections are then good to that (medians over 50 starts of fig02 and
+chaos, rtol 1e-4 to 1e-10), since it is the size of the last two terms, not of the error."""
 FAR_SHARE = 1.5e-2
-"""What is left of the exponential of (5), in tolerances, where it counts as gone."""
+"""Exponential of (5), in tolerances, at the slip speed from which on it counts as 0."""
 
 EVENTS = 1000
 """Events that any engine cycle may have."""
 STIFF = 10.0
-"""Damping over the critical one from which the fast part is left to collocation; a series takes it along below."""
+"""Damping over the critical one from which collocation takes over, once a series has followed the fast part."""
 STEPS_ALLOWED = 50
 """Steps of an engine cycle with its sensitivity per those of `steps_allowed`: a heavy damper makes them short."""
 
 
 class Bounds(NamedTuple):
-    """Constants of a run: s, 1/s, rad/s, N m."""
+    """Constants of a run; s, 1/s, rad/s, N m.
+
+    period : one engine cycle
+    ratio : r = mu_s/mu_k
+    clamped : whether the pressure reaches 0
+    slip_rate : sum of the rates of the plate on its spring and of the excitation
+    stick_rate : the same for flywheel and plate as one
+    far : slip speed from which on mubar is 1 to the tolerance; 0 where it is 1 everywhere
+    truncation : largest share of the last terms of a series
+    torque_tolerance, slip_tolerance : torques, and slip speeds, closer than this are equal
+    speed_scale, creep : sizes of the plate speed, and of that where the damper limits it
+    stiff_slip, stiff_stick : whether the damper is much faster than everything else
+    steps : most steps of an engine cycle with derivatives
+    steepest : largest fall of slip at breakaway that is rounding, rad/s^2
+    events : most events of an engine cycle
+    """
 
     period: float
     ratio: float
-    """r = mu_s/mu_k."""
     clamped: bool
-    """The pressure reaches 0."""
     slip_rate: float
-    """Sum of the rates of the plate on its spring and of the excitation."""
     stick_rate: float
-    """The same for flywheel and plate as one."""
     far: float
-    """Slip speed from which on mubar is 1 to the tolerance; 0 where it is 1 everywhere."""
     truncation: float
-    """Largest share of the last terms of a series."""
     torque_tolerance: float
-    """Torques closer than this are equal."""
     slip_tolerance: float
-    """Slip speeds closer than this are equal."""
     speed_scale: float
-    """Size of the plate speed."""
     stiff_slip: bool
-    """In slip the damper is much faster than everything else."""
     stiff_stick: bool
-    """The same in stick."""
     creep: float
-    """Size of the plate speed where the damper holds it, rad/s."""
     steps: int
-    """Most steps of an engine cycle of which the sensitivity is asked."""
     steepest: float
-    """Slip that begins at breakaway may fall this fast, rad/s^2, in rounding."""
     events: int
-    """Most events of an engine cycle."""
 
 
 def bounds_of(terms: Terms, period: float, rtol: float) -> Bounds:
-    """The constants of a system whose engine cycle is `period`, for a relative tolerance.
+    """Return the constants of a system whose engine cycle is `period`, for a relative tolerance.
 
     A cycle may have 1000 events, and 40 for each natural or excitation period in it.
     """
@@ -83,7 +81,7 @@ def bounds_of(terms: Terms, period: float, rtol: float) -> Bounds:
         far = max(max(math.log(abs(share) / (FAR_SHARE * rtol)), 1.0) / rate for share, rate in pairs)
 
     def stiff(inertia: float) -> bool:
-        """Whether the fast part dies down long before the slow part and the excitation have changed."""
+        """Return whether the fast part decays long before the slow part and the excitation change."""
         fast = damping / inertia
         return fast > STIFF * math.sqrt(stiffness / inertia) and fast > STIFF**2 * (excitation + 2.0 * math.pi / period)
 
@@ -98,14 +96,11 @@ def bounds_of(terms: Terms, period: float, rtol: float) -> Bounds:
         events=EVENTS + int(min(40.0 * max(math.sqrt(stiffness / plate), excitation) * period / (2.0 * math.pi), 1e6)))
 
 
-COUNTERS = np.dtype([("steps", np.int64), ("cycle", np.int64), ("cycle_steps", np.int64), ("cycle_events", np.int64)])
-"""Steps in all; the present engine cycle, and the steps and events in it."""
-
 STATE = np.dtype([("slip_speed", np.float64), ("plate_angle", np.float64), ("plate_speed", np.float64),
                   ("flywheel_angle", np.float64), ("mode", np.int64), ("tau", np.float64), ("shift", np.float64),
                   ("load_edge", np.float64), ("at_rest", np.int64), ("first_mode", np.int64),
                   ("level", np.int64)])
-"""Where a run is: the state (rad/s, rad, rad/s, rad); its mode; seconds into the engine cycle; the load's phase at the
-start of the cycle, rad; when the clamp next sets in or ends, s into the cycle; whether slip has just begun at v = 0;
-the mode at the start of the run; the rung of the next step of a stiff arc, below 0 while series steps are due.
+"""State of a run (rad/s, rad, rad/s, rad); its mode; time into the engine cycle, s; the load's phase at its start, rad;
+when the clamp next switches, s into the cycle; whether slip has just begun at v = 0; the mode at the start of the run;
+the rung of the next step of a stiff arc, below 0 while series steps are due.
 """

@@ -1,4 +1,4 @@
-"""One step of an arc: Taylor polynomials of the motion in its mode, how far they hold, and the event that ends them."""
+"""One step of an arc: Taylor polynomials of the motion in its mode, their length, and the event that ends it."""
 
 from __future__ import annotations
 
@@ -30,20 +30,22 @@ NO_EVENT, BREAKAWAY, REST, LAW_VARIES = range(4)
 
 
 class Step(NamedTuple):
-    """A step of length x * unit (s): its polynomials are of this degree in time/unit; `event` says what ended it."""
+    """A step of length x * unit (s), with polynomials of this degree in time/unit, to an event.
+
+    direction : of slip after a breakaway
+    reach : bound on the change of the slip speed, rad/s
+    """
 
     unit: float
     x: float
     degree: int
     event: int
     direction: int
-    """Direction of slip behind a breakaway."""
     reach: float
-    """How far the slip speed moves at most, rad/s."""
 
 
 def stuck(rows: Any, unit: Any, linear: Any, ratio: Any, pulsation: Any) -> Iterator[int]:
-    """Coefficients of flywheel and plate as one, and of the margins to breakaway; staged function.
+    """Fill the coefficients of flywheel and plate as one, and of the margins to breakaway; staged function.
 
     (I1 + I2) theta2'' + C23 theta2' + K23 theta2 = Te, and lambda = (I2 Te + I1 (C23 theta2' + K23 theta2))/(I1 + I2).
     """
@@ -72,7 +74,7 @@ expand_stuck = unrolled(stuck)
 def stick_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, mean_load: float,
               pulsation: tuple[float, float, float] | None, state: Any, drive: Any, remaining: float, rows: Any,
               workspace: Any) -> Step:
-    """A step in stick of at most `remaining` seconds, to breakaway where |lambda| = r Ts."""
+    """Return a step in stick of at most `remaining` seconds, to breakaway where |lambda| = r Ts."""
     unit = 1.0 / bounds.stick_rate
     expand_excitation(rows, LINEAR_ORDER + 1, unit, state.tau, True, mean_torque, waves, mean_load, pulsation, None,
                       drive)
@@ -94,7 +96,7 @@ def stick_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, me
 
 @fast
 def stick_event(bounds: Bounds, unit: float, x: float, order: int, rows: Any, workspace: Any) -> Step:
-    """A step in stick up to x, or to where one of the margins to breakaway falls to 0 before."""
+    """Return a step in stick up to x, or to the first zero of a margin to breakaway."""
     tolerance = bounds.torque_tolerance
     power, upward, downward = x, 0.0, 0.0
     for k in range(1, order + 1):
@@ -112,8 +114,8 @@ def stick_event(bounds: Bounds, unit: float, x: float, order: int, rows: Any, wo
 
 @fast
 def series_length(rows: Any, order: int, x: float, truncation: float, scale: float) -> float:
-    """A length of at most x at whose end the last two terms are below `truncation`, of the largest of the first terms
-    of the slip speed, and of `scale` for the plate speed.
+    """Return the length, at most x, at which the last two terms are `truncation` times the largest of the first terms
+    of the slip speed, and times `scale` for the plate speed.
     """
     largest, at, power = 0.0, 0, 1.0
     for i in range(4):
@@ -134,7 +136,7 @@ def series_length(rows: Any, order: int, x: float, truncation: float, scale: flo
 
 @fast
 def monotone(rows: Any, order: int, x: float, reach: float) -> bool:
-    """Whether the slip speed certainly goes one way over [0, x]; `reach` is a bound on how far it moves."""
+    """Return whether the slip speed is certainly monotone over [0, x]; `reach` bounds its change."""
     first = abs(rows[SLIP, 1])
     if reach > 4.0 * first * x:
         return False
@@ -147,7 +149,7 @@ def monotone(rows: Any, order: int, x: float, reach: float) -> bool:
 
 @fast
 def fastest_at(stribeck: tuple[float, ...], speed: float) -> float:
-    """The largest rate, s/rad, of the exponentials that have not died down at this speed, the first one in any case."""
+    """Return the largest rate, s/rad, of the exponentials that have not decayed at this speed, or of the first one."""
     rate = stribeck[1]
     for j in range(2, len(stribeck), 2):
         if stribeck[j + 1] * speed < 40.0 or rate * speed > 80.0:
@@ -159,7 +161,7 @@ def fastest_at(stribeck: tuple[float, ...], speed: float) -> float:
 def slip_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, mean_load: float,
              pulsation: tuple[float, float, float] | None, stribeck: Stribeck, state: Any, drive: Any,
              remaining: float, rows: Any, workspace: Any) -> Step:
-    """A step in slip, or free of load, of at most `remaining` seconds: to v = 0, or to where mubar begins to vary."""
+    """Return a step in slip, or without load, of at most `remaining` s, to v = 0, or to the speed `far`."""
     mode, v = state.mode, state.slip_speed
     sign = 0.0 if mode == FREE else float(mode)
     rows[SLIP, 0] = v
@@ -205,7 +207,7 @@ def slip_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, mea
 @fast
 def slip_event(bounds: Bounds, unit: float, x: float, order: int, level: float, state: Any, rows: Any,
                workspace: Any) -> Step:
-    """A step in slip up to x, or to where |v| falls to `level` before: to 0, or to where mubar begins to vary."""
+    """Return a step in slip up to x, or to the fall of |v| to `level`: 0, or where mubar begins to vary."""
     sign = float(state.mode)
     reach = polynomial.variation(rows, SLIP, order, x)
     if state.mode == FREE or sign * rows[SLIP, 0] - reach > level + bounds.slip_tolerance:

@@ -1,8 +1,8 @@
 """Steps of an arc whose damper is far faster than everything else: collocation on the ladder of rungs.
 
-A Taylor series of an overdamped plate is held to steps of a few I2/C23 for as long as the arc lasts. It takes the fast
-part along until that has died down; collocation (`collocation`, `stages`, `rungs`) steps over it from then on. It
-leaves a polynomial as well, so events and output are those of every other step.
+Stability limits the Taylor series of an overdamped plate to steps of a few I2/C23. After the series have followed the
+decay of the fast part, collocation (`collocation`, `stages`, `rungs`) takes longer steps. Its result is a polynomial
+too, so events and output are those of every other step.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from tcc_sim.solvers.terms import Terms
 from tcc_sim.trajectory import FREE, STICK
 
 FRESH = -12
-"""Rung of a state whose fast part has not died down: so many series steps come first, 30 times I2/C23 or more."""
+"""Rung of a state whose fast part has not decayed: so many series steps come first, 30 times I2/C23 or more."""
 LEAST_TRUNCATION = 1e-11
 """Rounding of the last coefficients, of the size of the signal."""
 CANCELLED = 2e-13
@@ -34,8 +34,8 @@ CONVERGED = 0.01
 
 @fast
 def law_ahead(state: Any, stribeck: Stribeck, far: float) -> tuple[Place, float, float]:
-    """Where the law is constant or falls (without tolerances), how fast it changes with v (s/rad), and the slip speed
-    at which that ends.
+    """Return region and sign of the state (without tolerances), the law's rate by v, s/rad, and the slip speed at which
+    the region ends.
     """
     region, sharpness, level, sign = SLIDING, 0.0, 0.0, 0.0 if state.mode == FREE else float(state.mode)
     if stribeck is not None:  # noqa: SIM102 (Numba leaves out what None rules out only where it is a test of its own)
@@ -49,9 +49,7 @@ def law_ahead(state: Any, stribeck: Stribeck, far: float) -> tuple[Place, float,
 @fast
 def breakaway_margins(bounds: Bounds, terms: Terms, pulsation: Pulsation, waves: Any, state: Any, drive: Any, h: float,
                       work: Any) -> None:
-    """Rows UPWARD and DOWNWARD of a step in stick: what the torque that holds the disks together is short of the
-    breakaway torque.
-    """
+    """Fill rows UPWARD and DOWNWARD of a step in stick: the margins to breakaway."""
     rows, nodes = work.rows, work.demand
     flywheel, plate, damping, stiffness = terms.linear
     for i in range(NODES):
@@ -73,14 +71,14 @@ def breakaway_margins(bounds: Bounds, terms: Terms, pulsation: Pulsation, waves:
 
 @fast
 def error_of(chebyshev: Any, tolerance: float) -> float:
-    """The last coefficients of a polynomial, 1 where they are as large as they may be."""
+    """Return the size of a polynomial's last coefficients per tolerance."""
     return float(max(abs(chebyshev[DEGREE]), abs(chebyshev[DEGREE - 1])) / tolerance)
 
 
 @fast
 def error_on_rung(bounds: Bounds, terms: Terms, waves: Any, place: Place, sharpness: float, state: Any, drive: Any,
                   tables: Tables, work: Any) -> float:
-    """Solve for the rung state.level; returns the error of its polynomials, infinite where there are none."""
+    """Solve on the rung state.level; return the error of its polynomials, infinite where there are none."""
     level, slip, chebyshev = state.level, work.slip, work.chebyshev
     rung = tables.rungs[level]
     flywheel, plate, _, _ = terms.linear
@@ -110,8 +108,8 @@ def error_on_rung(bounds: Bounds, terms: Terms, waves: Any, place: Place, sharpn
 @fast
 def stiff_arc(bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any, remaining: float, tables: Tables,
               work: Any) -> Step:
-    """A step of any mode of at most `remaining` seconds, on the rung state.level or below, which it adapts; of degree
-    0 where there is none that holds the tolerance, and the series go on.
+    """Return a step of any mode of at most `remaining` s, on the rung state.level or below, and adapt that; of degree 0
+    if no rung meets the tolerance, and series go on.
     """
     rungs = tables.rungs
     place, sharpness, end = law_ahead(state, terms.stribeck, bounds.far)

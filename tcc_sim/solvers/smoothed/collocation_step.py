@@ -1,9 +1,7 @@
 """A long step of collocation: stick on its slow manifold, and slip where the linear part is stiff.
 
 Radau IIA with 16 nodes, order 31, on a ladder of rungs whose linear parts are precomputed (`collocation`). In stick
-it is a forced oscillator with a slaved creep: mubar follows the demand, and a few steps make a cycle.
-
-A step takes the longest rung whose error is expected to pass.
+mubar follows the demand, and a few steps make a cycle. A step takes the longest rung whose error is expected to pass.
 """
 
 from __future__ import annotations
@@ -23,17 +21,17 @@ from tcc_sim.solvers.terms import Terms
 BEFORE_FOLD = 0.8
 """Length of a step that ends before the demand passes the peak, per time to the node where it does."""
 WORTH = 20.0
-"""Step times rho above which a collocation step, the price of ten series steps, passes over more than those could."""
+"""Step times rho above which a collocation step, which costs ten series steps, is longer than those."""
 FLAT = 0.04
-"""Least slope of mubar, relative to sigma, by which an error of v in stick is weighed: on a flat law friction is exact
-without v, but v is what leaves stick."""
+"""Least slope of mubar, relative to sigma, that weighs an error of v in stick: flat friction does not depend on v, but
+the end of stick does."""
 CONVERGED = 0.01
 """Error of Newton's method per tolerance of the step."""
 
 
 @fast
 def first_beyond(peak: float, work: Any) -> int:
-    """The first node at which friction would have to pass its peak to hold the plate; NODES if there is none."""
+    """Return the first node at which friction would have to pass its peak to hold the plate; NODES if there is none."""
     demand, total, grip = work.demand, work.balance, work.grip
     for i in range(NODES):
         demand[i] = total[i] / grip[i]
@@ -46,13 +44,13 @@ def first_beyond(peak: float, work: Any) -> int:
 @fast
 def collocation_step(place: Place, room: float, loaded: bool, state: Any, control: Any, limits: Limits, terms: Terms,
                      waves: Any, drive: Any, tables: Tables, work: Any, counters: Any) -> Step:
-    """Solve for the rung control.level, or the longest below it that fits into `room` s.
+    """Solve on the rung control.level, or the longest below it that fits into `room` s.
 
-    The polynomial of the slip speed is left in work.rows; `fill_plate` leaves the others. A step that is refused leaves
-    the rung to try next, the number of rungs where there is none.
+    Fills the polynomial of the slip speed in work.rows; `fill_plate` fills the others. A refused step sets
+    control.level to the rung to try next, or to the number of rungs if there is none.
     """
     level = rung_below(tables.rungs, control.level, room)
-    worth = -math.inf  # A slope of friction that falls is not a step refused.
+    worth = -math.inf  # A falling slope of friction does not refuse a step.
     while True:
         control.level = level
         if level >= tables.rungs.shape[0] or tables.rungs[level].length * control.rate < worth:

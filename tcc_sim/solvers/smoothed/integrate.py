@@ -1,6 +1,4 @@
-"""The compiled loop of the smoothed engine: where the state is, which method steps on, how far, and what is kept of
-it.
-"""
+"""The smoothed engine's part of the loop: region of the state, method of the next step, its length and output."""
 
 from __future__ import annotations
 
@@ -9,39 +7,21 @@ from typing import Any
 
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.profile import STARTED
-from tcc_sim.solvers import polynomial
+from tcc_sim.solvers import polynomial, run_output
 from tcc_sim.solvers.bernstein import to_bernstein
 from tcc_sim.solvers.compiling.compiled import fast
-from tcc_sim.solvers.engine import Memory, Setup
-from tcc_sim.solvers.excitation import clamp_edge, excite, load_phase
-from tcc_sim.solvers.kept import (
-    DONE,
-    FULL,
-    NOT_FINITE,
-    STEP_LIMIT,
-    STEP_TOO_SMALL,
-    Store,
-    begin_output,
-    end_of_cycle,
-    full,
-    keep_step,
-)
+from tcc_sim.solvers.engine import Memory, Setup, loop_by
+from tcc_sim.solvers.excitation import clamp_edge, excite
 from tcc_sim.solvers.loads import keep_loads, wanted
+from tcc_sim.solvers.run_output import GOES_ON, NOT_FINITE, STEP_TOO_SMALL, Store
 from tcc_sim.solvers.rungs import fill_plate, state_at_end
-from tcc_sim.solvers.series import COLUMNS, FLYWHEEL, SLIP, add_integral
+from tcc_sim.solvers.series import FLYWHEEL, SLIP, add_integral
 from tcc_sim.solvers.smoothed.collocation_step import collocation_step
 from tcc_sim.solvers.smoothed.sensitivity import carry
 from tcc_sim.solvers.smoothed.sensitivity_series import reach_of, resolved
 from tcc_sim.solvers.smoothed.series_step import LocalFriction, friction_here, series_step
 from tcc_sim.solvers.smoothed.setup import CREEP, REFUSED, SERIES, Limits, Step
-from tcc_sim.solvers.smoothed.switching import (
-    SETTLED,
-    after_refusal,
-    after_step,
-    begin,
-    begin_cycle,
-    choose_method,
-)
+from tcc_sim.solvers.smoothed.switching import SETTLED, after_refusal, after_step, begin, begin_cycle, choose_method
 from tcc_sim.solvers.stages import FALLING, LAYER, SLIDING, Place
 from tcc_sim.solvers.terms import Terms
 
@@ -49,29 +29,24 @@ EDGE = 1e-6
 """Relative width at the edge of a region within which a state counts as inside: steps end there to a tenth of it."""
 
 COLLOCATION_REACH = 2.0
-"""Longest collocation step that shows a sine, per series step that does."""
-MOVES_AT_ONCE = 2 * COLUMNS
-"""Most transitions of one step."""
-GOES_ON = -1
-"""No way in which a call ends."""
+"""Longest collocation step that resolves a sine, per longest series step that does."""
 
 
 @fast
-def start(limits: Limits, memory: Memory, tangent: Any) -> None:
+def start(setup: Setup, memory: Memory, tangent: Any) -> None:
     """Set up all but the state, where a motion starts."""
-    state, control, _, _, counters, output = memory
+    limits, state, control = setup.limits, memory.state, memory.control
     v = state.slip_speed
     begin(state, control)
     if tangent is not None:
         control.waited, control.unsettled = SETTLED, limits.forgotten
         tangent.shared.peak, tangent.shared.slopes[:] = -1.0, 0.0
-    counters.steps, counters.rejected, counters.iterations, counters.iterations_max = 0, 0, 0, 0
-    begin_output(output, v, 0 if abs(v) <= limits.stick_speed else 1 if v > 0.0 else -1)
+    run_output.begin_output(memory.output, v, 0 if abs(v) <= limits.stick_speed else 1 if v > 0.0 else -1)
 
 
 @fast
 def region_of(state: Any, loaded: bool, control: Any, limits: Limits, terms: Terms, drive: Any) -> Place:
-    """Region, sign and tolerances where the state is."""
+    """Return region, sign and tolerances of the state."""
     v = state.slip_speed
     size = abs(v)
     control.slip_now = max(control.slip_now, size)
@@ -99,16 +74,16 @@ def region_of(state: Any, loaded: bool, control: Any, limits: Limits, terms: Ter
 
 @fast
 def edge_of(place: Place, limits: Limits) -> float:
-    """The slip speed, rad/s, at which a region outside the layer ends on the way down."""
+    """Return the slip speed, rad/s, at which a region outside the layer ends on the way down."""
     return limits.far if place.region == SLIDING else limits.layer
 
 
 @fast
 def first_boundary(place: Place, degree: int, x: float, method: int, loaded: bool, limits: Limits, stribeck: Stribeck,
                    work: Any) -> float:
-    """Where in [0, x] the step leaves what its law was written for: v = 0, or on the way down the edge of a region.
+    """Return where the step leaves its region in [0, x], at v = 0 or on the way down at the region's edge; else inf.
 
-    The first row of work.bernstein takes the slip speed over [0, x]. Infinity where the step stays inside.
+    The first row of work.bernstein receives the slip speed over [0, x].
     """
     to_bernstein(work.rows, SLIP, degree, x, work.bernstein)
     if not loaded:
@@ -126,9 +101,8 @@ def first_boundary(place: Place, degree: int, x: float, method: int, loaded: boo
 @fast
 def step_on(place: Place, friction: LocalFriction, to_edge: float, to_stop: float, loaded: bool, setup: Setup,
             memory: Memory, tangent: Any) -> tuple[Step, float]:
-    """A step of the method that was chosen, and how much of it is taken: at most `to_stop` seconds.
-
-    to_edge : s until the clamp next acts, over which the excitation is smooth
+    """Return a step of the method that was chosen, and its part to take: at most `to_stop` s; the excitation is smooth
+    for `to_edge` s.
     """
     limits, terms, _, waves, tables = setup
     state, control, drive, work, counters, _ = memory
@@ -151,7 +125,7 @@ def step_on(place: Place, friction: LocalFriction, to_edge: float, to_stop: floa
 @fast
 def complete(step: Step, degree: int, whole: bool, cut: float, setup: Setup, memory: Memory, store: Store,
              angle: Any) -> None:
-    """Fill the rows that a step leaves out as long as nobody asks for them: the plate's in creep, and theta1."""
+    """Fill the rows that a step leaves out where the output does not need them: the plate's in creep, and theta1."""
     limits, _, _, _, tables = setup
     state, control, _, work, _, output = memory
     if control.method == CREEP and (not whole or cut < math.inf or store.per_cycle > 0 or angle is not None
@@ -163,28 +137,22 @@ def complete(step: Step, degree: int, whole: bool, cut: float, setup: Setup, mem
 
 
 @fast
-def started(cycle: int, period: float, profile: Any) -> float:
-    """When the engine cycle of this number started, s."""
-    if profile is None:
-        return cycle * period
-    else:
-        return float(profile[STARTED])
-
-
-@fast
 def keep(step: Step, degree: int, x: float, cut: float, first: int, limits: Limits, terms: Terms, memory: Memory,
-         store: Store, angle: Any) -> None:
-    """Loads, samples, extremes, transitions and section of a step; `cut` is where in it the cycle ends."""
+         store: Store, angle: Any, profile: Any) -> None:
+    """Store the output of [0, x] of a step; `cut` is the end of the engine cycle in it."""
     state, _, _, work, _, output = memory
     keep_loads(store.loads, work.rows, degree, step.unit, x, cut, output.cycle, terms.linear, work.bernstein)
-    begun = started(first + output.cycle, limits.period, terms.profile)
-    keep_step(work, degree, step.unit, x, cut, state.tau, begun + state.tau, limits.period, limits.stick_speed, output,
-              store, angle)
+    if profile is None:
+        begun = (first + output.cycle) * limits.period
+    else:
+        begun = float(profile[STARTED])
+    run_output.keep_step(work, degree, step.unit, x, cut, state.tau, begun + state.tau, limits.period,
+                         limits.stick_speed, output, store, angle)
 
 
 @fast
 def finish(degree: int, x: float, whole: bool, setup: Setup, memory: Memory, angle: Any) -> None:
-    """The state at the end of a step."""
+    """Bring the state to the end of a step."""
     limits, _, _, _, tables = setup
     state, control, _, work, _, _ = memory
     if whole and control.method != SERIES:
@@ -198,78 +166,57 @@ def finish(degree: int, x: float, whole: bool, setup: Setup, memory: Memory, ang
 
 
 @fast
-def ended(end: float, step_limit: int, memory: Memory, tangent: Any, store: Store) -> int:
-    """How a call ends before the next step, as `integrate` returns it, or GOES_ON."""
-    state, _, _, _, counters, output = memory
-    if not state.tau < end:
-        return DONE
-    if counters.steps + counters.rejected >= step_limit:
-        return STEP_LIMIT
-    if tangent is None and full(store.moves, output.moves + MOVES_AT_ONCE):
-        return FULL
+def take_step(first: int, count: int, tail: float, setup: Setup, memory: Memory, tangent: Any, store: Store,
+              angle: Any) -> int:
+    """Take a step, unless the state is moved to the slow manifold or to an edge, or the step is refused.
+
+    Steps run across the ends of cycles, whose section points are values of the polynomial. They end at the edges of the
+    clamp and of the regions, and at the end of the run.
+    """
+    limits, terms, _, waves, tables = setup
+    state, control, drive, work, counters, output = memory
+    tau, period = state.tau, limits.period
+    edge, loaded = clamp_edge(tau, tau + 2.0 * period, state.shift, terms.mean_load, terms.pulsation, terms.profile)
+    stop = min(edge, (count - output.cycle) * period + tail)
+    excite(tau, state.shift, loaded, terms.mean_torque, waves, terms.mean_load, terms.pulsation, terms.profile, drive)
+    place = region_of(state, loaded, control, limits, terms, drive)
+    friction = friction_here(place, state, limits, terms, drive)
+    if choose_method(place, friction, edge - tau, state, control, limits, terms, drive, tables):
+        return GOES_ON
+    method = control.method
+    step, x = step_on(place, friction, edge - tau, stop - tau, loaded, setup, memory, tangent)
+    if step.status == REFUSED:
+        counters.rejected += 1
+        after_refusal(control, limits, tables)
+        return GOES_ON
+    if not x > 0.0:
+        return STEP_TOO_SMALL if x == 0.0 else NOT_FINITE
+    degree = step.degree if method == SERIES or angle is None else step.degree + 1  # theta1 is an integral.
+    crossing = first_boundary(place, degree, x, method, loaded, limits, terms.stribeck, work)
+    reached = x * step.unit >= (stop - tau) * (1.0 - 1e-14)
+    if crossing == 0.0 and place.region != LAYER:  # Rounding of a step that was cut there left the state outside.
+        state.slip_speed = place.sign * edge_of(place, limits)
+        return GOES_ON
+    if 0.0 < crossing < x:
+        x = crossing
+        reached = False
+        to_bernstein(work.rows, SLIP, degree, x, work.bernstein)
+    whole = x == step.x
+    after = stop if reached else tau + x * step.unit
+    cut = run_output.end_of_cycle(tau, after, period, step.unit, x)
+    complete(step, degree, whole, cut, setup, memory, store, angle)
+    if tangent is not None:
+        carry(tangent, method, place, friction, step, degree, x, whole, cut, loaded, setup, memory)
+    keep(step, degree, x, cut, first, limits, terms, memory, store, angle, terms.profile)
+    finish(degree, x, whole, setup, memory, angle)
+    state.tau = after
+    if not abs(state.slip_speed + state.plate_angle + state.plate_speed) < math.inf:
+        return NOT_FINITE
+    counters.steps += 1
+    if after >= period:
+        begin_cycle(state, control)
+    after_step(step, x, control, limits, tables)
     return GOES_ON
 
 
-@fast
-def integrate(first: int, count: int, tail: float, step_limit: int, setup: Setup, memory: Memory, tangent: Any,
-              store: Store, angle: Any) -> int:
-    """Solve `count` engine cycles from cycle `first` on, and then `tail` seconds of one more.
-
-    Starts from the state, or goes on where `memory` is, after `output.cycle` of them; returns how it ended. Steps run
-    across the ends of cycles, whose section points are values of the polynomial; they end at the edges of the clamp and
-    of the regions, and at the end of the run. `tangent` and `angle` are None where derivatives and theta1 are not asked
-    for.
-    """
-    limits, terms, ratio, waves, tables = setup
-    state, control, drive, work, counters, output = memory
-    if output.started == 0:
-        start(limits, memory, tangent)
-    period, shift = limits.period, load_phase(ratio, terms.pulsation, first + output.cycle)
-    while True:
-        end = (count - output.cycle) * period + tail
-        status = ended(end, step_limit, memory, tangent, store)
-        if status != GOES_ON:
-            return status
-        tau = state.tau
-        edge, loaded = clamp_edge(tau, tau + 2.0 * period, shift, terms.mean_load, terms.pulsation, terms.profile)
-        stop = min(edge, end)
-        excite(tau, shift, loaded, terms.mean_torque, waves, terms.mean_load, terms.pulsation, terms.profile, drive)
-        place = region_of(state, loaded, control, limits, terms, drive)
-        friction = friction_here(place, state, limits, terms, drive)
-        if choose_method(place, friction, edge - tau, state, control, limits, terms, drive, tables):
-            continue
-        method = control.method
-        step, x = step_on(place, friction, edge - tau, stop - tau, loaded, setup, memory, tangent)
-        if step.status == REFUSED:
-            counters.rejected += 1
-            after_refusal(control, limits, tables)
-            continue
-        if not x > 0.0:
-            return STEP_TOO_SMALL if x == 0.0 else NOT_FINITE
-        degree = step.degree if method == SERIES or angle is None else step.degree + 1  # theta1 is an integral.
-        crossing = first_boundary(place, degree, x, method, loaded, limits, terms.stribeck, work)
-        reached = x * step.unit >= (stop - tau) * (1.0 - 1e-14)
-        if crossing == 0.0 and place.region != LAYER:  # By rounding of a step that was cut there it is not yet inside.
-            state.slip_speed = place.sign * edge_of(place, limits)
-            continue
-        if 0.0 < crossing < x:
-            x = crossing
-            reached = False
-            to_bernstein(work.rows, SLIP, degree, x, work.bernstein)
-        whole = x == step.x
-        after = stop if reached else tau + x * step.unit
-        cut = end_of_cycle(tau, after, period, step.unit, x)
-        complete(step, degree, whole, cut, setup, memory, store, angle)
-        if tangent is not None:
-            carry(tangent, method, place, friction, step, degree, x, whole, cut, loaded, setup, memory)
-        keep(step, degree, x, cut, first, limits, terms, memory, store, angle)
-        finish(degree, x, whole, setup, memory, angle)
-        state.tau = after
-        if not abs(state.slip_speed + state.plate_angle + state.plate_speed) < math.inf:
-            return NOT_FINITE
-        counters.steps += 1
-        if after >= period:
-            state.tau -= period
-            begin_cycle(state, control)
-            shift = load_phase(ratio, terms.pulsation, first + output.cycle)
-        after_step(step, x, control, limits, tables)
+integrate = loop_by(start, take_step)

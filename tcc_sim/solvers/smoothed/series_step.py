@@ -17,15 +17,13 @@ from tcc_sim.solvers.stages import FALLING, LAYER, SLIDING, Place
 from tcc_sim.solvers.terms import Terms
 
 TAIL_OF_TANH = 3.0
-"""sigma |v| above which tanh(sigma |v|) is 1 - 2 exp(-2 sigma |v|), and its series converges like that
-exponential's.
-"""
+"""sigma |v| above which tanh(sigma |v|) is 1 - 2 exp(-2 sigma |v|) and its series converges like the exponential's."""
 SAFETY_SERIES = 0.905
 
 
 class LocalFriction(NamedTuple):
-    """Friction now: mubar, its slope (s/rad); value c exp(-a |v|) of the first exponential, tanh(sigma v), 1 - tanh^2;
-    v' (rad/s^2).
+    """Friction at the state: mubar, its slope (s/rad); value c exp(-a |v|) of the first exponential, tanh(sigma v),
+    1 - tanh^2; v' (rad/s^2).
     """
 
     law: float
@@ -39,9 +37,7 @@ class LocalFriction(NamedTuple):
 @fast
 def law_here(v: float, sign: float, region: int, sigma: float,
              stribeck: Stribeck) -> tuple[float, float, float, float, float]:
-    """The first five fields of LocalFriction, with the parts of the law that matter in the region; sign 0 without
-    load.
-    """
+    """Return the first five fields of LocalFriction by the law in the region; sign is 0 without load."""
     tanh, sech = sign, 0.0
     if region == LAYER:
         e = math.exp(-2.0 * sigma * abs(v))
@@ -63,7 +59,7 @@ def law_here(v: float, sign: float, region: int, sigma: float,
 
 @fast
 def friction_here(place: Place, state: Any, limits: Limits, terms: Terms, drive: Any) -> LocalFriction:
-    """Friction, and the slip acceleration that follows from it, where the state is."""
+    """Return friction and slip acceleration at the state."""
     law, slope, excess, tanh, sech = law_here(state.slip_speed, place.sign, place.region, limits.sigma,
                                                 terms.stribeck)
     i1, i2, damping, stiffness = terms.linear
@@ -75,7 +71,7 @@ def friction_here(place: Place, state: Any, limits: Limits, terms: Terms, drive:
 @fast
 def expand_region(order: int, rows: Any, unit: float, terms: Terms, sigma: float, place: Place, friction: LocalFriction,
                   pulsation: tuple[float, float, float] | None, stribeck: Stribeck) -> None:
-    """The series of the motion, with what of the law varies in the region: the exponential, and in the layer tanh."""
+    """Expand the motion with the parts of the law that vary in the region: the exponential, and in the layer tanh."""
     sign = place.sign
     if place.region == LAYER:
         if stribeck is None:
@@ -91,7 +87,7 @@ def expand_region(order: int, rows: Any, unit: float, terms: Terms, sigma: float
 
 @fast
 def rate_of_law(region: int, sigma: float, stribeck: Stribeck) -> float:
-    """How fast mubar changes with v in a region, s/rad: the exponential's rate, and that of tanh."""
+    """Return the rate of mubar by v in a region, s/rad: the exponential's, and that of tanh."""
     rate = sigma if region == LAYER else 0.0
     if stribeck is not None and region != SLIDING:
         rate += fastest_of(stribeck)
@@ -100,7 +96,7 @@ def rate_of_law(region: int, sigma: float, stribeck: Stribeck) -> float:
 
 @fast
 def fastest_of(stribeck: tuple[float, ...]) -> float:
-    """The largest rate of the exponentials, s/rad."""
+    """Return the largest rate of the exponentials, s/rad."""
     rate = stribeck[1]
     for j in range(2, len(stribeck), 2):
         rate = max(rate, stribeck[j + 1])
@@ -109,7 +105,7 @@ def fastest_of(stribeck: tuple[float, ...]) -> float:
 
 @fast
 def series_length(rows: Any, order: int, slip_tolerance: float, speed_tolerance: float) -> float:
-    """The step, in units of the series' own time, at which its last two terms reach the tolerance."""
+    """Return the length, in units of time of the series, at which its last two terms reach the tolerance."""
     longest = ENDLESS
     for k in range(order - 1, order + 1):
         size = max(abs(rows[SLIP, k]) / slip_tolerance, abs(rows[SPEED, k]) / speed_tolerance)
@@ -123,12 +119,11 @@ def series_length(rows: Any, order: int, slip_tolerance: float, speed_tolerance:
 @fast
 def converging_length(rows: Any, order: int, x: float, sign: float, excess: float, decay: float, strength: float,
                       slip_tolerance: float) -> float:
-    """A step of at most x over which the series of excess * exp(-decay |v|) is accurate too.
+    """Return a length of at most x over which the series of excess * exp(-decay |v|) is accurate too.
 
-    While slip dies down the coefficients of that series rise up to order z = decay |change of v|, far beyond the last
-    ones kept where z is large, which the last two terms do not show. (Below z = order/2 they do: each is at most half
-    of the one before.) Lagrange's remainder z^(p + 1)/(p + 1)! does, times the larger of the two end values of the
-    exponential.
+    While |v| falls the coefficients of that series rise up to order z = decay |change of v|. If z exceeds half the
+    order, the last two terms do not bound the error; Lagrange's remainder z^(p + 1)/(p + 1)!, times the larger of the
+    two end values of the exponential, does.
     """
     change = decay * sign * (rows[SLIP, 1] * x + rows[SLIP, 2] * x * x)
     if abs(change) <= 0.5 * order:
@@ -146,7 +141,7 @@ def converging_length(rows: Any, order: int, x: float, sign: float, excess: floa
 @fast
 def exponential_length(rows: Any, order: int, x: float, place: Place, v: float, strength: float, sigma: float,
                        stribeck: Stribeck) -> float:
-    """`converging_length` for the exponential that varies most in the region."""
+    """Return `converging_length` for the exponentials that vary in the region."""
     if place.region == FALLING and stribeck is not None:
         x = converging_length(rows, order, x, place.sign, abs(stribeck[0]), stribeck[1], strength,
                               place.slip_tolerance)
@@ -162,10 +157,9 @@ def exponential_length(rows: Any, order: int, x: float, place: Place, v: float, 
 @fast
 def series_step(place: Place, friction: LocalFriction, remaining: float, loaded: bool, state: Any, limits: Limits,
                 terms: Terms, waves: Any, drive: Any, work: Any) -> Step:
-    """Expand the motion and say how far the series hold, at most `remaining` s.
+    """Expand the motion; return the step up to which the series hold, at most `remaining` s.
 
-    Time is scaled by the sum of the rates that are at work, friction's own rho among them, so that no coefficient
-    overflows.
+    Time is scaled by the sum of all rates, friction's own rho among them, so that no coefficient overflows.
     """
     rate = limits.base_rate
     order = limits.linear_order

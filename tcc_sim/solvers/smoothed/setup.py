@@ -1,6 +1,4 @@
-"""What the smoothed kernel is given: tolerances, where the parts of the friction law matter, rates, orders; and what it
-changes as it goes, named fields of one-element arrays, each one pointer in compiled code.
-"""
+"""Constants of the smoothed kernel: tolerances, edges of regions, rates, orders; and the records that it changes."""
 
 from __future__ import annotations
 
@@ -24,25 +22,24 @@ from tcc_sim.solvers.terms import (
 )
 
 LOCAL = 0.1
-"""Tolerance of one step per relative tolerance asked for: leaving stick amplifies what a step leaves behind."""
+"""Tolerance of one step per relative tolerance of a solve: leaving stick amplifies the errors of steps before."""
 CREEP_ERROR = 2.0
-"""Error of sigma v, and so of mubar, in one step in stick, per relative tolerance asked for."""
+"""Error of sigma v, and so of mubar, in one step in stick, per relative tolerance of a solve."""
 TANH_LEFT_OUT = 0.3
-"""What of tanh is left out outside the layer, 1 - tanh(sigma |v|), per relative tolerance asked for."""
+"""1 - tanh(sigma |v|) at the edge of the layer, outside which tanh counts as 1, per relative tolerance of a solve."""
 EXPONENTIAL_LEFT_OUT = 0.03
-"""What of the Stribeck exponential is left out far from v = 0, per relative tolerance asked for."""
+"""Stribeck exponential at the slip speed from which on it counts as 0, per relative tolerance of a solve."""
 FALLING_ERROR = 1e-2
 """Largest error of alpha v in one step where the exponential varies: however large v is elsewhere in the motion, a step
-from the edge of the layer must not come back to it by its error."""
+from the edge of the layer must not return to it by its error."""
 RESOLVED = 1e3
-"""Error of a change that decays within one series step, relative to it, per tolerance of the step: it is made again
-smaller by what decays afterwards."""
+"""Tolerance factor for perturbations that decay within one series step; later decay makes the error smaller."""
 FLAT_PEAK = 1e-6
-"""Where mu_k = mu_s, or where alpha = 0, mubar only tends to its limit: stick asks for less than that by this share."""
+"""Relative distance below its limit at which mubar counts as at its peak where mu_k = mu_s or alpha = 0."""
 
 
 class Limits(NamedTuple):
-    """Speeds in rad/s, times in s, rates in 1/s.
+    """Constants of a solve; speeds in rad/s, times in s, rates in 1/s.
 
     period : one engine cycle
     sigma : smoothing factor, s/rad
@@ -50,19 +47,18 @@ class Limits(NamedTuple):
     slip_floor, speed_floor : sizes below which v and theta2' count as this large
     layer_tolerance, falling_tolerance : largest error of v of a step in the layer, and where the exponential varies
     creep_tolerance : largest error of v of a step in stick
-    layer : |v| up to which tanh(sigma v) is kept
-    far : |v| up to which the Stribeck exponential is kept
-    nearly_zero : how far beyond v = 0 a step goes, so that the sign of v is not in doubt
-    stick_speed : |v| where mubar peaks; stick lies below
-    peak, creep_speed : the largest mubar with which stick is stepped over, and |v| there
-    base_rate : the rates that are there in every region, added up
-    fastest : those and friction's own in stick, where it is largest
+    layer, far : |v| up to which tanh(sigma v) and the Stribeck exponential vary
+    nearly_zero : distance beyond v = 0 at which a step ends, so that v has a certain sign
+    stick_speed : |v| at the peak of mubar; stick lies below
+    peak, creep_speed : the largest mubar of collocation in stick, and |v| there
+    base_rate : sum of the rates in every region
+    fastest : base_rate and friction's largest rate, that in stick
     strength : beta times the largest Ts, the deceleration by full friction, rad/s^2
     beta, kappa : 1/I1 + 1/I2, 1/(kg m^2), and I1/(I1 + I2)
-    rest : a plate speed that is none; below it numbers become denormal and a series costs twenty times as much
+    rest : plate speed that counts as 0; smaller numbers become denormal and make a series twenty times slower
     order, linear_order : of the series with and without varying friction
-    resolved : rate of decay times length of a series step up to which it shows how a small change decays, too
-    forgotten : the sum of those after which nothing is left of a change off the slow manifold
+    resolved : largest rate of decay times length of a series step that resolves the decay of a perturbation
+    forgotten : sum of these after which a perturbation off the slow manifold has decayed
     steps : most steps of an engine cycle
     """
 
@@ -94,15 +90,14 @@ class Limits(NamedTuple):
 
 
 def limits_of(terms: Terms, own: Terms, period: float, rtol: float, excess: float = 0.0) -> Limits:
-    """The limits of a solve.
+    """Return the limits of a solve.
 
     Parameters
     ----------
-    terms : what the kernel is given
-    own : the scene's terms, which say what counts as stick
+    terms, own : terms of the kernel, and of the scene, which define stick
     period : one engine cycle, s
-    rtol : relative tolerance asked for
-    excess : least mu_s/mu_k - 1 with which the Stribeck exponential is kept
+    rtol : relative tolerance of the solve
+    excess : least mu_s/mu_k - 1 by which `far` is chosen
     """
     sigma, stribeck = terms.smoothing, terms.stribeck
     assert sigma is not None
@@ -136,7 +131,7 @@ def limits_of(terms: Terms, own: Terms, period: float, rtol: float, excess: floa
 
 @lru_cache(maxsize=16)
 def of_tolerance(local: float) -> dict[str, Any]:
-    """The limits that follow from the tolerance of one step alone, by name."""
+    """Return the limits that follow from the tolerance of one step alone, by name."""
     order = order_of(4.6 - 0.58 * math.log(local), FRICTION_ORDER_MAXIMUM)
     return {"order": order, "linear_order": order_of(10.7 - 0.58 * math.log(local), ORDER_MAXIMUM),
             "resolved": math.exp((math.log(RESOLVED * local) + math.lgamma(order + 2.0)) / (order + 1.0)),
@@ -144,52 +139,46 @@ def of_tolerance(local: float) -> dict[str, Any]:
 
 
 def far_of(excess: float, decay: float, rtol: float, layer: float) -> float:
-    """The slip speed, rad/s, beyond which excess * exp(-decay |v|) is nothing to the tolerance; `layer` at least."""
+    """Return the slip speed, rad/s, beyond which excess * exp(-decay |v|) is below the tolerance; `layer` at least."""
     if excess == 0.0:
         return layer
     return max(layer, math.log(excess / (EXPONENTIAL_LEFT_OUT * rtol)) / decay) if decay > 0.0 else math.inf
 
 
 def order_of(wished: float, most: int) -> int:
-    """An even order near the one wished for, 8 at least: that at which the series' cost over their step is least."""
+    """Return the even order, 8 at least, nearest to the one at which the series' cost per length is least."""
     return min(max(2 * round(0.5 * wished), 8), most)
 
 
 ACCEPTED, REFUSED, FAILED = range(3)
-"""How a step ends: taken; to be tried again with the method and the length now in `control`; no step is possible."""
+"""Results of a step: taken; to be tried again with the method and length in `control`; no step is possible."""
 
 SERIES, CREEP, STIFF = range(3)
 """Methods: Taylor series; collocation in stick, on the slow manifold; collocation where the linear part is stiff."""
 
 STATE = np.dtype([("slip_speed", np.float64), ("plate_angle", np.float64), ("plate_speed", np.float64),
-                  ("flywheel_angle", np.float64), ("tau", np.float64)])
-"""The motion, SI units; tau is the time into the engine cycle."""
+                  ("flywheel_angle", np.float64), ("tau", np.float64), ("shift", np.float64)])
+"""The motion, SI units; time into the engine cycle, and the load's phase at its start."""
 
 CONTROL = np.dtype([("method", np.int64), ("level", np.int64), ("rate", np.float64), ("released", np.float64),
                     ("waited", np.int64), ("calm", np.int64),
                     ("last", np.float64), ("streak", np.int64), ("patience", np.int64), ("slip_before", np.float64),
                     ("slip_now", np.float64), ("speed_before", np.float64), ("speed_now", np.float64),
                     ("unsettled", np.float64)])
-"""What steps are chosen by.
+"""Data by which steps are chosen.
 
-method, level : the method now, and the rung of the next collocation step
+method, level : the present method, and the rung of the next collocation step
 rate : rho = beta Ts mubar' at the end of the last collocation step, 1/s
-released : that rate when stick was left for the series; 0 where nothing keeps it from coming back
-waited, calm : series steps in the layer since then, and after how many it may come back all the same
-last, streak, patience : length of the last series step, how many of one length there were, and how many are borne
+released : that rate when the series took over in stick; 0 if they did not
+waited, calm : series steps in the layer since then, and their number after which collocation is tried again
+last, streak, patience : length of the last series step, number of such steps in a row, and the most of them
 slip_before, slip_now, speed_before, speed_now : largest |v| and |theta2'| in the cycle before and in this one
-unsettled : where changes are carried along, what they have still to decay by before stick is stepped over, in powers
-    of e
+unsettled : with derivatives, decay of perturbations, in powers of e, that must come before collocation in stick
 """
-
-COUNTERS = np.dtype([("steps", np.int64), ("rejected", np.int64), ("iterations", np.int64),
-                     ("iterations_max", np.int64)])
 
 
 class Step(NamedTuple):
-    """A step: how it ended, its unit of time (s), its length in that unit, the degree of its polynomials, its error
-    relative to what is allowed.
-    """
+    """A step: result, unit of time (s), length in that unit, degree of its polynomials, error per tolerance."""
 
     status: int
     unit: float

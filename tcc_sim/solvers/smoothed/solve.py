@@ -1,10 +1,10 @@
 """The fast adaptive engine for the smoothed friction law (7).
 
-Outside the layer |v| < about 10/sigma tanh is 1 to the tolerance and slip is not stiff: Taylor series of high order
-with variable step, without the exponential too where that is below the tolerance. Inside the layer the series hold tanh
-as well, as long as the layer's own rate beta Ts sigma does not limit the step; then, in stick, one collocation step of
-16 nodes does what ten series could not. Steps end at the edges of these regions, found on the step's polynomial by a
-search that cannot pass a root, and run across the section points, which are values of the polynomial.
+Outside the layer |v| < about 10/sigma tanh is 1 to the tolerance and slip is not stiff: steps are Taylor series of high
+order and variable length, without the exponential where that is below the tolerance. Inside the layer the series
+contain tanh too, until the layer's own rate beta Ts sigma limits their length; then, in stick, one collocation step of
+16 nodes replaces ten series or more. Steps end at the edges of these regions, which a certified search finds on the
+step's polynomial, and run across the section points.
 """
 
 from __future__ import annotations
@@ -14,52 +14,41 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from tcc_sim.model import profile as of
 from tcc_sim.model.parameters import System
-from tcc_sim.model.profile import (
-    FREQUENCY,
-    FREQUENCY_RATE,
-    LOAD_RATE,
-    SHIFT,
-    STARTED,
-    SWELL,
-    SWELLS,
-    TIME,
-    UNTIL,
-    pieces,
-)
 from tcc_sim.solvers import collocation
-from tcc_sim.solvers.engine import EngineShell, Memory, Setup, Stretch
+from tcc_sim.solvers.engine import COUNTERS, EngineShell, Memory, Setup, Stretch
 from tcc_sim.solvers.excitation import DRIVE, load_phase, waves_of
-from tcc_sim.solvers.kept import NOT_FINITE, OUTPUT
 from tcc_sim.solvers.key_derivatives import EXCESSES
 from tcc_sim.solvers.problem import Problem
+from tcc_sim.solvers.run_output import NOT_FINITE, OUTPUT
 from tcc_sim.solvers.smoothed.integrate import integrate
 from tcc_sim.solvers.smoothed.sensitivity_series import SHARED
-from tcc_sim.solvers.smoothed.setup import CONTROL, COUNTERS, STATE, limits_of
+from tcc_sim.solvers.smoothed.setup import CONTROL, STATE, limits_of
 from tcc_sim.solvers.stages import ITERATIONS_MAXIMUM, WORK
 from tcc_sim.solvers.terms import Terms, load_frequency, per_system, steps_allowed, terms_of
 from tcc_sim.trajectory import Floats
 
 STEPS_AT_FIRST = 400_000
-"""Steps of a solve before those of its cycles are counted."""
+"""Steps of a solve beside those allowed to its cycles."""
 MORE_STEPS = 10
 """Steps with derivatives per those of a solve."""
 BATCH = 4096
 """Engine cycles in one call of the compiled loop."""
 NEAR = 1e-9
-"""Corners that lie nearer to the end of a cycle, in cycles, count as there."""
+"""Distance of a corner from the end of a cycle, in cycles, below which it counts as at the end."""
 
 
 @per_system
 def own_setup(system: System, rtol: float) -> Setup:
-    """`setup_of` for the terms that a system has; `waves` is to be copied for every solve."""
+    """Return `setup_of` the terms of a system; a solve copies `waves`."""
     setup = setup_of(system, terms_of(system), rtol)
     setup.waves.setflags(write=False)
     return setup
 
 
 def setup_of(system: System, terms: Terms, rtol: float, excess: float = 0.0) -> Setup:
-    """What a solve of a system with given terms needs to know beforehand; `excess` is that of `limits_of`."""
+    """Return the setup of a system with given terms; `excess` is that of `limits_of`."""
     longest, period = system.cycle, system.cycle
     if terms.profile is not None:
         longest, period = longest_and_shortest_cycle(terms.profile)
@@ -77,7 +66,7 @@ def setup_of(system: System, terms: Terms, rtol: float, excess: float = 0.0) -> 
 
 
 def _varying(problem: Problem, setup: Setup, profile: Floats) -> Iterator[Stretch]:
-    """Engine cycle by engine cycle, and within one from corner to corner."""
+    """Yield the calls engine cycle by engine cycle, and within one from corner to corner."""
     first, count, terms = problem.start_cycle, problem.whole_cycles, setup.terms
     starts = problem.system.cycle_start(first + np.arange(count + 2)).tolist()
     for n in range(count + 1):
@@ -86,7 +75,8 @@ def _varying(problem: Problem, setup: Setup, profile: Floats) -> Iterator[Stretc
         if end - start < NEAR * period:
             return
         near = NEAR * period
-        inner = profile[:, TIME][(profile[:, TIME] > start + near) & (profile[:, TIME] < end - near)].tolist()
+        times = profile[:, of.TIME]
+        inner = times[(times > start + near) & (times < end - near)].tolist()
         shift = load_phase(setup.ratio, terms.pulsation, first + n)
         limits, phase = setup.limits._replace(period=period), 0.0
         for begin, stop in zip([start, *inner], [*inner, end]):
@@ -95,39 +85,40 @@ def _varying(problem: Problem, setup: Setup, profile: Floats) -> Iterator[Stretc
             own = setup._replace(limits=limits, terms=terms._replace(profile=row))
             yield own, n + whole, 0.0 if whole else stop - start
             past = stop - begin
-            phase += past * (row[FREQUENCY] + 0.5 * row[FREQUENCY_RATE] * past)
+            phase += past * (row[of.FREQUENCY] + 0.5 * row[of.FREQUENCY_RATE] * past)
 
 
 def profile_row(profile: Floats, begin: float, stop: float, start: float, phase: float, shift: float) -> Floats:
-    """The row that the kernel is given from `begin` to `stop`, s, within the cycle that started at `start`; `phase` is
-    that since then, and `shift` the load's at the start, rad.
+    """Return the kernel's row from `begin` to `stop`, s, within the cycle that started at `start`; `phase` is the angle
+    since then, and `shift` the load's angle at the start, rad.
     """
-    k = int(pieces(profile, 0.5 * (begin + stop)))
-    piece, past = profile[k], begin - profile[k, TIME]
+    k = int(of.pieces(profile, 0.5 * (begin + stop)))
+    piece, past = profile[k], begin - profile[k, of.TIME]
     row: Floats = piece.copy()
-    row[TIME], row[1] = begin - start, phase
-    for column in (*range(FREQUENCY, LOAD_RATE, 2), *range(SWELLS + 2, len(piece), SWELL)):
-        row[column], row[column + 1] = piece[column] + piece[column + 1] * past, piece[column + 1]
-    ends = profile[k + 1, TIME] if k + 1 < len(profile) else math.inf
-    row[UNTIL], row[STARTED], row[SHIFT] = max(ends, stop) - start, start, shift
+    row[of.TIME], row[1] = begin - start, phase
+    for column in (*range(of.FREQUENCY, of.LOAD_RATE, 2), *range(of.SWELLS + 2, len(piece), of.SWELL)):
+        row[column] = piece[column] + piece[column + 1] * past
+    ends = profile[k + 1, of.TIME] if k + 1 < len(profile) else math.inf
+    row[of.UNTIL], row[of.STARTED], row[of.SHIFT] = max(ends, stop) - start, start, shift
     return row
 
 
 def longest_and_shortest_cycle(profile: Floats) -> tuple[float, float]:
-    """Bounds of the length of an engine cycle, s."""
-    return 2.0 * math.pi / float(profile[:, FREQUENCY].min()), 2.0 * math.pi / float(profile[:, FREQUENCY].max())
+    """Return bounds of the length of an engine cycle, s."""
+    frequency = profile[:, of.FREQUENCY]
+    return 2.0 * math.pi / float(frequency.min()), 2.0 * math.pi / float(frequency.max())
 
 
 def setup_of_changes(system: System, terms: Terms, changes: Floats, rtol: float) -> Setup:
-    """`setup_of` with derivatives."""
-    # What mubar changes by with mu_s/mu_k dies down with slip as exp(-alpha |v|), however near to 1 it is.
+    """Return the setup of motions with derivatives."""
+    # The derivative of mubar by mu_s/mu_k decays with slip as exp(-alpha |v|), even for mu_s/mu_k near 1.
     setup = setup_of(system, terms, rtol, 1.0 if changes[EXCESSES].any() else 0.0)
     ladder = collocation.ladder_of(setup.limits.fastest, system.cycle)
     return setup._replace(tables=setup.tables._replace(torque=collocation.response(terms.linear, *ladder).torque))
 
 
 def stretches(problem: Problem, setup: Setup) -> Iterator[Stretch]:
-    """Many cycles at once, or, where the excitation varies in time, piece by piece."""
+    """Yield calls of many cycles, or, where the excitation varies in time, piece by piece."""
     if setup.terms.profile is not None:
         yield from _varying(problem, setup, setup.terms.profile)
         return

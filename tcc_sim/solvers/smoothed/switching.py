@@ -1,9 +1,9 @@
-"""Which method takes the next step.
+"""Choice of the method of the next step.
 
 Series are cheapest as long as the motion itself, not a decaying rate, limits their step. In stick the decaying rate is
-friction's rho = beta Ts mubar': once the slip speed has come to its slow manifold, collocation steps over it (Hairer
-and Wanner, Solving Ordinary Differential Equations II, Sec. VI.3). Where the linear part is stiff (a light plate),
-series of equal length follow each other, the mark of a step that stability limits.
+friction's rho = beta Ts mubar': on its slow manifold collocation takes longer steps (Hairer and Wanner, Solving
+Ordinary Differential Equations II, Sec. VI.3). Where the linear part is stiff (a light plate), stability limits the
+series, whose steps then have equal lengths.
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ from tcc_sim.solvers.stages import LAYER, Place
 from tcc_sim.solvers.terms import Terms
 
 WORTH_USUAL = 2.0
-"""The same for the shortest rung of a usual ladder, below which stick is not even tried."""
+"""Step times rho, for the shortest rung of a usual ladder, below which collocation is not even tried in stick."""
 RETURN = 3.0
-"""Growth of rho since stick was left for the series after which it is tried again."""
+"""Growth of rho since the series took over in stick after which collocation is tried again."""
 CALM, CALM_MOST = 8, 256
 """Half the series steps after which it is tried again in any case; doubled each time."""
 PROJECTED = 2.0
-"""Longest projection onto the slow manifold, in errors allowed in stick: samples show v without what is left of delta,
-so it is a first-order matter, although to second order, sigma delta^2, the motion afterwards would bear much more."""
+"""Longest projection onto the slow manifold, in tolerances in stick: samples contain its first-order effect; its
+second-order effect on the motion afterwards, sigma delta^2, would allow much more."""
 SETTLED = 32
-"""Series steps within the layer after which what decays has decayed: the state is on the slow manifold itself, not on
-the first-order one, and goes over to stick as it is."""
+"""Series steps within the layer after which transients have decayed: the state is on the slow manifold itself, not on
+the first-order one, and collocation starts without a projection."""
 CURVED = 0.3
-"""Distance of the two then, as sigma delta^2 per error allowed in stick."""
+"""Largest distance of the two then, as sigma delta^2 per tolerance in stick."""
 SLOW = 3.0
-"""The slip speed is at least this many projections, so that v = 0 is not passed by one."""
+"""Least slip speed in projections, so that a projection does not pass v = 0."""
 FIRST = 0.2
 """Length of the first step in stick, per engine cycle."""
 PATIENCE, PATIENCE_MOST = 16, 1024
-"""Series steps of equal length after which collocation is tried; doubled each time until it gets on. And collocation
+"""Series steps of equal length after which collocation is tried, doubled each time until it succeeds; and collocation
 steps of one rung after which a longer one is tried."""
 ALIKE = 0.1
 """Relative difference of lengths that count as equal."""
@@ -49,7 +49,7 @@ SERIES_REACH = 3.0
 @fast
 def distance_to_creep(friction: LocalFriction, rho: float, state: Any, limits: Limits, terms: Terms,
                       drive: Any) -> float:
-    """How far the slow manifold is above v, rad/s: delta = (v' - v_s')/rho to first order in 1/rho.
+    """Return the distance of the slow manifold above v, rad/s: delta = (v' - v_s')/rho to first order in 1/rho.
 
     v_s' is that of the balance v' = 0 with w' = (Te - C23 theta2' - K23 theta2)/M.
     """
@@ -63,10 +63,9 @@ def distance_to_creep(friction: LocalFriction, rho: float, state: Any, limits: L
 @fast
 def enter_creep(place: Place, friction: LocalFriction, room: float, state: Any, control: Any, limits: Limits,
                 terms: Terms, drive: Any, tables: Tables) -> bool:
-    """Go over to stick where the state is on the slow manifold, or so near that it is projected to it.
+    """Change to collocation in stick if the state is on the slow manifold, or project it if it is near.
 
-    The projection leaves w = theta2' + kappa v as it is, and takes back what the decay of delta would have moved
-    theta2.
+    The projection keeps w = theta2' + kappa v, and corrects theta2 by its change during the decay of delta.
     """
     v = state.slip_speed
     rho = limits.beta * drive.load * friction.slope
@@ -94,7 +93,7 @@ def enter_creep(place: Place, friction: LocalFriction, room: float, state: Any, 
 @fast
 def choose_method(place: Place, friction: LocalFriction, room: float, state: Any, control: Any, limits: Limits,
                   terms: Terms, drive: Any, tables: Tables) -> bool:
-    """Whether the state was projected onto the slow manifold, after control.method has been set for the next step."""
+    """Set control.method for the next step; return whether collocation in stick begins, which may move the state."""
     if control.method != SERIES:
         return False
     if place.region != LAYER:
@@ -121,7 +120,7 @@ def after_series(length: float, control: Any) -> None:
 
 @fast
 def leave_if_short(control: Any, limits: Limits, tables: Tables) -> None:
-    """Back to the series where the next rung is too short to be worth it, or where there is none."""
+    """Return to the series if the next rung is too short for its cost, or if there is none."""
     length = tables.rungs[control.level].length if control.level < tables.rungs.shape[0] else 0.0
     if control.method == CREEP and length * control.rate < WORTH:
         control.method = SERIES
@@ -134,17 +133,17 @@ def leave_if_short(control: Any, limits: Limits, tables: Tables) -> None:
 
 @fast
 def after_refusal(control: Any, limits: Limits, tables: Tables) -> None:
-    """A collocation step is tried again on a shorter rung, or the series go on."""
+    """Try a refused step again on a shorter rung, or return to the series."""
     control.streak = 0
     leave_if_short(control, limits, tables)
 
 
 @fast
 def after_collocation(error: float, length: float, control: Any, limits: Limits, tables: Tables) -> None:
-    """The rung of the next step, and whether collocation goes on at all.
+    """Choose the rung of the next step, or the series.
 
-    The error of a step from off the slow manifold, or of rounding, does not go as the power that `growth` takes for
-    granted: after many steps of one length a longer one is tried.
+    `growth` assumes a power law, which errors of rounding, or of a start off the slow manifold, do not follow.
+    Therefore after many steps of one length a longer one is tried.
     """
     longest = length * growth(error)
     control.streak += 1
@@ -161,7 +160,7 @@ def after_collocation(error: float, length: float, control: Any, limits: Limits,
 
 @fast
 def after_step(step: Step, x: float, control: Any, limits: Limits, tables: Tables) -> None:
-    """What the next step is chosen by, after [0, x] of a step was taken."""
+    """Update `control` after [0, x] of a step was taken."""
     if control.method == SERIES:
         after_series(x * step.unit, control)
     elif x == step.x:
@@ -170,7 +169,7 @@ def after_step(step: Step, x: float, control: Any, limits: Limits, tables: Table
 
 @fast
 def begin(state: Any, control: Any) -> None:
-    """Nothing is known yet of what steps are chosen by, but the size of the state."""
+    """Reset `control` at the start of a motion."""
     control.method, control.level, control.rate, control.last, control.streak = SERIES, 0, 0.0, 0.0, 0
     control.released, control.waited, control.calm, control.patience = 0.0, 0, CALM, PATIENCE
     control.unsettled, control.slip_before, control.speed_before = 0.0, 0.0, 0.0
@@ -179,7 +178,7 @@ def begin(state: Any, control: Any) -> None:
 
 @fast
 def begin_cycle(state: Any, control: Any) -> None:
-    """What the engine knows of the size of the motion is that of this cycle and of the one before."""
+    """Begin a cycle: sizes of the motion are those of this cycle and of the one before."""
     control.slip_before, control.slip_now = control.slip_now, abs(state.slip_speed)
     control.speed_before, control.speed_now = control.speed_now, abs(state.plate_speed)
     control.streak = 0

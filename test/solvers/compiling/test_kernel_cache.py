@@ -152,7 +152,7 @@ def test_what_belongs_to_somebody_else_is_not_used(cache, tmp_path, capsys):
     for path in cache.iterdir():
         os.chown(path, 12345, 12345)
     assert modules(tmp_path, name="foreign")(3.0) == 7.0
-    assert "not a file of one's own" in capsys.readouterr().err
+    assert "not a private file" in capsys.readouterr().err
     os.chown(cache, 12345, 12345)
     kernel_cache.announced.clear()
     kernel_cache.directory.cache_clear()

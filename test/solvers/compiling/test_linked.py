@@ -190,7 +190,7 @@ def test_a_numba_of_another_version_compiles_in_its_own_way_and_says_so(monkeypa
 
     monkeypatch.setattr(compiled_module, "TESTED", ("0.1", "0.2"))
     monkeypatch.setattr(kernel_cache, "announced", set())
-    monkeypatch.setattr(kernel_cache, "WORTH_SAYING", 0.0)
+    monkeypatch.setattr(kernel_cache, "ANNOUNCED_FROM", 0.0)
     values, record = np.zeros((1, 2)), np.zeros(1, np.dtype([("count", np.int64)]))[0]
     assert kernel(values, record, Pair(3.0, (7, np.arange(2.0)))) == (24.0, 1)
     assert values.tolist() == [[3.0, 9.0]]

@@ -1,4 +1,4 @@
-"""What is kept of a step, alone: a motion that is one polynomial over three cycles, cut into steps at any places."""
+"""Output of steps: a motion that is one polynomial over three cycles, cut into steps at any places."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 from numpy.polynomial import Chebyshev, Polynomial
 
 from tcc_sim.solvers import polynomial
-from tcc_sim.solvers.kept import CYCLE, MOVE, OUTPUT, Store, keep_step
+from tcc_sim.solvers.run_output import CYCLE, MOVE, OUTPUT, Store, keep_step
 from tcc_sim.solvers.series import ANGLE, FLYWHEEL, SLIP, SPEED
 from tcc_sim.solvers.stages import WORK
 
@@ -33,8 +33,8 @@ def about(p: Polynomial, at: float, unit: float) -> list[float]:
     return [float(x) for x in out]
 
 
-class Kept:
-    """What `keep_step` has kept of a run of steps."""
+class Run:
+    """Output that `keep_step` stores of a run of steps."""
 
     def __init__(self, ends: list[float], unit: float = 0.1, *, motions: dict[int, Polynomial] = MOTIONS, mode: int = 0,
                  per_cycle: int = PER_CYCLE, rooms: int = 40, angle: bool = True) -> None:
@@ -83,87 +83,87 @@ STEPS = pytest.mark.parametrize("ends", [EACH_CYCLE, [0.3, 0.7, 1.4, 1.5], cuts(
 @STEPS
 def test_samples_are_uniform_in_time_and_of_the_motion(ends: list[float]) -> None:
     """Whatever steps they fall in; the one at the end of the last step belongs to the step after it."""
-    kept = Kept(ends)
+    run = Run(ends)
     t = np.arange(CYCLES * PER_CYCLE) * (PERIOD / PER_CYCLE)
-    assert kept.output["samples"] == len(t)
+    assert run.output["samples"] == len(t)
     for column, row in enumerate((SLIP, ANGLE, SPEED, FLYWHEEL)):
-        assert kept.samples[:, column] == pytest.approx(MOTIONS[row](t), abs=1e-11)
+        assert run.samples[:, column] == pytest.approx(MOTIONS[row](t), abs=1e-11)
 
 
-def test_theta1_is_kept_only_where_it_is_asked_for_and_nothing_is_without_samples() -> None:
-    assert Kept(EACH_CYCLE, angle=False).samples.shape == (CYCLES * PER_CYCLE, 3)
-    bare = Kept(EACH_CYCLE, per_cycle=0)
+def test_theta1_is_stored_only_where_it_is_asked_for_and_nothing_is_without_samples() -> None:
+    assert Run(EACH_CYCLE, angle=False).samples.shape == (CYCLES * PER_CYCLE, 3)
+    bare = Run(EACH_CYCLE, per_cycle=0)
     assert bare.output["samples"] == 0
-    assert bare.cycles["highest"].tolist() == Kept(EACH_CYCLE).cycles["highest"].tolist()
+    assert bare.cycles["highest"].tolist() == Run(EACH_CYCLE).cycles["highest"].tolist()
 
 
 @STEPS
 def test_cycles_start_with_the_state_and_hold_the_extremes_within_them(ends: list[float]) -> None:
-    kept = Kept(ends)
-    assert kept.output["cycle"] == CYCLES
+    run = Run(ends)
+    assert run.output["cycle"] == CYCLES
     turns = [float(root.real) for root in SWINGS.deriv().roots() if abs(root.imag) < 1e-9 and 0.0 < root.real < END]
     assert len(turns) == 6
     for n in range(CYCLES):
         low, high = n * PERIOD, (n + 1) * PERIOD
         values = SWINGS(np.array([low, high, *(t for t in turns if low < t < high)]))
-        assert kept.cycles["highest"][n] == pytest.approx(values.max(), abs=1e-11)
-        assert kept.cycles["lowest"][n] == pytest.approx(values.min(), abs=1e-11)
-        end = kept.cycles[n + 1]
+        assert run.cycles["highest"][n] == pytest.approx(values.max(), abs=1e-11)
+        assert run.cycles["lowest"][n] == pytest.approx(values.min(), abs=1e-11)
+        end = run.cycles[n + 1]
         for name, row in (("slip_speed", SLIP), ("plate_angle", ANGLE), ("plate_speed", SPEED)):
             assert end[name] == pytest.approx(MOTIONS[row](high), abs=1e-11)
 
 
 @STEPS
 def test_transitions_are_the_edges_of_the_layer_with_the_mode_on_both_sides(ends: list[float]) -> None:
-    kept = Kept(ends, mode=-1)
-    count = int(kept.output["moves"])
+    run = Run(ends, mode=-1)
+    count = int(run.output["moves"])
     expected = crossings()
     assert {after for _, after in expected} == {-1, 0, 1}
-    assert kept.moves["time"][:count] == pytest.approx([t for t, _ in expected], abs=1e-10)
-    assert kept.moves["after"][:count].tolist() == [after for _, after in expected]
-    assert kept.moves["before"][:count].tolist() == [-1, *(after for _, after in expected[:-1])]
-    assert kept.output["mode"] == expected[-1][1]
+    assert run.moves["time"][:count] == pytest.approx([t for t, _ in expected], abs=1e-10)
+    assert run.moves["after"][:count].tolist() == [after for _, after in expected]
+    assert run.moves["before"][:count].tolist() == [-1, *(after for _, after in expected[:-1])]
+    assert run.output["mode"] == expected[-1][1]
 
 
 @STEPS
 def test_the_time_in_stick_of_each_cycle_is_what_the_layer_holds_of_it(ends: list[float]) -> None:
-    kept = Kept(ends, mode=-1)
+    run = Run(ends, mode=-1)
     edges = [(0.0, -1), *crossings(), (END, 2)]
     for n in range(CYCLES):
         low, high = n * PERIOD, (n + 1) * PERIOD
         stuck = sum(max(min(end, high) - max(begin, low), 0.0)
                     for (begin, mode), (end, _) in pairwise(edges) if mode == 0)
-        assert kept.cycles["stick_time"][n] == pytest.approx(stuck, abs=1e-10)
+        assert run.cycles["stick_time"][n] == pytest.approx(stuck, abs=1e-10)
 
 
 def test_a_dip_into_the_layer_within_one_step_is_two_transitions_and_its_time() -> None:
     """Both ends are far outside: what values at the ends would miss."""
     dip = Polynomial([0.2, 0.0, 64.0])(Polynomial([-0.2, 1.0]))
     for sign in (1, -1):
-        kept = Kept([0.4], motions={**MOTIONS, SLIP: sign * dip}, mode=sign)
+        run = Run([0.4], motions={**MOTIONS, SLIP: sign * dip}, mode=sign)
         width = 2.0 * np.sqrt(0.05 / 64.0)
-        assert kept.output["moves"] == 2
-        assert kept.moves["before"][:2].tolist() == [sign, 0]
-        assert kept.moves["after"][:2].tolist() == [0, sign]
-        assert kept.moves["time"][:2] == pytest.approx([0.2 - width / 2.0, 0.2 + width / 2.0], abs=1e-11)
-        assert kept.output["stick_time"] == pytest.approx(width, abs=1e-11)
-        assert (kept.output["lowest"] if sign > 0 else kept.output["highest"]) == pytest.approx(sign * 0.2, abs=1e-14)
+        assert run.output["moves"] == 2
+        assert run.moves["before"][:2].tolist() == [sign, 0]
+        assert run.moves["after"][:2].tolist() == [0, sign]
+        assert run.moves["time"][:2] == pytest.approx([0.2 - width / 2.0, 0.2 + width / 2.0], abs=1e-11)
+        assert run.output["stick_time"] == pytest.approx(width, abs=1e-11)
+        assert (run.output["lowest"] if sign > 0 else run.output["highest"]) == pytest.approx(sign * 0.2, abs=1e-14)
 
 
 def test_a_graze_of_the_layer_is_no_transition() -> None:
     miss = Polynomial([LAYER + 1e-9, 0.0, 64.0])(Polynomial([-0.2, 1.0]))
-    kept = Kept([0.4], motions={**MOTIONS, SLIP: miss}, mode=1)
-    assert (kept.output["moves"], kept.output["stick_time"], kept.output["mode"]) == (0, 0.0, 1)
+    run = Run([0.4], motions={**MOTIONS, SLIP: miss}, mode=1)
+    assert (run.output["moves"], run.output["stick_time"], run.output["mode"]) == (0, 0.0, 1)
 
 
 def test_stick_throughout_is_the_whole_time_on_both_sides_of_a_cycles_end() -> None:
-    kept = Kept([0.7, 1.2, END], motions={**MOTIONS, SLIP: Polynomial([0.1, 0.05])})
-    assert kept.cycles["stick_time"][:CYCLES] == pytest.approx([PERIOD] * CYCLES, abs=1e-14)
-    assert kept.output["moves"] == 0
+    run = Run([0.7, 1.2, END], motions={**MOTIONS, SLIP: Polynomial([0.1, 0.05])})
+    assert run.cycles["stick_time"][:CYCLES] == pytest.approx([PERIOD] * CYCLES, abs=1e-14)
+    assert run.output["moves"] == 0
 
 
 def test_transitions_beyond_their_room_are_left_out_and_the_rest_is_as_before() -> None:
-    whole, small = Kept(EACH_CYCLE, mode=-1), Kept(EACH_CYCLE, mode=-1, rooms=3)
+    whole, small = Run(EACH_CYCLE, mode=-1), Run(EACH_CYCLE, mode=-1, rooms=3)
     assert small.output["moves"] == 3
     assert small.moves.tolist() == whole.moves[:3].tolist()
     assert small.cycles.tolist() == whole.cycles.tolist()
