@@ -72,7 +72,7 @@ def solve(scene: Scene | System | str, *, cycles: int | None = None, duration: f
     ----------
     scene : a scene, its name or file, or a system
     cycles, duration : one of the two; engine cycles, or s
-    samples_per_cycle : uniform samples kept per engine cycle; 0 keeps the two ends and the per-cycle results
+    samples_per_cycle : uniform samples per engine cycle; 0 for the two ends and the per-cycle results only
     solver : a name of SOLVERS, or auto: fixed_step where inputs move the shaft's far end, else event_driven for the
         set-valued law, smoothed for the smoothed one
     rtol, step : tolerance of an adaptive solver, or step in s of a fixed-step one

@@ -115,94 +115,6 @@ class Room(NamedTuple):
     samples: Any
 
 
-@dataclass(frozen=True, eq=False)
-class EngineShell:
-    """An engine: its loop and the properties of its law.
-
-    name : of SOLVERS
-    integrate : loop by `loop_by`
-    kinds : dtypes of the records of `Memory`; None for none
-    shared : dtype of the record of `Tangent`
-    setup : (system, rtol); a solve copies `waves`
-    setup_of_changes : (system, terms, `key_derivatives`, rtol), with derivatives
-    steps, steps_of_changes : (setup, cycles), most steps, as the loop counts them
-    why : (result, most steps, setup), a sentence on a failure
-    stretches : the calls that make a solve
-    moves : room for transitions of a part, per engine cycle
-    columns : numbers of a sample with the mode; 0 where the mode follows from the slip speed
-    stride : engine cycles between two tests whether a motion ends at an orbit
-    bound : most iterations
-    """
-
-    name: str
-    integrate: Callable[..., int]
-    kinds: Memory
-    shared: Any
-    setup: Callable[[System, float], Setup]
-    setup_of_changes: Callable[[System, Terms, Floats, float], Setup]
-    steps: Callable[[Setup, int], int]
-    steps_of_changes: Callable[[Setup, int], int]
-    why: Callable[[int, int, Setup], str]
-    moves: int
-    stretches: Callable[[Problem, Setup], Iterable[Stretch]] = lambda problem, setup: (
-        (setup, problem.whole_cycles, problem.rest),)
-    columns: int = 0
-    stride: int = 1
-    bound: int = 0
-
-    @cached_property
-    def sections(self) -> Callable[..., None]:
-        """`sections_by` its loop."""
-        return sections_by(self.integrate)
-
-    @cached_property
-    def parts(self) -> Callable[..., None]:
-        """`parts_by` its loop."""
-        return parts_by(self.integrate)
-
-    def memory(self) -> tuple[NDArray[np.uint8], Memory]:
-        """Return new memory: all bytes, which are 0, and its records."""
-        there = {name: kind for name, kind in self.kinds._asdict().items() if kind is not None}
-        whole = np.zeros(1, np.dtype(list(there.items())))
-        return whole.view(np.uint8), Memory(*(whole[0][name] if name in there else None for name in Memory._fields))
-
-    def solve(self, problem: Problem) -> Trajectory:
-        """Solve (1), (2) with the engine's law, only with the terms that the system has.
-
-        Returns
-        -------
-        Trajectory with `cycles` and `transitions`; after a failure it has its Status and ends early.
-        """
-        setup = self.setup(problem.system, SOLVERS[self.name].default if problem.rtol is None else problem.rtol)
-        setup = setup._replace(waves=setup.waves.copy())
-        if self.name not in scratch.memories:
-            scratch.memories[self.name] = self.memory()
-        content, memory = scratch.memories[self.name]
-        content.fill(0)
-        state, counters, numbers = memory.state, memory.counters, (*problem.state.numbers, problem.state.flywheel_angle)
-        state["slip_speed"], state["plate_angle"], state["plate_speed"], state["flywheel_angle"] = numbers
-        output = RunOutput(problem, memory.output, self.columns or len(problem.first))
-        limit = self.steps(setup, problem.whole_cycles + 1)
-        for own, cycles, rest in self.stretches(problem, setup):
-            ended = output.run(self.integrate, problem.start_cycle, cycles, rest, limit, own, memory, None)
-            if ended != DONE:
-                break
-        first: tuple[float, ...] = problem.first
-        if self.columns:
-            first = *numbers, state["first_mode"]
-        statistics = Statistics(*counters.item()[:4], iterations_bound=self.bound)
-        return output.trajectory(self.name, STATUSES[ended], first, state.item()[:len(first)], float(state["tau"]),
-                                 self.why(ended, limit, setup), statistics, modes=bool(self.columns))
-
-    def fill_sections(self, out: Floats, system: System, first: int, rtol: float, orbits: Orbits) -> None:
-        """Fill `out`, which holds the starts, with the result of `stroboscopic.sections`."""
-        setup, count = self.setup(system, rtol), out.shape[1] - 1
-        store = Store(np.zeros(count + 2, CYCLE), np.empty((0, self.columns or 3)), 0, None)
-        # The end of a call costs the exact engine a step, so it tests every `stride` cycles whether a motion ends.
-        self.sections(first, count, self.stride if len(orbits.reach) else count, self.steps(setup, count),
-                      setup._replace(waves=setup.waves.copy()), self.memory()[1], store, orbits, out)
-
-
 @fast
 def within_reach(point: Any, k: int, orbits: Orbits) -> bool:
     """Return whether a section point is within the radius of that of an orbit."""
@@ -265,57 +177,140 @@ def loop_by(start: Callable[..., None], take_step: Callable[..., int]) -> Callab
     return integrate
 
 
-def sections_by(integrate: Callable[..., int]) -> Callable[..., None]:
-    """Return the kernel that integrates every state by itself, some cycles at a time until it ends."""
-    @fast
-    def sections(first: int, count: int, stride: int, step_limit: int, setup: Setup, memory: Memory, store: Store,
-                 orbits: Orbits, out: Any) -> None:
-        state, output = memory.state, memory.output
-        for k in range(out.shape[0]):
-            state.slip_speed, state.plate_angle, state.plate_speed = out[k, 0, 0], out[k, 0, 1], out[k, 0, 2]
-            state.tau, output.started = 0.0, 0
-            for since in range(0, count, stride):
-                until = min(since + stride, count)
-                integrate(first, until, 0.0, step_limit, setup, memory, None, store, None)
-                if ends(out[k], since, until, output, first, store.cycles, orbits):
-                    break
+@dataclass(frozen=True, eq=False)
+class EngineShell:
+    """An engine: its loop and the properties of its law.
 
-    return sections
+    name : of SOLVERS
+    integrate : loop by `loop_by`
+    kinds : dtypes of the records of `Memory`; None for none
+    shared : dtype of the record of `Tangent`
+    setup : (system, rtol); a solve copies `waves`
+    setup_of_changes : (system, terms, `key_derivatives`, rtol), with derivatives
+    steps, steps_of_changes : (setup, cycles), most steps, as the loop counts them
+    why : (result, most steps, setup), a sentence on a failure
+    stretches : the calls that make a solve
+    moves : room for transitions of a part, per engine cycle
+    columns : numbers of a sample with the mode; 0 where the mode follows from the slip speed
+    stride : engine cycles between two tests whether a motion ends at an orbit
+    bound : most iterations
+    """
 
+    name: str
+    integrate: Callable[..., int]
+    kinds: Memory
+    shared: Any
+    setup: Callable[[System, float], Setup]
+    setup_of_changes: Callable[[System, Terms, Floats, float], Setup]
+    steps: Callable[[Setup, int], int]
+    steps_of_changes: Callable[[Setup, int], int]
+    why: Callable[[int, int, Setup], str]
+    moves: int
+    stretches: Callable[[Problem, Setup], Iterable[Stretch]] = lambda problem, setup: (
+        (setup, problem.whole_cycles, problem.rest),)
+    columns: int = 0
+    stride: int = 1
+    bound: int = 0
 
-def parts_by(integrate: Callable[..., int]) -> Callable[..., None]:
-    """Return the kernel that integrates every part, with the identity as the tangent at its start."""
-    @fast
-    def parts(room: Room, count: int, setup: Setup) -> None:
-        parts, moves, ends, heights, climbs, tangent, memory, cycles, samples = room
-        state, output, groups = memory.state, memory.output, tangent.groups
-        for k in range(count):
-            part = parts[k]
-            state.slip_speed, state.plate_angle, state.plate_speed = part.state[0], part.state[1], part.state[2]
-            state.tau, output.started = part.tau, 0
-            for i in range(groups.shape[0]):
-                for c in range(3):
-                    for lane in range(LANES):
-                        groups[i].now[c, lane] = 1.0 if i == 0 and c == lane else 0.0
-            part.status = integrate(part.first, part.cycles, part.tail, part.steps, setup, memory, tangent,
-                                    Store(cycles, samples, 0, moves[k], None), None)
-            if part.status != DONE:
-                return
-            part.state[0], part.state[1], part.state[2] = state.slip_speed, state.plate_angle, state.plate_speed
-            part.moves, part.mode = output.moves, output.mode
-            part.stick_time = output.stick_time if part.tail > 0.0 else 0.0
-            for n in range(part.cycles):
-                part.stick_time += cycles[n].stick_time
-                heights[k, n] = max(cycles[n].highest, -cycles[n].lowest)
-            if part.tail > 0.0:
-                heights[k, part.cycles] = max(output.highest, -output.lowest)
-            for i in range(groups.shape[0]):
-                for lane in range(LANES):
+    @cached_property
+    def sections(self) -> Callable[..., None]:
+        """The kernel that integrates every state by itself, some cycles at a time until it ends."""
+        integrate = self.integrate
+
+        @fast
+        def sections(first: int, count: int, stride: int, step_limit: int, setup: Setup, memory: Memory, store: Store,
+                     orbits: Orbits, out: Any) -> None:
+            state, output = memory.state, memory.output
+            for k in range(out.shape[0]):
+                state.slip_speed, state.plate_angle, state.plate_speed = out[k, 0, 0], out[k, 0, 1], out[k, 0, 2]
+                state.tau, output.started = 0.0, 0
+                for since in range(0, count, stride):
+                    until = min(since + stride, count)
+                    integrate(first, until, 0.0, step_limit, setup, memory, None, store, None)
+                    if ends(out[k], since, until, output, first, store.cycles, orbits):
+                        break
+
+        return sections
+
+    @cached_property
+    def parts(self) -> Callable[..., None]:
+        """The kernel that integrates every part, with the identity as the tangent at its start."""
+        integrate = self.integrate
+
+        @fast
+        def parts(room: Room, count: int, setup: Setup) -> None:
+            parts, moves, ends, heights, climbs, tangent, memory, cycles, samples = room
+            state, output, groups = memory.state, memory.output, tangent.groups
+            for k in range(count):
+                part = parts[k]
+                state.slip_speed, state.plate_angle, state.plate_speed = part.state[0], part.state[1], part.state[2]
+                state.tau, output.started = part.tau, 0
+                for i in range(groups.shape[0]):
                     for c in range(3):
-                        ends[k, i, c, lane] = groups[i].now[c, lane]
-                    for n in range(part.cycles):
-                        climbs[k, n, i, lane] = tangent.peaks[n, i, lane]
-                    if part.tail > 0.0:
-                        climbs[k, part.cycles, i, lane] = groups[i].peak[lane]
+                        for lane in range(LANES):
+                            groups[i].now[c, lane] = 1.0 if i == 0 and c == lane else 0.0
+                part.status = integrate(part.first, part.cycles, part.tail, part.steps, setup, memory, tangent,
+                                        Store(cycles, samples, 0, moves[k], None), None)
+                if part.status != DONE:
+                    return
+                part.state[0], part.state[1], part.state[2] = state.slip_speed, state.plate_angle, state.plate_speed
+                part.moves, part.mode = output.moves, output.mode
+                part.stick_time = output.stick_time if part.tail > 0.0 else 0.0
+                for n in range(part.cycles):
+                    part.stick_time += cycles[n].stick_time
+                    heights[k, n] = max(cycles[n].highest, -cycles[n].lowest)
+                if part.tail > 0.0:
+                    heights[k, part.cycles] = max(output.highest, -output.lowest)
+                for i in range(groups.shape[0]):
+                    for lane in range(LANES):
+                        for c in range(3):
+                            ends[k, i, c, lane] = groups[i].now[c, lane]
+                        for n in range(part.cycles):
+                            climbs[k, n, i, lane] = tangent.peaks[n, i, lane]
+                        if part.tail > 0.0:
+                            climbs[k, part.cycles, i, lane] = groups[i].peak[lane]
 
-    return parts
+        return parts
+
+    def memory(self) -> tuple[NDArray[np.uint8], Memory]:
+        """Return new memory: all bytes, which are 0, and its records."""
+        there = {name: kind for name, kind in self.kinds._asdict().items() if kind is not None}
+        whole = np.zeros(1, np.dtype(list(there.items())))
+        return whole.view(np.uint8), Memory(*(whole[0][name] if name in there else None for name in Memory._fields))
+
+    def solve(self, problem: Problem) -> Trajectory:
+        """Solve (1), (2) with the engine's law, only with the terms that the system has.
+
+        Returns
+        -------
+        Trajectory with `cycles` and `transitions`; after a failure it has its Status and ends early.
+        """
+        setup = self.setup(problem.system, SOLVERS[self.name].default if problem.rtol is None else problem.rtol)
+        setup = setup._replace(waves=setup.waves.copy())
+        if self.name not in scratch.memories:
+            scratch.memories[self.name] = self.memory()
+        content, memory = scratch.memories[self.name]
+        content.fill(0)
+        state, counters, numbers = memory.state, memory.counters, (*problem.state.numbers, problem.state.flywheel_angle)
+        state["slip_speed"], state["plate_angle"], state["plate_speed"], state["flywheel_angle"] = numbers
+        output = RunOutput(problem, memory.output, self.columns or len(problem.first))
+        limit = self.steps(setup, problem.whole_cycles + 1)
+        for own, cycles, rest in self.stretches(problem, setup):
+            ended = output.run(self.integrate, problem.start_cycle, cycles, rest, limit, own, memory, None)
+            if ended != DONE:
+                break
+        first: tuple[float, ...] = problem.first
+        if self.columns:
+            first = *numbers, state["first_mode"]
+        steps, rejected, iterations, most, _, _ = counters.item()
+        statistics = Statistics(steps, rejected, iterations, most, self.bound)
+        return output.trajectory(self.name, STATUSES[ended], first, state.item()[:len(first)], float(state["tau"]),
+                                 self.why(ended, limit, setup), statistics, modes=bool(self.columns))
+
+    def fill_sections(self, out: Floats, system: System, first: int, rtol: float, orbits: Orbits) -> None:
+        """Fill `out`, which holds the starts, with the result of `stroboscopic.sections`."""
+        setup, count = self.setup(system, rtol), out.shape[1] - 1
+        store = Store(np.zeros(count + 2, CYCLE), np.empty((0, self.columns or 3)), 0, None)
+        # The end of a call costs the exact engine a step, so it tests every `stride` cycles whether a motion ends.
+        self.sections(first, count, self.stride if len(orbits.reach) else count, self.steps(setup, count),
+                      setup._replace(waves=setup.waves.copy()), self.memory()[1], store, orbits, out)

@@ -60,11 +60,11 @@ def loads_of(records: NDArray[Any] | None, problem: Problem, first: int, end: in
 
 def staged_loads(lanes: int) -> Any:
     """Return the staged function of `evaluate_loads` for degrees below `lanes`."""
-    def staged(rows: Any, kept: Any, unit: Any, linear: Linear, places: Any, power: Any, shaft: Any) -> None:
+    def staged(rows: Any, per_binomial: Any, unit: Any, linear: Linear, places: Any, power: Any, shaft: Any) -> None:
         x = places.row(0, count=COUNT)
         v, angle, speed, rise = 0.0, 0.0, 0.0, 0.0
         for i in range(lanes - 8, -1, -8):
-            inside = kept.row(i, count=8)
+            inside = per_binomial.row(i, count=8)
             a, b, c = (where(inside, ">", 0.0, rows.row(row, i, count=8), 0.0) for row in (SLIP, ANGLE, SPEED))
             for k in range(7, -1, -1):
                 rise = x * rise + speed

@@ -47,7 +47,7 @@ extremes and the time in stick of the cycle so far.
 """
 
 MOVES = 65536
-"""Transitions kept in one call of the compiled loop."""
+"""Room for transitions in one call of the compiled loop."""
 
 
 class Store(NamedTuple):
@@ -86,7 +86,7 @@ def begin_output(output: Any, slip_speed: float, mode: int) -> None:
 
 @fast
 def full(moves: Any, needed: int) -> bool:
-    """Whether there is no room for so many transitions, where any are kept."""
+    """Return whether so many transitions do not fit; False if none are stored."""
     return moves is not None and needed > moves.shape[0]
 
 

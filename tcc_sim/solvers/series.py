@@ -185,6 +185,16 @@ FRICTION_ORDER_MAXIMUM."""
 
 
 @fast
+def fastest_at(stribeck: tuple[float, ...], speed: float) -> float:
+    """Return the largest rate, s/rad, of the exponentials that have not decayed at this speed, or of the first one."""
+    rate = stribeck[1]
+    for j in range(2, len(stribeck), 2):
+        if stribeck[j + 1] * speed < 40.0 or rate * speed > 80.0:
+            rate = max(rate, stribeck[j + 1]) if rate * speed <= 80.0 else stribeck[j + 1]
+    return rate
+
+
+@fast
 def logarithm(x: float) -> float:
     """Return log2 x for x > 0, up to 0.09 too small and never too large; x is limited to 1e300."""
     mantissa, exponent = math.frexp(min(x, 1e300))

@@ -73,7 +73,8 @@ class Place(NamedTuple):
     speed_tolerance: float
 
 
-def staged_law(slip: Any, law: Any, slope: Any, sign: Any, sigma: Any, stribeck: Any) -> None:
+@unrolled
+def evaluate_law(slip: Any, law: Any, slope: Any, sign: Any, sigma: Any, stribeck: Any) -> None:
     """Fill mubar of (7), or of (6) where sigma is None, and its slope at the nodes, with |v| continued as sign * v
     through v = 0, where a step ends.
     """
@@ -104,7 +105,8 @@ def excesses_at(v: Any, sign: Any, stribeck: Any) -> list[tuple[Any, Any]]:
             for share, rate in zip(stribeck[::2], stribeck[1::2])]
 
 
-def staged_guess(demand: Any, slip: Any, sign: Any, sigma: Any, stribeck: Any) -> None:
+@unrolled
+def guess(demand: Any, slip: Any, sign: Any, sigma: Any, stribeck: Any) -> None:
     """Fill the slip speeds at which mubar meets the demand on its rising branch, to about a per cent."""
     asked = demand.row()
     if stribeck is None:
@@ -123,7 +125,8 @@ def inverse_tanh(y: Any) -> Any:
     return y * (1.0 - s * (0.7789 - 0.0936 * s)) / (1.0 - s * (1.1122 - 0.2236 * s))
 
 
-def staged_residual(coupling: Any, slip: Any, law: Any, slope: Any, grip: Any, balance: Any, start: Any, v: Any,
+@unrolled
+def evaluate_residual(coupling: Any, slip: Any, law: Any, slope: Any, grip: Any, balance: Any, start: Any, v: Any,
                   change: Any, measure: Any) -> None:
     """Fill `change` with b - L V - beta Ts mubar(V), and measure[LEAST]."""
     speeds = slip.row()
@@ -135,21 +138,24 @@ def staged_residual(coupling: Any, slip: Any, law: Any, slope: Any, grip: Any, b
     measure[LEAST,] = folded(lesser, grip.row() * slope.row())
 
 
-def staged_follow(change: Any, slip: Any, grip: Any, slope: Any, sigma: Any) -> None:
+@unrolled
+def correct_by_friction(change: Any, slip: Any, grip: Any, slope: Any, sigma: Any) -> None:
     """Correct V by the residual over the slope of friction alone, at most by FOLLOWED."""
     stiffness = grip.row() * limited(slope.row() / sigma, LEAST_SLOPE, 1e300)
     correction = limited(change.row() / stiffness, -FOLLOWED, FOLLOWED)
     slip.set_row(slip.row() + correction / sigma)
 
 
-def staged_divide(change: Any, diagonal: Any, grip: Any, slope: Any, measure: Any) -> None:
+@unrolled
+def divide(change: Any, diagonal: Any, grip: Any, slope: Any, measure: Any) -> None:
     """Fill Newton's correction by the diagonal of its matrix alone."""
     out = change.row() / (diagonal.row() + grip.row() * slope.row())
     change.set_row(out)
     measure[LARGEST,] = largest_size(out)
 
 
-def staged_eliminate(change: Any, coupling: Any, grip: Any, slope: Any, measure: Any) -> None:
+@unrolled
+def eliminate(change: Any, coupling: Any, grip: Any, slope: Any, measure: Any) -> None:
     """Fill Newton's correction: (L + beta Ts mubar') x = change, by Gauss and Jordan's elimination.
 
     It needs no pivoting: L is dominated by a^-1, whose leading minors do not vanish, and friction adds to the diagonal
@@ -160,7 +166,8 @@ def staged_eliminate(change: Any, coupling: Any, grip: Any, slope: Any, measure:
     measure[LARGEST,] = largest_size(found)
 
 
-def staged_eliminate_rows(rows: Any, coupling: Any, grip: Any, slope: Any) -> None:
+@unrolled
+def eliminate_rows(rows: Any, coupling: Any, grip: Any, slope: Any) -> None:
     """Solve the same equations for every row of `rows`."""
     count, parts = rows.shape[0], range(NODES // WIDTH)
     right = [[rows.row(i, WIDTH * p, count=WIDTH) for p in parts] for i in range(count)]
@@ -194,12 +201,14 @@ def _lanes(chosen: Any) -> tuple[float, ...]:
     return tuple(1.0 if chosen(i) else 0.0 for i in range(WIDTH))
 
 
-def staged_add_share(total: Any, share: Any, weight: Any) -> None:
+@unrolled
+def add_share(total: Any, share: Any, weight: Any) -> None:
     """Add a source times its weight."""
     total.set_row(total.row() + share.row() * weight)
 
 
-def staged_add_slip(slip: Any, shares: Any, chebyshev: Any) -> None:
+@unrolled
+def add_slip(slip: Any, shares: Any, chebyshev: Any) -> None:
     """Add the shares of the slip speeds at the nodes to Chebyshev coefficients."""
     speeds, out = slip.row(), chebyshev.row()
     for j in range(NODES):
@@ -207,7 +216,8 @@ def staged_add_slip(slip: Any, shares: Any, chebyshev: Any) -> None:
     chebyshev.set_row(out)
 
 
-def staged_slip_polynomial(slip: Any, v: Any, chebyshev: Any, powers: Any) -> None:
+@unrolled
+def slip_polynomial(slip: Any, v: Any, chebyshev: Any, powers: Any) -> None:
     """Fill the polynomial through v at the start and V at the nodes: Chebyshev coefficients, and powers of x."""
     speeds = slip.row()
     sums = [v * TO_CHEBYSHEV[0], 0.0]
@@ -226,16 +236,6 @@ def staged_powers(chebyshev: Any, powers: Any) -> None:
     powers.set_row(out, 0)
 
 
-evaluate_law = unrolled(staged_law)
-guess = unrolled(staged_guess)
-evaluate_residual = unrolled(staged_residual)
-follow = unrolled(staged_follow)
-divide = unrolled(staged_divide)
-eliminate = unrolled(staged_eliminate)
-eliminate_rows = unrolled(staged_eliminate_rows)
-add_share = unrolled(staged_add_share)
-add_slip = unrolled(staged_add_slip)
-slip_polynomial = unrolled(staged_slip_polynomial)
 to_powers = unrolled(staged_powers)
 
 
@@ -247,7 +247,7 @@ def follow_manifold(rung: Any, v: float, sign: float, sigma: float, stribeck: St
     evaluate_law(0, work.slip, work.law, work.slope, sign, sigma, stribeck)
     evaluate_residual(0, rung.coupling, work.slip, work.law, work.slope, work.grip, work.balance, rung.start, v,
                       work.change, work.measure)
-    follow(0, work.change, work.slip, work.grip, work.slope, sigma)
+    correct_by_friction(0, work.change, work.slip, work.grip, work.slope, sigma)
 
 
 @fast

@@ -1,6 +1,4 @@
-"""What holds of every registered solver, whatever its method: one suite over the registry, so that a new row is
-tested.
-"""
+"""Conformance of every registered solver: one suite over the registry, so that a new row is tested."""
 
 from __future__ import annotations
 
@@ -30,24 +28,24 @@ solvers = pytest.mark.parametrize("name", SOLVERS)
 
 
 def compared(name: str) -> bool:
-    """Whether the solver is there for comparison: looser, since some of these methods are slow."""
+    """Return whether the solver is one for comparison: looser, since some of these methods are slow."""
     return SOLVERS[name].module.startswith("comparison.")
 
 
 def tight(name: str, factor: float = 1.0) -> dict[str, float]:
-    """A setting at which the solver keeps `accuracy`; a larger factor is looser."""
+    """Return a setting at which the solver keeps `accuracy`; a larger factor is looser."""
     if SOLVERS[name].setting == "rtol":
         return {"rtol": (1e-7 if compared(name) else 1e-9) * factor}
     return {"step": 1e-6 * factor}
 
 
 def loose(name: str) -> float:
-    """The factor of a setting that is quick."""
+    """Return the factor of a setting that is quick."""
     return 64.0 if SOLVERS[name].setting == "rtol" else 6.0
 
 
 def accuracy(name: str) -> float:
-    """The error relative to each signal's size that a solver keeps at its `tight` setting."""
+    """Return the error relative to each signal's size that a solver keeps at its `tight` setting."""
     return 1e-4 if compared(name) else 1e-6 if SOLVERS[name].setting == "rtol" else 2e-5
 
 

@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 from tcc_sim.model import pure_slip
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.solvers import Status, solve
+from tcc_sim.solvers import solve
 from tcc_sim.solvers.event_driven.step import monotone
 from tcc_sim.solvers.polynomial import variation
 from tcc_sim.solvers.series import COLUMNS, ROWS, SLIP
@@ -74,16 +74,6 @@ def test_the_smoothed_law_converges_to_it_as_one_over_sigma():
         errors.append(np.abs(run.slip_speed - exact.slip_speed).max())
     ratios = np.array(errors[:-1]) / errors[1:]
     assert np.all((ratios > 7.0) & (ratios < 14.0)), ratios
-
-
-def test_a_duration_ends_exactly_and_free_of_load_it_coasts():
-    system = system_of(**{"pressure.mean": 0.0, "engine.torque_amplitude": 0.0, "engine.mean_torque": 40.0})
-    run = solve(system, duration=0.05)
-    assert run.t[-1] == 0.05
-    assert run.slip_speed[-1] == pytest.approx(10.0 + 40.0 / 0.2 * 0.05, rel=1e-14)
-    assert len(run.transitions.time) == 0
-    assert run.friction_torque[-1] == 0.0
-    assert run.status is Status.DONE
 
 
 def test_what_is_called_monotone_is():

@@ -14,7 +14,6 @@ from tcc_sim.solvers.event_driven.modes import mode_at_rest
 from tcc_sim.solvers.event_driven.setup import FAR_SHARE, bounds_of
 from tcc_sim.solvers.excitation import DRIVE
 from tcc_sim.solvers.terms import terms_of
-from tcc_sim.trajectory import State
 
 FIG02 = replace(System(), {"friction.law": "set_valued"})
 
@@ -102,13 +101,6 @@ def test_an_overdamped_plate_that_reverses_keeps_its_power_balance():
     assert trapezoid(power, run.t) == pytest.approx(stored[-1] - stored[0], abs=1e-4 * np.abs(stored).max())
 
 
-def test_a_large_state_is_no_failure():
-    """1e4 rad/s and a spring wound up by 100 rad: all of it finite."""
-    run = solve(FIG02, cycles=1, state=State(1e4, 100.0, 0.0))
-    assert run.status is Status.DONE
-    assert abs(run.slip_speed[-1]) < 2e4
-
-
 @pytest.mark.parametrize(("ratio", "decay"), [(1.25, 2.0), (4.0, 0.05), (1.01, 300.0)])
 def test_beyond_the_far_speed_nothing_is_left_of_the_exponential(ratio, decay):
     system = replace(FIG02, {"friction.kinetic_coefficient": 0.3 / ratio, "friction.decay": decay})
@@ -147,7 +139,7 @@ def test_at_breakaway_the_rate_of_the_margin_decides(speed, sign):
 
 
 def test_an_overdamped_plate_without_load_is_free_of_the_friction_law():
-    """Clamped, the flywheel's speed grows by Te t/I1, and the plate comes to rest: in long steps, not in a million."""
+    """Under the clamp the flywheel's speed grows by Te t/I1, and the plate stops, in fewer than 200 steps."""
     system = overdamped(driveline__damping=0.6, driveline__plate_inertia=1e-6, engine__mean_torque=-300.0,
                         engine__torque_amplitude=0.0, pressure__mean=0.0, pressure__amplitude=1e6,
                         pressure__phase=math.pi, initial__slip_speed=-5.0)

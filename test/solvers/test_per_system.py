@@ -1,4 +1,4 @@
-"""What is kept of a system: for that very object, for so many, and without mixing up two of them."""
+"""Cache of results of a system: by identity, of limited size, and safe for threads."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the set-valued stroboscopic map has to itself: Den Hartog's oscillator, margins, too stiff dampers."""
+"""The set-valued stroboscopic map: Den Hartog's oscillator, margins, too stiff dampers."""
 
 import math
 

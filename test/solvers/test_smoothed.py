@@ -55,8 +55,8 @@ def test_friction_samples_are_as_good_as_the_slip_speed_lets_them_be(name):
        torque=st.sampled_from([0.0, 300.0, -300.0]), decay=st.sampled_from([0.0, 2.0, 50.0]))
 def test_extremes_stay_finite_and_bounded(kinetic, sigma, mean, ratio, frequency, damping, plate, flywheel, slip,
                                           torque, decay):
-    """What is not solved within the steps that its scene is allowed, a number that grows with the natural periods in a
-    cycle, ends with a status and a finite state; it never takes more of them, refused ones included.
+    """A run that needs more steps than its scene is allowed ends with a status and a finite state; that number grows
+    with the natural periods in a cycle, and refused steps count too.
     """
     p = problem({
         "friction.kinetic_coefficient": kinetic, "friction.smoothing": 10.0**sigma, "friction.decay": decay,

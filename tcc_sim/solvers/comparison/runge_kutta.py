@@ -12,6 +12,7 @@ import math
 import time
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -61,46 +62,41 @@ def rk4(problem: Problem) -> Trajectory:
     step = SOLVERS["rk4"].default if problem.step is None else problem.step
     cycle = problem.system.cycle
     y, width = np.array([*problem.state.numbers, problem.state.flywheel_angle]), len(problem.first)
-    samples = problem.sample_times()
+    samples, ends = problem.sample_times(), problem.cycle_starts()
     total = (problem.end - problem.start) / step
     if total > STEPS:
         return assemble(problem, "rk4", samples[:1], y[None, :width], status=Status.REFUSED,
                         detail=f"{total:.3g} steps of {step:g} s are more than {STEPS:.3g}")
-    ends, breaks = problem.cycle_starts(), problem.breaks()[1:-1]
-    _advance(problem.start, step, 0, 1, y.copy(), terms, np.empty((1, 7)))
+    inner = np.union1d(samples, problem.breaks()[1:-1])
+    _advance(problem.start, step, 0, 1, y.copy(), terms, np.empty((1, 4)))
     began = time.perf_counter()
-    kept, found, steps, status = [(samples[0], y.copy())], [], 0, Status.DONE
-    for n in range(len(ends)):
-        low = ends[n]
+    stored, found, steps, status = [(samples[0], y.copy())], [], 0, Status.DONE
+    for n, low in enumerate(ends):
         high = ends[n + 1] if n + 1 < len(ends) else samples[-1]
-        if not low < high:
-            continue
-        inner = np.union1d(samples, breaks)
         marks = np.append(inner[(inner > low) & (inner < high)], high)
         rows = []
-        for a, b in zip(np.concatenate([[low], marks[:-1]]), marks):
+        for a, b in pairwise([low, *marks] if low < high else []):
             count = max(math.ceil((b - a) / step * (1.0 - 1e-12)), 1)
             stride = max(math.ceil(count * cycle / (b - a) / KEPT_PER_CYCLE), 1)
-            out = np.empty(((count - 1) // stride + 2, 7))
+            out = np.empty(((count - 1) // stride + 2, 4))
             used = _advance(a, (b - a) / count, count, stride, y, piece_of(terms, a, b), out)
             steps += count
             out[used - 1, 0] = b
-            rows.append(out[:used - 1])
             if not np.all(np.isfinite(y)):
                 status = Status.NOT_FINITE
                 break
-            kept.append((b, y.copy()))
+            rows += [out[:used - (b < high)]]
+            stored.append((b, y.copy()))
         if status is not Status.DONE:
             break
-        rows.append(out[used - 1:used])
-        r = np.concatenate(rows)
-        found.append(replace(cycles_of_states(r[:, 0], r[:, 1:4], terms, ends[n:n + 2]), starts=ends[n:n + 2]))
-    wanted = np.isin([t for t, _ in kept], samples)
+        if rows:
+            r = np.concatenate(rows)
+            found.append(replace(cycles_of_states(r[:, 0], r[:, 1:], terms, ends[n:n + 2]), starts=ends[n:n + 2]))
+    times, states = np.array([t for t, _ in stored]), np.array([row[:width] for _, row in stored])
+    wanted = np.isin(times, samples)
     wanted[-1] = True
-    t = np.array([t for t, _ in kept])[wanted]
-    states = np.array([row for _, row in kept])[wanted, :width]
     whole, rest = split_cycles(concatenated(found), problem.whole_cycles) if found else (None, None)
-    return assemble(problem, "rk4", t, states, cycles=whole, rest=rest, status=status,
+    return assemble(problem, "rk4", times[wanted], states[wanted], cycles=whole, rest=rest, status=status,
                     statistics=Statistics(steps=steps, seconds=time.perf_counter() - began))
 
 
@@ -123,26 +119,19 @@ def rates(t: float, y: Floats, terms: Any, out: Floats) -> None:
 
 @compiled
 def _advance(start: float, h: float, count: int, stride: int, y: Floats, terms: Terms, out: Floats) -> int:
-    """Take `count` steps in place.
-
-    Fills rows (t, v, theta2, omega2, v', omega2', theta1), every `stride` steps and at the end; returns their number.
+    """Take `count` steps in place; fill rows (t, v, theta2, omega2) every `stride` steps and at the end, and return
+    their number.
     """
     v, q, w, f = y[0], y[1], y[2], y[3]
     used = 0
     for i in range(count + 1):
         t = start + i * h
-        a1, b1 = slopes(t, v, q, w, terms)
         if i % stride == 0 or i == count:
-            out[used, 0] = t
-            out[used, 1] = v
-            out[used, 2] = q
-            out[used, 3] = w
-            out[used, 4] = a1
-            out[used, 5] = b1
-            out[used, 6] = f
+            out[used, 0], out[used, 1], out[used, 2], out[used, 3] = t, v, q, w
             used += 1
         if i == count:
             break
+        a1, b1 = slopes(t, v, q, w, terms)
         v2, w2 = v + 0.5 * h * a1, w + 0.5 * h * b1
         a2, b2 = slopes(t + 0.5 * h, v2, q + 0.5 * h * w, w2, terms)
         v3, w3 = v + 0.5 * h * a2, w + 0.5 * h * b2
@@ -181,11 +170,6 @@ class Wanted(NamedTuple):
     marks: Floats
     spacing: float
     least: float
-
-
-def prepare(terms: Terms, y: Floats) -> None:
-    """Compile the kernel of `march` for these terms and states like `y`."""
-    march(terms, 0.0, 0.0, y, 0.0, 0.0, y, y[:0], 0.0, 0.0)
 
 
 def march(terms: Terms, begin: float, end: float, y: Floats, first_step: float, rtol: float, atol: Floats,

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.integrate import BDF, DOP853, LSODA, RK45, Radau
 
 from tcc_sim.solvers import SOLVERS
-from tcc_sim.solvers.comparison.runge_kutta import GOES_ON, march, prepare, rates
+from tcc_sim.solvers.comparison.runge_kutta import GOES_ON, march, rates
 from tcc_sim.solvers.compiling.compiled import compiled, smoothed_and_slope
 from tcc_sim.solvers.per_cycle import cycles_of_states
 from tcc_sim.solvers.problem import Problem, assemble
@@ -24,7 +24,7 @@ from tcc_sim.trajectory import Floats, Statistics, Status, Trajectory, split_cyc
 STEPS = 10_000_000
 """Most steps of one solve."""
 POINTS = 256
-"""Points kept per engine cycle or natural period, the shorter, where the steps are longer; at most 64 per step."""
+"""Least number of points per engine cycle or natural period, the shorter; at most 64 per step."""
 
 
 def rates_of(t: float, y: Floats, terms: Terms) -> Floats:
@@ -86,34 +86,34 @@ def _solve(problem: Problem, name: str) -> Trajectory:
     spacing = min(problem.system.cycle, 2.0 * np.pi / problem.system.natural_frequency) / POINTS
     rates_of(problem.start, y0, terms)
     if method is RK45:
-        prepare(piece_of(terms, *problem.breaks()[:2]), y0)
+        march(piece_of(terms, *problem.breaks()[:2]), 0.0, 0.0, y0, 0.0, 0.0, y0, y0[:0], 0.0, 0.0)  # Compile it.
     began = time.perf_counter()
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
         through = _compiled_through if method is RK45 else _solve_through
         times, states, status, detail, steps = through(
-            lambda begin, end, y: _solver(name, method, piece_of(terms, begin, end), begin, end, y, options),
+            lambda begin, end, y: _solver(name, piece_of(terms, begin, end), begin, end, y, options),
             problem, y0, marks, spacing)
     seconds = time.perf_counter() - began
-    kept = np.isin(times, samples)
-    kept[-1] = True
+    listed = np.isin(times, samples)
+    listed[-1] = True
     cycles = rest = None
     if len(times) > 1:
         starts = ends[:np.searchsorted(ends, times[-1], side="right")]
         cycles, rest = split_cycles(replace(cycles_of_states(times, states, terms, starts), starts=starts),
                               problem.whole_cycles)
-    return assemble(problem, name, times[kept], states[kept], cycles=cycles, rest=rest, status=status, detail=detail,
-                    statistics=Statistics(steps=steps, seconds=seconds))
+    return assemble(problem, name, times[listed], states[listed], cycles=cycles, rest=rest, status=status,
+                    detail=detail, statistics=Statistics(steps=steps, seconds=seconds))
 
 
 rk45, dop853, radau, bdf, lsoda = (partial(_solve, name=name) for name in METHODS)
 
 
-def _solver(name: str, method: Any, terms: Terms, begin: float, end: float, y: Floats, options: dict[str, Any]) -> Any:
+def _solver(name: str, terms: Terms, begin: float, end: float, y: Floats, options: dict[str, Any]) -> Any:
     """Return SciPy's solver for a time within which the excitation has no corner."""
     if name in ("radau", "bdf", "lsoda"):
         options = {**options, "jac": lambda t, y: jacobian(t, y, terms)}
-    return method(lambda t, y: rates_of(t, y, terms), begin, y, end, **options)
+    return METHODS[name](lambda t, y: rates_of(t, y, terms), begin, y, end, **options)
 
 
 def _compiled_through(solver_of: Any, problem: Problem, y: Floats, marks: Floats,

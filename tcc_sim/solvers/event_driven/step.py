@@ -148,16 +148,6 @@ def monotone(rows: Any, order: int, x: float, reach: float) -> bool:
 
 
 @fast
-def fastest_at(stribeck: tuple[float, ...], speed: float) -> float:
-    """Return the largest rate, s/rad, of the exponentials that have not decayed at this speed, or of the first one."""
-    rate = stribeck[1]
-    for j in range(2, len(stribeck), 2):
-        if stribeck[j + 1] * speed < 40.0 or rate * speed > 80.0:
-            rate = max(rate, stribeck[j + 1]) if rate * speed <= 80.0 else stribeck[j + 1]
-    return rate
-
-
-@fast
 def slip_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, mean_load: float,
              pulsation: tuple[float, float, float] | None, stribeck: Stribeck, state: Any, drive: Any,
              remaining: float, rows: Any, workspace: Any) -> Step:
@@ -187,7 +177,7 @@ def slip_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, mea
             pull = friction - linear[2] * state.plate_speed - linear[3] * state.plate_angle
             acceleration = abs((drive.torque - friction) / linear[0] - pull / linear[1])
             slope = (1.0 / linear[0] + 1.0 / linear[1]) * drive.load * steep
-            unit = 1.0 / (bounds.slip_rate + fastest_at(stribeck, sign * v) * acceleration + slope)
+            unit = 1.0 / (bounds.slip_rate + series.fastest_at(stribeck, sign * v) * acceleration + slope)
             expand_excitation(rows, order, unit, state.tau, True, mean_torque, waves, mean_load, pulsation, None, drive)
             series.expand(order, rows, unit, linear, sign, pulsation, stribeck, excess, None, None, None)
     if not falling:
@@ -198,7 +188,7 @@ def slip_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, mea
     x = series_length(rows, order, longest, bounds.truncation, bounds.speed_scale)
     if stribeck is not None and falling:
         # Where alpha |change of v| is large the terms of the exponential rise before they fall.
-        fastest = fastest_at(stribeck, sign * v)
+        fastest = series.fastest_at(stribeck, sign * v)
         while fastest * (abs(rows[SLIP, 1]) * x + abs(rows[SLIP, 2]) * x * x) > 0.4 * order:
             x *= 0.8
     return slip_event(bounds, unit, x, order, level, state, rows, workspace)

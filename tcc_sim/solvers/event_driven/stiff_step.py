@@ -14,10 +14,10 @@ from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers.collocation import DEGREE, NODES, TERMS, C, Tables
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.event_driven.setup import Bounds
-from tcc_sim.solvers.event_driven.step import DOWNWARD, NO_EVENT, UPWARD, Step, fastest_at, slip_event, stick_event
+from tcc_sim.solvers.event_driven.step import DOWNWARD, NO_EVENT, UPWARD, Step, slip_event, stick_event
 from tcc_sim.solvers.excitation import Pulsation
 from tcc_sim.solvers.rungs import SHRINK_MOST, balance, fill_plate, grip_at_nodes, growth, rung_below, weigh
-from tcc_sim.solvers.series import ANGLE, SLIP, SPEED
+from tcc_sim.solvers.series import ANGLE, SLIP, SPEED, fastest_at
 from tcc_sim.solvers.stages import FALLING, SLIDING, Place, slip_polynomial, solve_stages
 from tcc_sim.solvers.terms import Terms
 from tcc_sim.trajectory import FREE, STICK

@@ -21,7 +21,7 @@ from tcc_sim.solvers.smoothed.sensitivity import carry
 from tcc_sim.solvers.smoothed.sensitivity_series import reach_of, resolved
 from tcc_sim.solvers.smoothed.series_step import LocalFriction, friction_here, series_step
 from tcc_sim.solvers.smoothed.setup import CREEP, REFUSED, SERIES, Limits, Step
-from tcc_sim.solvers.smoothed.switching import SETTLED, after_refusal, after_step, begin, begin_cycle, choose_method
+from tcc_sim.solvers.smoothed.switching import SETTLED, after_step, begin, begin_cycle, choose_method, leave_if_short
 from tcc_sim.solvers.stages import FALLING, LAYER, SLIDING, Place
 from tcc_sim.solvers.terms import Terms
 
@@ -187,7 +187,8 @@ def take_step(first: int, count: int, tail: float, setup: Setup, memory: Memory,
     step, x = step_on(place, friction, edge - tau, stop - tau, loaded, setup, memory, tangent)
     if step.status == REFUSED:
         counters.rejected += 1
-        after_refusal(control, limits, tables)
+        control.streak = 0
+        leave_if_short(control, limits, tables)
         return GOES_ON
     if not x > 0.0:
         return STEP_TOO_SMALL if x == 0.0 else NOT_FINITE

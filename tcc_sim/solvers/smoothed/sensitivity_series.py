@@ -12,8 +12,8 @@ from tcc_sim.solvers.changes import carry_slip, expand_sines
 from tcc_sim.solvers.collocation import NODES, TERMS
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.excitation import Pulsation
-from tcc_sim.solvers.series import SLIP
-from tcc_sim.solvers.smoothed.series_step import LocalFriction, fastest_of
+from tcc_sim.solvers.series import SLIP, fastest_at
+from tcc_sim.solvers.smoothed.series_step import LocalFriction
 from tcc_sim.solvers.smoothed.setup import Limits, Step
 from tcc_sim.solvers.stages import LAYER, SLIDING, Place
 from tcc_sim.solvers.terms import Terms
@@ -53,7 +53,7 @@ def resolved(step: Step, place: Place, friction: LocalFriction, rows: Any, strib
     if rate > 0.0:
         x = min(x, limits.resolved / (rate * step.unit))
     if stribeck is not None and place.region != SLIDING:
-        while fastest_of(stribeck) * (abs(rows[SLIP, 1]) + abs(rows[SLIP, 2]) * x) * x > limits.resolved:
+        while fastest_at(stribeck, 0.0) * (abs(rows[SLIP, 1]) + abs(rows[SLIP, 2]) * x) * x > limits.resolved:
             x *= 0.85
     control.unsettled -= rate * step.unit * x
     return x

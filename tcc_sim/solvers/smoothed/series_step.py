@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.excitation import expand_excitation
-from tcc_sim.solvers.series import ANGLE, ENDLESS, INVERSE, SLIP, SPEED, expand, logarithm, power_of_two
+from tcc_sim.solvers.series import ANGLE, ENDLESS, INVERSE, SLIP, SPEED, expand, fastest_at, logarithm, power_of_two
 from tcc_sim.solvers.smoothed.setup import ACCEPTED, FAILED, Limits, Step
 from tcc_sim.solvers.stages import FALLING, LAYER, SLIDING, Place
 from tcc_sim.solvers.terms import Terms
@@ -90,16 +90,7 @@ def rate_of_law(region: int, sigma: float, stribeck: Stribeck) -> float:
     """Return the rate of mubar by v in a region, s/rad: the exponential's, and that of tanh."""
     rate = sigma if region == LAYER else 0.0
     if stribeck is not None and region != SLIDING:
-        rate += fastest_of(stribeck)
-    return rate
-
-
-@fast
-def fastest_of(stribeck: tuple[float, ...]) -> float:
-    """Return the largest rate of the exponentials, s/rad."""
-    rate = stribeck[1]
-    for j in range(2, len(stribeck), 2):
-        rate = max(rate, stribeck[j + 1])
+        rate += fastest_at(stribeck, 0.0)
     return rate
 
 
@@ -143,9 +134,7 @@ def exponential_length(rows: Any, order: int, x: float, place: Place, v: float, 
                        stribeck: Stribeck) -> float:
     """Return `converging_length` for the exponentials that vary in the region."""
     if place.region == FALLING and stribeck is not None:
-        x = converging_length(rows, order, x, place.sign, abs(stribeck[0]), stribeck[1], strength,
-                              place.slip_tolerance)
-        for j in range(2, len(stribeck), 2):
+        for j in range(0, len(stribeck), 2):
             x = converging_length(rows, order, x, place.sign, abs(stribeck[j]), stribeck[j + 1], strength,
                                   place.slip_tolerance)
         return x

@@ -51,7 +51,8 @@ def setup_of(system: System, terms: Terms, rtol: float, excess: float = 0.0) -> 
     """Return the setup of a system with given terms; `excess` is that of `limits_of`."""
     longest, period = system.cycle, system.cycle
     if terms.profile is not None:
-        longest, period = longest_and_shortest_cycle(terms.profile)
+        frequency = terms.profile[:, of.FREQUENCY]
+        longest, period = 2.0 * math.pi / float(frequency.min()), 2.0 * math.pi / float(frequency.max())
     limits = limits_of(terms, terms_of(system), period, rtol, excess)
     waves = waves_of(terms)
     top, levels = collocation.ladder_of(limits.fastest, longest)
@@ -101,12 +102,6 @@ def profile_row(profile: Floats, begin: float, stop: float, start: float, phase:
     ends = profile[k + 1, of.TIME] if k + 1 < len(profile) else math.inf
     row[of.UNTIL], row[of.STARTED], row[of.SHIFT] = max(ends, stop) - start, start, shift
     return row
-
-
-def longest_and_shortest_cycle(profile: Floats) -> tuple[float, float]:
-    """Return bounds of the length of an engine cycle, s."""
-    frequency = profile[:, of.FREQUENCY]
-    return 2.0 * math.pi / float(frequency.min()), 2.0 * math.pi / float(frequency.max())
 
 
 def setup_of_changes(system: System, terms: Terms, changes: Floats, rtol: float) -> Setup:

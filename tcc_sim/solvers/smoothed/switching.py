@@ -111,14 +111,6 @@ def choose_method(place: Place, friction: LocalFriction, room: float, state: Any
 
 
 @fast
-def after_series(length: float, control: Any) -> None:
-    """Count series steps of equal length."""
-    control.waited += 1
-    control.streak = control.streak + 1 if abs(length - control.last) < ALIKE * length else 0
-    control.last = length
-
-
-@fast
 def leave_if_short(control: Any, limits: Limits, tables: Tables) -> None:
     """Return to the series if the next rung is too short for its cost, or if there is none."""
     length = tables.rungs[control.level].length if control.level < tables.rungs.shape[0] else 0.0
@@ -129,13 +121,6 @@ def leave_if_short(control: Any, limits: Limits, tables: Tables) -> None:
         control.calm = min(2 * control.calm, CALM_MOST)
     elif control.method == STIFF and length * (limits.base_rate + abs(control.rate)) < SERIES_REACH:
         control.method = SERIES
-
-
-@fast
-def after_refusal(control: Any, limits: Limits, tables: Tables) -> None:
-    """Try a refused step again on a shorter rung, or return to the series."""
-    control.streak = 0
-    leave_if_short(control, limits, tables)
 
 
 @fast
@@ -162,7 +147,10 @@ def after_collocation(error: float, length: float, control: Any, limits: Limits,
 def after_step(step: Step, x: float, control: Any, limits: Limits, tables: Tables) -> None:
     """Update `control` after [0, x] of a step was taken."""
     if control.method == SERIES:
-        after_series(x * step.unit, control)
+        length = x * step.unit
+        control.waited += 1
+        control.streak = control.streak + 1 if abs(length - control.last) < ALIKE * length else 0
+        control.last = length
     elif x == step.x:
         after_collocation(step.error, step.unit, control, limits, tables)
 

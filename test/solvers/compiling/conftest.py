@@ -8,10 +8,10 @@ from tcc_sim.solvers.compiling import kernel_cache, linked
 
 @pytest.fixture
 def cache(tmp_path, monkeypatch):
-    """An empty folder for caches that the package has not looked at yet; what it says is told again."""
+    """Return the path of an empty cache that the package has not used yet; it prints its messages anew."""
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "caches"))
-    said = set(kernel_cache.announced)
+    printed = set(kernel_cache.announced)
     kernel_cache.announced.clear()
     monkeypatch.syspath_prepend(str(tmp_path))
     kernel_cache.directory.cache_clear()
@@ -20,4 +20,4 @@ def cache(tmp_path, monkeypatch):
     yield tmp_path / "caches" / "tcc_sim"
     kernel_cache.directory.cache_clear()
     kernel_cache.announced.clear()
-    kernel_cache.announced.update(said)
+    kernel_cache.announced.update(printed)
