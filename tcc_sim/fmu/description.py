@@ -1,6 +1,4 @@
-"""What an FMU says of itself: its variables with what their metadata say, tcc_variables.h, modelDescription.xml of FMI
-2.0 and 3.0, and buildDescription.xml of 3.0.
-"""
+"""Variables of an FMU, and the files that describe them: tcc_variables.h, modelDescription.xml and the like."""
 
 from __future__ import annotations
 
@@ -29,9 +27,9 @@ TYPES = {"rad/s": "AngularVelocity", "rad": "Angle", "N m": "Torque", "Pa": "Pre
 ACTUATOR = "pressure.time_constant", "pressure.rate_limit"
 """Keys of the actuator that are parameters."""
 UNPRINTABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-"""What XML has no character for: control characters, and bytes of a file's name that are no UTF-8."""
+"""Characters that XML cannot hold: control characters, and bytes of a file's name that are not UTF-8."""
 SOURCES = {2: "fmi2.c", 3: "fmi3.c"}
-"""The one file that is compiled; it includes the others."""
+"""File to compile, by version of FMI; it includes the others."""
 TEXT = ("The clutch driveline {name} of tcc_sim in its real-time ticks of {step:g} s: {description}. The friction law "
         "is {law}; inputs are held through every step, whose length is a whole number of ticks. No Python is needed.")
 OUTPUTS = (
@@ -47,12 +45,12 @@ OUTPUTS = (
 
 @dataclass(frozen=True)
 class Variable:
-    """One variable of an FMU; its place in the list is its reference.
+    """Variable of an FMU; its index in the list is its value reference.
 
     causality : independent, input, output or parameter
     variability : continuous, discrete, fixed or tunable
-    start : None where it is calculated
-    low, high : allowed range, `above` without the lower end; infinite where it is not checked
+    start : None for a calculated variable
+    low, high : allowed range, with `above` without its lower end; infinite: not checked
     kind : real or integer
     """
 
@@ -69,15 +67,15 @@ class Variable:
 
     @property
     def word(self) -> str:
-        """Its name in C; of a list, that of the first element."""
+        """Name in C; the elements of a list share one name."""
         return "at_" + re.sub(r"\W", "_", re.sub(r"\[1\]$", "", self.name)).rstrip("_")
 
 
 def variables(scene: Scene) -> list[Variable]:
-    """The variables of a scene's FMU: time, inputs of what its topics command, outputs, and parameters.
+    """Return the variables of a scene's FMU: time, inputs for commanded inputs, outputs, and parameters.
 
-    Reference 0 is time, which FMI 3 must have; in FMI 2 it is left out of the description, since an importer
-    (FMI Library) takes it for one without a start.
+    Value reference 0 is time, which FMI 3 requires. The description for FMI 2 omits it, since an importer (FMI Library)
+    expects a start value.
     """
     found = [Variable("time", "independent", "continuous", "s", "time; that of the scene's excitation begins with 0 "
                       "at the start")]
@@ -98,7 +96,7 @@ def variables(scene: Scene) -> list[Variable]:
 
 
 def _parameters(scene: Scene) -> Iterator[Variable]:
-    """The numbers of the scene; those of a list one by one."""
+    """Iterate over the numbers of the scene, with one variable for each element of a list."""
     for key, value in values_of(scene.system):
         meant = QUANTITIES[key]
         if isinstance(value, str) or key in TABLE or key == "engine.order" or _replaced(scene.system, key):
@@ -110,8 +108,8 @@ def _parameters(scene: Scene) -> Iterator[Variable]:
 
 
 def _replaced(system: System, key: str) -> bool:
-    """Whether a number has no effect as a parameter: a profile or the friction table takes its place, the dead time is
-    built in, or there is no commanded pressure for an actuator.
+    """Return whether a number is no parameter: replaced by a profile or table, built in (dead time), or an actuator's
+    without commanded pressure.
     """
     commanded = system.pressure.source == "topic" and not system.pressure.mean_times
     return (f"{key}_times" in system.varying or (key in TABULATED and system.friction.curve is not None)
@@ -119,7 +117,7 @@ def _replaced(system: System, key: str) -> bool:
 
 
 def variables_header(scene: Scene, rows: list[Variable], identifier: str, token: str, step: float) -> str:
-    """tcc_variables.h: what the C needs to know of the scene and of its variables."""
+    """Return the text of tcc_variables.h: settings of the scene, and the table of variables."""
     system = scene.system
     roles = {"input": "TCC_INPUT", "fixed": "TCC_FIXED", "tunable": "TCC_TUNABLE"}
     lines = []
@@ -131,7 +129,7 @@ def variables_header(scene: Scene, rows: list[Variable], identifier: str, token:
                      f'{int(row.above)}}}')
     places = [f"{row.word} = {place}" for place, row in enumerate(rows)
               if not re.search(r"\[(?!1\])\d+\]$", row.name)]
-    # A list without elements, and what a profile or a table takes the place of, have a place that nothing reads.
+    # An empty list and a replaced number have a reference that nothing reads.
     places += [f"at_{key.replace('.', '_')} = 0" for key, value in values_of(system)
                if value == () or _replaced(system, key)]
     places += [f"at_{name} = 0" for name in INPUTS if not topic(name).wanted(scene.value)]
@@ -176,12 +174,12 @@ static const tcc_variable tcc_variables[TCC_VARIABLES] = {{
 
 
 def unit_name(unit: str) -> str:
-    """A unit as importers write it, with dots for products: kg.m^2."""
+    """Return a unit as importers write it, with dots for products: kg.m^2."""
     return unit.replace(" ", ".")
 
 
 def base_units(unit: str) -> dict[str, int]:
-    """The exponents of SI's base units, and of rad, in a unit such as `N m s/rad`."""
+    """Return the exponents of SI's base units, and of rad, in a unit such as `N m s/rad`."""
     found: dict[str, int] = {}
     for part, sign in zip(unit.split("/"), (1, -1)):
         for word in part.split():
@@ -193,14 +191,14 @@ def base_units(unit: str) -> dict[str, int]:
 
 def model_description(version: int, scene: Scene, rows: list[Variable], identifier: str, token: str,
                       step: float) -> str:
-    """The text of modelDescription.xml.
+    """Return the text of modelDescription.xml.
 
     Parameters
     ----------
-    version : of FMI, 2 or 3
-    rows : the variables, in the order of their references
-    identifier, token : of the model, and what an importer instantiates it with
-    step : a tick, s
+    version : version of FMI, 2 or 3
+    rows : variables in the order of their value references
+    identifier, token : model identifier, and token for instantiation
+    step : length of a tick, s
     """
     text = UNPRINTABLE.sub("\ufffd", TEXT.format(name=scene.name, step=step, law=scene.system.friction.law,
                                                  description=scene.description or scene.name))
@@ -242,7 +240,7 @@ def model_description(version: int, scene: Scene, rows: list[Variable], identifi
 
 
 def _units_and_types(version: int, root: ET.Element, rows: list[Variable]) -> None:
-    """The units of the variables, and a declared type for each."""
+    """Add the units of the variables, and a declared type for each."""
     units = list(dict.fromkeys(row.unit for row in rows if row.kind == "real"))
     definitions = ET.SubElement(root, "UnitDefinitions")
     types = ET.SubElement(root, "TypeDefinitions")
@@ -259,7 +257,7 @@ def _units_and_types(version: int, root: ET.Element, rows: list[Variable]) -> No
 
 
 def _variable(version: int, listed: ET.Element, reference: int, row: Variable) -> None:
-    """One variable."""
+    """Add one variable."""
     head = {"name": row.name, "valueReference": str(reference), "causality": row.causality,
             "variability": row.variability, "description": row.description}
     if row.causality == "parameter":
@@ -280,7 +278,7 @@ def _variable(version: int, listed: ET.Element, reference: int, row: Variable) -
 
 
 def build_description(identifier: str) -> str:
-    """The text of buildDescription.xml: how importers of FMI 3.0 compile the sources."""
+    """Return the text of buildDescription.xml, by which importers of FMI 3.0 compile the sources."""
     root = ET.Element("fmiBuildDescription", {"fmiVersion": "3.0"})
     configuration = ET.SubElement(root, "BuildConfiguration", {"modelIdentifier": identifier})
     files = ET.SubElement(configuration, "SourceFileSet", {"language": "C99"})
@@ -290,6 +288,6 @@ def build_description(identifier: str) -> str:
 
 
 def _written(root: ET.Element) -> str:
-    """XML as text."""
+    """Return XML as text."""
     ET.indent(root)
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, encoding="unicode")}\n'

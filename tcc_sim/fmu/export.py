@@ -1,4 +1,4 @@
-"""A scene's real-time tick as a co-simulation FMU: sources in C99, and a binary where a compiler is at hand."""
+"""Export the real-time tick of a scene as a co-simulation FMU: sources in C99, and a binary if there is a compiler."""
 
 from __future__ import annotations
 
@@ -34,18 +34,15 @@ from tcc_sim.solvers.terms import Terms
 COMPILERS = "cc", "gcc", "clang"
 OPTIONS = ("-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden")
 DATE = 2020, 1, 1, 0, 0, 0
-"""Date of every file inside, so that the same scene gives the same FMU."""
+"""Date of every file in an FMU, so that the same scene gives the same FMU."""
 PLATFORMS = {("linux", "x86_64"): ("linux64", "x86_64-linux"), ("linux", "aarch64"): ("", "aarch64-linux"),
              ("darwin", "x86_64"): ("darwin64", "x86_64-darwin"), ("darwin", "arm64"): ("", "aarch64-darwin")}
-"""Folders of binaries of FMI 2 (where it has a name for the machine) and of FMI 3."""
+"""Folders of binaries in FMI 2 (empty if it has no name for the machine) and in FMI 3."""
 
 
 @dataclass(frozen=True)
 class Fmu:
-    """What an FMU is made of: texts by their path in it, and its variables.
-
-    identifier : model identifier
-    """
+    """Content of an FMU: version of FMI, model identifier, texts by their path in the FMU, and variables."""
 
     version: int
     identifier: str
@@ -54,25 +51,14 @@ class Fmu:
 
 
 def fmu_of(scene: Scene, version: int = 2, step: float | None = None) -> Fmu:
-    """The texts of a scene's FMU.
-
-    Parameters
-    ----------
-    version : of FMI, 2 or 3
-    step : a tick, s; None takes the scene's rate
-
-    Raises
-    ------
-    InputError
-        A scene that the real-time solver cannot run, or a version or a step that is not allowed.
-    """
+    """Return the content of a scene's FMU; parameters and InputError as in `export`."""
     if version not in SOURCES:
         raise InputError(f"FMI version {version} is not known; it must be 2 or 3")
     step = 1.0 / scene.operation.rate if step is None else step
     if not 1.0 / 20000.0 <= step <= 1.0:
         raise InputError(f"step is {step:g} s; it must be 5e-05 to 1 s")
     actuator.delay_ticks(scene.system.pressure, step)
-    fixed_step.Stepper(scene.system, step)  # It says why where it cannot run the scene.
+    fixed_step.Stepper(scene.system, step)  # It refuses a scene that it cannot run.
     rows = variables(scene)
     identifier = f"tcc_sim_{re.sub(r'[^A-Za-z0-9_]', '_', scene.name)}"
     texts = {name: resources.files(__package__).joinpath(f"c/{name}").read_text(encoding="utf-8")
@@ -93,18 +79,12 @@ def fmu_of(scene: Scene, version: int = 2, step: float | None = None) -> Fmu:
 
 
 def compiler() -> str | None:
-    """A C compiler on this machine."""
+    """Return the path of a C compiler on this machine, or None."""
     return next((found for name in COMPILERS if (found := shutil.which(name))), None)
 
 
 def binary_of(fmu: Fmu, command: str) -> bytes:
-    """The binary for this machine.
-
-    Raises
-    ------
-    TccError
-        The compiler refuses the sources; its own words are in the message.
-    """
+    """Return the binary for this machine; raise TccError with the compiler's message if it refuses the sources."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for path, text in fmu.files.items():
@@ -119,18 +99,18 @@ def binary_of(fmu: Fmu, command: str) -> bytes:
 
 def export(scene: Scene, path: Path, version: int = 2, step: float | None = None, *,
            sources_only: bool = False) -> str:
-    """Write a scene's FMU to a new file; the folder of the binary in it, empty where there is none.
+    """Write a scene's FMU to a new file; return the folder of its binary, empty without a binary.
 
     Parameters
     ----------
-    version : of FMI, 2 or 3
-    step : a tick, s; None takes the scene's rate
-    sources_only : leave the binary out
+    version : version of FMI, 2 or 3
+    step : length of a tick, s; None for the scene's rate
+    sources_only : whether to omit the binary
 
     Raises
     ------
     InputError
-        A scene that the real-time solver cannot run, or a version or a step that is not allowed.
+        The real-time solver cannot run the scene, or the version or step is not allowed.
     TccError
         The compiler of this machine refuses the sources.
     """
@@ -150,9 +130,7 @@ def export(scene: Scene, path: Path, version: int = 2, step: float | None = None
 
 
 def _kernel(scene: Scene) -> str:
-    """The tick in C99, all static; TCC_MOST_HARMONICS, TCC_MOST_PIECES and TCC_PROFILE_COLUMNS say how large the arrays
-    of Terms are.
-    """
+    """Return the tick in C99 as static functions; macros give the sizes of the arrays in Terms."""
     numbers = len(scene.system.friction.stribeck or (0.0, 0.0))
     terms = struct_of(Terms, {"harmonics": (3, "TCC_MOST_HARMONICS"), "approach": (4, "1"), "far": (4, "1"),
                               "profile": ("TCC_PROFILE_COLUMNS", "TCC_MOST_PIECES")}, {"stribeck": numbers})

@@ -1,8 +1,4 @@
-"""Expressions of a kernel's Python source in C, each with its type.
-
-Every operation is printed in the order in which Python does it, with parentheses, so that IEEE arithmetic without fused
-products gives the same bits.
-"""
+"""Print expressions of a kernel's Python source in C, each with its type, in Python's order of evaluation."""
 
 from __future__ import annotations
 
@@ -22,34 +18,34 @@ FUNCTIONS: dict[Any, str] = {
     np.tanh: "tanh", np.sin: "sin", np.cos: "cos", np.exp: "exp", np.abs: "fabs", abs: "fabs", np.sign: "sign_of",
     np.maximum: "maximum", np.minimum: "minimum", np.sqrt: "sqrt", math.sqrt: "sqrt", math.sin: "sin",
     math.cos: "cos", math.floor: "floor", math.exp: "exp", math.copysign: "copysign"}
-"""Functions of doubles by what Python calls them."""
+"""C function of doubles by Python function."""
 OPERATORS: dict[type[ast.AST], str] = {
     ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Gt: ">", ast.GtE: ">=", ast.Lt: "<", ast.LtE: "<=",
     ast.Eq: "==", ast.NotEq: "!=", ast.And: "&&", ast.Or: "||"}
 TAKEN = {*FUNCTIONS.values(), "free", "double", "int", "float", "long", "short", "char", "void", "struct", "union",
          "auto", "static", "const", "register", "signed", "unsigned", "switch", "case", "default", "do", "goto",
          "enum", "extern", "inline", "restrict", "sizeof", "typedef", "volatile"}
-"""Words that mean something in C; a local name that is one of them gets an underscore."""
+"""Reserved words of C; a local name that is one of them gets an underscore."""
 
 
 class Callees(Protocol):
-    """The functions that expressions call, and the structures that they need."""
+    """Printer of the functions and structures that expressions use."""
 
     def function(self, source: Any, kinds: tuple[Kind, ...]) -> tuple[str, Kind]:
-        """Name and result of a function for arguments of these types."""
+        """Return name and result type of a function for arguments of these types."""
 
     def declared(self, kind: Kind) -> str:
-        """A type's name; its structure is declared."""
+        """Declare the structure of a type and return the type's name."""
 
 
 class Expressions:
-    """What the expressions of one function are in C.
+    """Printer of the expressions of one function in C.
 
     Parameters
     ----------
-    library : prints what is called
+    library : printer of called functions
     source : the function
-    kinds : the types of its parameters, by name; names that are assigned to join them
+    kinds : types of parameters and, later, of assigned names
     """
 
     def __init__(self, library: Callees, source: Callable[..., Any], kinds: dict[str, Kind]) -> None:
@@ -57,11 +53,11 @@ class Expressions:
         self._kinds = kinds
 
     def _refused(self, node: ast.AST) -> Refused:
-        """The exception for a piece of source."""
+        """Return the exception for a piece of source."""
         return Refused(f"{self._title}: {ast.unparse(node)[:200]}")
 
     def _expression(self, node: ast.expr) -> Text:
-        """An expression of any kind."""
+        """Print an expression of any kind."""
         method = getattr(self, f"_{type(node).__name__.lower()}", None)
         if method is None:
             raise self._refused(node)
@@ -69,26 +65,26 @@ class Expressions:
         return found
 
     def _number(self, node: ast.expr) -> Text:
-        """An expression that is a number."""
+        """Print an expression that is a number."""
         text, kind = self._expression(node)
         if not isinstance(kind, Scalar):
             raise self._refused(node)
         return text, kind
 
     def _constant(self, node: ast.Constant) -> Text:
-        """A number, None, True or False."""
+        """Print a number, None, True or False."""
         if node.value is None or isinstance(node.value, bool):
             return str(int(bool(node.value))), Static(node.value)
         return literal(node.value, self._refused(node))
 
     def _name(self, node: ast.Name) -> Text:
-        """A local name, or a number of the source's module."""
+        """Print a local name, or a number of the source's module."""
         if node.id in self._kinds:
             return word(node.id), self._kinds[node.id]
         return literal(self._globals.get(node.id), self._refused(node))
 
     def _attribute(self, node: ast.Attribute) -> Text:
-        """A field of a NamedTuple, or a number of another module."""
+        """Print a field of a NamedTuple, or a number of another module."""
         if isinstance(node.value, ast.Name) and node.value.id not in self._kinds:
             return literal(self._resolved(node), self._refused(node))
         text, kind = self._expression(node.value)
@@ -99,7 +95,7 @@ class Expressions:
         raise self._refused(node)
 
     def _subscript(self, node: ast.Subscript) -> Text:
-        """A part of a tuple, an element or a row of an array, or its number of rows."""
+        """Print a part of a tuple, an element or a row of an array, or its number of rows."""
         if isinstance(node.value, ast.Attribute) and node.value.attr == "shape":
             text, kind = self._expression(node.value.value)
             if isinstance(node.slice, ast.Constant) and node.slice.value == 0:
@@ -122,7 +118,7 @@ class Expressions:
         raise self._refused(node)
 
     def _known(self, node: ast.expr) -> int | None:
-        """A whole number that is known now; None for any other expression."""
+        """Return an integer that is known when printing; None for any other expression."""
         if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
             left, right = self._known(node.left), self._known(node.right)
             return None if left is None or right is None else left + right
@@ -136,14 +132,14 @@ class Expressions:
         return found if isinstance(found, int) else None
 
     def _place(self, node: ast.expr) -> str:
-        """A whole number that is a place in an array."""
+        """Print an integer index."""
         text, kind = self._expression(node)
         if kind != INT:
             raise self._refused(node)
         return text
 
     def _binop(self, node: ast.BinOp) -> Text:
-        """Arithmetic on two numbers."""
+        """Print arithmetic on two numbers."""
         (left, one), (right, other) = self._number(node.left), self._number(node.right)
         kind = INT if one == other == INT else DOUBLE
         if isinstance(node.op, ast.Pow) and isinstance(node.right, ast.Constant) and node.right.value == 2:
@@ -153,7 +149,7 @@ class Expressions:
         return f"({left} {OPERATORS[type(node.op)]} {right})", kind
 
     def _unaryop(self, node: ast.UnaryOp) -> Text:
-        """Minus, or not."""
+        """Print minus or not."""
         text, kind = self._number(node.operand)
         if isinstance(node.op, ast.USub):
             return f"(-{text})", kind
@@ -162,11 +158,11 @@ class Expressions:
         raise self._refused(node)
 
     def _boolop(self, node: ast.BoolOp) -> Text:
-        """And, or."""
+        """Print and, or."""
         return f"({f' {OPERATORS[type(node.op)]} '.join(self._number(part)[0] for part in node.values)})", INT
 
     def _compare(self, node: ast.Compare) -> Text:
-        """Comparisons of numbers, and whether something is None."""
+        """Print comparisons of numbers or with None."""
         if isinstance(node.ops[0], (ast.Is, ast.IsNot)):
             text, kind = self._expression(node.left)
             absent = isinstance(node.ops[0], ast.Is)
@@ -184,7 +180,7 @@ class Expressions:
         return f"({' && '.join(parts)})", INT
 
     def _ifexp(self, node: ast.IfExp) -> Text:
-        """One of two values."""
+        """Print a conditional expression; only one branch if the condition is known."""
         test, static = self._expression(node.test)
         if isinstance(static, Static):
             return self._expression(node.body if static.value else node.orelse)
@@ -194,13 +190,13 @@ class Expressions:
         return f"({test} ? {one} : {other})", kind
 
     def _tuple(self, node: ast.Tuple) -> Text:
-        """Several numbers."""
+        """Print a tuple of numbers."""
         found = [self._number(part) for part in node.elts]
         kind = Tuple(tuple(part for _, part in found))  # type: ignore[misc]
         return f"({self._library.declared(kind)}){{{', '.join(text for text, _ in found)}}}", kind
 
     def _call(self, node: ast.Call) -> Text:
-        """A call of what is printed too, or of C's own functions."""
+        """Print a call of a printed function or of C's own functions."""
         called = self._resolved(node.func)
         if called is np.searchsorted:
             return self._searched(node)
@@ -228,7 +224,7 @@ class Expressions:
         return f"{name}({', '.join(text for text, kind in given if not isinstance(kind, Static))})", result
 
     def _searched(self, node: ast.Call) -> Text:
-        """How many values of a column of a sorted array are at most a number: searchsorted(table[:, k], x, "right")."""
+        """Print searchsorted(table[:, k], x, side="right")."""
         column, value = node.args
         if ast.unparse(node.keywords[0]) != "side='right'" or not isinstance(column, ast.Subscript) or not isinstance(
                 column.slice, ast.Tuple) or ast.unparse(column.slice.elts[0]) != ":":
@@ -240,7 +236,7 @@ class Expressions:
                 f"{self._number(value)[0]})", INT)
 
     def _converted(self, node: ast.Call, called: Any) -> Text:
-        """int and float of what is one already, and the rows of an array."""
+        """Print int and float of a value of that type, and the number of rows of an array."""
         text, kind = self._expression(node.args[0])
         if called is len and isinstance(kind, Table):
             return f"{text}->rows", INT
@@ -249,7 +245,7 @@ class Expressions:
         return text, kind
 
     def _resolved(self, node: ast.expr) -> Any:
-        """What a dotted name of the source's module means; None where it means nothing."""
+        """Return the object of a dotted name in the source's module, or None."""
         if isinstance(node, ast.Name):
             builtins = self._globals["__builtins__"]
             builtins = builtins if isinstance(builtins, dict) else vars(builtins)
@@ -260,12 +256,12 @@ class Expressions:
 
 
 def word(name: str) -> str:
-    """A local name in C."""
+    """Return a local name in C."""
     return f"{name}_" if name in TAKEN else name
 
 
 def literal(value: object, otherwise: Refused) -> Text:
-    """A number as C reads it, to the last bit."""
+    """Return a number in C, exact to the last bit."""
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
         raise otherwise
     text = repr(value)

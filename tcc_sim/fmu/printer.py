@@ -1,9 +1,8 @@
-"""C99 from the Python source of a kernel: the functions that Numba compiles, and those that they reach.
+"""Print C99 from the Python source of a kernel: the functions that Numba compiles, and all that they call.
 
-One source of truth: what is not known here is refused, so a change of the kernel that cannot be printed fails the
-tests of the FMU instead of diverging from it. Every operation is printed in the order in which Python does it, with
-parentheses, so that IEEE arithmetic without fused products gives the same bits. A term that may be None is a flag at
-run time: one text serves every scene, with the arithmetic of that scene's own compiled kernel.
+An unknown construct is refused, so a kernel that cannot be printed fails the tests of the FMU. Operations are printed
+in Python's order with parentheses, so that IEEE arithmetic without fused products gives the same bits. A term that may
+be None is a flag at run time: one text serves every scene, with the arithmetic of that scene's compiled kernel.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ Signature = tuple[Any, tuple[Kind, ...]]
 
 
 class Library:
-    """The functions printed so far, each after those that it calls, and the structures that they need."""
+    """Functions printed so far, each after those that it calls, and the structures that they need."""
 
     def __init__(self) -> None:
         self.texts: list[str] = []
@@ -40,12 +39,12 @@ class Library:
         self._names: set[str] = set()
 
     def function(self, source: Any, kinds: tuple[Kind, ...]) -> tuple[str, Kind]:
-        """Name and result of a function for arguments of these types; it is printed when it is first asked for.
+        """Return name and result type of a function for arguments of these types, and print it at the first call.
 
         Raises
         ------
         Refused
-            Its source holds what has no printed form.
+            Its source has a construct without a form in C.
         """
         plain = getattr(source, "py_func", source)
         key = plain, kinds
@@ -60,7 +59,7 @@ class Library:
         return self._done[key]
 
     def declared(self, kind: Kind) -> str:
-        """A type's name; its structure is declared."""
+        """Declare the structure of a type and return the type's name."""
         if isinstance(kind, Struct):
             for _, part in kind.fields:
                 self.declared(part)
@@ -69,20 +68,14 @@ class Library:
         return kind_name(kind)
 
     def text(self) -> str:
-        """Everything printed so far."""
+        """Return everything printed so far."""
         used = "\n".join(self.texts)
         prelude = [line for line in PRELUDE.splitlines() if line.split("(")[0].split()[-1] + "(" in used]
         return "\n\n".join(["\n".join(self.structures.values()), "\n".join(prelude), *self.texts]) + "\n"
 
 
 class Function(Expressions):
-    """One function for arguments of given types.
-
-    Attributes
-    ----------
-    lines : in C
-    result : its type
-    """
+    """Function for arguments of given types, printed as `lines`, with the type of its result."""
 
     def __init__(self, library: Library, source: Callable[..., Any], name: str, kinds: tuple[Kind, ...]) -> None:
         tree = ast.parse(textwrap.dedent(inspect.getsource(source))).body[0]
@@ -109,25 +102,25 @@ class Function(Expressions):
                                      *self._written, "}"])
 
     def _block(self, body: list[ast.stmt]) -> None:
-        """Statements one after the other, up to a return."""
+        """Print statements up to a return."""
         for node in body:
             self._statement(node)
             if isinstance(node, ast.Return):
                 break
 
     def _nested(self, head: str, body: list[ast.stmt]) -> None:
-        """A block of its own."""
+        """Print a nested block."""
         self._put(head)
         self._depth += 1
         self._block(body)
         self._depth -= 1
 
     def _put(self, text: str) -> None:
-        """A line."""
+        """Add a line."""
         self._written.append("    " * (self._depth + 1) + text)
 
     def _statement(self, node: ast.stmt) -> None:
-        """A statement of any kind."""
+        """Print a statement of any kind."""
         if isinstance(node, (ast.Assert, ast.Pass)) or (
                 isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)):
             return
@@ -164,7 +157,7 @@ class Function(Expressions):
             raise self._refused(node)
 
     def _if(self, node: ast.If) -> None:
-        """A condition; one that is known now leaves its other branch out."""
+        """Print a condition; only one branch if it is known."""
         test, kind = self._expression(node.test)
         if isinstance(kind, Static):
             self._block(node.body if kind.value else node.orelse)
@@ -175,7 +168,7 @@ class Function(Expressions):
         self._put("}")
 
     def _assign(self, target: ast.expr, value: ast.expr) -> None:
-        """An assignment; of several names all values are worked out first."""
+        """Print an assignment; for several names all values are computed first."""
         if not isinstance(target, ast.Tuple):
             self._store(target, *self._expression(value))
             return
@@ -198,7 +191,7 @@ class Function(Expressions):
                 self._store(name, text, kind)
 
     def _kept(self, text: str, kind: Kind) -> Text:
-        """A value in a variable of its own."""
+        """Store a value in a new variable."""
         if isinstance(kind, Static):
             return text, kind
         self._fresh += 1
@@ -208,7 +201,7 @@ class Function(Expressions):
         return name, kind
 
     def _store(self, target: ast.expr, text: str, kind: Kind) -> None:
-        """Put a value into a variable or into an array."""
+        """Store a value in a variable or an array."""
         if isinstance(kind, Static) and isinstance(kind.value, bool):
             kind = INT
         if isinstance(target, ast.Name):
@@ -222,7 +215,7 @@ class Function(Expressions):
             raise self._refused(target)
 
     def _declare(self, name: str, kind: Kind, node: ast.AST) -> None:
-        """A variable keeps the type that it has first."""
+        """Declare a variable, whose type cannot change."""
         if isinstance(kind, Static) or self._kinds.get(name, kind) != kind:
             raise self._refused(node)
         if name not in self._kinds:
@@ -231,7 +224,7 @@ class Function(Expressions):
 
 
 def _enclosed(text: str) -> bool:
-    """Whether one pair of parentheses holds all of a text."""
+    """Return whether one pair of parentheses encloses a text."""
     depth = 0
     for place, letter in enumerate(text):
         depth += (letter == "(") - (letter == ")")

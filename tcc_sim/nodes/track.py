@@ -22,7 +22,9 @@ from tcc_sim.recording.stamps import StampCounter
 from tcc_sim.topics import JOINT_STATE
 
 DEPTH = 20_000
-"""Depth of the queue of each topic: 4 s at 5 kHz. Only waiting messages take memory."""
+"""Depth of the queue of each topic. Fast DDS stores 5000 messages, 1 s at 5 kHz, and refuses more until some are taken;
+with a depth below that it would drop the oldest instead, even where the driveline waits.
+"""
 MOST_TOPICS = 100
 """Largest number of topics of one driveline whose unsent messages are counted; it has a dozen."""
 _MOST_ASKED = 20

@@ -39,7 +39,7 @@ from tcc_sim.trajectory import Floats, modes_of
 from tcc_sim.views.rerun_stream import RerunStream
 
 DEPTH = 20_000
-"""Number of states that can wait while the viewer is slow: 4 s at 5 kHz."""
+"""Depth of the queue of states; Fast DDS stores 5000, 1 s at 5 kHz."""
 DRAIN_PERIOD = 0.1
 FILE_PERIOD = 2.0
 """Real time between two writes to a file, s. Rerun stores an index of each write: 0.4 MB a minute with this value at

@@ -127,23 +127,20 @@ class BagWriter:
                 if self._sync:
                     stream.flush()
                     os.fsync(file)
-            self._name_finally(draft, "metadata.yaml")
+            try:
+                os.link(draft, "metadata.yaml", src_dir_fd=self._folder, dst_dir_fd=self._folder)
+            except OSError as error:
+                if isinstance(error, FileExistsError) or "metadata.yaml" in os.listdir(self._folder):
+                    name = self.directory / "metadata.yaml"
+                    raise RecordingError(f"{name} exists already and is not overwritten") from None
+                # The file system has no hard links.
+                os.replace(draft, "metadata.yaml", src_dir_fd=self._folder, dst_dir_fd=self._folder)
         finally:
             with suppress(FileNotFoundError):
                 os.unlink(draft, dir_fd=self._folder)
             if self._sync:
                 os.fsync(self._folder)
             self._release()
-
-    def _name_finally(self, draft: str, name: str) -> None:
-        """Link a draft to its final name; raise RecordingError if that name exists."""
-        try:
-            os.link(draft, name, src_dir_fd=self._folder, dst_dir_fd=self._folder)
-        except OSError as error:
-            if isinstance(error, FileExistsError) or name in os.listdir(self._folder):
-                raise RecordingError(f"{self.directory / name} exists already and is not overwritten") from None
-            # The file system has no hard links.
-            os.replace(draft, name, src_dir_fd=self._folder, dst_dir_fd=self._folder)
 
     def abandon(self) -> None:
         """Close the file without an index; it is readable up to the last flush."""

@@ -26,25 +26,13 @@ _T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
-class Schema:
-    """A message type and its definition (ros2msg)."""
-
-    type: str
-    text: str
-
-
-@dataclass(frozen=True)
 class Channel:
-    """A topic of a recording with its message type and metadata (quality of service, type hash)."""
+    """A topic of a recording: message type, its definition (ros2msg), and metadata (quality of service, type hash)."""
 
     topic: str
-    schema: Schema
+    type: str
+    definition: str
     metadata: dict[str, str] = field(default_factory=dict)
-
-    @property
-    def type(self) -> str:
-        """Message type."""
-        return self.schema.type
 
     @property
     def publisher(self) -> str:
@@ -60,7 +48,7 @@ class Contents:
     result: dict[str, Any] | None = None
     channels: dict[int, Channel] = field(default_factory=dict)
     expected: dict[int, int] = field(default_factory=dict)
-    schemas: dict[int, Schema] = field(default_factory=dict)
+    schemas: dict[int, tuple[str, str]] = field(default_factory=dict)
     damaged: int = 0
     """Number of damaged records among them."""
     recovered: list[str] = field(default_factory=list)
@@ -76,11 +64,11 @@ class Contents:
                 self.expected = decoded(opcode, body).channel_message_counts
             elif opcode == Opcode.SCHEMA:
                 schema = decoded(opcode, body)
-                self._keep(self.schemas, schema.id, Schema(schema.name, schema.data.decode()), checked)
+                self._keep(self.schemas, schema.id, (schema.name, schema.data.decode()), checked)
             elif opcode == Opcode.CHANNEL:
                 channel = decoded(opcode, body)
-                schema = self.schemas.get(channel.schema_id, Schema("", ""))
-                self._keep(self.channels, channel.id, Channel(channel.topic, schema, channel.metadata), checked)
+                schema = self.schemas.get(channel.schema_id, ("", ""))
+                self._keep(self.channels, channel.id, Channel(channel.topic, *schema, channel.metadata), checked)
         except (KeyError, ValueError, RecursionError):
             self.damaged += 1
 

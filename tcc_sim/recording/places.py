@@ -8,7 +8,6 @@ times of sending only decide where the rest leaves a choice.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,21 +18,13 @@ MOST_CANDIDATES = 1_000_000
 """Largest number of candidate states considered, in addition to those that the clock settles."""
 
 
-@dataclass(frozen=True)
-class ScenePlace:
-    """First state, by its index in the whole recording, to which the message with this number applies."""
+def places_of(messages: Sequence[SceneRecord | InputSource], runs: Iterable[JointStates]) -> list[tuple[int, int]]:
+    """Return index (in the whole recording) of the first state to which a message applies, and number of the message.
 
-    index: int
-    number: int
-
-
-def places_of(messages: Sequence[SceneRecord | InputSource], runs: Iterable[JointStates]) -> list[ScenePlace]:
-    """Return the first states to which messages of one kind, in the order of the recording, apply.
-
-    A message that applies to no state is left out.
+    The messages are of one kind, in the order of the recording. A message that applies to no state is left out.
     """
     if len(messages) < 2:
-        return [ScenePlace(0, 0)] if messages else []
+        return [(0, 0)] if messages else []
     sent_at = np.array([min(one.log_ns, 2**63 - 1) for one in messages], dtype=np.int64)
     stamps = np.array([min(one.first_stamp_ns, 2**63 - 1) for one in messages], dtype=np.int64)
     order = np.argsort(stamps, kind="stable")
@@ -59,7 +50,8 @@ def places_of(messages: Sequence[SceneRecord | InputSource], runs: Iterable[Join
     return _chosen(sure, likely, possible, last)
 
 
-def _chosen(sure: list[list[int]], likely: list[list[int]], possible: list[list[int]], end: int) -> list[ScenePlace]:
+def _chosen(sure: list[list[int]], likely: list[list[int]], possible: list[list[int]],
+            end: int) -> list[tuple[int, int]]:
     """Choose one state for each message from its candidates, in the order of the messages."""
     found: list[int | None] = []
     last = 0
@@ -77,4 +69,4 @@ def _chosen(sure: list[list[int]], likely: list[list[int]], possible: list[list[
             others = sorted(likely[number]) or sorted(possible[number])
             found[number] = next((index for index in others if last <= index <= end), None)
         last = found[number] or last
-    return [ScenePlace(index, number) for number, index in enumerate(found) if index is not None]
+    return [(index, number) for number, index in enumerate(found) if index is not None]

@@ -56,7 +56,7 @@ class Run:
     size : size of all files, bytes
     """
 
-    def __init__(self, path: Path, paths: list[Path], topic: str | None, joints: Mapping[str, str] | None) -> None:
+    def __init__(self, path: Path, paths: list[Path], joints: Mapping[str, str] | None) -> None:
         self.path, self._given = path, paths
         self.warnings = Warnings()
         self.messages: dict[str, int] = {}
@@ -84,7 +84,10 @@ class Run:
             raise RecordingError(self._left_out[0].removeprefix("left out: "))
         self.paths = list(self._contents)
         self.scenes = list(dict.fromkeys(self.scenes))  # Each part of a split recording repeats the scene.
-        self.joint_states_topic = topic or _choose(self.topics)
+        # The only topic of JointStates, or the shortest name, preferably one that ends in joint_states.
+        found = [name for name, type_name in self.topics.items() if type_name == JOINT_STATE]
+        named_so = [name for name in found if name.rpartition("/")[2] == "joint_states"]
+        self.joint_states_topic = min(named_so or found or ["/joint_states"], key=lambda name: (len(name), name))
         self._joints = tuple((joints or {}).get(name, name) for name in JOINT_NAMES)
         self._layout: cdr.Layout | None = None
 
@@ -296,12 +299,11 @@ class Run:
                                  "be separated")
 
 
-def open_run(path: Path | str, topic: str | None = None, joints: Mapping[str, str] | None = None) -> Run:
+def open_run(path: Path | str, joints: Mapping[str, str] | None = None) -> Run:
     """Open a bag directory or an MCAP file.
 
     Parameters
     ----------
-    topic : the joint_states topic to read; by default the only one, or the one with the shortest name
     joints : names of flywheel and clutch_plate in the recording, if they differ
 
     Raises
@@ -310,17 +312,10 @@ def open_run(path: Path | str, topic: str | None = None, joints: Mapping[str, st
         There is no recording, or nothing in it can be read.
     """
     path = Path(path)
-    return Run(path, parts_of(path), topic, joints)
+    return Run(path, parts_of(path), joints)
 
 
 def _of(channels: Mapping[int, Channel], here: list[int], topic: str, type_name: str) -> list[int]:
     """Return the channels of this topic and type among those with messages in a chunk."""
     return [number for number in here if number in channels
             and (channels[number].topic, channels[number].type) == (topic, type_name)]
-
-
-def _choose(topics: dict[str, str]) -> str:
-    """Return the shortest name of a JointState topic, preferring those that end in joint_states."""
-    found = [name for name, type_name in topics.items() if type_name == JOINT_STATE]
-    named_so = [name for name in found if name.rpartition("/")[2] == "joint_states"]
-    return min(named_so or found or ["/joint_states"], key=lambda name: (len(name), name))

@@ -103,18 +103,13 @@ class _Copy:
         """Return the new bag's channel for a channel of the original."""
         key = (channel.topic, channel.type, channel.publisher)
         if key not in self.known:
-            schema = Definition(channel.schema.text, channel.metadata.get("topic_type_hash", ""))
-            self.known[key] = bag.channel(channel.topic, channel.type, self._offered(channel), schema,
-                                          channel.publisher)
+            text = channel.metadata.get("offered_qos_profiles", "")[:_LONGEST_PROFILES]
+            if text not in self._profiles:
+                self._parsed += len(text)
+                self._profiles[text] = _parsed(text if self._parsed <= _LONGEST_ALL_PROFILES else "")
+            schema = Definition(channel.definition, channel.metadata.get("topic_type_hash", ""))
+            self.known[key] = bag.channel(channel.topic, channel.type, self._profiles[text], schema, channel.publisher)
         return self.known[key]
-
-    def _offered(self, channel: Channel) -> list[dict[str, Any]]:
-        """Return the recorded quality of service, or the driveline's."""
-        text = channel.metadata.get("offered_qos_profiles", "")[:_LONGEST_PROFILES]
-        if text not in self._profiles:
-            self._parsed += len(text)
-            self._profiles[text] = _parsed(text if self._parsed <= _LONGEST_ALL_PROFILES else "")
-        return self._profiles[text]
 
 
 def _parsed(text: str) -> list[dict[str, Any]]:

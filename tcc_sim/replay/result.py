@@ -19,13 +19,56 @@ from tcc_sim.recording.stamps import StampCounter
 from tcc_sim.replay.inputs import CommandAge, HeldInput
 from tcc_sim.replay.segments import Segment
 from tcc_sim.replay.timing import Timing
-from tcc_sim.replay.verification import Verification
-from tcc_sim.result import Result, reported
+from tcc_sim.result import Result, reported, reporting
 from tcc_sim.scene import Scene
 from tcc_sim.trajectory import Cycles, Trajectory
 
+STEP_TOLERANCE = 1e-6
+"""Largest difference, relative to each signal's maximum, for a tick that is solved from the recorded state before it:
+the slip speed is then a difference of two recorded speeds, and an onset of slip amplifies its rounding error.
+"""
 SEGMENTS_SHOWN = 20
 """Largest number of segments in the printed table; --json has all."""
+
+
+@dataclass(frozen=True)
+class Verification:
+    """Comparison of a recording with its own solution.
+
+    exact : number of compared states that had to agree to the last bit
+    first_difference_ns : stamp of the first message that differs by more than the tolerance
+    detail : reason why nothing was compared, or possible reasons of the first difference
+    """
+
+    verified: bool = field(metadata=reported(
+        "whether every recorded value agrees with its solution, to the last bit if the run was recorded from its "
+        "start, else within a tolerance, and the inputs of every state are known"))
+    largest_difference: float = field(metadata=reported(
+        "largest difference of any value, relative to its signal's maximum; null if not finite"))
+    compared: int = field(metadata=reported("number of states compared", name="states"))
+    solved: int = field(metadata=reported(
+        "number of compared states that were solved; a state without one before it, after a start or a gap, is not"))
+    exact: int
+    first_difference_ns: int | None
+    detail: str
+
+    @property
+    def undecided(self) -> bool:
+        """Whether no value differs but some states could not be checked."""
+        return self.compared > 0 and not self.verified and self.first_difference_ns is None
+
+    @property
+    @reporting("the result in a sentence", name="verification")
+    def sentence(self) -> str:
+        """The result as a sentence."""
+        if self.verified:
+            how = "to the last bit" if self.exact == self.compared else (
+                f"within {STEP_TOLERANCE:g} (exactly for {self.exact})")
+            agree = f"{counted(self.solved, 'message')} agree{'s' if self.solved == 1 else ''}"
+            rest = self.compared - self.solved
+            left = f"; {counted(rest, 'message')} without a state before it to solve from" if rest else ""
+            return f"verified: {agree} {how} with the solution from the recording alone{left}{self.detail}"
+        return f"not verified: {self.detail}"
 
 
 @dataclass(frozen=True, repr=False)

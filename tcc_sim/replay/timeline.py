@@ -101,9 +101,8 @@ def timeline_of(run: Run, scene: Scene, window: Window | None = None) -> Timelin
         As `Run.columns`.
     """
     found = run.columns(window)
-    places, sources = places_of(run.scenes[:MOST_SCENES], found.runs), places_of(found.sources, found.runs)
-    held = tuple((place.index, found.sources[place.number].commanded) for place in sources)
-    line = Timeline(found.runs, scene, run.scenes, tuple((place.index, place.number) for place in places),
+    held = tuple((index, found.sources[number].commanded) for index, number in places_of(found.sources, found.runs))
+    line = Timeline(found.runs, scene, run.scenes, tuple(places_of(run.scenes[:MOST_SCENES], found.runs)),
                     found.commands, held, found.parts, found.publishers, found.counts)
     return line if window is None else line.within(window)
 

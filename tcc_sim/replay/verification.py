@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,63 +13,20 @@ from tcc_sim.errors import InputError, counted
 from tcc_sim.model.profile import START
 from tcc_sim.recording.columns import JointStates
 from tcc_sim.recording.stamps import Break
-from tcc_sim.replay.rows import COLUMNS, message_row, recorded_beside, rows_of, state_of
+from tcc_sim.replay.result import STEP_TOLERANCE, Verification
 from tcc_sim.replay.timeline import Timeline
-from tcc_sim.result import reported, reporting
 from tcc_sim.scene import parse_scene
-from tcc_sim.solvers.fixed_step import Stepper
+from tcc_sim.solvers.fixed_step import Reached, Stepper
 from tcc_sim.solvers.terms import Terms, general_terms, holding, terms_from
-from tcc_sim.topics import INPUTS
+from tcc_sim.topics import INPUTS, topic
 from tcc_sim.trajectory import Floats
 
-STEP_TOLERANCE = 1e-6
-"""Largest difference, relative to each signal's maximum, for a tick that is solved from the recorded state before it:
-the slip speed is then a difference of two recorded speeds, and an onset of slip amplifies its rounding error.
-"""
+COLUMNS = topic("joint_states").fields
+"""Columns of a row: angles (rad) and speeds (rad/s) of flywheel and plate, engine and friction torque (N m)."""
 SMALLEST_WORK, WORK_PER_BYTE = 30_000_000, 1000
 """Largest number of sub-steps for a verification: a constant, and a number for each byte of the recording. A tick
 counts as 20 more. Gaps may use half of the total.
 """
-
-
-@dataclass(frozen=True)
-class Verification:
-    """Comparison of a recording with its own solution.
-
-    exact : number of compared states that had to agree to the last bit
-    first_difference_ns : stamp of the first message that differs by more than the tolerance
-    detail : reason why nothing was compared, or possible reasons of the first difference
-    """
-
-    verified: bool = field(metadata=reported(
-        "whether every recorded value agrees with its solution, to the last bit if the run was recorded from its "
-        "start, else within a tolerance, and the inputs of every state are known"))
-    largest_difference: float = field(metadata=reported(
-        "largest difference of any value, relative to its signal's maximum; null if not finite"))
-    compared: int = field(metadata=reported("number of states compared", name="states"))
-    solved: int = field(metadata=reported(
-        "number of compared states that were solved; a state without one before it, after a start or a gap, is not"))
-    exact: int
-    first_difference_ns: int | None
-    detail: str
-
-    @property
-    def undecided(self) -> bool:
-        """Whether no value differs but some states could not be checked."""
-        return self.compared > 0 and not self.verified and self.first_difference_ns is None
-
-    @property
-    @reporting("the result in a sentence", name="verification")
-    def sentence(self) -> str:
-        """The result as a sentence."""
-        if self.verified:
-            how = "to the last bit" if self.exact == self.compared else (
-                f"within {STEP_TOLERANCE:g} (exactly for {self.exact})")
-            agree = f"{counted(self.solved, 'message')} agree{'s' if self.solved == 1 else ''}"
-            rest = self.compared - self.solved
-            left = f"; {counted(rest, 'message')} without a state before it to solve from" if rest else ""
-            return f"verified: {agree} {how} with the solution from the recording alone{left}{self.detail}"
-        return f"not verified: {self.detail}"
 
 
 def verify(line: Timeline, size: int, progress: Callable[[int], Any] | None = None) -> Verification:
@@ -323,3 +279,26 @@ class _Verifier:
         wrong = np.flatnonzero((difference > allowed).any(axis=1))
         if len(wrong) and self._first is None:
             self._first = int(batch.stamp_ns[wrong[0]])
+
+
+def rows_of(batch: JointStates) -> Floats:
+    """Return states as rows, (n, 6)."""
+    return np.stack([getattr(batch, name) for name in COLUMNS], axis=1)
+
+
+def recorded_beside(batch: JointStates) -> tuple[list[float], list[float], list[float]]:
+    """Return the applied pressures, Pa, and angles (rad) and speeds (rad/s) of the far end; NaN if not recorded."""
+    pressure, angle, speed = ([math.nan] * len(batch) if column is None else column.tolist() for column in (
+        batch.applied_pressure, batch.output_angle, batch.output_speed))
+    return pressure, angle, speed
+
+
+def state_of(row: list[float]) -> tuple[float, float, float, float]:
+    """Return the solver's state, slip speed, plate angle, plate speed and flywheel angle, at a row."""
+    return row[2] - row[3], row[1], row[3], row[0]
+
+
+def message_row(reached: Reached) -> list[float]:
+    """Return the row of a solver state."""
+    v, plate_angle, plate_speed, flywheel_angle, engine, friction, _ = reached
+    return [flywheel_angle, plate_angle, v + plate_speed, plate_speed, engine, friction]

@@ -15,9 +15,8 @@ from tcc_sim.messages import cdr
 from tcc_sim.nodes.driveline import DrivelineNode
 from tcc_sim.nodes.loop_topics import CommandedInput
 from tcc_sim.nodes.middleware import LATCHED, poll, subscribe
-from tcc_sim.plant.closed_loop import MOST_TICKS, Samples
+from tcc_sim.plant.closed_loop import MOST_TICKS, Samples, TimedChanges, changes_of
 from tcc_sim.plant.sensors import Sensors
-from tcc_sim.plant.timed_changes import TimedChanges, changes_of
 from tcc_sim.scene import SceneLike, as_scene
 from tcc_sim.testing.faults import Faults, Line
 from tcc_sim.testing.run import ControllerFailed, LockstepRun, Worker

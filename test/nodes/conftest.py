@@ -1,46 +1,13 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import pytest
+from benches import Bench
 
 from tcc_sim.nodes.children import Domain, NodeProcess
 from tcc_sim.nodes.shared_memory import remove_ownerless
-
-
-class Bench:
-    """One ROS 2 context of its own, unseen by any other, with an executor for what the test itself creates."""
-
-    def __init__(self) -> None:
-        import rclpy
-        from rclpy.context import Context
-        from rclpy.executors import SingleThreadedExecutor
-
-        self.context = Context()
-        rclpy.init(context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.nodes: list[Any] = []
-
-    def add(self, node: Any) -> Any:
-        self.executor.add_node(node)
-        self.nodes.append(node)
-        return node
-
-    def until(self, predicate: Callable[[], Any], limit: float = 120.0) -> Any:
-        """Spin until the predicate holds; fail after `limit` seconds, which a busy machine may well need."""
-        end = time.monotonic() + limit
-        while not (found := predicate()):
-            assert time.monotonic() < end, "the condition did not come true in time"
-            self.executor.spin_once(timeout_sec=0.01)
-        return found
-
-    def close(self) -> None:
-        for node in self.nodes:
-            node.destroy_node()
-        self.context.try_shutdown()
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -9,8 +9,6 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-import rclpy
-
 from tcc_sim.analysis.control import Event
 from tcc_sim.messages import cdr
 from tcc_sim.nodes import middleware
@@ -26,9 +24,9 @@ class Said:
     """A watch, and a publisher of every topic that it listens to."""
 
     def __init__(self, bench: Any) -> None:
-        node = bench.add(rclpy.create_node("driveline", context=bench.context))
+        node = bench.node("driveline")
         self.bench = bench
-        self.watch = ControlWatch(bench.add(rclpy.create_node("watcher", context=bench.context)), CYCLE)
+        self.watch = ControlWatch(bench.node("watcher"), CYCLE)
         self.publishers = {name: node.create_publisher(message_class(topic(name).type), name, profile)
                            for name, (profile, _) in READERS.items()}
         for publisher in self.publishers.values():
@@ -117,11 +115,11 @@ def test_states_are_handed_on_in_pieces_of_a_period_and_whole_at_the_end(bench: 
     from tcc_sim.nodes.watcher import Watcher
     from tcc_sim.scene import load_scene
 
-    node = bench.add(rclpy.create_node("driveline", context=bench.context))
+    node = bench.node("driveline")
     node.create_publisher(message_class("std_msgs/msg/String"), "scene", LATCHED).publish(
         cdr.string(load_scene("minimal").text()))
     states = node.create_publisher(message_class(JOINT_STATE), "joint_states", middleware.states(100))
-    watcher = Watcher(bench.add(rclpy.create_node("watcher", context=bench.context)), str, period)
+    watcher = Watcher(bench.node("watcher"), str, period)
     bench.until(states.get_subscription_count)
     view: Any = View()
     for n in range(30):

@@ -9,8 +9,6 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-import rclpy
-from rclpy.parameter import Parameter
 from sensor_msgs.msg import FluidPressure
 from std_msgs.msg import Float64
 
@@ -35,14 +33,12 @@ def settled(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def driveline(bench: Any, scene: str, **parameters: object) -> DrivelineNode:
-    values = {"scene": scene, "wait_for_subscribers": 1, "publish_diagnostics": False, **parameters}
-    return bench.add(DrivelineNode(context=bench.context, parameter_overrides=[
-        Parameter(key.replace("__", "."), value=value) for key, value in values.items()]))
+    return bench.driveline(scene=scene, wait_for_subscribers=1, publish_diagnostics=False, **parameters)
 
 
 def payloads(bench: Any, scene: str, **parameters: object) -> dict[str, list[bytes]]:
     """The serialised messages of the first ticks by topic."""
-    listener = bench.add(rclpy.create_node("listener", context=bench.context))
+    listener = bench.node("listener")
     subscriptions = {name: subscribe(listener, message_class(topic(name).type), name, states(20_000))
                      for name in TOPICS}
     node = driveline(bench, scene, publish_clock=True, **parameters)
@@ -57,9 +53,7 @@ def payloads(bench: Any, scene: str, **parameters: object) -> dict[str, list[byt
     bench.until(enough)
     node.loop.stop()
     for one in (node, listener):
-        bench.nodes.remove(one)
-        bench.executor.remove_node(one)
-        one.destroy_node()
+        bench.remove(one)
     return {name: messages[:TICKS] for name, messages in heard.items()}
 
 
@@ -77,7 +71,7 @@ def test_in_lockstep_the_commands_alone_decide_however_late_they_come(bench: Any
     draw = random.Random(5)
     commands = [(draw.uniform(-500.0, 500.0), draw.uniform(0.0, 4e5)) for _ in range(120)]
     delays = [draw.choice([0, 0, 0, 1, 5, 20]) for _ in commands]
-    listener = bench.add(rclpy.create_node("controller", context=bench.context))
+    listener = bench.node("controller")
     subscription = subscribe(listener, message_class(topic("joint_states").type), "joint_states", states(1000))
     torques = listener.create_publisher(Float64, "engine_torque", COMMANDS)
     pressures = listener.create_publisher(FluidPressure, "actuation_pressure", COMMANDS)

@@ -5,20 +5,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from benches import Commander, stamp_of
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
-from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import FluidPressure, JointState
 from std_msgs.msg import Float64, Int8
 from std_srvs.srv import SetBool, Trigger
 
 from tcc_sim.errors import InputError
 from tcc_sim.nodes.driveline import DrivelineNode
-from tcc_sim.nodes.middleware import states
 from tcc_sim.scene import load_scene, parse_scene
 from tcc_sim.solvers import solve
 
@@ -26,44 +25,11 @@ STEP_NS = 1_000_000
 MEANS = {"engine__fallback": "mean", "pressure__fallback": "mean"}
 
 
-def start(bench: Any, **parameters: Any) -> DrivelineNode:
-    overrides = [Parameter(key.replace("__", "."), value=value) for key, value in parameters.items()]
-    return bench.add(DrivelineNode(context=bench.context, parameter_overrides=overrides))
-
-
-def listener(bench: Any, kind: type, topic: str) -> list[Any]:
-    node = bench.context_node = getattr(bench, "context_node", None) or bench.add(_plain_node(bench))
-    heard: list[Any] = []
-    node.create_subscription(kind, topic, heard.append, states(10_000))
-    return heard
-
-
-def _plain_node(bench: Any) -> Any:
-    import rclpy
-
-    return rclpy.create_node("listener", context=bench.context)
-
-
-def stamp_of(message: Any) -> int:
-    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-
-
-def call(bench: Any, kind: Any, name: str, request: Any) -> Any:
-    node = getattr(bench, "context_node", None) or bench.add(_plain_node(bench))
-    bench.context_node = node
-    client = node.create_client(kind, name)
-    bench.until(client.service_is_ready)
-    future = client.call_async(request)
-    bench.until(future.done)
-    return future.result()
-
-
 def test_states_are_those_of_the_solver(bench: Any) -> None:
-    heard = listener(bench, JointState, "joint_states")
-    slip, torque, state = (listener(bench, kind, topic) for kind, topic in (
+    heard = bench.listen(JointState, "joint_states")
+    slip, torque, state = (bench.listen(kind, topic) for kind, topic in (
         (Float64, "slip_speed"), (Float64, "friction_torque"), (Int8, "stick_slip_state")))
-    node = start(bench, scene="minimal", wait_for_subscribers=1)
-    node.start()
+    bench.started(scene="minimal", wait_for_subscribers=1)
     bench.until(lambda: min(len(heard), len(slip), len(torque), len(state)) > 200)
     assert [stamp_of(m) for m in heard[:200]] == [k * STEP_NS for k in range(200)]
     # SciPy's Radau solves the same scene; 1 kHz ticks of the fixed-step solver are within 1e-4 of the largest slip
@@ -81,7 +47,7 @@ def test_states_are_those_of_the_solver(bench: Any) -> None:
 
 
 def test_only_what_the_scene_needs_is_created(bench: Any) -> None:
-    node = start(bench, scene="minimal", publish_scalars=False, publish_diagnostics=False)
+    node = bench.driveline(scene="minimal", publish_scalars=False, publish_diagnostics=False)
     topics = {name for name, _ in node.get_publisher_names_and_types_by_node("driveline", "/")}
     assert topics == {"/joint_states", "/scene", "/parameter_events", "/rosout"}
     assert not {name for name,
@@ -90,17 +56,14 @@ def test_only_what_the_scene_needs_is_created(bench: Any) -> None:
 
 
 def test_a_command_applies_from_the_next_tick_and_is_held(bench: Any) -> None:
-    heard = listener(bench, JointState, "joint_states")
-    applied = listener(bench, FluidPressure, "applied_pressure")
-    node = start(bench, scene="commands", wait_for_subscribers=1, command_timeout=0.0, **MEANS)
-    node.start()
-    sender = bench.context_node
-    torque = sender.create_publisher(Float64, "engine_torque", 10)
-    pressure = sender.create_publisher(FluidPressure, "actuation_pressure", 10)
-    bench.until(lambda: len(heard) > 5 and torque.get_subscription_count() and pressure.get_subscription_count())
+    heard = bench.listen(JointState, "joint_states")
+    applied = bench.listen(FluidPressure, "applied_pressure")
+    bench.started(scene="commands", wait_for_subscribers=1, command_timeout=0.0, **MEANS)
+    sender = Commander(bench)
+    bench.until(lambda: len(heard) > 5)
     assert {m.effort[0] for m in heard} == {300.0}
-    torque.publish(Float64(data=123.0))
-    pressure.publish(FluidPressure(fluid_pressure=1e5))
+    sender.torques.publish(Float64(data=123.0))
+    sender.pressures.publish(FluidPressure(fluid_pressure=1e5))
     bench.until(lambda: len(applied) > 100 and applied[-1].fluid_pressure == 1e5 and heard[-1].effort[0] == 123.0)
     count = len(heard)
     bench.until(lambda: len(heard) > count + 50)
@@ -114,10 +77,9 @@ def test_a_command_applies_from_the_next_tick_and_is_held(bench: Any) -> None:
 
 
 def test_without_commands_the_mean_applies_and_diagnostics_say_so(bench: Any) -> None:
-    heard = listener(bench, DiagnosticArray, "/diagnostics")
-    node = start(bench, scene="commands", command_timeout=0.05, **MEANS)
-    node.start()
-    sender = bench.context_node
+    heard = bench.listen(DiagnosticArray, "/diagnostics")
+    node = bench.started(scene="commands", command_timeout=0.05, **MEANS)
+    sender = bench.own
     publisher = sender.create_publisher(Float64, "engine_torque", 10)
     bench.until(publisher.get_subscription_count)
     publisher.publish(Float64(data=123.0))
@@ -141,48 +103,49 @@ def test_without_commands_the_mean_applies_and_diagnostics_say_so(bench: Any) ->
 
 
 def test_pause_step_and_reset(bench: Any) -> None:
-    heard = listener(bench, JointState, "joint_states")
-    node = start(bench, scene="minimal")
-    node.start()
+    heard = bench.listen(JointState, "joint_states")
+    node = bench.started(scene="minimal")
     bench.until(lambda: len(heard) > 5)
-    assert not call(bench, Trigger, "driveline/step", Trigger.Request()).success
-    assert call(bench, SetBool, "driveline/pause", SetBool.Request(data=True)).success
+    assert not bench.call(Trigger, "driveline/step", Trigger.Request()).success
+    assert bench.call(SetBool, "driveline/pause", SetBool.Request(data=True)).success
     tick = node.loop.plant.stepper.tick
-    answer = call(bench, Trigger, "driveline/step", Trigger.Request())
+    answer = bench.call(Trigger, "driveline/step", Trigger.Request())
     assert answer.success
     assert node.loop.plant.stepper.tick == tick + 1
     bench.until(lambda: stamp_of(heard[-1]) == (tick + 1) * STEP_NS)
-    assert call(bench, Trigger, "driveline/reset", Trigger.Request()).success
+    assert bench.call(Trigger, "driveline/reset", Trigger.Request()).success
     bench.until(lambda: stamp_of(heard[-1]) == 0)
     assert heard[-1].velocity[0] == 150.0
-    assert call(bench, SetBool, "driveline/pause", SetBool.Request(data=False)).success
+    assert bench.call(SetBool, "driveline/pause", SetBool.Request(data=False)).success
     bench.until(lambda: stamp_of(heard[-1]) > 5 * STEP_NS)
+    assert bench.call(SetBool, "driveline/pause", SetBool.Request(data=True)).success
+    node.loop.stop()
+    assert not node.loop.running
 
 
 def test_parameters_are_checked_together_and_applied_between_ticks(bench: Any) -> None:
-    heard = listener(bench, JointState, "joint_states")
-    node = start(bench, scene="minimal", publish_scalars=False)
-    node.start()
+    heard = bench.listen(JointState, "joint_states")
+    node = bench.started(scene="minimal", publish_scalars=False)
     request = SetParametersAtomically.Request(parameters=[
         Parameter("friction.static_coefficient", value=0.2).to_parameter_msg(),
         Parameter("friction.kinetic_coefficient", value=0.005).to_parameter_msg()])
-    answer = call(bench, SetParametersAtomically, "driveline/set_parameters_atomically", request).result
+    answer = bench.call(SetParametersAtomically, "driveline/set_parameters_atomically", request).result
     assert not answer.successful
     assert "friction.kinetic_coefficient is 0.005; it must be 0.01 to 4" in answer.reason
     assert node.scene.system.friction.static_coefficient == 0.3
     request.parameters = [Parameter("engine.mean_torque", value=100).to_parameter_msg(),
                           Parameter("friction.kinetic_coefficient", value=0.2).to_parameter_msg(),
                           Parameter("engine.torque_amplitude", value=0.0).to_parameter_msg()]
-    answer = call(bench, SetParametersAtomically, "driveline/set_parameters_atomically", request).result
+    answer = bench.call(SetParametersAtomically, "driveline/set_parameters_atomically", request).result
     assert answer.successful, answer.reason
     bench.until(lambda: heard and heard[-1].effort[0] == 100.0)
     assert node.loop.plant.stepper.terms.stribeck == pytest.approx((0.5, 2.0))
     request.parameters = [Parameter("driveline.stiffness", value=1.0).to_parameter_msg()]
-    assert not call(bench, SetParametersAtomically, "driveline/set_parameters_atomically", request).result.successful
+    assert not bench.call(SetParametersAtomically, "driveline/set_parameters_atomically", request).result.successful
 
 
 def test_overrides_are_coerced_checked_and_unknown_ones_ignored(bench: Any) -> None:
-    node = start(bench, scene="minimal", engine__mean_torque=200, rate=500, engine__mean_torqe=7.0)
+    node = bench.driveline(scene="minimal", engine__mean_torque=200, rate=500, engine__mean_torqe=7.0)
     assert node.scene.system.engine.mean_torque == 200.0
     assert node.loop.plant.stepper.step == 1.0 / 500.0
     assert not node.has_parameter("engine.mean_torqe")
@@ -199,50 +162,11 @@ def test_overrides_are_coerced_checked_and_unknown_ones_ignored(bench: Any) -> N
         DrivelineNode(context=bench.context, parameter_overrides=[Parameter("friction.law", value="set_valued")])
 
 
-def test_clock_follows_simulation_time(bench: Any) -> None:
-    heard = listener(bench, Clock, "/clock")
-    node = start(bench, scene="minimal", publish_clock=True, wait_for_subscribers=0, publish_scalars=False)
-    node.start()
-    bench.until(lambda: len(heard) > 20)
-    stamps = [m.clock.sec * 10**9 + m.clock.nanosec for m in heard]
-    assert set(np.diff(stamps)) == {STEP_NS}
-
-
-def test_as_fast_as_possible_gives_the_same_states(bench: Any) -> None:
-    heard = listener(bench, JointState, "joint_states")
-    node = start(bench, scene="fig02", real_time_factor=0.0, wait_for_subscribers=1, publish_scalars=False)
-    node.start()
-    bench.until(lambda: len(heard) > 300)
-    node.loop.stop()
-    system = load_scene("fig02").system
-    again = solve(system, duration=0.3, samples_per_cycle=0, solver="fixed_step", flywheel_angle=True)
-    at = heard[300]
-    assert at.position[1] == pytest.approx(again.plate_angle[-1], rel=1e-12)
-    assert [stamp_of(m) for m in heard[:300]] == [k * STEP_NS for k in range(300)]
-
-
-def test_lockstep_waits_for_each_command(bench: Any) -> None:
-    heard = listener(bench, JointState, "joint_states")
-    node = start(bench, scene="commands", **MEANS, pressure__source="harmonic", pacing="lockstep", command_timeout=0.0,
-                 wait_for_subscribers=1, publish_scalars=False)
-    node.start()
-    sender = bench.context_node
-    publisher = sender.create_publisher(Float64, "engine_torque", 10)
-    bench.until(publisher.get_subscription_count)
-    torques = [100.0 + 10.0 * k for k in range(20)]
-    for k, value in enumerate(torques):
-        bench.until(lambda k=k: len(heard) == k + 1)
-        publisher.publish(Float64(data=value))
-    bench.until(lambda: len(heard) == len(torques) + 1)
-    assert [m.effort[0] for m in heard[1:]] == torques
-    assert node.loop.plant.stepper.tick == len(torques)
-
-
 def test_lockstep_awaits_an_answer_every_command_period(bench: Any) -> None:
-    node = start(bench, scene="controlled", pacing="lockstep", command_period=0.005, command_timeout=0.0,
+    node = bench.driveline(scene="controlled", pacing="lockstep", command_period=0.005, command_timeout=0.0,
                  wait_for_subscribers=0)
-    heard = listener(bench, JointState, "joint_states")
-    publisher = bench.context_node.create_publisher(FluidPressure, "actuation_pressure", 10)
+    heard = bench.listen(JointState, "joint_states")
+    publisher = bench.own.create_publisher(FluidPressure, "actuation_pressure", 10)
     bench.until(publisher.get_subscription_count)
     node.start()
     for answered in range(4):
@@ -253,18 +177,9 @@ def test_lockstep_awaits_an_answer_every_command_period(bench: Any) -> None:
     bench.until(lambda: len(heard) == 21)
 
 
-def test_set_pause_does_not_hold_up_the_end(bench: Any) -> None:
-    node = start(bench, scene="minimal")
-    node.start()
-    assert call(bench, SetBool, "driveline/pause", SetBool.Request(data=True)).success
-    node.loop.stop()
-    assert not node.loop.running
-
-
 @pytest.mark.parametrize(("scene", "stick"), [("slip", False), ("stick", True)])
 def test_every_tick_counts_as_stick_or_slip(bench: Any, scene: str, stick: bool) -> None:
-    node = start(bench, scene=scene, initial__slip_speed=0.0 if stick else 150.0)
-    node.start()
+    node = bench.started(scene=scene, initial__slip_speed=0.0 if stick else 150.0)
     bench.until(lambda: node.loop.plant.stepper.tick > 20)
     node.loop.stop()
     ticks = node.loop.stick_ticks if stick else node.loop.slip_ticks

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from benches import overrides
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
@@ -41,7 +42,6 @@ def test_a_signal_ends_the_node_with_status_0_and_no_traceback(node: subprocess.
 
 
 @pytest.mark.parametrize(("words", "line"), [
-    (["-p", "rate:=-3"], "driveline_node: rate is -3 Hz; it must be 1 to 20000 Hz\n"),
     (["-p", "engine.frequency:=fast"],
      "driveline_node: engine.frequency is 'fast'; it must be a number, 0.001 to 100000 rad/s\n"),
     (["-p", "scene:=fig20"], "driveline_node: there is no scene 'fig20'; did you mean fig02?\n"),
@@ -60,8 +60,6 @@ def test_wrong_input_is_one_line_and_status_2(environment: dict[str, str], words
      "recorder_node: output:=run is not an option; words for ROS 2 follow --ros-args: recorder_node --ros-args "
      "output:=run -p flush_period:=1.0\n"),
     ("slip_controller", ["--verson"], "slip_controller_node: --verson is not an option; did you mean --version?\n"),
-    ("driveline", ["--ros-args", "-p", "scene:=fig02", "--", "--quick"],
-     "driveline_node: --quick is not an option; options are --help, --version and --ros-args WORD ...\n"),
     ("driveline", ["--ros-args", "-p", "rate:=[]"], "driveline_node: rate is []; it must be a number, 1 to 20000 Hz\n"),
     ("recorder", ["--ros-args", "-p", "output:=/"], "recorder: / exists already and is not overwritten\n")])
 def test_words_that_are_not_understood_are_one_line_with_the_right_spelling(
@@ -72,32 +70,19 @@ def test_words_that_are_not_understood_are_one_line_with_the_right_spelling(
 
 
 def test_an_empty_list_is_one(bench: Any, capfd: pytest.CaptureFixture[str]) -> None:
-    from rclpy.parameter import Parameter
-
-    from tcc_sim.nodes.driveline import DrivelineNode
-
-    node = DrivelineNode(context=bench.context, parameter_overrides=[
-        Parameter("scene", value="minimal"), Parameter("cpu_affinity", value=[]), Parameter("scheme", value=1)])
-    assert node.scene.operation.cpu_affinity == ()
-    node.destroy_node()
+    assert bench.driveline(scene="minimal", cpu_affinity=[], scheme=1).scene.operation.cpu_affinity == ()
     assert "parameter ignored: scheme is not one of this node; did you mean scene?" in capfd.readouterr().err
 
 
 def test_a_doubtful_friction_table_is_a_warning_at_the_start_and_when_it_changes(
         bench: Any, capfd: pytest.CaptureFixture[str]) -> None:
-    from rclpy.parameter import Parameter
-
-    from tcc_sim.nodes.driveline import DrivelineNode
-
-    table = [Parameter("friction.slip_speeds", value=[0.0, 1.0, 9.0]),
-             Parameter("friction.coefficients", value=[0.2, 0.13, 0.14])]
-    node = bench.add(DrivelineNode(context=bench.context, parameter_overrides=[
-        Parameter("scene", value="minimal"), Parameter("wait_for_subscribers", value=0), *table]))
+    table: dict[str, object] = {"friction.slip_speeds": [0.0, 1.0, 9.0], "friction.coefficients": [0.2, 0.13, 0.14]}
+    node = bench.driveline(scene="minimal", wait_for_subscribers=0, **table)
     assert capfd.readouterr().err.count("the fit of the friction table is 2.6%") == 1
     node.start()
     for middle, warned in ((0.131, 1), (0.131, 0), (0.16, 0)):
-        table[1] = Parameter("friction.coefficients", value=[0.2, middle, 0.14])
-        assert node.set_parameters_atomically(table).successful
+        table["friction.coefficients"] = [0.2, middle, 0.14]
+        assert node.set_parameters_atomically(overrides(table)).successful
         assert capfd.readouterr().err.count("the fit of the friction table") == warned
 
 

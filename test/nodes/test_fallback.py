@@ -9,18 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from benches import Commander
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-import rclpy
-from rclpy.parameter import Parameter
-from sensor_msgs.msg import FluidPressure
-from std_msgs.msg import Float64
 from test_live_changes import Recorded, exactly
 
 from tcc_sim.messages import cdr
-from tcc_sim.nodes.driveline import DrivelineNode
-from tcc_sim.nodes.middleware import COMMANDS
 from tcc_sim.recording.reader import open_run
 from tcc_sim.replay.timeline import timeline_of
 from tcc_sim.replay.verification import verify
@@ -32,18 +27,15 @@ class Commanded(Recorded):
 
     def __init__(self, bench: Any, output: Path, **parameters: object) -> None:
         super().__init__(bench, output, **parameters)
-        sender = bench.add(rclpy.create_node("sender", context=bench.context))
-        self.torques = sender.create_publisher(Float64, "engine_torque", COMMANDS)
-        self.pressures = sender.create_publisher(FluidPressure, "actuation_pressure", COMMANDS)
-        bench.until(lambda: self.torques.get_subscription_count() and self.pressures.get_subscription_count())
+        self.sender = Commander(bench)
 
     def send(self, torque: float | None = None, pressure: float | None = None) -> None:
         engine, actuation = self.loop.commands
         before = engine.received, actuation.received
         if torque is not None:
-            self.torques.publish(cdr.float64(torque))
+            self.sender.torques.publish(cdr.float64(torque))
         if pressure is not None:
-            self.pressures.publish(cdr.fluid_pressure(0, pressure))
+            self.sender.pressures.publish(cdr.fluid_pressure(0, pressure))
         expected = before[0] + (torque is not None), before[1] + (pressure is not None)
         self.bench.until(lambda: (engine.received, actuation.received) == expected)
 
@@ -119,9 +111,7 @@ def test_the_recorded_source_decides_not_the_value(bench: Any, tmp_path: Path) -
 
 def test_a_scene_file_is_that_scene_and_not_a_change_of_the_default(bench: Any) -> None:
     """Where parameters say where inputs come from, what they leave out is the default of a scene file."""
-    node = bench.add(DrivelineNode(context=bench.context, parameter_overrides=[
-        Parameter("engine.source", value="harmonic"), Parameter("pressure.source", value="topic"),
-        Parameter("cpu_affinity", value=[0])]))
+    node = bench.driveline(engine__source="harmonic", pressure__source="topic", cpu_affinity=[0])
     assert node.scene.system == load_scene("fig02").with_values({"pressure.source": "topic"}).system
     assert node.scene.operation.cpu_affinity == (0,)
     assert not math.isnan(node.scene.system.pressure.mean)

@@ -10,7 +10,6 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +19,6 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from tcc_sim.cli import main
 from tcc_sim.errors import RecordingError
-from tcc_sim.messages import cdr
 from tcc_sim.nodes.children import CLOCK_STARTED, NodeProcess
 from tcc_sim.nodes.pacing import CATCH_UP
 from tcc_sim.recording.bag import BagWriter
@@ -149,35 +147,6 @@ def test_an_output_where_nothing_can_be_written_is_refused_before_the_run(tmp_pa
         BagWriter(tmp_path / below / "run")
     assert "\n" not in str(caught.value)
     assert [p.name for p in tmp_path.iterdir()] == ["file"]
-
-
-def test_a_scene_belongs_to_the_states_that_arrive_with_it(tmp_path: Path, bench: Any) -> None:
-    """Where the recorder takes both in one go, or the states first."""
-    import rclpy
-    from rclpy.parameter import Parameter
-
-    from tcc_sim.nodes.middleware import LATCHED, message_class, states
-    from tcc_sim.nodes.recorder import Recorder
-    from tcc_sim.topics import JOINT_STATE, STRING
-
-    recorder = Recorder(bench.add(rclpy.create_node("recorder", context=bench.context, parameter_overrides=[
-        Parameter("output", value=str(tmp_path / "run"))])))
-    for text in ("first", "second"):
-        node = bench.add(rclpy.create_node("driveline", context=bench.context))
-        node.create_publisher(message_class(STRING), "scene", LATCHED).publish(cdr.string(text))
-        publisher = node.create_publisher(message_class(JOINT_STATE), "joint_states", states(10))
-        before = recorder.tracks["/joint_states"].messages
-        for k in range(2):
-            publisher.publish(cdr.joint_state(k * 1_000_000, *(0.0,) * 6))
-        publisher.wait_for_all_acked()
-        bench.until(lambda b=before, text=text: recorder.drain() or (
-            recorder.tracks["/joint_states"].messages == b + 2 and recorder.bag.scene_text == text))
-    recorder.close()
-    run = open_run(tmp_path / "run")
-    batches = list(run.states())
-    assert [scene.text for scene in run.scenes] == ["first", "second"]
-    starts = [int(batch.log_ns[0]) for batch in batches if batch.stamp_ns[0] == 0]
-    assert run.scenes[0].log_ns <= starts[0] < run.scenes[1].log_ns <= starts[1]
 
 
 def test_ctrl_c_tears_nothing_away_from_what_must_be_saved() -> None:

@@ -12,12 +12,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from benches import Commander
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.parameter import Parameter
 from sensor_msgs.msg import FluidPressure, JointState
 from std_msgs.msg import Float64, String
 
@@ -29,25 +28,18 @@ from tcc_sim.recording.reader import open_run
 
 
 def driveline(bench: Any, namespace: str = "", **parameters: object) -> DrivelineNode:
-    values = {"scene": "commands", "engine.fallback": "mean", "pressure.fallback": "mean", "publish_scalars": False,
-              "wait_for_subscribers": 1, **parameters}
-    return bench.add(DrivelineNode(context=bench.context, namespace=namespace, parameter_overrides=[
-        Parameter(key.replace("__", "."), value=value) for key, value in values.items()]))
+    return bench.driveline(namespace, **{"scene": "commands", "engine.fallback": "mean", "pressure.fallback": "mean",
+                                         "publish_scalars": False, "wait_for_subscribers": 1, **parameters})
 
 
-class Attacker:
+class Attacker(Commander):
     """Sends raw bytes to both inputs and hears joint_states."""
 
     def __init__(self, bench: Any, namespace: str = "") -> None:
-        self.node = bench.add(rclpy.create_node("attacker", namespace=namespace, context=bench.context))
-        self.torques = self.node.create_publisher(Float64, "engine_torque", COMMANDS)
-        self.pressures = self.node.create_publisher(FluidPressure, "actuation_pressure", COMMANDS)
+        super().__init__(bench, namespace, connected=False)
         self.subscription = subscribe(self.node, JointState, "joint_states", states(20_000))
         self.stamps: list[int] = []
         self.values: list[tuple[float, ...]] = []
-
-    def ready(self) -> bool:
-        return bool(self.torques.get_subscription_count() and self.pressures.get_subscription_count())
 
     def hear(self) -> int:
         for data, _ in poll(self.subscription):
@@ -59,9 +51,7 @@ class Attacker:
 
 def refusals(bench: Any, node: DrivelineNode) -> dict[str, int]:
     """The refusals by topic that the next message on /diagnostics tells of."""
-    heard: list[DiagnosticArray] = []
-    listener = bench.add(rclpy.create_node("listener", context=bench.context))
-    listener.create_subscription(DiagnosticArray, "/diagnostics", heard.append, 10)
+    heard = bench.listen(DiagnosticArray, "/diagnostics")
     assert node.diagnostics is not None
 
     def spoken() -> list[DiagnosticArray]:
@@ -135,7 +125,7 @@ def test_another_message_type_on_the_same_name_is_not_taken(bench: Any, monkeypa
     monkeypatch.setenv("ROS_DOMAIN_ID", domain)
     own, foreign = type(bench)(), type(bench)()
     try:
-        wrong = foreign.add(rclpy.create_node("stranger", context=foreign.context)).create_publisher(
+        wrong = foreign.node("stranger").create_publisher(
             String, "engine_torque", COMMANDS)
         node, attacker = driveline(own), Attacker(own)
         node.start()
@@ -154,7 +144,7 @@ def test_another_message_type_on_the_same_name_is_not_taken(bench: Any, monkeypa
 
 def test_in_lockstep_a_stamp_of_no_waiting_state_is_refused_and_counted(bench: Any) -> None:
     node = driveline(bench, pacing="lockstep", command_timeout=0.0, engine__source="harmonic")
-    attacker = bench.add(rclpy.create_node("attacker", context=bench.context))
+    attacker = bench.node("attacker")
     pressures = attacker.create_publisher(FluidPressure, "actuation_pressure", COMMANDS)
     subscription = subscribe(attacker, JointState, "joint_states", states(100))
     node.start()
@@ -177,10 +167,8 @@ def test_in_lockstep_a_stamp_of_no_waiting_state_is_refused_and_counted(bench: A
 def test_eight_drivelines_in_namespaces_keep_apart(bench: Any, tmp_path: Path) -> None:
     """Each has its own command and scene; a recorder in one namespace records that one alone."""
     attackers = [Attacker(bench, f"/d{k}") for k in range(8)]
-    overrides = {"output": str(tmp_path / "run"), "topics": ["scene", "joint_states", "engine_torque"]}
-    recorder = Recorder(bench.add(rclpy.create_node("recorder", namespace="/d3", context=bench.context,
-                                                    parameter_overrides=[
-        Parameter(name, value=value) for name, value in overrides.items()])))
+    recorder = Recorder(bench.node("recorder", "/d3", output=str(tmp_path / "run"),
+                                   topics=["scene", "joint_states", "engine_torque"]))
     nodes = [driveline(bench, f"/d{k}", rate=200.0, command_timeout=0.0, initial__slip_speed=10.0 + k)
              for k in range(8)]
     for node in nodes:

@@ -9,16 +9,8 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-from rclpy.parameter import Parameter
-
-from tcc_sim.nodes.driveline import DrivelineNode
 from tcc_sim.nodes.loop_topics import CommandedInput
 from tcc_sim.topics import TOPICS, topic
-
-
-def start(bench: Any, **parameters: Any) -> DrivelineNode:
-    overrides = [Parameter(key, value=value) for key, value in parameters.items()]
-    return bench.add(DrivelineNode(context=bench.context, parameter_overrides=overrides))
 
 
 def test_the_page_says_the_quality_of_service_that_is_offered(bench: Any) -> None:
@@ -30,8 +22,8 @@ def test_the_page_says_the_quality_of_service_that_is_offered(bench: Any) -> Non
             said |= {name.strip("`/ "): cells[1:] for name in cells[0].split(",")}
         elif said:
             break
-    patient = start(bench, scene="commands", publish_shaft_torque=True, pacing="lockstep")
-    node = start(bench, scene="commands", publish_shaft_torque=True)
+    patient = bench.driveline(scene="commands", publish_shaft_torque=True, pacing="lockstep")
+    node = bench.driveline(scene="commands", publish_shaft_torque=True)
     for one in (patient, node):
         one.loop.clock.begin()
         one.loop.attach(CommandedInput(one, topic("output_speed")))

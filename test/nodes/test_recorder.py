@@ -6,16 +6,12 @@ import sys
 
 import numpy as np
 import pytest
+from benches import overrides
 
 pytest.importorskip("rclpy")
 
 import rclpy
-from rcl_interfaces.msg import Parameter as ParameterMessage
-from rcl_interfaces.msg import ParameterValue
-from rcl_interfaces.srv import SetParameters
-from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 from waiting import until
@@ -33,19 +29,15 @@ SCENE = "/**:\n  ros__parameters:\n    rate: 1000.0\n"
 
 
 @pytest.fixture
-def context(monkeypatch):
+def context(bench):
     """A context that sees only itself."""
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
-    found = Context()
-    rclpy.init(context=found, args=[])
-    yield found
-    rclpy.shutdown(context=found)
+    return bench.context
 
 
 def start(context, output, **parameters):
     """A recorder that the test drives by hand."""
-    overrides = [Parameter(name, value=value) for name, value in {"output": str(output), **parameters}.items()]
-    return recorder.Recorder(rclpy.create_node("recorder", context=context, parameter_overrides=overrides))
+    return recorder.Recorder(rclpy.create_node("recorder", context=context, parameter_overrides=overrides(
+        {"output": str(output), **parameters})))
 
 
 def joint_state(n):
@@ -197,31 +189,9 @@ def test_the_scene_of_every_driveline_that_appears_is_recorded(context, tmp_path
     found.close()
     run = open_run(tmp_path / "run")
     assert [scene.text for scene in run.scenes] == [SCENE + "# 1\n", SCENE + "# 2\n"]
-    assert sorted({batch.run for batch in run.states()}) == [0, 1]
-
-
-def test_a_parameter_of_an_unknown_type_does_not_end_it(context, tmp_path, capfd):
-    found = start(context, tmp_path / "run", topics=["joint_states"])
-    node = rclpy.create_node("driveline", context=context)
-    publisher = publisher_of(node, "joint_states")
-    client = node.create_client(SetParameters, "recorder/set_parameters")
-    said = ""
-
-    def told():
-        # A request may be lost while client and service are still matched: it goes on sending.
-        nonlocal said
-        wrong = ParameterMessage(name="flush_period", value=ParameterValue(type=77))
-        client.call_async(SetParameters.Request(parameters=[wrong]))
-        found._spinner.once(0.01)
-        said += capfd.readouterr().err
-        return "a message or request could not be handled" in said
-
-    until(client.service_is_ready)
-    until(told)
-    publisher.publish(joint_state(0))
-    until(lambda: found.tracks["/joint_states"].messages == 1, step=found.drain)
-    found.close()
-    assert sum(map(len, open_run(tmp_path / "run").states())) == 1
+    runs = run.states()
+    assert [states.run for states in runs] == [0, 1]
+    assert run.scenes[0].log_ns <= runs[0].log_ns[0] < run.scenes[1].log_ns <= runs[1].log_ns[0]
 
 
 def test_messages_that_a_publisher_counted_and_nobody_received_are_counted_as_lost(context):

@@ -10,12 +10,11 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-import rclpy
+from benches import stamp_of
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import FluidPressure, JointState
-from test_driveline import listener, stamp_of, start
 from test_waiting import begun
 
 import tcc_sim
@@ -52,18 +51,15 @@ class Timed(Node):
 def lockstep_run(bench: Any, seconds: float) -> tuple[Timed, list[JointState]]:
     """The states of a driveline whose controller has a timer of simulation time."""
     timed = bench.add(Timed(bench.context))
-    heard = listener(bench, JointState, "joint_states")
-    node = start(bench, scene="controlled", pacing="lockstep", command_period=0.01, command_timeout=0.0,
+    heard = bench.listen(JointState, "joint_states")
+    node = bench.started(scene="controlled", pacing="lockstep", command_period=0.01, command_timeout=0.0,
                  wait_for_subscribers=2, publish_scalars=False, publish_diagnostics=False)
-    node.start()
     bench.until(lambda: len(heard) > 1000 * seconds)
     node.loop.stop()
     assert node.loop.clock.published
     assert node.loop.pressure_command.timeouts == node.loop.pressure_command.refused == 0
     for one in (timed, node):
-        bench.nodes.remove(one)
-        bench.executor.remove_node(one)
-        one.destroy_node()
+        bench.remove(one)
     return timed, heard[:round(1000 * seconds) + 1]
 
 
@@ -80,17 +76,13 @@ def test_a_timer_of_simulation_time_controls_a_driveline_in_lock_step_with_the_s
 
 def test_a_recorder_with_use_sim_time_logs_simulation_time(bench: Any, tmp_path: Path) -> None:
     reader = pytest.importorskip("mcap.reader")
-    own = rclpy.create_node("recorder", context=bench.context, parameter_overrides=[
-        Parameter("use_sim_time", value=True), Parameter("output", value=str(tmp_path / "run")),
-        Parameter("topics", value=["joint_states", "slip_speed", "scene", "actuation_pressure", "applied_pressure",
-                                   "input_source"])])
-    recorder = Recorder(bench.add(own))
+    recorder = Recorder(bench.node("recorder", use_sim_time=True, output=str(tmp_path / "run"), topics=[
+        "joint_states", "slip_speed", "scene", "actuation_pressure", "applied_pressure", "input_source"]))
     recorder.look()
     timed = bench.add(Timed(bench.context))
     recorder.drain()
-    node = start(bench, scene="controlled", pacing="lockstep", command_period=0.01, command_timeout=0.0,
+    node = bench.started(scene="controlled", pacing="lockstep", command_period=0.01, command_timeout=0.0,
                  wait_for_subscribers=2, publish_diagnostics=False)
-    node.start()
     bench.until(lambda: (recorder.drain(), recorder.look(), len(timed.times) > 30)[2])
     node.loop.stop()
     recorder.close()
@@ -117,13 +109,12 @@ def test_a_recorder_with_use_sim_time_logs_simulation_time(bench: Any, tmp_path:
 
 def test_a_recorder_that_never_hears_the_clock_keeps_what_came(bench: Any, tmp_path: Path,
                                                                 monkeypatch: pytest.MonkeyPatch) -> None:
-    own = bench.add(rclpy.create_node("recorder", context=bench.context, parameter_overrides=[
-        Parameter("use_sim_time", value=True), Parameter("output", value=str(tmp_path / "run"))]))
+    own = bench.node("recorder", use_sim_time=True, output=str(tmp_path / "run"))
     recorder = Recorder(own)
     warnings: list[str] = []
     monkeypatch.setattr("tcc_sim.nodes.recorder.warn", lambda _, sentence: warnings.append(sentence))
     monkeypatch.setattr("tcc_sim.nodes.recorder.SILENCE", -1.0)
-    publisher = bench.add(rclpy.create_node("plant", context=bench.context)).create_publisher(
+    publisher = bench.node("plant").create_publisher(
         JointState, "joint_states", 10)
     bench.until(publisher.get_subscription_count)
     publisher.publish(cdr.joint_state(TICK, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
@@ -148,25 +139,23 @@ def test_in_real_time_a_follower_without_a_clock_is_told_of(bench: Any) -> None:
 
 
 def test_who_only_looks_at_the_clock_is_no_follower(bench: Any) -> None:
-    heard = listener(bench, Clock, "/clock")
-    states = listener(bench, JointState, "joint_states")
-    node = start(bench, scene="minimal", pacing="lockstep", wait_for_subscribers=1, real_time_factor=0.0)
-    node.start()
+    heard = bench.listen(Clock, "/clock")
+    states = bench.listen(JointState, "joint_states")
+    node = bench.started(scene="minimal", pacing="lockstep", wait_for_subscribers=1, real_time_factor=0.0)
     bench.until(lambda: len(states) > 20)
     assert not node.loop.clock.published
     assert not heard
 
 
 def test_a_follower_that_comes_late_gets_the_time_from_then_on(bench: Any) -> None:
-    states = listener(bench, JointState, "joint_states")
-    node = start(bench, scene="controlled", pacing="lockstep", command_timeout=0.0, wait_for_subscribers=1)
-    node.start()
+    states = bench.listen(JointState, "joint_states")
+    node = bench.started(scene="controlled", pacing="lockstep", command_timeout=0.0, wait_for_subscribers=1)
     bench.until(lambda: states)
     assert not node.loop.clock.published
     late = bench.add(Node("late", context=bench.context, parameter_overrides=[Parameter("use_sim_time", value=True)]))
-    heard = listener(bench, Clock, "/clock")
+    heard = bench.listen(Clock, "/clock")
     bench.until(lambda: (node.housekeeping(), node.loop.clock.published)[1])
-    publisher = bench.context_node.create_publisher(FluidPressure, "actuation_pressure", 10)
+    publisher = bench.own.create_publisher(FluidPressure, "actuation_pressure", 10)
     bench.until(publisher.get_subscription_count)
     publisher.publish(FluidPressure(fluid_pressure=1e5))
     bench.until(lambda: late.get_clock().now().nanoseconds == 1_000_000)
@@ -175,18 +164,16 @@ def test_a_follower_that_comes_late_gets_the_time_from_then_on(bench: Any) -> No
 
 
 def test_another_publisher_of_the_clock_is_named_and_goes_first(bench: Any) -> None:
-    other = bench.add(rclpy.create_node("gazebo", context=bench.context))
+    other = bench.node("gazebo")
     other.create_publisher(Clock, "/clock", 10)
     judged = begun(bench, publish_clock=True)
     assert not judged.node.loop.clock.published
     assert judged.said()["/clock"].startswith("/clock is published by /gazebo already, so this node does not publish "
                                               "it; since ")
-    bench.nodes.remove(other)
-    bench.executor.remove_node(other)
-    other.destroy_node()
+    bench.remove(other)
     bench.until(lambda: (judged.node.housekeeping(), judged.node.loop.clock.published)[1])
     assert "/clock" not in judged.said()
-    again = bench.add(rclpy.create_node("gazebo", context=bench.context))
+    again = bench.node("gazebo")
     again.create_publisher(Clock, "/clock", 10)
     bench.until(lambda: judged.node.loop.clock.rivals)
     assert judged.said()["/clock"].startswith("/clock is published by /gazebo too, and simulation time jumps: end one "

@@ -15,12 +15,12 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 import rclpy
+from benches import stamp_of
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import FluidPressure, JointState
 from std_msgs.msg import Float64
-from test_driveline import stamp_of, start
 
 from tcc_sim.nodes import loop as loop_module
 from tcc_sim.nodes import loop_topics, recorder
@@ -69,9 +69,8 @@ def test_a_vehicle_joins_lock_step_while_the_clock_runs_and_verifies_to_the_last
     recorded = recorder.Recorder(rclpy.create_node("recorder", context=bench.context, parameter_overrides=[
         Parameter("output", value=str(tmp_path / "run"))]))
     slow = bench.add(Slow(bench.context))
-    node = start(bench, scene="controlled", pacing="lockstep", command_period=PERIOD * 1e-3, command_timeout=0.0,
+    node = bench.started(scene="controlled", pacing="lockstep", command_period=PERIOD * 1e-3, command_timeout=0.0,
                  wait_for_subscribers=2, publish_shaft_torque=True, publish_diagnostics=False)
-    node.start()
 
     looks = count()
 

@@ -10,12 +10,10 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import FluidPressure, JointState
 from std_msgs.msg import Int8
-from test_driveline import listener, start
 
 from tcc_sim.nodes.driveline import DrivelineNode
 from tcc_sim.nodes.middleware import COMMANDS
@@ -37,15 +35,14 @@ class Judged:
 
 
 def begun(bench: Any, **parameters: Any) -> Judged:
-    node = start(bench, scene="controlled", wait_for_subscribers=0, **parameters)
-    node.start()
+    node = bench.started(scene="controlled", wait_for_subscribers=0, **parameters)
     bench.until(node.loop.clock_started.is_set)
     return Judged(node)
 
 
 def publisher(bench: Any, name: str, reliability: ReliabilityPolicy = ReliabilityPolicy.RELIABLE) -> Any:
-    node = bench.add(rclpy.create_node(name, context=bench.context))
-    return node.create_publisher(FluidPressure, "actuation_pressure", QoSProfile(depth=10, reliability=reliability))
+    profile = QoSProfile(depth=10, reliability=reliability)
+    return bench.node(name).create_publisher(FluidPressure, "actuation_pressure", profile)
 
 
 def test_an_input_on_its_fallback_names_its_topic_and_who_publishes_there(bench: Any,
@@ -111,9 +108,9 @@ def test_lockstep_says_what_it_waits_for_and_since_when(bench: Any) -> None:
 
 
 def test_subscribers_that_do_not_come_are_asked_for(bench: Any) -> None:
-    node = start(bench, scene="minimal", wait_for_subscribers=2)
-    listener(bench, JointState, "joint_states")
-    listener(bench, Int8, "stick_slip_state")
+    node = bench.driveline(scene="minimal", wait_for_subscribers=2)
+    bench.listen(JointState, "joint_states")
+    bench.listen(Int8, "stick_slip_state")
     bench.until(lambda: node.loop.outputs.subscriptions()[0] == 1)
     assert Judged(node).said(2.0)["subscribers"] == (
         "the first tick waits for wait_for_subscribers 2; /joint_states has 1 subscriber; since 2 s")
@@ -121,7 +118,7 @@ def test_subscribers_that_do_not_come_are_asked_for(bench: Any) -> None:
 
 def test_the_node_logs_it_once_a_second_at_most_and_diagnostics_carry_it(
         bench: Any, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    heard = listener(bench, DiagnosticArray, "/diagnostics")
+    heard = bench.listen(DiagnosticArray, "/diagnostics")
     judged = begun(bench)
     node, times = judged.node, iter([*(0.25 * k for k in range(9)), *[100.0] * 1000])
     node._waiting = judged.waiting

@@ -5,7 +5,7 @@ from driveline_bags import START, TICK, bag, ticked
 
 from tcc_sim.recording.announcements import SceneRecord, holding_from
 from tcc_sim.recording.columns import JointStates
-from tcc_sim.recording.places import ScenePlace, places_of
+from tcc_sim.recording.places import places_of
 from tcc_sim.recording.reader import open_run
 from tcc_sim.replay.replay import replay
 from tcc_sim.scene import load_scene
@@ -105,8 +105,8 @@ def test_places_of_scenes():
     records = [record(None, 5), record(3 * TICK, 1025), record(0, 2005), record(2 * TICK, 2016),
                record(99 * TICK, 2030)]
     runs = [states(0, range(5), [1000, 1010, 1020, 1030, 1040]), states(1, range(4), [2010, 2015, 2020, 2030], 5)]
-    assert places_of(records, runs) == [ScenePlace(0, 0), ScenePlace(3, 1), ScenePlace(5, 2),
-                                        ScenePlace(7, 3)]  # The last never came into force.
+    assert places_of(records, runs) == [(0, 0), (3, 1), (5, 2),
+                                        (7, 3)]  # The last never came into force.
 
 
 @pytest.mark.parametrize(("said", "runs", "row"), [(1005, 1, 2), (1035, 1, 2), (1005, 2, 2), (1035, 2, 7)])
@@ -114,18 +114,18 @@ def test_a_scene_that_was_said_at_another_time_holds_from_its_stamp_on(said, run
     """Said before the state ahead of it was sent, or after its own: rather in a run whose state came later."""
     records = [record(None, 5), record(2 * TICK, said)]
     assert places_of(records, [states(run, range(5), [1000 * (run + 1) + 10 * k for k in range(5)], 5 * run)
-                               for run in range(runs)]) == [ScenePlace(0, 0), ScenePlace(row, 1)]
+                               for run in range(runs)]) == [(0, 0), (row, 1)]
 
 
 def test_two_changes_before_one_tick_are_taken_in_their_order():
     records = [record(None, 5), record(TICK, 1001), record(TICK, 1002)]
     assert places_of(records, [states(0, [0, 1, 2], [1000, 1010, 1020])]) == [
-        ScenePlace(0, 0), ScenePlace(1, 1), ScenePlace(1, 2)]
+        (0, 0), (1, 1), (1, 2)]
 
 
 def test_a_recorder_that_came_late_has_the_scene_in_force_from_its_first_state_on():
     records = [record(3 * TICK, 50)]
-    assert places_of(records, [states(0, [500, 501], [1000, 1010])]) == [ScenePlace(0, 0)]
+    assert places_of(records, [states(0, [500, 501], [1000, 1010])]) == [(0, 0)]
 
 
 @pytest.mark.parametrize("steps", [[], [(50, -3600 * SECOND)], [(251, -200 * TICK)], [(120, -300 * TICK)]])

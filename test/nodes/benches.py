@@ -1,0 +1,118 @@
+"""What the tests of the nodes share: one ROS 2 context with a driveline, and a node that listens, sends and asks."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from functools import cached_property
+from typing import Any
+
+
+def overrides(parameters: Mapping[str, object]) -> list[Any]:
+    """Parameters of a node; two underscores are a dot."""
+    from rclpy.parameter import Parameter
+
+    return [Parameter(name.replace("__", "."), value=value) for name, value in parameters.items()]
+
+
+def stamp_of(message: Any) -> int:
+    """Stamp of a message with a header, ns."""
+    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+
+
+class Commander:
+    """Publishers of both commands, connected to whatever subscribes."""
+
+    def __init__(self, bench: Bench, namespace: str = "", connected: bool = True) -> None:
+        from sensor_msgs.msg import FluidPressure
+        from std_msgs.msg import Float64
+
+        from tcc_sim.nodes.middleware import COMMANDS
+
+        self.node = bench.node("sender", namespace)
+        self.torques = self.node.create_publisher(Float64, "engine_torque", COMMANDS)
+        self.pressures = self.node.create_publisher(FluidPressure, "actuation_pressure", COMMANDS)
+        if connected:
+            bench.until(self.ready)
+
+    def ready(self) -> bool:
+        return bool(self.torques.get_subscription_count() and self.pressures.get_subscription_count())
+
+
+class Bench:
+    """One ROS 2 context of its own, unseen by any other, with an executor for what the test itself creates."""
+
+    def __init__(self) -> None:
+        import rclpy
+        from rclpy.context import Context
+        from rclpy.executors import SingleThreadedExecutor
+
+        self.context = Context()
+        rclpy.init(context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.nodes: list[Any] = []
+
+    def add(self, node: Any) -> Any:
+        self.executor.add_node(node)
+        self.nodes.append(node)
+        return node
+
+    def node(self, name: str, namespace: str = "", **parameters: object) -> Any:
+        """A plain node."""
+        import rclpy
+
+        return self.add(rclpy.create_node(name, namespace=namespace, context=self.context,
+                                          parameter_overrides=overrides(parameters)))
+
+    @cached_property
+    def own(self) -> Any:
+        """The node with which the test listens, sends and asks."""
+        return self.node("test")
+
+    def driveline(self, namespace: str = "", **parameters: object) -> Any:
+        """A driveline that is not started; two underscores in a parameter's name are a dot."""
+        from tcc_sim.nodes.driveline import DrivelineNode
+
+        return self.add(DrivelineNode(context=self.context, namespace=namespace,
+                                      parameter_overrides=overrides(parameters)))
+
+    def started(self, **parameters: object) -> Any:
+        """A driveline whose loop runs in its thread."""
+        node = self.driveline(**parameters)
+        node.start()
+        return node
+
+    def remove(self, node: Any) -> None:
+        """Destroy a node before the end."""
+        self.nodes.remove(node)
+        self.executor.remove_node(node)
+        node.destroy_node()
+
+    def listen(self, kind: type, topic: str) -> list[Any]:
+        """A list that grows by the messages on a topic."""
+        from tcc_sim.nodes.middleware import states
+
+        heard: list[Any] = []
+        self.own.create_subscription(kind, topic, heard.append, states(10_000))
+        return heard
+
+    def call(self, kind: Any, name: str, request: Any) -> Any:
+        """The answer of a service."""
+        client = self.own.create_client(kind, name)
+        self.until(client.service_is_ready)
+        future = client.call_async(request)
+        self.until(future.done)
+        return future.result()
+
+    def until(self, predicate: Callable[[], Any], limit: float = 120.0) -> Any:
+        """Spin until the predicate holds; fail after `limit` seconds, which a busy machine may well need."""
+        end = time.monotonic() + limit
+        while not (found := predicate()):
+            assert time.monotonic() < end, "the condition did not come true in time"
+            self.executor.spin_once(timeout_sec=0.01)
+        return found
+
+    def close(self) -> None:
+        for node in self.nodes:
+            node.destroy_node()
+        self.context.try_shutdown()
