@@ -229,10 +229,7 @@ class Session:
         self._check()
 
     def _await_clock(self) -> None:
-        """Wait for the driveline's first tick; raise TccError if a node ends first.
-
-        The driveline's message that it compiles is passed on, since this takes a while.
-        """
+        """Wait for the first tick, and pass on that kernels are compiled; raise TccError if a node ends first."""
         end, compiling = time.monotonic() + START_LIMIT, ""
         while not self.driveline.has_said(CLOCK_STARTED):
             self._check()

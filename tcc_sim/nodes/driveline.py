@@ -175,10 +175,7 @@ class DrivelineNode(Node):
             self.set_parameters([Parameter(parameters.TEXT, value=text)])
 
     def _take(self, scene: Scene, text: str) -> None:
-        """Apply `scene` from the next tick on and publish it before that tick's state; called in the loop.
-
-        One thread sends states and scenes, so a recording has them in the order in which they apply.
-        """
+        """Apply `scene` from the next tick on, and publish it before that tick's state; called in the loop."""
         self.loop.use(scene)
         self.scene, self._scene_text, self._changed = scene, text, True
         plant = self.loop.plant

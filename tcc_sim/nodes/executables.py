@@ -50,13 +50,7 @@ def _run(name: str) -> int:
 
 
 def _text_for(name: str, words: list[str]) -> str | None:
-    """Return the text for --help or --version, or None; words after --ros-args belong to ROS 2.
-
-    Raises
-    ------
-    InputError
-        A word is unknown.
-    """
+    """Return the text for --help or --version, or None; refuse unknown words before --ros-args by InputError."""
     from tcc_sim.errors import InputError
 
     own, to_ros = [], False

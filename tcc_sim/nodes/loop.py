@@ -20,8 +20,9 @@ from rclpy.node import Node
 
 from tcc_sim.messages import cdr
 from tcc_sim.nodes.loop_topics import CommandedInput, Outputs
+from tcc_sim.nodes.middleware import await_peer
 from tcc_sim.nodes.pacing import Pacer, attend, prepare_thread, tick_time_of
-from tcc_sim.nodes.simulation_clock import SimulationClock, await_peer
+from tcc_sim.nodes.simulation_clock import SimulationClock
 from tcc_sim.plant.driveline import Plant, Reading
 from tcc_sim.recording.announcements import source_text
 from tcc_sim.scene import Scene
@@ -133,6 +134,8 @@ class RealTimeLoop:
             self.commands.append(far_end)
             self.plant.stepper.move_far_end(0.0)
             self.outputs.add("output_state", cdr.output_state)
+            if self.outputs.patient or not self.clock_started.is_set():
+                self.outputs.meet("output_state")
 
     def meet(self) -> None:
         """Subscribe to output_speed if it has a publisher, after compiling and connecting; publish /clock if due."""

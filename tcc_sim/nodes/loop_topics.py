@@ -20,6 +20,7 @@ from tcc_sim.nodes.middleware import (
     COMMANDS,
     LATCHED,
     MOST_TAKEN,
+    await_peer,
     message_class,
     poll,
     states,
@@ -215,9 +216,10 @@ class Outputs:
         return (int(self._publishers["joint_states"].get_subscription_count()),
                 sum(publisher.get_subscription_count() for publisher, *_ in self._every_tick))
 
-    def listeners(self, name: str) -> int:
-        """Return the number of connected subscriptions of a topic."""
-        return int(self._publishers[name].get_subscription_count())
+    def meet(self, name: str) -> None:
+        """Wait until the known subscribers of a new topic are connected, so that they receive its first message."""
+        known = self._node.count_subscribers(name)
+        await_peer(lambda: self._publishers[name].get_subscription_count() >= known)
 
     def handles(self) -> list[Any]:
         """Return the publishers' handles, which a publishing thread holds so that no publisher is destroyed in use."""

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping
 from functools import partial
 from importlib import import_module
@@ -31,6 +32,8 @@ CHANGES = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 DIAGNOSTICS = QoSProfile(depth=10)
 """Quality of service of /diagnostics that diagnostic_aggregator expects."""
 
+MEETING, LOOK = 1.0, 1e-3
+"""Longest real time to connect to a known peer, and between two checks, s."""
 MOST_TAKEN = 100_000
 """Largest number of messages taken at once, so that a fast sender cannot block the reader."""
 MOST_PUBLISHERS = 1000
@@ -123,6 +126,13 @@ def poll(subscription: Subscription[Any], most: int = MOST_TAKEN) -> list[tuple[
     """
     with subscription.handle:
         return list(islice(iter(taker(subscription), None), most))
+
+
+def await_peer(met: Callable[[], object]) -> None:
+    """Wait until `met()` is true, at most MEETING."""
+    since = time.monotonic()
+    while not met() and time.monotonic() - since < MEETING:
+        time.sleep(LOOK)
 
 
 def publisher_of(info: Mapping[str, Any]) -> bytes:

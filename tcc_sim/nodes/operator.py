@@ -187,9 +187,7 @@ class Operator:
         return heard
 
     def _applied(self, command_type: str) -> Callable[[], float | None]:
-        """Return a function that gives the input applied in the newest state, None without a new state; messages of
-        another layout are ignored.
-        """
+        """Return a function that gives the input applied in the newest state, None without a new state."""
         row = topic("applied_pressure" if command_type == FLUID_PRESSURE else "joint_states")
         layout, field = ((cdr.FLUID_PRESSURE, "fluid_pressure") if row.type == FLUID_PRESSURE else
                          (cdr.joint_state_layout(), "engine_torque"))
@@ -202,11 +200,7 @@ class Operator:
         return newest
 
     def _statuses(self) -> list[dict[str, str]]:
-        """Return a list that collects the driveline's diagnostics, after waiting for the first.
-
-        They count subscribers to which this node may not yet be connected. The list is empty if the driveline publishes
-        no diagnostics.
-        """
+        """Return a list that collects the driveline's diagnostics, after waiting for the first if it publishes any."""
         statuses: list[dict[str, str]] = []
 
         def take(message: DiagnosticArray) -> None:

@@ -76,11 +76,12 @@ class Recorder:
         self.next_look = 0.0
         # The scene comes first, so that it precedes its states in the file. joint_states come last: the driveline may
         # wait for their subscriber, and all other subscriptions exist by then.
+        states = node.resolve_topic_name("joint_states")
         self.unsent = UnsentCount()
         self._unsent_topic = node.resolve_topic_name("unsent_messages")
         self._scene_topics = {node.resolve_topic_name(row.name) for row in TOPICS if row.type == STRING}
         latched = {node.resolve_topic_name(row.name) for row in TOPICS if row.latched}
-        for topic in sorted(wanted, key=lambda topic: (known[topic] == JOINT_STATE, topic not in latched)):
+        for topic in sorted(wanted, key=lambda topic: (topic == states, topic not in latched)):
             self._add(topic, known[topic], topic in latched)
         self._spinner = Spinner(node)
         self._reported: dict[str, dict[str, int]] = {}
@@ -177,11 +178,7 @@ class Recorder:
                                 np.array(sources, dtype=np.int64))
 
     def _describe(self, data: bytes, sent_ns: int) -> None:
-        """Write a scene as a metadata record, which survives a kill at any later moment.
-
-        It applies to messages sent after `sent_ns` by the driveline's clock, since states and scenes may arrive in
-        another order.
-        """
+        """Write a scene, which applies to messages sent after it, as a metadata record, which survives a kill."""
         try:
             self.bag.describe(cdr.read_string(data), log_ns=sent_ns)
         except ValueError as error:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from rclpy.node import Node
 from rclpy.qos import ReliabilityPolicy
@@ -13,16 +12,6 @@ from tcc_sim.messages import cdr
 from tcc_sim.nodes.loop_topics import Outputs
 from tcc_sim.scene import Operation
 from tcc_sim.topics import CLOCK_TOPIC
-
-MEETING, LOOK = 1.0, 1e-3
-"""Longest real time to connect to a known peer, and between two checks, s."""
-
-
-def await_peer(met: Callable[[], object]) -> None:
-    """Wait until `met()` is true, at most MEETING."""
-    since = time.monotonic()
-    while not met() and time.monotonic() - since < MEETING:
-        time.sleep(LOOK)
 
 
 class SimulationClock:
@@ -78,8 +67,7 @@ class SimulationClock:
         self._outputs.add(CLOCK_TOPIC)
         self.published = True
         if self._lockstep or stamp_ns is None:
-            known = self._node.count_subscribers(self._topic)
-            await_peer(lambda: self._outputs.listeners(CLOCK_TOPIC) >= known)
+            self._outputs.meet(CLOCK_TOPIC)
         if stamp_ns is not None:
             self._outputs.say(CLOCK_TOPIC, cdr.clock(stamp_ns))
 

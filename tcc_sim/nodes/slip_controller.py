@@ -23,7 +23,7 @@ from std_msgs.msg import Float64
 
 from tcc_sim.errors import InputError
 from tcc_sim.nodes import signals
-from tcc_sim.nodes.middleware import LATCHED, poll
+from tcc_sim.nodes.middleware import LATCHED, await_peer, poll
 from tcc_sim.nodes.parameters import declared
 from tcc_sim.nodes.process import Spinner, deliver, log, run_node
 from tcc_sim.plant.slip_control import SlipController, Tuning
@@ -47,7 +47,7 @@ class SlipControllerNode(Node):
     def __init__(self, **options: Any) -> None:
         super().__init__("slip_controller", **options)
         self.controller = SlipController(declared(self, Tuning))
-        self._last_stamp = -1
+        self._last_stamp, self._connected = -1, False
         self._command = self.create_publisher(FluidPressure, "actuation_pressure", QOS)
         self._target = self.create_publisher(Float64, "target_slip_speed", LATCHED)
         self._publish_target()
@@ -65,18 +65,15 @@ class SlipControllerNode(Node):
         self._target.publish(Float64(data=self.controller.target))
 
     def _on_state(self, state: JointState) -> None:
-        """Take a state and the states queued behind it, and answer the last.
-
-        Raises
-        ------
-        InputError
-            A state lacks finite speeds of two joints or a finite torque of the first; the other states are used.
-        """
+        """Take a state and the states queued behind it, answer the last, and raise InputError if one is not valid."""
         waiting = [state, *(state for state, _ in poll(self._states, QOS.depth))]
         whole = [state for state in waiting if len(state.velocity) > PLATE and len(state.effort) > FLYWHEEL
                  and all(map(math.isfinite, (*state.velocity, *state.effort)))]
         for state in whole:
             pressure = self._update(state)
+        if whole and not self._connected:  # A recorder should receive the first command too.
+            self._connected, known = True, self.count_subscribers("actuation_pressure")
+            await_peer(lambda: self._command.get_subscription_count() >= known)
         if whole:
             command = FluidPressure(fluid_pressure=pressure)
             command.header.stamp = whole[-1].header.stamp

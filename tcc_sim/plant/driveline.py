@@ -248,9 +248,7 @@ class Plant:
                        scene.system.engine.frequency, own.phase)
 
     def _origin_of(self, scene: Scene) -> Origin:
-        """Return the origin of the phases with which the phases of engine and load stay continuous if `scene` applies
-        from the next tick on.
-        """
+        """Return the origin with which the phases stay continuous if `scene` applies from the next tick on."""
         before, after, t = self.scene.system, scene.system, self.stepper.tick * self.stepper.step
         ratios = before.pressure.frequency_ratio, after.pressure.frequency_ratio
         if before.engine.frequency == after.engine.frequency and ratios[0] == ratios[1]:

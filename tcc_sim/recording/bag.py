@@ -158,10 +158,8 @@ class BagWriter:
         return self.directory / f"{self._name}_{number}.mcap"
 
     def _split(self) -> McapFile:
-        """End the part, and begin and return the next one with the same channels and the current scene.
-
-        The next file is created first: if that fails, the current part is still open and can be closed in order.
-        """
+        """End the part, and begin and return the next one with the same channels and the current scene."""
+        # If the next file cannot be created, the current part is still open and can be closed in order.
         before, after = self.file, McapFile(self._path(len(self._done) + 1), folder=self._folder)
         try:
             before.close(self._result() if self._result is not None else None, self._sync)

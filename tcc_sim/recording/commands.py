@@ -176,9 +176,7 @@ class _Clock:
 
 def _decoded(array: NDArray[np.uint8], offset: NDArray[np.int64], length: NDArray[np.int64],
              kind: str) -> tuple[Stamps, Stamps, Stamps, Floats, Stamps]:
-    """Return offsets in the chunk, times of receipt and of sending (ns), finite values, and stamps (ns; -1 for none) of
-    the valid messages of one type.
-    """
+    """Return offsets, times of receipt and sending (ns), finite values, and stamps (ns; -1: none) of valid messages."""
     if kind == FLOAT64:
         place = offset + 22 + 4
     else:

@@ -113,10 +113,9 @@ class _Copy:
 
 
 def _parsed(text: str) -> list[dict[str, Any]]:
-    """Parse quality of service from YAML; return the driveline's if it is not valid. Text with anchors is refused,
-    since aliases can expand a few bytes without limit.
-    """
+    """Parse quality of service from YAML; return the driveline's if it is not valid."""
     try:
+        # Aliases of anchors can expand a few bytes without limit.
         plain = not any(getattr(event, "anchor", None) for event in yaml.parse(text, Loader=yaml.SafeLoader))
         profiles = yaml.safe_load(text) if plain else None
     except (yaml.YAMLError, RecursionError, ValueError):

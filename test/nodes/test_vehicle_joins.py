@@ -7,6 +7,7 @@ from __future__ import annotations
 import threading
 from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from tcc_sim.nodes import loop as loop_module
 from tcc_sim.nodes import loop_topics, recorder
 from tcc_sim.replay.recorded import read
 from tcc_sim.replay.replay import replay
+from tcc_sim.topics import topic
 
 INERTIA, DRAG, PERIOD = 1.5, 2.0, 10
 
@@ -119,3 +121,18 @@ def test_a_vehicle_joins_lock_step_while_the_clock_runs_and_verifies_to_the_last
     np.testing.assert_allclose(run.output_speed[at], expected, rtol=1e-9, atol=1e-9)
     changed = 1 + np.flatnonzero(np.diff(run.saturation_torque[1:]))
     assert set((changed % PERIOD).tolist()) == {0}
+
+
+def test_the_first_output_state_waits_for_its_known_subscribers(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    node = bench.driveline(scene="minimal", pacing="lockstep")
+    bench.listen(JointState, "output_state")
+    bench.until(lambda: node.count_subscribers("output_state"))
+    met: list[object] = []
+    monkeypatch.setattr(loop_topics, "await_peer", lambda connected: met.append(connected))
+    node.loop.attach(loop_topics.CommandedInput(node, topic("output_speed")))
+    (connected,) = met
+    bench.until(connected)
+    counts = iter([0, 1])
+    publisher = SimpleNamespace(get_subscription_count=lambda: next(counts))
+    monkeypatch.setitem(node.loop.outputs._publishers, "output_state", publisher)
+    assert [connected(), connected()] == [False, True]
