@@ -36,6 +36,7 @@ from tcc_sim.trajectory import modes_of
 
 if TYPE_CHECKING:
     from tcc_sim.views.rerun_stream import RerunStream
+    from tcc_sim.views.stored import Record
 
 TAIL_CYCLES = 24
 """Number of engine cycles at the end of the run whose samples are kept, for a picture."""
@@ -107,6 +108,22 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
         if view is not None:
             view.text(found.markdown())
     return found
+
+
+def draw_again(path: Path, values: Record, title: str, width: float) -> Path:
+    """Draw what `analyse --plot` draws; raise InputError or RecordingError if the recording no longer exists."""
+    from tcc_sim.views import style
+    from tcc_sim.views.plots import plot
+    from tcc_sim.views.stored import arguments_in
+
+    given = arguments_in(vars(values))
+    recording = Recording(given.recording, given.scene, given.joints)
+    found: Any = replay(recording, discard=given.discard, frequency=given.frequency,
+                        window=Window(given.run, given.start, given.end))
+    if found.scene.system.profile is not None:
+        found = recording.trajectory(found.run, given.start, given.end)
+    drawn: Path = plot(found, path, "page" if style.wide(width) else "column", title=title, force=True)
+    return drawn
 
 
 class _Bar:

@@ -22,7 +22,7 @@ from tcc_sim.scene import Operation, Scene
 from tcc_sim.sweeps.simulation import Plan, simulate
 from tcc_sim.trajectory import UNITS, Trajectory
 
-DRAWN = {"analyse": ("tcc_sim.replay.again", "draw_again"), "figure": ("tcc_sim.paper.redrawn", "draw_stored"),
+DRAWN = {"analyse": ("tcc_sim.replay.replay", "draw_again"), "figure": ("tcc_sim.paper.redrawn", "draw_stored"),
          "precision": ("tcc_sim.benchmarks.redrawn", "draw_stored_precision"),
          "stability": ("tcc_sim.benchmarks.redrawn", "draw_stored_stability")}
 """By kind of JSON the module and the function of a later room that draws it: they take a picture's file, a `Record`, a

@@ -5,9 +5,9 @@ from driveline_bags import START, TICK, bag, ticked
 
 from tcc_sim.recording.announcements import SceneRecord, holding_from
 from tcc_sim.recording.columns import JointStates
-from tcc_sim.recording.places import places_of
 from tcc_sim.recording.reader import open_run
 from tcc_sim.replay.replay import replay
+from tcc_sim.replay.timeline import places_of
 from tcc_sim.scene import load_scene
 
 FIG02, COMMANDED = load_scene("fig02"), load_scene("commands")
