@@ -191,7 +191,7 @@ def numbered(of: DynamicalSystem, before: Sequence[Sequence[Attractor]], found: 
 
 def _validated(of: DynamicalSystem, found: Sequence[Attractor], settings: Settings) -> list[Attractor]:
     """Give each attractor a radius: spheres do not overlap, and motions that start on a sphere return to its centre."""
-    # The radius is halved until all probes return.
+    # The radius is halved until all probes return, or until it is too small.
     out = []
     for k, attractor in enumerate(found):
         others = [other for i, other in enumerate(found) if i != k]
@@ -201,11 +201,11 @@ def _validated(of: DynamicalSystem, found: Sequence[Attractor], settings: Settin
             tree = cKDTree(attractor.section / of.map.scales)
             radius = min(radius, float(np.quantile(tree.query(tree.data, k=2)[0][:, 1], 0.95)))
         if attractor.radius and attractor.radius <= radius:
-            radius = attractor.radius
+            radius, validated = attractor.radius, attractor.validated
         else:
-            while radius > settings.smallest_radius and not _captures(of, attractor, radius, settings):
+            while not (validated := _captures(of, attractor, radius, settings)) and radius > settings.smallest_radius:
                 radius *= 0.5
-        out.append(replace(attractor, radius=radius))
+        out.append(replace(attractor, radius=radius, validated=validated))
     return out
 
 

@@ -57,6 +57,7 @@ class Attractor(Described):
     multipliers : (n,) Floquet multipliers, largest modulus first; None without a period
     largest : the largest size of the motion
     radius : capture radius, in the map's scales
+    validated : whether motions that start at that radius return
     number : identifies the attractor along a key
     """
 
@@ -66,6 +67,7 @@ class Attractor(Described):
     multipliers: NDArray[np.complex128] | None
     largest: float
     radius: float = 0.0
+    validated: bool = True
     number: int = 0
 
 

@@ -60,6 +60,7 @@ class AttractorFigures:
     fraction: float = field(metadata=reported("share of the plane"))
     radius: float = field(metadata=reported(
         "within which a motion at the section counts as its own, in natural sizes of the three states"))
+    validated: bool = field(metadata=reported("whether motions that start at that radius return to it"))
     state: NDArray[np.float64] | None = field(metadata=reported(
         "slip speed, plate angle and plate speed at t = 0; null where there is no period", "rad/s, rad, rad/s"))
 
@@ -95,7 +96,8 @@ class Basins(Result):
     def figures(self) -> list[AttractorFigures]:
         """Return the attractors with their shares of the plane."""
         return [AttractorFigures(a.number, a.period, a.largest, a.section[:, [1, 0]], a.section[:, [1, 0, 2]],
-                                 a.multipliers, self.fraction(k), a.radius, a.section[0] if a.period else None)
+                                 a.multipliers, self.fraction(k), a.radius, a.validated,
+                                 a.section[0] if a.period else None)
                 for k, a in enumerate(self.attractors)]
 
     @property
@@ -129,7 +131,8 @@ class Basins(Result):
         lines = [f"Basins in {first.key} ({len(first.values)}) and {second.key} ({len(second.values)})"]
         said = [f"attractor {a.number}: " if self.over else "" for a in self.attractors]
         lines += [f"  {100.0 * self.fraction(k):6.2f} %  {said[k]}{f'period {a.period}' if a.period else 'no period'}, "
-                  f"largest slip speed {speed(a.largest)}" for k, a in enumerate(self.attractors[:most])]
+                  f"largest slip speed {speed(a.largest)}{'' if a.validated else ', capture radius not validated'}"
+                  for k, a in enumerate(self.attractors[:most])]
         if most is not None and len(self.attractors) > most:
             lines.append(f"  {counted(len(self.attractors) - most, 'more attractor')}")
         return [*lines, f"  {100.0 * self.fraction(RUNAWAY):6.2f} %  runaway slip",
@@ -176,13 +179,15 @@ class Planes(Described):
 
 
 def boundary_of(labels: Labels) -> Boundary | None:
-    """Return the uncertainty exponent of a map of labels, from differences between cells along either axis."""
+    """Return the uncertainty exponent of a map of labels, from differences between decided cells along either axis."""
     sizes, parts = [], []
     for k in DEFAULTS.distances:
         if k >= min(labels.shape):
             break
-        along = [labels[:, k:] != labels[:, :-k], labels[k:] != labels[:-k]]
-        part = sum(int(a.sum()) for a in along) / sum(a.size for a in along)
+        pairs = (labels[:, k:], labels[:, :-k]), (labels[k:], labels[:-k])
+        decided = [(one != UNDECIDED) & (other != UNDECIDED) for one, other in pairs]
+        unlike = sum(int(((one != other) & known).sum()) for (one, other), known in zip(pairs, decided))
+        part = unlike / max(sum(int(known.sum()) for known in decided), 1)
         if part > 0.0:
             sizes.append(np.log(k))
             parts.append(np.log(part))

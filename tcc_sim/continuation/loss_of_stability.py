@@ -19,8 +19,9 @@ from tcc_sim.continuation.settings import DEFAULTS
 from tcc_sim.continuation.special_points import Bifurcation, ContinuationPoint
 
 BASIN, STEEP, APERIODIC, NOT_FOLLOWED = "basin_boundary", "steep", "aperiodic", "not_followed"
-"""Causes that are no bifurcation of a branch: both motions go on, and the start enters the other basin; one motion that
-changes steeply; a motion without a period on either side; a periodic motion on a branch that was not followed."""
+"""Causes that are no bifurcation of a branch: a motion goes on, and the start enters another basin; one motion that
+changes steeply; a motion without a period on either side; a motion on a branch that was not followed up to the other
+one."""
 
 
 @dataclass(frozen=True)
@@ -205,7 +206,7 @@ def _cause(a: SettledMotion, b: SettledMotion, branches: Sequence[Branch], size:
     """The cause of a jump between two neighbouring motions of a sweep, and its bifurcation."""
     here, there = place_of(a, branches, size, base), place_of(b, branches, size, base)
     unplaced = NOT_FOLLOWED if any(s.period and p is None for s, p in ((a, here), (b, there))) else APERIODIC
-    ends: list[tuple[bool, Bifurcation]] = []
+    ends, goes_on = list[tuple[bool, Bifurcation]](), False
     for place, goal, other, seen in ((here, b.value, there, b), (there, a.value, here, a)):
         if place is None:
             continue
@@ -216,6 +217,7 @@ def _cause(a: SettledMotion, b: SettledMotion, branches: Sequence[Branch], size:
                                      and any(p.after == last and math.isfinite(p.holds(seen, size))
                                              for p in pieces_at(branch, seen.value)))):
             return STEEP, None
+        goes_on = goes_on or reached
         if not reached:
             found = nearest_bifurcation(branch, last, size, width)
             if found is not None:
@@ -224,7 +226,9 @@ def _cause(a: SettledMotion, b: SettledMotion, branches: Sequence[Branch], size:
         middle = 0.5 * (a.value + b.value)
         best = max(ends, key=lambda end: (end[0], -abs(end[1].value - middle)))[1]
         return best.kind, best
-    return (BASIN, None) if here is not None and there is not None else (unplaced, None)
+    if here is None or there is None:
+        return unplaced, None
+    return BASIN if goes_on else NOT_FOLLOWED, None
 
 
 def _walk(branch: Branch, place: BranchPlace, goal: float) -> tuple[int, bool]:

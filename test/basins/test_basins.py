@@ -146,6 +146,16 @@ def leaking(x, p):
     return 3.0 + 0.5 * (x - 3.0), np.array([[0.5]]), np.zeros((1, 0))
 
 
+@pytest.mark.parametrize(("multiplier", "validated"), [(0.5, True), (0.9995, False)])
+def test_a_capture_radius_is_validated_where_motions_return_within_600_cycles(multiplier, validated):
+    def linear(x, p):
+        return multiplier * x, np.array([[multiplier]]), np.zeros((1, 0))
+
+    (found,) = find_attractors(Iterated(linear, 1), [np.array([0.01])])
+    assert (found.period, found.validated) == (1, validated)
+    assert (found.radius > DEFAULTS.smallest_radius) is validated
+
+
 def test_a_chaotic_transient_is_no_attractor():
     of = Iterated(leaking, 1)
     seeds = [np.array([x]) for x in (0.11, 0.23, 0.37, 0.41)]
@@ -187,6 +197,10 @@ def test_the_uncertainty_exponent_of_known_boundaries():
     assert noise is not None
     assert noise.exponent == pytest.approx(0.0, abs=0.02)
     assert boundary_of(np.zeros((256, 256), np.int16)) is None
+    line[np.random.default_rng(4).random(line.shape) < 0.3] = UNDECIDED
+    partly = boundary_of(line)
+    assert partly is not None
+    assert partly.exponent == pytest.approx(1.0, abs=0.05)  # Undecided cells are no final state.
 
 
 def test_cells_of_the_driveline_are_labelled_as_brute_force_does():

@@ -156,6 +156,17 @@ def test_what_is_not_followed_is_told() -> None:
     assert (jump.cause, jump.found) == (NOT_FOLLOWED, None)
 
 
+def test_a_jump_between_branches_that_were_not_followed_far_enough_has_no_named_cause() -> None:
+    seen = [SettledMotion(s.value, s.state, s.cycle, 1, float(s.state[0]) + 2.0)
+            for s in swept(hysteresis, np.linspace(-0.3, 0.3, 21), 0.05, cycles=400)]
+    jump, = jumps_of(seen, bifurcation_diagram(Lifted(hysteresis, 1), ParameterRange(-0.3, 0.3), seen), 0.2)
+    middle = 0.5 * (jump.low + jump.high)
+    ways = [([s for s in seen if s.value < middle], -0.3, middle), ([s for s in seen if s.value > middle], middle, 0.3)]
+    ended = [b for part, *ends in ways for b in bifurcation_diagram(Lifted(hysteresis, 1), ParameterRange(*ends), part)]
+    assert [place_of(s, ended, amplitude_of(seen)) for s in seen].count(None) == 0
+    assert {j.cause for j in jumps_of(seen, ended, 0.2)} == {NOT_FOLLOWED}
+
+
 def test_what_has_no_period_lies_on_no_branch() -> None:
     seen = swept(logistic, np.linspace(3.7, 3.72, 5), 0.3, period_of=lambda points: 0)
     assert surveyed(logistic, seen, 3.7, 3.72) == []
