@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -48,7 +47,6 @@ class DrivelineMap:
         self.divisible = True
         self._made: tuple[Values, System] | None = None
         self._prepared: tuple[Values, Prepared] | None = None
-        self._last: tuple[Any, Stroboscopic] | None = None
         if self.piecewise:
             # A scene without derivatives is refused here.
             Prepared(system, self.keys, tolerance)
@@ -66,27 +64,17 @@ class DrivelineMap:
 
     def evaluate(self, x: Floats, values: Values, first: float, cycles: float) -> Image:
         """The state `cycles` cycles on, with derivatives by the state and by the free keys."""
-        return self._image(self._passed(x, values, first, cycles), cycles)
+        return self.evaluate_each(x[None], values, [first], [cycles])[0]
 
     def evaluate_each(self, states: Floats, values: Values, firsts: Sequence[float],
                       cycles: Sequence[float]) -> list[Image]:
         """`evaluate` for several starts."""
-        return [self._image(found, count) for found, count in zip(self._each(states, values, firsts, cycles), cycles)]
-
-    def _image(self, found: Stroboscopic, cycles: float) -> Image:
-        """The map's image of a motion."""
-        return Image(found.state, found.derivatives, self._seen(found, cycles), found.heights_derivatives)
+        return [Image(found.state, found.derivatives, self._seen(found, count), found.heights_derivatives)
+                for found, count in zip(self._each(states, values, firsts, cycles), cycles)]
 
     def observe(self, x: Floats, values: Values, first: int, cycles: int) -> Observation:
         """Largest |slip speed|, stick fraction and event sequence."""
-        return self._seen(self._passed(x, values, first, cycles), cycles)
-
-    def _passed(self, x: Floats, values: Values, first: float, cycles: float) -> Stroboscopic:
-        """The motion with its derivatives; the last one is cached."""
-        asked = x.tobytes(), values, first, cycles
-        if self._last is None or self._last[0] != asked:
-            self._last = asked, self._each(x[None], values, [first], [cycles])[0]
-        return self._last[1]
+        return self._seen(self._each(x[None], values, [first], [cycles])[0], cycles)
 
     def _prepare(self, values: Values) -> Prepared:
         """The system at these values, ready to be evaluated at many states."""

@@ -6,6 +6,7 @@ partial differential equations, SIAM J. Sci. Comput. 37 (2015).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -137,7 +138,7 @@ def newton(shooting: Shooting, z: Floats, known: Sequence[Floats] = ()) -> Float
         found = shooting.linearise(z)
         for _ in range(settings.newton_iterations):
             step = _newton_step(found.jacobian[:, :size], found.residual, settings.singular)
-            turn = sum((_slope(z[:size] - k[:size], step) for k in known), 0.0)
+            turn = sum(_slope(z[:size] - k[:size], step) for k in known)
             if turn:
                 step = step / (1.0 - turn)
             length = float(np.abs(step).max())
@@ -168,21 +169,15 @@ def newton(shooting: Shooting, z: Floats, known: Sequence[Floats] = ()) -> Float
 
 def _newton_step(jacobian: Floats, residual: Floats, singular: float) -> Floats:
     """Newton's step; the shortest one where the Jacobian is singular, in a family of motions."""
-    step: Any
     try:
-        step = np.linalg.solve(jacobian, -residual)
+        return np.asarray(np.linalg.solve(jacobian, -residual))
     except np.linalg.LinAlgError:
-        step = np.linalg.lstsq(jacobian, -residual, rcond=singular)[0]
-    out: Floats = step
-    return out
+        return np.asarray(np.linalg.lstsq(jacobian, -residual, rcond=singular)[0])
 
 
 def _weight(z: Floats, known: Sequence[Floats], size: int) -> float:
     """The deflation operator: product of 1 + 1/|z - known|^2."""
-    out = 1.0
-    for k in known:
-        out *= 1.0 + 1.0 / max(float(np.sum((z[:size] - k[:size]) ** 2)), 1e-300)
-    return out
+    return math.prod(1.0 + 1.0 / max(float(np.sum((z[:size] - k[:size]) ** 2)), 1e-300) for k in known)
 
 
 def _slope(away: Any, step: Any) -> float:
@@ -226,6 +221,5 @@ def find_orbit(shooting: Shooting, values: Values, guesses: Iterable[Floats],
             x = shooting.nodes(z)[0]
             if minimal_period(shooting.map, x, values, shooting.period) == shooting.period:
                 return z
-            deflated += [shooting.unknowns(p[None], values) for p in shifts(shooting.map, x, values,
-                                                                            shooting.period)[:1]]
+            deflated.append(shooting.unknowns(x[None], values))
     return None

@@ -180,15 +180,13 @@ def tangent_of(found: Linearised, along: Floats) -> Floats:
     """The unit tangent of the curve that points along `along`."""
     side = np.zeros(len(along))
     side[-1] = 1.0
-    t: Any = np.linalg.solve(np.vstack([found.jacobian, along]), side)
-    out: Floats = t / float(np.linalg.norm(t))
-    return out
+    t = np.linalg.solve(np.vstack([found.jacobian, along]), side)
+    return np.asarray(t / float(np.linalg.norm(t)))
 
 
 def null_direction(found: Linearised) -> Floats:
     """A unit vector that the Jacobian maps to zero."""
-    out: Floats = np.linalg.svd(found.jacobian)[2][-1]
-    return out
+    return np.asarray(np.linalg.svd(found.jacobian)[2][-1])
 
 
 def solution_at(z: Floats, found: Linearised, tangent: Floats) -> Solution:

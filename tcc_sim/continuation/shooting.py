@@ -120,8 +120,7 @@ class Shooting:
 
     def nodes(self, z: Floats) -> Floats:
         """(m, n) states at the starts of the segments."""
-        out: Floats = z[:self.size].reshape(-1, self.map.dimension) * self.map.scales
-        return out
+        return np.asarray(z[:self.size].reshape(-1, self.map.dimension) * self.map.scales)
 
     def unknowns(self, nodes: Floats, values: Values) -> Floats:
         """The scaled unknowns of nodes (m, n) and parameters."""

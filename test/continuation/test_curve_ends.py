@@ -19,6 +19,12 @@ from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.shooting import ParameterRange, Shooting
 
 
+def ring(x, p):
+    """Folds at x = 0 where p^2 + q^2 = 1."""
+    return (x + 0.2 * (x**2 + p[0] ** 2 + p[1] ** 2 - 1.0), np.array([[1.0 + 0.4 * x[0]]]),
+            np.array([[0.4 * p[0], 0.4 * p[1]]]))
+
+
 def followed(equations: MinimallyAugmented, forward: bool) -> CurveTrack:
     """The curve from its start, followed to its end."""
     track = CurveTrack(facing(start_of_curve(equations, equations.start), forward), BOUNDS)
@@ -27,10 +33,6 @@ def followed(equations: MinimallyAugmented, forward: bool) -> CurveTrack:
 
 
 def test_a_curve_that_comes_back_is_closed() -> None:
-    def ring(x, p):  # Folds where p^2 + q^2 = 1.
-        return (x + 0.2 * (x**2 + p[0] ** 2 + p[1] ** 2 - 1.0), np.array([[1.0 + 0.4 * x[0]]]),
-                np.array([[0.4 * p[0], 0.4 * p[1]]]))
-
     curve, _ = curve_of(ring, 1, "fold", (0.0, 0.3), [-0.9], first=ParameterRange(-2.0, 2.0),
                         second=ParameterRange(-2.0, 2.0))
     assert {end.reason for end in curve.ended} == {StopReason.CLOSED}
@@ -79,13 +81,14 @@ def test_a_curve_goes_on_in_more_segments_where_growth_within_one_is_taken_back(
 
 
 def test_a_curve_that_comes_back_in_other_segments_is_closed() -> None:
-    # Folds on the circle x = 0, p^2 + q^2 = 1, and y' = (2.5 + p) y: three cycles are one segment at first.
-    def ring(x, p):
-        return (np.array([x[0] + 0.2 * (x[0] ** 2 + p[0] ** 2 + p[1] ** 2 - 1.0), (2.5 + p[0]) * x[1]]),
-                np.diag([1.0 + 0.4 * x[0], 2.5 + p[0]]), np.array([[0.4 * p[0], 0.4 * p[1]], [x[1], 0.0]]))
+    # Beside the ring y' = (2.5 + p) y: three cycles are one segment at first.
+    def growing(x, p):
+        value, slope, by = ring(x[:1], p)
+        return (np.append(value, (2.5 + p[0]) * x[1]), np.diag([slope[0, 0], 2.5 + p[0]]),
+                np.vstack([by, [x[1], 0.0]]))
 
     span = ParameterRange(-2.0, 2.0)
-    whole = Shooting.single(TextbookMap(ring, 2), 3, span, span, settings=Settings(growth=3.0, fewer_after=5))
+    whole = Shooting.single(TextbookMap(growing, 2), 3, span, span, settings=Settings(growth=3.0, fewer_after=5))
     equations = MinimallyAugmented("fold", whole, whole.unknowns(np.zeros((1, 2)), (-0.8, 0.6)))
     track = followed(equations, True)
     assert {point.equations.shooting.segments for point in track.points} == {(3,), (1, 1, 1)}
@@ -95,11 +98,10 @@ def test_a_curve_that_comes_back_in_other_segments_is_closed() -> None:
 def test_a_closed_curve_that_was_lost_one_way_is_closed() -> None:
     ways = 0
 
-    def ring(x, p):  # Folds where p^2 + q^2 = 1; on the first way there is no map where q > 0.9.
+    def torn(x, p):  # On the first way there is no map where q > 0.9.
         if ways == 1 and p[1] > 0.9:
             raise ArithmeticError("no map")
-        return (x + 0.2 * (x**2 + p[0] ** 2 + p[1] ** 2 - 1.0), np.array([[1.0 + 0.4 * x[0]]]),
-                np.array([[0.4 * p[0], 0.4 * p[1]]]))
+        return ring(x, p)
 
     class Counted(TextbookMap):
         """Counts how many ways have begun, by the parameters with which they do."""
@@ -114,8 +116,8 @@ def test_a_closed_curve_that_was_lost_one_way_is_closed() -> None:
         beginning = False
 
     span = ParameterRange(-2.0, 2.0)
-    found = of_kind(branch_of(at_second(ring, 0.3), 1, -2.0, 2.0, 0.0, [-0.9]), "fold")
-    curve = bifurcation_curve(found, Counted(ring, 1), (span, span), 0.3)
+    found = of_kind(branch_of(at_second(torn, 0.3), 1, -2.0, 2.0, 0.0, [-0.9]), "fold")
+    curve = bifurcation_curve(found, Counted(torn, 1), (span, span), 0.3)
     assert ways == 2
     assert curve is not None
     assert {end.reason for end in curve.ended} == {StopReason.CLOSED}
@@ -123,11 +125,7 @@ def test_a_closed_curve_that_was_lost_one_way_is_closed() -> None:
 
 
 def test_after_a_refused_step_the_tangent_says_where_a_curve_goes_on() -> None:
-    # Folds on the circle x = 0, p^2 + q^2 = 1; the points behind are 40 degrees apart, so the chord is 20 off.
-    def ring(x, p):
-        return (x + 0.2 * (x**2 + p[0] ** 2 + p[1] ** 2 - 1.0), np.array([[1.0 + 0.4 * x[0]]]),
-                np.array([[0.4 * p[0], 0.4 * p[1]]]))
-
+    # The points behind are 40 degrees of the circle apart, so the chord is 20 off.
     def point(degrees: float) -> Solution:
         c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
         return solution_at(z := np.array([0.0, c, s]), equations.linearise(z), np.array([0.0, -s, c]))

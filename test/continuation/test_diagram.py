@@ -41,6 +41,12 @@ def swept(step: Step, values, start, cycles=400, hand_over=False, period_of=lamb
     return out
 
 
+def lifted(values, start, **how) -> list[SettledMotion]:
+    """Motions of `hysteresis` with the sizes x + 2, which differ on its two branches."""
+    return [SettledMotion(s.value, s.state, s.cycle, 1, float(s.state[0]) + 2.0)
+            for s in swept(hysteresis, values, start, **how)]
+
+
 def period(points) -> int:
     return next((n for n in range(1, 17) if abs(points[-1] - points[-1 - n]) < 1e-9), 0)
 
@@ -51,11 +57,8 @@ def surveyed(step: Step, seen: list[SettledMotion], low: float, high: float, set
 
 @pytest.mark.parametrize("up", [True, False])
 def test_a_jump_of_a_continued_sweep_is_the_fold_at_its_end(up) -> None:
-    values = np.linspace(-1.0, 1.0, 41)
-    seen = swept(hysteresis, values if up else values[::-1], -1.3 if up else 1.3, hand_over=True)
-    seen = seen if up else seen[::-1]
-    # Sizes are |x|, alike on both branches: what tells them apart is made of x itself.
-    seen = [SettledMotion(s.value, s.state, s.cycle, 1, float(s.state[0]) + 2.0) for s in seen]
+    way = 1 if up else -1
+    seen = lifted(np.linspace(-1.0, 1.0, 41)[::way], -1.3 * way, hand_over=True)[::way]
     branches = bifurcation_diagram(Lifted(hysteresis, 1), ParameterRange(-1.0, 1.0, name="p"), seen)
     assert len(branches) == 1
     jump, = jumps_of(seen, branches, 0.2)
@@ -65,8 +68,7 @@ def test_a_jump_of_a_continued_sweep_is_the_fold_at_its_end(up) -> None:
 
 
 def test_a_motion_between_the_last_point_and_the_fold_lies_on_the_branch() -> None:
-    seen = swept(hysteresis, np.linspace(-1.0, 1.0, 41), -1.3, hand_over=True)
-    seen = [SettledMotion(s.value, s.state, s.cycle, 1, float(s.state[0]) + 2.0) for s in seen]
+    seen = lifted(np.linspace(-1.0, 1.0, 41), -1.3, hand_over=True)
     branch, = bifurcation_diagram(Lifted(hysteresis, 1), ParameterRange(-1.0, 1.0, name="p"), seen)
     last = max(s.value for s in branch.points if s.orbit.section[0] < 0.0)
     p = 0.5 * (last + FOLD)
@@ -84,9 +86,7 @@ class Lifted(TextbookMap):
 
 def test_a_jump_between_motions_that_both_go_on_is_the_boundary_of_their_basins() -> None:
     # From 0.1 - p cold starts come to the upper motion where the unstable one lies below.
-    values = np.linspace(-0.3, 0.3, 21)
-    seen = [SettledMotion(s.value, s.state, s.cycle, 1, float(s.state[0]) + 2.0)
-            for s in swept(hysteresis, values, 0.05, cycles=400)]
+    seen = lifted(np.linspace(-0.3, 0.3, 21), 0.05)
     branches = bifurcation_diagram(Lifted(hysteresis, 1), ParameterRange(-0.3, 0.3, name="p"), seen)
     assert len(branches) == 2
     jump, = jumps_of(seen, branches, 0.2)
@@ -99,8 +99,7 @@ def test_a_jump_between_motions_that_both_go_on_is_the_boundary_of_their_basins(
 def test_the_motion_that_was_followed_ends_in_the_cause_of_a_jump(direction: str, side: float, fold: float) -> None:
     """Of cold starts, which follow none, that which ends nearest to the middle of the jump."""
     # p + x - x^3 = 0: the lower motion ends at p = 2/3^1.5, the upper one at -2/3^1.5.
-    seen = [SettledMotion(s.value, s.state, s.cycle, 1, float(s.state[0]) + 2.0)
-            for p in (-0.5 - 0.05 * side, 0.5 - 0.05 * side) for s in swept(hysteresis, np.array([p]), p, cycles=400)]
+    seen = [s for p in (-0.5 - 0.05 * side, 0.5 - 0.05 * side) for s in lifted([p], p)]
     branches = bifurcation_diagram(Lifted(hysteresis, 1), ParameterRange(-0.6, 0.6, name="p"), seen)
     jump, = jumps_of(seen, branches, 0.2, direction=direction)
     assert (jump.cause, jump.value) == ("fold", pytest.approx(fold * 2.0 / 3.0**1.5, abs=1e-9))
@@ -157,8 +156,7 @@ def test_what_is_not_followed_is_told() -> None:
 
 
 def test_a_jump_between_branches_that_were_not_followed_far_enough_has_no_named_cause() -> None:
-    seen = [SettledMotion(s.value, s.state, s.cycle, 1, float(s.state[0]) + 2.0)
-            for s in swept(hysteresis, np.linspace(-0.3, 0.3, 21), 0.05, cycles=400)]
+    seen = lifted(np.linspace(-0.3, 0.3, 21), 0.05)
     jump, = jumps_of(seen, bifurcation_diagram(Lifted(hysteresis, 1), ParameterRange(-0.3, 0.3), seen), 0.2)
     middle = 0.5 * (jump.low + jump.high)
     ways = [([s for s in seen if s.value < middle], -0.3, middle), ([s for s in seen if s.value > middle], middle, 0.3)]

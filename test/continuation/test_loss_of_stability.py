@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from test_diagram import FOLD, Lifted, hysteresis, period, subcritical, surveyed, swept
+from test_diagram import FOLD, Lifted, hysteresis, lifted, period, subcritical, surveyed, swept
 from textbook_maps import logistic
 
 from tcc_sim.continuation.branch import SettledMotion
@@ -14,8 +14,7 @@ from tcc_sim.continuation.shooting import ParameterRange
 
 
 def test_both_stretches_of_a_hysteresis_end_in_its_folds() -> None:
-    seen = [SettledMotion(s.value, s.state, s.cycle, 1, float(s.state[0]) + 2.0)
-            for s in swept(hysteresis, np.linspace(-1.0, 1.0, 21), -1.3, hand_over=True)]
+    seen = lifted(np.linspace(-1.0, 1.0, 21), -1.3, hand_over=True)
     found = stable_segments(bifurcation_diagram(Lifted(hysteresis, 1), ParameterRange(-1.0, 1.0, name="p"), seen), -1.0,
                             1.0, 2.0)
     lower, upper = sorted(found, key=lambda s: s.low.value)
