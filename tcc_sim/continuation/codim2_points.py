@@ -18,7 +18,6 @@ from tcc_sim.continuation.bordered import MinimallyAugmented, cyclic, nearest_ma
 from tcc_sim.continuation.bracket import Bracket, CurvePoint, chandrupatla
 from tcc_sim.continuation.newton import multipliers_of
 from tcc_sim.continuation.problem import FAILURES, Floats
-from tcc_sim.continuation.shooting import Linearised
 from tcc_sim.continuation.sliding import differ, kind_of_change
 
 
@@ -44,33 +43,40 @@ the pair's angle from there.
 """
 
 
-def _tests(equations: MinimallyAugmented, u: Floats, found: Linearised, longer: float = 0.0) -> dict[str, float]:
-    """Smooth functions, each with a simple root where a curve has the special point of that name.
+def values_of_tests(point: CurvePoint, longer: float = 0.0) -> dict[str, float]:
+    """The test functions that have a value at a point, by the special point at which each has a simple root.
 
     None has a pole: the normal form's coefficient of a doubling is multiplied by the tests of fold-flip and of 1:2, at
     each of which it has one.
 
-    found : linearisation at u or near it
-    longer : step of differences relative to the usual one, to fourth order; 0 for the usual one, to second order
+    longer : step of differences at the point relative to the usual one, to fourth order; 0 takes the linearisation of
+        the point and second order
     """
-    if equations.turning:
-        angle = float(u[-1])
-        return {"resonance_1_1": float(np.sin(angle)) if angle < 0.5 * np.pi else 1.0,
-                "resonance_1_2": float(np.sin(angle)) if angle > 0.5 * np.pi else 1.0,
-                "resonance_1_3": angle - 2.0 * np.pi / 3.0, "resonance_1_4": angle - 0.5 * np.pi}
-    mu = equations.multiplier(u).real
-    v, w, _ = equations.null_vectors(found.blocks, mu)
-    q, p, m = v / np.linalg.norm(v), w / np.linalg.norm(w), multipliers_of(*found.blocks)
-    others = m[np.argsort(np.abs(m - mu))[1:]]
-    simple, flip = float(p[-1] @ q[0]), float(np.prod((others + mu) / (1.0 + np.abs(others))).real)
-    if equations.kind == "fold":
-        bend = float(found.jacobian[-1, :equations.shooting.size] @ v.ravel()) / float(np.linalg.norm(v))
-        return {"cusp": bend, "resonance_1_1": simple, "fold_flip": flip}
-    out = {"resonance_1_2": simple, "fold_flip": flip}
+    equations, u = point.equations, point.solution.z
+    if not isinstance(equations, MinimallyAugmented):
+        return {}
+    out: dict[str, float] = {}
     try:
-        return out | {"generalised_doubling": flip * _cubic(equations, u, q, p, longer)}
+        found = equations.linearise(u, longer) if longer else point.solution.found
+        if equations.turning:
+            angle = float(u[-1])
+            return {"resonance_1_1": math.sin(angle) if angle < 0.5 * np.pi else 1.0,
+                    "resonance_1_2": math.sin(angle) if angle > 0.5 * np.pi else 1.0,
+                    "resonance_1_3": angle - 2.0 * np.pi / 3.0, "resonance_1_4": angle - 0.5 * np.pi}
+        mu = equations.multiplier(u).real
+        v, w, _ = equations.null_vectors(found.blocks, mu)
+        q, p, m = v / np.linalg.norm(v), w / np.linalg.norm(w), multipliers_of(*found.blocks)
+        others = m[np.argsort(np.abs(m - mu))[1:]]
+        simple, flip = float(p[-1] @ q[0]), float(np.prod((others + mu) / (1.0 + np.abs(others))).real)
+        if equations.kind == "fold":
+            bend = float(found.jacobian[-1, :equations.shooting.size] @ v.ravel()) / float(np.linalg.norm(v))
+            return {"cusp": bend, "resonance_1_1": simple, "fold_flip": flip}
+        out |= {"resonance_1_2": simple, "fold_flip": flip}
+        out["generalised_doubling"] = flip * _cubic(equations, u, q, p, longer)
     except FAILURES:
-        return out
+        pass
+    return out
+
 
 def _cubic(equations: MinimallyAugmented, u: Floats, q: Floats, p: Floats, longer: float) -> float:
     """The normal form's coefficient of third order at a doubling times p . E q, whose sign tells whether it is stable.
@@ -89,21 +95,6 @@ def _cubic(equations: MinimallyAugmented, u: Floats, q: Floats, p: Floats, longe
     b, c = (np.einsum("kij,kj->ki", x, q) for x in (first, second))
     h = np.linalg.solve(cyclic(blocks, 1.0), -b.ravel()).reshape(q.shape)
     return float(0.5 * np.sum(p * (c + 3.0 * np.einsum("kij,kj->ki", first, h))))
-
-
-def values_of_tests(point: CurvePoint, longer: float = 0.0) -> dict[str, float]:
-    """The test functions that have a value at a point, from its linearisation.
-
-    longer : if not 0, factor of the difference steps of a new linearisation at the point
-    """
-    equations, z = point.equations, point.solution.z
-    if not isinstance(equations, MinimallyAugmented):
-        return {}
-    try:
-        found = equations.linearise(z, longer) if longer else point.solution.found
-        return _tests(equations, z, found, longer)
-    except FAILURES:
-        return {}
 
 
 Test = Callable[[CurvePoint, float], float]

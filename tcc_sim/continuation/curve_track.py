@@ -28,7 +28,6 @@ from tcc_sim.continuation.codim2_points import (
 from tcc_sim.continuation.follow import Bounds, Continuation, End, StopReason, segments_fit
 from tcc_sim.continuation.palc import (
     Equations,
-    Solution,
     StepSize,
     corrector,
     null_direction,
@@ -51,10 +50,6 @@ class CurveTrack(Continuation[CurvePoint, SpecialPoint]):
         self.signs: dict[str, list[tuple[CurvePoint, float]]] = {}
         """Points and values of each test, since the last change of its sign."""
         self._test(first)
-
-    def reached(self, solution: Solution, by_amplitude: bool = True) -> CurvePoint:
-        """The point of a solution after the last point."""
-        return self.here.moved(solution)
 
     def unresolved(self, new: CurvePoint) -> End | None:
         """The end before a motion along a part of which disturbances grow beyond double precision."""

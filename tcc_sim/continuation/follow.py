@@ -166,7 +166,7 @@ class Continuation(Generic[P, S]):
 
     def reached(self, solution: Solution, by_amplitude: bool = True) -> P:
         """The point of a solution after the last point."""
-        raise NotImplementedError
+        return self.here.moved(solution)
 
     def beyond_corner(self) -> P | None:
         """The next point beyond a corner of the curve at the last point; None where there is no corner."""

@@ -47,14 +47,13 @@ class Trace(NamedTuple):
 
     smoothness : (K,) smoothing factor of the scene over that of each point
     places : (K, 1 + n) parameter, and state at phase 0 in natural sizes
-    last, shooting : the last point, and the equations of its orbit
+    last : the last point
     end : why it ended
     """
 
     smoothness: Floats
     places: Floats
     last: CurvePoint
-    shooting: Shooting
     end: End
 
 
@@ -116,8 +115,7 @@ def _traced(found: Bifurcation, smoothed: ParameterMap, span: ParameterRange, si
     points = [point for track in tracks for point in track.points]
     places = [[span.value(float(u[n])), *u[:smoothed.dimension]]
               for u, n in ((s.solution.z, s.equations.first_parameter) for s in points)]
-    assert isinstance(last.equations, MinimallyAugmented)
-    return Trace(np.array([smoothness_at(s) for s in points]), np.array(places), last, last.equations.shooting, end)
+    return Trace(np.array([smoothness_at(s) for s in points]), np.array(places), last, end)
 
 
 def smoothness_at(point: CurvePoint) -> float:
@@ -145,7 +143,9 @@ def _set_valued(kind: str, trace: Trace, limits: Floats, error: float, of: Param
     # The branch begins at the extrapolated motion, or at the last one of the trace, where the corrector changes the
     # parameter as much as on the smoothed law's branch. The first range lies between these two motions, where steps are
     # short enough for a canard, the second one has the whole width.
-    old, settings, last = trace.shooting, trace.shooting.settings, trace.places[-1]
+    assert isinstance(trace.last.equations, MinimallyAugmented)
+    old, last = trace.last.equations.shooting, trace.places[-1]
+    settings = old.settings
     along = np.linalg.svd(trace.last.solution.found.jacobian[:old.size, :old.size + 1])[2][-1]
     for half in (2.0 * max(error, abs(last[0] - limits[0])), 0.5 * width):
         span = ParameterRange(limits[0] - half, limits[0] + half, name=old.ranges[0].name)

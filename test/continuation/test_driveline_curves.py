@@ -77,21 +77,6 @@ def test_the_curve_of_a_fold_passes_the_folds_found_anew_at_its_ends(system: Sys
         assert again.value == pytest.approx(value, abs=1e-8)
 
 
-def test_the_curve_of_a_doubling_passes_the_doublings_found_anew_at_its_ends(system: System) -> None:
-    ends = 0.357 * NATURAL, 0.363 * NATURAL
-    one = replace(system, {MU_K: 0.3 * 0.78})
-    found = continue_motions(one, ContinuationPlan(MU_K, 0.3 * 0.7, 0.3 * 0.85, period=1, second=(OMEGA, *ends)))
-    (item,) = found.bifurcations
-    assert item.value / 0.3 == pytest.approx(DOUBLING, abs=1e-8)
-    (curve,) = found.curves
-    assert curve.kind == "period_doubling"
-    assert sorted({curve.second[0], curve.second[-1]}) == pytest.approx(list(ends), rel=1e-12)
-    for value, omega in ((curve.values[k], curve.second[k]) for k in (0, -1)):
-        at = replace(one, {OMEGA: omega})
-        (again,) = continue_motions(at, ContinuationPlan(MU_K, 0.3 * 0.7, 0.3 * 0.85, period=1)).bifurcations
-        assert again.value == pytest.approx(value, abs=1e-8)
-
-
 def test_the_doubled_branch_of_a_saddle_beside_a_canard(system: System) -> None:
     """A doubling 3e-6 of mu_s off the fold, where the map bends within 1e-5 of the natural sizes."""
     at = replace(system, {MU_K: 0.3 * 0.74})
@@ -110,19 +95,25 @@ def test_the_doubled_branch_of_a_saddle_beside_a_canard(system: System) -> None:
     assert max(s.orbit.residual for s in child.points) < 1e-8
 
 
-def test_the_curve_of_a_neimark_sacker_bifurcation_passes_those_found_anew_at_its_ends(system: System) -> None:
-    at = replace(system, {MU_K: 0.3 * 0.83, OMEGA: 0.2545 * NATURAL})
-    ends = 0.3 * 0.829, 0.3 * 0.831
-    found = continue_motions(at, ContinuationPlan(OMEGA, 0.254 * NATURAL, 0.2568 * NATURAL, period=1,
-                                                  second=(MU_K, *ends)))
-    (curve,) = found.curves
-    assert curve.kind == "neimark_sacker"
-    assert sorted({curve.second[0], curve.second[-1]}) == pytest.approx(list(ends), rel=1e-12)
-    for value, coefficient in ((curve.values[k], curve.second[k]) for k in (0, -1)):
-        beside = replace(at, {MU_K: coefficient})
-        plan = ContinuationPlan(OMEGA, 0.254 * NATURAL, 0.2568 * NATURAL, period=1)
-        (again,) = continue_motions(beside, plan).bifurcations
-        assert again.value == pytest.approx(value, rel=1e-8)
+@pytest.mark.parametrize(("kind", "changes", "plan"), [
+    ("period_doubling", {MU_K: 0.3 * 0.78}, ContinuationPlan(
+        MU_K, 0.3 * 0.7, 0.3 * 0.85, period=1, second=(OMEGA, 0.357 * NATURAL, 0.363 * NATURAL))),
+    ("neimark_sacker", {MU_K: 0.3 * 0.83, OMEGA: 0.2545 * NATURAL}, ContinuationPlan(
+        OMEGA, 0.254 * NATURAL, 0.2568 * NATURAL, period=1, second=(MU_K, 0.3 * 0.829, 0.3 * 0.831)))])
+def test_a_curve_passes_the_bifurcations_found_anew_at_its_ends(system: System, kind: str, changes,
+                                                                plan: ContinuationPlan) -> None:
+    at = replace(system, changes)
+    found = continue_motions(at, plan)
+    (item,), (curve,) = found.bifurcations, found.curves
+    assert curve.kind == kind
+    if kind == "period_doubling":
+        assert item.value / 0.3 == pytest.approx(DOUBLING, abs=1e-8)
+    key, *ends = plan.second
+    assert sorted({curve.second[0], curve.second[-1]}) == pytest.approx(ends, rel=1e-12)
+    for value, second in ((curve.values[k], curve.second[k]) for k in (0, -1)):
+        (again,) = continue_motions(replace(at, {key: second}), dataclasses.replace(plan, second=None)).bifurcations
+        assert again.value == pytest.approx(value, abs=1e-8 * max(value, 1.0))
+
 
 
 def test_at_a_neimark_sacker_bifurcation_motions_nearby_cease_to_come_back(system: System) -> None:

@@ -229,19 +229,17 @@ def test_rounding_makes_no_bifurcation_of_a_motion_without_damping() -> None:
 RUNNING_AWAY = {"friction.law": "set_valued", "pressure.mean": 150e3, "pressure.amplitude": 0.0}
 
 
-def test_where_slip_runs_away_it_is_said_where_to_begin_instead() -> None:
+@pytest.mark.parametrize(("changes", "plan", "words"), [
     # mu_s Pm A R = 360 N m holds the mean torque in stick up to mu_k = mu_s; at 0.2 there are 240 N m against 300.
-    system = replace(load_scene("fig02").system, {**RUNNING_AWAY, MU_K: 0.2})
-    words = r"slip grows without end at .* begin at --set .*=0\.\d+, where the motion settles in period \d+"
+    ({MU_K: 0.2}, ContinuationPlan(MU_K, 0.19, 0.29),
+     r"slip grows without end at .* begin at --set .*=0\.\d+, where the motion settles in period \d+"),
+    ({"pressure.mean": 2.6}, ContinuationPlan("engine.frequency", 100.0, 160.0),
+     r"mean torque 300 N m exceeds what the clutch carries in slip, 0\.004992 N m .* 9 values of the range too")],
+    ids=["at the scene's value", "everywhere"])
+def test_where_slip_runs_away_the_error_says_why_and_where_to_begin(changes, plan: ContinuationPlan,
+                                                                    words: str) -> None:
     with pytest.raises(NumericalFailure, match=words):
-        continue_motions(system, ContinuationPlan(MU_K, 0.19, 0.29))
-
-
-def test_where_slip_runs_away_everywhere_the_torques_are_said() -> None:
-    system = replace(load_scene("fig02").system, {**RUNNING_AWAY, "pressure.mean": 2.6})
-    words = r"mean torque 300 N m exceeds what the clutch carries in slip, 0\.004992 N m .* 9 values of the range too"
-    with pytest.raises(NumericalFailure, match=words):
-        continue_motions(system, ContinuationPlan("engine.frequency", 100.0, 160.0))
+        continue_motions(replace(load_scene("fig02").system, {**RUNNING_AWAY, **changes}), plan)
 
 
 def test_a_family_of_pure_slip_is_refused() -> None:

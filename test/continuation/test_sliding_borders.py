@@ -15,7 +15,6 @@ from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.sliding import differ
 from tcc_sim.continuation.special_points import special_points_between
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.model.pure_stick import constant_load_limits
 from tcc_sim.scene import load_scene
 
 MU_K, OMEGA, PSI = "friction.kinetic_coefficient", "engine.frequency", "pressure.phase"
@@ -111,14 +110,6 @@ def test_the_adding_sliding_of_period_two_beside_its_fold():
     assert located_again(found[0], DRY, MU_K, 1e-4) < 1e-7
 
 
-def test_stick_ends_where_the_closed_form_says():
-    border = next(w for w in constant_load_limits(EQUAL) if w > 50.0)
-    (item,) = continue_motions(EQUAL, ContinuationPlan(OMEGA, border - 1.0, border + 1.0)).bifurcations
-    assert item.kind == "stick_border"
-    assert item.value == pytest.approx(border, rel=1e-11)
-    assert item.residual < 1e-11
-
-
 def test_a_change_for_two_reasons_has_the_kind_of_the_margin_that_vanishes():
     map_ = DrivelineMap(EQUAL, (OMEGA,))
     found = continue_motions(EQUAL, ContinuationPlan(OMEGA, 51.5, 54.0)).bifurcations
@@ -126,16 +117,6 @@ def test_a_change_for_two_reasons_has_the_kind_of_the_margin_that_vanishes():
     for item, name in zip(sorted(found, key=lambda f: f.value), ("grazing", "stick")):
         orbit = item.point.orbit
         assert abs(getattr(map_.margins(orbit.section, orbit.values, 0, orbit.period), name)) < 1e-10
-
-
-def test_borders_at_which_a_branch_turns_sharply():
-    """For mu_k < mu_s a slip interval that begins grows at once, and the branch goes on along a canard."""
-    system = replace(EQUAL, {MU_K: 0.27})
-    found = continue_motions(system, ContinuationPlan(OMEGA, 82.39, 110.5)).bifurcations
-    kinds = [f.kind for f in sorted(found, key=lambda f: f.value)]
-    assert kinds.count("adding_sliding") == 2
-    assert "grazing_sliding" in kinds
-    assert max(f.residual for f in found) < 1e-8
 
 
 def test_every_border_of_a_folded_branch_is_met_with_its_margin() -> None:
