@@ -122,6 +122,7 @@ class MinimallyAugmented:
         self.settings = replace(given, correct_tolerance=given.curve_tolerance, residual=given.curve_tolerance,
                                 regrowth=given.curve_regrowth, largest_step=min(given.largest_step, given.curve_step))
         self.ranges, self.first_parameter, self.coarse = shooting.ranges, shooting.size, self
+        self.outer = shooting.outer
         self.turning, self.unknowns = kind == "neimark_sacker", shooting.size + len(shooting.ranges)
         # The period of a fold may halve, in a generalised doubling.
         self.doubled = kind == "fold" and shooting.period % (2 * shooting.map.forcing_period) == 0
@@ -132,16 +133,11 @@ class MinimallyAugmented:
         left, _, right = np.linalg.svd(cyclic(found.blocks, self.multiplier(self.start)))
         self.b, self.c = left[:, -1], right[-1]
 
-    def outer(self, vector: Floats) -> Floats:
-        """The unknowns of single shooting: the first node, and those that are no nodes."""
-        return self.shooting.outer(vector)
-
     def between_halves(self, u: Floats) -> Floats:
         """Distance between the starts of the orbit's halves, in natural sizes."""
         of, z = self.shooting.map, u[:self.unknowns]
         x, half = self.shooting.nodes(z)[0], self.shooting.period // 2
-        out: Floats = (of.evaluate(x, self.shooting.values(z), 0, half).value - x) / of.scales
-        return out
+        return np.asarray((of.evaluate(x, self.shooting.values(z), 0, half).value - x) / of.scales)
 
     def multiplier(self, u: Floats) -> complex:
         """The multiplier on the unit circle."""

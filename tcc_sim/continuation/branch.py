@@ -162,20 +162,32 @@ def orbits_at(branch: Branch, value: float) -> list[Orbit]:
 
 
 def _crossing(a: ContinuationPoint, b: ContinuationPoint, value: float) -> Orbit | None:
-    """The orbit at `value` between two points of the same equations."""
-    if a.shooting != b.shooting:
-        return None
-    at, size = a.shooting.ranges[0].scaled(value), a.shooting.size
-    near = Bracket(a, b).locate(lambda s: float(s.solution.z[size]) - at)
-    if near is None:
-        return None
-    row, guess = np.zeros(size + 1), near.solution.z.copy()
-    row[size], guess[size] = 1.0, at
-    found = corrector(a.shooting, guess, row)
+    """The orbit at `value` between two points; None where the corrector fails."""
+    if a.shooting == b.shooting:
+        at, size = a.shooting.ranges[0].scaled(value), a.shooting.size
+        near = Bracket(a, b).locate(lambda s: float(s.solution.z[size]) - at)
+        return None if near is None else _at(near, value) or near.orbit
+    # Between two points in different segments the orbit is on the tangent of either one.
+    chord = b.shooting.outer(b.solution.z) - a.shooting.outer(a.solution.z)
+    for point in sorted((a, b), key=lambda s: abs(s.value - value)):
+        orbit = _at(point, value)
+        if orbit is not None and float(np.abs((orbit.section - point.orbit.section) / a.shooting.map.scales).max()) <= (
+                2.0 * float(np.linalg.norm(chord))):
+            return orbit
+    return None
+
+
+def _at(near: ContinuationPoint, value: float) -> Orbit | None:
+    """The orbit at `value` from a guess on the tangent at a nearby point; None where the corrector fails."""
+    shooting, z, tangent = near.shooting, near.solution.z, near.solution.tangent
+    row, size = np.zeros(len(z)), near.shooting.size
+    row[size], away = 1.0, shooting.ranges[0].scaled(value) - float(z[size])
+    guess = z + (tangent * (away / near.slope) if abs(away) > DEFAULTS.same and near.slope else row * away)
+    guess[size] = shooting.ranges[0].scaled(value)
+    found = corrector(shooting, guess, row)
     if found is None:
-        return near.orbit
-    orbit = point_at(a.shooting, solution_at(found.z, found.found, near.solution.tangent)).orbit
-    return replace(orbit, values=(value,))
+        return None
+    return replace(point_at(shooting, solution_at(found.z, found.found, tangent)).orbit, values=(value,))
 
 
 @dataclass(frozen=True)

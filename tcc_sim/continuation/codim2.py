@@ -100,8 +100,8 @@ class Border:
 
 
 def bifurcation_curve(found: Bifurcation, of: ParameterMap, ranges: Ranges, second: float,
-                      settings: Settings | None = None) -> BifurcationCurve | None:
-    """The curve of a bifurcation in two parameters, both ways; None where it cannot be set up.
+                      settings: Settings | None = None) -> BifurcationCurve:
+    """The curve of a bifurcation in two parameters, both ways; the bifurcation alone where it cannot be set up.
 
     of : the map with both parameters free
     second : value of the second parameter at the bifurcation
@@ -114,28 +114,35 @@ def bifurcation_curve(found: Bifurcation, of: ParameterMap, ranges: Ranges, seco
         equations = MinimallyAugmented(found.kind, finer, z)
         return start_of_curve(equations, equations.start)
 
-    return _both_ways(found.kind, start)
+    return _both_ways(found.kind, start, End(StopReason.STEP, ranges[0].name, found.value, shooting.settings.residual),
+                      second)
 
 
 def border_curve(margin: Callable[[float, float], float], ranges: Ranges, value: float,
-                 second: float) -> BifurcationCurve | None:
-    """The curve of a margin that vanishes at (value, second), both ways; None where it cannot be set up."""
+                 second: float) -> BifurcationCurve:
+    """The curve of a margin that vanishes at (value, second), both ways; that point alone where it cannot be set up."""
     at = np.array([ranges[0].scaled(value), ranges[1].scaled(second)])
-    return _both_ways("stick_border", lambda: start_of_curve(Border(margin, ranges), at))
+    return _both_ways("stick_border", lambda: start_of_curve(Border(margin, ranges), at),
+                      End(StopReason.STEP, ranges[0].name, value, DEFAULTS.residual), second)
 
 
-def _both_ways(kind: str, start: Callable[[], CurvePoint]) -> BifurcationCurve | None:
-    """The curve through a point, both ways from it or once round; None where it cannot be set up."""
+def _both_ways(kind: str, start: Callable[[], CurvePoint], lost: End, second: float) -> BifurcationCurve:
+    """The curve through a point, both ways from it or once round.
+
+    lost, second : the end where no way can be set up, and the second parameter there
+    """
     tracks: list[CurveTrack] = []
-    try:
-        for forward in (True, False):
+    for forward in (True, False):
+        try:
             tracks.append(CurveTrack(facing(start(), forward), BOUNDS))
             deque(follow(tracks[-1]), 0)
-            if tracks[-1].ended.reason is StopReason.CLOSED:
-                del tracks[:-1]
-                break
-    except FAILURES:
-        return None
+        except FAILURES:
+            if not tracks:
+                return BifurcationCurve(kind, (lost.value,), (second,), (lost, lost))
+            tracks[-1].stop = tracks[-1].stop or tracks[-1].end(StopReason.STEP, limit=lost.limit)
+        if tracks[-1].ended.reason is StopReason.CLOSED:
+            del tracks[:-1]
+            break
     ahead, behind = tracks[0], tracks[-1]
     points, special = ahead.points, [s for _, s in ahead.special]
     if behind is not ahead:

@@ -283,11 +283,9 @@ def _curves(system: System, plan: ContinuationPlan, span: ParameterRange, out: M
                 at = map_.system_at((first, second))
                 return stick_margin(at).torque / (at.friction_ratio * at.saturation_mean)
 
-            curve = border_curve(margin, ranges, item.value, present)
+            out.curves.append(border_curve(margin, ranges, item.value, present))
         else:
-            curve = bifurcation_curve(item, map_, ranges, present)
-        if curve is not None:
-            out.curves.append(curve)
+            out.curves.append(bifurcation_curve(item, map_, ranges, present))
 
 
 def _limits(system: System, plan: ContinuationPlan, span: ParameterRange, out: Motions) -> None:

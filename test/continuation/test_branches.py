@@ -3,6 +3,7 @@
 import math
 import re
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -201,6 +202,20 @@ def test_orbits_at_a_value_on_both_sides_of_a_fold() -> None:
     found = sorted(o.section[0] for o in orbits_at(branch, 0.2))
     assert found == pytest.approx(sorted(-0.35 + s * math.sqrt(0.1225 + 0.2) for s in (1.0, -1.0)), abs=1e-9)
     assert orbits_at(branch, -0.5) == []
+
+
+@pytest.mark.parametrize("growth", [0.05, 0.2])
+def test_orbits_at_a_value_between_two_points_in_different_segments(growth: float) -> None:
+    """Period two of the Henon map has x + y = 1 - b and x y = (1 - b)^2 - a."""
+    branch = branch_of(henon, 2, 0.37, 0.9, 0.6, [1.0, -0.1], 2, settings=Settings(growth=growth))
+    pairs = [(p, q) for p, q in pairwise(branch.points) if p.shooting.segments != q.shooting.segments]
+    assert pairs
+    for p, q in pairs:
+        for a in np.linspace(p.value, q.value, 7)[1:-1]:
+            (orbit,) = orbits_at(branch, float(a))
+            x, y = orbit.section
+            assert (orbit.values, x + y) == ((a,), pytest.approx(0.7, abs=1e-12))
+            assert x * y == pytest.approx(0.49 - a, abs=1e-12)
 
 
 def test_the_predictor_is_exact_for_a_polynomial_with_its_slope_or_without() -> None:

@@ -32,9 +32,7 @@ def curve_of(step: Step, dimension: int, kind: str, start: tuple[float, float], 
     """The curve of the first bifurcation of a kind on the branch through a guess."""
     branch = branch_of(at_second(step, start[1]), dimension, first.low, first.high, start[0], guess, period)
     of = TextbookMap(step, dimension)
-    curve = bifurcation_curve(of_kind(branch, kind), of, (first, second), start[1], settings)
-    assert curve is not None
-    return curve, of
+    return bifurcation_curve(of_kind(branch, kind), of, (first, second), start[1], settings), of
 
 
 def within_errors(curve: BifurcationCurve, places: dict[str, tuple[float, float]], most: float) -> None:
@@ -59,6 +57,21 @@ def test_curves_of_the_henon_map(kind: str, law, points) -> None:
     within_errors(curve, points, 1e-7)
     # Two evaluations for each of some three iterations, and two for the coefficient of third order.
     assert of.evaluations < 22 * len(curve.values)
+
+
+@pytest.mark.parametrize(("low", "high"), [(-9.0, 9.0), (0.3001, 9.0), (-9.0, 0.2999)])
+def test_a_curve_that_cannot_be_followed_is_listed_with_its_end(low: float, high: float) -> None:
+    def torn(x, p):
+        if low < p[1] < high:
+            raise ArithmeticError("no map")
+        return henon(x, p)
+
+    found = of_kind(branch_of(henon, 2, P.low, P.high, 0.1, [0.1, 0.1]), "fold")
+    curve = bifurcation_curve(found, TextbookMap(torn, 2), (P, Q), 0.3)
+    assert StopReason.STEP in {end.reason for end in curve.ended}
+    assert any(str(end).startswith("no further point was found beyond ") for end in curve.ended)
+    assert 0.3 in [round(b, 3) for b in curve.second]
+    assert (len(curve.values) == 1) == (low < 0.3 < high)
 
 
 def test_a_cusp_is_where_two_folds_meet() -> None:
@@ -126,7 +139,6 @@ def test_a_curve_of_folds_that_lie_in_a_sharp_bend(width: float) -> None:
     point = point_at(shooting, solution_at(z := np.array([width * 0.5 / math.sqrt(0.75), span.scaled(at)]),
                                            shooting.linearise(z), np.array([1.0, 0.0])))
     curve = bifurcation_curve(Bifurcation("fold", point, 0.0), of, (span, second), 0.5)
-    assert curve is not None
     assert {end.reason for end in curve.ended} == {StopReason.RANGE}
     assert sorted((curve.second[0], curve.second[-1])) == pytest.approx([-0.9, 0.9])
     assert curve.values == pytest.approx([width * math.sqrt(1.0 - q * q) for q in curve.second], abs=1e-9)

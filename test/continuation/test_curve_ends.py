@@ -119,7 +119,6 @@ def test_a_closed_curve_that_was_lost_one_way_is_closed() -> None:
     found = of_kind(branch_of(at_second(torn, 0.3), 1, -2.0, 2.0, 0.0, [-0.9]), "fold")
     curve = bifurcation_curve(found, Counted(torn, 1), (span, span), 0.3)
     assert ways == 2
-    assert curve is not None
     assert {end.reason for end in curve.ended} == {StopReason.CLOSED}
     assert (curve.values[0], curve.second[0]) == (curve.values[-1], curve.second[-1])
 
