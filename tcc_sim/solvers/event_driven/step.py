@@ -148,6 +148,16 @@ def monotone(rows: Any, order: int, x: float, reach: float) -> bool:
 
 
 @fast
+def returning_at(stribeck: tuple[float, ...], speed: float) -> float:
+    """Return the slip speed at which the next exponential that has died down at this speed counts again, 0 for none."""
+    level, rate = 0.0, series.fastest_at(stribeck, speed)
+    for j in range(0, len(stribeck), 2):
+        if stribeck[j + 1] > rate:
+            level = max(level, 36.0 / stribeck[j + 1])  # Below 40, where `fastest_at` counts it.
+    return level
+
+
+@fast
 def slip_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, mean_load: float,
              pulsation: tuple[float, float, float] | None, stribeck: Stribeck, state: Any, drive: Any,
              remaining: float, rows: Any, workspace: Any) -> Step:
@@ -164,7 +174,7 @@ def slip_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, mea
     if stribeck is not None and mode != FREE:
         level = bounds.far
         if sign * v <= 1.01 * level:
-            level = 0.0
+            level = returning_at(stribeck, sign * v)
             falling = True
             order = FALLING_ORDER
             excess = stribeck[0] * math.exp(-stribeck[1] * sign * v)
