@@ -1,10 +1,10 @@
-"""What changes over a Taylor step, by the start of the step and by numbers of the scene: the same for both engines.
+"""Derivatives of a Taylor step by its start and by numbers of the scene, the same for both engines.
 
-The equations are run on numbers that know what they change by (`compiling.changing`), so that no derivative is written
-out: the coefficients of a change are the derivatives of the coefficients of the motion. Changes are kept in lanes, four
-at a time: those of slip speed, plate angle and plate speed first, then those by the scene's keys.
+The text of the equations runs on numbers that carry their derivatives (`compiling.changing`), so that no derivative is
+written out. A lane is one derivative; four lanes are worked on together. The first three lanes are the derivatives by
+slip speed, plate angle and plate speed, the others those by the scene's keys.
 
-Time is constant within a step. An engine frequency that changes is taken at constant phase (`key_derivatives`): at s
+Time is constant within a step. Derivatives by the engine frequency are at constant phase (`key_derivatives`): at s
 after the start of a step the torques change by s Te'(s) d(omega)/omega, and time by -s d(omega)/omega (`changed_at`).
 """
 
@@ -49,17 +49,17 @@ CHANGES = np.dtype([("now", np.float64, (3, LANES)), ("by", np.float64, (len(NUM
                     ("rows", np.float64, (ROWS + 2, COLUMNS, LANES)),
                     ("nodes", np.float64, (LANES, NODES)), ("applied", np.float64, (LANES, NODES)),
                     ("peak", np.float64, LANES)])
-"""Four lanes of changes.
+"""Four lanes of derivatives.
 
 now : of slip speed, plate angle, plate speed
 by : of the numbers of `key_derivatives`; `forced` has a bit for every lane of a key
-rows : over a Taylor step, of the coefficients of the motion
-nodes, applied : at the nodes of a collocation step, change of slip speed, and torque on flywheel and plate together
+rows : of the coefficients of the motion over a Taylor step
+nodes, applied : of the slip speed, and of the torque on flywheel and plate together, at the nodes of a collocation step
 peak : of the largest |slip speed| of the cycle
 """
 
 OF_ENGINE, OF_LOAD = range(2)
-"""Rows of the sines whose amplitudes are changed: the first of Te, and that of Ts."""
+"""Rows of the sines with derivatives by amplitude: the first of Te, and that of Ts."""
 FRICTION, OF_SLIP, OF_EXCESS, OF_DECAY, OF_SMOOTHING, OF_LATER = range(6)
 """Columns of `law`: Ts mubar, and its derivatives by v, c_1, a_1, sigma; the first of those by c_2, a_2, c_3, a_3."""
 NUMBERS_OF_LAW = {OF_EXCESS: EXCESS_RATIO, OF_DECAY: DECAY, OF_SMOOTHING: SMOOTHING}
@@ -77,10 +77,10 @@ number of the law than c_1 changes. ALONG_ALL has columns for the later exponent
 
 
 class Rows:
-    """Rows of coefficients with what they change by, given those of the state now, `now`, and of numbers, `by`.
+    """Coefficients of a motion, which are known, with their derivatives, which the code writes to `changes`.
 
-    The code writes the change alone: the values are there. Te and Ts change at constant time. No number changes where
-    `by` is None; rows of margins are written unless `margins` is None.
+    Derivatives of the state at the start are `now`, those of the numbers `by`, or None if there are none. Te and Ts
+    change at constant time. Rows of margins are written unless `margins` is None.
     """
 
     def __init__(self, rows: Any, changes: Any, now: Any, by: Any, sines: Any, unit: Any, pulsation: Any,
@@ -116,23 +116,23 @@ class Rows:
 
 
 def changing(number: Any, by: Any, which: int) -> Changing:
-    """One of the numbers of `key_derivatives` with what it changes by."""
+    """Return one of the numbers of `key_derivatives` with its derivatives."""
     return Changing(number, None if by is None else by.row(which))
 
 
 def linear_of(linear: Linear, by: Any) -> tuple[Changing, ...]:
-    """I1, I2, C23 and K23 with what they change by."""
+    """Return I1, I2, C23 and K23 with their derivatives."""
     return tuple(changing(number, by, i) for i, number in enumerate(linear))
 
 
 class Exponential:
-    """The series of F = exp(rate v), which starts with `factor`, and what it changes by: dF = F d(rate v)."""
+    """Series of F = exp(rate v), which starts with `factor`, with its derivatives dF = F d(rate v)."""
 
     def __init__(self, factor: Any, share: Changing, rate: Changing) -> None:
         self.share, self.rate, self._factors, self._bent = share, rate, [factor], list[Any]()
 
     def following(self, v: Changing, weighted: list[Any], k: int) -> Changing:
-        """Coefficient k, from that of v and from k v_k at the end of `weighted`."""
+        """Return coefficient k, from that of v and from k v_k at the end of `weighted`."""
         if k > 0:
             exponential(self.rate.value, weighted, self._factors, k)
         self._bent.append((v * self.rate).change)
@@ -141,10 +141,9 @@ class Exponential:
 
 def law_along(rows: Any, coefficients: Any, law: Any, shaped: Any, sign: Any, pulsation: Any, stribeck: Any,
               factor: Any, sigma: Any, tanh: Any, sech: Any) -> Iterator[int]:
-    """Coefficients of mubar and of Ts mubar along a motion, and what the latter changes by; staged function.
+    """Fill the coefficients of mubar, and of Ts mubar with its derivatives, along a motion; staged function.
 
-    A function of the slip speed changes by the series of its derivative times that of v: dF = F d(-alpha |v|),
-    dT = (1 - T^2) d(sigma v).
+    The rules are those of series: dF = F d(-alpha |v|), dT = (1 - T^2) d(sigma v).
 
     Parameters
     ----------
@@ -202,7 +201,7 @@ def law_along(rows: Any, coefficients: Any, law: Any, shaped: Any, sign: Any, pu
 
 def changed_motion(rows: Any, changes: Any, now: Any, by: Any, sines: Any, coefficients: Any, law: Any,
                    unit: Any, linear: Linear, sign: Any, pulsation: Any, stribeck: Any, sigma: Any) -> Iterator[int]:
-    """The change of `series.motion`: equations (2), with the values of `rows`; staged function.
+    """Fill the derivatives of `series.motion`, equations (2), with the values of `rows`; staged function.
 
     Parameters
     ----------
@@ -239,7 +238,7 @@ def changed_motion(rows: Any, changes: Any, now: Any, by: Any, sines: Any, coeff
 
 
 def ending(now: Any, changes: Any, x: Any) -> Iterator[int]:
-    """The changes of the state at x of a step, into `now`; staged function."""
+    """Fill `now` with the derivatives of the state at x of a step; staged function."""
     power, ends = x, [changes.row(row, 0) for row in range(3)]
     for k in range(1, COLUMNS):
         ends = [end + changes.row(row, k) * power for row, end in enumerate(ends)]
@@ -256,9 +255,8 @@ expand_law, expand_changes, end_changes = unrolled(law_along), unrolled(changed_
 @fast
 def carry_slip(order: int, unit: float, sign: float, groups: Any, along: Any, rows: Any, linear: Linear,
                pulsation: Pulsation, stribeck: Stribeck, sigma: float | None, tanh: float, sech: float) -> None:
-    """Coefficients of all changes over a step in slip, or near v = 0; `stribeck` and `sigma` as in `changed_motion`.
-
-    along : record of ALONG, whose sines are filled
+    """Fill the coefficients of all derivatives over a step in slip or near v = 0, with the sines of `along` (ALONG);
+    `stribeck` and `sigma` as in `changed_motion`.
     """
     factor, mubar, law = 0.0, along.mubar, along.law
     if stribeck is not None:
@@ -279,7 +277,7 @@ def carry_slip(order: int, unit: float, sign: float, groups: Any, along: Any, ro
 
 @fast
 def expand_sines(sines: Any, count: int, unit: float, waves: Any, pulsation: Pulsation, drive: Any) -> None:
-    """Coefficients of sin(omega t) and of the load's sine, one more than `count` of the latter."""
+    """Fill the coefficients of sin(omega t) and of the load's sine, one more than `count` of the latter."""
     for k in range(COLUMNS):
         sines[OF_ENGINE, k], sines[OF_LOAD, k] = 0.0, 0.0
     if waves.shape[0] > 0:
@@ -290,7 +288,7 @@ def expand_sines(sines: Any, count: int, unit: float, waves: Any, pulsation: Pul
 
 @fast
 def changed_at(group: Any, row: int, lane: int, order: int, degree: int, x: float, rows: Any) -> float:
-    """Change of a row at x of a step, at constant phase; `order` is that of the changes, `degree` that of the row."""
+    """Return the derivative of a row at x of a step at constant phase; `order` and `degree` are of both series."""
     out = group.rows[row, order, lane]
     for k in range(order - 1, -1, -1):
         out = out * x + group.rows[row, k, lane]
@@ -301,7 +299,7 @@ def changed_at(group: Any, row: int, lane: int, order: int, degree: int, x: floa
 
 @fast
 def hold_phase(group: Any, degree: int, x: float, rows: Any) -> None:
-    """From changes at constant time since the start of a step to those at constant phase."""
+    """Turn derivatives at constant time since the start of a step into those at constant phase."""
     now, by, any_slower = group.now, group.by, False
     for lane in range(LANES):
         any_slower = any_slower or by[of.LOG_FREQUENCY, lane] != 0.0

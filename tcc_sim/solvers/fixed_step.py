@@ -37,7 +37,7 @@ A21 = 0.5 * (1.0 - GAMMA)
 def stage(known: tuple[float, float, float], guess: float, engine: float, load: float, hg: float,
           plate: tuple[float, float, float, float, float, float], smoothing: float | None, stribeck: Stribeck,
           t: float, piece: int, far: Floats | None, linear: Linear) -> tuple[float, float, float, int]:
-    """One implicit stage x = known + hg f(x) at time t: the new v, theta2, omega2, and the iterations it took."""
+    """Solve an implicit stage x = known + hg f(x) at time t: v, theta2, omega2, and the iterations."""
     share, gain, drop, push, slip, per_slip = plate
     # omega2 = free + gain * Tf, since theta2 = known + hg omega2 and the plate is linear.
     free = share * known[2] - drop * known[1]
@@ -51,7 +51,7 @@ def stage(known: tuple[float, float, float], guess: float, engine: float, load: 
 
 @compiled
 def plate_of(hg: float, linear: Linear) -> tuple[float, float, float, float, float, float]:
-    """What every stage of a step needs of the linear part; `slip`: how much v falls per N m of friction torque."""
+    """Return the constants of the linear part for the stages of a step; `slip`: fall of v per N m of friction."""
     inertia1, inertia2, damping, stiffness = linear
     share = 1.0 / (1.0 + hg * (damping + hg * stiffness) / inertia2)
     gain = share * hg / inertia2
@@ -68,7 +68,7 @@ Stages = tuple[float, float, float, float, float, float, float, float, float, fl
 @compiled
 def stages(v: float, theta: float, omega: float, start: float, h: float,
            plate: tuple[float, float, float, float, float, float], terms: Terms) -> Stages:
-    """One step of SDIRK3 of h seconds from time `start`: its last stage is the state after it."""
+    """Make one step of SDIRK3 of h seconds from time `start`; its last stage is the state after it."""
     hg, rate = h * GAMMA, 1.0 / GAMMA
     piece = piece_at(terms.profile, start + 0.5 * h)
     known = (v, theta, omega)
@@ -95,7 +95,7 @@ def stages(v: float, theta: float, omega: float, start: float, h: float,
 def _sub_step(v: float, theta: float, omega: float, turn: float, start: float, h: float,
               plate: tuple[float, float, float, float, float, float],
               terms: Terms) -> tuple[float, float, float, float, int, int]:
-    """One step of SDIRK3: v, theta2, omega2, theta1 after h seconds, iterations in all and most in a stage."""
+    """Make one step of SDIRK3: v, theta2, omega2, theta1 after h seconds, iterations in all and most in a stage."""
     (v1, _, omega1, _, _, v2, _, omega2, _, _, v, theta, omega, _, _,
      count, most) = stages(v, theta, omega, start, h, plate, terms)
     turn += h * (B1 * (v1 + omega1) + B2 * (v2 + omega2) + GAMMA * (v + omega))
@@ -105,9 +105,7 @@ def _sub_step(v: float, theta: float, omega: float, turn: float, start: float, h
 @compiled
 def advance(state: Floats, t: float, h: float, n: int, terms: Terms, flywheel: bool | None,
             out: Floats | None) -> tuple[int, int]:
-    """Advance `state` in place by n sub-steps of h seconds from time t.
-
-    A sub-step that a corner of the profile falls into is taken in parts.
+    """Advance `state` in place by n sub-steps of h seconds from time t, in parts where the profile has a corner.
 
     Parameters
     ----------
@@ -189,7 +187,7 @@ class Stepper:
         self.reset(system)
 
     def reset(self, system: System) -> None:
-        """Back to the initial state at tick 0."""
+        """Go back to the initial state at tick 0."""
         start = system.initial
         self.state[:] = (start.slip_speed, start.plate_angle, start.plate_speed, start.plate_angle)
         self.tick = 0
@@ -198,38 +196,37 @@ class Stepper:
             self._far[:] = 0.0
 
     def use(self, terms: Terms) -> None:
-        """Take these terms from the next tick on; raises InputError where they need too many sub-steps."""
+        """Use these terms from the next tick on; raise InputError if they need too many sub-steps."""
         self.substeps = substeps(terms, self.step)
         self.terms = self._completed(terms)
 
     def press(self, before: float, after: float, torque_per_pressure: float) -> None:
-        """Let the actuator's pressure, Pa, go from one value to another in the next tick; nothing without a lag."""
+        """Move the actuator's pressure, Pa, from one value to another in the next tick; without a lag do nothing."""
         if self._approach is not None and self._lag is not None:
             rise, rate = approach_between(before, after, *self._lag, self.step)
             self._approach[0] = (self.tick * self.step, torque_per_pressure * before, torque_per_pressure * rise, rate)
 
     @property
     def far_end(self) -> tuple[float, float] | None:
-        """Angle (rad) and speed (rad/s) of the shaft's far end now; None where it never moved."""
+        """Angle (rad) and speed (rad/s) of the shaft's far end now; None if it never moved."""
         return None if self._far is None else (float(self._far[0, FAR_ANGLE]), float(self._far[0, FAR_SPEED]))
 
     def move_far_end(self, speed: float, angle: float | None = None) -> None:
-        """Let the shaft's far end go on at a speed, rad/s, held from now on; from where it is, or from an angle, rad.
-        """
+        """Move the shaft's far end at a speed, rad/s, held from now on, from where it is or from an angle, rad."""
         if self._far is None:
             self._far = np.zeros((1, 4))
             self.terms = self._completed(self.terms)
         self._far[0] = self.tick * self.step, self._far[0, FAR_ANGLE] if angle is None else angle, speed, 0.0
 
     def _completed(self, terms: Terms) -> Terms:
-        """`terms` with the actuator's and the far end's part in the next tick."""
+        """Return `terms` with the actuator's and the far end's part in the next tick."""
         if self._approach is None and self._far is None:
             return terms
         return terms._replace(approach=self._approach, far=self._far if terms.far is None else terms.far)
 
     def warm_up(self, *variants: Terms, far: bool = False) -> None:
-        """Compile and run the kernel once for each kind of terms, without touching the state; `far`: where the shaft's
-        far end moves.
+        """Compile and run the kernel once for each kind of terms, without touching the state; `far`: as if the far end
+        moved.
         """
         for terms in (self.terms, *variants):
             self.run_apart(terms._replace(far=np.zeros((1, 4))) if far else terms, self.state, 1)
@@ -240,7 +237,7 @@ class Stepper:
              self._completed(terms))
 
     def advance(self) -> Reached:
-        """One tick, and what it led to."""
+        """Make one tick; return the state and the torques after it."""
         reached = self._called(self.substeps, (self.tick + 1) * self.step)
         if reached[6] > self.iterations_most:
             self.iterations_most = reached[6]
@@ -250,11 +247,11 @@ class Stepper:
         return reached
 
     def now(self) -> Reached:
-        """The state as it is, and the torques on it."""
+        """Return the state and the torques now."""
         return self._called(0, self.tick * self.step)
 
     def _called(self, n: int, end: float) -> Reached:
-        """`tick` of so many sub-steps from now; terms are laid out where more than their means has changed."""
+        """Call `tick` for n sub-steps from now; lay the terms out again if more than their means has changed."""
         terms = self.terms
         if terms is not self._laid_out:
             if self._laid_out is None or not same_but_means(terms, self._laid_out):
@@ -267,7 +264,7 @@ class Stepper:
 
 @compiled
 def engine_and_friction(t: float, v: float, terms: Terms) -> tuple[float, float]:
-    """Engine and friction torque at time t and slip speed v, N m, in one call."""
+    """Return engine and friction torque at time t and slip speed v, N m."""
     engine, load = torques_now(t, piece_at(terms.profile, t), terms.profile, terms)
     return engine, load * smoothed_coefficient(v, terms.smoothing, terms.stribeck)  # type: ignore[arg-type]
 
@@ -275,8 +272,8 @@ def engine_and_friction(t: float, v: float, terms: Terms) -> tuple[float, float]
 @compiled
 def tick(state: Floats, t: float, end: float, n: int, h: float, mean_torque: float, mean_load: float,
          terms: Terms) -> Reached:
-    """`advance` with theta1 by n sub-steps of h seconds from time t, with these means in the place of those of `terms`;
-    the torques are those at time `end`, as the next tick counts it.
+    """Call `advance` with theta1 and other means than those of `terms`; return the torques at time `end`, as the next
+    tick counts it.
     """
     held = Terms(terms.linear, mean_torque, terms.torque, terms.harmonics, mean_load, terms.pulsation, terms.smoothing,
                  terms.stribeck, terms.profile, terms.approach, terms.far)
@@ -288,7 +285,7 @@ def tick(state: Floats, t: float, end: float, n: int, h: float, mean_torque: flo
 @compiled
 def advance_ticks(state: Floats, start: float, step: float, first: int, ticks: int, n: int, terms: Terms,
                   flywheel: bool | None, out: Floats) -> tuple[int, int]:
-    """Ticks first, first + 1, ... of n sub-steps each, as a Stepper takes them; `out` is (ticks * n, 3 or 4)."""
+    """Make ticks first, first + 1, ... of n sub-steps each, as a Stepper does; `out` is (ticks * n, 3 or 4)."""
     total, most = 0, 0
     for k in range(ticks):
         count, worst = advance(state, start + (first + k) * step, step / n, n, terms, flywheel, out[k * n:(k + 1) * n])

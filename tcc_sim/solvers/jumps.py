@@ -1,4 +1,4 @@
-"""Samples that jumps part: derivatives and peaks that do not cross one. A jump has two samples a rounding apart."""
+"""Derivatives and peaks of samples that do not cross a jump, which has two samples a rounding apart."""
 
 from __future__ import annotations
 
@@ -10,18 +10,16 @@ from numpy.typing import NDArray
 from tcc_sim.trajectory import Floats
 
 BENT = 4.0
-"""Ratio of second differences of power at neighbouring samples up to which they show a smooth top."""
+"""Largest ratio of second differences of power at neighbouring samples of a smooth top."""
 
 
 def _pieces(t: Floats) -> NDArray[np.int64]:
-    """Where samples are parted by a jump, (k + 1,): the first of each piece, and how many samples there are. A jump has
-    two samples that are a rounding apart.
-    """
+    """Return the first sample of each piece between jumps and the number of samples, (k + 1,)."""
     return np.concatenate([[0], np.flatnonzero(np.diff(t) <= 2.0 * np.spacing(t[1:])) + 1, [len(t)]])
 
 
 def slopes_between_jumps(t: Floats, y: Floats) -> Floats:
-    """Derivatives of samples, of second order within each piece between jumps; 0 where a piece has a single sample."""
+    """Return derivatives of samples, of second order within each piece between jumps; 0 for a single sample."""
     out: Floats = np.zeros(len(t))
     pieces = _pieces(t)
     for a, b in pairwise(pieces.tolist()):
@@ -31,10 +29,10 @@ def slopes_between_jumps(t: Floats, y: Floats) -> Floats:
 
 
 def with_peaks(t: Floats, y: Floats) -> Floats:
-    """Samples, those that are larger than both neighbours raised to the vertex of the parabola through the three.
+    """Return samples with maxima raised to the vertex of the parabola through each and its neighbours.
 
-    None is raised beside a jump, nor where the parabola is bent `BENT` times as much as one about a neighbour: between
-    samples that show no smooth top, the largest of them is all that is certain.
+    A maximum beside a jump stays as it is, and one whose parabola is bent `BENT` times as much as a neighbour's: such
+    samples show no smooth top.
     """
     out: Floats = np.array(y)
     if len(y) < 3:

@@ -5,8 +5,8 @@ is unique, has the sign of w, and lies between lower = max(|w|/(1 + a r sigma), 
 min(1, sigma v). Newton's method runs inside that bracket, which every evaluation shrinks; once NEWTON_LIMIT steps have
 passed the bracket is halved instead, so the count is at most ITERATION_BOUND whatever the input.
 
-A small Newton step says that its end is much nearer to the root; a halving says so only of the bracket. After a small
-halving the equation itself is looked at, and the halving goes on where it does not hold yet.
+After a small Newton step v is much nearer to the root than the step is long; a small halving proves only that the
+bracket is short. So after a halving the equation itself is checked, and halving goes on until it holds.
 """
 
 from __future__ import annotations

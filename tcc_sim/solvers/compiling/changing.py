@@ -1,4 +1,4 @@
-"""Numbers of staged functions that carry what they change by."""
+"""Numbers of staged functions that carry their derivatives."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from tcc_sim.solvers.compiling.unrolled import is_constant
 
 
 class Causes(dict[int, Any]):
-    """A number for each of the causes that count: a row of changes whose other lanes are empty; 0 may be added."""
+    """Derivatives by cause, 0 by a cause that is not in it; the number 0 may be added."""
 
     def __add__(self, other: Any) -> Causes:
         if not isinstance(other, Causes):
@@ -25,10 +25,10 @@ class Causes(dict[int, Any]):
 
 
 class Changing:
-    """A number and a row of what it changes by, one lane for each cause; no row where it does not change.
+    """A number and the row of its derivatives, a lane for each cause; None for a constant.
 
-    A staged function run on such numbers is differentiated by running it: the rules are those of sums, products and
-    quotients (forward mode; A. Griewank and A. Walther, Evaluating Derivatives, SIAM 2008, Section 3.1).
+    A staged function is differentiated by running it on such numbers, with the rules of sums, products and quotients
+    (forward mode; A. Griewank and A. Walther, Evaluating Derivatives, SIAM 2008, Section 3.1).
     """
 
     def __init__(self, value: Any, change: Any = None) -> None:
@@ -69,7 +69,7 @@ class Changing:
 
 
 def _both(one: Any, other: Any) -> Any:
-    """The sum of two changes."""
+    """Return the sum of two rows."""
     if one is None or other is None:
         return other if one is None else one
     return one + other

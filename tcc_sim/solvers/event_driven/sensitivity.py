@@ -1,7 +1,7 @@
-"""How a step and an event of the exact engine change with the state and with the numbers of the equations.
+"""Derivatives of the exact engine's steps and events by the state and by the numbers of the equations.
 
-Over a step the coefficients of its polynomials are differentiated (`changes`). At an event the change is taken over by
-a saltation matrix (R. I. Leine, H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, Springer
+Over a step the coefficients of its polynomials are differentiated (`changes`). An event multiplies the derivatives by a
+saltation matrix (R. I. Leine, H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, Springer
 2004, Section 7.2): S = I + (f+ - f-) e_v^T/v'- where slip ends, I where it begins, the field being continuous there
 since mubar(0+) = mu_s/mu_k.
 """
@@ -44,23 +44,23 @@ from tcc_sim.solvers.terms import Terms
 from tcc_sim.trajectory import FREE, STICK
 
 CONVERGED = 1e-10
-"""Last terms of the friction's exponential, of its first, up to which its series counts as the exponential."""
+"""Last terms of the friction's exponential, relative to its first, up to which its series has converged."""
 SMALL = 0.02
-"""mu_s/mu_k - 1 up to which the motion need not show that exponential, though its derivatives do."""
+"""Amplitude up to which the motion need not show an exponential, though its derivatives do."""
 GONE = 40.0
 """Rate times slip speed above which one of several exponentials is below rounding."""
 LINEAR_REACH, FALLING_REACH = 3.3, 1.6
-"""Rates times length at which the last term of a disturbance's series is 1e-14 of it, to the orders of the two."""
+"""Rates times length at which the last term of a derivative's series is 1e-14 of it, for the two orders."""
 SHORTER = 0.6
 """Factor of a step in which the friction's exponential has not converged, though the motion has (mu_k near mu_s)."""
 SHARED = np.dtype([("fastest", np.float64), ("asked", np.int64), ("places", np.float64, 3),
                    ("room", np.float64, LANES)])
-"""What the lanes share: see `Tangent`, whose margins are the further results; and room to work in."""
+"""Numbers that the lanes share, see `Tangent`, and room to work in; the further results are the margins."""
 
 
 def changed_stick(rows: Any, changes: Any, now: Any, by: Any, sines: Any, unit: Any, linear: Linear, ratio: Any,
                   pulsation: Any, margins: Any) -> Iterator[int]:
-    """`step.stuck` and what changes in it; staged function."""
+    """Fill the derivatives of `step.stuck`; staged function."""
     yield from stuck(Rows(rows, changes, now, by, sines, unit, pulsation, margins), Changing(unit),
                      linear_of(linear, by), changing(ratio, by, BREAKAWAY), pulsation)
 
@@ -91,8 +91,8 @@ def unresolved(step: Step, mode: int, later: bool, stribeck: Stribeck, rows: Any
 @fast
 def carry(mode: int, falls: bool, step: Step, ratio: float, terms: Terms, groups: Any, along: Any, rows: Any,
           pulsation: Pulsation, stribeck: Stribeck, margins: bool) -> None:
-    """Coefficients of all changes over a step, and in stick of the margins to breakaway where they are asked for;
-    `along` is a record of ALONG, whose sines are filled.
+    """Fill the coefficients of all derivatives over a step, with the sines of `along` (ALONG); in stick those of the
+    margins to breakaway too, if `margins`.
     """
     order, unit, sign = step.degree, step.unit, 0.0 if mode == FREE else float(mode)
     if mode == STICK:
@@ -115,7 +115,7 @@ def carry(mode: int, falls: bool, step: Step, ratio: float, terms: Terms, groups
 
 @fast
 def land(mode: int, following: int, state: Any, drive: Any, ratio: float, linear: Linear, groups: Any) -> bool:
-    """Saltation where slip in direction `mode` ends at v = 0 and the mode is `following`; False where v' is 0 there."""
+    """Apply the saltation matrix of slip in direction `mode` that ends in mode `following`; return False if v' is 0."""
     flywheel, plate, damping, stiffness = linear
     spring = damping * state.plate_speed + stiffness * state.plate_angle
     friction = mode * ratio * drive.load
@@ -138,7 +138,7 @@ def land(mode: int, following: int, state: Any, drive: Any, ratio: float, linear
 
 @fast
 def longest_step(bounds: Bounds, linear: Linear, load: float, stribeck: Stribeck, fastest: float, state: Any) -> float:
-    """Length up to which the series of disturbances hold, s, whatever the motion shows of the rates they have."""
+    """Return the length, s, up to which the series of derivatives hold, also at rates that the motion does not show."""
     mode, inertia = state.mode, linear[1]
     if mode == STICK:
         inertia += linear[0]
@@ -153,7 +153,7 @@ def longest_step(bounds: Bounds, linear: Linear, load: float, stribeck: Stribeck
 
 @fast
 def note_height(mode: int, step: Step, rows: Any, height: float, workspace: Any) -> tuple[float, float, float]:
-    """The largest |slip speed| so far after a step, its place in it, and its sign; place -1 where it lies before."""
+    """Return the largest |slip speed| up to the end of a step, its place in the step (-1: earlier), and its sign."""
     place, sign = -1.0, 0.0
     if mode == STICK or abs(rows[SLIP, 0]) + step.reach <= height:
         return height, place, sign
@@ -174,7 +174,7 @@ def note_height(mode: int, step: Step, rows: Any, height: float, workspace: Any)
 
 @fast
 def start_changes(state: Any, output: Any, tangent: Tangent) -> None:
-    """Project a start in stick on v = 0, look for the smallest margins anew, and begin a cycle."""
+    """Project a start in stick on v = 0, reset the margins, and begin a cycle."""
     groups, margins = tangent.groups, tangent.margins
     margins[:] = 0.0
     margins[:, VALUE] = math.inf
@@ -186,7 +186,7 @@ def start_changes(state: Any, output: Any, tangent: Tangent) -> None:
 
 @fast
 def start_height(state: Any, output: Any, groups: Any) -> None:
-    """The largest |slip speed| of a cycle at its start: `output.highest`, beside which `output.lowest` is nothing."""
+    """Set the largest |slip speed| of a cycle, `output.highest`, at its start; `output.lowest` is not used."""
     output.highest, output.lowest = abs(state.slip_speed), 0.0
     for block in range(groups.shape[0]):
         for lane in range(LANES):
@@ -195,7 +195,7 @@ def start_height(state: Any, output: Any, groups: Any) -> None:
 
 @fast
 def end_changes_of_cycle(state: Any, output: Any, tangent: Tangent, cycles: Any) -> None:
-    """Keep what a cycle has come to, and begin the next one."""
+    """Keep the results of a cycle, and begin the next one."""
     done, groups = cycles[output.cycle], tangent.groups
     done.highest, done.lowest, done.stick_time = output.highest, output.lowest, output.stick_time
     for block in range(groups.shape[0]):
@@ -208,7 +208,7 @@ def end_changes_of_cycle(state: Any, output: Any, tangent: Tangent, cycles: Any)
 
 @fast
 def falls_along(step: Step, mode: int, stribeck: Stribeck) -> bool:
-    """Whether the friction coefficient varies in a step."""
+    """Return whether the friction coefficient varies in a step."""
     if stribeck is None:
         return False
     return step.degree == FALLING_ORDER and mode != STICK and mode != FREE
@@ -216,7 +216,7 @@ def falls_along(step: Step, mode: int, stribeck: Stribeck) -> bool:
 
 @compiled
 def resolved_step(until: float, setup: Setup, memory: Memory, tangent: Tangent) -> tuple[Step, float]:
-    """The next step, no longer than the series of disturbances hold, and the time that it was to reach, at most
+    """Return the next step, no longer than the series of derivatives hold, and the time that it aimed at, at most
     `until`, s into the cycle.
     """
     bounds, terms, _, waves, tables = setup
@@ -236,9 +236,7 @@ def resolved_step(until: float, setup: Setup, memory: Memory, tangent: Tangent) 
 
 @compiled
 def carry_step(step: Step, setup: Setup, memory: Memory, tangent: Tangent) -> None:
-    """Carry the changes over a step, with the largest |slip speed|, the time in stick and, where they are asked for,
-    the margins.
-    """
+    """Carry derivatives, the largest |slip speed|, the time in stick and, if asked for, the margins over a step."""
     bounds, terms, _, waves, _ = setup
     state, _, drive, work, _, output = memory
     groups, along, shared, _, margins = tangent
@@ -263,7 +261,7 @@ def carry_step(step: Step, setup: Setup, memory: Memory, tangent: Tangent) -> No
 
 @compiled
 def carry_event(mode: int, step: Step, setup: Setup, memory: Memory, tangent: Tangent) -> bool:
-    """Carry the changes over a change of mode, and note the margin there; False where there is no derivative."""
+    """Carry the derivatives over a change of mode, and note the margin; return False if there is no derivative."""
     bounds, terms, _, _, _ = setup
     state, drive, groups = memory.state, memory.drive, tangent.groups
     memory.output.mode = state.mode

@@ -1,12 +1,8 @@
-"""How small changes of the state and of the scene's numbers pass through the steps of the smoothed engine.
+"""Derivatives of the smoothed engine's steps by the state and by numbers of the scene.
 
-The method is differentiated, not the equations again solved: a series step coefficient by coefficient
-(`sensitivity_series`), a collocation step at its nodes, which needs the matrix of its last Newton step once more. With
-the changes of the state goes that of the largest slip speed of every cycle. At the edges of the regions, of the clamp
-and at v = 0 the accelerations are continuous, so nothing jumps there.
-
-An engine frequency that changes is taken at constant phase: within a step time is constant and the torques change by
-s Te'(s) d(omega)/omega, s from the start of the step; at its end the time changes by -s d(omega)/omega.
+The method is differentiated: a series step coefficient by coefficient (`sensitivity_series`), a collocation step at its
+nodes, by the matrix of its last Newton step. The largest slip speed of every cycle has derivatives too. At the edges of
+the regions, of the clamp and at v = 0 the accelerations are continuous, so that derivatives do not jump there.
 """
 
 from __future__ import annotations
@@ -33,20 +29,19 @@ from tcc_sim.solvers.stages import LAYER, Place, eliminate_rows, law_at_nodes
 from tcc_sim.solvers.terms import Terms
 
 GAUSS, WEIGHTS = (0.5 * x for x in np.polynomial.legendre.leggauss(6))
-"""Half the abscissae and weights of the six-point rule, by which integrals along a step are taken."""
+"""Half the abscissae and weights of the six-point rule for integrals along a step."""
 PIECES = 4
-"""Parts of a step that it is applied to."""
+"""Parts of a step in which the rule is applied."""
 SAMPLES = 8
-"""Parts of a step in which the largest |slip speed| is looked for before Newton's method."""
+"""Parts of a step whose ends are compared to start Newton's method for the largest |slip speed|."""
 
 
 @fast
 def change_at_nodes(group: Any, lane: int, later: bool, level: int, sign: float, loaded: bool, limits: Limits,
                     waves: Any, tables: Any, drive: Any, work: Any, pulsation: tuple[float, float, float] | None,
                     stribeck: Stribeck) -> None:
-    """Fill one lane's changes of the torque on flywheel and plate together, and of the balance of the nodes.
-
-    later : whether numbers of the later exponentials change
+    """Fill one lane's derivatives of the torque on flywheel and plate together, and of the balance of the nodes;
+    `later` says whether numbers of the later exponentials change.
     """
     by, rows, turn, h = group.by, work.rows, tables.turns[level], tables.rungs[level].length
     for n in range(NODES):
@@ -96,7 +91,7 @@ def change_at_nodes(group: Any, lane: int, later: bool, level: int, sign: float,
 @fast
 def carry_collocation(tangent: Any, place: Place, level: int, loaded: bool, limits: Limits, waves: Any, tables: Any,
                       drive: Any, work: Any, pulsation: tuple[float, float, float] | None, stribeck: Stribeck) -> None:
-    """Changes of the slip speed at the nodes of a collocation step."""
+    """Fill the derivatives of the slip speed at the nodes of a collocation step."""
     rung, later = tables.rungs[level], tangent.along.law.shape[1] > NARROW
     law_at_nodes(place, limits.sigma, stribeck, work)
     from_angle, from_speed = tables.sources[level, FROM_ANGLE].balance, tables.sources[level, FROM_SPEED].balance
@@ -118,7 +113,7 @@ def carry_collocation(tangent: Any, place: Place, level: int, loaded: bool, limi
 
 @fast
 def look_at(x: float, rung: Any, shared: Any) -> None:
-    """What the node values of a collocation step come to at x: the rows basis, slip, angle and speed of `shared`."""
+    """Fill `shared` with the weights of the node values of a collocation step in the state at x."""
     basis, t = shared.basis, 2.0 * x - 1.0
     basis[0], basis[1] = 1.0, t
     for i in range(2, DEGREE + 1):
@@ -136,7 +131,7 @@ def look_at(x: float, rung: Any, shared: Any) -> None:
 
 @fast
 def end_collocation(tangent: Any, level: int, x: float, whole: bool, limits: Limits, tables: Any) -> None:
-    """All changes at x of a collocation step, its end where it is taken whole."""
+    """Fill the derivatives of the state at x of a collocation step, its end if it is taken whole."""
     rung, shared = tables.rungs[level], tangent.shared
     if not whole:
         look_at(x, rung, shared)
@@ -178,7 +173,7 @@ def end_collocation(tangent: Any, level: int, x: float, whole: bool, limits: Lim
 
 @fast
 def slip_change(group: Any, lane: int, shared: Any) -> float:
-    """Change of the slip speed at the place at which a collocation step has been looked at, at constant time."""
+    """Return the derivative of the slip speed at the x of `look_at`, at constant time."""
     out = shared.slip[0] * group.now[0, lane]
     for n in range(NODES):
         out += shared.slip[n + 1] * group.nodes[lane, n]
@@ -187,7 +182,7 @@ def slip_change(group: Any, lane: int, shared: Any) -> float:
 
 @fast
 def peak_between(rows: Any, degree: int, low: float, high: float) -> float:
-    """Where |slip speed| is largest in [low, high]."""
+    """Return the place of the largest |slip speed| in [low, high]."""
     part, best, at = (high - low) / SAMPLES, -1.0, low
     for i in range(SAMPLES + 1):
         size = abs(polynomial.value(rows, SLIP, degree, low + i * part))
@@ -206,9 +201,8 @@ def peak_between(rows: Any, degree: int, low: float, high: float) -> float:
 @fast
 def carry_peak(tangent: Any, order: int, degree: int, low: float, high: float, series: bool, rung: Any, rows: Any,
                work: Any) -> None:
-    """Take the largest |slip speed| of a part of a step, with its change, where it is the largest of the cycle so far.
-
-    The first row of work.bernstein holds the Bernstein coefficients of the slip speed over the step.
+    """Keep the largest |slip speed| of a part of a step, with its derivatives, if it is the cycle's largest so far;
+    work.bernstein holds the Bernstein coefficients of the slip speed over the step.
     """
     shared, bound = tangent.shared, 0.0
     for i in range(degree + 1):
@@ -237,7 +231,7 @@ def carry_peak(tangent: Any, order: int, degree: int, low: float, high: float, s
 def add_slopes(slopes: Any, low: float, high: float, unit: float, degree: int, loaded: bool, limits: Limits,
                mean_load: float, pulsation: tuple[float, float, float] | None, stribeck: Stribeck, drive: Any,
                rows: Any) -> None:
-    """Add a piece's integrals over time of dT/dv v^2, v^2 and min(dT/dv, 0), those of (21)."""
+    """Add the integrals of (21) over time in [low, high]: dT/dv v^2, v^2 and min(dT/dv, 0)."""
     for k in range(len(GAUSS)):
         at = 0.5 * (low + high) + GAUSS[k] * (high - low)
         v, weight, load = polynomial.value(rows, SLIP, degree, at), WEIGHTS[k] * (high - low) * unit, 0.0
@@ -255,9 +249,7 @@ def add_slopes(slopes: Any, low: float, high: float, unit: float, degree: int, l
 @fast
 def average_slopes(slopes: Any, x: float, unit: float, degree: int, loaded: bool, limits: Limits, terms: Terms,
                    drive: Any, rows: Any) -> None:
-    """`add_slopes` over [0, x] of a step, in pieces that end where |v| passes the peak of mubar: dT/dv has a kink there
-    once it is limited.
-    """
+    """Call `add_slopes` for pieces of [0, x] that end where |v| passes the peak of mubar: min(dT/dv, 0) has a kink."""
     for i in range(PIECES):
         low, high = x * i / PIECES, x * (i + 1) / PIECES
         inside = abs(polynomial.value(rows, SLIP, degree, low)) < limits.stick_speed
@@ -279,7 +271,7 @@ def average_slopes(slopes: Any, x: float, unit: float, degree: int, loaded: bool
 
 @fast
 def keep_peak(tangent: Any, cycle: int) -> None:
-    """Keep what the largest |slip speed| of a cycle changes by."""
+    """Keep the derivatives of the largest |slip speed| of a cycle."""
     for i in range(tangent.groups.shape[0]):
         for lane in range(LANES):
             tangent.peaks[cycle, i, lane] = tangent.groups[i].peak[lane]

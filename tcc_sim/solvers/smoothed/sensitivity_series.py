@@ -1,4 +1,4 @@
-"""What changes over a series step of the smoothed engine, and how long such a step may be; see `sensitivity`."""
+"""Derivatives of a series step of the smoothed engine, and how long such a step may be; see `sensitivity`."""
 
 from __future__ import annotations
 
@@ -27,24 +27,23 @@ largest |slip speed| of the cycle so far; the integrals of `sensitivity.add_slop
 `engine.Tangent`.
 """
 SINE = 0.7
-"""Angle of a sine within a series step that shows it, per `Limits.resolved`, which takes it that changes decay."""
+"""Angle of a sine within a series step that resolves it, per `Limits.resolved`, which assumes a decay."""
 
 
 @fast
 def reach_of(limits: Limits, fastest: float) -> float:
-    """The longest series step that shows the fastest sine by whose amplitude there are derivatives, s."""
+    """Return the longest series step, s, that resolves the fastest sine with derivatives by its amplitude."""
     return SINE * limits.resolved / fastest if fastest > 0.0 else math.inf
 
 
 @fast
 def resolved(step: Step, place: Place, friction: LocalFriction, rows: Any, stribeck: Stribeck, control: Any,
              limits: Limits, terms: Terms, drive: Any, fastest: float) -> float:
-    """The part of a series step over which the series of its changes hold too.
+    """Return the part of a series step over which the series of its derivatives hold too.
 
-    The motion may have forgotten what decays: in stick it is on its slow manifold, and a step is as long as the creep's
-    series allow. A change of the start, or of the scene, is not on it and decays with friction's own rate. And where
-    mu_k is nearly mu_s the motion does not know the exponential that mu_s/mu_k changes it by, nor a sine of no
-    amplitude.
+    In stick the motion is on its slow manifold, and a step is as long as the creep's series allow; a change of the
+    start or of the scene is off it and decays with friction's own rate. Nor does the motion show an exponential or a
+    sine of zero amplitude, by which there may be derivatives.
     """
     rate = terms.linear[2] / terms.linear[1]
     if place.region == LAYER:
@@ -62,7 +61,7 @@ def resolved(step: Step, place: Place, friction: LocalFriction, rows: Any, strib
 @fast
 def carry_series(tangent: Any, place: Place, friction: LocalFriction, step: Step, loaded: bool, limits: Limits,
                  terms: Terms, waves: Any, drive: Any, rows: Any, pulsation: Pulsation, stribeck: Stribeck) -> None:
-    """Coefficients of all changes over a series step; the law varies as in `series_step.expand_region`."""
+    """Fill the coefficients of all derivatives over a series step; the law varies as in `series_step.expand_region`."""
     order, unit, sign, groups, along = step.degree, step.unit, place.sign, tangent.groups, tangent.along
     expand_sines(along.sines, order, unit, waves, pulsation, drive)
     if place.region == LAYER and loaded:
