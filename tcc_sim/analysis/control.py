@@ -130,8 +130,7 @@ def tracking_of(run: Trajectory, target: float, pressure: Floats | None = None,
     Parameters
     ----------
     run : samples with their system; between them slip speed and time in stick are those of the cubics through the
-        samples
-        with the rates of the equations
+        samples with the rates of the equations
     target : rad/s
     pressure : (n,) applied pressure, Pa
     limits : of the pressure, Pa

@@ -93,8 +93,7 @@ def integrals_of_arcs(run: Trajectory) -> Floats:
     """Return the integrals over time of dT/dv v^2, v^2 and min(dT/dv, 0), (3,), of a sampled set-valued motion.
 
     Between samples and transitions the slip speed is the cubic through its values and its accelerations, by (2a), (2b)
-    with
-    the torque of the arc's mode; it is 0 at changes of mode, unless the clutch is free there.
+    with the torque of the arc's mode; it is 0 at changes of mode, unless the clutch is free there.
     """
     assert run.system is not None
     terms, changes = terms_of(run.system), run.transitions

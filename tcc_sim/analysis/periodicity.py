@@ -22,8 +22,7 @@ class Periodicity:
     period : in engine cycles, 0 if none up to 16 can be stated yet
     settled : whether the section repeats within the tolerance; False for a period of the limit of a decay
     change : largest difference between the last two periods (of one cycle without a period), relative to the size of
-        the
-        motion; NaN for too few cycles
+        the motion; NaN for too few cycles
     """
 
     period: int
@@ -36,13 +35,11 @@ def periodicity(cycles: Cycles, tolerance: float = DEFAULTS.tolerance,
     """Return the smallest number of engine cycles after which the section repeats.
 
     Settled: over the last quarter of the cycles, and at least three periods, points p cycles apart stay within
-    `tolerance`
-    of one another. All of them are compared, not only neighbours, so that a slow drift does not pass. Settling: the
-    differences of points p cycles apart decay like a linear map of up to three modes, and its limit is near and repeats
-    after p cycles. In both cases there is no period yet if the differences of points a divisor of p apart may be
-    decaying
-    to zero, or if those p apart still grow. The size of speeds is the largest speed of the motion, that of angles the
-    largest angle on the section.
+    `tolerance` of one another. All of them are compared, not only neighbours, so that a slow drift does not pass.
+    Settling: the differences of points p cycles apart decay like a linear map of up to three modes, and its limit is
+    near and repeats after p cycles. In both cases there is no period yet if the differences of points a divisor of p
+    apart may be decaying to zero, or if those p apart still grow. The size of speeds is the largest speed of the
+    motion, that of angles the largest angle on the section.
 
     Parameters
     ----------
@@ -82,8 +79,7 @@ def cycles_drift(cycles: Cycles) -> bool:
     """Return whether the largest slip speeds of cycles without a period still grow or decay.
 
     The means over their quarters change in one direction, in all by more than `DEFAULTS.drift` standard errors, which
-    is
-    rare for a torus or chaos, and by more than the tolerance. Too few cycles for quarters count as a drift.
+    is rare for a torus or chaos, and by more than the tolerance. Too few cycles for quarters count as a drift.
     """
     largest = cycles.largest[np.isfinite(cycles.largest)]
     width = len(largest) // 4
@@ -252,8 +248,7 @@ def _decay(points: Floats, period: int, modes: int) -> tuple[float, Floats] | No
     """Return misfit and coefficients of the linear recurrence of the differences of points; None for too few of them.
 
     The differences d_n = x_(n+p) - x_n of a linear map with m modes satisfy d_(n+mp) = sum_i c_i d_(n+ip). Every
-    equation
-    is scaled by its size.
+    equation is scaled by its size.
     """
     difference = points[period:] - points[:-period]
     count = len(difference) - modes * period

@@ -64,8 +64,7 @@ class RunCycles:
         """Return the cycles after the first `discard`, the number of the first of them, and the number of dropped ones.
 
         One NaN cycle stands for each gap between cycles; cycles within gaps at the start count as dropped too. Raise
-        InputError
-        if no cycle is left, or for a negative number.
+        InputError if no cycle is left, or for a negative number.
         """
         if not self.pieces:
             raise InputError("the recording holds no whole period of excitation")
@@ -111,8 +110,7 @@ class CycleStream:
     """Engine cycles from batches of samples in the order of recording.
 
     Samples are stored only until their engine cycle is complete. The accelerations for the interpolation are those of
-    (2a)
-    and (2b) with the recorded torques. A gap ends its cycle; a stamp that goes back starts a new run.
+    (2a) and (2b) with the recorded torques. A gap ends its cycle; a stamp that goes back starts a new run.
 
     Parameters
     ----------
@@ -138,8 +136,8 @@ class CycleStream:
         """Take the next batch, (n,) arrays in ns, rad/s, rad, rad/s, N m, N m, and return the completed cycles.
 
         `far` is the motion of the shaft's far end, whose speed is held between samples. A sample that is not finite is
-        left out
-        and counted, and becomes a gap. `run` is the number of the batch's run, if the recording distinguishes runs.
+        left out and counted, and becomes a gap. `run` is the number of the batch's run, if the recording distinguishes
+        runs.
 
         Raises
         ------

@@ -81,8 +81,7 @@ def spans_of(system: System | None, cycle: float, first: int, count: int) -> dic
     """Return arguments of `summarise_cycles` for `count` engine cycles from number `first` on.
 
     `cycle`: their lengths, s; `since`: their start, s; `varied`: the number of them in which the excitation still
-    changes.
-    Without a system all have the length `cycle`.
+    changes. Without a system all have the length `cycle`.
     """
     if system is None or system.profile is None:
         cycle = cycle if system is None else system.cycle

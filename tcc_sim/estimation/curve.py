@@ -47,8 +47,8 @@ class IdentifiedCurve:
     """Sliding friction coefficient over slip speed from a measurement.
 
     The band contains the whole curve over the visited slip speeds with a probability of at least 95 %. At speeds that
-    were
-    not visited, coefficient, low and high are NaN. The curve is mu(v) = constant + sum of amplitudes exp(-rates |v|).
+    were not visited, coefficient, low and high are NaN. The curve is mu(v) = constant + sum of amplitudes exp(-rates
+    |v|).
     """
 
     slip_speeds: Floats = field(metadata=reported(
@@ -84,8 +84,7 @@ def curve_starts(system: System, measured: Measurement, keys: tuple[str, ...]) -
     """Return start values for the numbers of a curve.
 
     They explain best the change of the flywheel's speed from sample to sample in slip. Without the speeds of both
-    sides,
-    they are those of the scene's largest exponentials.
+    sides, they are those of the scene's largest exponentials.
     """
     slip, count = measured.channels["slip_speed"], len(keys) // 2
     low, high = rates_allowed(float(np.abs(slip).max()))

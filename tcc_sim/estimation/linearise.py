@@ -155,8 +155,7 @@ def linearise(scene: SceneLike, *, input: str = "actuation_pressure", output: st
     ------
     InputError
         A name, frequency or slip speed that is not allowed, a scene that settles in no periodic motion, or a frequency
-        so
-        high that the response would be more than 1 % off.
+        so high that the response would be more than 1 % off.
     NumericalFailure
         Newton's method does not close the motion.
 
@@ -289,9 +288,8 @@ def harmonic_transfer(motion: Periodic, inputs: str, output: str, omegas: Floats
     """Return H0(i omega): the output's component at omega for an input exp(i omega t), without the others.
 
     The input is constant over each part, at its value in the middle. The disturbed motion repeats except for exp(i
-    omega
-    t), so that its start follows from one linear equation. The component at omega is a mean over the period, to second
-    order in the parts' length even where slip ends.
+    omega t), so that its start follows from one linear equation. The component at omega is a mean over the period, to
+    second order in the parts' length even where slip ends.
     """
     parts, column, d = motion.parts, list(INPUTS).index(inputs), motion.system.driveline
     h = motion.seconds / len(parts)

@@ -28,8 +28,7 @@ def simulated(motion: Constant | Periodic, inputs: str, output: str, omega: floa
     """Return output over input at `omega`, rad/s, about a motion.
 
     Raise InputError for the set-valued law, which the real-time solver does not have, for an input with mean 0, and for
-    a
-    frequency so low that the simulation would take more than 2 million ticks.
+    a frequency so low that the simulation would take more than 2 million ticks.
     """
     system = motion.system
     if system.friction.law != "smoothed":

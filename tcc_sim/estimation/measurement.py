@@ -24,8 +24,7 @@ class Measurement:
     channels : (n,) arrays by name of CHANNELS, with slip_speed
     inputs : (n,) arrays by name of INPUTS; the others come from the scene
     hold : course of the inputs between two samples, one of HOLDS: the value of the previous one, linear, or the value
-        of
-        the next one; None if it is unknown
+        of the next one; None if it is unknown
     source : origin of the data, for messages
     """
 
@@ -86,8 +85,7 @@ def read_recording(path: Path) -> tuple[Measurement, Scene]:
     """Return the longest run of a recording, and its scene.
 
     Inputs from topics count as measured. A tick's state follows the inputs held during the tick, so that these move
-    back by
-    one sample.
+    back by one sample.
 
     Raises
     ------
@@ -131,8 +129,7 @@ def noise_of(signal: Floats) -> float:
     """Return the standard deviation of the white noise on a signal, from its sixth differences.
 
     They leave (w h)^6 of a signal of frequency w, and sqrt(924) of white noise; the median ignores kinks of the signal.
-    It
-    is an upper estimate for coarse sampling, and at least DEFAULTS.exact.
+    It is an upper estimate for coarse sampling, and at least DEFAULTS.exact.
     """
     found = float(np.median(np.abs(np.diff(signal, 6)))) / 0.6745 / math.sqrt(924.0)
     return max(found, DEFAULTS.exact * float(np.abs(signal).max()))

@@ -93,8 +93,8 @@ def operating_point(system: System, slip: float | None) -> Constant | Periodic:
     """Return the motion in which the scene settles, or the one with the mean slip speed `slip`, rad/s.
 
     For `slip` Newton's method finds the mean pressure; None keeps the scene's pressure. Raise InputError if the
-    excitation
-    does not repeat, the slip runs away, or no pressure gives this slip speed, and NumericalFailure if the method fails.
+    excitation does not repeat, the slip runs away, or no pressure gives this slip speed, and NumericalFailure if the
+    method fails.
     """
     if common_cycles(system) == 0:
         raise InputError(f"pressure.frequency_ratio is {system.pressure.frequency_ratio:g}; a motion that settles "
@@ -198,8 +198,7 @@ def closed(system: System, period: int, state: Floats, slip: float | None) -> Pe
     """Return the periodic motion near `state` by Newton's method; for `slip` the pressure is unknown too.
 
     The equations are the return of the section after `period` cycles and, with `slip`, the mean slip speed. In a family
-    of
-    motions (slip with mu_k = mu_s and Tm = Tsm) the shortest step is taken.
+    of motions (slip with mu_k = mu_s and Tm = Tsm) the shortest step is taken.
     """
     pressure, least, damping = system.pressure.mean, math.inf, 1.0
     step = np.zeros(4)
@@ -309,8 +308,7 @@ def mean_rows(motion: Periodic) -> tuple[Floats, Floats]:
     """Return derivatives of the means over the period by the start's state, (3, 3), and by the inputs, (3, 2).
 
     Rows: slip speed, plate angle, plate speed. Samples give no mean of a quantity that jumps where slip ends. The mean
-    of
-    the plate speed is the change of its angle, and I1 v + (I1 + I2) theta2' does not jump.
+    of the plate speed is the change of its angle, and I1 v + (I1 + I2) theta2' does not jump.
     """
     d, h, slips = motion.system.driveline, motion.seconds / len(motion.parts), ~stuck_parts(motion)
     rows = []

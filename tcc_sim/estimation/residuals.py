@@ -2,11 +2,10 @@
 
 Noise may be coloured: an autoregression of each channel's residuals (G. E. P. Box, G. M. Jenkins and G. C. Reinsel,
 Time Series Analysis, 2008, Chapter 7) gives their correlations, and these the covariance of least squares for noise
-that
-is not white (H. White, Econometrica 48, 1980). The residuals of the autoregression must be white: without correlation
-up to some lags (G. M. Ljung and G. E. P. Box, Biometrika 65, 1978) and without lines at multiples of the engine's
-frequency. A score test (C. R. Rao, 1948) for each held quantity, such as a fixed key or a sensor's scale, must not
-explain the residuals.
+that is not white (H. White, Econometrica 48, 1980). The residuals of the autoregression must be white: without
+correlation up to some lags (G. M. Ljung and G. E. P. Box, Biometrika 65, 1978) and without lines at multiples of the
+engine's frequency. A score test (C. R. Rao, 1948) for each held quantity, such as a fixed key or a sensor's scale, must
+not explain the residuals.
 """
 
 from __future__ import annotations
@@ -65,8 +64,7 @@ def judge_residuals(model: Model, levels: dict[str, float], found: Fit, settings
 
     levels : standard deviation of the noise by channel in the fit
     exact : whether the only noise is the error of the real-time solver. Such errors do not average out: the covariance
-        is
-        then that of perfectly correlated errors.
+        is then that of perfectly correlated errors.
     """
     curve = CONSTANT in model.keys or model.system.friction.curve is not None
     others = [key for key in FREE if key not in model.keys and not (curve and key in TABULATED)]

@@ -67,8 +67,7 @@ class Stage:
     tolerance : relative change of the cost at which the stage ends
     iterations : largest number
     robust : mean square of a window's residuals, over their median (at least 1), above which it counts less; infinite
-        if
-        all windows count alike
+        if all windows count alike
     """
 
     window: float
@@ -83,8 +82,7 @@ class FitSettings:
     """Settings of the fit.
 
     The stages go from nearly independent windows to long ones that nearly form one motion; short ones with a large
-    weight
-    converge slowly.
+    weight converge slowly.
     """
 
     stages: tuple[Stage, ...] = (Stage(0.01, 1e-4, 1e-2, 20, 4.0), Stage(0.01, 1e-2, 1e-2, 20, 4.0),

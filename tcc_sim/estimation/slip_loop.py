@@ -79,8 +79,7 @@ def slip_loop(motion: Constant | Periodic, gains: Gains, rate: float,
     ------
     InputError
         Gains that are not numbers above 0, a motion in stick or with a slip speed below 0, or an engine cycle of less
-        than
-        4 ticks or more than 2000.
+        than 4 ticks or more than 2000.
     """
     for name, gain in zip(gains._fields, gains):
         if not 0.0 < gain < math.inf:
@@ -149,8 +148,7 @@ class _Loop:
         """Return the eigenvalues of the loop's map over the motion's period, with raised gains and late commands.
 
         State: the plant's, the integral part, the slip speeds of the cycle but the newest, the commands on their way
-        and, for
-        an actuator with a lag, the pressure at the plates, whose mean over a tick acts in it.
+        and, for an actuator with a lag, the pressure at the plates, whose mean over a tick acts in it.
         """
         past, lag = self.ticks - 1, self.system.pressure.time_constant
         late += round(self.system.pressure.delay / self.step)

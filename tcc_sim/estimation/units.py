@@ -25,8 +25,7 @@ def check_units(model: Model, values: Floats, settings: FitSettings) -> None:
     """Raise InputError if conversion of a column makes the scene explain the motion from sample to sample.
 
     The windows of the fit's first stage begin at the samples; the misfit of each column at their ends is compared with
-    its
-    spread. A scene with parameters a few per cent off explains most of it, one in other units does not.
+    its spread. A scene with parameters a few per cent off explains most of it, one in other units does not.
     """
     measured = _beginning(model.measured)
     begun = _misfit(replace(model, measured=measured), values, settings)

@@ -159,8 +159,7 @@ def floquet_exponent(system: System, state: Floats, first: int, period: int) -> 
     """Return log |mu|/(N T) of the largest multiplier of the periodic motion near `state`, and its error, 1/s.
 
     Newton's method brings the state onto the motion. The error is the difference between two tolerances, and for a
-    state
-    that does not close between two successive periods.
+    state that does not close between two successive periods.
     """
     scale = natural_sizes(terms_of(system))
     at, start = state, state

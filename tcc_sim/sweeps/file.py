@@ -33,8 +33,7 @@ class SweepFile:
     kind : contents of the file, for messages
     said : further values of the first line, such as scene and command, which do not distinguish sweeps
     take : function called with curve, index and record of every point in the file; KeyError, TypeError and ValueError
-        mean
-        that no sweep wrote the record
+        mean that no sweep wrote the record
 
     Raises
     ------

@@ -50,8 +50,7 @@ class Plan:
     duration : time solved instead of whole cycles, s; without either, profiles are solved to their last point
     discard : dropped cycles; None drops 50, or half of them if there are fewer than 100, at most a third of those in a
         duration, and none for a scene with profiles; "auto" drops those before the section has settled, and at least
-        half
-        if it has not
+        half if it has not
     direction : of a sweep: cold starts every point from the scene's initial state; up and down continue from the
         neighbour's last state, from the lowest or the highest value
     solver, rtol, step : as for `solvers.solve`; a sweep without rtol uses `settings.Settings.rtol`

@@ -92,8 +92,7 @@ def repeats_after(cycles: Cycles) -> int | None:
     """Return the number of cycles after which the section repeats with a period up to 16 to the end; None for none.
 
     All points that are a period apart are within the tolerance of the last ones, relative to the size of the motion,
-    over
-    at least the last `settled_window` cycles less one period.
+    over at least the last `settled_window` cycles less one period.
     """
     points: Floats = cycles.section
     near = DEFAULTS.settled * sizes_of(points[-DEFAULTS.settled_window:], cycles.highest[-DEFAULTS.settled_window:])

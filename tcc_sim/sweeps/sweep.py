@@ -256,11 +256,9 @@ def handed_over(before: System, end: Start, system: System) -> Start:
     """Return the start at which a system takes over the motion of another one.
 
     The state is that on the section, so that the phase of the torque and of its harmonics continues. The phase of the
-    load
-    is 2 pi (omega_f/omega) n + psi at cycle n. It continues too if both systems have the same ratio, at any engine
+    load is 2 pi (omega_f/omega) n + psi at cycle n. It continues too if both systems have the same ratio, at any engine
     frequency. For another ratio, n is the cycle of the first thousand with the nearest phase of the load, so that psi
-    keeps
-    its meaning.
+    keeps its meaning.
     """
     ratio, earlier = system.pressure.frequency_ratio, before.pressure.frequency_ratio
     repeats = common_cycles(system)
