@@ -34,6 +34,7 @@ def test_a_sine_is_found_to_many_digits(frequency):
     found = phase_of(lambda t: 300.0 + 250.0 * np.sin(frequency * t + 0.4))
     assert found.low == found.high == pytest.approx(frequency, rel=1e-7)
     assert largest_error(found, lambda t: frequency * t + 0.4) < 1e-5
+    assert found.known == pytest.approx(1.0, abs=1e-9)
     # The phase at t = 0 is that of cycle 0, which began before the first sample.
     assert found.numbers[0] == 1
     assert len(found.starts) in {int((frequency * 19.999 + 0.4) / TURN), int((frequency * 19.999 + 0.4) / TURN) + 1}

@@ -16,7 +16,7 @@ from tcc_sim import cli
 from tcc_sim.errors import InputError
 from tcc_sim.estimation.linearise import INPUTS, OUTPUTS, harmonic_transfer, linearise
 from tcc_sim.estimation.lock_in import _fitted, simulated
-from tcc_sim.estimation.operating_point import mean_rows, operating_point
+from tcc_sim.estimation.operating_point import mean_rows, operating_point, simpson
 from tcc_sim.estimation.settings import DEFAULTS
 from tcc_sim.model.parameters import replace as changed
 from tcc_sim.scene import load_scene
@@ -147,6 +147,10 @@ def test_periodic_motions_answer_as_simulated_ones(slip: float) -> None:
     assert (np.diff(np.abs(found.multipliers)) <= 0.0).all()
     for point, response in zip(found.checked, found.response):
         assert np.all(apart(response, point.gain * np.exp(1j * point.phase)) < (0.3, 2.0)), point
+
+
+def test_means_of_cubics_over_the_parts_of_a_cycle_are_exact() -> None:
+    assert simpson(DEFAULTS.parts) @ np.linspace(0.0, 1.0, DEFAULTS.parts + 1) ** 3 == pytest.approx(0.25, rel=1e-12)
 
 
 @pytest.mark.parametrize("inputs", INPUTS)

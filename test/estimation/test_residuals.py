@@ -89,6 +89,8 @@ def test_a_fixed_key_that_hides_is_named() -> None:
     static, stiffness = found.parameters[0], found.parameters[3]
     assert abs(static.value - 0.3) > 8.0 * static.standard_error
     assert "if friction.decay is right" in static.why
+    assert found.whiteness.hidden[static.key] == ("friction.decay", pytest.approx(
+        abs(static.value - 0.3) / static.standard_error, rel=0.5))
     assert "friction.decay" not in stiffness.why
     assert abs(stiffness.value - 3000.0) < 4.0 * stiffness.standard_error
 

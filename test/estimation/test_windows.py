@@ -74,6 +74,14 @@ def test_windows_begin_again_in_robust_stages_only(monkeypatch: pytest.MonkeyPat
         assert len(seen) == calls
 
 
+def test_samples_behind_the_last_whole_window_are_left_out() -> None:
+    data, noise = measured(0, 0.2)
+    odd = Measurement(data.t[:197], {name: column[:197] for name, column in data.channels.items()})
+    of = MultipleShooting(Model(FIG02.system, (STATIC,), odd), noise, FitSettings(), 0.01)
+    assert of.data.shape == (19, 10, 2)
+    assert of.data[-1, -1].tolist() == [column[189] for column in odd.channels.values()]
+
+
 def test_starts_in_stick_are_held_in_early_stages_only() -> None:
     of = problem((STATIC,))
     assert len(of.stuck) > 0
