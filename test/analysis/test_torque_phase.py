@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.torque_phase import PhaseTracker, clock_of
+from tcc_sim.analysis.torque_phase import PhaseTracker, _fit, clock_of
 
 STEP = 1_000_000
 TURN = 2.0 * math.pi
@@ -90,6 +90,20 @@ def test_a_frequency_that_drifts_by_up_to_ten_per_cent_a_second_is_followed(freq
     assert [found.low, found.high] == pytest.approx(ends, rel=0.03)
     (stretch,) = clock_of({0: found}).stretches(0, 0.0, 10.0)
     assert np.array_equal(stretch[1], found.starts)
+
+
+def test_a_slow_drift_is_followed_where_one_frequency_fits_almost_as_well():
+    """A sine of one frequency holds as much of the variance within 2 %, and is 0.3 rad off."""
+    def phase(t):
+        return 150.0 / 0.01 * np.expm1(0.01 * t)
+
+    assert largest_error(phase_of(lambda t: 300.0 + 250.0 * np.sin(phase(t)), seconds=1.5), phase) < 2e-3
+
+
+def test_a_sine_that_is_rounding_beside_the_mean_is_no_line():
+    t = np.arange(256) * 1e-3
+    assert _fit(t, 300.0 * (1.0 + 1e-10 * np.sin(150.0 * t)), 150.0 * t).share == 0.0
+    assert _fit(t, 300.0 * (1.0 + 1e-6 * np.sin(150.0 * t)), 150.0 * t).share == pytest.approx(1.0, abs=1e-6)
 
 
 def test_a_run_up_between_two_speeds_is_followed_through_its_corners():

@@ -229,8 +229,8 @@ def test_verdicts() -> None:
     assert [p.verdict for p in told] == ["at its bound", "at its bound", "identified"]
     for key, value in zip(keys, (0.24 * DEFAULTS.least_ratio, 0.3 / DEFAULTS.least_ratio)):   # The other one is fixed.
         lone = Model(FIG02.system, (key,), measured()[0])
-        for factor, verdict in ((1.0, "at its bound"), (1.01 if value < 0.25 else 0.99, "identified")):
-            one = replace(fitted, values=np.array([value * factor]))
+        for away, verdict in ((5e-10, "at its bound"), (0.01, "identified")):
+            one = replace(fitted, values=np.array([value * (1.0 + (away if value < 0.25 else -away))]))
             assert judged(lone, 0, value, one, np.array([1e-3]), np.eye(1), True, Gates()).verdict == verdict
     damping = judged(model, 2, 0.6, fitted, errors, together, True, Gates())
     assert damping.verdict == "not identifiable"

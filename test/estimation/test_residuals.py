@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 from tcc_sim.estimation.identify import identify
 from tcc_sim.estimation.measurement import Measurement
 from tcc_sim.estimation.multiple_shooting import fit
-from tcc_sim.estimation.residuals import autoregression, judge_residuals, probability_of
+from tcc_sim.estimation.residuals import _hidden, autoregression, judge_residuals, probability_of
 from tcc_sim.estimation.settings import FitSettings, Gates
 from tcc_sim.estimation.verdicts import why_no_noise
 from tcc_sim.estimation.windows import Model
@@ -80,6 +80,17 @@ def test_misfits_are_refused_with_what_would_explain_them(what: str, given: bool
     assert found.whiteness.explanation.amount == pytest.approx(amount, abs=within)
     assert f"a change of {what}" in found.why
     assert found.scene.text() == FIG02.with_values(scene).text()
+
+
+@pytest.mark.parametrize(("information", "found"), [(600.0, {}), (480.0, {"a": ("b", 0.1 * 480.0**0.5)}), (300.0, {})])
+def test_a_fixed_key_hides_where_noise_covers_its_effect_and_it_moves_a_free_one(
+        information: float, found: dict[str, tuple[str, float]]) -> None:
+    """One of each with correlation 1/2: after a has followed, 20 % of b has an effect of 0.15 n with variance 0.75 n,
+    and moves a by 0.1 sqrt(n) standard errors, which must be more than 2.
+    """
+    squares = information * np.array([[1.0, 0.5], [0.5, 1.0]])
+    assert _hidden(squares, squares, ("a",), ["b"]) == {key: (name, pytest.approx(value))
+                                                        for key, (name, value) in found.items()}
 
 
 def test_a_fixed_key_that_hides_is_named() -> None:

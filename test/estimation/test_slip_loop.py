@@ -69,6 +69,9 @@ def test_the_largest_delay_is_found_in_lock_step(loop: SlipLoop) -> None:
 
 def test_the_smallest_stable_slip_is_found_in_lock_step(loop: SlipLoop) -> None:
     assert loop.smallest_stable_slip is not None
+    slower = linearise("controlled", slip=0.985 * loop.smallest_stable_slip, frequencies=[10.0], controller=GAINS)
+    assert slower.controller is not None
+    assert not slower.controller.stable
     assert swing(Raised(target=1.1 * loop.smallest_stable_slip)) < 0.1
     assert swing(Raised(target=0.9 * loop.smallest_stable_slip)) > 0.4
 

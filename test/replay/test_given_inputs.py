@@ -192,6 +192,7 @@ def test_an_actuator_follows_the_pressure_of_a_table_after_its_dead_time(tmp_pat
     (tmp_path / "in.csv").write_text("t,actuation_pressure\n0,100000\n0.1,150000\n0.3,90000\n0.5,90000\n")
     keys = {"pressure.time_constant": 0.03, "pressure.delay": 0.02}
     driven = driven_by(load_scene("controlled").with_values(keys), tmp_path / "in.csv").system
+    assert driven.inputs.pressure[0, 0] == 0.0
     t = np.linspace(0.0, 0.499, 300)
     found = torques_at(terms_of(driven), t)[1] / driven.torque_per_pressure
     risen = 1.5e5 - 5e4 * np.exp(-(t - 0.12) / 0.03)
