@@ -107,11 +107,11 @@ class DrivelineNode(Node):
             for sentence in self.loop.refused_wishes:
                 warn(self, sentence)
         for command in self.loop.commands:
-            self._throttle.warn(f"{command.name} refused", command.refused, command.refusal)
-            self._throttle.warn(f"{command.name} time-outs", command.timeouts,
-                                f"no command on {command.name} within command_timeout; the fallback applied")
+            self._throttle.warn(f"{command.name} refused", command.refusal, command.refused)
+            self._throttle.warn(f"{command.name} time-outs", f"no command on {command.name} within command_timeout; "
+                                "the fallback applied", command.timeouts)
         for what, sentence in self._waiting.sentences().items():
-            self._throttle.repeat(what, sentence)
+            self._throttle.warn(what, sentence)
         if self.loop.failure is not None:
             raise self.loop.failure
 

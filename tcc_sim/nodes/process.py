@@ -164,20 +164,13 @@ class Throttle:
         self._node, self._clock = node, clock
         self._logged: dict[str, tuple[int, float]] = {}
 
-    def warn(self, what: str, count: int, sentence: str) -> None:
-        """Log a warning if `count` has grown since the last warning about `what`."""
+    def warn(self, what: str, sentence: str, count: int | None = None) -> None:
+        """Log a warning about `what`, with a `count` only if it has grown since the last one."""
         before, when = self._logged.get(what, (0, -1.0))
         now = self._clock()
-        if count > before and now - when >= 1.0:
-            self._logged[what] = count, now
-            warn(self._node, f"{sentence} ({count} so far)")
-
-    def repeat(self, what: str, sentence: str) -> None:
-        """Log a warning about a condition that persists."""
-        now = self._clock()
-        if now - self._logged.get(what, (0, -1.0))[1] >= 1.0:
-            self._logged[what] = 0, now
-            warn(self._node, sentence)
+        if (count is None or count > before) and now - when >= 1.0:
+            self._logged[what] = count or 0, now
+            warn(self._node, sentence if count is None else f"{sentence} ({count} so far)")
 
 
 class Spinner:
@@ -217,5 +210,5 @@ class Spinner:
                 raise KeyboardInterrupt from error
             # rclpy raises errors of decoding messages here.
             self._failed += 1
-            self._throttle.warn("callbacks", self._failed, "a message or request could not be handled: "
-                                f"{type(error).__name__}: {one_line(str(error))}")
+            self._throttle.warn("callbacks", "a message or request could not be handled: "
+                                f"{type(error).__name__}: {one_line(str(error))}", self._failed)

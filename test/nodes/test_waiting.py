@@ -126,7 +126,7 @@ def test_the_node_logs_it_once_a_second_at_most_and_diagnostics_carry_it(
     judged.said()
     capfd.readouterr()
     for _ in range(9):
-        node._throttle.repeat("actuation_pressure", judged.waiting.sentences()["actuation_pressure"])
+        node._throttle.warn("actuation_pressure", judged.waiting.sentences()["actuation_pressure"])
     assert capfd.readouterr().err.count("no command on /actuation_pressure") == 3
     publisher(bench, "hasty", reliability=ReliabilityPolicy.BEST_EFFORT)
 
