@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 from typing import Any
 
 from fields_page import fields_by_kind
@@ -57,3 +58,8 @@ def paths_in(value: Any, names: set[str], path: str = "") -> set[str]:
         else:
             found |= {f"{path}{key}", *paths_in(each, names, f"{path}{key}.")}
     return found
+
+
+def pixels(picture: Path) -> int:
+    """Width of a PNG."""
+    return int.from_bytes(picture.read_bytes()[16:20], "big")

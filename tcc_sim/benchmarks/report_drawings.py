@@ -1,10 +1,10 @@
-"""The pictures of both reports: precision.png and precision_section.png, error against run time in panels of a few
-solvers; and stability.png, error charts of the fixed-step methods and the errors of every engine on the
-extreme scenes.
+"""Pictures of both reports: error against run time in panels of a few solvers; error charts over step and a key, and
+errors of every engine on the extreme scenes.
 """
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -42,23 +42,35 @@ FADED = 0.2
 """Opacity of what no reference resolves."""
 KEYS = {"friction.smoothing": "smoothing $\\sigma$ (s/rad)", "friction.kinetic_coefficient": "$\\mu_s/\\mu_k$",
         "pressure.mean": "mean pressure (Pa)"}
-METHODS = {"fixed_step": "fixed_step, own sub-steps", "SDIRK3, one step": "SDIRK3 alone, no sub-steps", "rk4": "rk4"}
+METHODS = {"fixed_step": "fixed_step, own sub-steps", "SDIRK3, one step": "SDIRK3, no sub-steps"}
 SETTINGS = {"fixed_step": "tick (s)", "smoothed": "tolerance", "event_driven": "tolerance"}
 ENGINES = {"smoothed": (style.BLUE, "o"), "event_driven": (style.RED, "D"), "fixed_step": (style.GREEN, "s")}
 LOWEST = -9.0
 """Colours end at this power of ten."""
 
 
-def draw_precision(stem: Path, scenes: Sequence[StudiedScene], title: str = "") -> tuple[Path, Path]:
-    """Draw `stem`.png and `stem`.svg, a column per scene and a row per group of solvers with the largest of three
-    errors, and `stem`_section.png and .svg with the section of the first scene, a column per group.
+def draw_precision(stem: Path, scenes: Sequence[StudiedScene], title: str = "", width: float = style.PAGE) -> None:
+    """Draw the largest of three errors over run time as `stem`.png and `stem`.svg.
+
+    On a page there is a column per scene and a row per group of solvers; in a column each scene has two rows of two
+    groups. Set-valued runs are in the panel of their scene.
     """
-    columns = list(dict.fromkeys(record.scene.removesuffix(SET_VALUED) for record in scenes))
-    of = {name: [r for r in scenes if r.scene.removesuffix(SET_VALUED) == name] for name in columns}
-    _draw(stem.with_name(f"{stem.name}_section"), [[(of[columns[0]], group) for group in GROUPS]], "error_section",
-          list(GROUPS), title)
-    return _draw(stem, [[(of[name], group) for name in columns] for group in GROUPS], "largest_error", columns,
-                 title)
+    names = list(dict.fromkeys(record.scene.removesuffix(SET_VALUED) for record in scenes))
+    rows = [[(_of(scenes, name), group) for name in names] for group in GROUPS]
+    if not style.wide(width):
+        rows = [[rows[k + side][n] for side in range(2)] for n in range(len(names)) for k in (0, 2)]
+    _draw(stem, rows, "largest_error", title, width)
+
+
+def draw_section(stem: Path, scenes: Sequence[StudiedScene], title: str = "", width: float = style.PAGE) -> None:
+    """Draw the section's error of the first scene over run time, a panel per group of solvers."""
+    panels = [(_of(scenes, scenes[0].scene), group) for group in GROUPS]
+    _draw(stem, [panels] if style.wide(width) else [panels[:2], panels[2:]], "error_section", title, width)
+
+
+def _of(scenes: Sequence[StudiedScene], name: str) -> list[StudiedScene]:
+    """The records of a scene with either friction law."""
+    return [record for record in scenes if record.scene.removesuffix(SET_VALUED) == name]
 
 
 def looks_of(names: list[str]) -> dict[str, Look]:
@@ -67,32 +79,40 @@ def looks_of(names: list[str]) -> dict[str, Look]:
     return {name: LOOKS[name] if name in LOOKS else SPARE[unknown.index(name) % len(SPARE)] for name in names}
 
 
-def _draw(stem: Path, grid: Sequence[Sequence[tuple[list[StudiedScene], str]]], key: str,
-          titles: Sequence[str], over: str) -> tuple[Path, Path]:
-    """One picture of panels with the scenes and the group of each; a scene's set-valued runs are in its panel."""
-    with style.figure(2.6 * max(len(titles), 2) + 0.6, 2.2 * len(grid) + 1.4, over) as drawn:
-        axes = drawn.subplots(len(grid), len(titles), sharex=True, sharey=True, squeeze=False)
+def _draw(stem: Path, rows: Sequence[Sequence[tuple[list[StudiedScene], str]]], key: str, over: str,
+          width: float) -> None:
+    """Draw panels, each with the records of one scene and a group of solvers."""
+    wide = style.wide(width)
+    by_scene = wide and len(rows) > 1
+    with style.figure(width, (1.75 if wide else 1.0) * len(rows) + (1.4 if wide else 1.5), over) as drawn:
+        axes = drawn.subplots(len(rows), len(rows[0]), sharex=True, sharey=True, squeeze=False)
         handles: dict[str, Any] = {}
-        for row, panels in zip(axes, grid):
-            for axis, (records, group) in zip(row, panels):
+        letters = iter("abcdefghijklmnopqrstuvwxyz")
+        for number, (line, panels) in enumerate(zip(axes, rows)):
+            for axis, (records, group) in zip(line, panels):
                 for record in records:
                     draw_curves(axis, record, key, handles, (*GROUPS[group], *ENGINES))
                     law, colour = ("(7)", style.GREY) if record.law == "smoothed" else ("(6)", style.RED)
-                    handles[f"floor of the references, law {law}"] = axis.axhline(
+                    handles[f"reference floor, law {law}"] = axis.axhline(
                         record.reference.floor, color=colour, linewidth=0.9, linestyle=(0, (1, 1.5)), zorder=1)
-            row[0].set_ylabel(f"relative error, {panels[0][1]}" if len(grid) > 1 else "relative error, section")
-        for letter, name, axis, (records, _) in zip("abcd", titles, axes[0], grid[0]):
-            axis.set_title(f"({letter}) {name}", pad=26.0 if len(grid) > 1 else 6.0)
-            if len(grid) > 1:
-                axis.text(0.0, 1.02, _wrapped(records[0].description), transform=axis.transAxes, fontsize=7.5,
-                          va="bottom")
+                axis.set(xscale="log", yscale="log", ylim=(1e-15, 2.0))
+                axis.set_yticks([1e-12, 1e-8, 1e-4, 1.0])
+                if by_scene and not number:
+                    axis.set_title(f"({next(letters)}) {records[0].scene}", pad=34.0)
+                    axis.text(0.0, 1.03, _wrapped(records[0].description), transform=axis.transAxes, fontsize=6.5,
+                              va="bottom")
+                elif not by_scene:
+                    axis.set_title(f"({next(letters)}) {group}", fontsize=7.5 if wide else 6.5, pad=3.0)
+            line[0].set_ylabel(panels[0][1] if by_scene else "error of the section" if key == "error_section" else
+                               f"error, {panels[0][0][0].scene}", fontsize=7.0)
         for axis in axes[-1]:
             axis.set_xlabel("run time (s)")
-        for axis in axes.flat:
-            axis.set(xscale="log", yscale="log", ylim=(1e-15, 2.0))
+        if by_scene:
+            drawn.supylabel("relative error", fontsize=8.0)
         order = [n for n in LOOKS if n in handles] + [n for n in handles if n not in LOOKS]
-        drawn.legend([handles[n] for n in order], order, loc="outside lower center", ncols=6)
-        return style.save_both(drawn, stem)
+        drawn.legend([handles[n] for n in order], order, loc="outside lower center", ncols=5 if wide else 3,
+                     fontsize=7.0 if wide else 6.0)
+        style.save_both(drawn, stem)
 
 
 def draw_curves(axis: Any, record: StudiedScene, key: str, handles: dict[str, Any],
@@ -105,7 +125,7 @@ def draw_curves(axis: Any, record: StudiedScene, key: str, handles: dict[str, An
         colour, marker, line, width = look
         seconds, found = [row.seconds for row in rows], np.array([max(getattr(row, key), 1e-16) for row in rows])
         floor = floor_of(record, name, key)
-        drawn = {"color": colour, "marker": marker, "linestyle": line, "linewidth": width, "markersize": 4.0}
+        drawn = {"color": colour, "marker": marker, "linestyle": line, "linewidth": width, "markersize": 3.0}
         axis.plot(seconds, found, alpha=FADED, zorder=2, **drawn)
         handle, = axis.plot(seconds, np.where(found >= floor, found, np.nan), zorder=3, **drawn)
         handles[name] = handle
@@ -119,47 +139,57 @@ def floor_of(record: StudiedScene, solver: str, key: str) -> float:
 
 
 def _wrapped(text: str) -> str:
-    """A description on lines that fit a column."""
-    import textwrap
-
-    lines = "\n".join(textwrap.wrap(text.replace(" N m", "\u00a0N\u00a0m"), 44))
+    """A description on lines that fit a panel."""
+    lines = "\n".join(textwrap.wrap(text.replace(" N m", "\u00a0N\u00a0m"), 27))
     for plain, symbol in (("mu_s/mu_k", "$\\mu_s/\\mu_k$"), ("mu_k = mu_s", "$\\mu_k = \\mu_s$"),
                           ("sigma", "$\\sigma$"), ("Tm", "$T_m$"), ("Tp", "$T_p$")):
         lines = lines.replace(plain, symbol)
     return lines
 
 
-def draw_stability(stem: Path, charts: Sequence[ErrorChart], cases: Sequence[Examined],
-                   title: str = "") -> tuple[Path, Path]:
-    """Draw `stem`.png and `stem`.svg."""
-    keys, methods = list(dict.fromkeys(c.over for c in charts)), list(dict.fromkeys(c.method for c in charts))
-    with style.figure(9.0, 2.5 * len(methods) + 3.4, title) as drawn:
-        upper, lower = drawn.subfigures(2, 1, height_ratios=(2.5 * len(methods) + 0.4, 3.0))
-        axes = upper.subplots(len(methods), max(len(keys), 1), squeeze=False, sharex="row")
+def draw_stability(stem: Path, charts: Sequence[ErrorChart], cases: Sequence[Examined], title: str = "",
+                   width: float = style.PAGE) -> None:
+    """Draw error charts and the errors of extreme scenes as `stem`.png and `stem`.svg.
+
+    On a page there is a row of charts per method and a column per key; in a column the charts lie two in a row.
+    """
+    wide, keys = style.wide(width), list(dict.fromkeys(c.over for c in charts))
+    columns = max(len(keys), 1) if wide else 2
+    places = {(c.method, c.over): divmod(k, columns) for k, c in enumerate(charts)} if not wide else {
+        (method, key): (n, k) for n, method in enumerate(dict.fromkeys(c.method for c in charts))
+        for k, key in enumerate(keys)}
+    count = 1 + max((row for row, _ in places.values()), default=0)
+    each = 1.5 if wide else 1.25
+    with style.figure(width, each * count + (3.2 if wide else 2.9), title) as drawn:
+        upper, lower = drawn.subfigures(2, 1, height_ratios=(each * count + 0.7, 2.5 if wide else 2.2))
+        axes = upper.subplots(count, columns, squeeze=False, sharex="row" if wide else False)
+        for axis in axes.flat:
+            axis.set_axis_off()
         shade: Any = None
         lines: dict[str, Any] = {}
-        letters = iter("abcdefghijklmnopqrst")
-        for row, method in zip(axes, methods):
-            for axis, key in zip(row, keys):
-                chart = next((c for c in charts if c.over == key and c.method == method), None)
-                if chart is None:
-                    axis.set_axis_off()
-                    continue
-                shade = _chart(axis, chart, lines)
-                axis.set_title(f"({next(letters)}) {METHODS.get(method, method)}")
-                axis.set(xlabel=SETTINGS.get(method, "step (s)"), ylabel=KEYS.get(key, key))
+        letters = iter("abcdefghijklmnopqrstuvwxyz")
+        small = 7.0 if wide else 6.0
+        for chart in charts:
+            axis = axes[places[chart.method, chart.over]]
+            axis.set_axis_on()
+            shade = _chart(axis, chart, lines)
+            axis.set_title(f"({next(letters)}) {METHODS.get(chart.method, chart.method)}", fontsize=small)
+            axis.set_xlabel(SETTINGS.get(chart.method, "step (s)"), fontsize=small, labelpad=1.0)
+            axis.set_ylabel(KEYS.get(chart.over, chart.over), fontsize=small)
         if shade is not None:
-            bar = upper.colorbar(shade, ax=axes, shrink=0.7, pad=0.01, extend="min")
-            bar.set_label("log10 of the relative section error; grey: not finite or refused")
-            upper.legend(lines.values(), lines.keys(), loc="outside lower center", ncols=3, handlelength=3.0)
+            bar = upper.colorbar(shade, ax=axes, shrink=0.7, pad=0.01, extend="min", aspect=40,
+                                 **({} if wide else {"location": "top"}))
+            bar.set_label("log10 of the section's relative error; grey: " + ("" if wide else "\n")
+                          + "not finite or refused", fontsize=small)
+            upper.legend(lines.values(), lines.keys(), loc="outside lower center", ncols=2 if wide else 1,
+                         handlelength=3.0, fontsize=small)
         panels = lower.subplots(1, 2, sharey=False)
-        _sorted(panels[0], cases, "error", "relative error")
-        _sorted(panels[1], cases, "power_residual", "power balance residual")
-        for panel, name in zip(panels, ("Extreme scenes: error", "Extreme scenes: power balance")):
-            panel.set_title(f"({next(letters)}) {name}")
-        style_handles, labels = panels[0].get_legend_handles_labels()
-        lower.legend(style_handles, labels, loc="outside lower center", ncols=3)
-        return style.save_both(drawn, stem)
+        for panel, key, name in zip(panels, ("error", "power_residual"), ("error", "power balance")):
+            _sorted(panel, cases, key, "relative error" if key == "error" else "residual")
+            panel.set_title(f"({next(letters)}) extreme scenes: {name}", fontsize=small)
+            panel.set_xlabel("share of the cases, smallest first (%)" if wide else "share of the cases (%)")
+        lower.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+        style.save_both(drawn, stem)
 
 
 def _chart(axis: Any, chart: ErrorChart, lines: dict[str, Any]) -> Any:
@@ -202,4 +232,4 @@ def _sorted(axis: Any, cases: Sequence[Examined], key: str, name: str) -> None:
             share = 100.0 * (np.arange(len(values)) + 0.5) / len(values)
             axis.plot(share, np.maximum(values, 1e-17), color=colour, marker=marker, markersize=2.0, linewidth=0.8,
                       label=engine)
-    axis.set(yscale="log", xlabel="share of the cases, smallest first (%)", ylabel=name)
+    axis.set(yscale="log", ylabel=name)

@@ -31,6 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         extent.add_argument("--quick", action="store_true", help=REPORTS[verb])
         output.add_argument("--out", type=Path, default=Path(verb), metavar="DIR",
                             help=f"new directory for {verb}.png, .svg, .json and .md (default {verb})")
+        output.add_argument("--width", choices=("column", "page"), default="page",
+                            help="width of the pictures in a paper (default page)")
         output.add_argument("--title", metavar="T", default="", help="title over the pictures (default: none)")
         return
     shortest, default = DURATIONS[verb]
@@ -75,9 +77,10 @@ def _precision(arguments: argparse.Namespace, folder: Path) -> int:
     from tcc_sim.benchmarks import work_precision as precision
     from tcc_sim.benchmarks.peers import python_loop
     from tcc_sim.benchmarks.precision_report import PrecisionReport, precision_page, scene_lines, took_part
-    from tcc_sim.benchmarks.report_drawings import draw_precision
+    from tcc_sim.benchmarks.report_drawings import draw_precision, draw_section
     from tcc_sim.output.provenance import document
     from tcc_sim.scene import load_scene
+    from tcc_sim.views.style import width_of
 
     effort = precision.QUICK if arguments.quick else precision.FULL
     records = []
@@ -91,7 +94,8 @@ def _precision(arguments: argparse.Namespace, folder: Path) -> int:
     folder.mkdir()
     write_json(folder / "precision.json", document("precision", found, load_scene("fig02"), arguments.words))
     (folder / "precision.md").write_text(precision_page(found, "precision.png"), encoding="utf-8")
-    draw_precision(folder / "precision", records, printable(arguments.title))
+    for draw, name in ((draw_precision, "precision"), (draw_section, "precision_section")):
+        draw(folder / name, records, printable(arguments.title), width_of(arguments.width))
     for line in [line for record in records for line in scene_lines(record)]:
         say(line)
     say(f"{folder}/precision.png, .svg, .json, .md; precision_section.png, .svg: the first scene")
@@ -105,6 +109,7 @@ def _stability(arguments: argparse.Namespace, folder: Path) -> int:
     from tcc_sim.benchmarks.worst_cases import reasons
     from tcc_sim.model.parameters import System
     from tcc_sim.output.provenance import document
+    from tcc_sim.views.style import width_of
 
     records, maps = [], []
     with counted_bar("scene") as running:
@@ -118,7 +123,7 @@ def _stability(arguments: argparse.Namespace, folder: Path) -> int:
     folder.mkdir()
     write_json(folder / "stability.json", document("stability", found, System(), arguments.words))
     (folder / "stability.md").write_text(stability_page(found, "stability.png"), encoding="utf-8")
-    draw_stability(folder / "stability", maps, records, printable(arguments.title))
+    draw_stability(folder / "stability", maps, records, printable(arguments.title), width_of(arguments.width))
     for engine, total in found.summary.items():
         ended = ", ".join(f"{name} {count}" for name, count in total.statuses.items())
         say(f"{engine}: {counted(total.cases, 'case')} ({ended}), {total.not_finite} not finite, "

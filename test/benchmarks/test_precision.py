@@ -5,7 +5,7 @@ import json
 
 import numpy as np
 import pytest
-from documents import valid
+from documents import pixels, valid
 
 from tcc_sim.benchmarks import peers, report_drawings
 from tcc_sim.benchmarks import work_precision as precision
@@ -100,7 +100,7 @@ def test_no_two_series_look_alike():
 def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys):
     tiny()
     folder = tmp_path / "out"
-    assert main(["precision", "--quick", "--out", str(folder)]) == 0
+    assert main(["precision", "--quick", "--width", "column", "--out", str(folder)]) == 0
     found = valid("precision", json.loads((folder / "precision.json").read_text()))
     assert set(found) >= KEYS
     assert len(found["reference"]["solvers"]) == 2
@@ -128,9 +128,14 @@ def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys):
     assert steady["max_slip_speed"] == pytest.approx(settled("smoothed", 400), abs=2e-3)
     assert steady["closure"] < 1e-4
     assert rows["smoothed", 1e-9]["error_steady"] < 1e-4
-    assert (folder / "precision.png").read_bytes().startswith(b"\x89PNG")
-    assert "<svg" in (folder / "precision.svg").read_text()[:500]
-    assert (folder / "precision_section.png").read_bytes().startswith(b"\x89PNG")
+    for name in ("precision", "precision_section"):
+        assert pixels(folder / f"{name}.png") == 700
+        assert "<svg" in (folder / f"{name}.svg").read_text()[:500]
+    for width, expected in (("column", 700), ("page", 1440)):
+        again = tmp_path / f"{width}.png"
+        assert main(["plot", str(folder / "precision.json"), "--plot", str(again), "--width", width]) == 0
+        assert pixels(again) == expected
+    assert (tmp_path / "column.png").read_bytes() == (folder / "precision.png").read_bytes()
     text = (folder / "precision.md").read_text()
     assert "### fig02, omitted" in text
     assert "Measured on " in text

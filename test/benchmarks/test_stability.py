@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from documents import valid
+from documents import pixels, valid
 from scipy.optimize import minimize_scalar
 
 from tcc_sim.benchmarks import extremes, stability, worst_cases
@@ -151,7 +151,7 @@ def tiny(monkeypatch):
 
 def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys):
     folder = tmp_path / "out"
-    assert main(["stability", "--quick", "--out", str(folder)]) == 0
+    assert main(["stability", "--quick", "--width", "column", "--out", str(folder)]) == 0
     found = valid("stability", json.loads((folder / "stability.json").read_text()))
     assert len(found["cases"]) == 9
     for record in found["cases"]:
@@ -161,8 +161,12 @@ def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys):
     assert all(total["not_finite"] == total["not_bounded"] == 0 for total in found["summary"].values())
     assert len(found["charts"]) == 3 * len(stability.METHODS) - 1
     assert {c["method"] for c in found["charts"]} >= {"smoothed", "event_driven"}
-    assert (folder / "stability.png").read_bytes().startswith(b"\x89PNG")
     assert (folder / "stability.svg").exists()
+    for width, expected in (("column", 700), ("page", 1440)):
+        again = tmp_path / f"{width}.png"
+        assert main(["plot", str(folder / "stability.json"), "--plot", str(again), "--width", width]) == 0
+        assert pixels(again) == expected
+    assert (tmp_path / "column.png").read_bytes() == (folder / "stability.png").read_bytes()
     text = (folder / "stability.md").read_text()
     assert text.splitlines()[2] == "This page is generated: `tcc-sim stability --quick` writes it."
     assert text.count("ended badly and") == 3

@@ -121,16 +121,6 @@ def test_what_has_no_picture_is_refused_in_a_line(content: str, says: str, tmp_p
         stored.read_stored(tmp_path / "a.txt")
 
 
-@pytest.mark.parametrize("kind", ["precision", "stability"])
-def test_a_report_has_no_picture_for_a_column(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    file = tmp_path / "a.json"
-    file.write_text(json.dumps({"format": f"tcc_sim {kind} 1", "command": [kind], "charts": [], "cases": [],
-                                "scenes": []}))
-    assert main(["plot", str(file), "--plot", str(tmp_path / "a.png"), "--width", "column"]) == 2
-    assert "too many panels" in capsys.readouterr().err
-    assert sorted(tmp_path.iterdir()) == [file]
-
-
 def test_a_picture_is_a_pdf_by_default_and_never_overwritten(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
                                                              capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.chdir(tmp_path)
