@@ -1,4 +1,4 @@
-"""What the work-precision study finds: its records, as precision.json has them, and the page."""
+"""Records of the work-precision study, as precision.json has them, and its page."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ def fastest_results(record: StudiedScene, target: float) -> dict[str, PrecisionR
 
 
 def took_part(records: Sequence[StudiedScene]) -> dict[str, str]:
-    """For each other program whether it joined, or why it did not."""
+    """Return for each other program whether it joined, or why it did not."""
     out = {}
     for name in ("CVODE", "XPPAUT"):
         joined = any(row.solver.startswith(name) for record in records for row in record.results)
@@ -169,7 +169,7 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
 
 
 def _head(found: PrecisionReport) -> list[str]:
-    """What came out, in sentences, and that the page is generated."""
+    """Return the results in sentences."""
     said = ["This page is generated: `tcc-sim precision" + (" --quick" if found.quick else "") + "` writes it."]
     cycles = found.scenes[0].cycles
     for law, engine in ENGINES.items():
@@ -178,9 +178,8 @@ def _head(found: PrecisionReport) -> list[str]:
         own = [row[engine].seconds for row in best if engine in row]
         if not own:
             continue
-        said += ["", f"With all three errors at most {TARGET:g}, {cycles} periods of excitation take "
-                 f"{code_name(engine)} {_range([1e3 * x for x in own])} ms on the {len(scenes)} scenes of its "
-                 "friction law."]
+        said += ["", f"With all three errors at most {_power(TARGET)}, {cycles} periods of excitation take {code_name(engine)} "
+                 f"{_range([1e3 * x for x in own])} ms on the {len(scenes)} scenes of its friction law."]
         names = dict.fromkeys(r.solver for record in scenes for r in record.results)
         others = [name for name in names if name != engine]
         said += ["", f"Run time relative to {code_name(engine)}:", ""] if others else []
@@ -188,8 +187,8 @@ def _head(found: PrecisionReport) -> list[str]:
             ratios = [row[name].seconds / row[engine].seconds for row in best if name in row and engine in row]
             where = f", on {len(ratios)} of {len(scenes)} scenes" if 0 < len(ratios) < len(scenes) else ""
             said.append(f"- {code_name(name)}{PAPERS if name == 'rk45' else ''}: " + (
-                f"{_range(ratios)}{where}" if ratios else f"does not reach {TARGET:g} before it fails or its tolerance "
-                "ends"))
+                f"{_range(ratios)}{where}" if ratios else f"does not reach {_power(TARGET)} before it fails or its "
+                "tolerance ends"))
     return said
 
 
@@ -211,12 +210,12 @@ def _lines(path: str) -> list[str]:
 
 def _range(values: list[float]) -> str:
     """Least and largest, with two digits."""
-    low, high = (f"{float(f'{x:.2g}'):g}" for x in (min(values), max(values)))
+    low, high = (_digits(x, 2) for x in (min(values), max(values)))
     return low if low == high else f"{low} to {high}"
 
 
 def _method(found: PrecisionReport) -> list[str]:
-    """What was measured and how."""
+    """Return the method in sentences."""
     peers = "; ".join(f"{name} {'joined' if why == 'joined' else f'did not join: {why}'}" for name,
                       why in found.peers.items())
     cycles = found.scenes[0].cycles if found.scenes else 0
@@ -225,13 +224,14 @@ def _method(found: PrecisionReport) -> list[str]:
         "plate angle and plate speed: of the final state, of all states at t = 2 pi n/omega (section), and of each "
         "cycle's largest slip speed.",
         f"Measured on {found.machine}.",
-        f"The horizon is {cycles} periods of excitation from the initial state, transient included: longer ones say "
-        "nothing where the motion is chaotic.",
+        f"The horizon is {cycles} periods of excitation from the initial state, transient included; errors over a longer one "
+        "mean nothing where the motion is chaotic.",
         "The steady state is that of a long run from the initial state; its error is that of the largest slip speed "
-        "of the last cycles. Solvers that would take too long for it have none, nor have motions without a period.",
+        "of the last cycles. It is not measured for solvers that would take too long and for motions without a "
+        "period.",
         "Times are minima of the CPU time of repeated calls of `solve` (one thread), per-cycle results included; in "
-        "brackets how much longer the slowest call took. The "
-        "first call, which compiles, is kept apart (`warm_up` in the JSON). Settings are tolerances of adaptive "
+        "brackets how much longer the slowest of several calls took. The "
+        "first call, which compiles, is listed separately (`warm_up` in the JSON). Settings are tolerances of adaptive "
         "solvers and steps in s of fixed-step ones.",
         "The floor is the disagreement of two SciPy references, which use nothing of this package's solvers; an error "
         "below it is not resolved, and drawn faded.",
@@ -243,9 +243,9 @@ def _method(found: PrecisionReport) -> list[str]:
         "start-up is left out. `solve_ivp LSODA` is SciPy's function with a compiled right-hand side and Jacobian that "
         "keeps the section only."]
     if found.python_loop:
-        step, rates = (1e6 * found.python_loop[name] for name in ("step", "rates"))
-        out.append(f"A step of `dop853` takes {step:.3g} us, of which the twelve evaluations of the compiled equations "
-                   f"are {rates:.2g} us; the rest is SciPy's loop in Python, which a compiled DOP853 would not have.")
+        out.append(f"A step of `dop853` takes {_digits(1e6 * found.python_loop['step'], 3)} us, of which the twelve "
+                   f"evaluations of the compiled equations take {_digits(1e6 * found.python_loop['rates'], 2)} us; the "
+                   "rest is SciPy's loop in Python, which a compiled DOP853 would not have.")
     if not found.complete:
         out.append("**Interrupted: this report is not complete.**")
     return [line for text in out for line in (text, "")][:-1]
@@ -259,18 +259,29 @@ def _summary(record: StudiedScene, scenes: Sequence[StudiedScene]) -> list[str]:
              f"{record.description}. References: {' and '.join(reference.solvers)}; floor "
              f"{reference.floor:.1e}.", "", comparison(record, scenes), ""]
     names = [n for n in dict.fromkeys(r.solver for r in record.results) if any(n in b for b in best)]
-    lines += _table(["time of a cycle (us) for all three errors at most", *(f"{t:g}" for t in TARGETS)],
+    lines += _table(["time of a cycle (us) for all three errors at most", *map(_power, TARGETS)],
                     [[code_name(n), *(_cost(b[n], record.cycles) if n in b else "-" for b in best)] for n in names])
     if record.long_run:
         lines += ["", *_table(("long run, at the setting for 1e-6", "cycles", "us a cycle"),
-                              [(f"{code_name(r.solver)} at {r.setting:g}", str(r.cycles),
-                                f"{1e4 * r.seconds_per_100_cycles:.4g}") for r in record.long_run])]
+                              [(f"{code_name(r.solver)} at {_power(r.setting)}", str(r.cycles),
+                                _digits(1e4 * r.seconds_per_100_cycles, 4)) for r in record.long_run])]
     return [*lines, ""]
 
 
 def _cost(row: PrecisionResult, cycles: int) -> str:
-    """The time of a cycle, us, and how much longer the slowest run took."""
-    return f"{1e6 * row.seconds / cycles:.3g} (+{100.0 * (row.slowest / row.seconds - 1.0):.0f} %)"
+    """Return the time of a cycle, us, and how much longer the slowest run took."""
+    more = f" (+{100.0 * (row.slowest / row.seconds - 1.0):.0f} %)" if row.slowest > row.seconds else ""
+    return _digits(1e6 * row.seconds / cycles, 3) + more
+
+
+def _digits(value: float, count: int) -> str:
+    """Return a number with some digits and without an exponent."""
+    return f"{float(f'{value:.{count}g}'):.12g}"
+
+
+def _power(value: float) -> str:
+    """Return a power of ten, such as 1e-6."""
+    return f"{value:g}".replace("e-0", "e-")
 
 
 def comparison(record: StudiedScene, others: Sequence[StudiedScene]) -> str:
@@ -305,5 +316,5 @@ def scene_lines(record: StudiedScene) -> list[str]:
 
 
 def _omitted(record: StudiedScene) -> list[str]:
-    """What failed and why."""
+    """Return the omitted settings with their reasons."""
     return [*(f"- {code_name(row.solver)} at {row.setting:.3g}: {row.why}" for row in record.omitted), ""]

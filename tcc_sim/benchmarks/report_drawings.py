@@ -40,9 +40,9 @@ SPARE = [(colour, marker, (0, (3, 1, 1, 1)), 0.9) for colour, marker in zip(styl
 SET_VALUED = ", set-valued"
 FADED = 0.2
 """Opacity of what no reference resolves."""
-KEYS = {"friction.smoothing": "smoothing $\\sigma$ (s/rad)", "friction.kinetic_coefficient": "$\\mu_s/\\mu_k$",
-        "pressure.mean": "mean pressure (Pa)"}
-METHODS = {"fixed_step": "fixed_step, own sub-steps", "SDIRK3, one step": "SDIRK3, no sub-steps"}
+KEYS = {"friction.smoothing": "$\\sigma$ (s/rad)", "friction.kinetic_coefficient": "$\\mu_s/\\mu_k$",
+        "pressure.mean": "$P_m$ (Pa)"}
+METHODS = {"SDIRK3, one step": "SDIRK3, no sub-steps"}
 SETTINGS = {"fixed_step": "tick (s)", "smoothed": "tolerance", "event_driven": "tolerance"}
 ENGINES = {"smoothed": (style.BLUE, "o"), "event_driven": (style.RED, "D"), "fixed_step": (style.GREEN, "s")}
 LOWEST = -9.0
@@ -153,13 +153,13 @@ def draw_stability(stem: Path, charts: Sequence[ErrorChart], cases: Sequence[Exa
 
     On a page there is a row of charts per method and a column per key; in a column the charts lie two in a row.
     """
-    wide, keys = style.wide(width), list(dict.fromkeys(c.over for c in charts))
+    wide = style.wide(width)
+    methods, keys = (list(dict.fromkeys(getattr(c, name) for c in charts)) for name in ("method", "over"))
+    charts = sorted(charts, key=lambda c: methods.index(c.method))
     columns = max(len(keys), 1) if wide else 2
-    places = {(c.method, c.over): divmod(k, columns) for k, c in enumerate(charts)} if not wide else {
-        (method, key): (n, k) for n, method in enumerate(dict.fromkeys(c.method for c in charts))
-        for k, key in enumerate(keys)}
-    count = 1 + max((row for row, _ in places.values()), default=0)
-    each = 1.5 if wide else 1.25
+    places = [(methods.index(c.method), keys.index(c.over)) if wide else divmod(k, 2) for k, c in enumerate(charts)]
+    count = 1 + max((row for row, _ in places), default=0)
+    each = 1.5 if wide else 1.0
     with style.figure(width, each * count + (3.2 if wide else 2.9), title) as drawn:
         upper, lower = drawn.subfigures(2, 1, height_ratios=(each * count + 0.7, 2.5 if wide else 2.2))
         axes = upper.subplots(count, columns, squeeze=False, sharex="row" if wide else False)
@@ -169,8 +169,8 @@ def draw_stability(stem: Path, charts: Sequence[ErrorChart], cases: Sequence[Exa
         lines: dict[str, Any] = {}
         letters = iter("abcdefghijklmnopqrstuvwxyz")
         small = 7.0 if wide else 6.0
-        for chart in charts:
-            axis = axes[places[chart.method, chart.over]]
+        for place, chart in zip(places, charts):
+            axis = axes[place]
             axis.set_axis_on()
             shade = _chart(axis, chart, lines)
             axis.set_title(f"({next(letters)}) {METHODS.get(chart.method, chart.method)}", fontsize=small)
@@ -186,7 +186,7 @@ def draw_stability(stem: Path, charts: Sequence[ErrorChart], cases: Sequence[Exa
         panels = lower.subplots(1, 2, sharey=False)
         for panel, key, name in zip(panels, ("error", "power_residual"), ("error", "power balance")):
             _sorted(panel, cases, key, "relative error" if key == "error" else "residual")
-            panel.set_title(f"({next(letters)}) extreme scenes: {name}", fontsize=small)
+            panel.set_title(f"({next(letters)}) {'extreme scenes: ' if wide else ''}{name}", fontsize=small)
             panel.set_xlabel("share of the cases, smallest first (%)" if wide else "share of the cases (%)")
         lower.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
         style.save_both(drawn, stem)

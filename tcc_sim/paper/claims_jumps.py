@@ -145,7 +145,7 @@ def peaks_move(evidence: Evidence) -> Measured:
     return Measured((bool(rising) and all(rising), any(rising)),
                     {"peaks followed from mu_k/mu_s = 1 to 0.83, 0.75, 0.667": chains,
                      "all peaks for mu_k/mu_s": peaks},
-                    "" if all(rising) else f"{sum(rising)} of {counted(len(chains), 'peak')} do so")
+                    "" if all(rising) else f"{sum(rising)} of {counted(len(chains), 'peak')} shift up")
 
 
 @claim("4", "5, after Fig. 4; 7", "stability is lost around the super-harmonic peaks", holds(
@@ -162,7 +162,7 @@ def lost_at_peaks(evidence: Evidence) -> Measured:
     share = float(np.mean(near)) if near else 0.0
     return Measured((share >= 0.75, share > max(covered)), {"jumps": len(near), "part of them at a peak": share,
                     "part of the ratios from 0.12 on that are as near, for mu_k/mu_s = 0.83, 0.75, 0.667": covered},
-                    "more of the jumps lie there than chance has, but not most of them"
+                    "more of the jumps lie there than by chance, but not most of them"
                     if 0.75 > share > max(covered) else "")
 
 
@@ -182,7 +182,7 @@ def new_peaks(evidence: Evidence) -> Measured:
     fewer = [name for name, a, b in zip(("0", "pi/2", "pi"), *counts) if b <= a]
     return Measured((not fewer, len(fewer) < 3),
                     {"peaks below 0.30 at mu_k = mu_s and 0.75 mu_s, psi = 0, pi/2, pi": counts},
-                    f"psi = {', '.join(fewer)} has no more of them" if fewer else "")
+                    f"psi = {', '.join(fewer)} has no more peaks" if fewer else "")
 
 
 @claim("14", "6.2, after Fig. 14", "psi = 0: at a jump near 0.35 the periodic motion becomes chaotic", holds(

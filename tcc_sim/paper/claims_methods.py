@@ -222,8 +222,7 @@ def damping_falls(evidence: Evidence) -> Measured:
     medians = {name: [float(np.nanmedian(row)) for row in found] for name, found in readings.items()}
     return Measured((falls[name] >= evidence.most, grow(medians[name][::-1])),
                     {"part where it falls": falls, "median for mu_k/mu_s = 1, 0.83, 0.75, 0.667": medians},
-                    "what falls with mu_k is the negative part of the slope; (21) weights it with v^2, which is small "
-                    "there")
+                    "the negative part of the slope falls with mu_k; (21) weights it with v^2, which is small there")
 
 
 HARMONICS = 40

@@ -148,7 +148,7 @@ def section_varies_less(evidence: Evidence) -> Measured:
     return Measured([share], {"ratios": len(variation), "part of them": share, "median variation of delta_1', delta_2":
                               np.median(variation[:, :2], axis=0).tolist() if len(variation) else []},
                     "" if share == 1.0 else "the section mostly lies in stick, where delta_1' is nearly 0 and delta_2 "
-                    "is what varies")
+                    "varies")
 
 
 LONG = 20000
@@ -296,4 +296,4 @@ def amplitude_aperiodic(evidence: Evidence) -> Measured:
     none: Floats = np.any([evidence.periods(s) == 0 for s in evidence.curves(rows(18)[2:], AXIS)], axis=0)
     return more_than_anywhere(lambda x: float(none[np.abs(AXIS - x) <= evidence.limit("near") + 1e-9].mean()),
                               HIGHER_JUMPS, "part without a period near", {},
-                              lambda fewer: "elsewhere such motions are as frequent")
+                              lambda fewer: "such motions are as frequent at other ratios")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -86,12 +85,6 @@ def _lines(parts: Sequence[str], between: str, most: int) -> list[str]:
     return lines
 
 
-def _marks(axis: Any, data: Figure) -> None:
-    """Thin lines at the places that the text names."""
-    for x in data.marks:
-        axis.axvline(x, color=style.GREY, linewidth=0.6, linestyle=(0, (2, 2)), zorder=0.5)
-
-
 def draw_orbit(axis: Any, x: Sequence[float], curve: Labelled, colour: str) -> None:
     """The section points over the parameter: grey where a period has not settled; at the edge where slip grows."""
     panels.draw_runaways(axis, x, curve)
@@ -134,48 +127,57 @@ def legend_of_marks(axis: Any, curves: Sequence[Labelled]) -> None:
 
 
 def _paint_map(drawn: Any, data: Figure) -> None:
-    """A row for every curve: left the maxima, right an orbit diagram; pale the other curves, or its own branches."""
+    """Draw maxima and an orbit diagram of every curve, in shared ranges; pale the other curves, or its own branches."""
     curves, x = data.numbers.curves, data.numbers.x
-    branched = curves[0].behind is not None
-    top = 1.06 * max(float(np.nanmax(panels.bounded(curve), initial=1e-6)) for curve in curves)
-    count, wide = len(curves), style.wide(drawn.get_figwidth())
+    branched, wide, count = curves[0].behind is not None, style.wide(drawn.get_figwidth()), len(curves)
+    if branched:
+        top, beyond = panels.top_of(curves)
+    else:
+        top, beyond = 1.06 * max(float(np.nanmax(panels.bounded(curve), initial=1e-6)) for curve in curves), 0
     if branched and not wide:  # Causes of jumps need the whole width: the orbit diagram is below its maxima.
         grid = drawn.add_gridspec(2 * count + 1, 1, height_ratios=[1.4, 1.0] * count + [0.8])
-        maxima, orbits = ([drawn.add_subplot(grid[2 * k + side, 0]) for k in range(count)] for side in range(2))
+        cells = [[grid[2 * k + side, 0] for k in range(count)] for side in range(2)]
     else:
-        below_all = 0.24 if branched else 0.36 if wide else 0.8
         grid = drawn.add_gridspec(count + 1, 2, width_ratios=(1.55 if branched else 1.0, 1.0),
-                                  height_ratios=[1.0] * count + [below_all])
-        maxima, orbits = ([drawn.add_subplot(grid[k, side]) for k in range(count)] for side in range(2))
-    beside = wide or branched
-    beyond = 0
+                                  height_ratios=[1.0] * count + [0.24 if branched else 0.36 if wide else 0.8])
+        cells = [[grid[k, side] for k in range(count)] for side in range(2)]
+    maxima, orbits = ([drawn.add_subplot(cell) for cell in column] for column in cells)
+    for row in (maxima, orbits):
+        for axis in row[1:]:
+            axis.sharex(row[0])
+            axis.sharey(row[0])
+    named = wide or branched
     for k, (curve, left, right) in enumerate(zip(curves, maxima, orbits)):
         colour = style.CYCLE[k]
-        for axis in (left, right):
-            axis.set_xlim(x[0], x[-1])
         if branched:
-            beyond += _maxima_on_branches(left, curve, data, colour)
+            _points(left, x, curve, colour)
+            panels.draw_branches(left, curve, data.numbers.unit, colour)
         else:
             for other in curves:
                 left.plot(x, panels.bounded(other), color=style.GREY, linewidth=0.4, alpha=0.45, zorder=1)
             draw_curve_maxima(left, x, curve, colour)
-            left.set_ylim(0.0, top)
         draw_orbit(right, x, curve, colour)
-        if beside:
+        if named:
             left.set_ylabel(MAXIMUM.replace(" (", "\n("))
             right.set_ylabel(SECTION)
         for axis in (right,) if branched else (left, right):
             axis.set_title(curve.label, loc="right", fontweight="normal", fontsize=7.5, color=colour, pad=2.0)
-        right.margins(y=0.08)
         for axis in (left, right):
-            axis.locator_params(axis="y", nbins=4)
-            axis.locator_params(axis="x", nbins=6 if beside else 3)
             axis.tick_params(labelbottom=k == count - 1)
-            _marks(axis, data)
+            for mark in data.marks:
+                axis.axvline(mark, color=style.GREY, linewidth=0.6, linestyle=(0, (2, 2)), zorder=0.5)
+    orbits[0].margins(y=0.08)
+    for axis in (maxima[0], orbits[0]):
+        axis.set_xlim(x[0], x[-1])
+        axis.locator_params(axis="y", nbins=4)
+        axis.locator_params(axis="x", nbins=6 if named else 3)
+    maxima[0].set_ylim(0.0, top)
+    for curve, left in zip(curves, maxima if branched else ()):
+        panels.label_jumps(left, [curve], data.numbers.unit, [style.INK])
     for axis in (maxima[-1], orbits[-1]):
         axis.set_xlabel(panels.AXES[data.numbers.axis])
     room = panels.room_above(curves[:1]) if branched else 6.0 if wide else 13.0
-    titles = ("(a) maximum slip speed", "(b) orbit diagrams") if beside else (f"(a) {MAXIMUM}", f"(b) {SECTION}")
+    titles = ("(a) maximum slip speed", "(b) orbit diagrams") if named else (f"(a) {MAXIMUM}", f"(b) {SECTION}")
     for axis, title in zip((maxima[0], orbits[0]), titles):
         axis.annotate(title, (0.0, 1.0), (0.0, room if wide or axis is maxima[0] or not branched else 6.0),
                       xycoords="axes fraction", textcoords="offset points", fontsize=8.5 if wide else 7.5,
@@ -187,16 +189,6 @@ def _paint_map(drawn: Any, data: Figure) -> None:
     below.set_axis_off()
     legend_of_marks(below, curves)
     below.legend(loc="lower center", ncols=3 if wide else 1, fontsize=6.5 if wide else 6.0).set_in_layout(False)
-
-
-def _maxima_on_branches(axis: Any, curve: Labelled, data: Figure, colour: str) -> int:
-    """A curve's branches over the maxima of its sweep, with its jumps; how many points lie beyond the axis."""
-    _points(axis, data.numbers.x, curve, colour)
-    panels.draw_branches(axis, curve, data.numbers.unit, colour)
-    top, beyond = panels.top_of([curve])
-    axis.set_ylim(0.0, top)
-    panels.label_jumps(axis, [curve], data.numbers.unit, [style.INK])
-    return beyond
 
 
 def _points(axis: Any, x: Sequence[float], curve: Labelled, colour: str) -> None:
@@ -227,7 +219,8 @@ def _paint_damping(drawn: Any, data: Figure) -> None:
     close.locator_params(nbins=4)
     close.tick_params(labelsize=5.5)
     style.legend_above(damping)
-    draw_curve_maxima(maxima, data.numbers.x, replace(curve, label="_"), style.BLUE)
+    draw_curve_maxima(maxima, data.numbers.x, curve, style.BLUE)
+    maxima.lines[0].set_label("_")
     legend_of_marks(maxima, [curve])
     style.legend_above(maxima)
     maxima.set_ylabel(MAXIMUM)

@@ -97,7 +97,7 @@ def paint_delay(drawn: Any, data: Numbers) -> None:
 
 def paint_actuation(drawn: Any, data: Numbers) -> None:
     """Fig. 12: slip speed, engine and saturation torque, with the start of every engine cycle."""
-    axes = drawn.subplots(len(data.panels), 1, sharex=True)
+    axes = drawn.subplots(len(data.panels), 1, sharex=True, sharey=True)
     for k, (axis, panel) in enumerate(zip(axes, data.panels)):
         t = panel.t
         axis.plot(t, panel.slip_speed, color=style.BLUE)
@@ -155,24 +155,17 @@ def paint_solvers(drawn: Any, data: Numbers) -> None:
     whole.legend(handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.02), ncols=columns, fontsize=6.8,
                  title=f"in brackets: rms difference from the first curve,{between}relative to its maximum",
                  title_fontsize=6.8)
-    _paint_steady(steady, data)
     after = f"steady state of each law from (13), after {data.steady_cycles} cycles"
     style.panel_titles((whole, close, steady), ["from one state", "leaving stick", after])
-
-
-def _paint_steady(axis: Any, data: Numbers) -> None:
-    """What each friction law settles in."""
-    looks: tuple[dict[str, Any], ...] = (
+    looks_of_laws: tuple[dict[str, Any], ...] = (
         {"color": style.SKY, "linewidth": 3.0}, {"color": style.PURPLE, "linewidth": 1.4},
         {"color": style.GREEN, "linestyle": (0, (5, 2, 1, 2))})
-    for row, look in zip(data.steady, looks):
-        axis.plot(row.t, row.slip_speed, label=f"{row.label}: period {row.period}, "
-                  f"{speed(row.max_slip_speed, 4)}", **look)
-    axis.set_xlim(0.0, data.steady[0].t[-1])
-    wide = style.wide(axis.figure.get_figwidth())
-    axis.set_ylim(top=(1.4 if wide else 1.9) * max(row.max_slip_speed for row in data.steady))
-    axis.set(ylabel=SLIP, xlabel=CYCLES)
-    axis.legend(loc="upper center", ncols=3 if wide else 1, fontsize=6.5)
+    for row, look in zip(data.steady, looks_of_laws):
+        steady.plot(row.t, row.slip_speed, label=f"{row.label}: period {row.period}, {speed(row.max_slip_speed, 4)}", **look)
+    wide = columns > 1
+    steady.set_ylim(top=(1.4 if wide else 1.9) * max(row.max_slip_speed for row in data.steady))
+    steady.set(ylabel=SLIP, xlabel=CYCLES, xlim=(0.0, data.steady[0].t[-1]))
+    steady.legend(loc="upper center", ncols=3 if wide else 1, fontsize=6.5)
 
 
 def paint_law(drawn: Any, data: Numbers) -> None:
@@ -188,7 +181,7 @@ def paint_law(drawn: Any, data: Numbers) -> None:
             near.plot(curve.peak_slip_speed, curve.peak, marker="o", markersize=3.0, color=colour)
     near.plot([], [], color=style.GREY, linewidth=0.8, linestyle=(0, (3, 2)), label="set-valued law (6)")
     near.plot([], [], color=style.GREY, linestyle="none", marker="o", label="maximum of (7)")
-    near.set_ylim(0.8, 1.6)
+    near.set_ylim(0.6, 1.6)
     slope.set_ylim(-1.5, 1.5)
     slope.axhline(0.0, color=style.GREY, linewidth=0.6)
     wide.set_ylabel(r"$\bar\mu$")
@@ -197,7 +190,6 @@ def paint_law(drawn: Any, data: Numbers) -> None:
     for axis in (wide, near, slope):
         axis.set_xlabel(r"$\dot\delta_1$ (rad/s)")
         axis.margins(x=0.0)
-    handles, labels = wide.get_legend_handles_labels()
-    slope.legend(handles, labels, loc="upper right")
-    near.legend(loc="lower right")
     style.panel_titles((wide, near, slope), ["smoothed law (7)", "zoom", "slope (20b)"])
+    wide.legend(loc="lower right", fontsize=6.5)
+    near.legend(loc="lower right", fontsize=6.5)

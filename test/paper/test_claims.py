@@ -19,7 +19,7 @@ from tcc_sim.output.tables import escape, markdown_table
 from tcc_sim.paper import claims
 from tcc_sim.paper.catalogue import OMEGA_N, paper_system
 from tcc_sim.paper.criteria import CONFIRMED, DEPENDS, NOT_CONFIRMED, Claim, Finding, Measured, holds, shares
-from tcc_sim.paper.evidence import Evidence, share_where
+from tcc_sim.paper.evidence import Evidence, T, share_where
 from tcc_sim.paper.stable_motions import StableMotions
 from tcc_sim.result import json_of
 
@@ -42,14 +42,17 @@ def test_the_stick_limit_is_that_of_the_closed_form() -> None:
 def test_the_page_has_every_claim_with_the_criterion_in_force() -> None:
     """Its criteria are those of the rows, its claims are sorted by verdict, and its counts are those of its table."""
     page = PAGE.read_text()
-    sections = dict(part.split("\n", 1) for part in page.split("\n## ")[1:])
+    head, *parts = page.split("\n## ")
+    sections = dict(part.split("\n", 1) for part in parts)
+    thresholds = sections.pop("Thresholds halved and doubled")
+    assert [line.split("`")[1] for line in thresholds.splitlines() if "`, in " in line] == list(vars(T))
     assert sorted(sections) == sorted(f"{c.figure}: {escape(c.sentence)}" for c in claims.CLAIMS)
     for row in claims.CLAIMS:
         text = sections[f"{row.figure}: {escape(row.sentence)}"]
         assert f"**. Criterion: {escape(row.criterion.words)}.\n" in text, row.name
     verdicts = [text.split("**")[1].lower() for text in sections.values()]
     assert verdicts == sorted(verdicts, key=list(claims.VERDICTS).index)
-    rows = [line.split(" | ") for line in page.splitlines() if line.startswith("| ")][2:]
+    rows = [line.split(" | ") for line in head.splitlines() if line.startswith("| ")][2:]
     assert [cells[-2] for cells in rows] == verdicts
     counts = [verdicts.count(v) for v in (CONFIRMED, DEPENDS, NOT_CONFIRMED)]
     assert "Of {} claims: {} confirmed, {} depend, {} not confirmed.".format(len(verdicts), *counts) in page
