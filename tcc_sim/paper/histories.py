@@ -161,7 +161,8 @@ def paint_solvers(drawn: Any, data: Numbers) -> None:
         {"color": style.SKY, "linewidth": 3.0}, {"color": style.PURPLE, "linewidth": 1.4},
         {"color": style.GREEN, "linestyle": (0, (5, 2, 1, 2))})
     for row, look in zip(data.steady, looks_of_laws):
-        steady.plot(row.t, row.slip_speed, label=f"{row.label}: period {row.period}, {speed(row.max_slip_speed, 4)}", **look)
+        steady.plot(row.t, row.slip_speed, **look,
+                    label=f"{row.label}: period {row.period}, {speed(row.max_slip_speed, 4)}")
     wide = columns > 1
     steady.set_ylim(top=(1.4 if wide else 1.9) * max(row.max_slip_speed for row in data.steady))
     steady.set(ylabel=SLIP, xlabel=CYCLES, xlim=(0.0, data.steady[0].t[-1]))
