@@ -178,8 +178,8 @@ def _head(found: PrecisionReport) -> list[str]:
         own = [row[engine].seconds for row in best if engine in row]
         if not own:
             continue
-        said += ["", f"With all three errors at most {_power(TARGET)}, {cycles} periods of excitation take {code_name(engine)} "
-                 f"{_range([1e3 * x for x in own])} ms on the {len(scenes)} scenes of its friction law."]
+        said += ["", f"With all three errors at most {_power(TARGET)}, {cycles} periods of excitation take "
+                 f"{code_name(engine)} {_range([1e3 * x for x in own])} ms on the {len(scenes)} scenes of its friction law."]
         names = dict.fromkeys(r.solver for record in scenes for r in record.results)
         others = [name for name in names if name != engine]
         said += ["", f"Run time relative to {code_name(engine)}:", ""] if others else []
@@ -224,8 +224,8 @@ def _method(found: PrecisionReport) -> list[str]:
         "plate angle and plate speed: of the final state, of all states at t = 2 pi n/omega (section), and of each "
         "cycle's largest slip speed.",
         f"Measured on {found.machine}.",
-        f"The horizon is {cycles} periods of excitation from the initial state, transient included; errors over a longer one "
-        "mean nothing where the motion is chaotic.",
+        f"The horizon is {cycles} periods of excitation from the initial state, transient included; errors over a "
+        "longer one mean nothing where the motion is chaotic.",
         "The steady state is that of a long run from the initial state; its error is that of the largest slip speed "
         "of the last cycles. It is not measured for solvers that would take too long and for motions without a "
         "period.",
