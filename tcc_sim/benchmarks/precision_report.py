@@ -179,7 +179,8 @@ def _head(found: PrecisionReport) -> list[str]:
         if not own:
             continue
         said += ["", f"With all three errors at most {_power(TARGET)}, {cycles} periods of excitation take "
-                 f"{code_name(engine)} {_range([1e3 * x for x in own])} ms on the {len(scenes)} scenes of its friction law."]
+                 f"{code_name(engine)} {_range([1e3 * x for x in own])} ms on the {len(scenes)} scenes of its "
+                 "friction law."]
         names = dict.fromkeys(r.solver for record in scenes for r in record.results)
         others = [name for name in names if name != engine]
         said += ["", f"Run time relative to {code_name(engine)}:", ""] if others else []
