@@ -6,8 +6,8 @@ A list that has a profile (`model.quantity.PROFILES`) takes a profile of one of 
 
 from __future__ import annotations
 
-import itertools
 import re
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -38,7 +38,7 @@ def with_whole_lists(values: Mapping[str, object], value_of: Callable[[str], Any
     if not any("[" in key for key in values):
         return values
     out = {key: value for key, value in values.items() if not _ELEMENT.fullmatch(key)}
-    profiles: dict[str, dict[int, dict[str, Any]]] = {}
+    profiles: dict[str, dict[int, dict[str, Any]]] = defaultdict(lambda: defaultdict(dict))
     for key, value in values.items():
         found = _ELEMENT.fullmatch(key)
         if found is None:
@@ -51,7 +51,7 @@ def with_whole_lists(values: Mapping[str, object], value_of: Callable[[str], Any
             has = f"has {len(now)} values, [1] to [{len(now)}]" if now else "is empty"
             raise InputError(f"{whole}[{place}] does not exist: {whole} {has}; give the whole list first")
         if part is not None:
-            profiles.setdefault(whole, {}).setdefault(place - 1, {})[part] = value
+            profiles[whole][place - 1][part] = value
             continue
         try:
             out[whole] = [*now[:place - 1], number_of(value), *now[place:]]
@@ -68,21 +68,14 @@ def _profile(whole: str, given: Mapping[int, Mapping[str, Any]], now: Sequence[f
     """Return times and values of a list in which some numbers, by index, have profiles and the others are constant."""
     for place, part in given.items():
         times, values = (part.get(name, []) for name in ("_times", "_values"))
-        if whole not in PROFILES or len(times) != len(values):
+        if whole not in PROFILES or not len(times) == len(values) > 0:
             raise InputError(f"{whole}[{place + 1}] has {len(times)} times and {len(values)} values of a profile; it "
                              f"must have as many of both, and the lists with profiles are "
                              f"{', '.join(key for key in PROFILES if key.endswith('s'))}")
-    times = sorted({float(t) for part in given.values() for t in part["_times"]})
-    rows = [[*now] for _ in times]
+    import numpy as np
+
+    times = np.unique(np.concatenate([part["_times"] for part in given.values()]))
+    rows = np.tile(np.array(now, dtype=np.float64), (len(times), 1))
     for place, part in given.items():
-        for row, t in zip(rows, times):
-            row[place] = _between(t, part["_times"], part["_values"])
-    return {f"{whole}_times": times, f"{whole}_values": [value for row in rows for value in row]}
-
-
-def _between(t: float, times: Sequence[float], values: Sequence[float]) -> float:
-    """Return the value at time t, linear between points and constant outside, without loading NumPy."""
-    for (before, low), (after, high) in itertools.pairwise(zip(times, values)):
-        if before <= t <= after and after > before:
-            return low + (high - low) * (t - before) / (after - before)
-    return values[0] if t < times[0] else values[-1]
+        rows[:, place] = np.interp(times, part["_times"], part["_values"])
+    return {f"{whole}_times": times.tolist(), f"{whole}_values": rows.ravel().tolist()}

@@ -18,17 +18,12 @@ Stribeck = tuple[float, ...] | None
 
 
 def smoothed_coefficient(v: Any, sigma: float, stribeck: Stribeck) -> Any:
-    """Smoothed coefficient mubar of (7): [1 + (r - 1) exp(-alpha |v|)] tanh(sigma v), r = mu_s/mu_k.
+    """Return mubar of (7), dimensionless: [1 + (r - 1) exp(-alpha |v|)] tanh(sigma v), r = mu_s/mu_k.
 
     Parameters
     ----------
     v : float or (n,) array, slip speed, rad/s
     sigma : smoothing factor, s/rad
-    stribeck : amplitudes and rates (s/rad) alternately, or None for mu_k = mu_s
-
-    Returns
-    -------
-    float or (n,) array, dimensionless
     """
     if stribeck is None:
         return np.tanh(sigma * v)
@@ -40,7 +35,7 @@ def smoothed_coefficient(v: Any, sigma: float, stribeck: Stribeck) -> Any:
 
 
 def smoothed_and_slope(v: Any, sigma: float, stribeck: Stribeck, tanh: Any = None) -> Any:
-    """mubar of (7) and its slope d(mubar)/dv of (20b), s/rad; `tanh` is tanh(sigma v), if already computed."""
+    """Return mubar of (7) and its slope d(mubar)/dv of (20b), s/rad; `tanh` is tanh(sigma v), if already computed."""
     if tanh is None:
         step = np.tanh(sigma * v)
     else:
@@ -59,7 +54,7 @@ def smoothed_and_slope(v: Any, sigma: float, stribeck: Stribeck, tanh: Any = Non
 
 
 def sliding(v: Any, sign: Any, stribeck: Stribeck) -> Any:
-    """Set-valued coefficient of (6) while slipping in direction `sign` (+1 or -1); at v = 0 it is sign * mu_s/mu_k."""
+    """Return the coefficient of (6) while slipping in direction `sign` (+1 or -1); at v = 0 it is sign * mu_s/mu_k."""
     if stribeck is None:
         return sign
     else:
@@ -70,9 +65,7 @@ def sliding(v: Any, sign: Any, stribeck: Stribeck) -> Any:
 
 
 def sliding_slope(v: Any, stribeck: Stribeck) -> Any:
-    """Slope of the set-valued coefficient of (6) over |v|, s/rad, at v, a float or an array."""
-    if stribeck is None:
-        return 0.0 * v
+    """Return the slope of the coefficient of (6) over |v|, s/rad, at v, a float or an array."""
     return sum((-a * c * np.exp(-a * np.abs(v)) for c, a in exponentials(stribeck)), 0.0 * v)
 
 
@@ -113,28 +106,23 @@ def peak(sigma: float, stribeck: Stribeck) -> tuple[float, float]:
     step, rate = math.log(excess), math.log(4.0 * sigma / decay)
 
     def fall(v: float) -> float:
-        """Return a logarithm that is positive where mubar falls, v > 0: of its falling over its rising share."""
+        """Return the logarithm of the falling over the rising share of the slope at v > 0."""
         push = decay * v - step
         rising = rate + max(push, 0.0) + math.log1p(math.exp(-abs(push)))
         return 2.0 * sigma * v + math.log(-math.expm1(-4.0 * sigma * v)) - rising
 
-    def falls(v: float) -> bool:
-        """Return whether mubar falls at v > 0."""
-        return fall(v) > 0.0
-
-    def past_nearest(v: float) -> bool:
-        """Return whether v is above the closest approach of the two sides: cosh(2 sigma v) = exp(alpha v)/(r - 1)."""
-        return decay * v - math.log(excess) >= float(np.logaddexp(2.0 * sigma * v, -2.0 * sigma * v)) - math.log(2.0)
-
     high = 20.0 / sigma + (math.log(sigma + decay) - math.log(decay)) / sigma
-    if not falls(high):
+    if fall(high) <= 0.0:
         if decay <= 2.0 * sigma or excess <= 1.0:
             return math.inf, 1.0
-        # mubar finally rises to 1; it falls before that only if it falls at the closest approach.
-        high = _first(math.log(excess) / (decay - 2.0 * sigma), past_nearest)
-        if not falls(high):
+        # mubar finally rises to 1; it falls before that only if it falls at the closest approach of both shares, where
+        # cosh(2 sigma v) = exp(alpha v)/(r - 1).
+        high = onset(step / (decay - 2.0 * sigma), lambda v: decay * v - step >= float(
+            np.logaddexp(2.0 * sigma * v, -2.0 * sigma * v)) - math.log(2.0))
+        if fall(high) <= 0.0:
             return math.inf, 1.0
-    v = _first(high, falls, *(_beside(fall, high, 2.0 * sigma) or _around(fall, 1e-3 / sigma, high)))
+    low, high = _around(fall, 1e-3 / sigma, high)
+    v = onset(high, lambda v: fall(v) > 0.0, low)
     return v, float(smoothed_coefficient(v, sigma, stribeck))
 
 
@@ -153,26 +141,10 @@ def _peak_of_several(sigma: float, stribeck: tuple[float, ...]) -> tuple[float, 
     falls = np.flatnonzero(fall(v) > 0.0)
     if len(falls) == 0:
         return math.inf, 1.0
-    at = _first(float(v[falls[0]]), lambda x: bool(fall(x) > 0.0), float(v[falls[0] - 1]) if falls[0] else 0.0)
+    at = onset(float(v[falls[0]]), lambda x: bool(fall(x) > 0.0), float(v[falls[0] - 1]) if falls[0] else 0.0)
     if sliding(at, 1.0, stribeck) >= sliding(0.0, 1.0, stribeck):
         return math.inf, 1.0
     return at, float(smoothed_coefficient(at, sigma, stribeck))
-
-
-def _beside(f: Callable[[float], float], at: float, slope: float) -> tuple[float, float] | None:
-    """Return a narrow bracket of a root of f below `at`, by Newton's method with an approximate constant slope, or
-    None.
-    """
-    high = at
-    for _ in range(12):
-        step = f(at) / slope
-        if not 0.0 < at - step < high:
-            return None
-        at -= step
-        if abs(step) <= 1e-14 * at:
-            low, high = at * (1.0 - 1e-13), min(at * (1.0 + 1e-13), high)
-            return (low, high) if f(low) < 0.0 < f(high) else None
-    return None
 
 
 def _around(f: Callable[[float], float], low: float, high: float) -> tuple[float, float]:
@@ -192,9 +164,8 @@ def _around(f: Callable[[float], float], low: float, high: float) -> tuple[float
     return low, high
 
 
-def _first(high: float, holds: Callable[[float], bool], low: float = 0.0, nearer: float = math.inf) -> float:
-    """Bisect to the last bit for the onset of a condition that holds at `high` (and `nearer`), but not at `low`."""
-    high = min(high, nearer)
+def onset(high: float, holds: Callable[[float], bool], low: float = 0.0) -> float:
+    """Bisect to the last bit for the onset of a condition that holds at `high`, but not at `low`."""
     while low < (middle := 0.5 * (low + high)) < high:
         if holds(middle):
             high = middle

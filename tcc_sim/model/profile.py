@@ -67,18 +67,10 @@ class Inputs:
     output_speed: Floats | None = None
 
 
-def held_lines(t: Floats, values: Floats) -> Floats:
-    """Return lines with each value held to the next time, and the first value before the first time."""
-    return _from_the_start(np.stack([t, values, np.zeros(len(t))], axis=1))
-
-
-def joined_lines(t: Floats, values: Floats) -> Floats:
-    """Return lines that join the values, constant outside."""
-    return _from_the_start(np.stack([t, values, np.append(np.diff(values) / np.diff(t), 0.0)], axis=1))
-
-
-def _from_the_start(lines: Floats) -> Floats:
-    """Return the lines extended to time 0."""
+def lines_through(t: Floats, values: Floats, held: bool = False) -> Floats:
+    """Return lines through points, or with each value held to the next time; constant from 0 to the first time."""
+    rates = np.zeros(len(t)) if held else np.append(np.diff(values) / np.diff(t), 0.0)
+    lines = np.stack([t, values, rates], axis=1)
     return lines if lines[0, 0] <= 0.0 else np.concatenate([[[0.0, lines[0, 1], 0.0]], lines])
 
 
@@ -107,7 +99,7 @@ def profile_of(engine: Engine, pressure: Pressure, inputs: Inputs | None = None,
     for k, (n, phase, _) in enumerate(swells):
         profile[:, SWELLS + SWELL * k:SWELLS + SWELL * k + 2] = n, phase
     for column, line in zip((FREQUENCY, TORQUE, LOAD, *range(SWELLS + 2, profile.shape[1], SWELL)), lines):
-        place = np.maximum(np.searchsorted(line[:, 0], times, side="right") - 1, 0)
+        place = pieces(line, times)
         profile[:, column] = line[place, 1] + line[place, 2] * (times - line[place, 0])
         profile[:, column + 1] = line[place, 2]
     steps = np.diff(times)
@@ -140,7 +132,7 @@ def far_end_at(far: Floats, t: Any) -> tuple[Floats, Floats, Floats]:
 
 def _lines(times: tuple[float, ...], values: tuple[float, ...], constant: float) -> Floats:
     """Return a profile as rows of time, value and rate; one row for a constant."""
-    return joined_lines(np.array(times), np.array(values)) if times else np.array([[0.0, constant, 0.0]])
+    return lines_through(np.array(times), np.array(values)) if times else np.array([[0.0, constant, 0.0]])
 
 
 def _swells(engine: Engine) -> list[tuple[int, float, Floats]]:
@@ -151,7 +143,7 @@ def _swells(engine: Engine) -> list[tuple[int, float, Floats]]:
              ] if engine.torque_amplitude_times else []
     if times := engine.harmonic_amplitudes_times:
         columns = np.reshape(engine.harmonic_amplitudes_values, (len(times), -1)).T
-        found += [(n, phase, joined_lines(np.array(times), values))
+        found += [(n, phase, lines_through(np.array(times), values))
                   for n, (phase, values) in enumerate(zip(engine.harmonic_phases, columns), 2) if values.any()]
     return found
 
@@ -174,23 +166,23 @@ def swelling(t: Any, phase: Any, row: Any) -> Any:
 
 
 def along(profile: Floats, t: Any) -> Any:
-    """`reached` at every time of an array or at a float, each by the piece that it lies in."""
+    """Return (phi, Tm, Pm) at a time or an array of times, as `reached` in the interval of each."""
     return reached(t, np.moveaxis(profile[pieces(profile, t)], -1, 0))
 
 
-def pieces(profile: Floats, t: Any) -> Any:
-    """The number of the piece that each time lies in; before the first it is the first."""
-    return np.maximum(np.searchsorted(profile[:, TIME], t, side="right") - 1, 0)
+def pieces(profile: Floats, t: Any, column: int = TIME) -> Any:
+    """Return the index of the interval that contains each time (or value of an increasing column); at least 0."""
+    return np.maximum(np.searchsorted(profile[:, column], t, side="right") - 1, 0)
 
 
 def phase_at(profile: Floats, t: Any) -> Any:
-    """phi at times t, rad."""
+    """Return phi at times t, rad."""
     return along(profile, t)[0]
 
 
 def time_at(profile: Floats, phase: Any) -> Any:
-    """When phi reaches `phase`, s: the inverse of `phase_at`."""
-    row = profile[np.maximum(np.searchsorted(profile[:, PHASE], phase, side="right") - 1, 0)].T
+    """Return the time at which phi reaches `phase`, s: the inverse of `phase_at`."""
+    row = profile[pieces(profile, phase, PHASE)].T
     ahead = phase - row[PHASE]
     # The root of phi + omega x + omega'/2 x^2 = phase, without a difference of near numbers.
     root = np.sqrt(np.maximum(row[FREQUENCY] ** 2 + 2.0 * row[FREQUENCY_RATE] * ahead, 0.0))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
-from tcc_sim.model.sines import Floats, Sines, common_cycles, dynamic_stiffness, engine_series, load_series
+from tcc_sim.model.sines import Floats, Sines, common_cycles, dynamic_stiffness, engine_series, load_series, smallest
 
 
 @dataclass(frozen=True)
@@ -86,7 +85,9 @@ class PureSlip:
         if fading * fastest > LONGEST_PHASE:
             return self.margin - largest
         end = fading + (self.period or 0.0)
-        found = _smallest(lambda t: self.direction * self.slip_speed(t), bend, end, 0.1 / fastest)
+        size = abs(self.a0) + self.slip.swing() + energy
+        found, _ = smallest(lambda t: self.direction * self.slip_speed(t), lambda t, width: bend * width**2 / 8.0, end,
+                            0.1 / fastest, 1e-13 * size)
         return found if self.period else min(found, self.margin)
 
     def _transient(self, t: Any) -> tuple[Floats, Floats]:
@@ -111,22 +112,6 @@ def _fading_time(decay: float, stiffness: float) -> float:
     square = decay * decay - stiffness
     rate = decay if square <= 0.0 else stiffness / (decay + math.sqrt(square))
     return FADED / rate if rate > 0.0 else math.inf
-
-
-def _smallest(value: Callable[[Floats], Floats], bend: float, end: float, width: float) -> float:
-    """Return the smallest value over [0, end] of a function whose second derivative is at most `bend` in magnitude."""
-    t = np.arange(0.0, max(end, width), width)
-    best = math.inf
-    for _ in range(60):
-        least = np.minimum(value(t), value(t + width))
-        best = min(best, float(least.min()))
-        slack = bend * width * width / 8.0
-        t = t[least - slack < best]
-        if slack < 1e-12 * max(abs(best), 1.0):
-            break
-        width *= 0.5
-        t = np.concatenate([t, t + width])
-    return best
 
 
 def damped_pair(t: Floats, decay: float, stiffness: float) -> tuple[Floats, Floats]:

@@ -5,16 +5,16 @@ Stuck, the inertias move as one oscillator I1 + I2 that the engine torque drives
 
 from __future__ import annotations
 
-import cmath
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from tcc_sim.errors import InputError
+from tcc_sim.model.friction import onset
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.model.sines import Floats, Sines, common_cycles, dynamic_stiffness, engine_series, load_series
+from tcc_sim.model.sines import Floats, Sines, common_cycles, dynamic_stiffness, engine_series, load_series, smallest
 
 STUCK = "engine.frequency excites the undamped stuck"
 
@@ -26,22 +26,6 @@ def stick_phase(system: System, omega: float) -> float:
     """
     d = system.driveline
     return -math.atan2(d.damping * omega, d.stiffness - (d.flywheel_inertia + d.plate_inertia) * omega**2)
-
-
-def interface_phase(system: System, omega: float) -> float:
-    """Return vartheta of (25b), rad: the lead of the interface torque on the plate angle, a four-quadrant arctangent.
-
-    (26) neglects it, which holds for C23 omega << K23 - I2 omega^2.
-    """
-    d = system.driveline
-    return math.atan2(d.damping * omega, d.stiffness - d.plate_inertia * omega**2)
-
-
-def interface_gain(system: System, omega: float) -> float:
-    """Return the ratio of the amplitudes of interface and engine torque, from (25a)."""
-    d = system.driveline
-    plate = complex(d.stiffness - d.plate_inertia * omega**2, d.damping * omega)
-    return abs(plate) / abs(dynamic_stiffness(d, d.flywheel_inertia + d.plate_inertia, omega, STUCK))
 
 
 def plate_angle(system: System) -> Sines:
@@ -57,14 +41,24 @@ def plate_angle(system: System) -> Sines:
     return engine_series(system).through(lambda omega: 1.0 / dynamic_stiffness(d, both, omega, STUCK))
 
 
+def interface_response(system: System, omega: float) -> complex:
+    """Return the response of the interface torque to the engine torque in pure stick, from (25a).
+
+    Its phase is phi of (8b) plus vartheta of (25b), the lead on the plate angle. (26) neglects vartheta, which holds
+    for C23 omega << K23 - I2 omega^2.
+    """
+    d = system.driveline
+    plate = complex(d.stiffness - d.plate_inertia * omega**2, d.damping * omega)
+    return plate / dynamic_stiffness(d, d.flywheel_inertia + d.plate_inertia, omega, STUCK)
+
+
 def stuck_interface_torque(system: System) -> Sines:
     """Return Tfi(t) of (25a) in pure stick, N m: the friction torque that stick needs.
 
     (9) is the same with the amplitude I1 omega^2 Tp/sqrt((K23 - (I1 + I2) omega^2)^2 + (C23 omega)^2) in its last term,
     where the print omits the inertia and the damping.
     """
-    return engine_series(system).through(lambda omega: cmath.rect(
-        interface_gain(system, omega), stick_phase(system, omega) + interface_phase(system, omega)))
+    return engine_series(system).through(partial(interface_response, system))
 
 
 @dataclass(frozen=True)
@@ -85,9 +79,7 @@ def stick_margin(system: System) -> StickMargin:
 
     (10) is printed without the modulus; the friction torque is bounded on both sides. With omega_f = (M/N) omega the
     common period is N engine cycles, not the 2 pi/omega of (11b). For an incommensurable omega_f every pair of phases
-    occurs.
-
-    The minimum is found by branch and bound on the second derivative, so no dip between grid points is missed.
+    occurs. Branch and bound on the second derivative misses no dip between grid points.
     """
     torque, load = stuck_interface_torque(system), load_series(system)
     ratio = system.friction_ratio
@@ -104,43 +96,22 @@ def stick_margin(system: System) -> StickMargin:
 
 
 def _smallest(torque: Sines, load: Sines, ratio: float, period: float) -> StickMargin:
-    """Minimise ratio max(Ts, 0) - |Tfi| over one period by branch and bound."""
+    """Minimise ratio max(Ts, 0) - |Tfi| over one period."""
     frequencies = np.concatenate([torque.frequency, load.frequency])
     fastest = float(frequencies.max()) if len(frequencies) else 2.0 * math.pi / period
     bend = float(torque.amplitude @ torque.frequency**2) + ratio * float(load.amplitude @ load.frequency**2)
     size = abs(torque.mean) + torque.swing() + ratio * (abs(load.mean) + load.swing())
+    steepest = float(load.amplitude @ load.frequency) if load.mean < load.swing() else 0.0
 
-    def margin(t: Floats) -> Floats:
-        return ratio * np.maximum(load(t), 0.0) - np.abs(torque(t))
+    def slack(t: Floats, width: float) -> Floats:
+        # Apart from the clamp, the margin is a smooth function with |f''| <= bend, or the smaller one of two such.
+        # max(Ts, 0) is not below Ts, and where it leaves it, it is 0 on one side: a chord bounded by the slope.
+        near = np.abs(load(t + 0.5 * width)) <= 0.5 * steepest * width
+        return np.where(near, 0.5 * ratio * steepest * width, 0.0) + bend * width**2 / 8.0
 
-    width = 2.0 * math.pi / fastest / 32.0
-    t = np.arange(0.0, period, width)
-    best, when = math.inf, 0.0
-    # A cell's value is a smooth function with |f''| <= bend, or a maximum or minus a maximum of two such.
-    while len(t):
-        ends = np.stack([margin(t), margin(t + width)])
-        least = ends.min(axis=0)
-        k = int(least.argmin())
-        if least[k] < best:
-            best, when = float(least[k]), float(t[k] if ends[0, k] <= ends[1, k] else t[k] + width)
-        slack = _kink_slack(load, ratio, t, width) + bend * width**2 / 8.0
-        keep = least - slack < best - 1e-13 * size
-        width *= 0.5
-        t = np.concatenate([t[keep], t[keep] + width])
-        if width < 1e-12 * period / max(period * fastest, 1.0):
-            break
+    best, when = smallest(lambda t: ratio * np.maximum(load(t), 0.0) - np.abs(torque(t)), slack, period,
+                          2.0 * math.pi / fastest / 32.0, 1e-13 * size)
     return StickMargin(best, when % period)
-
-
-def _kink_slack(load: Sines, ratio: float, t: Floats, width: float) -> Floats:
-    """Return how far the margin can lie below both ends of a cell because of the clamp; |Tfi| causes no such kink."""
-    # max(Ts, 0) never lies below the smooth Ts, and where it leaves it, it is 0 on one side: a chord bound by its
-    # slope.
-    if len(load.frequency) == 0 or load.mean - load.swing() >= 0.0:
-        return np.zeros_like(t)
-    steepest = ratio * float(load.amplitude @ load.frequency)
-    near = np.abs(load(t + 0.5 * width)) <= 0.5 * steepest / ratio * width
-    return np.where(near, 0.5 * steepest * width, 0.0)
 
 
 @dataclass(frozen=True)
@@ -174,26 +145,13 @@ def stick_limits(system: System, low: float, high: float, count: int = 400) -> S
     special = [system.stuck_natural_frequency / n for n in orders]
     grid = np.unique(np.concatenate([np.geomspace(low, high, count), [w for w in special if low < w < high]]))
     sticks = [margin(float(w)) >= 0.0 for w in grid]
-    edges = [_bisect(margin, float(grid[i]), float(grid[i + 1])) for i in range(len(grid) - 1)
-             if sticks[i] != sticks[i + 1]]
+    edges = [onset(float(grid[i + 1]), lambda w, i=i: (margin(w) >= 0.0) != sticks[i], float(grid[i]))  # type: ignore[misc]
+             for i in range(len(grid) - 1) if sticks[i] != sticks[i + 1]]
     return StickLimits(edges[0] if sticks[0] and edges else None, edges[-1] if sticks[-1] and edges else None)
 
 
-def _bisect(margin: Callable[[float], float], a: float, b: float) -> float:
-    """Return the frequency in [a, b] where the margin changes sign."""
-    first = margin(a) >= 0.0
-    for _ in range(60):
-        middle = 0.5 * (a + b)
-        if (margin(middle) >= 0.0) == first:
-            a = middle
-        else:
-            b = middle
-    return 0.5 * (a + b)
-
-
 def constant_load_limits(system: System) -> tuple[float, ...]:
-    """The frequencies, rad/s, at which max |Tfi| = mu_s N R for a constant load and one engine harmonic, in closed
-    form.
+    """Return the frequencies, rad/s, at which max |Tfi| = mu_s N R for a constant load and one harmonic, from (25a).
 
     They solve |Tm| + Tp G(omega) = mu_s N R with the gain G of (25a), a quadratic in omega^2. With two of them the
     lower one is the limit of the upward sweep, the higher one of the downward sweep; with one there is no stick at low
@@ -202,7 +160,7 @@ def constant_load_limits(system: System) -> tuple[float, ...]:
     Raises
     ------
     InputError
-        A pressure that varies, no first harmonic, or harmonics above the first.
+        The pressure varies, or the engine torque has not exactly one harmonic.
     """
     d, torque = system.driveline, engine_series(system)
     if len(load_series(system).frequency) or len(torque.frequency) != 1:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
@@ -60,6 +61,30 @@ class Sines:
     def swing(self) -> float:
         """Return the sum of the amplitudes, a bound of the distance from the mean."""
         return float(self.amplitude.sum())
+
+
+def smallest(value: Callable[[Floats], Floats], slack: Callable[[Floats, float], Any], end: float, width: float,
+             close: float) -> tuple[float, float]:
+    """Return the smallest value of a function over [0, end] and its time, by branch and bound on cells of time.
+
+    Parameters
+    ----------
+    slack : largest distance of the function below both ends of cells with given starts (n,) and width
+    close : tolerance of the smallest value
+    """
+    t, best, when = np.arange(0.0, max(end, width), width), math.inf, 0.0
+    for _ in range(60):
+        ends = np.stack([value(t), value(t + width)])
+        least = ends.min(axis=0)
+        k = int(least.argmin())
+        if least[k] < best:
+            best, when = float(least[k]), float(t[k] if ends[0, k] <= ends[1, k] else t[k] + width)
+        keep = least - slack(t, width) < best - close
+        if not keep.any():
+            break
+        width *= 0.5
+        t = np.concatenate([t[keep], t[keep] + width])
+    return best, when
 
 
 def dynamic_stiffness(d: Driveline, inertia: float, omega: float, resonance: str) -> complex:

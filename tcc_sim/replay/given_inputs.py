@@ -13,7 +13,7 @@ from tcc_sim.errors import InputError, counted, printable
 from tcc_sim.model.actuator import pressure_after
 from tcc_sim.model.groups import Pressure
 from tcc_sim.model.parameters import QUANTITIES
-from tcc_sim.model.profile import Inputs, held_lines, joined_lines
+from tcc_sim.model.profile import Inputs, lines_through
 from tcc_sim.recording.table import DRIVING, HOLDS, TIME, looks_smooth, read_columns, table_of
 from tcc_sim.replay.recorded import read
 from tcc_sim.scene import Scene
@@ -93,7 +93,7 @@ def followed(command: Floats, actuator: Pressure, end: float) -> Floats:
     values = [actuator.mean]
     for target, seconds in zip((commanded + rate * halves)[:-1].tolist(), (2.0 * halves)[:-1].tolist()):
         values.append(pressure_after(values[-1], target, actuator.time_constant, actuator.rate_limit, seconds))
-    return joined_lines(times, np.array(values))
+    return lines_through(times, np.array(values))
 
 
 def _lines(t: Floats, values: Floats, hold: str) -> Floats | None:
@@ -101,8 +101,7 @@ def _lines(t: Floats, values: Floats, hold: str) -> Floats | None:
     if hold == "next":
         t, values = t[:-1], values[1:]
     finite = np.isfinite(values)
-    line = joined_lines if hold == "linear" else held_lines
-    return line(t[finite], values[finite]) if finite.any() else None
+    return lines_through(t[finite], values[finite], held=hold != "linear") if finite.any() else None
 
 
 def smooth_inputs(path: Path) -> list[str]:
