@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 from scipy.stats import chi2
 
 from tcc_sim.errors import InputError
@@ -34,7 +35,7 @@ PAIRS = 2
 """Default number of exponentials of a curve."""
 SPEEDS = 81
 """Number of slip speeds of a curve."""
-TRIED, FEWEST = 12, 40
+TRIED, FEWEST = 16, 40
 """Number of start rates, evenly spaced in logarithm, and least number of samples in slip for their choice."""
 STEEPEST = 1000.0
 """Largest rate times the fastest slip speed; a faster decay lasts only a sample or two."""
@@ -102,9 +103,10 @@ def curve_starts(system: System, measured: Measurement, keys: tuple[str, ...]) -
 
 
 def _seen_in_slip(system: System, measured: Measurement, count: int, rates: Floats) -> list[float] | None:
-    """Return constant, and shares and rates in turn, by linear least squares for the best rates; None without data.
+    """Return constant, shares and rates that fit the flywheel's speed in slip best; None without enough slip.
 
-    I1 times the change of the flywheel's speed between two samples is the engine torque minus the friction torque.
+    Over each time of slip, I1 times the change of the flywheel's speed is the integral of the engine torque less that
+    of the friction torque, which is linear in the constant and the amplitudes: a linear fit for each set of rates.
     """
     slip, plate = measured.channels["slip_speed"], measured.channels.get("plate_speed")
     if plate is None:
@@ -114,26 +116,31 @@ def _seen_in_slip(system: System, measured: Measurement, count: int, rates: Floa
     normal = load / system.friction.kinetic
     if "actuation_pressure" in measured.inputs:
         normal = measured.inputs["actuation_pressure"] * (system.torque_per_pressure / system.friction.kinetic)
-    least = max(3.0 / system.friction.smoothing, 6.0 * noise_of(slip))
-    mean_slip, mean_normal = 0.5 * (slip[1:] + slip[:-1]), 0.5 * (normal[1:] + normal[:-1])
-    per_rate = system.driveline.flywheel_inertia / measured.step
-    torque = 0.5 * (engine[1:] + engine[:-1]) - np.diff(slip + plate) * per_rate
-    slips = (np.minimum(np.abs(slip[1:]), np.abs(slip[:-1])) > least) & (slip[1:] * slip[:-1] > 0.0)
-    if slips.sum() < FEWEST:
+    speed, noise = np.abs(slip), noise_of(slip + plate)
+    slips = speed > max(3.0 / system.friction.smoothing, 3.0 * noise_of(slip))
+    begins = np.append(True, ~(slips[1:] & slips[:-1] & (slip[1:] * slip[:-1] > 0.0)))
+    part = np.cumsum(begins)[slips]
+    if slips.sum() - len(np.unique(part)) < FEWEST:
         return None
-    noise = math.sqrt(2.0) * noise_of(slip + plate) * per_rate
-    speed, weight = np.abs(mean_slip[slips]), mean_normal[slips] / noise
-    seen = (torque * np.sign(mean_slip))[slips] / noise
-    usual = np.diag(np.append(0.0, np.full(count, 1.0 / (USUAL_SHARE * system.friction.kinetic))))
+    shapes = np.column_stack([np.ones(len(speed)), np.exp(-np.outer(speed, rates))])
+    torques = np.column_stack([(np.sign(slip) * normal)[:, None] * shapes, engine])
+    changes = cumulative_trapezoid(torques, measured.t, axis=0, initial=0.0) / system.driveline.flywheel_inertia
+    changes[:, -1] -= slip + plate
+    changes = changes[slips] / noise
+    length = np.bincount(part)
+    for column in changes.T:  # The speed at the start of each time of slip is unknown.
+        column -= (np.bincount(part, column) / np.maximum(length, 1))[part]
+    squares = changes.T @ changes
+    usual = np.diag(np.append(0.0, np.full(count, 1.0 / (USUAL_SHARE * system.friction.kinetic)))) ** 2
     best, found = math.inf, None
-    for chosen in itertools.combinations(rates, count):
-        columns = np.column_stack([np.ones(len(speed)), *(np.exp(-a * speed) for a in chosen)])
-        rows, right = np.vstack([columns * weight[:, None], usual]), np.append(seen, np.zeros(count + 1))
-        factors = np.linalg.lstsq(rows, right, rcond=None)[0]
-        left = float(np.sum((rows @ factors - right) ** 2))
-        if factors[0] > 0.0 and (columns @ factors).min() > 0.0 and left < best:
+    for chosen in itertools.combinations(range(1, len(rates) + 1), count):
+        own = [0, *chosen]
+        factors = np.linalg.solve(squares[np.ix_(own, own)] + usual, squares[own, -1])
+        left = float(squares[-1, -1] - squares[own, -1] @ factors)
+        if left < best and factors[0] > 0.0 and (shapes[slips][:, own] @ factors).min() > 0.0:
             best = left
-            found = [float(factors[0]), *(float(x) for c, a in zip(factors[1:], chosen) for x in (c / factors[0], a))]
+            found = [float(factors[0]), *(x for c, k in zip(factors[1:], chosen)
+                                          for x in (float(c / factors[0]), float(rates[k - 1])))]
     return found
 
 

@@ -146,7 +146,7 @@ class MultipleShooting:
             normal = self._normal(rows, self._scaled(found, values), stage.weight, limit)
             while damping < 1e8:
                 try:
-                    by_start, by_key = normal.solved(damping)
+                    by_start, by_key = self._step(normal, damping, values)
                     tried, moved = self._moved(values, by_key), starts + by_start * self.scales
                     self.work += n * self.count * self.width * (3.0 + len(values))
                     there = sensitivities(self.model, moved, self.width, tried, n)
@@ -160,11 +160,25 @@ class MultipleShooting:
                 damping *= 10.0
             if tick is not None:
                 tick()
-            if gain < stage.tolerance * cost:
+            if gain < max(stage.tolerance, self.settings.least_gain / rows.size) * cost:
                 break
         if math.isfinite(stage.robust):
             starts = self._mended(values, starts, found.states, stage.weight, n)
         return values, starts
+
+    def _step(self, normal: Normal, damping: float, values: Floats) -> tuple[Floats, Floats]:
+        """Return the steps of starts and parameters; parameters that would leave their range from a bound are held."""
+        held = np.zeros(len(values), dtype=bool)
+        while True:
+            by_start, by_key = (normal.holding(held) if held.any() else normal).solved(damping)
+            beyond = (self._within(values, by_key) == values) & (by_key != 0.0)
+            if not beyond.any():
+                return by_start, by_key
+            held |= beyond
+
+    def _within(self, values: Floats, step: Floats) -> Floats:
+        """Return the parameters after a step, in their ranges; all but those in LINEAR by their logarithms."""
+        return self.model.within(np.where(self.logarithmic, values * np.exp(step), values + step))
 
     def _mended(self, values: Floats, starts: Floats, states: Floats, weight: float, n: int) -> Floats:
         """Return the starts, replaced by the end of the window before where that costs less."""
@@ -177,8 +191,8 @@ class MultipleShooting:
 
     def _moved(self, values: Floats, step: Floats) -> Floats:
         """Return the parameters after a step of their logarithms, except offsets; mu_s stays on its side of mu_k."""
-        limited = np.clip(step, -self.settings.largest_step, self.settings.largest_step)
-        out = self.model.within(np.where(self.logarithmic, values * np.exp(limited), values + step))
+        largest = self.settings.largest_step
+        out = self._within(values, np.where(self.logarithmic, np.clip(step, -largest, largest), step))
         keys, friction = self.model.keys, self.model.system.friction
 
         def coefficient(key: str, fixed: float, of: Floats) -> float:

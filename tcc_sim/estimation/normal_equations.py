@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
 from tcc_sim.trajectory import Floats
@@ -26,6 +27,12 @@ class Normal(NamedTuple):
     corner: Floats
     slope: Floats
     slope_by_key: Floats
+
+    def holding(self, held: NDArray[np.bool_]) -> Normal:
+        """Return the equations with some parameters, (P,), held."""
+        free = ~held
+        return self._replace(border=self.border * free, corner=self.corner * np.outer(free, free) + np.diag(1.0 * held),
+                             slope_by_key=self.slope_by_key * free)
 
     def solved(self, damping: float) -> tuple[Floats, Floats]:
         """Return steps of the starts and of the parameters with Levenberg's damping; raise LinAlgError if singular."""

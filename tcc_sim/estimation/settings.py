@@ -93,6 +93,7 @@ class FitSettings:
     stuck: float = quantity(4.0, "standard deviations of the noise below which the slip speed of a window's start "
                             "counts as stick")
     largest_step: float = quantity(0.3, "largest step of a parameter's logarithm in one iteration")
+    least_gain: float = quantity(0.03, "gain of chi-square, over chi-square per residual, at which every stage ends")
     angle_noise: float = quantity(1e-4, "scale of a plate angle that was not measured", "rad")
 
 
