@@ -107,6 +107,8 @@ def _lines(found: Identification) -> Iterator[str]:
 
 def _curve_lines(curve: IdentifiedCurve) -> Iterator[str]:
     """Yield the formula of the friction curve and every tenth of its points."""
+    from tcc_sim.estimation.curve import not_visited
+
     terms = "".join(f" {c:+.6g} exp(-{a:.4g} |v|)" for c, a in zip(curve.amplitudes, curve.rates))
     yield f"sliding friction: mu(v) = {curve.constant:.6g}{terms}"
     yield "      slip speed  coefficient, 95 % band"
@@ -114,8 +116,8 @@ def _curve_lines(curve: IdentifiedCurve) -> Iterator[str]:
         shown = (f"{curve.coefficient[k]:.5f}, {curve.low[k]:.5f} to {curve.high[k]:.5f}" if curve.visited[k] else
                 "not visited")
         yield f"{speed(curve.slip_speeds[k], 4):>16}  {shown}; the scene has {curve.scene[k]:.5f}"
-    v = curve.slip_speeds[curve.visited]
-    yield f"not visited: slip speeds below {speed(v[0], 4)} and above {speed(v[-1], 4)}"
+    gaps = (f"{speed(low, 4)} to {speed(high, 4)}" for low, high in not_visited(curve.slip_speeds, curve.visited))
+    yield f"not visited: slip speeds {', '.join(gaps)}"
 
 
 def _assigned(option: str, word: str) -> tuple[str, float | None]:

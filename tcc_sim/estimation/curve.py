@@ -39,6 +39,8 @@ TRIED, FEWEST = 16, 40
 """Number of start rates, evenly spaced in logarithm, and least number of samples in slip for their choice."""
 STEEPEST = 1000.0
 """Largest rate times the fastest slip speed; a faster decay lasts only a sample or two."""
+VISITS, NEAR = 8, 1.5
+"""Number of samples that visit a slip speed, and largest ratio of their speeds to it."""
 LARGEST_SHARE, LEAST_SHARE, USUAL_SHARE = 20.0, 0.02, 0.1
 """Largest share; least size of a start, since the rate of a zero share has no effect; and usual size of a share."""
 
@@ -47,9 +49,8 @@ LARGEST_SHARE, LEAST_SHARE, USUAL_SHARE = 20.0, 0.02, 0.1
 class IdentifiedCurve:
     """Sliding friction coefficient over slip speed from a measurement.
 
-    The band contains the whole curve over the visited slip speeds with a probability of at least 95 %. At speeds that
-    were not visited, coefficient, low and high are NaN. The curve is mu(v) = constant + sum of amplitudes exp(-rates
-    |v|).
+    The band contains the whole curve over the visited slip speeds with a probability of at least 95 %. At other speeds
+    coefficient, low and high are NaN. The curve is mu(v) = constant + sum of amplitudes exp(-rates |v|).
     """
 
     slip_speeds: Floats = field(metadata=reported(
@@ -58,7 +59,8 @@ class IdentifiedCurve:
     low: Floats = field(metadata=reported(
         "lower end of the band that contains the whole curve with a probability of at least 95 %"))
     high: Floats = field(metadata=reported("upper end of the band"))
-    visited: NDArray[np.bool_] = field(metadata=reported("whether the motion passed through the slip speed"))
+    visited: NDArray[np.bool_] = field(metadata=reported(
+        "whether at least 8 samples slip at speeds within a factor of 1.5, outside of the layer where tanh hides mu"))
     constant: float = field(metadata=reported(
         "coefficient of fast slip in mu(v) = constant + sum of amplitudes exp(-rates |v|)"))
     amplitudes: tuple[float, ...] = field(metadata=reported("amplitudes of the exponentials"))
@@ -71,6 +73,14 @@ class IdentifiedCurve:
         v = self.slip_speeds[:int(np.flatnonzero(self.visited)[-1]) + 1]
         mu = self.constant + np.exp(-np.outer(v, self.rates)) @ np.array(self.amplitudes)
         return dict(zip(TABLE, (v.tolist(), np.clip(mu, 1e-3, 2.0).tolist())))
+
+
+def not_visited(slip_speeds: Floats, visited: NDArray[np.bool_]) -> list[tuple[float, float]]:
+    """Return the intervals of slip speed, rad/s, that were not visited."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], visited, [True]])))
+    last = len(slip_speeds) - 1
+    return [(float(slip_speeds[max(low - 1, 0)]), float(slip_speeds[min(high, last)]))
+            for low, high in zip(edges[::2], edges[1::2])]
 
 
 def keys_of(count: float | None) -> tuple[str, ...]:
@@ -173,6 +183,15 @@ def _law(friction: Friction, v: Floats) -> Floats:
     return np.asarray(friction.kinetic * (1.0 + np.exp(-np.outer(v, rates)) @ shares))
 
 
+def _visited(v: Floats, speed: Floats, friction: Friction) -> NDArray[np.bool_]:
+    """Return whether enough samples slip near each slip speed v (m,), for samples of `speed` (n,), rad/s."""
+    slips = np.sort(speed[speed > math.atanh(0.99) / friction.smoothing])
+    visits = np.searchsorted(slips, NEAR * v, side="right") - np.searchsorted(slips, v / NEAR)
+    if not (visits >= VISITS).any():
+        raise InputError(f"fewer than {VISITS} samples slip near any speed; {CURVE} needs a measurement with slip")
+    return np.asarray((visits >= VISITS) & (slips[0] <= v) & (v <= slips[-1]))
+
+
 def curve_of(keys: tuple[str, ...], values: Floats, covariance: Floats, slip: Floats,
              friction: Friction) -> IdentifiedCurve:
     """Return the curve of a fit with its band (H. Scheffe, The Analysis of Variance, 1959, Section 3.5).
@@ -180,15 +199,19 @@ def curve_of(keys: tuple[str, ...], values: Floats, covariance: Floats, slip: Fl
     keys, values, covariance : (P,), (P, P) of all free parameters
     slip : (n,) fitted slip speed, rad/s
     friction : of the scene
+
+    Raises
+    ------
+    InputError
+        No slip speed was visited.
     """
     named = dict(zip(keys, map(float, values)))
     numbers = np.array(list(pairs_of(named))).reshape(-1, 2)
     places = [keys.index(key) for key in keys_of(len(numbers))]
-    slowest = 0.0 if slip.min() < 0.0 < slip.max() else float(np.abs(slip).min())
     fastest, constant = float(np.abs(slip).max()), named[CONSTANT]
     v = fastest * np.linspace(0.0, 1.0, SPEEDS) ** 2
     v = np.append(v, fastest * np.linspace(1.05, 1.25, 5))
-    visited = (slowest <= v) & (v <= fastest)
+    visited = _visited(v, np.abs(slip), friction)
     fade = np.exp(-np.outer(v, numbers[:, 1]))
     mu = constant * (1.0 + fade @ numbers[:, 0])
     by = np.empty((len(v), 1 + 2 * len(numbers)))

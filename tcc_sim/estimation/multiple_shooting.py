@@ -160,7 +160,9 @@ class MultipleShooting:
                 damping *= 10.0
             if tick is not None:
                 tick()
-            if gain < max(stage.tolerance, self.settings.least_gain / rows.size) * cost:
+            # A fit that creeps far above the noise is in a wrong minimum; another start is better.
+            wrong = math.isinf(stage.robust) and cost > self.settings.far * rows.size
+            if gain < max(stage.tolerance, self.settings.least_gain / rows.size, 0.01 * wrong) * cost:
                 break
         if math.isfinite(stage.robust):
             starts = self._mended(values, starts, found.states, stage.weight, n)
@@ -171,14 +173,15 @@ class MultipleShooting:
         held = np.zeros(len(values), dtype=bool)
         while True:
             by_start, by_key = (normal.holding(held) if held.any() else normal).solved(damping)
-            beyond = (self._within(values, by_key) == values) & (by_key != 0.0)
+            beyond = (self._within(values, np.clip(by_key, -1.0, 1.0)) == values) & (by_key != 0.0)
             if not beyond.any():
                 return by_start, by_key
             held |= beyond
 
     def _within(self, values: Floats, step: Floats) -> Floats:
         """Return the parameters after a step, in their ranges; all but those in LINEAR by their logarithms."""
-        return self.model.within(np.where(self.logarithmic, values * np.exp(step), values + step))
+        factor = np.exp(np.where(self.logarithmic, step, 0.0))
+        return self.model.within(np.where(self.logarithmic, values * factor, values + step))
 
     def _mended(self, values: Floats, starts: Floats, states: Floats, weight: float, n: int) -> Floats:
         """Return the starts, replaced by the end of the window before where that costs less."""

@@ -94,6 +94,7 @@ class FitSettings:
                             "counts as stick")
     largest_step: float = quantity(0.3, "largest step of a parameter's logarithm in one iteration")
     least_gain: float = quantity(0.03, "gain of chi-square, over chi-square per residual, at which every stage ends")
+    far: float = quantity(10.0, "chi-square per residual above which the last stage ends at gains below 1 %")
     angle_noise: float = quantity(1e-4, "scale of a plate angle that was not measured", "rad")
 
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from tcc_sim.estimation.curve import not_visited
 from tcc_sim.estimation.linearise import INPUTS, OUTPUTS
 from tcc_sim.shown_units import speed
 from tcc_sim.views import style
@@ -108,14 +109,12 @@ def draw_fit(axis: Any, found: Any) -> None:
 
 def draw_curve(axis: Any, curve: Any) -> None:
     """Draw a friction curve that was found, its band and the scene's curve into an axis; grey where not visited."""
-    v, inside = curve.slip_speeds, curve.visited
+    v = curve.slip_speeds
     axis.fill_between(v, curve.low, curve.high, color=style.BLUE, alpha=0.25, linewidth=0.0, label="95 % band")
     axis.plot(v, curve.coefficient, color=style.BLUE, label="found")
     axis.plot(v, curve.scene, color=style.RED, linestyle=(0, (4, 2)), label="scene")
-    edges = v[inside][0], v[inside][-1]
-    for k, (low, high) in enumerate(((0.0, edges[0]), (edges[1], v[-1]))):
-        if high > low:
-            axis.axvspan(low, high, color=style.GREY, alpha=0.2, linewidth=0.0, label="" if k == 0 else "not visited")
+    for k, (low, high) in enumerate(not_visited(v, curve.visited)):
+        axis.axvspan(low, high, color=style.GREY, alpha=0.2, linewidth=0.0, label="" if k else "not visited")
     axis.set(xlabel="slip speed (rad/s)", ylabel="friction\ncoefficient", xlim=(0.0, v[-1]))
     axis.legend(loc="best", ncols=2)
 
