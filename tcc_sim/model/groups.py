@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from tcc_sim.errors import InputError
-from tcc_sim.model.quantity import LATEST, Group, apart, quantity
+from tcc_sim.model.quantity import Group, apart, quantity, times_of, values_over
 
 if TYPE_CHECKING:
     from tcc_sim.model.friction import Stribeck
@@ -125,8 +125,8 @@ class Clutch(Group):
 class Excitation(Group):
     """Part of the excitation, given by the scene or by commands on a topic."""
 
-    source: str = quantity("harmonic", "where it comes from: the scene, or commands", choices=("harmonic", "topic"))
-    fallback: str = quantity("mean", "with source topic, what applies until the first command and after a time-out: "
+    source: str = quantity("harmonic", "source of this input: the scene, or commands", choices=("harmonic", "topic"))
+    fallback: str = quantity("mean", "with source topic, the input until the first command and after a time-out: "
                              "the mean, or the scene's own harmonic excitation at simulation time",
                              choices=("mean", "harmonic"))
 
@@ -147,28 +147,23 @@ class Engine(Excitation):
     frequency: float = quantity(150.0, "angular frequency omega of the first harmonic; a period of excitation is 2 "
                                        "pi/omega",
                                 "rad/s", 1e-3, 1e5, live=True, label=r"engine frequency $\omega$")
-    order: float = quantity(1.0, "periods of the excitation in a crank revolution, which orders are counted by: 2 for "
-                            "a four-cylinder four-stroke engine", "", 0.1, 100.0)
+    order: float = quantity(1.0, "periods of the excitation in a crank revolution, which makes orders crank orders: 2 "
+                            "for a four-cylinder four-stroke engine", "", 0.1, 100.0)
     harmonic_amplitudes: tuple[float, ...] = quantity((), "amplitudes of harmonics 2, 3, ... of omega", "N m",
                                                       0.0, TORQUE_MAXIMUM)
     harmonic_phases: tuple[float, ...] = quantity((), "phases of harmonics 2, 3, ... of omega", "rad", -100.0, 100.0)
-    frequency_times: tuple[float, ...] = quantity((), "times at which engine.frequency_values hold, the first 0", "s",
-                                                  0.0, LATEST)
-    frequency_values: tuple[float, ...] = quantity((), "omega at these times, linear between them and constant "
-                                                   "afterwards; engine.frequency is then not used", "rad/s", 1e-3, 1e5)
-    mean_torque_times: tuple[float, ...] = quantity((), "times at which engine.mean_torque_values hold, the first 0",
-                                                    "s", 0.0, LATEST)
-    mean_torque_values: tuple[float, ...] = quantity((), "Tm at these times, likewise in the place of "
-                                                     "engine.mean_torque", "N m", -TORQUE_MAXIMUM, TORQUE_MAXIMUM)
-    torque_amplitude_times: tuple[float, ...] = quantity((), "times at which engine.torque_amplitude_values hold, the "
-                                                         "first 0", "s", 0.0, LATEST)
-    torque_amplitude_values: tuple[float, ...] = quantity((), "Tp at these times, likewise in the place of "
-                                                          "engine.torque_amplitude", "N m", 0.0, TORQUE_MAXIMUM)
-    harmonic_amplitudes_times: tuple[float, ...] = quantity((), "times at which engine.harmonic_amplitudes_values "
-                                                            "hold, the first 0", "s", 0.0, LATEST)
-    harmonic_amplitudes_values: tuple[float, ...] = quantity((), "amplitudes of harmonics 2, 3, ... at the first time, "
-                                                             "then at the next; likewise in the place of "
-                                                             "engine.harmonic_amplitudes", "N m", 0.0, TORQUE_MAXIMUM)
+    frequency_times: tuple[float, ...] = times_of("engine.frequency")
+    frequency_values: tuple[float, ...] = values_over("engine.frequency", "omega", "rad/s", 1e-3, 1e5)
+    mean_torque_times: tuple[float, ...] = times_of("engine.mean_torque")
+    mean_torque_values: tuple[float, ...] = values_over("engine.mean_torque", "Tm", "N m", -TORQUE_MAXIMUM,
+                                                      TORQUE_MAXIMUM)
+    torque_amplitude_times: tuple[float, ...] = times_of("engine.torque_amplitude")
+    torque_amplitude_values: tuple[float, ...] = values_over("engine.torque_amplitude", "Tp", "N m", 0.0,
+                                                          TORQUE_MAXIMUM)
+    harmonic_amplitudes_times: tuple[float, ...] = times_of("engine.harmonic_amplitudes")
+    harmonic_amplitudes_values: tuple[float, ...] = values_over(
+        "engine.harmonic_amplitudes", "amplitudes of harmonics 2, 3, ... at the first time, then at the next",
+        "N m", 0.0, TORQUE_MAXIMUM)
 
     def check_together(self) -> None:
         """Raise InputError unless the lists of profiles and harmonics have matching lengths."""
@@ -196,10 +191,8 @@ class Pressure(Excitation):
                                       label=r"pressure frequency $\omega_f/\omega$")
     phase: float = quantity(0.0, "pressure phase psi relative to the engine torque", "rad", -100.0, 100.0, live=True,
                             label=r"pressure phase $\psi$")
-    mean_times: tuple[float, ...] = quantity((), "times at which pressure.mean_values hold, the first 0", "s", 0.0,
-                                             LATEST)
-    mean_values: tuple[float, ...] = quantity((), "Pm at these times, linear between them and constant afterwards; "
-                                              "pressure.mean is then not used", "Pa", 0.0, PRESSURE_MAXIMUM)
+    mean_times: tuple[float, ...] = times_of("pressure.mean")
+    mean_values: tuple[float, ...] = values_over("pressure.mean", "Pm", "Pa", 0.0, PRESSURE_MAXIMUM)
     time_constant: float = quantity(0.0, "time constant of the first-order lag from the commanded pressure to the "
                                     "pressure at the plates", "s", 0.0, 100.0)
     delay: float = quantity(0.0, "dead time of the commanded pressure, a whole number of ticks", "s", 0.0, 10.0)

@@ -108,6 +108,17 @@ def quantity(default: Value | tuple[str, ...], description: str, unit: str = "",
     return field(default=default, metadata={"quantity": meta})
 
 
+def times_of(key: str) -> Any:
+    """Return the field of the times of a profile."""
+    return quantity((), f"times at which {key}_values hold, the first 0", "s", 0.0, LATEST)
+
+
+def values_over(key: str, name: str, unit: str, low: float, high: float) -> Any:
+    """Return the field of the values of a profile."""
+    return quantity((), f"{name} at these times, linear between them and constant afterwards; {key} is then not used",
+                    unit, low, high)
+
+
 def check_profile(key: str, times: tuple[float, ...], values: tuple[float, ...], each: int = 1) -> None:
     """Raise InputError unless times and values of a key, `each` values per time, form a profile or are empty."""
     if each * len(times) != len(values) or (times and not each):
