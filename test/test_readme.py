@@ -146,6 +146,27 @@ def test_every_file_that_a_page_names_is_there(page: Path) -> None:
         assert absent or (page.parent / target).exists(), target
 
 
+def test_every_module_that_contributing_names_is_there() -> None:
+    text = (ROOT / ".github" / "internals" / "contributing.md").read_text().partition("## Mutants")[0]
+    modules = [str(path.relative_to(ROOT)) for room in ("tcc_sim", "test") for path in (ROOT / room).rglob("*.py")]
+    named = re.findall(r"[\w/]+\.py\b", text)
+    assert len(named) > 40
+    assert [name for name in named if not any(f"/{module}".endswith(f"/{name}") for module in modules)] == []
+    rooms = re.findall(r"^      (\w+/|\w+\.py) ", text, re.MULTILINE)
+    assert [room for room in rooms if not (ROOT / "tcc_sim" / room).exists()] == []
+    packages = {f"{path.parent.name}/" for path in (ROOT / "tcc_sim").glob("*/__init__.py")}
+    assert packages - set(rooms) == set()
+
+
+def test_the_numbers_of_the_findings_are_those_of_the_reports() -> None:
+    folder = ROOT / ".github" / "paper"
+    reports = "".join((folder / f"{name}.md").read_text() for name in ("claims", "errata", "motions"))
+    text = between("(?:refuted|in part)").sub("", (folder / "findings.md").read_text().partition("## What depends")[0])
+    numbers = re.findall(r"(?<![\w.])\d+\.\d+", text)
+    assert len(numbers) >= 8
+    assert [number for number in numbers if not re.search(rf"(?<![\d.]){re.escape(number)}", reports)] == []
+
+
 if __name__ == "__main__":
     for page in PAGES:
         text = page.read_text()

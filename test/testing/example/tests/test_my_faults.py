@@ -4,7 +4,7 @@ from my_clutch.node import Controller
 
 
 @pytest.mark.parametrize("faults", [{"drop": 10}, {"delay": 5, "delay_ticks": 4}, {"duplicate": 3}, {"corrupt": 10}])
-def test_it_bears_commands_that_are_lost_late_doubled_or_spoilt(driveline, faults):
+def test_it_holds_its_target_with_lost_late_doubled_or_corrupt_commands(driveline, faults):
     plant = driveline("controlled", faults=faults)
     plant.add(Controller())
     run = plant.run(seconds=1.2, target=20.0)
