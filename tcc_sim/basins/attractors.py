@@ -52,7 +52,8 @@ def find_attractors(of: DynamicalSystem, seeds: Iterable[Floats], known: Sequenc
 def _settle(of: DynamicalSystem, seed: Floats, transients: list[Attractor], settings: Settings) -> Attractor | None:
     """Return the attractor that a motion reaches, without its radius.
 
-    None where the motion runs away, cannot be solved or stays on one of the `transients`; a new transient is added.
+    The result is None if the motion runs away, cannot be solved or stays on one of the `transients`. New transients are
+    added to these.
     """
     # `sweeps.steady_state` waits until a scene's motion repeats. Here Newton's method finds the orbit of any map long
     # before, however slowly motions approach it.

@@ -129,9 +129,10 @@ class Basins(Result):
         """Return lines for the plane, up to `most` attractors with their shares, runaway slip and undecided cells."""
         first, second = self.plane
         lines = [f"Basins in {first.key} ({len(first.values)}) and {second.key} ({len(second.values)})"]
-        said = [f"attractor {a.number}: " if self.over else "" for a in self.attractors]
-        lines += [f"  {100.0 * self.fraction(k):6.2f} %  {said[k]}{f'period {a.period}' if a.period else 'no period'}, "
-                  f"largest slip speed {speed(a.largest)}{'' if a.validated else ', capture radius not validated'}"
+        names = [(f"attractor {a.number}: " if self.over else "") + (f"period {a.period}" if a.period else "no period")
+                 for a in self.attractors]
+        lines += [f"  {100.0 * self.fraction(k):6.2f} %  {names[k]}, largest slip speed {speed(a.largest)}"
+                  f"{'' if a.validated else ', capture radius not validated'}"
                   for k, a in enumerate(self.attractors[:most])]
         if most is not None and len(self.attractors) > most:
             lines.append(f"  {counted(len(self.attractors) - most, 'more attractor')}")

@@ -142,8 +142,8 @@ def seeds_in(found: Mapping[str, Any], system: System, over: str, low: float, hi
         if varied not in (None, over):
             raise InputError(f"--seeds varies {varied}; it must be {over}, the key of --over, or none")
         for key, value in values_of(system):
-            told = tuple(scene[key]) if isinstance(scene[key], list) else scene[key]
-            if key != over and not key.startswith("initial.") and told != value:
+            given = tuple(scene[key]) if isinstance(scene[key], list) else scene[key]
+            if key != over and not key.startswith("initial.") and given != value:
                 raise InputError(f"--seeds has {key} = {scene[key]!r}; it must be that of the scene, {value!r}")
         values = [scene[over]] if varied is None else found["values"]
         each = [found["attractors"]] if varied is None else found["attractors"]

@@ -122,9 +122,9 @@ class Motions(Result):
 
     def _text(self) -> str:
         kinds = Counter(item.kind for item in self.bifurcations)
-        said = ", ".join(counted(number, kind.replace("_", " ")) for kind, number in kinds.items())
+        found = ", ".join(counted(number, kind.replace("_", " ")) for kind, number in kinds.items())
         return (f"Motions over {self.plan.over} from {self.plan.low:g} to {self.plan.high:g}, {self.law}: "
-                f"{counted(len(self.branches), 'branch')}, {said or 'no bifurcation'}")
+                f"{counted(len(self.branches), 'branch')}, {found or 'no bifurcation'}")
 
     def columns(self) -> dict[str, list[Any]]:
         """A row for every point of every branch, in order along it."""

@@ -24,8 +24,8 @@ from tcc_sim.errors import InputError
 
 @dataclass(frozen=True)
 class ParameterRange:
-    """The range of one free parameter, with its name for sentences; `inverse` takes the reciprocal as coordinate, 0 at
-    infinity and 1 at `low`.
+    """The range of one free parameter, with its name; `inverse`: the coordinate is the reciprocal, 0 at infinity and 1
+    at `low`.
     """
 
     low: float
@@ -53,7 +53,7 @@ class Linearised(NamedTuple):
 
     residual, jacobian : (d,), (d, d + P)
     blocks : (m, n, n) derivatives of the segments' ends by their starts
-    seen : what is seen over the period, where the map knows it at once
+    seen : observation over the period, if the map has it
     amplitudes, amplitude_gradient : (N,) the largest sizes of the motion, and (N, d + P) their derivatives
     """
 
@@ -93,9 +93,7 @@ class Shooting:
 
     @cached_property
     def coarse(self) -> Shooting:
-        """The same equations by the map's coarse one; these where it would not be good enough, for motions that are cut
-        because they grow.
-        """
+        """The equations of the coarse map; these equations for unstable motions in several segments."""
         if len(self.segments) > 1 or self.map.coarse is self.map:
             return self
         return replace(self, map=self.map.coarse)
@@ -111,7 +109,7 @@ class Shooting:
         return self.size
 
     def outer(self, vector: Floats) -> Floats:
-        """The part of a vector of unknowns that single shooting has too: the first node, and what is no node."""
+        """The unknowns of single shooting: the first node, and those that are no nodes."""
         return np.concatenate([vector[:self.map.dimension], vector[self.size:]])
 
     def values(self, z: Floats) -> Values:
@@ -128,7 +126,7 @@ class Shooting:
                                [w.scaled(v) for w, v in zip(self.ranges, values)]])
 
     def linearise(self, z: Floats) -> Linearised:
-        """Residual and derivative at `z`; raises what the map raises."""
+        """Residual and derivative at `z`, with the map's exceptions."""
         n, size, scales, count = self.map.dimension, self.size, self.map.scales, len(self.segments)
         values, nodes = self.values(z), self.nodes(z)
         images = self.map.evaluate_each(nodes, values, segment_starts(self.segments), self.segments)
@@ -152,7 +150,7 @@ class Shooting:
                           self._gradient(images, sizes / self.map.amplitude_scale))
 
     def _gradient(self, images: Sequence[Image], sizes: Floats) -> Floats:
-        """(N, d + P) derivatives of the amplitudes of all segments by the nodes and the parameters, of these sizes."""
+        """(N, d + P) derivatives of the amplitudes of all segments by nodes and parameters of these sizes."""
         parts = [image.amplitude_gradient * sizes for image in images if image.amplitude_gradient is not None]
         if len(parts) == 1:
             return parts[0]
@@ -164,8 +162,7 @@ class Shooting:
         return out
 
     def cut(self, z: Floats) -> tuple[Shooting, Floats]:
-        """The same orbit in as few segments as keep the growth over each within bounds, and the point that goes with
-        them.
+        """The same orbit in as few segments as bound the growth over each, and its unknowns.
 
         A map that cannot be divided is cut between cycles.
         """
@@ -187,7 +184,7 @@ class Shooting:
 
     def _pieces(self, x: Floats, values: Values, first: float,
                 length: float) -> tuple[list[tuple[float, Floats, Floats]], Floats]:
-        """Length, start and scaled derivative of pieces over each of which the growth is bounded; and the end."""
+        """Length, start and scaled derivative of pieces with bounded growth, and the end of the last one."""
         scales, parts = self.map.scales, self.settings.parts
         whole: Image = self.map.evaluate(x, values, first if self.map.divisible else round(first),
                                          length if self.map.divisible else round(length))
@@ -211,7 +208,7 @@ class Shooting:
 
 @lru_cache(maxsize=64)
 def segment_starts(segments: tuple[float, ...]) -> list[float]:
-    """Where segments begin, in cycles."""
+    """Starts of segments, in cycles."""
     return [sum(segments[:k]) for k in range(len(segments))]
 
 
@@ -237,8 +234,8 @@ def nodes_after(count: int, n: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]
 
 
 def greedy(parts: list[tuple[float, Floats, Floats]], growth: float) -> tuple[list[float], list[Floats]]:
-    """Lengths and first nodes of segments made of neighbouring pieces, each as long as the growth from any of its
-    pieces to its end stays within bounds.
+    """Lengths and first nodes of the longest segments of neighbouring pieces with bounded growth from any piece to the
+    segment's end.
     """
     lengths: list[float] = []
     nodes: list[Floats] = []
@@ -263,7 +260,7 @@ def product_of(blocks: Floats) -> Floats:
 
 
 def joined_observation(seen: list[Observation], segments: tuple[float, ...]) -> Observation:
-    """What is seen over several segments."""
+    """The observation over several segments."""
     if len(seen) == 1:
         return seen[0]
     events = "".join(mode for mode, _ in groupby("".join(part.events for part in seen)))

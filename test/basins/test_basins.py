@@ -34,8 +34,9 @@ RUNNING_AWAY = replace(System(), {"pressure.mean": 150e3, "friction.kinetic_coef
 class Iterated:
     """A textbook map as a motion."""
 
-    def __init__(self, step, dimension, bound=1e6):
-        self.map, self.step, self.bound = TextbookMap(step, dimension), step, bound
+    def __init__(self, step, dimension, bound=1e6, value=None):
+        self.map, self.bound = TextbookMap(step, dimension), bound
+        self.value = value or (lambda x: step(x, ())[0])
 
     def sections(self, starts, first, cycles, orbits=None):
         out = np.full((len(starts), cycles + 1, np.shape(starts)[1]), np.nan)
@@ -44,7 +45,7 @@ class Iterated:
             for k in range(cycles):
                 if np.abs(row[k]).max() > self.bound:
                     break
-                row[k + 1] = self.step(row[k], ())[0]
+                row[k + 1] = self.value(row[k])
         return out
 
     def runs_away(self, points):
@@ -122,15 +123,22 @@ TURN = np.array([[C, -S], [S, C]])
 
 
 def beside_a_resonance(x, p):
-    """Turns by a little more than a seventh and comes to the unit circle: 2048 turns are on seven short arcs of it."""
+    """Turn by a little more than a seventh towards the unit circle: 2048 turns lie on seven short arcs of it."""
     a, b = x.tolist()
     square = a * a + b * b
     slope = TURN @ (np.eye(2) - 0.5 / square * np.array([[a * a, a * b], [a * b, b * b]])) / square**0.25
-    return np.array([C * a - S * b, S * a + C * b]) / square**0.25, slope, NOTHING
+    return np.array(turned(x)), slope, NOTHING
+
+
+def turned(x):
+    """The value of `beside_a_resonance`."""
+    a, b = x.tolist()
+    root = (a * a + b * b) ** 0.25
+    return (C * a - S * b) / root, (S * a + C * b) / root
 
 
 def test_a_quasi_periodic_attractor_is_listed_once_from_wherever_it_is_begun():
-    of = Iterated(beside_a_resonance, 2)
+    of = Iterated(beside_a_resonance, 2, value=turned)
     found = find_attractors(of, [1.1 * np.array([np.cos(a), np.sin(a)]) for a in (0.0, 0.15, 0.4)])
     assert [a.period for a in found] == [0]
     angles = np.sort(np.arctan2(*found[0].section.T))

@@ -1,4 +1,4 @@
-"""What other programs say of the periodic motions of scenes: multipliers by SciPy, and values by AUTO-07p."""
+"""Periodic motions of scenes by other programs: multipliers by SciPy, and values by AUTO-07p."""
 
 import numpy as np
 from differences import difference

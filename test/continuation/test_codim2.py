@@ -1,4 +1,4 @@
-"""Curves of bifurcations of textbook maps in two parameters: where they are, what lies on them, and why they end."""
+"""Curves of bifurcations of textbook maps in two parameters: places, special points, and ends."""
 
 import math
 

@@ -97,7 +97,7 @@ def test_a_jump_between_motions_that_both_go_on_is_the_boundary_of_their_basins(
 @pytest.mark.parametrize(("direction", "side", "fold"), [
     ("up", 1.0, 1.0), ("down", -1.0, -1.0), ("cold", 1.0, -1.0), ("cold", -1.0, 1.0)])
 def test_the_motion_that_was_followed_ends_in_the_cause_of_a_jump(direction: str, side: float, fold: float) -> None:
-    """Of cold starts, which follow none, that which ends nearest to the middle of the jump."""
+    """Cold starts follow no motion; the cause is the end nearest to the middle of the jump."""
     # p + x - x^3 = 0: the lower motion ends at p = 2/3^1.5, the upper one at -2/3^1.5.
     seen = [s for p in (-0.5 - 0.05 * side, 0.5 - 0.05 * side) for s in lifted([p], p)]
     branches = bifurcation_diagram(Lifted(hysteresis, 1), ParameterRange(-0.6, 0.6, name="p"), seen)
