@@ -96,15 +96,9 @@ def test_two_fixed_points_and_what_runs_away():
     cells = np.array([-2.0, -0.7, -1e-3, 1e-3, 0.6, 2.1, 2.4, 0.0])[:, None]
     *labels, fast, middle = labelled(of, mapper, cells, DEFAULTS.cycles)[0]
     for x, k in zip(cells[:, 0], labels):
-        assert found[k].section[0, 0] == pytest.approx(_end(x))
+        assert found[k].section[0, 0] == pytest.approx(section_points(of, [x], 0, 300)[-1, 0])
     assert fast == RUNAWAY
     assert middle == UNDECIDED
-
-
-def _end(x):
-    for _ in range(300):
-        x = 1.5 * x - 0.5 * x**3
-    return x
 
 
 def test_a_strange_attractor_is_one_cloud():
@@ -174,6 +168,10 @@ def test_a_chaotic_transient_is_no_attractor():
 
 
 def test_two_consecutive_points_of_an_orbit_must_follow_each_other():
+    def found_by(mapper, points, first):
+        label, after = mapper.find(np.array(points)[None, :, None], first)
+        return int(label[0]), int(after[0])
+
     orbit = Attractor(2, np.array([[0.0], [1.0]]), np.array([0, 0]), np.array([0.5 + 0j]), 1.0, 0.1)
     mapper = ProximityMapper([orbit], np.ones(1), 1)
     assert found_by(mapper, [5.0, 0.01, 1.02, 0.0], 0) == (0, 1)
@@ -186,12 +184,6 @@ def test_two_consecutive_points_of_an_orbit_must_follow_each_other():
                              2)
     assert found_by(phased, [0.0, 1.0], 4) == (0, 0)
     assert found_by(phased, [0.0, 1.0], 5)[0] == -1
-
-
-def found_by(mapper, points, first):
-    """Label and cycles of one motion with one state."""
-    label, after = mapper.find(np.array(points)[None, :, None], first)
-    return int(label[0]), int(after[0])
 
 
 def test_the_uncertainty_exponent_of_known_boundaries():
@@ -324,7 +316,6 @@ def test_an_axis_is_a_key_and_its_values(axis: object) -> None:
         basins("stick", [axis, other])
     with pytest.raises(InputError, match=r"an axis is .*; it must be a key and its values"):
         basins("stick", [("initial.slip_speed", [0.0]), other], over=axis)
-
 
 
 def test_a_plane_may_be_given_by_keys_and_values() -> None:
