@@ -58,11 +58,10 @@ def payloads(bench: Any, scene: str, **parameters: object) -> dict[str, list[byt
 
 
 @pytest.mark.parametrize("scene", HARMONIC)
-def test_two_runs_and_any_pace_give_the_same_bytes(bench: Any, scene: str) -> None:
-    fast, again = payloads(bench, scene, real_time_factor=0.0), payloads(bench, scene, real_time_factor=0.0)
+def test_a_run_at_any_pace_gives_the_same_bytes(bench: Any, scene: str) -> None:
+    fast = payloads(bench, scene, real_time_factor=0.0)
     assert {name: len(set(messages)) for name, messages in fast.items() if name in ("joint_states", "/clock")} == {
         "joint_states": TICKS, "/clock": TICKS}
-    assert again == fast
     assert payloads(bench, scene, real_time_factor=1.0) == fast
 
 
