@@ -121,8 +121,6 @@ def test_an_existing_output_is_refused_and_left_alone(tmp_path):
     with pytest.raises(RecordingError, match="exists already"):
         BagWriter(tmp_path / "run")
     assert list((tmp_path / "run").iterdir()) == []
-    with pytest.raises(RecordingError, match="cannot be created"):
-        BagWriter(tmp_path / "file" / "run") if (tmp_path / "file").write_text("") == 0 else None
 
 
 @pytest.mark.parametrize("content", [b"", b"\x89MCAP0\r\n", b"hello world", bytes(100)])
