@@ -13,8 +13,8 @@ from tcc_sim.errors import InputError, counted
 
 Result = TypeVar("Result")
 SAMPLES, LARGEST_OUTPUT = 200, 50_000_000
-HOLDS = ("previous", "linear", "next")
-"""Copy of the ways to hold in `recording.table`, which need not be imported for it."""
+HOLDS = ("previous", "linear", "smooth", "next")
+"""Interpolations of a table's inputs between rows, see `replay.given_inputs.driven_by`."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,7 +29,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         "t, engine_torque, actuation_pressure and output_speed of a table; --plot draws simulation "
                         "and recording together")
     inputs.add_argument("--hold", choices=HOLDS, help="input of a table between two rows: value of the previous row, "
-                        "linear, or value of the next row (default: as the table says, else previous)")
+                        "linear, smooth (lines that keep the amplitudes of sines), or value of the next row (default: "
+                        "as the table says, else previous)")
     length = parser.add_argument_group("length")
     span = length.add_mutually_exclusive_group()
     span.add_argument("--cycles", metavar="N", type=int, help="periods of excitation solved (default 150)")
@@ -86,7 +87,7 @@ def run(arguments: argparse.Namespace) -> int:
 
         if arguments.hold is None and (smooth := smooth_inputs(arguments.inputs)):
             lines.append(f"note: {' and '.join(smooth)} of {arguments.inputs.name} changes smoothly from row to row "
-                         "but is held constant between rows; --hold linear joins the rows by straight lines")
+                         "but is held constant between rows; --hold smooth joins the rows")
         twin = twin_of(arguments.inputs, found.trajectory)
         if twin is not None:
             drawn = twin

@@ -1,4 +1,4 @@
-"""Results that commands wrote as JSON or NPZ, read back so that they can be drawn again."""
+"""Results in JSON or NPZ files of commands, read back to be drawn again."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from tcc_sim.analysis.orders import Judder, Orders
+from tcc_sim.analysis.orders import Judder, OrderComparison, Orders
+from tcc_sim.analysis.spectra import Spectrum
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
 from tcc_sim.output.files import read_json
@@ -25,13 +26,17 @@ from tcc_sim.trajectory import UNITS, Trajectory
 DRAWN = {"analyse": ("tcc_sim.replay.replay", "draw_again"), "figure": ("tcc_sim.paper.redrawn", "draw_stored"),
          "precision": ("tcc_sim.benchmarks.redrawn", "draw_stored_precision"),
          "stability": ("tcc_sim.benchmarks.redrawn", "draw_stored_stability")}
-"""By kind of JSON the module and the function of a later room that draws it: they take a picture's file, a `Record`, a
-title and a width in inches.
+"""Module and function of a later room that draws a kind of JSON. Arguments: file of the picture, `Record`, title, and
+width in inches.
 """
 
 
+INPUT_SAMPLES = 200
+"""Samples per period of excitation of a run with inputs from a file, as `simulate` takes them."""
+
+
 class Record:
-    """A JSON object whose keys are attributes as well; an attribute that it does not have is None."""
+    """JSON object whose keys are attributes too; a missing attribute is None."""
 
     def __init__(self, values: Mapping[str, Any]) -> None:
         vars(self).update(values)
@@ -47,26 +52,27 @@ class Record:
         return iter(vars(self))
 
     def items(self) -> Any:
-        """The keys with their values."""
+        """Return the keys with their values."""
         return vars(self).items()
 
     @staticmethod
     def of(value: Any) -> Any:
-        """A JSON value with a Record in the place of every object."""
+        """Return a JSON value with every object replaced by a Record."""
         if isinstance(value, Mapping):
             return Record({name: Record.of(part) for name, part in value.items()})
         return [Record.of(part) for part in value] if isinstance(value, list) else value
 
 
 def read_stored(path: Path) -> dict[str, Any]:
-    """The JSON that a command wrote to a .json, or within a .npz, whose arrays are then below `arrays`.
+    """Return the JSON in a .json or .npz file of a command; `arrays` has the arrays of the .npz.
 
-    The arrays of a .npz that --out wrote beside a .json are taken along where both are of one command.
+    With a .json, the .npz that the same command wrote with --out is read too, if it is in the same directory or at its
+    recorded place.
 
     Raises
     ------
     InputError
-        Another suffix, a file that cannot be read, or one that no command of this version wrote.
+        The suffix is wrong, the file cannot be read, or no command of this version wrote it.
     """
     if path.suffix == ".npz":
         return _arrays_in(path)
@@ -82,7 +88,7 @@ def read_stored(path: Path) -> dict[str, Any]:
 
 
 def _arrays_in(path: Path) -> dict[str, Any]:
-    """The JSON within a .npz, with its arrays."""
+    """Return the JSON in a .npz, with its arrays."""
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
@@ -95,25 +101,25 @@ def _arrays_in(path: Path) -> dict[str, Any]:
 
 
 def arguments_in(values: Mapping[str, Any]) -> Any:
-    """The arguments of the command that wrote a JSON, as its parser gives them; without any where none is recorded.
+    """Return the arguments of the command that wrote a JSON; an empty namespace if it records no command.
 
     Raises
     ------
     InputError
-        A command that this version does not take.
+        This version does not accept the command.
     """
     words = values.get("command")
     return _later("tcc_sim.cli", "arguments_of")(words) if words else SimpleNamespace()
 
 
 def _later(module: str, name: str) -> Callable[..., Any]:
-    """A function of a later room."""
+    """Return a function of a later room."""
     found: Callable[..., Any] = getattr(import_module(module), name)
     return found
 
 
 def kind_of(values: Mapping[str, Any]) -> str:
-    """The verb that a JSON is of; of values without a format the one that its keys show."""
+    """Return the verb that wrote a JSON; without a format, its keys show the verb."""
     parts = str(values.get("format", "")).split()
     if len(parts) == 3:
         return parts[1]
@@ -125,7 +131,7 @@ def kind_of(values: Mapping[str, Any]) -> str:
 
 
 def title_of(values: Mapping[str, Any]) -> str:
-    """The title that the command gave its picture."""
+    """Return the title of the picture of the command."""
     arguments, kind = arguments_in(values), kind_of(values)
     given = getattr(arguments, "title", None)
     if given is not None or kind in ("figure", "precision", "stability"):
@@ -136,16 +142,18 @@ def title_of(values: Mapping[str, Any]) -> str:
 
 
 def revived(values: Mapping[str, Any]) -> Any:
-    """A result that `plots.plot` draws, made of a JSON.
+    """Return the result for `plots.plot` that a JSON holds.
 
     Raises
     ------
     InputError
-        A JSON of which there is no picture, or one without the data of its picture.
+        The JSON has no picture, or the data of its picture are missing.
     """
     kind = kind_of(values)
+    if "measured_orders" in values:
+        return OrderComparison(_orders(values["measured_orders"]), _orders(values["orders"]))
     if "orders" in values:
-        return _orders(values["orders"], scene_in(values))
+        return _orders(values["orders"])
     if kind == "simulate":
         return _simulation(values)
     if kind == "explain":
@@ -164,12 +172,12 @@ def revived(values: Mapping[str, Any]) -> Any:
 
 
 def drawer_of(kind: str) -> Callable[..., Path]:
-    """The function that draws a JSON of one of the kinds of DRAWN."""
+    """Return the function that draws a kind of DRAWN."""
     return _later(*DRAWN[kind])
 
 
 def missing_data(values: Mapping[str, Any]) -> str:
-    """What a JSON lacks for its picture and how that is made up for, in words; empty where it lacks nothing."""
+    """Return what a JSON lacks for its picture and the replacement, in words; empty if it lacks nothing."""
     kind = kind_of(values)
     if "orders" in values or "arrays" in values:
         return ""
@@ -186,13 +194,13 @@ def missing_data(values: Mapping[str, Any]) -> str:
 
 
 def _measured(values: Mapping[str, Any]) -> bool:
-    """Whether the measurements of `identify` are still there."""
+    """Return whether the file with the measurements of `identify` still exists."""
     measured = getattr(arguments_in(values), "measured", None)
     return measured is not None and measured.exists()
 
 
 def _identification(values: Mapping[str, Any]) -> Any:
-    """The fit of `identify` made again; InputError where it gives other values, since the measurements have changed."""
+    """Fit the measurements of `identify` again; InputError if the values differ, because the file has changed."""
     arguments = arguments_in(values)
     found = _later("tcc_sim.cli.identify", "fit_again")(arguments)
     for now, then in zip(found.parameters, values["parameters"]):
@@ -203,26 +211,38 @@ def _identification(values: Mapping[str, Any]) -> Any:
 
 
 def scene_in(values: Mapping[str, Any]) -> Scene:
-    """The scene that a JSON states."""
+    """Return the scene in a JSON."""
     return Scene(title_of(values), System(), Operation()).with_values(values["scene"])
 
 
-def _orders(values: Mapping[str, Any], scene: Scene) -> Orders:
-    """The orders of a run."""
-    found: dict[str, Any] = {item.name: np.array(values[item.name]) for item in fields(Orders)
-                             if item.name in values and item.name != "judder"}
-    judder = Judder(**{name: np.array(column) for name, column in values["judder"].items()})
-    return Orders(**found, judder=judder)
+def _orders(values: Mapping[str, Any]) -> Orders:
+    """Return the orders in a JSON."""
+    found: Orders = _of(Orders, {**values, "judder": _of(Judder, values["judder"])})
+    return found
+
+
+def _of(kind: Callable[..., Any], values: Mapping[str, Any]) -> Any:
+    """Return a result of a class of arrays; None for a field that the JSON omits."""
+    return kind(**{item.name: np.array(value, np.float64) if isinstance(value := values.get(item.name), list) else value
+                   for item in fields(kind)})  # type: ignore[arg-type]
 
 
 def _simulation(values: Mapping[str, Any]) -> Any:
-    """The run of `simulate`: its samples where there are any, else the scene solved again as the JSON says."""
-    scene, arrays = scene_in(values), values.get("arrays")
-    if getattr(arguments_in(values), "inputs", None) is not None and arrays is None:
-        raise InputError("the inputs came from a table, which this JSON does not hold; simulate ... --out FILE.npz "
-                         "keeps the samples")
-    if arrays is None:
-        return simulate(scene, Plan(**values["plan"]))
-    run = Trajectory(**{name: arrays[name] for name in UNITS if name in arrays}, cycle=scene.system.cycle,
-                     solver=values["solver"], system=scene.system, cycles=cycles_in(arrays))
-    return SimpleNamespace(trajectory=run, summary=Record(values))
+    """Return the run of `simulate` from its samples; without samples, solve the scene again."""
+    scene, arrays, arguments = scene_in(values), values.get("arrays"), arguments_in(values)
+    inputs = getattr(arguments, "inputs", None)
+    there = inputs is not None and inputs.exists()
+    if arrays is not None:
+        run = Trajectory(**{name: arrays[name] for name in UNITS if name in arrays}, cycle=scene.system.cycle,
+                         solver=values["solver"], system=scene.system, cycles=cycles_in(arrays))
+    elif inputs is None:
+        run = simulate(scene, Plan(**values["plan"])).trajectory
+    elif there:
+        driven = _later("tcc_sim.replay.given_inputs", "driven_by")(scene, inputs, arguments.hold)
+        run = simulate(driven, Plan(**values["plan"]), samples_per_cycle=INPUT_SAMPLES).trajectory
+    else:
+        raise InputError(f"{inputs}, which has the inputs, does not exist; tcc-sim plot FILE.npz draws the samples "
+                         "that simulate ... --out FILE.npz wrote")
+    twin = _later("tcc_sim.replay.given_inputs", "twin_of")(inputs, run) if there else None
+    spectrum = _of(Spectrum, values["spectrum"]) if "spectrum" in values else None
+    return twin or SimpleNamespace(trajectory=run, summary=Record(values), spectrum=spectrum)

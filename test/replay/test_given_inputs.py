@@ -163,7 +163,7 @@ def test_a_table_that_looks_smooth_is_hinted_at_and_one_of_steps_is_not(tmp_path
     stepped = table(tmp_path / "stepped.csv", t=t, engine_torque=300.0 + 50.0 * np.floor(t / 0.02))
     for path, words, hinted in ((smooth, [], True), (smooth, ["--hold", "previous"], False), (stepped, [], False)):
         assert main(["simulate", "commands", "--inputs", str(path), *words]) == 0
-        assert ("--hold linear joins the rows" in capsys.readouterr().out) is hinted
+        assert ("--hold smooth joins the rows" in capsys.readouterr().out) is hinted
     assert main(["simulate", "commands", "--hold", "linear"]) == 2
     assert main(["simulate", "commands", "--hold", "linear", "--inputs", str(tmp_path)]) == 2
     capsys.readouterr()

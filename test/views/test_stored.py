@@ -53,6 +53,7 @@ def same(one: Any, other: Any) -> None:
     (["simulate", "fig02", "--cycles", "60", "--discard", "20"], True),
     (["simulate", "fig02", "--cycles", "60"], False),
     (["simulate", "fig02", "--duration", "0.9", "--orders"], False),
+    (["simulate", "fig02", "--cycles", "60", "--spectrum", "--units", "rpm"], True),
     (["sweep", "fig02", "--over", "engine.frequency=100:140:3", "--cycles", "40"], False),
     (["sweep", "fig02", "--over", "engine.frequency=100:140:3", "--over", "friction.kinetic_coefficient=0.2,0.28",
       "--cycles", "20"], False),
@@ -151,10 +152,43 @@ def test_a_recorded_command_is_read_as_its_parser_does(tmp_path: Path, capsys: p
     assert capsys.readouterr().err == ""
 
 
-def test_a_run_driven_by_a_table_needs_its_samples(tmp_path: Path) -> None:
-    values = {"format": "tcc_sim simulate 1", "command": ["simulate", "fig02", "--inputs", "a.csv"], "scene": {}}
-    with pytest.raises(InputError, match=r"--out FILE.npz"):
-        tcc_sim.plot(values, tmp_path / "a.png")
+@pytest.mark.parametrize("more", [[], ["--orders"]])
+def test_a_run_driven_by_a_table_is_drawn_again_while_the_table_exists(more: list[str], pictures: list[Any],
+                                                                       tmp_path: Path) -> None:
+    """Beside the measured slip speed; with --orders, the maps of both and their difference."""
+    t = np.linspace(0.0, 1.2, 2401)
+    table, json_ = tmp_path / "run.csv", tmp_path / "a.json"
+    columns = t, 300.0 + 250.0 * np.sin(150.0 * t), 10.0 + np.sin(150.0 * t), np.full(len(t), 150.0)
+    np.savetxt(table, np.stack(columns, axis=1),
+               delimiter=",", header="t,engine_torque,slip_speed,engine_speed", comments="")
+    words = ["simulate", "fig02", "--inputs", str(table), "--hold", "linear", *more, "--json", str(json_)]
+    assert main([*words, "--plot", str(tmp_path / "a.png")]) == 0
+    assert main(["plot", str(json_), "--plot", str(tmp_path / "b.png")]) == 0
+    same(pictures[0], pictures[1])
+    table.unlink()
+    if not more:
+        with pytest.raises(InputError, match=r"run.csv, which has the inputs, does not exist; .* --out FILE.npz"):
+            tcc_sim.plot(json_, tmp_path / "c.png")
+
+
+def test_a_result_is_drawn_in_the_units_of_its_command_or_in_others(monkeypatch: pytest.MonkeyPatch,
+                                                                    tmp_path: Path) -> None:
+    labels, plain = [], style.convert_axes
+
+    def convert(drawn: Any) -> None:
+        plain(drawn)
+        labels.append({text for text in artists(drawn) if isinstance(text, str)})
+
+    monkeypatch.setattr(style, "convert_axes", convert)
+    words = ["sweep", "slip", "--over", "engine.frequency=100,200", "--set", "engine.order=2", "--cycles", "20"]
+    assert main([*words, "--units", "rpm", "--json", str(tmp_path / "a.json")]) == 0
+    for more in ([], ["--units", "hz"]):
+        assert main(["plot", str(tmp_path / "a.json"), "--plot", str(tmp_path / "a.png"), "--force", *more]) == 0
+    tcc_sim.plot(tcc_sim.sweep("slip", "engine.frequency", [100.0, 200.0], cycles=20), tmp_path / "b.png", units="rpm")
+    assert [{"engine speed (rpm)", "max |slip speed|\n(rpm)"} <= found for found in labels] == [True, False, True]
+    assert r"excitation frequency $\omega/2\pi$ (Hz)" in labels[1]
+    with pytest.raises(InputError, match="units is 'bpm'; it must be rad, rpm, hz"):
+        tcc_sim.plot("a.json", tmp_path / "c.png", units="bpm")
 
 
 def test_a_json_of_identify_draws_its_parameters(pictures: list[Any], tmp_path: Path) -> None:
