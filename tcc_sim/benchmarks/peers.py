@@ -79,12 +79,6 @@ def repeated(run: Callable[[], Timed], repeats: int, patience: float = math.inf,
     return used, found
 
 
-def least_seconds(run: Callable[[], Timed], repeats: int) -> tuple[float, Timed]:
-    """The least CPU time of `run`, s, and its last result."""
-    used, found = repeated(run, repeats)
-    return min(used), found
-
-
 def of_children() -> float:
     """CPU seconds of the processes that this one has started and that have ended."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)

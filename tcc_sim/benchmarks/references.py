@@ -9,6 +9,7 @@ floor below which an error means nothing.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -126,23 +127,15 @@ def reference(system: System, cycles: int, method: str, rtol: float) -> Referenc
     Unfinished
         SciPy gave up.
     """
-    law, y = Law(system), np.array(State.at_start(system).numbers)
-    section, largest, size = np.empty((cycles + 1, 3)), np.empty(cycles), np.zeros(3)
-    section[0] = y
-    mode = 3 if system.friction.law == "smoothed" else _first_mode(law, y)
-    changed = -math.inf
-    atol = rtol * error_scales(system)
-    for n in range(cycles):
-        t, end, peak = n * system.cycle, (n + 1) * system.cycle, 0.0
-        while t < end:
-            run = _arc(law, t, end, y, mode, changed, method, rtol, atol)
-            peak = max(peak, _largest(law, run.t, run.y, mode, rtol, atol))
-            if n >= cycles // 2:
-                size = np.maximum(size, np.abs(run.y).max(axis=1))
-            t, y = float(run.t[-1]), run.y[:, -1].copy()
-            if run.status == 1:
-                mode, changed = _following(law, t, y, mode, free=len(run.t_events[1]) > 0), t
-        section[n + 1], largest[n] = y, peak
+    law, start = Law(system), np.array(State.at_start(system).numbers)
+    section, largest, size = np.empty((cycles + 1, 3)), np.zeros(cycles), np.zeros(3)
+    section[0] = start
+    ends = [(n + 1) * system.cycle for n in range(cycles)]
+    for n, mode, run, y in _pieces(law, start, ends, method, rtol):
+        largest[n] = max(largest[n], _largest(law, run.t, run.y, mode, rtol, rtol * error_scales(system)))
+        if n >= cycles // 2:
+            size = np.maximum(size, np.abs(run.y).max(axis=1))
+        section[n + 1] = y
     law_name = "" if system.friction.law == "smoothed" else " from event to event"
     return Reference(f"SciPy {method}{law_name}, rtol {rtol:g}", section, largest, size)
 
@@ -155,16 +148,25 @@ def final_state(system: System, duration: float, method: str, rtol: float) -> tu
     Unfinished
         SciPy gave up, or took more than EVALUATIONS.
     """
-    law, y = Law(system, EVALUATIONS), np.array(State.at_start(system).numbers)
-    mode = 3 if system.friction.law == "smoothed" else _first_mode(law, y)
-    t, changed, largest, atol = 0.0, -math.inf, np.abs(y), rtol * error_scales(system)
-    while t < duration:
-        run = _arc(law, t, duration, y, mode, changed, method, rtol, atol)
-        largest = np.maximum(largest, np.abs(run.y).max(axis=1))
-        t, y = float(run.t[-1]), run.y[:, -1].copy()
-        if run.status == 1:
-            mode, changed = _following(law, t, y, mode, free=len(run.t_events[1]) > 0), t
-    return y, largest
+    last: Floats = np.array(State.at_start(system).numbers)
+    largest = np.abs(last)
+    for _, _, run, y in _pieces(Law(system, EVALUATIONS), last, [duration], method, rtol):
+        last, largest = y, np.maximum(largest, np.abs(run.y).max(axis=1))
+    return last, largest
+
+
+def _pieces(law: Law, y: Floats, ends: Sequence[float], method: str, rtol: float) -> Iterator[tuple[int, int, Any,
+                                                                                                    Floats]]:
+    """Yield every arc up to each of some times with the number of the time, its mode, and the state after it."""
+    mode = 3 if law.system.friction.law == "smoothed" else _first_mode(law, y)
+    t, changed, atol = 0.0, -math.inf, rtol * error_scales(law.system)
+    for n, end in enumerate(ends):
+        while t < end:
+            run = _arc(law, t, end, y, mode, changed, method, rtol, atol)
+            t, y, solved = float(run.t[-1]), run.y[:, -1].copy(), mode
+            if run.status == 1:
+                mode, changed = _following(law, t, y, mode, free=len(run.t_events[1]) > 0), t
+            yield n, solved, run, y
 
 
 def disagreement(first: Reference, second: Reference) -> float:

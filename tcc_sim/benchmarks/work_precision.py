@@ -18,7 +18,7 @@ import numpy as np
 
 from tcc_sim.analysis.periodicity import periodicity
 from tcc_sim.benchmarks import peers
-from tcc_sim.benchmarks.peers import least_seconds, repeated
+from tcc_sim.benchmarks.peers import repeated
 from tcc_sim.benchmarks.precision_report import (
     TARGET,
     LongRun,
@@ -290,7 +290,7 @@ def _registered(record: StudiedScene, case: Case, solver: str, setting: float, e
                                f"which takes about {steps * SECONDS_PER_STEP[solver]:.2g} s")
     options: dict[str, Any] = {SOLVERS[solver].setting: setting}
     if solver not in record.warm_up:
-        record.warm_up[solver], _ = least_seconds(
+        (record.warm_up[solver],), _ = repeated(
             lambda: solve(case.system, duration=1e-3 * case.system.cycle, solver=solver), 1)
 
     def run() -> Trajectory:

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tcc_sim.benchmarks.peers import least_seconds
+from tcc_sim.benchmarks.peers import repeated
 from tcc_sim.continuation.branch import branch_through, first_point
 from tcc_sim.continuation.initial_orbits import start_orbit
 from tcc_sim.continuation.motions import ContinuationPlan, check
@@ -99,7 +99,8 @@ def own(system: System, period: int, low: float, high: float) -> tuple[Followed,
     span = ParameterRange(low, high, name=KEY)
     shooting, z = start_orbit(map_, span, system.friction.kinetic_coefficient, period)
     first = first_point(dataclasses.replace(shooting, settings=Settings(max_points=MOST)), z)
-    seconds, branch = least_seconds(lambda: branch_through(first), REPEATS)
+    used, branch = repeated(lambda: branch_through(first), REPEATS)
+    seconds = min(used)
     found = tuple((NAMES.get(f.kind, f.kind), f.value / static) for f in branch.bifurcations)
     started = State.of(shooting.nodes(z)[0]).starting(system)
     return Followed(len(branch.points), seconds, found, "default settings"), started

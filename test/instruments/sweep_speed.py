@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tcc_sim.benchmarks import peers
-from tcc_sim.benchmarks.peers import least_seconds
+from tcc_sim.benchmarks.peers import repeated
 from tcc_sim.benchmarks.references import Reference, errors, reference
 from tcc_sim.model.parameters import System
 from tcc_sim.output.tables import markdown_table
@@ -172,7 +172,7 @@ def _timed(system: System, solver: str, setting: float, effort: SpeedEffort) -> 
     """Least CPU seconds of the cycles that are timed."""
     if solver == PEER:
         return peers.xppaut(system, "cvode", setting, effort.cycles, 2).seconds
-    return least_seconds(lambda: solve(system, cycles=effort.cycles, solver=solver, rtol=setting), effort.repeats)[0]
+    return min(repeated(lambda: solve(system, cycles=effort.cycles, solver=solver, rtol=setting), effort.repeats)[0])
 
 
 def whole_sweep(effort: SpeedEffort) -> WholeSweep:

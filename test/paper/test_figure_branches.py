@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from given import curve_of, curves_of, figure_of
 
-from tcc_sim.cli import main
 from tcc_sim.paper import figures
 from tcc_sim.paper.branch_panels import spread, top_of
 from tcc_sim.paper.branches_behind import creeps, motions_behind, motions_behind_each
@@ -20,21 +19,6 @@ from tcc_sim.paper.drawings import draw
 from tcc_sim.paper.figure_results import Figure, JumpBehind, Labelled, MotionsBehind
 from tcc_sim.paper.histories import orbit_words
 from tcc_sim.sweeps.sweep import Curve, Plan, sweep_curves
-
-
-@pytest.mark.parametrize("words", [["2", "--branches"], ["3", "--branches"], ["5", "--branches"], ["7", "--branches"],
-                                   ["9", "--branches"], ["9", "--direction", "up"]])
-def test_what_makes_no_sense_is_refused_in_one_line(words: list[str], tmp_path: Path, capsys) -> None:  # type: ignore
-    assert main(["figure", *words, "--out", str(tmp_path / "new")]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("number", ["1", "19", "20", "two"])
-def test_a_figure_that_the_paper_has_not_is_refused_with_the_range(number: str, tmp_path: Path, capsys) -> None:  # type: ignore
-    assert main(["figure", number, "--out", str(tmp_path / "new")]) == 2
-    assert capsys.readouterr().err.rstrip().endswith("it must be 2 to 18, or all")
-    assert not list(tmp_path.iterdir())
 
 
 def test_pure_stick_under_the_set_valued_law_lies_on_one_branch_without_a_jump() -> None:
