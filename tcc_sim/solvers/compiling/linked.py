@@ -11,6 +11,7 @@ other, the addresses of the objects that are arrays and records, and room for th
 from __future__ import annotations
 
 import gc
+import operator
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FunctionType
@@ -20,9 +21,11 @@ import numba
 from llvmlite import binding, ir
 from numba import types
 from numba.core import cgutils, compiler
+from numba.core import ir as numba_ir
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler_lock import global_compiler_lock
-from numba.core.compiler_machinery import PassManager
+from numba.core.compiler_machinery import FunctionPass, PassManager, register_pass
+from numba.core.ir_utils import get_definition, guard
 from numba.np.arrayobj import populate_array
 
 from tcc_sim.solvers.compiling.numba_registration import registered
@@ -64,6 +67,32 @@ class PartLibrary(JITCodeLibrary):  # type: ignore[misc]
         """Set no environment: no function uses Python objects."""
 
 
+@register_pass(mutates_CFG=False, analysis_only=False)
+class PresentArguments(FunctionPass):  # type: ignore[misc]
+    """Replaces the comparison with None of an argument that is not None by a constant.
+
+    Numba itself prunes the branches of arguments that are None only: it would type and lower the others' dead branches.
+    """
+
+    _name = "present_arguments"
+
+    def __init__(self) -> None:
+        FunctionPass.__init__(self)
+
+    def run_pass(self, state: Any) -> bool:
+        """Replace the comparisons in a function; return whether there were any."""
+        changed = False
+        for item in (item for block in state.func_ir.blocks.values() for item in block.find_insts(numba_ir.Assign)):
+            value = item.value
+            if isinstance(value, numba_ir.Expr) and value.op == "binop" and value.fn in (operator.is_, operator.is_not):
+                left, right = (guard(get_definition, state.func_ir, side) for side in (value.lhs, value.rhs))
+                if (isinstance(left, numba_ir.Arg) and isinstance(right, numba_ir.Const) and right.value is None
+                        and not isinstance(state.args[left.index], (types.NoneType, types.Optional, types.Omitted))):
+                    item.value = numba_ir.Const(value.fn is operator.is_not, value.loc)
+                    changed = True
+        return changed
+
+
 class PartCompiler(compiler.CompilerBase):  # type: ignore[misc]
     """Numba's compiler for functions that compiled functions call."""
 
@@ -72,6 +101,8 @@ class PartCompiler(compiler.CompilerBase):  # type: ignore[misc]
         self.state.library = PartLibrary(self.state.targetctx.codegen(), self.state.func_id.func_qualname)
         out = PassManager("kernel")
         for step, description in compiler.DefaultPassBuilder.define_nopython_pipeline(self.state).passes:
+            if step.__name__ == "DeadBranchPrune":
+                out.add_pass(PresentArguments, "constants for arguments that are not None")
             if step.__name__ in NEEDED:
                 out.add_pass(step, description)
         out.finalize()
@@ -155,7 +186,7 @@ def _write_entry(context: Any, module: Any, descriptor: Any, kinds: tuple[Any, .
     formats = ""
     for kind, item in zip(returned if several else [returned], values):
         if not isinstance(kind, types.NoneType):
-            formats += FORMATS[kind]
+            formats += FORMATS[types.unliteral(kind)]
             whole = item if item.type in (WORD, REAL) else builder.zext(item, WORD)
             builder.store(whole, builder.bitcast(next(places), whole.type.as_pointer()))
     builder.ret(status.code)

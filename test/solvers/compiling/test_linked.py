@@ -76,6 +76,26 @@ def test_what_is_wrong_in_a_part_is_said():
     assert gc.isenabled()
 
 
+def test_branches_without_an_argument_are_left_out_where_it_is_there():
+    @fast
+    def part(x):
+        return x.nothing
+
+    @fast
+    def kernel(pair, x):
+        if pair is None or x < 0.0:
+            out = x
+        else:
+            out = pair[0] + x
+        if pair is not None:
+            out += pair[1]
+        elif x > 0.0:
+            out = part(x)
+        return out
+
+    assert (kernel((1.0, 2.0), 1.0), kernel((1.0, 2.0), -1.0)) == (4.0, 1.0)
+
+
 def test_nobody_looks_for_unreachable_objects_while_compiling():
     collects = []
 
