@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import is_dataclass
 from pathlib import Path
-from typing import Any
+from types import NoneType, UnionType
+from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from fields_page import fields_by_kind
+import numpy as np
+from fields_page import KINDS, fields_by_kind
 
 from tcc_sim import __version__
 from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.output.provenance import HEAD, format_of
+from tcc_sim.result import names_in, reported_of
 
 
 def valid(kind: str, found: dict[str, Any]) -> dict[str, Any]:
@@ -34,7 +39,59 @@ def valid(kind: str, found: dict[str, Any]) -> dict[str, Any]:
     lacking = {name for name in there & set(found) if documented[name].unit and "{" not in documented[name].unit
                and found[name] is not None} - set(found["units"])
     assert not lacking, f"no unit of {lacking}"
+    wrong = [mistyped(found, of) for of in KINDS[kind][1]]
+    assert not wrong or [] in wrong, wrong
     return found
+
+
+def mistyped(found: dict[str, Any], kind: type, missing: bool = False) -> list[str]:
+    """The fields of a result that are not of their declared types; `missing` allows null for each of them."""
+    wrong: list[str] = []
+    for name, entry in reported_of(kind).items():
+        hints = get_type_hints(kind)
+        hint = hints[name] if name in hints else get_type_hints(getattr(kind, name).fget)["return"]
+        below = entry.of or tuple(part for part in (hint, *get_args(hint)) if is_dataclass(part) and reported_of(part))
+        label, optional = entry.name or name, missing or type(None) in get_args(hint)
+        if entry.listed:
+            wrong += [part for values in rows_of(found, names_in(entry.of[0])) for part in mistyped(
+                values, entry.of[0], missing=True)]
+        elif hint is Any and "values" in found:
+            continue  # Basins at several values of a key are lists.
+        elif entry.spread and below:
+            wrong += mistyped(found, below[0], optional)
+        elif label in found and not (found[label] is None and optional) and not of_type(found[label], hint):
+            wrong.append(f"{kind.__name__}.{name}: {found[label]!r:.60} is no {hint}")
+    return wrong
+
+
+def rows_of(found: dict[str, Any], names: list[str]) -> Iterator[dict[str, Any]]:
+    """Objects of the lists, or lists of lists, of values by name."""
+    columns = {name: found[name] for name in names if isinstance(found.get(name), list)}
+    for row in zip(*columns.values()):
+        one = dict(zip(columns, row))
+        yield from rows_of(one, names) if isinstance(one.get("status"), list) else [one]
+
+
+def of_type(value: Any, hint: Any) -> bool:
+    """Whether a JSON value is of a type; a number that is not finite is null, an array a list, a complex number two."""
+    origin, arguments = get_origin(hint), get_args(hint)
+    if hint is Any or isinstance(hint, TypeVar):
+        return True
+    if origin in (Union, UnionType):
+        return any(of_type(value, part) for part in arguments)
+    if origin is np.ndarray or hint is np.ndarray:
+        return isinstance(value, list)
+    if origin is not None and issubclass(origin, Mapping):
+        return isinstance(value, dict) and all(of_type(part, arguments[1]) for part in value.values())
+    if origin is tuple and arguments[-1] is not Ellipsis:
+        return isinstance(value, list) and len(value) == len(arguments) and all(map(of_type, value, arguments))
+    if origin is not None and issubclass(origin, Iterable):
+        return isinstance(value, list) and all(of_type(part, arguments[0]) for part in value)
+    if is_dataclass(hint):
+        return isinstance(value, dict) and not mistyped(value, hint)  # type: ignore[arg-type]
+    if hint is float:
+        return value is None or type(value) in (int, float)
+    return isinstance(value, NoneType if hint is None else hint) and (hint is bool or not isinstance(value, bool))
 
 
 def beginnings(path: str) -> list[str]:

@@ -61,7 +61,8 @@ def test_a_document_that_lacks_a_key_or_has_another_is_told() -> None:
     for key in ("version", "scene", "command", "units", "claims"):
         with pytest.raises((AssertionError, KeyError)):
             valid("claims", {k: v for k, v in found.items() if k != key})
-    for more in ({"x": 1}, {"claims": [{"figure": "3", "x": 1}]}, {"units": {"claims": "m"}}):
+    for more in ({"x": 1}, {"claims": [{"figure": "3", "x": 1}]}, {"units": {"claims": "m"}}, {"complete": "yes"},
+                 {"complete": None}, {"claims": {}}):
         with pytest.raises(AssertionError):
             valid("claims", {**found, **more})
     assert provenance.document("claims", {"scene": "mine", "x": 1}, System(), [])["scene"]["clutch.radius"] == 0.1

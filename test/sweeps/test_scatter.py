@@ -68,7 +68,7 @@ def test_the_command_gives_quantiles_per_value(tmp_path, capsys) -> None:  # typ
     assert len(alone["quantiles"]["max_slip_speed"]) == 3
     capsys.readouterr()
     assert main(WORDS) == 0
-    assert "largest |slip speed| (rad/s)  5 %  50 %  95 %" in capsys.readouterr().out
+    assert "max_slip_speed (rad/s)  5 %  50 %  95 %" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("over", [[], ["--over", "engine.frequency=100:150:3"]])
