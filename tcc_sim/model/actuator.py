@@ -60,16 +60,7 @@ def approach_between(before: float, after: float, time_constant: float, rate_lim
 
 
 class Actuator:
-    """Actuator of one driveline, advanced tick by tick.
-
-    Parameters
-    ----------
-    pressure : keys of the actuator and its initial pressure
-    step : length of a tick, s
-
-    Attributes
-    ----------
-    pressure : present pressure at the plates, Pa
+    """Actuator of one driveline, advanced in ticks of `step` s; its `pressure` is that at the plates, Pa.
 
     Raises
     ------

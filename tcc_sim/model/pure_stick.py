@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -114,12 +115,8 @@ def _smallest(torque: Sines, load: Sines, ratio: float, period: float) -> StickM
     return StickMargin(best, when % period)
 
 
-@dataclass(frozen=True)
-class StickLimits:
-    """Transition frequencies between pure stick and stick-slip, rad/s.
-
-    lower : end of pure stick in an upward sweep; None without stick at the low end, or without a limit
-    higher : end of pure stick in a downward sweep; None without stick at the high end, or without a limit
+class StickLimits(NamedTuple):
+    """Ends of pure stick in an upward and a downward sweep, rad/s; None without a limit or without stick to begin with.
     """
 
     lower: float | None
@@ -127,7 +124,7 @@ class StickLimits:
 
 
 def stick_limits(system: System, low: float, high: float, count: int = 400) -> StickLimits:
-    """Return the frequency limits of pure stick between `low` and `high` (rad/s), for upward and downward sweeps.
+    """Return the frequency limits of pure stick between `low` and `high` (rad/s).
 
     omega_f keeps its ratio to omega. `count` frequencies, evenly spaced in log omega, bracket the limits; omega_sn is
     among them, so no limit near the stuck resonance is missed.
