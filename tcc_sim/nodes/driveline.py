@@ -296,5 +296,6 @@ def _run(node: DrivelineNode) -> int:
     gc.freeze()
     spin(node)
     node.loop.stop()
-    deliver(node, node.loop.outputs.flush)
+    if node.loop.outputs.patient:
+        deliver(node, node.loop.outputs.flush)
     return 0

@@ -27,7 +27,7 @@ LOOK = 0.25
 """Longest time between two checks for a signal, s."""
 ACKNOWLEDGED_WITHIN, SOON = 5.0, 0.1
 """Longest real time to wait at the end for subscribers to acknowledge the last messages, and time after which the wait
-is logged, s. Fast DDS repairs a lost datagram within 3 s.
+is logged, s. Fast DDS asks for acknowledgements and repairs lost datagrams every 3 s.
 """
 _INTERRUPTED = threading.Event()
 """Set when Ctrl-C was pressed in a command."""

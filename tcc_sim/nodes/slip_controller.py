@@ -12,10 +12,8 @@ if __name__ == "__main__":
     raise SystemExit(slip_controller_node())
 
 import math
-from contextlib import suppress
-from typing import Any
+from typing import Any, NoReturn
 
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import FluidPressure, JointState
@@ -25,7 +23,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.nodes import signals
 from tcc_sim.nodes.middleware import LATCHED, await_peer, poll
 from tcc_sim.nodes.parameters import declared
-from tcc_sim.nodes.process import Spinner, deliver, log, run_node
+from tcc_sim.nodes.process import Spinner, log, run_node
 from tcc_sim.plant.slip_control import SlipController, Tuning
 
 FLYWHEEL, PLATE = 0, 1
@@ -101,13 +99,10 @@ def main(args: list[str] | None = None) -> int:
     return run_node("slip_controller_node", SlipControllerNode, _spin, args)
 
 
-def _spin(node: SlipControllerNode) -> int:
+def _spin(node: SlipControllerNode) -> NoReturn:
     """Answer states until the context ends."""
     signals.end_in_order()
     node.report()
     spinner = Spinner(node)
-    with suppress(ExternalShutdownException):
-        while True:
-            spinner.once()
-    deliver(node)
-    return 0
+    while True:
+        spinner.once()
