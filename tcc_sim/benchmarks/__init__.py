@@ -1,2 +1,2 @@
-"""What is measured: error against run time, extreme cases, other programs, pacing and endurance; with their drawings.
+"""Measurements: error against run time, extreme cases, other programs, pacing and endurance; with their drawings.
 """

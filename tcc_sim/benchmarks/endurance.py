@@ -29,7 +29,7 @@ class ProcessUse:
 
 @dataclass(frozen=True)
 class RecordedFigures:
-    """What a recording says."""
+    """Counts, losses and drift of a recording."""
 
     messages: Mapping[str, int] = field(metadata=reported("number of messages by topic"))
     lost_messages: int = field(metadata=reported("number of messages missing by the stamps"))

@@ -28,7 +28,7 @@ ENGINES = {"smoothed": ("smoothed", None), "event_driven": ("set_valued", None),
 MANY = 300
 """Engine cycles of the long cases."""
 BASE: Keys = {"initial.slip_speed": 5.0}
-"""What every case starts from beside the defaults: stick begins within the horizon."""
+"""Initial values of every case beside the defaults: stick begins within the horizon."""
 CYCLES, RADIANS = 2, 30.0
 """Least horizon of a case: engine cycles, and phase of the natural frequency."""
 REFERENCE_RADIANS = 60.0
@@ -63,13 +63,13 @@ RANGES: dict[str, tuple[Any, ...]] = {
     "engine.torque_amplitude": (250.0, 0.0, 1000.0),
     "pressure.frequency_ratio": (1.0, 0.5, 2.0 / 3.0, 2.0, GOLDEN, math.sqrt(2.0), 1e-3, 0.01, 100.0),
     "pressure.phase": (0.0, math.pi / 2.0, math.pi)}
-"""What each key goes through, alone and in combinations; `share` is Tsp/Tsm."""
+"""Values of each key, alone and in combinations; `share` is Tsp/Tsm."""
 PAIRS = (("friction.kinetic_coefficient", "friction.smoothing"), ("friction.kinetic_coefficient", "share"),
          ("friction.kinetic_coefficient", "pressure.mean"), ("friction.smoothing", "initial.slip_speed"))
 LONGEST = 3000.0
 """Phase of the natural frequency in a cycle, rad, beyond which values are not combined: a cycle would last for ever."""
 RUN = ("cycles", "tick")
-"""What a case may say beside scene keys: engine cycles, and the step of fixed_step, s."""
+"""Keys of a case beside scene keys: engine cycles, and the step of fixed_step, s."""
 
 
 def extreme_cases(count: int, seed: int = 1) -> list[Keys]:
@@ -96,7 +96,7 @@ def extreme_cases(count: int, seed: int = 1) -> list[Keys]:
 
 
 def scene_keys(keys: Keys) -> Keys:
-    """Those of a case that a scene has."""
+    """Return the keys of a case that a scene has."""
     return {key: value for key, value in keys.items() if key not in RUN}
 
 
@@ -141,7 +141,7 @@ def grazing() -> list[Keys]:
 
 @dataclass(frozen=True)
 class Examined:
-    """What one engine made of one case, as stability.json has it; None is what a refused or stopped run has not."""
+    """Results of one engine on one case, as stability.json has them; None where a refused or stopped run has none."""
 
     keys: Mapping[str, Any] = field(metadata=reported(
         "scene keys that differ from `scene`, periods of excitation and friction law", "{*}", spread=True))
@@ -233,7 +233,7 @@ def power_residual(run: Trajectory) -> float | None:
 
     The integrals are trapezoids over the samples; with PHASE between them they are good to about 1e-5. Samples of
     fixed_step are interpolated between its sub-steps, which the residual shows where slip stops within one of them.
-    None where the run has no whole cycle.
+    Returns None if the run has no whole cycle.
     """
     system = _system(run)
     flywheel = run.slip_speed + run.plate_speed

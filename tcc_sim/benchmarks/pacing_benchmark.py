@@ -32,12 +32,12 @@ SETTING_SLICE = 0.1
 SHORTEST_TRIAL = 0.2
 """Seconds of a trial at least."""
 DEFAULT_SLACK_NS = 50_000
-"""What Linux gives a thread that asks for nothing."""
+"""Timer slack of a thread that asks Linux for nothing, ns."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What the threads ask of Linux, as the parameters of the driveline node name it."""
+    """Settings that the threads ask of Linux, named as the parameters of the driveline node."""
 
     thread_priority: int = 0
     cpu_affinity: tuple[int, ...] = ()
@@ -100,7 +100,7 @@ class PacingFigures(LoopFigures, Described):
 
 
 class Stretches:
-    """What the stretches of one loop come to."""
+    """Latenesses and processor time of the stretches of one loop."""
 
     def __init__(self) -> None:
         self.pacers: list[Pacer] = []
@@ -158,8 +158,7 @@ def measure(rate: float, duration: float, progress: Callable[[float], Any], reco
             if not loop.clock_started.wait(30.0) and listener is not None:
                 listener.check()
             loop.request(lambda: loop.pause(True))
-            # What is compiled beside the loop at the start holds the interpreter meanwhile; the bare loop has none of
-            # it.
+            # Compiling beside the loop at the start holds the interpreter; the bare loop has none of it.
             loop.plant.general_ready.wait(START_LIMIT)
             node_side, bare_side = _alternated(node, rate, duration, progress, settings)
         finally:

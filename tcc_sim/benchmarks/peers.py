@@ -37,7 +37,7 @@ FINE = 256
 TIMED = 100
 """Engine cycles at least over which XPPAUT is timed: its start takes as long as some ten of them."""
 SINGLE = 2.0**-23
-"""What single precision resolves, in which XPPAUT writes."""
+"""Resolution of single precision, in which XPPAUT writes."""
 LIBRARIES = ("sundials_cvode", "sundials_nvecserial", "sundials_sunmatrixdense", "sundials_sunlinsoldense", "m")
 """What `cvode.c` is linked with, as Debian's libsundials-dev names it."""
 STICK = 1e-12

@@ -92,7 +92,7 @@ class LongRun(SolverSetting):
 
 @dataclass
 class StudiedScene:
-    """What was measured on one scene; `warm_up` is each solver's first call, which compiles, s."""
+    """Measurements on one scene; `warm_up` is each solver's first call, which compiles, s."""
 
     scene: str = field(metadata=reported("name of the scene"))
     description: str = field(metadata=reported("description of the scene"))
@@ -110,7 +110,7 @@ class StudiedScene:
 
 @dataclass(frozen=True)
 class PrecisionReport(Described):
-    """What precision.json holds."""
+    """Contents of precision.json."""
 
     scenes: Sequence[StudiedScene] = field(metadata=reported(
         "what was measured on each scene; the fields of the first stand at the top, too"))

@@ -33,7 +33,7 @@ COUNT, QUICK_COUNT = 420, 36
 CYCLES = 2
 SCENE: dict[str, Any] = {"friction.kinetic_coefficient": 0.24, "engine.mean_torque": 100.0,
                          "engine.torque_amplitude": 400.0, "initial.slip_speed": 5.0}
-"""What the charts start from beside the defaults: stick-slip at every value of the keys that they go over."""
+"""Initial values of the charts beside the defaults: stick-slip at every value of the keys that they go over."""
 OVER = {"friction.smoothing": np.geomspace(50.0, 1e9, 12),
         "friction.kinetic_coefficient": 0.3 / np.linspace(1.0, 4.0, 13),
         "pressure.mean": np.geomspace(1e4, 1e7, 13)}
@@ -55,7 +55,7 @@ class Quantiles:
 
 @dataclass(frozen=True)
 class EngineSummary:
-    """What one engine's cases come to: statuses, violations (none is right), quantiles of error and power residual."""
+    """Statuses of one engine's cases, violations (none is right), quantiles of error and power residual."""
 
     cases: int = field(metadata=reported("number of cases"))
     statuses: Mapping[str, int] = field(metadata=reported("number of cases by status"))
@@ -86,7 +86,7 @@ class ErrorChart:
 
 @dataclass(frozen=True)
 class StabilityReport:
-    """What stability.json holds."""
+    """Contents of stability.json."""
 
     cases: Sequence[Examined] = field(metadata=reported("every case with every engine"))
     summary: Mapping[str, EngineSummary] = field(metadata=reported("by engine"))
@@ -112,7 +112,7 @@ def grid(quick: bool, done: Callable[[int, int, str], None]) -> Iterator[Examine
 
 
 def engine_summaries(records: Sequence[Examined]) -> dict[str, EngineSummary]:
-    """What the cases of each engine come to."""
+    """Return the summary of the cases of each engine."""
     out = {}
     for engine in ENGINES:
         rows = [r for r in records if r.solver == engine]
@@ -212,7 +212,7 @@ def one_step(system: System, step: float) -> Any:
 
 
 def changes(record: Examined) -> dict[str, Any]:
-    """What a record's case differs in from the defaults: scene keys, more cycles than usual, a coarser tick."""
+    """Return the differences of a case from the defaults: scene keys, more cycles than usual, a coarser tick."""
     out = {k: v for k, v in record.keys.items() if k in DEFAULTS and k != "friction.law" and DEFAULTS[k] != v}
     if record.keys["cycles"] == MANY:
         out["cycles"] = MANY
@@ -265,7 +265,7 @@ def stability_page(found: StabilityReport, picture: str) -> str:
 
 
 def _head(found: StabilityReport) -> list[str]:
-    """What came out, in sentences, and that the page is generated."""
+    """Return the results in sentences."""
     cases = found.cases
     said = ["This page is generated: `tcc-sim stability" + (" --quick" if found.quick else "") + "` writes it.", ""]
     for engine in ENGINES:
@@ -286,7 +286,7 @@ def listed(records: Iterable[Examined]) -> list[str]:
 
 
 def _scene(record: Examined) -> str:
-    """What differs from the defaults, with all its digits."""
+    """Return the differences from the defaults with all digits."""
     return ", ".join(f"{k} {v!r}" for k, v in changes(record).items())
 
 

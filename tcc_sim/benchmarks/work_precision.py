@@ -58,7 +58,7 @@ LAST = 96
 TIGHTEST = {"smoothed": ("smoothed", 1e-11), "set_valued": ("event_driven", 1e-12)}
 """The engine and tolerance that say which steady state is reached."""
 STEADY_SOLVERS = ("smoothed", "event_driven", "fixed_step", "solve_ivp LSODA", "CVODE", "XPPAUT cvode")
-"""Those that are run as far as a steady state."""
+"""Solvers that are run as far as a steady state."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Effort:
-    """How much a study does."""
+    """Extent of a study."""
 
     cycles: int
     patience: float

@@ -17,7 +17,7 @@ CAUSES = {"basin_boundary": "basin", "steep": "steep", "aperiodic": "no period",
           "stick_border": "stick border", "period_doubling": "doubling", "neimark_sacker": "torus",
           "branch_point": "branch point", "grazing_sliding": "grazing", "crossing_sliding": "crossing",
           "switching_sliding": "switching", "adding_sliding": "adding"}
-"""What stands at a jump; the other kinds are named as they are."""
+"""Words at a jump; the other kinds have their own names."""
 UNNAMED = ("aperiodic", "not_followed")
 """Causes that the JSON and the pages name alone: there may be dozens of them."""
 UNSEEN = ("steep",)
@@ -41,7 +41,7 @@ def draw_branches(axis: Any, curve: Labelled, unit: float, colour: str) -> None:
 
 
 def behind(curves: Sequence[Labelled]) -> MotionsBehind:
-    """What is behind some curves, together."""
+    """Return the motions behind some curves together."""
     parts = [curve.behind for curve in curves if curve.behind is not None]
     return MotionsBehind(**{item.name: [x for part in parts for x in getattr(part, item.name)]
                             for item in fields(MotionsBehind)})
@@ -107,7 +107,7 @@ def top_of(curves: Sequence[Labelled]) -> tuple[float, int]:
 
 
 def legend_of(axis: Any, curves: Sequence[Labelled], swept: Sequence[Labelled], beyond: int) -> None:
-    """What the lines and marks that are there mean, in axes of its own; and how many points lie beyond the panels.
+    """Draw the legend of the lines and marks in axes of its own, with the number of points beyond the panels.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ AWAY = Mark("slip grows without end", "^", full=True, colour=style.RUNAWAY)
 
 
 def marked(curve: Labelled) -> list[tuple[Mark, np.ndarray]]:
-    """What the points of a curve are, each kind with (n,) where."""
+    """Return every kind of point with (n,) where a curve has it."""
     def column(values: Sequence[Any], other: Any) -> np.ndarray:
         return np.array([other if v is None else v for v in values])
 

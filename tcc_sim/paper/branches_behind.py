@@ -33,7 +33,7 @@ from tcc_sim.sweeps.sweep import Curve, Sweep
 from tcc_sim.trajectory import State
 
 NEAR = 0.1
-"""Distance, in natural sizes, of a motion that still settles from the orbit that it is taken to come to."""
+"""Largest distance, in natural sizes, of a motion that still settles from the orbit that it approaches."""
 RUNS = 5
 """Times that a motion goes on for LATER cycles until it has a period: near a bifurcation it settles slowly."""
 CREEP = 3.0
@@ -79,10 +79,10 @@ def _later(curve: Curve, k: int, start: Start) -> SettledMotion | None:
 
 
 def approached(curve: Curve, late: SettledMotion, settled: bool) -> SettledMotion:
-    """A motion with period and size of the stable orbit NEAR that it comes to; without a period where that orbit is
+    """A motion with period and size of the stable orbit NEAR that it approaches; without a period where that orbit is
     unstable, which it then leaves, or where there is none and it has not `settled`.
 
-    A motion of which no period can be told yet may still come to one of period one, turn by turn on either side of it.
+    A motion without a recognised period may still approach one of period one, turn by turn on either side of it.
     """
     span, goal = ParameterRange(min(curve.values), max(curve.values)), replace(late, period=late.period or 1)
     point = point_of(DrivelineMap(curve.system, (curve.key,)), span, goal)
@@ -95,8 +95,7 @@ def approached(curve: Curve, late: SettledMotion, settled: bool) -> SettledMotio
 
 
 def still_higher(sweep: Sweep, seen: Sequence[SettledMotion]) -> int:
-    """How many points of a sweep are higher than the motions that they come to: a transient outlasts what is dropped.
-    """
+    """Return how many points of a sweep are higher than their motions: a transient outlasts the dropped cycles."""
     amplitudes = {s.value: s.amplitude for s in seen if s.period}
     shown = ((p.summary.max_slip_speed, amplitudes.get(v)) for v, p in zip(sweep.curve.values, sweep.points)
              if p is not None and p.summary is not None)

@@ -1,7 +1,7 @@
 """The paper's errata in one list: what is printed, what is right, why, and where this package has the right form; and
 the page of them.
 
-Numbers that show what they come to are worked out by a function each, by name and value.
+A function computes the numbers that show an erratum, by name and value.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ def stuck_frequency() -> Numbers:
 
 
 def driving_torques() -> Numbers:
-    """What (29b) says for Fig. 13, what drives the slip, and the slip."""
+    """(29b) for Fig. 13, the torque that drives the slip, and the slip."""
     out = dict[str, Sequence[float]]()
     still = [paper_system({**s.values, "engine.frequency": 1e-3 * OMEGA_N}) for s in FIGURES[13].series]
     out["|Tp - (1 + I1/I2) Tsp| for Tsp/Tsm = 0, 0.125, 0.25, 0.5 (N m)"] = [
@@ -283,7 +283,7 @@ ERRATA: tuple[Erratum, ...] = (
 
 RIGHT = ("(1), (2), (3), (5), (7), (8a), (12) to (15), (19), (20), (22a), (24), (25a), (26) within 0.06 rad for "
          "omega/omega_n up to 0.5, (28), (29a), (33)")
-"""What was derived again and found as printed."""
+"""Equations that were derived again and found as printed."""
 
 OPEN = (
     ("the mean pressure of Figs. 4 to 18", "225 kPa; claims are judged at 225, 230 and 240 kPa, which fit alike"),
@@ -297,7 +297,7 @@ OPEN = (
     ("how many cycles are kept", "100 after the 50 that the paper drops"),
     ("omega_f, omega and Omega_e", "Section 2 has omega = (Ne/2) Omega_e, Fig. 2 has omega = Omega_e = 150 rad/s"),
 )
-"""What the paper leaves open, and what is taken here."""
+"""Values that the paper leaves open, and those taken here."""
 
 
 def errata_page() -> str:

@@ -119,7 +119,7 @@ def paint_actuation(drawn: Any, data: Numbers) -> None:
 
 
 def orbit_words(panel: Labelled) -> str:
-    """What is known of a panel's periodic orbit, where that was asked for."""
+    """Return the stability of a panel's periodic orbit in words; empty if it was not followed."""
     if panel.orbit is None:
         return ""
     orbit = panel.orbit
