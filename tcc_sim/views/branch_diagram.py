@@ -1,4 +1,4 @@
-"""The bifurcation diagram of `continue`: largest slip speed over the key, stable and unstable, with what was found."""
+"""Bifurcation diagram of `continue`: largest slip speed over the key, stable and unstable, with bifurcations."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def into(axis: Any, found: Any) -> None:
 
 
 def _limits(axis: Any, found: Mapping[str, Any]) -> None:
-    """The limits of bifurcations as sigma goes to infinity, each joined to its own by a line."""
+    """Draw the limits of bifurcations as sigma goes to infinity, each joined to its bifurcation by a line."""
     name = r"limit as $\sigma \to \infty$"
     for number, item in enumerate(f for f in found["bifurcations"] if f.get("limit") is not None):
         place, height = item["limit"], item["max_slip_speed"]
@@ -92,7 +92,7 @@ def _limits(axis: Any, found: Mapping[str, Any]) -> None:
 
 
 def _curves(axis: Any, found: Mapping[str, Any]) -> None:
-    """Curves of bifurcations in the plane of both keys."""
+    """Draw the curves of bifurcations in the plane of both keys."""
     kinds = list(dict.fromkeys(c["kind"] for c in found["curves"]))
     named: set[str] = set()
     for curve in found["curves"]:

@@ -1,4 +1,4 @@
-"""A run in between its samples: solved again from each of them, so that a picture shows curves and not a polygon."""
+"""Dense samples of a run for pictures, solved again from each of its samples."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SAMPLES = 2000
 cycle.
 """
 SAME = 1e-3
-"""A step solved again that ends farther from the next sample, relative to each signal's maximum, is interpolated."""
+"""Largest distance of a step solved again from the next sample, relative to each maximum; else it is interpolated."""
 
 
 def last_cycles(solved: Trajectory, count: int, samples: int = SAMPLES) -> Trajectory:

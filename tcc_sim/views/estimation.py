@@ -1,6 +1,5 @@
-"""What the room `estimation` found as pictures: the frequency response of `linearise` as a Bode picture, gain and phase
-with the points found by simulation; and of `identify` the measured and fitted speeds, their residuals, and the
-parameters' intervals.
+"""Pictures of `linearise`, a Bode plot with simulated points, and of `identify`: measured and fitted speeds, residuals,
+and intervals of the parameters.
 """
 
 from __future__ import annotations

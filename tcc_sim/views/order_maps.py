@@ -18,16 +18,16 @@ if TYPE_CHECKING:
 SHOWN = 60.0
 """Range of a map of orders, dB."""
 DIFFERENCE = 12.0
-"""Range of a map of differences either way, dB."""
+"""Largest difference in a map of differences, dB."""
 HELD = 1e-3
 """Least change of the frequency from window to window, over the mean change of one that doubles, to draw over it."""
 LINES = 5
-"""Decades that a spectrum shows."""
+"""Number of decades in a spectrum."""
 QUANTITIES = {"slip_speed": ("Slip speed", "rad/s"), "shaft_torque": ("Shaft torque", "N m")}
 
 
 def plot_orders(path: Path, found: Orders, title: str = "", width: float = style.PAGE) -> Path:
-    """Draw the orders over the engine frequency where it rises or falls all the time, else over time."""
+    """Draw the orders over the engine frequency if it always rises or always falls, else over time."""
     along, name = _along(found)
     wide = style.wide(width)
     with style.figure(width, 0.86 * width if wide else 2.6 * width, title) as drawn:
@@ -129,7 +129,7 @@ def spectrum_panels(axes: Any, found: Spectrum) -> None:
 
 
 def _spectrum(axis: Any, found: Spectrum, name: str) -> None:
-    """Lines over the order, sub-harmonics in red, or a density; the frequency stands above."""
+    """Draw lines over the order, sub-harmonics in red, or a density; the upper axis is the frequency."""
     values, unit = getattr(found, name), QUANTITIES[name][1]
     order = found.order[1:]
     if values is not None:
@@ -160,7 +160,7 @@ def _spectrum(axis: Any, found: Spectrum, name: str) -> None:
 
 
 def _cuts(axis: Any, found: Orders, of: str, which: str = "", **look: Any) -> None:
-    """The first orders along the run, dB."""
+    """Draw the first orders along the run, dB."""
     from tcc_sim.analysis.orders import level
 
     along, name = _along(found)
@@ -174,7 +174,7 @@ def _cuts(axis: Any, found: Orders, of: str, which: str = "", **look: Any) -> No
 
 
 def _along(found: Orders) -> tuple[Floats, str]:
-    """What the orders are drawn over, and its name: a frequency that is held somewhere leaves time."""
+    """Return the values and the name of the axis along the run: the frequency, or the time if the frequency is held."""
     steps = np.diff(found.frequency)
     least = HELD * float(found.frequency.mean()) / max(len(steps), 1)
     rises = len(steps) > 0 and bool(np.all(steps > least) or np.all(steps < -least))
@@ -182,19 +182,19 @@ def _along(found: Orders) -> tuple[Floats, str]:
 
 
 def _top(amplitude: Floats, found: Orders) -> float:
-    """The upper end of the colour scale of a map, dB."""
+    """Return the upper end of the colour scale of a map, dB."""
     from tcc_sim.analysis.orders import level
 
     return float(5.0 * np.ceil(float(np.nanmax(level(amplitude[:, _shown(found)]))) / 5.0))
 
 
 def _shown(found: Orders) -> Any:
-    """The orders that maps show."""
+    """Return which orders maps show."""
     return found.order > 0.25 * found.per_revolution
 
 
 def _map(axis: Any, found: Orders, amplitude: Floats, unit: str, top: float | None = None) -> None:
-    """One order map with its colour scale, where it has a unit, and the two linear modes."""
+    """Draw an order map with the two linear modes, and with a colour scale if `unit` is given."""
     from tcc_sim.analysis.orders import level
 
     along, over = _along(found)
@@ -217,7 +217,7 @@ def _map(axis: Any, found: Orders, amplitude: Floats, unit: str, top: float | No
 
 
 def _name_mode(axis: Any, along: Floats, order: Floats, text: str, within: tuple[float, float], each: float) -> None:
-    """Name a mode beside its line where the text lies inside and between the lines of the orders."""
+    """Name a mode beside its line, inside the map and between the lines of the orders."""
     low, high = within
     place = (along - along.min()) / max(float(np.ptp(along)), 1e-300)
     inside = (order > low + 0.06 * (high - low)) & (order < high - 0.1 * (high - low)) & (place > 0.02) & (place < 0.6)
@@ -231,7 +231,7 @@ def _name_mode(axis: Any, along: Floats, order: Floats, text: str, within: tuple
 
 
 def _difference(axis: Any, found: OrderComparison, name: str, top: float) -> None:
-    """A map of the simulated level less the measured one, blank where both are below the maps' range."""
+    """Draw a map of the simulated minus the measured level, blank where both are below the range of the maps."""
     from tcc_sim.analysis.orders import level
 
     along, over = _along(found.measured)

@@ -1,5 +1,5 @@
-"""overview.png: one picture of a run, from its last cycles and from what every cycle came to; of a controller's test
-also cycle means beside the target, pressures, and marked events, over the whole run.
+"""Overview of a run in one picture: its last cycles and the maxima of all cycles; for a test of a controller also cycle
+means beside the target, pressures and events of the whole run.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from tcc_sim.views.order_maps import spectrum_panels
 HISTORY_CYCLES = 6
 """Engine cycles shown in the time histories."""
 VARYING = 1e-3
-"""Relative differences of the cycles' length from which on what they come to is drawn over time."""
+"""Smallest relative difference between lengths of cycles for which maxima are drawn over time."""
 NARROWEST = 0.02
-"""Least span of an axis, relative to the largest value on it: what is narrower stands still, but for rounding."""
+"""Smallest span of an axis, relative to its largest value; a narrower one shows rounding errors."""
 ORBIT_CYCLES = 12
 """Engine cycles drawn in the phase portrait of a motion without period."""
 FLAT = 0.02
-"""Part of the largest slip speed below which a point of the section counts as one in stick."""
+"""Fraction of the largest slip speed below which a section point counts as stick."""
 MOST_LABELS = 6
-"""More events than this are marked without their texts."""
+"""Largest number of events that are drawn with their texts."""
 LONGEST_LABEL = 42
 
 
@@ -100,7 +100,7 @@ def overview(path: Path, tail: Trajectory, cycles: Cycles, first_cycle: int, sum
 
 
 def _last(tail: Trajectory, cycles: int) -> slice:
-    """The samples of the last whole engine cycles, as many as there are up to `cycles`."""
+    """Return the samples of the last whole engine cycles, at most `cycles` of them."""
     end = np.floor(tail.t[-1] / tail.cycle + 1e-9) * tail.cycle
     if end <= tail.t[0]:
         return slice(0, len(tail.t))
@@ -111,14 +111,14 @@ def _last(tail: Trajectory, cycles: int) -> slice:
 
 
 def _sliced(run: Trajectory, part: slice) -> Trajectory:
-    """Some consecutive samples of a run."""
+    """Return consecutive samples of a run."""
     names = ("t", "slip_speed", "plate_angle", "plate_speed", "engine_torque", "saturation_torque", "friction_torque",
              "state")
     return replace(run, **{name: getattr(run, name)[part] for name in names}, flywheel_angle=None, cycles=None)
 
 
 def _histories(torques: Any, slip: Any, tail: Trajectory, control: Control | None) -> None:
-    """Torques and slip speed over the last cycles."""
+    """Draw torques and slip speed over the last cycles."""
     part = _last(tail, HISTORY_CYCLES)
     t = tail.t[part]
     torques.plot(t, tail.engine_torque[part], color=style.ORANGE, label="engine")
@@ -148,7 +148,7 @@ def _histories(torques: Any, slip: Any, tail: Trajectory, control: Control | Non
 
 
 def shade_stick(axis: Any, t: NDArray[np.float64], state: NDArray[np.int8]) -> bool:
-    """Shade the intervals in stick; whether there are any."""
+    """Shade the intervals in stick, and return whether there are any."""
     stuck = np.concatenate([[0], (state == 0).astype(np.int8), [0]])
     edges = np.diff(stuck)
     starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
@@ -159,8 +159,9 @@ def shade_stick(axis: Any, t: NDArray[np.float64], state: NDArray[np.int8]) -> b
 
 
 def _phase_portrait(axis: Any, tail: Trajectory, summary: Summary) -> None:
-    """Slip speed against plate angle over the last period, or some cycles, and the section. Where most points of the
-    section stick they lie on a line there: the plate's speed takes the place of the slip speed then.
+    """Draw slip speed over plate angle for the last period or some cycles, with the section.
+
+    If most section points are in stick, they would lie on a line; then the plate speed replaces the slip speed.
     """
     part = _last(tail, summary.period or ORBIT_CYCLES)
     points = np.array(summary.section_states or []).reshape(-1, 3)
@@ -179,14 +180,14 @@ def _phase_portrait(axis: Any, tail: Trajectory, summary: Summary) -> None:
 
 
 def _widened(limits: tuple[float, float]) -> tuple[float, float]:
-    """Limits of an axis that are not nearer to each other than NARROWEST says."""
+    """Return the limits of an axis, at least NARROWEST apart."""
     low, high = limits
     missing = max(NARROWEST * max(abs(low), abs(high)) - (high - low), 0.0)
     return low - 0.5 * missing, high + 0.5 * missing
 
 
 def draw_cycle_maxima(axis: Any, cycles: Cycles, first_cycle: int, summary: Summary) -> None:
-    """Largest slip speed of each cycle, those that the summary drops in grey."""
+    """Draw the largest slip speed of each cycle; cycles that the summary drops are grey."""
     number: NDArray[Any] = first_cycle + np.arange(len(cycles))
     largest = cycles.largest
     dropped = number < first_cycle + summary.discarded
@@ -211,7 +212,7 @@ def draw_cycle_maxima(axis: Any, cycles: Cycles, first_cycle: int, summary: Summ
 
 
 def mean_slip_panel(axis: Any, control: Control) -> None:
-    """The mean slip speed of every engine cycle, and the target."""
+    """Draw the mean slip speed of every engine cycle, and the target."""
     axis.plot(control.t, control.mean_slip, color=style.BLUE, linewidth=0.9, marker="o", markersize=2.0,
               markeredgewidth=0.0, label="cycle mean")
     if len(control.target.t):
@@ -225,7 +226,7 @@ def mean_slip_panel(axis: Any, control: Control) -> None:
 
 
 def pressure_panel(axis: Any, control: Control) -> None:
-    """Commanded and applied pressure, kPa."""
+    """Draw commanded and applied pressure, kPa."""
     end = _end(control)
     for steps, colour, width, name in ((control.applied, style.GREEN, 1.6, "applied"),
                                        (control.command, style.ORANGE, 0.8, "commanded")):
@@ -241,7 +242,7 @@ def pressure_panel(axis: Any, control: Control) -> None:
 
 
 def mark_events(axis: Any, events: Sequence[Event], end: float, unit: float = 1.0, labelled: bool = True) -> None:
-    """A line at every event with its text; `end` of the run in s, `unit` is what one unit of the axis is in s."""
+    """Draw a line at every event, with its text; `end` of the run, s; `unit` of the axis, s."""
     for number, event in enumerate(events):
         axis.axvline(event.t / unit, color=style.RED, linewidth=0.8, linestyle=(0, (2, 2)), zorder=0.8,
                      label="event" if number == 0 and len(events) > MOST_LABELS else None)
@@ -255,6 +256,6 @@ def mark_events(axis: Any, events: Sequence[Event], end: float, unit: float = 1.
 
 
 def _end(control: Control) -> float:
-    """The end of what was recorded, s."""
+    """Return the end of the recorded signals, s."""
     ends = [steps.t[-1] for steps in (control.target, control.command, control.applied) if len(steps.t)]
     return float(np.max([*ends, *control.t[-1:], 0.0]))
