@@ -212,7 +212,7 @@ def _map(axis: Any, found: Orders, amplitude: Floats, unit: str, top: float | No
         order = found.per_revolution * omega / found.frequency
         axis.plot(along, np.where((order <= highest) & (order >= lowest), order, np.nan), color="white", lw=0.9,
                   ls=(0, (4, 2)))
-        _name_mode(axis, along, order, f"{name}, {speed(omega, 3)}", (lowest, highest), found.per_revolution)
+        _name_mode(axis, along, order, f"{name}, {speed(omega, 4)}", (lowest, highest), found.per_revolution)
     axis.set(xlabel=over, ylabel="crank order" if found.per_revolution != 1.0 else "order", ylim=(lowest, highest))
 
 
