@@ -108,9 +108,9 @@ def _lines(found: Identification) -> Iterator[str]:
 def _curve_lines(curve: IdentifiedCurve) -> Iterator[str]:
     """Yield the formula of the friction curve and every tenth of its points."""
     from tcc_sim.estimation.curve import not_visited
+    from tcc_sim.output.tables import friction_formula
 
-    terms = "".join(f" {c:+.6g} exp(-{a:.4g} |v|)" for c, a in zip(curve.amplitudes, curve.rates))
-    yield f"sliding friction: mu(v) = {curve.constant:.6g}{terms}"
+    yield f"sliding friction: {friction_formula(curve.constant, curve.amplitudes, curve.rates)}"
     yield "      slip speed  coefficient, 95 % band"
     for k in range(0, len(curve.slip_speeds), 10):
         shown = (f"{curve.coefficient[k]:.5f}, {curve.low[k]:.5f} to {curve.high[k]:.5f}" if curve.visited[k] else

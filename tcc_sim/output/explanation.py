@@ -26,6 +26,7 @@ from tcc_sim.output.explained import (
     SceneExplanation,
     StepFigures,
 )
+from tcc_sim.output.tables import friction_formula
 from tcc_sim.result import json_of
 from tcc_sim.scene import Scene
 from tcc_sim.shown_units import speed
@@ -92,8 +93,7 @@ def friction_of(system: System) -> dict[str, Any]:
 
 def friction_lines(found: dict[str, Any]) -> list[str]:
     """Return the lines of the friction law."""
-    parts = [f"{found['constant']:.6g}", *(f"{c:+.6g} exp(-{a:.4g} |v|)"
-                                           for c, a in zip(found["amplitudes"], found["rates"]))]
+    formula = friction_formula(found["constant"], found["amplitudes"], found["rates"])
     fit = "" if found["fit_error"] is None else (f"; largest error of the fit {found['fit_error']:.2%} of the largest "
                                                  f"coefficient of the table, at {speed(found['fit_error_at'])}")
     static, kinetic = found["constant"] + sum(found["amplitudes"]), found["constant"]
@@ -101,7 +101,7 @@ def friction_lines(found: dict[str, Any]) -> list[str]:
     course = ("does not depend on slip speed" if not signs else
               f"falls and rises between {static:.4g} without slip and {kinetic:.4g} in fast slip" if len(signs) > 1 else
               f"{'falls' if static > kinetic else 'rises'} with slip speed from {static:.4g} to {kinetic:.4g}")
-    lines = [f"sliding friction: mu(v) = {' '.join(parts)}{fit}", f"  the coefficient {course}"]
+    lines = [f"sliding friction: {formula}{fit}", f"  the coefficient {course}"]
     if found["stick_speed"] > 0.0:
         lines.append(f"  smoothed through 0: slip speeds up to {speed(found['stick_speed'], 4)} count as stick; "
                      f"largest coefficient {found['largest_coefficient']:.4g}")

@@ -40,6 +40,12 @@ def aligned(pairs: list[tuple[str, str]]) -> list[str]:
     return [f"  {name:<{width}}  {value}" for name, value in pairs]
 
 
+def friction_formula(constant: float, amplitudes: Iterable[float], rates: Iterable[float]) -> str:
+    """Return the sliding coefficient as text, such as "mu(v) = 0.12 + 0.03 exp(-2 |v|)"."""
+    terms = (f" {'-' if c < 0.0 else '+'} {abs(c):.6g} exp(-{a:.4g} |v|)" for c, a in zip(amplitudes, rates))
+    return f"mu(v) = {constant:.6g}{''.join(terms)}"
+
+
 def simulation_lines(name: str, found: Simulation) -> list[str]:
     """Return the lines of a simulation: solver, summary and further figures."""
     run = found.trajectory
