@@ -267,7 +267,7 @@ def test_ctrl_c_does_not_wait_for_the_compiler(tmp_path: Path) -> None:
             "main()\n")
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=tmp_path,
                            env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path),
-                                "XDG_CACHE_HOME": str(tmp_path / "empty")})
+                                "NUMBA_CACHE_DIR": "", "XDG_CACHE_HOME": str(tmp_path / "empty")})
     assert (ended.returncode, without_compiling(ended.stderr)) == (130, "tcc-sim: interrupted\n")
 
 

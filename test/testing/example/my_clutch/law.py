@@ -2,7 +2,7 @@ from collections import deque
 
 
 class HoldSlip:
-    """Actuation pressure (Pa) that holds the slip speed's mean (rad/s) over an engine cycle: PI, at 1 kHz."""
+    """Actuation pressure (Pa) that holds the slip speed's mean (rad/s) over a period of excitation: PI, at 1 kHz."""
 
     def __init__(self, target: float = 20.0) -> None:
         self.target = target
