@@ -1,1 +1,1 @@
-"""What people look at: pictures (matplotlib) and streams to Rerun; the only modules that import either."""
+"""Pictures (matplotlib) and streams to Rerun; no other modules import these two packages."""

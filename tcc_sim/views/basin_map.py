@@ -24,7 +24,7 @@ def draw_basins(path: Path, found: Any, title: str = "", width: float = style.PA
 
     Parameters
     ----------
-    found : one result or several, or their JSON; JSON has no cells, `labels` of the .npz are to be added to it
+    found : one result or several, or their JSON; to JSON, which has no cells, add the `labels` of the .npz
     """
     planes = planes_of(found)
     with style.figure(width, (0.62 if planes[0]["over"] is None else 0.5) * width + 0.4, title) as drawn:
@@ -36,7 +36,7 @@ def draw_basins(path: Path, found: Any, title: str = "", width: float = style.PA
 
 
 def into(axes: Any, found: Any) -> None:
-    """Draw the same into axes."""
+    """Draw the picture of `draw_basins` into axes."""
     planes = planes_of(found)
     _into(axes, planes)
     if planes[0]["over"] is None:
@@ -44,8 +44,8 @@ def into(axes: Any, found: Any) -> None:
 
 
 def planes_of(found: Any) -> list[dict[str, Any]]:
-    """The planes of one result, of several or of their JSON: the keys of its JSON, `labels` (None where there are no
-    cells) and `over` (key and value, None for a single plane).
+    """Return the planes of results or of their JSON as mappings: the keys of the JSON, `labels` (None without cells),
+    and `over` (key and value; None for a single plane).
     """
     if not isinstance(found, Mapping):
         each = found if isinstance(found, Sequence) else [found]
@@ -66,13 +66,13 @@ def _into(axes: Any, planes: Sequence[Mapping[str, Any]]) -> None:
 
 
 def attractor_label(attractor: Mapping[str, Any]) -> str:
-    """An attractor in a legend."""
+    """Return the legend entry of an attractor."""
     what = f"period {attractor['period']}" if attractor["period"] else "no period"
     return f"{what}, largest slip speed {speed(attractor['max_slip_speed'], 4)}"
 
 
 def _map(axes: Any, plane: Mapping[str, Any]) -> None:
-    """Cells coloured by their attractor where they are known, and the attractors' section points projected on them."""
+    """Draw the cells, if known, in the colours of their attractors, and the projected section points of these."""
     first, second = plane["plane"]
     count = len(plane["attractors"])
     x, y = np.array(first["values"]), np.array(second["values"])
@@ -101,7 +101,7 @@ def _map(axes: Any, plane: Mapping[str, Any]) -> None:
 
 
 def _fractions(axes: Any, planes: Sequence[Mapping[str, Any]]) -> None:
-    """Parts of the plane, stacked: motions in order of their period, those without one, runaway slip, undecided."""
+    """Draw stacked fractions of the plane: motions by period, without a period, runaway slip, undecided."""
     values = [plane["over"][1] for plane in planes]
     periods = sorted({a["period"] for plane in planes for a in plane["attractors"]}, key=lambda p: (p == 0, p))
     rows, names, colours = [], [], []

@@ -36,13 +36,14 @@ def branch_diagram(path: Path, found: Any, title: str = "", width: float = style
 
 
 def stable_and_unstable(found: Mapping[str, Any], number: int) -> list[tuple[Any, Any]]:
-    """Polylines of a branch, its stable parts and its unstable ones: values of the key and largest slip speeds,
-    NaN between two parts. Each part reaches to the bifurcation that ends it, not to the next point.
+    """Return polylines of the stable and of the unstable parts of a branch: values of the key, largest slip speeds.
+
+    NaN separates two parts. Each part ends at its bifurcation, not at the next point.
 
     Parameters
     ----------
     found : `branches` and `bifurcations` as `continue --json` has them
-    number : of the branch
+    number : number of the branch
     """
     branch = found["branches"][number]
     nodes = list(zip(branch["value"], branch["max_slip_speed"]))

@@ -26,9 +26,9 @@ SAME = 1e-3
 
 
 def last_cycles(solved: Trajectory, count: int, samples: int = SAMPLES) -> Trajectory:
-    """The last `count` whole cycles of a solved run, solved again with samples from the section point where they start.
+    """Solve the last `count` whole cycles of a run again with samples, from the section point where they start.
 
-    A run that is shorter than a cycle, or whose solver kept no sections, is given back as it is.
+    A run that is shorter than a cycle or has no sections is returned unchanged.
     """
     cycles = solved.cycles
     if cycles is None or not len(cycles) or solved.system is None:
@@ -40,15 +40,14 @@ def last_cycles(solved: Trajectory, count: int, samples: int = SAMPLES) -> Traje
 
 
 def between(recorded: Trajectory, samples: int = SAMPLES) -> Trajectory:
-    """The same run with at least `samples` points per engine cycle, the recorded ones among them.
+    """Return a run with at least `samples` points per engine cycle, the recorded ones included.
 
     Every tick is solved from the state recorded before it, with the scene's excitation or, where an input comes from a
-    topic, with the value recorded at the end of the tick, which is the one it applied. Where that does not lead to the
-    next recorded state (parameters were changed, or the law is set-valued) the speeds are interpolated by cubics with
-    the accelerations of (2a) and (2b), limited to be monotone in stick, and the friction torque linearly. In stick the
-    friction torque is the one that keeps the slip acceleration 0: the law's own is a small slip speed times a steep
-    slope, and overshoots where a tick ends right after the clutch has stuck. NaN separates samples that a gap lies
-    between.
+    topic, with the value recorded at the end of the tick, which the tick applied. If the solution misses the next
+    recorded state (parameters were changed, or the law is set-valued), cubics with the accelerations of (2a) and (2b),
+    monotone in stick, interpolate the speeds, and straight lines the friction torque. In stick the friction torque is
+    the interface torque, at which the slip acceleration is 0: the law's own torque, a small slip speed times a steep
+    slope, overshoots where a tick ends right after the clutch has stuck. NaN separates the samples beside a gap.
     """
     t, system = recorded.t, recorded.system
     steps = np.diff(t)
@@ -80,7 +79,7 @@ def between(recorded: Trajectory, samples: int = SAMPLES) -> Trajectory:
 
 
 def _solved(recorded: Trajectory, system: System, known: Floats, points: int, whole: np.ndarray) -> Floats:
-    """(n - 1, points, 3) states in every tick, NaN where the real-time solver does not apply."""
+    """Return (n - 1, points, 3) states in every tick, NaN where the real-time solver does not apply."""
     terms = terms_of(system)
     out = np.full((len(recorded.t) - 1, points, 3), math.nan)
     if terms.smoothing is None:
@@ -105,7 +104,7 @@ def _solved(recorded: Trajectory, system: System, known: Floats, points: int, wh
 
 
 def _applied(terms: Terms, engine: float | None, load: float | None) -> Terms | None:
-    """The terms of one tick; None where an input that it applied was not recorded."""
+    """Return the terms of one tick; None if an input that it applied was not recorded."""
     if engine is not None:
         terms = terms._replace(mean_torque=engine)
     if load is not None:
@@ -114,8 +113,8 @@ def _applied(terms: Terms, engine: float | None, load: float | None) -> Terms | 
 
 
 def _excitation(recorded: Trajectory, system: System, times: Floats, share: Floats) -> tuple[Floats, Floats]:
-    """Engine and saturation torque at `times`, (n - 1, points): the scene's, held over every tick where they came from
-    a topic, and the engine's between samples where the scene's is not what was recorded.
+    """Return engine and saturation torque at `times`, (n - 1, points): from the scene, or held over each tick if from a
+    topic; the engine torque is interpolated where the scene's differs from the recorded one.
     """
     engine, load = torques_at(terms_of(system), times)
     ends = recorded.engine_torque
@@ -130,7 +129,7 @@ def _excitation(recorded: Trajectory, system: System, times: Floats, share: Floa
 
 def _friction(recorded: Trajectory, terms: Terms, states: Floats, engine: Floats, load: Floats,
               share: Floats) -> Floats:
-    """Friction torque in every tick: the smoothed law's, in stick the interface torque; set-valued: between samples."""
+    """Return the friction torque in every tick: law (7), in stick the interface torque; set-valued: interpolated."""
     ends = recorded.friction_torque
     linear = ends[:-1, None] + share * (ends[1:] - ends[:-1])[:, None]
     if terms.smoothing is None:
@@ -143,7 +142,7 @@ def _friction(recorded: Trajectory, terms: Terms, states: Floats, engine: Floats
 
 
 def _interpolated(recorded: Trajectory, terms: Terms, at: Floats) -> Floats:
-    """States at times `at`, (m, 3), from the samples and the accelerations that the recorded torques give."""
+    """Interpolate states at times `at`, (m, 3), with the accelerations that follow from the recorded torques."""
     t, v, angle, speed = recorded.t, recorded.slip_speed, recorded.plate_angle, recorded.plate_speed
     slip, plate = equations.accelerations(angle, speed, recorded.engine_torque, recorded.friction_torque, terms.linear)
     chord = np.diff(v) / np.diff(t)

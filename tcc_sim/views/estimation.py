@@ -20,9 +20,9 @@ from tcc_sim.views.sweeps import numbers
 UNITS = INPUTS | OUTPUTS
 SIMULATED: dict[str, Any] = {"linestyle": "none", "marker": "o", "markerfacecolor": "none", "color": style.RED,
                              "markersize": 5.0}
-"""The look of points found by simulation."""
+"""Look of simulated points."""
 SHOWN = 400
-"""Samples of the measured and fitted speeds that are drawn."""
+"""Number of samples of measured and fitted speeds in the picture."""
 
 
 def bode(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
@@ -58,13 +58,13 @@ def draw_gain(axis: Any, found: Any) -> None:
 
 
 def _name(values: Mapping[str, Any]) -> str:
-    """The name of the curve."""
+    """Return the name of the curve."""
     kind = values["kind"]
     return "harmonic transfer function" if kind == "periodic" else f"linear model about constant {kind}"
 
 
 def identification(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
-    """Draw the fit of `identify`, its residuals and parameters; of its JSON, which has no samples, the parameters."""
+    """Draw the fit of `identify`, its residuals and parameters; for JSON, which has no samples, only the parameters."""
     found = Record.of(found) if isinstance(found, Mapping) else found
     if isinstance(found.curve, Record):
         vars(found.curve).update({name: np.array(part) for name, part in vars(found.curve).items()})
@@ -107,7 +107,7 @@ def draw_fit(axis: Any, found: Any) -> None:
 
 
 def draw_curve(axis: Any, curve: Any) -> None:
-    """Draw a friction curve that was found, its band and the scene's curve into an axis; grey where not visited."""
+    """Draw the identified friction curve, its band and the scene's curve into an axis; grey where not visited."""
     v = curve.slip_speeds
     axis.fill_between(v, curve.low, curve.high, color=style.BLUE, alpha=0.25, linewidth=0.0, label="95 % band")
     axis.plot(v, curve.coefficient, color=style.BLUE, label="found")
@@ -119,7 +119,7 @@ def draw_curve(axis: Any, curve: Any) -> None:
 
 
 def _parameters(axis: Any, found: Any) -> None:
-    """Values relative to their starts, with 95 % intervals."""
+    """Draw the values relative to their starts, with 95 % intervals."""
     rows = np.arange(len(found.parameters))
     sizes = np.array([abs(p.start) if p.start else max(abs(p.value), 1e-300) for p in found.parameters])
     values = np.array([p.value - p.start for p in found.parameters]) / sizes * 100.0

@@ -46,7 +46,7 @@ def draw_law(axis: Any, scene: SceneLike) -> None:
 
 
 def _near(axis: Any, system: System) -> None:
-    """The law close to 0 with the speed that counts as stick."""
+    """Draw the law close to 0, and the largest slip speed that counts as stick."""
     stick = stick_speed_of(terms_of(system))
     far = 3.0 * stick if stick > 0.0 else 0.05 * _speeds(system)[-1]
     v = np.linspace(0.0, far, POINTS)
@@ -62,7 +62,7 @@ def _near(axis: Any, system: System) -> None:
 
 
 def _slope(axis: Any, system: System) -> None:
-    """The slope of the friction torque over slip speed at the mean pressure beside the critical one."""
+    """Draw the slope of the friction torque over slip speed at the mean pressure, and the critical slope."""
     v = _speeds(system)
     slope = system.saturation_mean * np.broadcast_to(friction.sliding_slope(v, system.friction.stribeck), v.shape)
     least = critical_slope(system) or 0.0
@@ -77,7 +77,7 @@ def _slope(axis: Any, system: System) -> None:
 
 
 def _speeds(system: System) -> Floats:
-    """(n,) slip speeds over which the law is drawn: those of the table, or until the slowest exponential has died."""
+    """Return (n,) slip speeds of the drawing: those of the table, or up to the decay of the slowest exponential."""
     own = system.friction
     rates = [rate for _, rate in friction.exponentials(own.stribeck) if rate > 0.0]
     far = own.slip_speeds[-1] if own.curve is not None else 7.0 / min(rates) if rates else 10.0 / own.smoothing
@@ -85,12 +85,12 @@ def _speeds(system: System) -> Floats:
 
 
 def _sliding(system: System, v: Floats) -> Floats:
-    """The set-valued coefficient of (6), for slip in positive direction."""
+    """Return the set-valued coefficient of (6) for positive slip."""
     return np.broadcast_to(system.friction.kinetic * friction.sliding(v, 1.0, system.friction.stribeck), v.shape)
 
 
 def _smoothed(system: System, v: Floats) -> Floats:
-    """The smoothed coefficient of (7)."""
+    """Return the smoothed coefficient of (7)."""
     own = system.friction
     found: Floats = own.kinetic * friction.smoothed_coefficient(v, own.smoothing, own.stribeck)
     return found

@@ -148,20 +148,19 @@ LOOKS = {"Sweep": ("sweeps", "draw_sweep", "draw_maxima"), "Grid": ("sweeps", "d
          "Scene": ("friction_law", "draw_friction", "draw_law"),
          "System": ("friction_law", "draw_friction", "draw_law"),
          "Twin": ("whole_runs", "draw_twin", "draw_slip_speeds")}
-"""By the name of a result's class its module here, and the functions for a whole picture and for an axis. The first
-takes a png, svg or pdf file, the result (or its JSON, for sweeps and branches), a title and a width in inches, and
-raises what `style.figure` and `style.save` do. What is a run, or has one, is drawn by `plot_run` and `overview`.
+"""Module of `views`, function for a whole picture and function for an axis, by the name of a result's class. The first
+function takes a png, svg or pdf file, the result (or its JSON, for sweeps and branches), a title and a width in inches,
+and raises the errors of `style.figure` and `style.save`. `plot_run` and `overview` draw runs and results with a run.
 """
 
 
 KINDS = {"sweep": "Sweep", "continue": "Motions", "basins": "Basins", "linearise": "Linearisation",
          "identify": "Identification"}
-"""By kind of JSON the row of LOOKS that draws it."""
+"""Row of LOOKS that draws a kind of JSON."""
 
 
 def look_of(result: Any) -> tuple[Callable[..., Any], Callable[..., Any]] | None:
-    """What draws a result, or its JSON, or a list of planes of basins, as LOOKS has it; None for what is no row of it.
-    """
+    """Return both drawing functions of LOOKS for a result, its JSON, or a list of planes; None without a row."""
     name = type(result[0] if isinstance(result, list) and result else result).__name__
     if isinstance(result, Mapping):
         name = KINDS.get(kind_of(result), "")
@@ -175,12 +174,12 @@ def look_of(result: Any) -> tuple[Callable[..., Any], Callable[..., Any]] | None
 
 
 def _run_of(result: Any) -> Trajectory:
-    """The samples of a run, of what has one, or of a recording's first run; InputError where there are none."""
+    """Return a run, the run of a result, or the first run of a recording; InputError if there is none."""
     run = getattr(result, "trajectory", result)
     run = run() if callable(run) else run
     if not isinstance(run, Trajectory):
-        raise InputError(f"a {type(result).__name__} cannot be drawn; give what solve, simulate, analyse, read, sweep, "
-                         "scatter, continuation, basins, linearise or identify gave")
+        raise InputError(f"a {type(result).__name__} cannot be drawn; give a result of solve, simulate, analyse, read, sweep, "
+                         "scatter, continuation, basins, linearise or identify")
     return run
 
 
@@ -190,7 +189,7 @@ def draw_into(ax: Any, result: Any, title: str = "") -> Any:
     Raises
     ------
     InputError
-        A result that has none.
+        The result has no curve for an axis.
     """
     look = look_of(result)
     if look is not None:
@@ -209,16 +208,15 @@ def draw_into(ax: Any, result: Any, title: str = "") -> Any:
 
 def plot_run(solved: Trajectory, path: Path, width: str = "page", *, summary: Summary | None = None,
              title: str = "", spectrum: Spectrum | None = None) -> Path:
-    """Draw a solved run; its last cycles are solved again with dense samples. One whose excitation varies in time is
-    drawn from its beginning to its end.
+    """Draw a solved run: its last cycles, solved again with dense samples, or all of it if its scene has profiles.
 
     Parameters
     ----------
-    solved : with per-cycle results, or shorter than a cycle and with samples
-    summary : of its steady state; worked out by default
-    spectrum : of its steady state, where it was asked for
+    solved : a run with per-cycle results, or one with samples that is shorter than a cycle
+    summary : summary of its steady state; computed by default
+    spectrum : spectrum of its steady state, if requested
     """
-    control = getattr(solved, "control", None)  # What ran under commands has one.
+    control = getattr(solved, "control", None)  # Only runs under commands have it.
     if solved.system is not None and solved.system.profile is not None:
         return manoeuvre(path, solved, style.width_of(width), title, control)
     whole = solved.cycles is not None and len(solved.cycles) > 0

@@ -1,4 +1,4 @@
-"""A layout beside a recording, with which Rerun shows its signals as they are, without conversion."""
+"""Layout file beside a recording, with which Rerun shows the signals of the MCAP file without conversion."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from tcc_sim.views.rerun_layout import rerun
 SUFFIX = ".rbl"
 PARTS = {FLOAT64: ("std_msgs.msg.Float64:message", ".data"), INT8: ("std_msgs.msg.Int8:message", ".data"),
          FLUID_PRESSURE: ("Measurements:values", None)}
-"""By message type: the component that Rerun's reader of MCAP makes of a message, and the selector of its number."""
+"""Component that Rerun's MCAP reader makes of a message, and the selector of its number, by message type."""
 VIEWS = {"Slip speed (rad/s)": ("/slip_speed", "/target_slip_speed"), "Torques (N m)": ("/friction_torque",
          "/engine_torque"), "Stick and slip: -1, 0, 1": ("/stick_slip_state",),
          "Actuation pressure (Pa)": ("/actuation_pressure", "/applied_pressure")}
-"""Topics of every view that shows numbers of messages."""
+"""Topics of each time series view."""
 JOINTS = "/joint_states"
-"""Topic of which Rerun makes lines by itself."""
+"""Topic that Rerun draws as lines without a mapping."""
 
 
 def layout_path(recording: Path) -> Path:
-    """The layout of a recording: beside its first MCAP file, by the same name.
+    """Return the path of a recording's layout: its first MCAP file with another suffix.
 
     Raises
     ------
@@ -36,7 +36,7 @@ def layout_path(recording: Path) -> Path:
 
 
 def write_layout(recording: Path) -> Path:
-    """Write the layout of a recording beside it, and return its path.
+    """Write the layout beside a recording, and return its path.
 
     Rerun applies a layout to the application of its name, which is the stem of an MCAP file.
 
@@ -69,12 +69,12 @@ def write_layout(recording: Path) -> Path:
 
 
 def _row(path: str) -> Topic:
-    """The row of a topic in the root namespace."""
+    """Return the row of a topic in the root namespace."""
     return next(row for row in TOPICS if row.name == path[1:])
 
 
 def _line(row: Topic) -> Any:
-    """How a topic's number becomes a line."""
+    """Return the mapping that draws a topic's number as a line."""
     from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
 
     component, selector = PARTS[row.type]

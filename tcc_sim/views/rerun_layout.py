@@ -1,4 +1,4 @@
-"""What Rerun shows of a run and where: names, colours, the axes of the phase portrait, and the blueprint."""
+"""Layout of a run in Rerun: names, colours, the axes of the phase portrait, and the blueprint."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tcc_sim.trajectory import Floats
 from tcc_sim.views import style
 
 ELAPSED = "elapsed"
-"""The timeline of the views: simulation time, going on where a reset sets simulation time back."""
+"""Timeline of the views: simulation time that continues to rise when a reset sets simulation time back."""
 SIMULATION = "sim_time"
 STATES = {-1: "slip -", 0: "stick", 1: "slip +"}
 STATE_COLOURS = {"slip -": style.RED, "stick": style.GREY, "slip +": style.BLUE}
@@ -26,27 +26,27 @@ LINES = {"torque/engine": ("engine torque (N m)", style.ORANGE),
 HELD = {"control/target": ("target (rad/s)", style.RED), "pressure/applied": ("applied (Pa)", style.GREEN),
         "pressure/command": ("commanded (Pa)", style.ORANGE),
         "torque/engine_command": ("engine torque commanded (N m)", style.YELLOW)}
-"""Signals that keep their value until the next one."""
+"""Signals that hold each value until the next one."""
 MARKS = {"cycles/largest": ("largest slip speed (rad/s)", style.BLUE, "circle", 3.0),
          "cycles/smallest": ("smallest slip speed (rad/s)", style.RED, "circle", 3.0),
          "event/mark": ("event", style.RED, "diamond", 6.0)}
 SIGNALS = {"mean_slip": "control/mean", "target_slip_speed": "control/target", "applied_pressure": "pressure/applied",
            "actuation_pressure": "pressure/command", "engine_torque": "torque/engine_command"}
-"""Where the signals of a controller's test go."""
+"""Entity paths of the signals of a controller's test."""
 HISTORY_CYCLES = 8
-"""Engine cycles before the cursor that the time series show; zoom out to see more."""
+"""Number of engine cycles before the cursor in the time series; zoom out to see more."""
 CONTROL_CYCLES = 400
-"""Engine cycles before the cursor in the views of target and pressure."""
+"""Number of engine cycles before the cursor in the views of target and pressure."""
 PORTRAIT_CYCLES = 100
-"""Engine cycles before the cursor that the phase portrait shows."""
+"""Number of engine cycles before the cursor in the phase portrait."""
 TICKS = 5
 MARGIN = 0.16
-"""Room around the axes for their labels, of the longer axis."""
+"""Margin for the labels of the axes, relative to the longer axis."""
 
 
 @dataclass(frozen=True)
 class PhaseAxes:
-    """The axes of the phase portrait: ends that are round numbers, in rad and rad/s, and what they are drawn with.
+    """Axes of the phase portrait, which end at round numbers in rad and rad/s.
 
     `scale` is the natural frequency omega_n, rad/s, by which the plate angle is multiplied so both axes are speeds.
     """
@@ -57,7 +57,7 @@ class PhaseAxes:
 
     @staticmethod
     def around(low: Floats, high: Floats, scale: float) -> PhaseAxes:
-        """Axes that hold everything from `low` to `high`, (2,) arrays: plate angle (rad), slip speed (rad/s)."""
+        """Return axes that contain `low` to `high`, (2,) arrays: plate angle (rad), slip speed (rad/s)."""
         span = np.maximum((high - low) * (scale, 1.0), 0.0)
         least = max(0.15 * float(span.max()), 1e-9) / np.array([scale, 1.0])
         middle, half = 0.5 * (low + high), 0.5 * np.maximum(high - low, least)
@@ -65,19 +65,19 @@ class PhaseAxes:
         return PhaseAxes(ends[0], ends[1], scale)
 
     def hold(self, low: Floats, high: Floats) -> bool:
-        """Whether everything from `low` to `high` is within, and not in a small corner."""
+        """Return whether `low` to `high` is inside and not in a small corner."""
         ends = np.array([self.angle, self.speed])
         inside = bool((ends[:, 0] <= low).all() and (high <= ends[:, 1]).all())
         return inside and bool(((high - low) >= 0.3 * (ends[:, 1] - ends[:, 0])).any())
 
     def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Ranges of the view, x and y (downwards), with room for the labels."""
+        """Return the ranges of the view, x and y (downwards), with margins for the labels."""
         x, y = (self.scale * self.angle[0], self.scale * self.angle[1]), (-self.speed[1], -self.speed[0])
         room = MARGIN * max(x[1] - x[0], y[1] - y[0])
         return (x[0] - 1.5 * room, x[1] + room), (y[0] - room, y[1] + room)
 
     def strips(self) -> list[list[tuple[float, float]]]:
-        """Both axes with a short line at every tick."""
+        """Return both axes as lines, with a short line at every tick."""
         (left, right), bottom, top = (self.scale * a for a in self.angle), -self.speed[0], -self.speed[1]
         tick = 0.015 * max(right - left, bottom - top)
         out = [[(left, top), (left, bottom), (right, bottom)]]
@@ -85,7 +85,7 @@ class PhaseAxes:
         return out + [[(left, -v), (left - tick, -v)] for v in _ticks(*self.speed)]
 
     def labels(self) -> tuple[list[tuple[float, float]], list[str]]:
-        """Places and texts of the numbers at the ticks and of the names of the axes."""
+        """Return positions and texts of the tick labels and of the names of the axes."""
         (left, right), bottom, top = (self.scale * a for a in self.angle), -self.speed[0], -self.speed[1]
         room = 0.05 * max(right - left, bottom - top)
         places = [(self.scale * a, bottom + room) for a in _ticks(*self.angle)]
@@ -96,42 +96,42 @@ class PhaseAxes:
 
 
 def _step(low: float, high: float) -> float:
-    """A distance of ticks of 1, 2 or 5 times a power of ten."""
+    """Return a distance between ticks: 1, 2 or 5 times a power of ten."""
     raw = max(high - low, 1e-12) / TICKS
     power = 10.0 ** math.floor(math.log10(raw))
     return next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= raw * (1.0 - 1e-9))
 
 
 def _round_ends(low: float, high: float) -> tuple[float, float]:
-    """The multiples of the distance of ticks around a range."""
+    """Return the ticks just outside a range."""
     step = _step(low, high)
     return math.floor(low / step + 1e-9) * step, math.ceil(high / step - 1e-9) * step
 
 
 def _ticks(low: float, high: float) -> list[float]:
-    """Where the ticks are."""
+    """Return the positions of the ticks."""
     step = _step(low, high)
     return [k * step for k in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)]
 
 
 def blueprint(cycle: float, controlled: bool = False, axes: PhaseAxes | None = None) -> Any:
-    """The last cycles of torques, slip, lanes and plate on the left; portrait, maxima, events, summary on the right.
+    """Return the blueprint: torques, slip, mode and plate on the left; portrait, maxima, events, summary on the right.
 
-    Where a controller is tested, its target and the pressures over more cycles take the place of the plate.
+    In a test of a controller, its target and the pressures over more cycles replace the plate.
     """
     rrb = rerun().blueprint
 
     def before(cycles: float) -> tuple[Any, Any]:
-        """From so many engine cycles before the cursor to the cursor."""
+        """Return the range from some engine cycles before the cursor to the cursor."""
         boundary = rrb.TimeRangeBoundary
         return boundary.cursor_relative(seconds=-cycles * cycle), boundary.cursor_relative(seconds=0.0)
 
     def recent(cycles: float = HISTORY_CYCLES) -> Any:
-        """A time axis that follows the cursor."""
+        """Return a time axis that follows the cursor."""
         return rrb.TimeAxis(view_range=rrb.TimeRange(*before(cycles)))
 
     def history(origin: str, name: str, cycles: float = HISTORY_CYCLES, marked: bool = False) -> Any:
-        """A time series that follows the cursor, with the events marked in it."""
+        """Return a time series that follows the cursor, optionally with the events marked in it."""
         legend = rrb.PlotLegend(visible=origin in ("torque", "control", "pressure"))
         contents = ["$origin/**", "/event/**"] if marked else "$origin/**"
         return rrb.TimeSeriesView(origin=origin, name=name, axis_x=recent(cycles), plot_legend=legend,
@@ -162,12 +162,12 @@ def blueprint(cycle: float, controlled: bool = False, axes: PhaseAxes | None = N
 
 
 def rgb(colour: str) -> list[int]:
-    """The three bytes of #RRGGBB."""
+    """Return the three bytes of #RRGGBB."""
     return [int(colour[k:k + 2], 16) for k in (1, 3, 5)]
 
 
 def rerun() -> Any:
-    """The module rerun, or MissingPackage with the extra that brings it."""
+    """Return the module rerun; raise MissingPackage, which names the extra, if it is not installed."""
     require("rerun", "Rerun")
     import rerun
     import rerun.blueprint
@@ -176,7 +176,7 @@ def rerun() -> Any:
 
 
 def looks(controlled: bool) -> Iterator[tuple[str, Any]]:
-    """Where and how names, units and colours are said, once."""
+    """Yield entity paths and components that are sent once: names, units and colours."""
     rr = rerun()
     for path, (name, colour) in LINES.items():
         yield path, rr.SeriesLines(names=name, colors=rgb(colour), widths=1.5)

@@ -1,4 +1,4 @@
-"""A run as a stream to Rerun: columns batch by batch while it is read, laid out by a blueprint."""
+"""Stream of a run to Rerun: columns, sent batch by batch while the run is read, and a blueprint."""
 
 from __future__ import annotations
 
@@ -25,41 +25,41 @@ from tcc_sim.views import style
 
 _URL = re.compile(r"rerun(?:\+https?)?://(\[[0-9a-fA-F:]+\]|[^\s/:]+):([0-9]{1,5})/proxy")
 ROOM, LAYOUT = 1 << 20, 1 << 17
-"""Bytes that a disk with room for a file takes; more than the layout, with which a file begins."""
+"""Bytes that are written to test whether the disk is full: after a failure, and before the layout is sent."""
 _ANSWER_TIMEOUT = 3.0
 """Longest wait for a viewer to answer, s."""
 _TIMEOUT = 60.0
-"""Longest wait for a viewer to take what was sent, s."""
+"""Longest wait for a viewer to receive all data, s."""
 _STALLED = 10.0
-"""The same for a file to grow, s: a writer that has ended is not always told of."""
+"""Longest wait for a file to grow, s: Rerun does not always report that its writer has ended."""
 _ENDING = 3.0
-"""The same for Rerun to end after it failed, s: now and then it waits for ever for a writer that has ended."""
+"""Longest wait for Rerun to end after a failure, s: sometimes it waits for ever for a writer that has ended."""
 
 
 class RerunStream:
-    """Sends a run to a file, to a viewer that it starts, or to a running one. Use it in a `with`.
+    """Stream of a run to a file, a started viewer or a running one; a context manager.
 
-    The phase portrait has the plate angle times the natural frequency omega_n on its first axis, so that both are
-    speeds, and the slip speed upwards. Every engine cycle is a strip of it; the last 100 cycles before the cursor are
-    shown with their section points.
+    The phase portrait shows the slip speed over the plate angle times the natural frequency omega_n, so that both axes
+    are speeds. It has one strip for each engine cycle, and shows the last 100 cycles before the cursor with their
+    section points.
 
     Parameters
     ----------
-    name : of the run, as the viewer shows it
-    cycle : engine cycle, s
+    name : name of the run in the viewer
+    cycle : duration of an engine cycle, s
     natural_frequency : omega_n, rad/s
-    file : a new .rrd file
-    spawn : start a viewer
-    url : of a running viewer, rerun+http://HOST:PORT/proxy
-    controlled : show target and pressures, which `control` sends
+    file : new .rrd file
+    spawn : whether to start a viewer
+    url : URL of a running viewer, rerun+http://HOST:PORT/proxy
+    controlled : whether to show target and pressures, which `control` sends
 
     Raises
     ------
     MissingPackage
         rerun-sdk is not installed.
     InputError
-        None or several of `file`, `spawn` and `url`, a file that exists or cannot be created, or a URL where no viewer
-        answers.
+        None or several of `file`, `spawn` and `url` are given, the file exists or cannot be created, or no viewer
+        answers at the URL.
     TccError
         The viewer does not start.
     """
@@ -95,7 +95,7 @@ class RerunStream:
             raise
 
     def _open(self, name: str, spawn: bool, url: str | None) -> None:
-        """Begin to send, with the layout of the views."""
+        """Open the stream and send the layout of the views."""
         self.recording = self._rr.RecordingStream("tcc_sim", send_properties=True)
         self.recording.set_log_time_enabled(False)
         self.recording.set_log_tick_enabled(False)
@@ -123,7 +123,7 @@ class RerunStream:
                 new_run: bool = False) -> None:
         """Send the next samples, (n,) arrays: stamps in ns that increase, rad/s, rad, rad/s, N m, N m, and -1, 0, 1.
 
-        With `new_run` simulation time has started again: it is marked, and the views go on after it.
+        With `new_run`, simulation time has started again: the stream marks this and continues the time of the views.
         """
         if not len(stamp_ns):
             return
@@ -141,7 +141,7 @@ class RerunStream:
         self._elapsed_ns = self._last_ns + self._offset_ns
 
     def cycles(self, cycles: Cycles, first: int) -> None:
-        """Send what whole engine cycles, from number `first` on, came to; the samples of them were sent before."""
+        """Send the results of whole engine cycles, from number `first` on, after their samples."""
         if not len(cycles):
             return
         ends = (first + 1 + np.arange(len(cycles))) * self._cycle if cycles.starts is None else cycles.starts[1:]
@@ -152,13 +152,13 @@ class RerunStream:
         self._send("phase/section", ends_ns, self._rr.Points2D.columns(positions=points))
 
     def control(self, signals: Mapping[str, tuple[NDArray[np.int64], Floats]], events: Sequence[Event] = ()) -> None:
-        """Send what a controller's test is about, after the samples of the same time.
+        """Send the signals of a controller's test, after the samples of the same time.
 
         Parameters
         ----------
         signals : by name (mean_slip, target_slip_speed, applied_pressure, actuation_pressure, engine_torque): stamps
             (ns) and values (rad/s, Pa, N m), (n,) arrays
-        events : of the run at hand
+        events : events of the current run
         """
         for name, (stamps, values) in signals.items():
             if len(stamps):
@@ -178,14 +178,14 @@ class RerunStream:
         self._always("summary", self._rr.TextDocument(markdown, media_type="text/markdown"))
 
     def close(self, wait: bool = True) -> None:
-        """Hand over what was sent.
+        """End the stream, and wait until the viewer or the file has all data.
 
         Raises
         ------
         InputError
-            A viewer does not take it within 60 s.
+            A viewer does not receive the data within 60 s.
         OSError
-            The file takes no more.
+            The disk is full or fails.
         TccError
             The file was not written for another reason.
         """
@@ -206,7 +206,7 @@ class RerunStream:
                 self._rr.unregister_shutdown()  # The end of the process would wait likewise.
 
     def _flush(self) -> None:
-        """Wait until a viewer has taken what was sent, or for as long as the file grows."""
+        """Wait until a viewer has received all data, or while the file grows."""
         if self._file is None:
             self.recording.flush(timeout_sec=_TIMEOUT)
             return
@@ -220,7 +220,7 @@ class RerunStream:
                     raise
 
     def _mark(self, stamp_ns: int, text: str) -> None:
-        """An event in the log and as a mark in the time series."""
+        """Send an event to the log, and as a mark to the time series."""
         self.recording.set_time(layout.ELAPSED, duration=np.timedelta64(stamp_ns + self._offset_ns, "ns"))
         self.recording.set_time(layout.SIMULATION, duration=np.timedelta64(stamp_ns, "ns"))
         self.recording.log("events", self._rr.TextLog(text, level="WARN"))
@@ -234,7 +234,7 @@ class RerunStream:
             self._rr.TimeColumn(layout.SIMULATION, duration=stamp_ns.astype("timedelta64[ns]"))])
 
     def _plane(self, plate_angle: Floats, slip_speed: Floats) -> NDArray[np.float32]:
-        """Points of the phase portrait; the second axis of a Rerun 2D view points down."""
+        """Return points of the phase portrait; the second axis of a Rerun 2D view points down."""
         return np.stack([self._frequency * plate_angle, -slip_speed], axis=1).astype(np.float32)
 
     def _lanes(self, stamp_ns: NDArray[np.int64], state: NDArray[np.int8]) -> None:
@@ -247,7 +247,7 @@ class RerunStream:
             self._send("state", stamp_ns[changed], self._rr.StateChange.columns(state=names))
 
     def _orbit(self, stamp_ns: NDArray[np.int64], plate_angle: Floats, slip_speed: Floats) -> None:
-        """Send a strip of the phase portrait for each engine cycle that is whole."""
+        """Send a strip of the phase portrait for each whole engine cycle."""
         number = np.floor(stamp_ns * 1e-9 / self._cycle + 1e-9).astype(np.int64)
         points = self._plane(plate_angle, slip_speed)
         before = number[0] if self._cycle_number is None else self._cycle_number
@@ -266,7 +266,7 @@ class RerunStream:
             self._send("phase/orbit", stamp_ns[ends], self._rr.LineStrips2D.columns(strips=strips))
 
     def _frame(self) -> None:
-        """Axes around all cycles that the portrait shows, anew where these have outgrown them or shrunk within them."""
+        """Send new axes of the portrait if its cycles exceed the present ones or use only a small corner of them."""
         low, high = np.min([e[0] for e in self._extents], axis=0), np.max([e[1] for e in self._extents], axis=0)
         scale = self._frequency
         least, most = np.array([low[0] / scale, -high[1]]), np.array([high[0] / scale, -low[1]])
@@ -282,12 +282,12 @@ class RerunStream:
         self.recording.send_blueprint(layout.blueprint(self._cycle, self._controlled, self._axes))
 
     def _always(self, path: str, shown: Any) -> None:
-        """Send what holds at every time."""
+        """Send data that apply at every time."""
         self.recording.log(path, shown, static=True)
 
 
 def _create(file: Path) -> None:
-    """Create the file, so that a wrong path is known before anything is read."""
+    """Create the file at the start, so that a wrong path is refused before the run is read."""
     try:
         str(file).encode()
         file.open("xb").close()
@@ -300,14 +300,13 @@ def _create(file: Path) -> None:
 
 
 def _writable(file: Path, room: int = ROOM) -> None:
-    """Raise OSError where a file does not take so many bytes more, which Rerun does not say."""
+    """Raise OSError if so many bytes cannot be added to a file, since Rerun does not report a full disk."""
     with file.open("ab") as stream:
         stream.write(bytes(room))
 
 
 def _open_viewer(recording: Any, shown: Any) -> None:
-    """Start the viewer that rerun-sdk brings and send to it; an environment that is not activated has it beside Python.
-    """
+    """Start the viewer of rerun-sdk, also from beside Python in an environment that is not activated."""
     beside = str(Path(sys.executable).parent)
     if beside not in os.get_exec_path():
         os.environ["PATH"] = os.pathsep.join([*os.get_exec_path(), beside])
@@ -318,7 +317,7 @@ def _open_viewer(recording: Any, shown: Any) -> None:
 
 
 def _answers(url: str) -> None:
-    """Raise InputError unless something answers at the URL of a viewer: a stream would wait for it for ever."""
+    """Raise InputError if no viewer answers at a URL: a stream would wait for ever."""
     found = _URL.fullmatch(url)
     if found is None:
         raise InputError(f"{url!r} is not the URL of a Rerun viewer; it looks like rerun+http://127.0.0.1:9876/proxy")

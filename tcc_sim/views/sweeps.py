@@ -1,5 +1,5 @@
-"""Pictures of sweeps: maxima and orbit diagram over one key, a map over two; of scattered keys bands of quantiles over
-another key, or every result against every tolerance.
+"""Pictures of sweeps: maxima and orbit diagram over one key, or a map over two; for scattered keys, bands of quantiles
+over another key, or every result over every scattered key.
 """
 
 from __future__ import annotations
@@ -16,28 +16,28 @@ from tcc_sim.views import style
 
 Bools = NDArray[np.bool_]
 NOT_FOUND = "#B0B0B0"
-"""Colour of a motion without period, and of a value that failed in a map."""
+"""Colours in a map: of a motion without period, and of a failed solve."""
 PURE_STICK, RUNAWAY = -1, -2
-"""Stand for the period of a motion that never slips, and of one whose slip grows, in a map."""
+"""Values in a map in place of a period: for pure stick, and for runaway slip."""
 REGIMES = {"stick": style.GREY, "stick-slip": style.BLUE, "slip": style.GREEN, "runaway": style.RUNAWAY}
 RESULTS = (("max_slip_speed", "max |slip speed|\n(rad/s)", 1.0), ("stick_fraction", "stick (%)", 100.0),
            ("clutch_energy", "clutch energy (J)", 1.0))
-"""Results drawn of scattered keys, their axes, and the unit of the axis in that of the result."""
+"""Results drawn for scattered keys, with the labels of their axes, and factors to the units of the axes."""
 JUMP, SHARPER = 0.05, 4.0
-"""Neighbours are not joined where they differ by more than this part of the curve's range, and by so many times what
-the two pairs on either side of them do, as their median has it.
+"""A line has a gap between neighbours that differ by more than JUMP of the curve's range and more than SHARPER times
+the median difference of the two pairs on either side.
 """
 
 
 def draw_sweep(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
-    """Maxima, the orbit diagram (plate angle on the section), and how long the clutch sticks, over one key."""
+    """Draw maxima, the orbit diagram (plate angle on the section) and the time in stick over one key."""
     values = style.json_values(found)
     with style.figure(width, 5.0, title) as drawn:
         maxima, orbit, stick = drawn.subplots(3, 1, sharex=True, height_ratios=(1.2, 1.2, 0.7))
         x = numbers(values["values"])
         draw_maxima(maxima, values)
         maxima.set(xlabel="", ylabel="max |slip speed|\n(rad/s)")
-        if values.get("varying"):  # A manoeuvre is on no orbit.
+        if values.get("varying"):  # A manoeuvre has no orbit.
             orbit.plot(*parted(x, numbers(values["clutch_energy"])), color=style.BLUE, marker="o",
                        markersize=_size(len(x)), markeredgewidth=0.0, linewidth=0.9)
             orbit.set_ylabel("clutch energy\n(J)")
@@ -56,7 +56,7 @@ def draw_sweep(path: Path, found: Any, title: str = "", width: float = style.PAG
 
 
 def draw_maxima(axis: Any, found: Any) -> None:
-    """The largest slip speed over one key, coloured by regime."""
+    """Draw the largest slip speed over one key, coloured by regime."""
     values = style.json_values(found)
     axis.set(xlabel=style.label_of(values["over"]), ylabel="max |slip speed| (rad/s)")
     x, largest = numbers(values["values"]), numbers(values["max_slip_speed"])
@@ -67,7 +67,7 @@ def draw_maxima(axis: Any, found: Any) -> None:
     axis.plot(*parted(x, bounded), color=style.GREY, linewidth=0.6, zorder=1)
     open_ = transients(values["regime"], values.get("transient"))
     for regime, (colour, mine) in regimes.items():
-        # A runaway is as large as it was solved long: it stands at the edge, and the scale is that of the others.
+        # The size of a runaway depends on the solved time only: it is drawn at the edge and does not set the scale.
         axis.plot(x[mine], np.full(int(mine.sum()), 1.08 * top) if regime == "runaway" else largest[mine],
                     linestyle="none", marker="^" if regime == "runaway" else "o", color=colour, label=regime,
                     markeredgewidth=0.0, markersize=_size(len(x)) * (1.6 if regime == "runaway" else 1.0))
@@ -81,19 +81,19 @@ def draw_maxima(axis: Any, found: Any) -> None:
 
 
 def draw_open(axis: Any, x: Floats, y: Floats, which: Bools, size: float) -> None:
-    """Open the points of transients, which are no steady states."""
+    """Draw transients as open circles, because they are no steady states."""
     if which.any():
         axis.plot(x[which], y[which], linestyle="none", marker="o", markersize=size, markerfacecolor="white",
                   markeredgecolor=style.INK, markeredgewidth=0.6, label=f"not settled ({which.sum()})")
 
 
 def transients(regimes: Sequence[object], transient: Sequence[bool | None] | None) -> Bools:
-    """Which motions have not settled; none where a JSON does not say."""
+    """Return which motions have not settled; none if a JSON lacks this."""
     return np.array([bool(x) for x in transient or [False] * len(regimes)], dtype=bool)
 
 
 def _orbit(axis: Any, x: Floats, values: Mapping[str, Any]) -> None:
-    """The section points over the key: those of the period, in blue, or all that were kept where there is none."""
+    """Draw the section points over the key: one per cycle of the period, or all stored ones without a period."""
     periods = values["period"]
     away = values.get("runaway") or [False] * len(x)
     settling = transients(periods, values.get("transient"))
@@ -114,7 +114,7 @@ def _orbit(axis: Any, x: Floats, values: Mapping[str, Any]) -> None:
 
 
 def draw_grid(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
-    """Two maps over two keys, rows second: the largest slip speed, and the period."""
+    """Draw maps of the largest slip speed and of the period over two keys; the second key is vertical."""
     values = style.json_values(found)
     wide = style.wide(width)
     with style.figure(width, 3.2 if wide else 5.6, title) as drawn:
@@ -132,7 +132,7 @@ def draw_grid(path: Path, found: Any, title: str = "", width: float = style.PAGE
 
 
 def draw_largest(axis: Any, found: Any) -> None:
-    """The largest slip speed over two keys as a map, a runaway in a colour of its own."""
+    """Draw a map of the largest slip speed over two keys; runaways have a separate colour."""
     values = style.json_values(found)
     x, y = numbers(values["values"]), numbers(values["second_values"])
     largest = np.array([numbers(row) for row in values["max_slip_speed"]])
@@ -146,7 +146,7 @@ def draw_largest(axis: Any, found: Any) -> None:
 
 
 def hatch(axis: Any, x: Floats, y: Floats, values: Mapping[str, Any]) -> int:
-    """Hatch the cells of transients, which are no steady states; how many there are."""
+    """Hatch the cells of transients, which are no steady states; return their number."""
     which = np.array([transients(row, values["transient"][k] if "transient" in values else None)
                       for k, row in enumerate(values["regime"])])
     from matplotlib.collections import PolyCollection
@@ -159,14 +159,14 @@ def hatch(axis: Any, x: Floats, y: Floats, values: Mapping[str, Any]) -> int:
 
 
 def _over_two(axis: Any, values: Mapping[str, Any]) -> None:
-    """The axes of a map over two keys."""
+    """Label the axes of a map over two keys."""
     axis.set_facecolor(NOT_FOUND)
     axis.grid(False)
     axis.set(xlabel=style.label_of(values["over"]), ylabel=style.label_of(values["second_over"]))
 
 
 def _period_map(drawn: Any, axis: Any, x: Floats, y: Floats, values: Mapping[str, Any]) -> None:
-    """Colours for the periods that occur, dark for none, light for pure stick."""
+    """Draw a map of the periods: a colour for each, dark without a period, light for pure stick."""
     period = np.array([numbers(row) for row in values["period"]])
     period[np.array([[regime == "stick" for regime in row] for row in values["regime"]])] = PURE_STICK
     period[runaways(values)] = RUNAWAY
@@ -183,7 +183,7 @@ def _period_map(drawn: Any, axis: Any, x: Floats, y: Floats, values: Mapping[str
 
 
 def draw_scatter(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
-    """Bands of the quantiles 0.05 to 0.95 over the swept key; without one, samples against each scattered key."""
+    """Draw bands of the quantiles 0.05 to 0.95 over the swept key, or without one samples over each scattered key."""
     values = style.json_values(found)
     over = values.get("over", "")
     keys = [] if over else list(values["scatter"])[:4 if style.wide(width) else 2]
@@ -204,7 +204,7 @@ def draw_scatter(path: Path, found: Any, title: str = "", width: float = style.P
 
 
 def draw_scattered(axis: Any, found: Any) -> None:
-    """Draw the largest slip speed into an axis: its band over the swept key, or samples against the first scattered."""
+    """Draw the largest slip speed into an axis: its band over the swept key, or samples over the first scattered."""
     values = style.json_values(found)
     over, first = values.get("over", ""), next(iter(values["scatter"]))
     if over:
@@ -215,7 +215,7 @@ def draw_scattered(axis: Any, found: Any) -> None:
 
 
 def draw_band(axis: Any, values: Mapping[str, Any], name: str, scale: float = 1.0) -> None:
-    """Median and band of one result."""
+    """Draw median and band of one result."""
     x = numbers(values["values"])
     low, middle, high = scale * np.array([numbers(row) for row in values["quantiles"][name]]).T
     axis.fill_between(x, low, high, color=style.SKY, alpha=0.45, linewidth=0.0, label="5 to 95 %")
@@ -225,7 +225,7 @@ def draw_band(axis: Any, values: Mapping[str, Any], name: str, scale: float = 1.
 
 
 def _samples(axis: Any, values: Mapping[str, Any], name: str, key: str, scale: float) -> None:
-    """Samples of one result against one key, with their quantiles."""
+    """Draw samples of one result over one key, with their quantiles."""
     x, y = numbers(values["sampled"][key]), scale * numbers(values[name])
     for regime, (colour, mine) in classes(values["regime"], values["runaway"]).items():
         axis.plot(x[mine], y[mine], linestyle="none", marker="o", markersize=2.4, markeredgewidth=0.0,
@@ -237,7 +237,7 @@ def _samples(axis: Any, values: Mapping[str, Any], name: str, key: str, scale: f
 
 
 def classes(regimes: Sequence[str | None], runaway: Sequence[bool | None]) -> dict[str, tuple[str, Bools]]:
-    """Colour of, and which motions are in, every regime that occurs; a runaway is one of its own."""
+    """Return the colour and the motions of every regime that occurs; runaways are a separate regime."""
     away = [bool(x) for x in runaway] or [False] * len(regimes)
     names = ["runaway" if runs else name for name, runs in zip(regimes, away)]
     found = {regime: (colour, np.array([name == regime for name in names])) for regime, colour in REGIMES.items()}
@@ -245,13 +245,13 @@ def classes(regimes: Sequence[str | None], runaway: Sequence[bool | None]) -> di
 
 
 def runaways(values: Mapping[str, Any]) -> Bools:
-    """(second, first) which motions of a grid run away."""
+    """Return (second, first) whether each motion of a grid runs away."""
     rows = values.get("runaway") or [[False] * len(row) for row in values["period"]]
     return np.array([[bool(x) for x in row] for row in rows])
 
 
 def parted(x: Floats, y: Floats) -> tuple[Floats, Floats]:
-    """A curve with NaN between neighbours that a jump parts."""
+    """Return a curve with NaN inserted at its jumps."""
     change = np.abs(np.diff(y))
     padded = np.pad(change, 2, constant_values=np.nan)
     beside = np.stack([padded[k:k + len(change)] for k in (0, 1, 3, 4)])
@@ -263,17 +263,17 @@ def parted(x: Floats, y: Floats) -> tuple[Floats, Floats]:
 
 
 def numbers(values: Sequence[Any]) -> Floats:
-    """Values with NaN for those that are missing."""
+    """Return values with NaN for missing ones."""
     return np.array([np.nan if v is None else float(v) for v in values], dtype=np.float64)
 
 
 def draw_cells(axis: Any, x: Floats, y: Floats, classes: Floats, colours: Sequence[str]) -> Any:
-    """A map: the cell about every x and y has the colour of its class.
+    """Draw a map in which every cell has the colour of its class.
 
     Parameters
     ----------
     x, y : (n,) and (m,) centres of the cells
-    classes : (m, n) numbers into `colours`; NaN leaves a cell as it is
+    classes : (m, n) numbers into `colours`; a cell with NaN is not painted
 
     Returns
     -------
@@ -288,7 +288,7 @@ def draw_cells(axis: Any, x: Floats, y: Floats, classes: Floats, colours: Sequen
 
 
 def edges(centres: Floats) -> Floats:
-    """Borders of cells around centres, (n + 1,); a single one gets a cell of its own size."""
+    """Return the borders of cells around centres, (n + 1,); a single cell is as wide as its centre is large."""
     if len(centres) == 1:
         half = 0.5 * abs(float(centres[0])) or 0.5
         return np.array([centres[0] - half, centres[0] + half])
@@ -297,5 +297,5 @@ def edges(centres: Floats) -> Floats:
 
 
 def _size(count: int) -> float:
-    """Size of a marker that fits so many values."""
+    """Return the size of a marker for this number of values."""
     return 3.0 if count <= 80 else 2.0 if count <= 300 else 1.2

@@ -1,4 +1,4 @@
-"""Pictures of a run from its beginning to its end: a manoeuvre, and a simulation beside its recording."""
+"""Pictures of whole runs: a manoeuvre, and a simulation beside its recording."""
 
 from __future__ import annotations
 
@@ -16,22 +16,23 @@ if TYPE_CHECKING:
     from tcc_sim.analysis.control import Control
 
 SAMPLES, ENOUGH = 100, 16
-"""Samples in an engine cycle where the run is solved again, and those that serve as they are."""
+"""Samples per engine cycle of a run that is solved again, and number that suffices without."""
 SHARP = 5000
-"""Most points of a line that is not made of dots in a drawing of lines."""
+"""Largest number of points of a line in a vector picture; longer lines are rasterized."""
 TWIN_CYCLES = 8
-"""Engine cycles that are shown of the start and of the end beside a recording."""
+"""Engine cycles of the start and of the end that a picture beside a recording shows."""
 
 
 def manoeuvre(path: Path, run: Trajectory, width: float = style.PAGE, title: str = "",
               control: Control | None = None) -> Path:
-    """Draw torques, slip speed with stick shaded, the shaft's torque and the clutch's heat over all of the time; of a
-    run under commands also the cycle mean of the slip speed beside the target, and commanded and applied pressure.
+    """Draw torques, slip speed with stick shaded, shaft torque and clutch heat over the whole time.
+
+    For a run under commands, also draw the cycle mean of the slip speed with the target, and both pressures.
 
     Parameters
     ----------
-    run : with its system; one that kept few samples is solved again from its first state
-    width : inch
+    run : a run with its system; one with few samples is solved again from its first state
+    width : width, inch
     control : target, cycle means and pressures of the run
     """
     run = _sampled(run)
@@ -79,7 +80,7 @@ def manoeuvre(path: Path, run: Trajectory, width: float = style.PAGE, title: str
 
 
 def _sampled(run: Trajectory) -> Trajectory:
-    """The run itself, or solved again with samples where it kept too few of them."""
+    """Return the run, solved again if it has too few samples."""
     length = float(run.t[-1] - run.t[0])
     if run.system is None or run.t[0] != 0.0 or len(run.t) >= ENOUGH * length / run.cycle:
         return run
@@ -88,7 +89,7 @@ def _sampled(run: Trajectory) -> Trajectory:
 
 
 def draw_twin(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
-    """Draw a simulation beside a recording: its start, its end, and the difference of all of it."""
+    """Draw a simulation beside a recording: start, end, and the difference over the whole time."""
     span = TWIN_CYCLES * found.trajectory.cycle
     begin, end = found.t[0], found.t[-1]
     with style.figure(width, max(0.75 * width, 4.6), f"{title}: {found}" if title else str(found)) as drawn:
@@ -105,7 +106,7 @@ def draw_twin(path: Path, found: Any, title: str = "", width: float = style.PAGE
 
 
 def draw_slip_speeds(axis: Any, found: Any, low: float = -np.inf, high: float = np.inf) -> None:
-    """Draw both slip speeds of some time into an axis."""
+    """Draw both slip speeds between two times into an axis."""
     run = found.trajectory
     for t, slip, look in ((found.t, found.slip_speed, {"color": style.GREY, "linewidth": 2.4, "label": "recorded"}),
                           (run.t, run.slip_speed, {"color": style.BLUE, "linewidth": 0.9, "label": "simulated"})):
