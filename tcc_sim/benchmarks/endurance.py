@@ -1,4 +1,4 @@
-"""Driveline, recorder and commands for a long time: what is lost, how memory grows, how the clock drifts."""
+"""Long run of driveline, recorder and commands: lost messages, growth of memory, drift of the clock."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tcc_sim.recording.reader import open_run
 from tcc_sim.result import reported
 
 WARM_UP = 60.0
-"""Memory growth counts from here on, s; from a fifth of the duration on where that is shorter."""
+"""Time after which growth of memory counts, s; a fifth of the duration if that is shorter."""
 
 
 @dataclass(frozen=True)
@@ -33,29 +33,29 @@ class RecordedFigures:
 
     messages: Mapping[str, int] = field(metadata=reported("number of messages by topic"))
     lost_messages: int = field(metadata=reported("number of messages missing by the stamps"))
-    complete: bool = field(metadata=reported("whether the recording was closed in order"))
-    recorder_result: Mapping[str, Any] = field(metadata=reported("what the recorder counted"))
+    complete: bool = field(metadata=reported("whether the recording was closed properly"))
+    recorder_result: Mapping[str, Any] = field(metadata=reported("counts by the recorder"))
     count_is_honest: bool = field(metadata=reported(
         "whether the recorder counted as many joint_states lost, by their numbers at the publisher, as there are gaps "
         "in the stamps that it recorded"))
-    drift_s: float = field(metadata=reported("real time beyond simulation time over the run", "s"))
+    drift_s: float = field(metadata=reported("growth of real time minus simulation time over the run", "s"))
     warnings: Sequence[str] = field(metadata=reported("a sentence for each damage of the recording"))
     simulated_s: float = field(metadata=reported("simulation time", "s"))
 
 
 @dataclass(frozen=True)
 class SoakFigures:
-    """The figures of `tcc-sim soak --json`."""
+    """Figures of `tcc-sim soak --json`."""
 
-    rate: float = field(metadata=reported("ticks in a second", "Hz"))
+    rate: float = field(metadata=reported("ticks per second", "Hz"))
     duration_s: float = field(metadata=reported("real time", "s"))
     recorded: RecordedFigures = field(metadata=reported("the recording", spread=True))
-    driveline: ProcessUse = field(metadata=reported("the process of the driveline"))
-    recorder: ProcessUse = field(metadata=reported("the process of the recorder"))
+    driveline: ProcessUse = field(metadata=reported("use by the driveline's process"))
+    recorder: ProcessUse = field(metadata=reported("use by the recorder's process"))
 
 
 def soak(recording: Path, rate: float, duration: float, progress: Callable[[float], Any]) -> SoakFigures:
-    """Run the scene `commands` at `rate` Hz with as many commands a second, recorded, for `duration` seconds."""
+    """Run and record the scene `commands` at `rate` Hz, with a command per tick, for `duration` seconds."""
     session = Session(recording, {"scene": "commands", "rate": float(rate)})
     sender = NodeProcess("commander", {"rate": float(rate)}, session.environment)
     processes = {"driveline": session.driveline, "recorder": session.recorder}
@@ -84,7 +84,7 @@ def soak(recording: Path, rate: float, duration: float, progress: Callable[[floa
 
 
 def figures_of(recording: Path) -> RecordedFigures:
-    """Counts, losses and drift from the recording itself."""
+    """Return counts, losses and drift of a recording."""
     run = open_run(recording)
     first: tuple[int, int] | None = None
     last = (0, 0)
@@ -100,11 +100,11 @@ def figures_of(recording: Path) -> RecordedFigures:
 
 
 def _resident(pid: int) -> int:
-    """Resident memory of a process, bytes."""
+    """Return the resident memory of a process, bytes."""
     return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
 def _cpu(pid: int) -> float:
-    """Processor time of a process so far, s."""
+    """Return the processor time of a process so far, s."""
     fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

@@ -1,8 +1,8 @@
-"""The extreme scenes of the stability report, and what each engine must keep on every one of them.
+"""Extreme scenes of the stability report, and the criteria for every engine on each of them.
 
-Bounded has a meaning: with E = I1 theta1'^2/2 + I2 theta2'^2/2 + K23 theta2^2/2, friction and damper only take energy,
-so d sqrt(E)/dt <= max|Te|/sqrt(2 I1) and sqrt(E(t)) <= sqrt(E(0)) + t max|Te|/sqrt(2 I1) whatever the friction law
-does.
+A run must be bounded: with E = I1 theta1'^2/2 + I2 theta2'^2/2 + K23 theta2^2/2, friction and damper only take energy,
+so d sqrt(E)/dt <= max|Te|/sqrt(2 I1) and sqrt(E(t)) <= sqrt(E(0)) + t max|Te|/sqrt(2 I1) for any friction
+law.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from tcc_sim.trajectory import Trajectory, integral
 
 Keys = dict[str, Any]
 ENGINES = {"smoothed": ("smoothed", None), "event_driven": ("set_valued", None), "fixed_step": ("smoothed", 1e-3)}
-"""Each engine with the friction law that it solves and its step, s."""
+"""Friction law and step, s, of each engine."""
 MANY = 300
-"""Engine cycles of the long cases."""
+"""Number of engine cycles of the long cases."""
 BASE: Keys = {"initial.slip_speed": 5.0}
-"""Initial values of every case beside the defaults: stick begins within the horizon."""
+"""Initial values of every case that differ from the defaults, so that stick begins within the horizon."""
 CYCLES, RADIANS = 2, 30.0
 """Least horizon of a case: engine cycles, and phase of the natural frequency."""
 REFERENCE_RADIANS = 60.0
@@ -36,13 +36,11 @@ REFERENCE_RADIANS = 60.0
 PHASE = 0.008
 """Phase of the natural frequency between two samples of the power balance, rad."""
 SAMPLES_PER_STOP = 20.0
-"""Samples of the power balance in the time that the first slip takes to stop, as far as memory allows."""
+"""Number of samples of the power balance before the first slip stops, as far as memory allows."""
 SHARPEST = 1e5
-"""Above this smoothing, s/rad, the reference is that of the set-valued law, from which the smoothed one differs by
-about 1/sigma.
-"""
+"""Smoothing, s/rad, above which the reference solves the set-valued law; the laws differ by about 1/sigma."""
 SLACK = 1e-3
-"""How far a run may pass its energy bound, for the error of the method."""
+"""Allowed relative excess over the energy bound, for the error of the method."""
 
 GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 CRITICAL = 2.0 * math.sqrt(3000.0 * 0.02)
@@ -63,18 +61,18 @@ RANGES: dict[str, tuple[Any, ...]] = {
     "engine.torque_amplitude": (250.0, 0.0, 1000.0),
     "pressure.frequency_ratio": (1.0, 0.5, 2.0 / 3.0, 2.0, GOLDEN, math.sqrt(2.0), 1e-3, 0.01, 100.0),
     "pressure.phase": (0.0, math.pi / 2.0, math.pi)}
-"""Values of each key, alone and in combinations; `share` is Tsp/Tsm."""
+"""Values of each key, used alone and in combinations; `share` is Tsp/Tsm."""
 PAIRS = (("friction.kinetic_coefficient", "friction.smoothing"), ("friction.kinetic_coefficient", "share"),
          ("friction.kinetic_coefficient", "pressure.mean"), ("friction.smoothing", "initial.slip_speed"))
 LONGEST = 3000.0
-"""Phase of the natural frequency in a cycle, rad, beyond which values are not combined: a cycle would last for ever."""
+"""Phase of the natural frequency in a cycle, rad, above which values are not combined: a cycle would take too long."""
 RUN = ("cycles", "tick")
-"""Keys of a case beside scene keys: engine cycles, and the step of fixed_step, s."""
+"""Keys of a case that are not scene keys: number of engine cycles, and step of fixed_step, s."""
 
 
 def extreme_cases(count: int, seed: int = 1) -> list[Keys]:
-    """`count` different cases as changes of the defaults: every value alone, near-grazing ones, steps of the commands,
-    many cycles, coarse ticks, pairs, then random draws.
+    """Return `count` different cases as changes of the defaults: every value alone, near-grazing motions, steps of the
+    commands, many cycles, coarse ticks, pairs, then random draws.
     """
     found: list[Keys] = [{}]
     found += [{key: value} for key, values in RANGES.items() for value in values]
@@ -96,12 +94,12 @@ def extreme_cases(count: int, seed: int = 1) -> list[Keys]:
 
 
 def scene_keys(keys: Keys) -> Keys:
-    """Return the keys of a case that a scene has."""
+    """Return the scene keys of a case."""
     return {key: value for key, value in keys.items() if key not in RUN}
 
 
 def command_steps() -> list[Keys]:
-    """The motion after a step of pressure or engine torque, from stick and from slip at the static twist before it."""
+    """Return motions after a step of pressure or engine torque, from stick and from slip at the static twist."""
     twist = {"stick": 300.0 / 3000.0, "slip": 500.0 / 3000.0}
     states = [{"initial.slip_speed": 0.0, "initial.plate_angle": twist["stick"]},
               {"initial.slip_speed": 80.0, "initial.plate_angle": twist["slip"]}]
@@ -112,7 +110,7 @@ def command_steps() -> list[Keys]:
 
 
 def long_and_coarse() -> list[Keys]:
-    """Many cycles, and ticks of a tenth of a cycle to a whole one."""
+    """Return cases with many cycles, and with ticks of a tenth of a cycle to a whole cycle."""
     many = [{}, {"friction.kinetic_coefficient": 0.15}, {"friction.kinetic_coefficient": 0.3, "share": 0.0},
             {"share": 1.5}, {"friction.smoothing": 1e6}, {"pressure.frequency_ratio": GOLDEN}]
     coarse = [{"tick": 5e-3}, {"tick": 1e-2}, {"tick": 1e-2, "friction.kinetic_coefficient": 0.15},
@@ -122,7 +120,7 @@ def long_and_coarse() -> list[Keys]:
 
 
 def case_of(keys: Keys) -> Keys:
-    """The scene keys with `share` turned into a pressure amplitude."""
+    """Return the scene keys, with a pressure amplitude in place of `share`."""
     out = {**BASE, **keys}
     share = out.pop("share", 0.2)
     out["pressure.amplitude"] = min(share * out.get("pressure.mean", System().pressure.mean), 1e7)
@@ -130,7 +128,7 @@ def case_of(keys: Keys) -> Keys:
 
 
 def grazing() -> list[Keys]:
-    """Undamped stuck motions whose interface torque reaches the breakaway torque to within a small share."""
+    """Return undamped stuck motions whose largest interface torque is close to the breakaway torque."""
     gain = 3000.0 - 0.02 * 60.0**2, 3000.0 - 0.22 * 60.0**2
     reach = 300.0 + 100.0 * gain[0] / gain[1]
     start = {"initial.slip_speed": 0.0, "initial.plate_angle": 0.1, "initial.plate_speed": 6000.0 / gain[1],
@@ -141,14 +139,14 @@ def grazing() -> list[Keys]:
 
 @dataclass(frozen=True)
 class Examined:
-    """Results of one engine on one case, as stability.json has them; None where a refused or stopped run has none."""
+    """Results of one engine on one case in stability.json; None if a refused or stopped run has none."""
 
     keys: Mapping[str, Any] = field(metadata=reported(
         "scene keys that differ from `scene`, periods of excitation and friction law", "{*}", spread=True))
     solver: str = field(metadata=reported("name of the solver"))
     step: float | None = field(metadata=reported("step; null for an engine that chooses its own", "s"))
     status: str = field(default="REFUSED", metadata=reported("how the solver ended"))
-    why: str = field(default="", metadata=reported("why it was refused or stopped, or why there is no reference"))
+    why: str = field(default="", metadata=reported("reason of a refusal or stop, or of a missing reference"))
     finite: bool | None = field(default=None, metadata=reported("whether the states are finite"))
     bounded: bool | None = field(default=None, metadata=reported("whether they stay below the energy bound"))
     error: float | None = field(default=None, metadata=reported(
@@ -164,7 +162,7 @@ def examine(keys: Keys, engine: str, truth: Truth) -> Examined:
 
     Parameters
     ----------
-    keys : scene keys that differ from the defaults, and those of RUN
+    keys : scene keys that differ from the defaults, and keys of RUN
     truth : the reference for these keys and the law of the engine
     """
     law, step = ENGINES[engine]
@@ -189,7 +187,7 @@ def examine(keys: Keys, engine: str, truth: Truth) -> Examined:
     if run.status is Status.REFUSED:
         return refused(run.detail)
     own = run
-    if step is not None:  # What fixed_step computes, sub-step for sub-step; other samples of it are interpolated.
+    if step is not None:  # Every sub-step of fixed_step; samples between sub-steps would be interpolated.
         own = solve(system, cycles=CYCLES, solver=engine, step=step, samples_per_cycle=min(
             round(system.cycle / step) * substeps(terms_of(system), step), 1_000_000))
     whole, off = finite(run) and finite(own), None
@@ -203,7 +201,7 @@ def examine(keys: Keys, engine: str, truth: Truth) -> Examined:
 
 
 def finite(run: Trajectory) -> bool:
-    """Whether everything that a run gives is finite."""
+    """Return whether all arrays of a run are finite."""
     arrays = [run.slip_speed, run.plate_angle, run.plate_speed, run.friction_torque]
     if run.cycles is not None:
         arrays += [run.cycles.section, run.cycles.highest, run.cycles.lowest, run.cycles.stick_time]
@@ -211,7 +209,7 @@ def finite(run: Trajectory) -> bool:
 
 
 def energy(run: Trajectory) -> Floats:
-    """Kinetic and spring energy at every sample, J."""
+    """Return kinetic and spring energy at every sample, J."""
     d = _system(run).driveline
     flywheel = run.slip_speed + run.plate_speed
     stored: Floats = 0.5 * (d.flywheel_inertia * flywheel**2 + d.plate_inertia * run.plate_speed**2
@@ -220,7 +218,7 @@ def energy(run: Trajectory) -> Floats:
 
 
 def energy_excess(run: Trajectory) -> float:
-    """By how much sqrt(E) passes its bound, relative to the bound; at most 0 for an exact solution."""
+    """Return the excess of sqrt(E) over its bound, relative to the bound; at most 0 for an exact solution."""
     system = _system(run)
     torque = abs(system.engine.mean_torque) + system.engine.torque_amplitude + sum(system.engine.harmonic_amplitudes)
     root = np.sqrt(energy(run))
@@ -229,10 +227,10 @@ def energy_excess(run: Trajectory) -> float:
 
 
 def power_residual(run: Trajectory) -> float | None:
-    """Engine work less friction and damper losses and stored energy, in each cycle, over the energies that take part.
+    """Return the residual of the power balance: engine work minus losses and stored energy per cycle, relative.
 
-    The integrals are trapezoids over the samples; with PHASE between them they are good to about 1e-5. Samples of
-    fixed_step are interpolated between its sub-steps, which the residual shows where slip stops within one of them.
+    The trapezoidal rule over samples at most PHASE apart has an error of about 1e-5. Samples of fixed_step are
+    interpolated between its sub-steps, which increases the residual if slip stops within a sub-step.
     Returns None if the run has no whole cycle.
     """
     system = _system(run)
@@ -254,8 +252,7 @@ def power_residual(run: Trajectory) -> float | None:
 
 
 class Truth:
-    """The final state of a reference over a short horizon, and each signal's size; `why` says what there is none for.
-    """
+    """Final state of a reference over a short horizon, and each signal's size; `why` explains a missing reference."""
 
     def __init__(self, keys: Keys, law: str) -> None:
         sharp = law == "smoothed" and keys.get("friction.smoothing", 50.0) > SHARPEST
@@ -273,14 +270,14 @@ class Truth:
 
 
 def _stopping_time(system: System) -> float:
-    """How soon the initial slip can stop, s: |v|/(beta r Ts); slips too small to carry energy do not count."""
+    """Return the least time to stop the initial slip, s: |v|/(beta r Ts); inf for negligible slip."""
     load = system.saturation_mean + system.saturation_amplitude
     slip = abs(system.initial.slip_speed)
     return slip / max(system.inverse_inertia * system.friction_ratio * load, 1e-12) if slip > 0.1 else math.inf
 
 
 def _system(run: Trajectory) -> System:
-    """The system that a run solved."""
+    """Return the system that a run solved."""
     if run.system is None:
         raise ValueError("the run has no system")
     return run.system

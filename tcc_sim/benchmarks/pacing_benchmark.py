@@ -1,5 +1,4 @@
-"""How well the driveline node keeps its deadlines, measured beside a bare loop that only waits for the same deadlines.
-"""
+"""Benchmark of the driveline node's deadlines, with a bare loop that only waits for the same deadlines."""
 
 from __future__ import annotations
 
@@ -26,36 +25,36 @@ from tcc_sim.nodes.process import created
 from tcc_sim.result import Described, reported
 
 SLICE = 5.0
-"""Seconds that node and bare loop run in turn, so that both meet the same disturbances."""
+"""Length of the alternate stretches of node and bare loop, s; alternation exposes both to the same disturbances."""
 SETTING_SLICE = 0.1
-"""Part of the duration that the bare loop runs with each of the settings."""
+"""Fraction of the duration for the bare loop with each of the settings."""
 SHORTEST_TRIAL = 0.2
-"""Seconds of a trial at least."""
+"""Least length of a trial, s."""
 DEFAULT_SLACK_NS = 50_000
-"""Timer slack of a thread that asks Linux for nothing, ns."""
+"""Default timer slack of a thread in Linux, ns."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings that the threads ask of Linux, named as the parameters of the driveline node."""
+    """Linux settings of the threads, named as the parameters of the driveline node."""
 
     thread_priority: int = 0
     cpu_affinity: tuple[int, ...] = ()
     lock_memory: bool = False
 
     def prepare(self, timer_slack_ns: int = TIMER_SLACK_NS) -> list[str]:
-        """Prepare the calling thread; the wishes that were refused."""
+        """Apply the settings to the calling thread; return sentences on refused ones."""
         return prepare_thread(self.thread_priority, self.cpu_affinity, self.lock_memory, timer_slack_ns)
 
     def parameters(self) -> list[Parameter]:
-        """The same for the driveline node."""
+        """Return the settings as parameters of the driveline node."""
         found = {"thread_priority": self.thread_priority, "lock_memory": self.lock_memory}
         return [Parameter(name, value=value) for name, value in found.items()] + (
             [Parameter("cpu_affinity", value=list(self.cpu_affinity))] if self.cpu_affinity else [])
 
 
 def _trials() -> list[tuple[str, Settings, int, float]]:
-    """Name, settings, timer slack, ns, and lead, s, of what is tried one by one."""
+    """Return name, settings, timer slack (ns) and lead (s) of each trial."""
     core = max(os.sched_getaffinity(0))
     return [("nothing asked for", Settings(), DEFAULT_SLACK_NS, 0.0),
             ("timer slack 1 ns", Settings(), TIMER_SLACK_NS, 0.0),
@@ -68,10 +67,10 @@ def _trials() -> list[tuple[str, Settings, int, float]]:
 
 @dataclass(frozen=True, kw_only=True)
 class LoopFigures:
-    """How late a loop was, and what it cost."""
+    """Lateness and processor time of a loop."""
 
     lateness_p50_s: float = field(metadata=reported("median lateness of a tick", "s"))
-    lateness_p99_s: float = field(metadata=reported("lateness that 99 % of the ticks stay within", "s"))
+    lateness_p99_s: float = field(metadata=reported("99th percentile of the lateness", "s"))
     lateness_max_s: float = field(metadata=reported("largest lateness", "s"))
     cpu_fraction: float = field(metadata=reported("processor time, as a fraction of one core"))
 
@@ -86,21 +85,21 @@ class Trial(LoopFigures):
 
 @dataclass(frozen=True)
 class PacingFigures(LoopFigures, Described):
-    """The driveline node's loop beside a bare one."""
+    """Figures of the driveline node's loop and of a bare loop."""
 
-    rate: float = field(metadata=reported("ticks in a second", "Hz"))
+    rate: float = field(metadata=reported("ticks per second", "Hz"))
     ticks: int = field(metadata=reported("number of ticks of the node"))
-    missed_ticks: int = field(metadata=reported("number of ticks given up beyond the catch-up bound"))
+    missed_ticks: int = field(metadata=reported("number of ticks dropped beyond the catch-up bound"))
     drift_s: float = field(metadata=reported("largest drift of the node's clock against real time", "s"))
     bare_lateness_p50_s: float = field(metadata=reported("median lateness of the bare loop", "s"))
-    bare_lateness_p99_s: float = field(metadata=reported("lateness that 99 % of its ticks stay within", "s"))
+    bare_lateness_p99_s: float = field(metadata=reported("99th percentile of the lateness of the bare loop", "s"))
     bare_lateness_max_s: float = field(metadata=reported("largest lateness of the bare loop", "s"))
-    bare_cpu_fraction: float = field(metadata=reported("its processor time, as a fraction of one core"))
+    bare_cpu_fraction: float = field(metadata=reported("processor time of the bare loop, as a fraction of one core"))
     settings: list[Trial] = field(metadata=reported("the bare loop with each setting by itself"))
 
 
 class Stretches:
-    """Latenesses and processor time of the stretches of one loop."""
+    """Lateness and processor time of the stretches of one loop."""
 
     def __init__(self) -> None:
         self.pacers: list[Pacer] = []
@@ -115,7 +114,7 @@ class Stretches:
         self.pacers.append(pacer)
 
     def figures(self, prefix: str) -> dict[str, float]:
-        """Lateness percentiles and maximum, s, and processor time as a fraction of one core."""
+        """Return percentiles and maximum of the lateness, s, and processor time as a fraction of one core."""
         late = np.concatenate([p.latenesses() for p in self.pacers])
         middle, high = np.percentile(late, (50, 99))
         return {f"{prefix}lateness_p50_s": float(middle), f"{prefix}lateness_p99_s": float(high),
@@ -128,18 +127,17 @@ def measure(rate: float, duration: float, progress: Callable[[float], Any], reco
 
     Parameters
     ----------
-    rate : Hz
-    duration : s of each loop
-    progress : called with the part done so far, 0 to 1
-    recorder : publish to a recorder in a process of its own, which works while the node runs and rests beside the bare
-        loop
-    settings : of both loops
+    rate : tick rate, Hz
+    duration : duration of each loop, s
+    progress : function called with the finished fraction, 0 to 1
+    recorder : whether to publish to a recorder in a separate process, which is idle while the bare loop runs
+    settings : settings of both loops
 
     Returns
     -------
-    The figures of `tcc-sim realtime --json`. The drift is that of the node's clock against real time, the largest of
-    the stretches; missed ticks are those given up beyond the catch-up bound. `settings` has the bare loop's figures
-    with each setting by itself, and what was refused.
+    The figures of `tcc-sim realtime --json`. The drift of the node's clock against real time is the largest of the
+    stretches; missed ticks are ticks dropped beyond the catch-up bound. `settings` has the bare loop's figures with
+    each single setting, and the refused settings.
     """
     own = OwnEnvironment()
     os.environ.update(own.values)
@@ -158,7 +156,7 @@ def measure(rate: float, duration: float, progress: Callable[[float], Any], reco
             if not loop.clock_started.wait(30.0) and listener is not None:
                 listener.check()
             loop.request(lambda: loop.pause(True))
-            # Compiling beside the loop at the start holds the interpreter; the bare loop has none of it.
+            # Compiling during the first ticks would hold the interpreter, in the node's loop only.
             loop.plant.general_ready.wait(START_LIMIT)
             node_side, bare_side = _alternated(node, rate, duration, progress, settings)
         finally:
@@ -173,7 +171,7 @@ def measure(rate: float, duration: float, progress: Callable[[float], Any], reco
 
 def _alternated(node: DrivelineNode, rate: float, duration: float, progress: Callable[[float], Any],
                 settings: Settings) -> tuple[Stretches, Stretches]:
-    """Stretches of the node's loop and of the bare one in turn, so that both meet the same machine."""
+    """Alternate stretches of the node's loop and of the bare loop, which exposes both to the same disturbances."""
     node_side, bare_side, done = Stretches(), Stretches(), 0.0
     while done < duration - 1e-9:
         length = min(SLICE, duration - done)
@@ -189,7 +187,7 @@ def _alternated(node: DrivelineNode, rate: float, duration: float, progress: Cal
 
 def _trial(rate: float, length: float, name: str, settings: Settings, timer_slack_ns: int,
            lead: float = 0.0) -> Trial:
-    """The bare loop's figures with some settings, and the wishes among them that were refused."""
+    """Return the bare loop's figures with some settings, and the refused ones."""
     pacer = Pacer(1.0 / rate, int(length * rate * 1.5) + 100, lead=lead)
     stretches, refused = Stretches(), list[str]()
     stretches.run(pacer, lambda: refused.extend(_bare_stretch(pacer, length, settings, timer_slack_ns)))
@@ -199,7 +197,7 @@ def _trial(rate: float, length: float, name: str, settings: Settings, timer_slac
 
 
 def _node_stretch(node: DrivelineNode, pacer: Pacer, length: float) -> None:
-    """Let the node's loop run on `pacer` for `length` seconds, then pause it."""
+    """Run the node's loop on `pacer` for `length` seconds, then pause it."""
     loop = node.loop
 
     def resume() -> None:
@@ -215,7 +213,7 @@ def _node_stretch(node: DrivelineNode, pacer: Pacer, length: float) -> None:
 
 
 def _bare_stretch(pacer: Pacer, length: float, settings: Settings, timer_slack_ns: int = TIMER_SLACK_NS) -> list[str]:
-    """A thread that only waits for its deadlines for `length` seconds; the settings that it was refused."""
+    """Run a thread that only waits for its deadlines for `length` seconds; return the refused settings."""
     stop, refused = threading.Event(), list[str]()
 
     def spin() -> None:

@@ -1,5 +1,6 @@
-"""Other programs on the same problem: XPPAUT, CVODE of SUNDIALS in C, and SciPy's LSODA called bare; none has to be
-installed. They and this package are timed in one way: by the least CPU time of repeated calls.
+"""Other programs on the same problem, all optional: XPPAUT, CVODE of SUNDIALS in C, and direct calls of SciPy's LSODA.
+
+The run time of every program, and of this package, is the least CPU time of repeated calls.
 """
 
 from __future__ import annotations
@@ -31,28 +32,26 @@ from tcc_sim.solvers.terms import terms_of
 from tcc_sim.trajectory import State
 
 TIMEOUT = 60.0
-"""Seconds that a peer may take for one run."""
+"""Time limit of one run, s."""
 FINE = 256
-"""Samples per engine cycle from which a peer's largest slip speeds are taken."""
+"""Samples per engine cycle for the largest slip speeds of another program."""
 TIMED = 100
-"""Engine cycles at least over which XPPAUT is timed: its start takes as long as some ten of them."""
+"""Least number of engine cycles in a timed run of XPPAUT, whose start takes as long as about ten cycles."""
 SINGLE = 2.0**-23
-"""Resolution of single precision, in which XPPAUT writes."""
+"""Resolution of single precision, the format of XPPAUT's output."""
 LIBRARIES = ("sundials_cvode", "sundials_nvecserial", "sundials_sunmatrixdense", "sundials_sunlinsoldense", "m")
-"""What `cvode.c` is linked with, as Debian's libsundials-dev names it."""
+"""Libraries of `cvode.c`, with the names of Debian's libsundials-dev."""
 STICK = 1e-12
 Timed = TypeVar("Timed")
 
 
 class Failed(Exception):
-    """A peer did not deliver; the message says why."""
+    """A program gave no result; the message gives the reason."""
 
 
 @dataclass(frozen=True)
 class PeerRun:
-    """States at the cycle ends, largest |slip speed| per cycle, seconds of the fastest run and of the slowest, and
-    steps where known.
-    """
+    """States at the cycle ends, largest |slip speed| per cycle, fastest and slowest run time (s), number of steps."""
 
     section: Floats
     largest: Floats
@@ -63,13 +62,13 @@ class PeerRun:
 
 def repeated(run: Callable[[], Timed], repeats: int, patience: float = math.inf,
              clock: Callable[[], float] = time.process_time) -> tuple[list[float], Timed]:
-    """The CPU time of every call of `run`, s, and its last result.
+    """Return the CPU time of every call of `run`, s, and the last result.
 
     Parameters
     ----------
-    repeats : most calls; there is one at least
-    patience : s; no further call once the calls have taken as long
-    clock : CPU seconds so far; those of this process, or `of_children` for other programs
+    repeats : largest number of calls; there is at least one
+    patience : total time after which no further call begins, s
+    clock : function of the CPU seconds so far, of this process or with `of_children` of other programs
     """
     used = list[float]()
     while not used or (len(used) < repeats and sum(used) < patience):
@@ -80,15 +79,13 @@ def repeated(run: Callable[[], Timed], repeats: int, patience: float = math.inf,
 
 
 def of_children() -> float:
-    """CPU seconds of the processes that this one has started and that have ended."""
+    """Return the CPU time of ended child processes, s."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 
 
 def bare_lsoda(system: System, cycles: int, rtol: float, repeats: int) -> PeerRun:
-    """`scipy.integrate.solve_ivp` with LSODA, compiled right-hand side and Jacobian, and nothing kept but the cycle
-    ends.
-    """
+    """Call `scipy.integrate.solve_ivp` with LSODA and compiled right-hand side and Jacobian; store cycle ends only."""
     terms, y = terms_of(system), np.array(State.at_start(system).numbers)
     atol = np.asarray(rtol * error_scales(system))
     ends, times = _times(system, cycles, 1), _times(system, cycles, FINE)
@@ -106,12 +103,12 @@ def bare_lsoda(system: System, cycles: int, rtol: float, repeats: int) -> PeerRu
 
 
 def cvode(system: System, cycles: int, rtol: float, repeats: int) -> PeerRun:
-    """Run CVODE's BDF of SUNDIALS in double precision: `cvode.c`, a program without Python, timed by itself.
+    """Run CVODE's BDF of SUNDIALS in double precision with `cvode.c`, a program without Python that times itself.
 
     Raises
     ------
     Failed
-        There is no C compiler or no SUNDIALS, or CVODE gave up.
+        There is no C compiler or no SUNDIALS, or CVODE failed.
     """
     d, f, c, e, p = system.driveline, system.friction, system.clutch, system.engine, system.pressure
     numbers = [d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness, c.area, c.radius, f.static_coefficient,
@@ -135,7 +132,7 @@ def cvode(system: System, cycles: int, rtol: float, repeats: int) -> PeerRun:
 
 @cache
 def cvode_program() -> str:
-    """Compile `cvode.c`, once in a process; the file is deleted at its end.
+    """Compile `cvode.c`, once per process; the binary is deleted at the end of the process.
 
     Raises
     ------
@@ -157,7 +154,7 @@ def cvode_program() -> str:
 
 
 def python_loop(system: System) -> dict[str, float]:
-    """Seconds of a step of `dop853`, and of the twelve evaluations of the compiled equations in it."""
+    """Return the times of a step of `dop853` and of its twelve evaluations of the compiled equations, s."""
     terms, state = terms_of(system), np.array(State.at_start(system).numbers)
     rates_of(0.0, state, terms)
     used, run = repeated(lambda: solve(system, duration=1e-3 * system.cycle, solver="dop853"), 5)
@@ -166,19 +163,19 @@ def python_loop(system: System) -> dict[str, float]:
 
 
 def _times(system: System, cycles: int, per_cycle: int) -> Floats:
-    """Cycle ends, with equal times between them, s."""
+    """Return equidistant times that include the cycle ends, s."""
     return np.linspace(0.0, cycles * system.cycle, cycles * per_cycle + 1)
 
 
 def _largest(system: System, t: Floats, states: Floats) -> Floats:
-    """Largest |slip speed| per cycle of samples, through the cubics of v and v'."""
+    """Return the largest |slip speed| per cycle from cubics through samples of v and v'."""
     rates = rates_along(t, np.ascontiguousarray(states), terms_of(system))
     return cycles_from_samples(t, states[:, 0], rates[:, 0], states[:, 1], states[:, 2], rates[:, 2],
                                starts=cycle_starts(0, float(t[-1]), system.cycle), stick_speed=STICK).largest
 
 
 def xppaut_file(system: System, method: str, tolerance: float, cycles: int, per_cycle: int) -> str:
-    """The model as an XPPAUT file; every number stands in it with all its digits."""
+    """Return the model as an XPPAUT file, with all digits of every number."""
     d, f, e, p, start = system.driveline, system.friction, system.engine, system.pressure, system.initial
     number = "{:.17g}".format
     load = number(system.saturation_mean)
@@ -204,10 +201,10 @@ def xppaut_file(system: System, method: str, tolerance: float, cycles: int, per_
 
 
 def xppaut(system: System, method: str, tolerance: float, cycles: int, repeats: int) -> PeerRun:
-    """One of XPPAUT's methods; `seconds` is the CPU time of TIMED cycles or more less that of one, for these cycles.
+    """Run one of XPPAUT's methods; `seconds` is the CPU time of at least TIMED cycles minus that of one, scaled.
 
-    The difference leaves out start-up and the reading of the file. Time and states come with outputs at the cycle ends
-    only. Without repeats it is not timed.
+    The difference excludes start-up and reading the file. Time and states come from runs with outputs at the cycle ends
+    only. Without repeats there is no time.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Records of the work-precision study, as precision.json has them, and its page."""
+"""Records of the work-precision study (precision.json), and its page."""
 
 from __future__ import annotations
 
@@ -16,33 +16,33 @@ from tcc_sim.solvers import SOLVERS
 TARGETS = (1e-3, 1e-6, 1e-9)
 """Errors for which the fastest setting of every solver is listed."""
 TARGET = 1e-6
-"""The one that the first sentences are about."""
+"""Error in the first sentences of the page."""
 ENGINES = {"smoothed": "smoothed", "set_valued": "event_driven"}
-"""The engine that the others of each friction law are compared with."""
+"""Engine with which the other solvers of each friction law are compared."""
 PAPERS = ", the paper's method"
 APART = 0.05
-"""Relative difference of two largest slip speeds that makes them those of two motions."""
+"""Relative difference of largest slip speeds above which two motions differ."""
 
 
 @dataclass(frozen=True)
 class References:
-    """The names of two references, and what they differ by: below that an error means nothing."""
+    """Names of two references, and their difference, below which an error is not resolved."""
 
     solvers: Sequence[str] = field(metadata=reported("names of the two references"))
-    floor: float = field(metadata=reported("relative difference of the references; an error below it means nothing"))
+    floor: float = field(metadata=reported("relative difference of the references; an error below it is not resolved"))
 
 
 @dataclass(frozen=True)
 class SteadyState:
-    """The motion that is reached from the initial state."""
+    """Steady motion from the initial state."""
 
     cycles: int = field(metadata=reported("number of periods of excitation from the initial state"))
     period: int = field(metadata=reported("period of the motion; 0 for none up to 16", "periods of excitation"))
     max_slip_speed: float | None = field(metadata=reported(
-        "largest |slip speed| of SciPy's solution; null where the motion has no period, or SciPy did not end", "rad/s"))
+        "largest |slip speed| of SciPy's solution; null if the motion has no period or SciPy failed", "rad/s"))
     closure: float | None = field(metadata=reported(
-        "by how much SciPy's solution misses its start after one period, relative to each signal's maximum"))
-    solvers: Sequence[str] = field(metadata=reported("names of the solvers by which it was found and solved again"))
+        "distance of SciPy's solution from its start after one period, relative to each signal's maximum"))
+    solvers: Sequence[str] = field(metadata=reported("names of the solvers that found the motion and solved it again"))
 
 
 @dataclass(frozen=True)
@@ -55,39 +55,37 @@ class SolverSetting:
 
 @dataclass(frozen=True)
 class PrecisionResult(SolverSetting):
-    """Its errors, fastest and slowest run time, s, and steps where they are known; `error_steady` is None where it was
-    not measured.
-    """
+    """Errors, fastest and slowest run time, s, and number of steps of a solver at a setting; None if not measured."""
 
     error_final: float = field(metadata=reported("error of the final state, relative to each signal's maximum"))
     error_section: float = field(metadata=reported("largest error on the section, relative to each signal's maximum"))
     error_max_slip: float = field(metadata=reported("relative error of the largest |slip speed|"))
     error_steady: float | None = field(metadata=reported(
-        "relative error of the largest |slip speed| of the steady state; null where it was not measured"))
+        "relative error of the largest |slip speed| of the steady state; null if not measured"))
     seconds: float = field(metadata=reported("run time, minimum of several runs", "s"))
     slowest: float = field(metadata=reported("run time, maximum of several runs", "s"))
-    steps: int | None = field(metadata=reported("number of steps; null where it is not known"))
+    steps: int | None = field(metadata=reported("number of steps; null if unknown"))
 
     @property
     def largest_error(self) -> float:
-        """The largest of the three errors that every result has."""
+        """Largest of the three errors that every result has."""
         return max(self.error_final, self.error_section, self.error_max_slip)
 
 
 @dataclass(frozen=True)
 class Omitted(SolverSetting):
-    """Why it has no result."""
+    """Solver at a setting without a result."""
 
-    why: str = field(metadata=reported("why it has no result"))
+    why: str = field(metadata=reported("reason of the missing result"))
 
 
 @dataclass(frozen=True)
 class LongRun(SolverSetting):
-    """Its time where the cost of a call no longer counts."""
+    """Run time of a solver over so many cycles that the cost of a call is negligible."""
 
     cycles: int = field(metadata=reported("number of periods of excitation"))
     seconds_per_100_cycles: float = field(metadata=reported(
-        "run time of 100 periods of excitation where the cost of a call no longer counts", "s"))
+        "run time of 100 periods of excitation in a run so long that the cost of a call is negligible", "s"))
 
 
 @dataclass
@@ -99,13 +97,13 @@ class StudiedScene:
     law: str = field(metadata=reported("friction law"))
     cycles: int = field(metadata=reported("number of periods of excitation solved"))
     reference: References = field(metadata=reported("the two references"))
-    steady: SteadyState = field(metadata=reported("the motion that is reached from the initial state"))
+    steady: SteadyState = field(metadata=reported("steady motion from the initial state"))
     results: list[PrecisionResult] = field(default_factory=list, metadata=reported("errors and run times"))
     omitted: list[Omitted] = field(default_factory=list, metadata=reported("solvers without a result"))
     warm_up: dict[str, float] = field(default_factory=dict, metadata=reported(
         "time of each solver's first call, which compiles", "s"))
     long_run: list[LongRun] = field(default_factory=list, metadata=reported(
-        "run times where the cost of a call no longer counts"))
+        "run times of long runs, in which the cost of a call is negligible"))
 
 
 @dataclass(frozen=True)
@@ -113,9 +111,9 @@ class PrecisionReport(Described):
     """Contents of precision.json."""
 
     scenes: Sequence[StudiedScene] = field(metadata=reported(
-        "what was measured on each scene; the fields of the first stand at the top, too"))
-    peers: Mapping[str, str] = field(metadata=reported("by name of another program whether it took part"))
-    quick: bool = field(metadata=reported("whether ladders were shorter"))
+        "measurements on each scene; the fields of the first are also at the top"))
+    peers: Mapping[str, str] = field(metadata=reported("participation of each other program, by its name"))
+    quick: bool = field(metadata=reported("whether fewer settings were measured"))
     complete: bool = field(metadata=reported("false where it was interrupted"))
     python_loop: Mapping[str, float] = field(default_factory=dict, metadata=reported(
         "time of a step of dop853, and of its twelve evaluations of the equations; empty where not measured", "s"))
@@ -124,12 +122,12 @@ class PrecisionReport(Described):
     @property
     @reporting("the first scene", spread=True)
     def first(self) -> StudiedScene:
-        """The first scene, whose record is at the top of the file too."""
+        """First scene, whose fields are also at the top of the file."""
         return self.scenes[0]
 
 
 def fastest_results(record: StudiedScene, target: float) -> dict[str, PrecisionResult]:
-    """For each solver its fastest result whose three errors are all at most `target`."""
+    """Return for each solver the fastest result with all three errors at most `target`."""
     out: dict[str, PrecisionResult] = {}
     for row in record.results:
         if row.largest_error <= target and (row.solver not in out or row.seconds < out[row.solver].seconds):
@@ -138,7 +136,7 @@ def fastest_results(record: StudiedScene, target: float) -> dict[str, PrecisionR
 
 
 def took_part(records: Sequence[StudiedScene]) -> dict[str, str]:
-    """Return for each other program whether it joined, or why it did not."""
+    """Return for each other program that it joined, or the reason why it did not."""
     out = {}
     for name in ("CVODE", "XPPAUT"):
         joined = any(row.solver.startswith(name) for record in records for row in record.results)
@@ -148,7 +146,7 @@ def took_part(records: Sequence[StudiedScene]) -> dict[str, str]:
 
 
 def precision_page(found: PrecisionReport, picture: str) -> str:
-    """The report: results, method, the fastest settings, and what was left out; every run is in the JSON."""
+    """Return the page: results, method, fastest settings and omitted settings; the JSON has every run."""
     lines = ["# Error against run time", "", *_head(found), "", f"![error against run time]({picture})", "",
              *_method(found), ""]
     for record in found.scenes:
@@ -159,12 +157,12 @@ def precision_page(found: PrecisionReport, picture: str) -> str:
 
 
 def code_name(solver: str) -> str:
-    """Registered solvers as code."""
+    """Return the name of a registered solver as code, any other name unchanged."""
     return f"`{solver}`" if solver in SOLVERS else solver
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    """A table of names and numbers."""
+    """Return a table of names and numbers."""
     return markdown_table(head, rows, "---:", "---")
 
 
@@ -202,7 +200,7 @@ def machine() -> str:
 
 
 def _lines(path: str) -> list[str]:
-    """The lines of a file; none where it cannot be read."""
+    """Return the lines of a file; none if it cannot be read."""
     try:
         return Path(path).read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -210,7 +208,7 @@ def _lines(path: str) -> list[str]:
 
 
 def _range(values: list[float]) -> str:
-    """Least and largest, with two digits."""
+    """Return least and largest value with two digits."""
     low, high = (_digits(x, 2) for x in (min(values), max(values)))
     return low if low == high else f"{low} to {high}"
 
@@ -253,7 +251,7 @@ def _method(found: PrecisionReport) -> list[str]:
 
 
 def _summary(record: StudiedScene, scenes: Sequence[StudiedScene]) -> list[str]:
-    """The steady state of a scene, and the fastest setting of each solver for some errors."""
+    """Return the steady state of a scene, and the fastest setting of each solver for some errors."""
     best = [fastest_results(record, target) for target in TARGETS]
     reference = record.reference
     lines = [f"## {record.scene}", "",
@@ -286,7 +284,7 @@ def _power(value: float) -> str:
 
 
 def comparison(record: StudiedScene, others: Sequence[StudiedScene]) -> str:
-    """A sentence on the steady state of a scene, and on that of the same scene with the other friction law."""
+    """Return a sentence on the steady state of a scene, and on the same scene with the other friction law."""
     own = record.steady
     if own.max_slip_speed is None:
         return f"From the initial state the motion has no period up to 16 after {own.cycles} cycles."
@@ -305,7 +303,7 @@ def comparison(record: StudiedScene, others: Sequence[StudiedScene]) -> str:
 
 
 def scene_lines(record: StudiedScene) -> list[str]:
-    """The fastest settings of a scene for a terminal."""
+    """Return the fastest settings of a scene as lines for a terminal."""
     best = fastest_results(record, TARGET)
     times = [f"{name} {1e3 * row.seconds:.3g} ms" for name,
              row in sorted(best.items(), key=lambda x: x[1].seconds)]

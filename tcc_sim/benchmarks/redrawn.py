@@ -1,4 +1,4 @@
-"""The pictures of precision.json and stability.json, drawn again."""
+"""Pictures of precision.json and stability.json."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""Reference solutions for the reports: SciPy at its tightest, on equations written out here, nothing of this package's
-solvers.
+"""Reference solutions for the reports: SciPy at tight tolerances, on equations written out here, without the solvers of
+this package.
 
 The smoothed law (7) is one smooth problem. The set-valued law (6) is solved from event to event: modes 0 stick, +1 and
--1 slip, 2 free (no load), each change located by SciPy. Two methods give two references; what they differ by is the
-floor below which an error means nothing.
+-1 slip, 2 free (no load), and SciPy locates each change. Two methods give two references; their difference is the
+floor, below which an error is not resolved.
 """
 
 from __future__ import annotations
@@ -23,24 +23,22 @@ from tcc_sim.trajectory import State
 
 Floats = NDArray[np.float64]
 POINTS = 129
-"""Points at which the interval around a largest slip speed is searched."""
+"""Number of points of the search around a largest slip speed."""
 REARM = 1e-7
-"""After a change of mode the event of v = 0 stays off for this long, s; a breakaway with mu_k = mu_s starts with v' =
-0.
-"""
+"""Time after a change of mode without the event v = 0, s, since a breakaway with mu_k = mu_s starts with v' = 0."""
 LONGEST = 0.1
 """Longest step of the set-valued reference, in phase of the fastest oscillation, rad."""
 EVALUATIONS = 400_000
-"""Most evaluations of the equations of motion in one `final_state`."""
+"""Largest number of evaluations of the equations of motion in one `final_state`."""
 
 
 class Unfinished(Exception):
-    """A reference that SciPy did not deliver; the message says why."""
+    """SciPy gave no reference; the message gives the reason."""
 
 
 @dataclass(frozen=True)
 class Reference:
-    """The states at t = 2 pi n/omega, (N + 1, 3): slip speed, plate angle, plate speed; largest |slip speed| per cycle,
+    """States at t = 2 pi n/omega, (N + 1, 3): slip speed, plate angle, plate speed; largest |slip speed| per cycle,
     (N,); and each signal's maximum in the second half of the horizon, (3,).
     """
 
@@ -56,10 +54,10 @@ class Law:
 
     system: System
     left: float = math.inf
-    """Evaluations of `rates` that are still allowed."""
+    """Number of further allowed evaluations of `rates`."""
 
     def engine(self, t: float) -> float:
-        """Te(t), N m."""
+        """Return Te(t), N m."""
         e = self.system.engine
         out = e.mean_torque + e.torque_amplitude * math.sin(e.frequency * t)
         for n, (amplitude, phase) in enumerate(zip(e.harmonic_amplitudes, e.harmonic_phases), 2):
@@ -67,19 +65,19 @@ class Law:
         return out
 
     def load(self, t: float) -> float:
-        """Ts(t) before it is clamped at 0, N m."""
+        """Return Ts(t) before the clamp at 0, N m."""
         p = self.system.pressure
         pulsation = p.amplitude * math.sin(p.frequency_ratio * self.system.engine.frequency * t + p.phase)
         return self.system.torque_per_pressure * (p.mean + pulsation)
 
     def need(self, t: float, y: Any) -> float:
-        """The friction torque that keeps v' = 0, N m."""
+        """Return the friction torque at which v' = 0, N m."""
         d = self.system.driveline
         spring: float = d.damping * y[2] + d.stiffness * y[1]
         return (d.plate_inertia * self.engine(t) + d.flywheel_inertia * spring) / (d.flywheel_inertia + d.plate_inertia)
 
     def coefficient(self, v: float, mode: int) -> tuple[float, float]:
-        """mubar and its slope; the law (7) for mode 3, the slip branch of (6) for mode +1 and -1."""
+        """Return mubar and its slope: law (7) for mode 3, the slip branch of (6) for mode +1 and -1."""
         f = self.system.friction
         excess = self.system.friction_ratio - 1.0
         if mode != 3:
@@ -91,13 +89,13 @@ class Law:
         return (1.0 + falling) * step, rise * (1.0 + falling) - math.copysign(f.decay * falling * step, v) * (v != 0.0)
 
     def friction(self, t: float, y: Any, mode: int) -> float:
-        """Tf, N m."""
+        """Return Tf, N m."""
         if mode == 0:
             return self.need(t, y)
         return 0.0 if mode == 2 else max(self.load(t), 0.0) * self.coefficient(y[0], mode)[0]
 
     def rates(self, t: float, y: Any, mode: int) -> list[float]:
-        """The derivative of (v, theta2, omega2)."""
+        """Return the derivative of (v, theta2, omega2)."""
         d = self.system.driveline
         self.left -= 1
         if self.left < 0:
@@ -107,7 +105,7 @@ class Law:
         return [0.0 if mode == 0 else (self.engine(t) - torque) / d.flywheel_inertia - plate, y[2], plate]
 
     def jacobian(self, t: float, y: Any, mode: int) -> Floats:
-        """The derivative of `rates` with respect to the state."""
+        """Return the derivative of `rates` with respect to the state."""
         d = self.system.driveline
         slope = 0.0 if mode in (0, 2) else max(self.load(t), 0.0) * self.coefficient(y[0], mode)[1]
         back: Floats = np.array([slope, -d.stiffness, -d.damping])
@@ -125,7 +123,7 @@ def reference(system: System, cycles: int, method: str, rtol: float) -> Referenc
     Raises
     ------
     Unfinished
-        SciPy gave up.
+        SciPy failed.
     """
     law, start = Law(system), np.array(State.at_start(system).numbers)
     section, largest, size = np.empty((cycles + 1, 3)), np.zeros(cycles), np.zeros(3)
@@ -141,12 +139,12 @@ def reference(system: System, cycles: int, method: str, rtol: float) -> Referenc
 
 
 def final_state(system: System, duration: float, method: str, rtol: float) -> tuple[Floats, Floats]:
-    """The state after `duration` seconds, and the largest magnitude of each component on the way, both (3,).
+    """Return the state after `duration` seconds, and the largest magnitude of each component until then, both (3,).
 
     Raises
     ------
     Unfinished
-        SciPy gave up, or took more than EVALUATIONS.
+        SciPy failed or needed more than EVALUATIONS.
     """
     last: Floats = np.array(State.at_start(system).numbers)
     largest = np.abs(last)
@@ -157,7 +155,7 @@ def final_state(system: System, duration: float, method: str, rtol: float) -> tu
 
 def _pieces(law: Law, y: Floats, ends: Sequence[float], method: str, rtol: float) -> Iterator[tuple[int, int, Any,
                                                                                                     Floats]]:
-    """Yield every arc up to each of some times with the number of the time, its mode, and the state after it."""
+    """Yield every arc up to each of `ends`: number of the end, arc, mode, and state after the arc."""
     mode = 3 if law.system.friction.law == "smoothed" else _first_mode(law, y)
     t, changed, atol = 0.0, -math.inf, rtol * error_scales(law.system)
     for n, end in enumerate(ends):
@@ -170,12 +168,12 @@ def _pieces(law: Law, y: Floats, ends: Sequence[float], method: str, rtol: float
 
 
 def disagreement(first: Reference, second: Reference) -> float:
-    """The floor: the largest of the three errors that one reference has against the other."""
+    """Return the floor: the largest of the three errors of one reference against the other."""
     return max(errors(second.section, second.largest, first))
 
 
 def errors(section: Floats, largest: Floats, truth: Reference) -> tuple[float, float, float]:
-    """Final, section and maximum-slip error, relative to each signal's maximum in the second half of the horizon.
+    """Return final, section and maximum-slip error, relative to signal maxima in the second half of the horizon.
 
     Parameters
     ----------
@@ -188,7 +186,7 @@ def errors(section: Floats, largest: Floats, truth: Reference) -> tuple[float, f
 
 
 def error_scales(system: System) -> Floats:
-    """The sizes below which an error is absolute: slip speed in stick, static twist, twist at omega_n."""
+    """Return the magnitudes below which errors are absolute: slip speed in stick, static twist, twist at omega_n."""
     twist = max(abs(system.engine.mean_torque) + system.engine.torque_amplitude, 1.0) / system.driveline.stiffness
     slip = max(1.0 / system.friction.smoothing, 1e-6) if system.friction.law == "smoothed" else 1.0
     return np.array([slip, twist, twist * system.natural_frequency])
@@ -196,7 +194,7 @@ def error_scales(system: System) -> Floats:
 
 def _arc(law: Law, t: float, end: float, y: Floats, mode: int, changed: float, method: str, rtol: float,
          atol: Floats) -> Any:
-    """One mode until it ends or the time is over; the second event is the load's zero."""
+    """Solve one mode up to its end or the end time; the second event is the load's zero."""
 
     def over(t: float, y: Floats) -> float:
         if mode == 0:
@@ -204,7 +202,7 @@ def _arc(law: Law, t: float, end: float, y: Floats, mode: int, changed: float, m
         return 1.0 if mode == 2 or t < changed + REARM else mode * float(y[0])
 
     def clamp(t: float, y: Floats) -> float:
-        # A load that is 0 for ever starts nothing; SciPy takes two zeros for a crossing.
+        # A constant load of 0 must not give an event, but SciPy counts two successive zeros as a crossing.
         return (law.load(t) or -1.0) if mode == 2 else -law.load(t)
 
     events: list[Any] = []
@@ -214,7 +212,7 @@ def _arc(law: Law, t: float, end: float, y: Floats, mode: int, changed: float, m
             vars(event).update(terminal=True, direction=direction)
     options: dict[str, Any] = {} if method == "DOP853" else {"jac": lambda t, y: law.jacobian(t, y, mode)}
     if mode != 3:
-        # SciPy looks for events by the signs at step ends: two in one step would be missed.
+        # SciPy detects events by the signs at step ends and would miss two events in one step.
         frequency = law.system.engine.frequency * max(1.0, law.system.pressure.frequency_ratio)
         options["max_step"] = LONGEST / max(frequency, law.system.natural_frequency)
     run = solve_ivp(lambda t, y: law.rates(t, y, mode), (t, end), y, method=method, rtol=rtol, atol=atol,
@@ -225,9 +223,7 @@ def _arc(law: Law, t: float, end: float, y: Floats, mode: int, changed: float, m
 
 
 def _largest(law: Law, t: Floats, y: Floats, mode: int, rtol: float, atol: Floats) -> float:
-    """The largest |v| of an arc: around its largest node solved again with SciPy's DOP853, whose interpolant is of
-    order 7.
-    """
+    """Return the largest |v| of an arc; SciPy's DOP853, with an interpolant of order 7, refines the largest node."""
     if mode == 0:
         return 0.0
     k = int(np.argmax(np.abs(y[0])))
@@ -251,14 +247,14 @@ def _largest(law: Law, t: Floats, y: Floats, mode: int, rtol: float, atol: Float
 
 
 def _first_mode(law: Law, y: Floats) -> int:
-    """The mode at t = 0 under the set-valued law."""
+    """Return the mode at t = 0 under the set-valued law."""
     if law.load(0.0) <= 0.0:
         return 2
     return int(np.sign(y[0])) or _at_rest(law, 0.0, y)
 
 
 def _at_rest(law: Law, t: float, y: Floats) -> int:
-    """Which mode starts at v = 0."""
+    """Return the mode that starts at v = 0."""
     need, limit = law.need(t, y), law.system.friction_ratio * law.load(t)
     if abs(need) <= limit * (1.0 + 1e-9):
         return 0
@@ -266,7 +262,7 @@ def _at_rest(law: Law, t: float, y: Floats) -> int:
 
 
 def _following(law: Law, t: float, y: Floats, mode: int, free: bool) -> int:
-    """The mode after an event; sets v to exactly 0 where slip ends."""
+    """Return the mode after an event; set v to exactly 0 where slip ends."""
     if free and mode == 2:
         return int(np.sign(y[0])) if abs(y[0]) > 1e-9 else _at_rest(law, t, y)
     if free:

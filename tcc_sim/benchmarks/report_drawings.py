@@ -1,6 +1,4 @@
-"""Pictures of both reports: error against run time in panels of a few solvers; error charts over step and a key, and
-errors of every engine on the extreme scenes.
-"""
+"""Pictures of both reports: error against run time; error charts over step and a key, and errors on extreme scenes."""
 
 from __future__ import annotations
 
@@ -29,24 +27,23 @@ LOOKS: dict[str, Look] = {
     "solve_ivp LSODA": ("#E7298A", ">", ":", 0.9), "XPPAUT cvode": ("#7A4B00", "*", "-.", 1.1),
     "XPPAUT stiff": ("#C49A6C", "X", "-.", 0.9), "XPPAUT gear": ("#1F7A6D", "P", "-.", 0.9),
     "XPPAUT 2rb": ("#1B3A6F", "d", "-.", 0.9), "CVODE": ("#00A08A", "X", "-", 1.1)}
-"""Colour, marker, line and width of every solver; the package's own stand out, and no two share a colour or a marker
-with the same line."""
+"""Colour, marker, line and width of every solver; the package's own are prominent, and all combinations differ."""
 GROUPS = {"this package": ("smoothed", "event_driven", "fixed_step"), "explicit methods": ("rk4", "rk45", "dop853"),
           "implicit methods of SciPy": ("radau", "bdf", "lsoda", "solve_ivp LSODA"),
           "other programs": ("CVODE", "XPPAUT cvode", "XPPAUT stiff", "XPPAUT gear", "XPPAUT 2rb")}
-"""Solvers that share a panel; the engines of this package are in every one."""
+"""Groups of solvers that share a panel; the engines of this package are in every panel."""
 SPARE = [(colour, marker, (0, (3, 1, 1, 1)), 0.9) for colour, marker in zip(style.MANY, "8H|_1234+,.")]
-"""Looks for solvers that LOOKS does not know."""
+"""Looks for solvers without a row in LOOKS."""
 SET_VALUED = ", set-valued"
 FADED = 0.2
-"""Opacity of what no reference resolves."""
+"""Opacity of errors below the floor of the references."""
 KEYS = {"friction.smoothing": "$\\sigma$ (s/rad)", "friction.kinetic_coefficient": "$\\mu_s/\\mu_k$",
         "pressure.mean": "$P_m$ (Pa)"}
 METHODS = {"SDIRK3, one step": "SDIRK3, no sub-steps"}
 SETTINGS = {"fixed_step": "tick (s)", "smoothed": "tolerance", "event_driven": "tolerance"}
 ENGINES = {"smoothed": (style.BLUE, "o"), "event_driven": (style.RED, "D"), "fixed_step": (style.GREEN, "s")}
 LOWEST = -9.0
-"""Colours end at this power of ten."""
+"""Powers of ten at the ends of the colour scale."""
 
 
 def draw_precision(stem: Path, scenes: Sequence[StudiedScene], title: str = "", width: float = style.PAGE) -> None:
@@ -63,18 +60,18 @@ def draw_precision(stem: Path, scenes: Sequence[StudiedScene], title: str = "", 
 
 
 def draw_section(stem: Path, scenes: Sequence[StudiedScene], title: str = "", width: float = style.PAGE) -> None:
-    """Draw the section's error of the first scene over run time, a panel per group of solvers."""
+    """Draw the section error of the first scene over run time, with a panel per group of solvers."""
     panels = [(_of(scenes, scenes[0].scene), group) for group in GROUPS]
     _draw(stem, [panels] if style.wide(width) else [panels[:2], panels[2:]], "error_section", title, width)
 
 
 def _of(scenes: Sequence[StudiedScene], name: str) -> list[StudiedScene]:
-    """The records of a scene with either friction law."""
+    """Return the records of a scene with either friction law."""
     return [record for record in scenes if record.scene.removesuffix(SET_VALUED) == name]
 
 
 def looks_of(names: list[str]) -> dict[str, Look]:
-    """A look for each solver, no two alike; one that is not known gets a spare one."""
+    """Return a different look for each solver; a solver without a row in LOOKS gets a spare one."""
     unknown = [name for name in names if name not in LOOKS]
     return {name: LOOKS[name] if name in LOOKS else SPARE[unknown.index(name) % len(SPARE)] for name in names}
 
@@ -117,7 +114,7 @@ def _draw(stem: Path, rows: Sequence[Sequence[tuple[list[StudiedScene], str]]], 
 
 def draw_curves(axis: Any, record: StudiedScene, key: str, handles: dict[str, Any],
                 shown: Sequence[str] | None = None) -> None:
-    """The ladders of some solvers, or of all, in one panel; errors below the floor are faded."""
+    """Draw the results of some or all solvers in one panel; errors below the floor are faded."""
     for name, look in looks_of(list(dict.fromkeys(row.solver for row in record.results))).items():
         if shown is not None and name not in shown and name in LOOKS:
             continue
@@ -132,14 +129,13 @@ def draw_curves(axis: Any, record: StudiedScene, key: str, handles: dict[str, An
 
 
 def floor_of(record: StudiedScene, solver: str, key: str) -> float:
-    """The error below which one of this solver says nothing: that of the references, or of the precision it writes in.
-    """
+    """Return the error below which results are not resolved, by the references or by the solver's output precision."""
     floor = (record.steady.closure or 0.0) if key == "error_steady" else record.reference.floor
     return max(floor, SINGLE) if solver.startswith("XPPAUT") else floor
 
 
 def _wrapped(text: str) -> str:
-    """A description on lines that fit a panel."""
+    """Return a description broken to the width of a panel."""
     lines = "\n".join(textwrap.wrap(text.replace(" N m", "\u00a0N\u00a0m"), 27))
     for plain, symbol in (("mu_s/mu_k", "$\\mu_s/\\mu_k$"), ("mu_k = mu_s", "$\\mu_k = \\mu_s$"),
                           ("sigma", "$\\sigma$"), ("Tm", "$T_m$"), ("Tp", "$T_p$")):
@@ -193,7 +189,7 @@ def draw_stability(stem: Path, charts: Sequence[ErrorChart], cases: Sequence[Exa
 
 
 def _chart(axis: Any, chart: ErrorChart, lines: dict[str, Any]) -> Any:
-    """One map of log10 of the error over step and value, with the limits."""
+    """Draw a map of log10 of the error over step and value, with the limits."""
     steps = np.array(chart.steps)
     ratio = chart.over == "friction.kinetic_coefficient"
     values = 0.3 / np.array(chart.values) if ratio else np.array(chart.values)
@@ -225,7 +221,7 @@ def _chart(axis: Any, chart: ErrorChart, lines: dict[str, Any]) -> Any:
 
 
 def _sorted(axis: Any, cases: Sequence[Examined], key: str, name: str) -> None:
-    """Every engine's values in rising order over the share of its cases."""
+    """Draw every engine's values in rising order over the share of its cases."""
     for engine, (colour, marker) in ENGINES.items():
         values = np.sort([x for c in cases if c.solver == engine and (x := getattr(c, key)) is not None])
         if len(values):

@@ -1,9 +1,9 @@
 """The stability report: every engine on the extreme scenes, error charts of the fixed-step methods, and the page.
 
 The charts are over (step, sigma), (step, mu_s/mu_k) and (step, pressure), with the theoretical limits, for three
-methods: `fixed_step` with the sub-steps that it chooses inside a tick, its SDIRK3 scheme with one step per tick, which
-shows where those sub-steps are needed, and classical Runge-Kutta for contrast; and over the same keys and the
-tolerance for both engines, `event_driven` without sigma.
+methods: `fixed_step` with its own sub-steps inside a tick, its SDIRK3 scheme with one step per tick, which shows where
+sub-steps are needed, and classical Runge-Kutta for contrast. Further charts for both engines are over the same keys
+and the tolerance, for `event_driven` without sigma.
 """
 
 from __future__ import annotations
@@ -33,37 +33,37 @@ COUNT, QUICK_COUNT = 420, 36
 CYCLES = 2
 SCENE: dict[str, Any] = {"friction.kinetic_coefficient": 0.24, "engine.mean_torque": 100.0,
                          "engine.torque_amplitude": 400.0, "initial.slip_speed": 5.0}
-"""Initial values of the charts beside the defaults: stick-slip at every value of the keys that they go over."""
+"""Initial values of the charts that differ from the defaults: they give stick-slip at every value of the keys."""
 OVER = {"friction.smoothing": np.geomspace(50.0, 1e9, 12),
         "friction.kinetic_coefficient": 0.3 / np.linspace(1.0, 4.0, 13),
         "pressure.mean": np.geomspace(1e4, 1e7, 13)}
 METHODS = {"fixed_step": np.geomspace(1e-5, 1e-2, 13), "SDIRK3, one step": np.geomspace(1e-6, 1e-2, 13),
            "rk4": np.geomspace(1e-7, 1e-3, 13), "smoothed": np.geomspace(1e-9, 1e-3, 7),
            "event_driven": np.geomspace(1e-9, 1e-3, 7)}
-"""The steps of each method, s; the tolerances of the engines that choose their own."""
+"""Steps of each method, s, or tolerances of an adaptive engine."""
 
 
 @dataclass(frozen=True)
 class Quantiles:
-    """Median, 90 %, 99 % and the largest; None where there is no value."""
+    """Median, 90th and 99th percentile and largest value; None without values."""
 
-    median: float | None = field(metadata=reported("median; null where there is no value"))
-    p90: float | None = field(metadata=reported("value that 90 % stay below"))
-    p99: float | None = field(metadata=reported("value that 99 % stay below"))
+    median: float | None = field(metadata=reported("median; null without values"))
+    p90: float | None = field(metadata=reported("90th percentile"))
+    p99: float | None = field(metadata=reported("99th percentile"))
     max: float | None = field(metadata=reported("largest value"))
 
 
 @dataclass(frozen=True)
 class EngineSummary:
-    """Statuses of one engine's cases, violations (none is right), quantiles of error and power residual."""
+    """Statuses of one engine's cases, violations of the criteria, quantiles of error and power residual."""
 
     cases: int = field(metadata=reported("number of cases"))
     statuses: Mapping[str, int] = field(metadata=reported("number of cases by status"))
     not_finite: int = field(metadata=reported("number of runs that are not finite"))
-    not_bounded: int = field(metadata=reported("number of runs past the energy bound"))
+    not_bounded: int = field(metadata=reported("number of runs above the energy bound"))
     iterations_max: int = field(metadata=reported("most iterations in a stage"))
     iterations_bound: int = field(metadata=reported("largest bound of iterations"))
-    past_iteration_bound: int = field(metadata=reported("number of runs past the bound of iterations"))
+    past_iteration_bound: int = field(metadata=reported("number of runs above the bound of iterations"))
     without_reference: int = field(metadata=reported("number of runs without a reference"))
     error: Quantiles = field(metadata=reported("error of the final state, relative to each signal's maximum"))
     power_residual: Quantiles = field(metadata=reported("residual of the power balance"))
@@ -97,11 +97,11 @@ class StabilityReport:
 
 
 def grid(quick: bool, done: Callable[[int, int, str], None]) -> Iterator[Examined]:
-    """Every extreme case with every engine, one record each, as stability.json holds them.
+    """Yield the record of every extreme case with every engine for stability.json.
 
     Parameters
     ----------
-    done : called with cases done, cases in all, and what comes next
+    done : function called with the numbers of finished and of all cases, and the next step
     """
     chosen = extreme_cases(QUICK_COUNT if quick else COUNT)
     for count, keys in enumerate(chosen):
@@ -128,7 +128,7 @@ def engine_summaries(records: Sequence[Examined]) -> dict[str, EngineSummary]:
 
 
 def error_charts(quick: bool, done: Callable[[str], None]) -> list[ErrorChart]:
-    """One for each key and method."""
+    """Return an error chart for each key and method."""
     out = []
     for key, values in OVER.items():
         chosen = values[::3] if quick else values
@@ -153,10 +153,9 @@ def error_charts(quick: bool, done: Callable[[str], None]) -> list[ErrorChart]:
 
 
 def uniqueness_limit(system: System) -> float | None:
-    """The step, s, below which v + a mubar(v) = w has one root: 1/(beta Ts |min d(mubar)/dv|); None where it always
-    has.
+    """Return the step, s, below which v + a mubar(v) = w has one root: 1/(beta Ts |min d(mubar)/dv|); None for any.
 
-    A stage of SDIRK3 has a = gamma h beta Ts, so its own limit is 1/gamma = 2.29 times as large.
+    A stage of SDIRK3 has a = gamma h beta Ts, so its limit is 1/gamma = 2.29 times as large.
     """
     terms = terms_of(system)
     if terms.stribeck is None:
@@ -168,7 +167,7 @@ def uniqueness_limit(system: System) -> float | None:
 
 
 def _truth(system: System) -> Reference | None:
-    """SciPy's LSODA, or the set-valued limit where the smoothing is too sharp for it; None where SciPy gives up."""
+    """Solve with SciPy's LSODA, or the set-valued law if the smoothing is too sharp; None if SciPy fails."""
     sharp = system.friction.smoothing > SHARPEST or system.friction.law == "set_valued"
     try:
         if sharp:
@@ -179,9 +178,7 @@ def _truth(system: System) -> Reference | None:
 
 
 def _error(system: System, method: str, step: float, truth: Reference | None) -> float | None:
-    """Section error relative to each signal's maximum; None where the method blew up, refused or had nothing to be held
-    to.
-    """
+    """Return the section error relative to each signal's maximum; None after a failure or without a reference."""
     if truth is None:
         return None
     if method == "SDIRK3, one step":
@@ -200,7 +197,7 @@ def _error(system: System, method: str, step: float, truth: Reference | None) ->
 
 
 def one_step(system: System, step: float) -> Any:
-    """Sections of SDIRK3 with whole steps of at most `step` in a cycle, no sub-steps."""
+    """Return sections of SDIRK3 with equal steps of at most `step` and no sub-steps."""
     terms, cycle = terms_of(system), system.cycle
     count = max(math.ceil(cycle / step - 1e-9), 1)
     state = np.array(State.at_start(system).numbers)
@@ -222,14 +219,14 @@ def changes(record: Examined) -> dict[str, Any]:
 
 
 def ended_badly(record: Examined) -> bool:
-    """Whether a run was stopped, gave what is not finite, or passed its energy or iteration bound."""
+    """Return whether a run was stopped, is not finite, or exceeded its energy or iteration bound."""
     stopped = record.status not in ("DONE", "REFUSED")
     return bool(stopped or record.finite is False or record.bounded is False
                 or (record.iterations_max or 0) > (record.iterations_bound or math.inf))
 
 
 def stability_page(found: StabilityReport, picture: str) -> str:
-    """The report: what came out, criteria, summary, what ended badly or was refused, and the worst errors."""
+    """Return the page: results, criteria, summary, failed and refused runs, and the largest errors."""
     cases, total = found.cases, found.summary
     lines = [
         "# Stiff and extreme cases", "", *_head(found), "", f"![error charts and extreme cases]({picture})", "",
@@ -280,7 +277,7 @@ def _head(found: StabilityReport) -> list[str]:
 
 
 def listed(records: Iterable[Examined]) -> list[str]:
-    """The exact scene of each."""
+    """Return a line for each record: solver, status, reason and exact scene."""
     return [f"- `{r.solver}`, {r.status}{': ' + r.why if r.why else ''}: {_scene(r)}"
             for r in records] or ["None."]
 
@@ -291,23 +288,23 @@ def _scene(record: Examined) -> str:
 
 
 def _number(value: float | None) -> str:
-    """A number with one digit."""
+    """Return a number with one digit."""
     return "-" if value is None else f"{value:.0e}"
 
 
 def _quantiles(values: Sequence[float | None]) -> Quantiles:
-    """The quantiles of the values that there are."""
+    """Return the quantiles of the values that are not None."""
     known = [v for v in values if v is not None]
     return Quantiles(*(float(np.quantile(known, q)) if known else None for q in (0.5, 0.9, 0.99, 1.0)))
 
 
 def _code(name: str) -> str:
-    """As code."""
+    """Return a name as code."""
     return f"`{name}`"
 
 
 def _four(found: Quantiles) -> str:
-    """Median, 90 %, 99 % and the largest in one cell."""
+    """Return median, percentiles and largest value in one cell."""
     return " / ".join(map(_number, astuple(found)))
 
 

@@ -1,9 +1,9 @@
 """Error against run time for every registered solver and for other programs, in the manner of SciMLBenchmarks.
 
-Every solver runs over a ladder of tolerances or steps on each scene. The errors are those of the final state, of the
-stroboscopic section and of each cycle's largest slip speed, against SciPy references of `references.py`, and that of
-the steady state that a long run from the initial state reaches; the time is the least CPU time of
-repeated runs, after a first one that compiles. What failed is listed with the reason.
+Every solver runs over a ladder of tolerances or steps on each scene. Errors of the final state, of the stroboscopic
+section and of each cycle's largest slip speed are relative to SciPy references of `references.py`; a fourth error is
+that of the steady state after a long run. The time is the least CPU time of repeated runs, after a first run that
+compiles. Failures are listed with their reasons.
 """
 
 from __future__ import annotations
@@ -38,27 +38,27 @@ from tcc_sim.solvers.comparison.runge_kutta import REACH, stick_rate
 from tcc_sim.trajectory import Cycles, Floats, State, Trajectory
 
 REPEATS = 9
-"""A setting runs until it has had this many repeats, or its effort's seconds."""
+"""Largest number of repeats of a setting within its effort's seconds."""
 TIGHTEST_TOLERANCE = 1e-14
-"""Below this tolerance rounding is larger."""
+"""Least tolerance; below it, rounding errors are larger."""
 WRONG = 1.0
-"""A relative error above this is a failure: no digit is right."""
+"""Relative error above which a result is a failure, since no digit is right."""
 SECONDS_PER_STEP = {"rk4": 3e-7, "rk45": 6e-7, "dop853": 1.6e-4}
-"""Rough cost, to leave out what would take too long."""
+"""Estimated cost of a step, to omit settings that would take too long."""
 
 LONG_RUN = ("smoothed", "event_driven", "solve_ivp LSODA", "CVODE", "XPPAUT cvode")
 LONG_RUN_SCENES = ("fig02", "minimal")
 LONG_RUN_ERROR = 1e-6
 LONGEST_STEADY = 0.05
-"""Part of an effort's longest run that a steady state may take: there are as many of them as settings."""
+"""Largest run time of a steady state, relative to an effort's longest run; every setting has one."""
 STEADY_CYCLES, QUICK_STEADY_CYCLES = 3000, 1000
 """Engine cycles from the initial state to a steady state: Fig. 2 with the set-valued law takes some 700 to settle."""
 LAST = 96
-"""Cycles at its end that are looked at: a multiple of most periods."""
+"""Number of last cycles that are evaluated, a multiple of most periods."""
 TIGHTEST = {"smoothed": ("smoothed", 1e-11), "set_valued": ("event_driven", 1e-12)}
-"""The engine and tolerance that say which steady state is reached."""
+"""Engine and tolerance that determine the steady state."""
 STEADY_SOLVERS = ("smoothed", "event_driven", "fixed_step", "solve_ivp LSODA", "CVODE", "XPPAUT cvode")
-"""Solvers that are run as far as a steady state."""
+"""Solvers that are run up to a steady state."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Case:
     cycles: int
 
     def set_valued(self) -> Case:
-        """The same scene with the friction law (6)."""
+        """Return the same scene with the friction law (6)."""
         return Case(f"{self.name}, set-valued", f"{self.description}; friction law (6)",
                     replace(self.system, {"friction.law": "set_valued"}), self.cycles)
 
@@ -82,19 +82,18 @@ class Effort:
 
     cycles: int
     patience: float
-    """Seconds of repeats of one setting."""
+    """Time for repeats of one setting, s."""
     longest: float
-    """An explicit method that would take more seconds is left out, and steady states that would take LONGEST_STEADY of
-    them."""
+    """Longest run, s: longer runs of an explicit method, and of a steady state times LONGEST_STEADY, are omitted."""
     references: dict[str, tuple[tuple[str, float], tuple[str, float]]]
     ladders: dict[str, tuple[float, ...]]
     peers: dict[str, tuple[float, ...]]
     long_cycles: int
     steady_cycles: int = STEADY_CYCLES
     further: int = 12
-    """Most settings beyond a ladder."""
+    """Largest number of settings beyond a ladder."""
     scenes: tuple[str, ...] = ()
-    """Names of the scenes; all where empty."""
+    """Names of the scenes; empty for all."""
 
 
 FULL = Effort(
@@ -121,7 +120,7 @@ QUICK = Effort(
 
 
 def cases(effort: Effort) -> list[Case]:
-    """The scenes; the horizon is short since the motion of some of them is chaotic and any error grows."""
+    """Return the scenes, with a short horizon, since some motions are chaotic and any error grows."""
     base, fewest = load_scene("fig02").system, load_scene("minimal").system
     steep = replace(base, {"friction.kinetic_coefficient": 0.15, "engine.mean_torque": 100.0,
                            "engine.torque_amplitude": 400.0})
@@ -135,12 +134,12 @@ def cases(effort: Effort) -> list[Case]:
 
 
 def precision_study(effort: Effort, done: Callable[[int, int, str], None]) -> Iterator[StudiedScene]:
-    """One record per scene, each complete when it comes.
+    """Yield one complete record per scene.
 
     Parameters
     ----------
-    effort : how much
-    done : called with runs done, runs in all, and what comes next
+    effort : extent of the study
+    done : function called with the numbers of finished and of all runs, and the next run
     """
     chosen = cases(effort)
     total = sum(3 + len(list(settings(case, effort))) for case in chosen)
@@ -170,8 +169,9 @@ def precision_study(effort: Effort, done: Callable[[int, int, str], None]) -> It
 
 
 def steady_of(section: Floats, largest: Floats) -> tuple[int, float]:
-    """Period (0 for none up to 16) and largest slip speed, rad/s, at the end of a run: sections (n + 1, 3) and each
-    cycle's largest slip speed (n,).
+    """Return period (0 for none up to 16) and largest slip speed, rad/s, at the end of a run.
+
+    section, largest : sections (n + 1, 3) and each cycle's largest slip speed (n,)
     """
     count = min(LAST, len(largest))
     last = Cycles(section[-count - 1:], largest[-count:], np.zeros(count), np.zeros(count))
@@ -179,10 +179,10 @@ def steady_of(section: Floats, largest: Floats) -> tuple[int, float]:
 
 
 def steady_reference(system: System, cycles: int, method: str, rtol: float) -> SteadyState:
-    """The motion that the engine at its tightest setting reaches from the initial state.
+    """Return the motion that the engine at its tightest setting reaches from the initial state.
 
-    It is solved again over one period by SciPy (`references`) from its own section, so that its largest slip speed and
-    what it fails to close by are those of an independent solution. A short horizon cannot see which motion is reached.
+    SciPy (`references`) solves one period again from the section of this motion, so that largest slip speed and closure
+    come from an independent solution. A short horizon would not show which motion is reached.
     """
     engine, tightest = TIGHTEST[system.friction.law]
     solvers = [f"{engine}, rtol {tightest:g}", f"SciPy {method}, rtol {rtol:g}"]
@@ -202,12 +202,12 @@ def steady_reference(system: System, cycles: int, method: str, rtol: float) -> S
 
 
 def steady_error(section: Floats, largest: Floats, expected: float) -> float:
-    """Error of the largest slip speed over the last cycles, relative to the reference's."""
+    """Return the error of the largest slip speed over the last cycles, relative to the reference's."""
     return abs(steady_of(section, largest)[1] / expected - 1.0)
 
 
 def settings(case: Case, effort: Effort) -> Iterator[tuple[str, float]]:
-    """Every solver that does this law, with its ladder; steps of rk4 are shares of its stability limit."""
+    """Yield every solver for this law with its ladder; steps of rk4 are fractions of its stability limit."""
     law = case.system.friction.law
     for solver, ladder in effort.ladders.items():
         if law in SOLVERS[solver].laws:
@@ -222,8 +222,9 @@ def settings(case: Case, effort: Effort) -> Iterator[tuple[str, float]]:
 
 
 def further(record: StudiedScene, case: Case, effort: Effort) -> Iterator[tuple[str, float]]:
-    """Settings beyond the ladder of every solver that has neither reached TARGET nor failed at its last one: a tenth of
-    a tolerance, half of a step. What was yielded last has been recorded when the next is asked for.
+    """Yield further settings of every solver that has neither reached TARGET nor failed at its last setting.
+
+    The next setting is a tenth of the tolerance or half of the step; the caller records each before asking for more.
     """
     for solver in dict.fromkeys(solver for solver, _ in settings(case, effort)):
         share = 0.5 if solver in ("fixed_step", "rk4") else 0.1
@@ -238,7 +239,7 @@ def further(record: StudiedScene, case: Case, effort: Effort) -> Iterator[tuple[
 
 
 def record_run(record: StudiedScene, case: Case, solver: str, setting: float, truth: Reference, effort: Effort) -> None:
-    """Run one setting and put it into `results` or `omitted`."""
+    """Run one setting and append it to `results` or `omitted`."""
     try:
         run = _peer(case, solver, setting) if solver in effort.peers else _registered(record, case, solver, setting,
                                                                                       effort)
@@ -254,7 +255,7 @@ def record_run(record: StudiedScene, case: Case, solver: str, setting: float, tr
 
 def _steady(record: StudiedScene, case: Case, solver: str, setting: float, seconds: float,
             effort: Effort) -> float | None:
-    """The error of the steady state, None where there is nothing to compare with or it would take too long."""
+    """Return the error of the steady state; None without a reference or if it would take too long."""
     expected = record.steady.max_slip_speed
     longer = dataclasses.replace(case, cycles=effort.steady_cycles)
     if (solver not in STEADY_SOLVERS or expected is None
@@ -271,7 +272,7 @@ def _steady(record: StudiedScene, case: Case, solver: str, setting: float, secon
 
 
 def _peer(case: Case, solver: str, setting: float, repeats: int = 5) -> peers.PeerRun:
-    """Repeated runs of another program."""
+    """Repeat runs of another program."""
     name, _, method = solver.partition(" ")
     if name == "XPPAUT":
         return peers.xppaut(case.system, method, setting, case.cycles, repeats)
@@ -281,7 +282,7 @@ def _peer(case: Case, solver: str, setting: float, repeats: int = 5) -> peers.Pe
 
 
 def _registered(record: StudiedScene, case: Case, solver: str, setting: float, effort: Effort) -> peers.PeerRun:
-    """Repeated runs of a registered solver; its first call, which compiles, is timed apart."""
+    """Repeat runs of a registered solver; time its first call, which compiles, separately."""
     if solver in REACH:
         step = setting if solver == "rk4" else REACH[solver] / stick_rate(case.system)
         steps = case.cycles * case.system.cycle / step
@@ -307,9 +308,7 @@ def _registered(record: StudiedScene, case: Case, solver: str, setting: float, e
 
 
 def long_run(record: StudiedScene, case: Case, effort: Effort) -> None:
-    """Seconds per 100 cycles of a long run, where the cost of a call no longer counts, at the fastest setting up to
-    1e-6.
-    """
+    """Time a long run, in which the cost of a call is negligible, at the fastest setting with errors up to 1e-6."""
     best = fastest_results(record, LONG_RUN_ERROR)
     for solver in LONG_RUN:
         if solver not in best or case.name.split(",")[0] not in LONG_RUN_SCENES:

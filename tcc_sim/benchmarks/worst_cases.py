@@ -1,4 +1,4 @@
-"""Reasons of the largest errors in the stability report: its worst cases solved again in other ways."""
+"""Reasons of the largest errors in the stability report, from solving its worst cases with other settings."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from tcc_sim.solvers.terms import terms_of
 from tcc_sim.trajectory import Trajectory
 
 SAMPLES = 8192
-"""Samples per cycle in which the time at which two solutions part is looked for."""
+"""Samples per cycle in the search for the time at which two solutions diverge."""
 STEPS = (1e-3, 2e-4, 1e-4, 2e-5, 1e-5)
-"""Steps of `fixed_step` that its worst case is solved with, s."""
+"""Steps of `fixed_step` for its worst case, s."""
 PARTED = 0.01
-"""Difference of the plate speeds, relative to their maximum, at which two solutions have parted."""
+"""Difference of the plate speeds, relative to their maximum, at which two solutions have diverged."""
 
 
 def reasons(cases: Sequence[Examined]) -> list[str]:
-    """Say why the largest errors of `smoothed` and `fixed_step` are so large; nothing for an engine without errors."""
+    """Return sentences that explain the largest errors of `smoothed` and `fixed_step`; none without errors."""
     said = []
     for engine, explain in (("smoothed", _of_smoothing), ("fixed_step", _of_steps)):
         rows = [r for r in cases if r.solver == engine and r.error]
@@ -35,13 +35,13 @@ def reasons(cases: Sequence[Examined]) -> list[str]:
 
 
 def final_error(keys: Mapping[str, Any], engine: str, truth: Truth, **setting: float) -> float:
-    """The error of a case as the report has it, with a step or tolerance of its own."""
+    """Return the error of a case, defined as in the report, at another step or tolerance."""
     run = _solved(keys, engine, truth.duration, **setting)
     return float((np.abs(_state(run) - truth.state) / truth.scale).max())
 
 
 def _solved(keys: Mapping[str, Any], engine: str, duration: float, **setting: Any) -> Trajectory:
-    """A case over some seconds; a step becomes one that divides the cycle."""
+    """Solve a case for a duration; reduce a step to one that divides the cycle."""
     system = replace(System(), {**keys, "friction.law": ENGINES[engine][0]})
     if "step" in setting:
         setting["step"] = system.cycle / math.ceil(system.cycle / setting["step"])
@@ -49,17 +49,17 @@ def _solved(keys: Mapping[str, Any], engine: str, duration: float, **setting: An
 
 
 def _state(run: Trajectory) -> Floats:
-    """The last state."""
+    """Return the last state."""
     return np.array([run.slip_speed[-1], run.plate_angle[-1], run.plate_speed[-1]])
 
 
 def _scene_keys(record: Examined) -> dict[str, Any]:
-    """The scene keys of a case."""
+    """Return the scene keys of a case."""
     return {k: v for k, v in record.keys.items() if k not in ("cycles", "friction.law")}
 
 
 def _of_smoothing(worst: Examined) -> list[str]:
-    """The largest error of `smoothed`, at larger smoothing and at a tighter tolerance."""
+    """Explain the largest error of `smoothed`, from larger smoothing and a tighter tolerance."""
     keys = _scene_keys(worst)
     sigma = float(keys.get("friction.smoothing", 50.0))
     if sigma <= SHARPEST:
@@ -74,7 +74,7 @@ def _of_smoothing(worst: Examined) -> list[str]:
 
 
 def _of_steps(worst: Examined) -> list[str]:
-    """The largest error of `fixed_step`, at other steps, and where it leaves the solution."""
+    """Explain the largest error of `fixed_step`, from other steps and the time of divergence."""
     keys = _scene_keys(worst)
     truth, step = Truth(keys, "smoothed"), float(worst.step or ENGINES["fixed_step"][1] or 0.0)
     found = ", ".join(f"{final_error(keys, 'fixed_step', truth, step=h):.0e}" for h in STEPS)

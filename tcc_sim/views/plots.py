@@ -178,8 +178,8 @@ def _run_of(result: Any) -> Trajectory:
     run = getattr(result, "trajectory", result)
     run = run() if callable(run) else run
     if not isinstance(run, Trajectory):
-        raise InputError(f"a {type(result).__name__} cannot be drawn; give a result of solve, simulate, analyse, read, sweep, "
-                         "scatter, continuation, basins, linearise or identify")
+        raise InputError(f"a {type(result).__name__} cannot be drawn; give a result of solve, simulate, analyse, read, "
+                         "sweep, scatter, continuation, basins, linearise or identify")
     return run
 
 
