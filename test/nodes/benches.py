@@ -1,4 +1,4 @@
-"""What the tests of the nodes share: one ROS 2 context with a driveline, and a node that listens, sends and asks."""
+"""Bench for tests of the nodes: a ROS 2 context with a driveline, and a node that listens, sends and calls services."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 
 def overrides(parameters: Mapping[str, object]) -> list[Any]:
-    """Parameters of a node; two underscores are a dot."""
+    """Parameters of a node; two underscores mean a dot."""
     from rclpy.parameter import Parameter
 
     return [Parameter(name.replace("__", "."), value=value) for name, value in parameters.items()]
@@ -21,7 +21,7 @@ def stamp_of(message: Any) -> int:
 
 
 class Commander:
-    """Publishers of both commands, connected to whatever subscribes."""
+    """Publishers of both commands, connected to their subscribers."""
 
     def __init__(self, bench: Bench, namespace: str = "", connected: bool = True) -> None:
         from sensor_msgs.msg import FluidPressure
@@ -40,7 +40,7 @@ class Commander:
 
 
 class Bench:
-    """One ROS 2 context of its own, unseen by any other, with an executor for what the test itself creates."""
+    """Separate ROS 2 context that no other sees, with an executor for the nodes of the test."""
 
     def __init__(self) -> None:
         import rclpy
@@ -66,11 +66,11 @@ class Bench:
 
     @cached_property
     def own(self) -> Any:
-        """The node with which the test listens, sends and asks."""
+        """The node through which the test listens and calls."""
         return self.node("test")
 
     def driveline(self, namespace: str = "", **parameters: object) -> Any:
-        """A driveline that is not started; two underscores in a parameter's name are a dot."""
+        """A driveline before its start; two underscores in a parameter's name mean a dot."""
         from tcc_sim.nodes.driveline import DrivelineNode
 
         return self.add(DrivelineNode(context=self.context, namespace=namespace,
@@ -89,7 +89,7 @@ class Bench:
         node.destroy_node()
 
     def listen(self, kind: type, topic: str) -> list[Any]:
-        """A list that grows by the messages on a topic."""
+        """A list that receives the messages on a topic."""
         from tcc_sim.nodes.middleware import states
 
         heard: list[Any] = []
@@ -105,7 +105,7 @@ class Bench:
         return future.result()
 
     def until(self, predicate: Callable[[], Any], limit: float = 120.0) -> Any:
-        """Spin until the predicate holds; fail after `limit` seconds, which a busy machine may well need."""
+        """Spin until the predicate holds; fail after `limit` seconds, long enough for a busy machine."""
         end = time.monotonic() + limit
         while not (found := predicate()):
             assert time.monotonic() < end, "the condition did not come true in time"

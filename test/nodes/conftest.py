@@ -12,7 +12,7 @@ from tcc_sim.nodes.shared_memory import remove_ownerless
 
 @pytest.fixture(autouse=True, scope="session")
 def ownerless_segments_are_gone() -> None:
-    """What other tests' killed processes left in shared memory hangs nobody who creates a node without more ado."""
+    """Remove files in shared memory that killed processes of other tests left; they could hang a new node."""
     remove_ownerless()
 
 
@@ -26,7 +26,7 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
 
 @pytest.fixture(scope="session")
 def domain() -> Iterator[str]:
-    """A ROS domain where nobody else is, whatever test process or command, until this process ends."""
+    """ROS domain that no other test process or command uses until this process ends."""
     mine = Domain()
     yield str(mine.number)
     mine.close()
@@ -34,9 +34,8 @@ def domain() -> Iterator[str]:
 
 @pytest.fixture(scope="session")
 def discovery(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], str]:
-    """Gives a file with which Fast DDS announces a participant five times a second: by itself it does so every 3 s, for
-    which whoever looks for a node waits. It takes a participant without a word for gone after so many seconds, 20 by
-    itself.
+    """Return a function that writes a profile for Fast DDS: a participant announces itself five times a second instead
+    of every 3 s, and a silent one counts as gone after `lease` seconds instead of 20.
     """
     folder = tmp_path_factory.mktemp("discovery")
 
@@ -55,7 +54,7 @@ def discovery(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], str]:
 
 @pytest.fixture
 def start(domain: str, discovery: Callable[[str], str]) -> Iterator[Callable[..., NodeProcess]]:
-    """Starts nodes in processes of their own on a domain of their own; none outlives the test."""
+    """Function that starts nodes in separate processes on a separate domain; none outlives the test."""
     processes: list[NodeProcess] = []
 
     def begin(module: str, lease: str = "", **parameters: object) -> NodeProcess:

@@ -1,4 +1,4 @@
-"""The loop answers whatever it waits for, nothing that arrives ends it, and what cannot be sent waits or is counted."""
+"""The loop answers requests in every wait, no message ends it, and messages that cannot be sent wait or are counted."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def change(bench: Any, name: str, value: float) -> Any:
 
 
 class Sender(Commander):
-    """Sends commands and waits until they are taken or refused."""
+    """Sends commands and waits until the driveline accepts or refuses them."""
 
     def __init__(self, bench: Any, node: DrivelineNode) -> None:
         super().__init__(bench)
@@ -150,7 +150,7 @@ def test_the_fallback_comes_at_the_tick_of_the_time_out_and_not_before(bench: An
 
 @pytest.fixture
 def spun(bench: Any) -> Iterator[Callable[..., DrivelineNode]]:
-    """Starts a driveline that its own thread spins, as its process does."""
+    """Function that starts a driveline and spins it in a thread, as its process does."""
     threads = []
 
     def begin(**parameters: Any) -> DrivelineNode:
@@ -177,7 +177,7 @@ def test_a_request_that_makes_no_sense_is_told_and_does_not_end_the_node(
     said, kinds = "", itertools.cycle((77, 255))
 
     def told() -> bool:
-        # What a client sends while the middleware still matches it with the service may be lost: it goes on sending.
+        # A request may be lost while the middleware still matches client and service, so the client repeats it.
         nonlocal said
         client.call_async(SetParameters.Request(parameters=[
             ParameterMessage(name="engine.mean_torque", value=ParameterValue(type=next(kinds)))]))
@@ -203,8 +203,7 @@ def test_nothing_that_the_loop_uses_is_destroyed_under_it(bench: Any) -> None:
 
 
 def test_requests_leave_nothing_in_memory(bench: Any) -> None:
-    """Of 60 changes and resets no Python object stays once the caches are full: a leak of one by request would be 60.
-    """
+    """Once the caches are full, 60 changes and resets leave no Python object; one leak per request would leave 60."""
     node = bench.started(scene="minimal", wait_for_subscribers=0)
 
     def objects(requests: int) -> int:
@@ -219,7 +218,7 @@ def test_requests_leave_nothing_in_memory(bench: Any) -> None:
 
 
 class Refusing:
-    """A publisher, and its handle, whose middleware takes a message only while the gate is open."""
+    """A publisher, and its handle, that refuses messages unless it is open."""
 
     def __init__(self, publisher: Any) -> None:
         self.publisher, self.open, self.refused, self.taken = publisher, True, 0, []
@@ -243,7 +242,7 @@ class Refusing:
 
 
 class Unheard(DrivelineNode):
-    """A driveline whose publisher of joint_states refuses when it is told to."""
+    """A driveline whose publisher of joint_states can be made to refuse."""
 
     def create_publisher(self, kind: Any, name: str, *options: Any, **more: Any) -> Any:
         found = super().create_publisher(kind, name, *options, **more)

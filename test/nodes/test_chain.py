@@ -1,4 +1,4 @@
-"""The commands that run real nodes in processes of their own: demo, realtime, soak."""
+"""The commands that run real nodes in separate processes: demo, realtime, soak."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def command(*words: str, folder: Path) -> subprocess.CompletedProcess[str]:
 
 
 def demo(scene: str, seconds: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    """A demo into `made`, at a pace that waits for the recorder: a busy machine loses messages in real time."""
+    """Run a demo into `made` at a pace that waits for the recorder; a busy machine loses messages in real time."""
     patient = {"pacing": "lockstep"} if scene == "controlled" else {"real_time_factor": 0.0}
     (folder / f"{scene}.yaml").write_text(load_scene(scene).with_values(patient).text())
     ended = command("demo", "--scene", f"{scene}.yaml", "--duration", seconds, "--out", "made", folder=folder)
@@ -68,7 +68,7 @@ def test_demo_records_analyses_and_draws(tmp_path: Path, capsys: pytest.CaptureF
 
 def test_demo_of_a_controlled_scene_runs_the_controller_too(tmp_path: Path,
                                                             capsys: pytest.CaptureFixture[str]) -> None:
-    """Three processes of nodes; what the controller was asked for and what it did is recorded and judged."""
+    """Three processes of nodes; target and commands of the controller are recorded and judged."""
     pytest.importorskip("rerun")
     pytest.importorskip("matplotlib")
     ended = demo("controlled", "3", tmp_path)

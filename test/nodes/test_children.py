@@ -1,4 +1,4 @@
-"""What child processes are given, without starting any; a domain is taken only where nobody else is on this machine."""
+"""Settings of child processes, without starting any; a domain is used only if no other process of this machine does."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tcc_sim.nodes.children import DOMAINS, Domain, ports_in_use
 
 def test_that_a_node_compiles_is_passed_on_once(capsys: pytest.CaptureFixture[str]) -> None:
     class Driveline:
-        """Compiles for three looks."""
+        """Compiles during three checks."""
 
         lines = ("[INFO] something else", "tcc-sim: compiling kernels for this kind of scene, about 9 s, once")
         looks = 0
@@ -24,7 +24,7 @@ def test_that_a_node_compiles_is_passed_on_once(capsys: pytest.CaptureFixture[st
             return self.looks > 3
 
         def check(self) -> None:
-            """It runs."""
+            """Do nothing."""
 
     session = object.__new__(children.Session)
     session.driveline = session.recorder = Driveline()  # type: ignore[assignment]
@@ -49,7 +49,7 @@ def test_no_two_have_the_same_domain_until_it_is_given_back() -> None:
 
 
 def test_a_domain_with_a_participant_is_somebodys() -> None:
-    """Whoever takes part in a domain has bound a port of it, whatever program it is."""
+    """Every participant of a domain has bound a port of it."""
     claimed = Domain()
     claimed.close()
     one = [claimed.number]

@@ -1,4 +1,4 @@
-"""What a viewer is told of commands, target, applied pressure and sources, beside states that the test makes up."""
+"""Commands, target, applied pressure and sources that a viewer shows beside states made up by the test."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Said:
             bench.until(publisher.get_subscription_count)
 
     def say(self, name: str, data: bytes) -> int:
-        """Publish and have the watch take it; when it was received, ns."""
+        """Publish, poll the watch, and return the time of receipt, ns."""
         waiting = self.watch._waiting[name]
         count = len(waiting)
         self.publishers[name].publish(data)
@@ -96,7 +96,7 @@ def test_messages_that_cannot_be_read_are_left_out(said: Said) -> None:
 
 
 class View:
-    """Takes what a watcher shows."""
+    """Receives the output of a watcher."""
 
     def __init__(self) -> None:
         self.pieces: list[int] = []
@@ -105,7 +105,7 @@ class View:
         self.pieces.append(len(stamps))
 
     def cycles(self, *_: object) -> None:
-        """Not looked at."""
+        """Ignore."""
 
     control = cycles
 

@@ -28,7 +28,7 @@ TICKS = 150
 
 @pytest.fixture(autouse=True)
 def settled(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Within one context subscribers are found at once."""
+    """Wait less for subscribers: within one context discovery is immediate."""
     monkeypatch.setattr(loop_module, "SETTLED", 0.02)
 
 
@@ -66,7 +66,7 @@ def test_a_run_at_any_pace_gives_the_same_bytes(bench: Any, scene: str) -> None:
 
 
 def test_in_lockstep_the_commands_alone_decide_however_late_they_come(bench: Any) -> None:
-    """Every message is what the solver gives for the commands, tick by tick, with delays counted in spins."""
+    """Every message equals the solver's result for the commands, tick by tick, with delays counted in spins."""
     draw = random.Random(5)
     commands = [(draw.uniform(-500.0, 500.0), draw.uniform(0.0, 4e5)) for _ in range(120)]
     delays = [draw.choice([0, 0, 0, 1, 5, 20]) for _ in commands]
@@ -89,7 +89,7 @@ def test_in_lockstep_the_commands_alone_decide_however_late_they_come(bench: Any
         for _ in range(delay):
             bench.executor.spin_once(timeout_sec=0.0)
             assert not state(tick + 2)
-        # The two topics in either order, and an answer to a state of long ago, which is none.
+        # The two topics in either order, and an answer to an old state, which does not count.
         pressures.publish(cdr.fluid_pressure(max(0, tick - 3) * 1_000_000 + 1, 7.0))
         answers = [(torques, cdr.float64(torque)), (pressures, cdr.fluid_pressure(tick * 1_000_000, pressure))]
         for publisher, data in answers if delay else reversed(answers):

@@ -93,7 +93,7 @@ def test_one_input_may_fall_back_to_its_mean_and_the_other_to_its_harmonics(benc
 
 
 def test_the_recorded_source_decides_not_the_value(bench: Any, tmp_path: Path) -> None:
-    """A command may equal the fallback at the end of a tick; the driveline's word, not the value, tells them apart."""
+    """A command may equal the fallback at the end of a tick; only the recorded source separates them."""
     chain = Commanded(bench, tmp_path / "run", scene="commands", command_timeout=0.0)
     chain.send(torque=310.0, pressure=2.1e5)
     for _ in range(3):
@@ -110,7 +110,7 @@ def test_the_recorded_source_decides_not_the_value(bench: Any, tmp_path: Path) -
 
 
 def test_a_scene_file_is_that_scene_and_not_a_change_of_the_default(bench: Any) -> None:
-    """Where parameters say where inputs come from, what they leave out is the default of a scene file."""
+    """Where parameters state the sources of inputs, other keys have the defaults of a scene file."""
     node = bench.driveline(engine__source="harmonic", pressure__source="topic", cpu_affinity=[0])
     assert node.scene.system == load_scene("fig02").with_values({"pressure.source": "topic"}).system
     assert node.scene.operation.cpu_affinity == (0,)

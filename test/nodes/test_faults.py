@@ -1,4 +1,4 @@
-"""Processes that are stopped, killed and started again: what the recording and the diagnostics then say."""
+"""Recording and diagnostics of processes that are stopped, killed and started again."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from tcc_sim.scene import load_scene
 
 RATE = 1000
 LEASE = "1"
-"""Fast DDS takes 20 s to find that a participant died without a word; one second will do here."""
+"""Time after which Fast DDS takes a silent participant for dead, s; its default is 20 s."""
 
 
 def recorded(output: Path) -> Run | None:
-    """The recording so far; None while there is nothing to read."""
+    """The recording so far; None if it cannot be read yet."""
     try:
         run = open_run(output)
         list(run.states())
@@ -48,7 +48,7 @@ def messages_in(output: Path, count: int) -> Callable[[], bool]:
 
 
 def missed_ticks(run: Run) -> list[tuple[int, int]]:
-    """What the recorded diagnostics say of missed ticks, each with its log time, ns."""
+    """(log time in ns, missed ticks) of each recorded message of diagnostics."""
     from diagnostic_msgs.msg import DiagnosticArray
     from rclpy.serialization import deserialize_message
 
@@ -86,10 +86,9 @@ def test_a_driveline_that_was_stopped_counts_missed_ticks_and_goes_on_without_a_
     stamps = np.concatenate([b.stamp_ns for b in batches])
     log = np.concatenate([b.log_ns for b in batches])
     assert stamps.tolist() == [k * 10**9 // RATE for k in range(len(stamps))]
-    # Of the ticks that were due while it was stopped, at most CATCH_UP were made good; the others were counted and
-    # never ran.
+    # The driveline caught up at most CATCH_UP of the ticks due while it was stopped; the others are counted as missed.
     told, missed = missed_ticks(run)[-1]
-    # The signal itself, and what is said and heard, may take a while to arrive on a busy machine.
+    # Signal and messages may take a while to arrive on a busy machine.
     assert missed >= 2 * RATE
     due = (told - log[0]) * 1e-9 * RATE
     assert abs(due - np.count_nonzero(log <= told) - missed) <= 2 * CATCH_UP * RATE + 0.5 * missed
@@ -130,7 +129,7 @@ def test_a_killed_driveline_is_told_and_one_started_again_is_a_run_of_its_own(
     assert run.complete
     assert run.warnings == ["simulation time started again 1 time (0 resets, 1 restart): these are "
                             "separate runs"]
-    # Each run is known to be of its own scene.
+    # The recording assigns each run its own scene.
     batches = list(run.states())
     change = [batch.run for batch in batches].index(1)
     assert run.scenes[0].log_ns <= batches[0].log_ns[0]

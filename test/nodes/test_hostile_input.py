@@ -1,6 +1,4 @@
-"""Whatever is sent to a live driveline: its state stays finite, time goes on, and each refusal is counted in
-diagnostics.
-"""
+"""Any bytes sent to a live driveline leave its state finite; time goes on, and diagnostics count each refusal."""
 
 from __future__ import annotations
 
@@ -50,7 +48,7 @@ class Attacker(Commander):
 
 
 def refusals(bench: Any, node: DrivelineNode) -> dict[str, int]:
-    """The refusals by topic that the next message on /diagnostics tells of."""
+    """The refusals by topic in the next message on /diagnostics."""
     heard = bench.listen(DiagnosticArray, "/diagnostics")
     assert node.diagnostics is not None
 
@@ -83,7 +81,7 @@ def test_senseless_commands_leave_the_state_finite_and_are_counted(bench: Any) -
     bench.until(lambda: attacker.hear() and (torque.refused, pressure.refused) == tuple(expected.values()))
     assert refusals(bench, node) == expected
     assert (torque.value, torque.received, pressure.value, pressure.received) == (None, 0, None, 0)
-    # What is tiny or far away in time is a command like any other in real time.
+    # In real time, tiny values and distant stamps are valid.
     smallest = [5e-324, -5e-324, 0.0, -0.0, 2.2e-308]
     for value in smallest:
         attacker.torques.publish(cdr.float64(value))
@@ -98,7 +96,7 @@ def test_senseless_commands_leave_the_state_finite_and_are_counted(bench: Any) -
 
 
 def test_a_flood_from_two_publishers_is_taken_without_a_missing_tick(bench: Any) -> None:
-    """Twice 5000 commands as fast as they can be sent: each is taken or replaced by a newer one, and time goes on."""
+    """Two floods of 5000 commands: each is applied or replaced by a newer one, and time goes on."""
     node, attacker = driveline(bench, command_timeout=0.0), Attacker(bench)
     other = attacker.node.create_publisher(Float64, "engine_torque", COMMANDS)
     node.start()
@@ -120,7 +118,7 @@ def test_a_flood_from_two_publishers_is_taken_without_a_missing_tick(bench: Any)
 
 def test_another_message_type_on_the_same_name_is_not_taken(bench: Any, monkeypatch: pytest.MonkeyPatch,
                                                             domain: str) -> None:
-    """From another participant: within one, Fast DDS refuses to create such a publisher."""
+    """The publisher is another participant's; within one, Fast DDS refuses to create it."""
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setenv("ROS_DOMAIN_ID", domain)
     own, foreign = type(bench)(), type(bench)()
@@ -165,7 +163,7 @@ def test_in_lockstep_a_stamp_of_no_waiting_state_is_refused_and_counted(bench: A
 
 
 def test_eight_drivelines_in_namespaces_keep_apart(bench: Any, tmp_path: Path) -> None:
-    """Each has its own command and scene; a recorder in one namespace records that one alone."""
+    """Each has its own command and scene; a recorder records its namespace alone."""
     attackers = [Attacker(bench, f"/d{k}") for k in range(8)]
     recorder = Recorder(bench.node("recorder", "/d3", output=str(tmp_path / "run"),
                                    topics=["scene", "joint_states", "engine_torque"]))
