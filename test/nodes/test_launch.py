@@ -1,4 +1,4 @@
-"""The launch file: what it starts and with which parameters. `launch` has no wheel, so a stand-in records its calls."""
+"""The launch file: its nodes and their parameters. `launch` has no wheel, so a stand-in records its calls."""
 
 import dataclasses
 import importlib.util
@@ -18,7 +18,7 @@ FILE = ROOT / "config" / "driveline.launch.py"
 
 @pytest.fixture
 def launch_file(monkeypatch):
-    """The file as a module, whose actions are namespaces of what they were given."""
+    """The file as a module; its actions are namespaces of their arguments."""
     parts = {"launch": ("LaunchContext", "LaunchDescription"),
              "launch.actions": ("DeclareLaunchArgument", "OpaqueFunction"),
              "launch.substitutions": ("LaunchConfiguration",), "launch_ros": (), "launch_ros.actions": ("Node",)}

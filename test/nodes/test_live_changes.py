@@ -37,7 +37,7 @@ class Recorded:
         self.run(50)
 
     def run(self, ticks: int) -> None:
-        """Let so many more states be recorded."""
+        """Wait until `ticks` more states are recorded."""
         def messages() -> int:
             self.recorder.drain()
             return self.recorder.tracks["/joint_states"].messages
@@ -184,8 +184,8 @@ def test_a_run_through_profiles_gives_itself_again(bench: Any, tmp_path: Path) -
 
 
 def test_a_friction_table_changes_as_a_whole_or_not_at_all(bench: Any, tmp_path: Path) -> None:
-    """From one exponential to two, whose kernel has as many as any table may need. Fits take a while on a busy machine,
-    in which a clock that runs would leave more states than the recorder's queue holds.
+    """Change from one exponential to two; the kernel has room for the most. The clock pauses during the fit, which may
+    be slow on a busy machine: the states of that time would overflow the recorder's queue.
     """
     speeds = [0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0]
     one, two = ([0.2 + 0.04 * math.exp(-0.5 * v) - share * math.exp(-0.02 * v) for v in speeds]

@@ -28,7 +28,7 @@ Control = Callable[..., tuple[int, str, str]]
 @pytest.fixture
 def control(domain: str, discovery: Callable[[str], str], monkeypatch: pytest.MonkeyPatch,
             capsys: pytest.CaptureFixture[str]) -> Control:
-    """Runs `tcc-sim control`; gives status and what was printed and said."""
+    """Function that runs `tcc-sim control` and returns status, output and messages."""
     monkeypatch.setenv("FASTDDS_DEFAULT_PROFILES_FILE", discovery(""))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setenv("ROS_DOMAIN_ID", domain)
@@ -92,7 +92,7 @@ def test_it_does_what_the_ros2_commands_do_and_refusals_are_the_nodes_own(
 
 
 class Told:
-    """An operator's statuses, as a driveline on a busy machine gives them."""
+    """Statuses that a driveline on a busy machine sends to an operator."""
 
     def __init__(self, *refused_received_regime: tuple[int, int, str]) -> None:
         self.statuses = [{"engine_torque refused": str(refused), "engine_torque received": str(received),
@@ -130,7 +130,7 @@ def test_other_publishers_and_other_drivelines_are_named(control: Control, drive
 
 def test_single_commands_are_in_the_recording(control: Control, driveline: Callable[..., NodeProcess],
                                               tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Though the recorder is found as late as Fast DDS finds it by itself."""
+    """Also with the slow discovery of Fast DDS's own settings."""
     monkeypatch.delenv("FASTDDS_DEFAULT_PROFILES_FILE")
     recorder = NodeProcess("recorder", {"output": str(tmp_path / "run")}, dict(os.environ))
     try:
@@ -187,7 +187,7 @@ def watching(folder: Path) -> subprocess.Popen[str]:
 
 
 def rows_in(file: Path) -> Counter[str]:
-    """Rows by entity in a Rerun file, also in one that still grows."""
+    """Rows by entity in a Rerun file, complete or growing."""
     printed = subprocess.run([sys.executable, "-m", "rerun", "rrd", "print", str(file)], text=True, capture_output=True,
                              timeout=60, check=False, env={**os.environ, "HOME": str(file.parent)})
     rows: Counter[str] = Counter()
@@ -197,7 +197,7 @@ def rows_in(file: Path) -> Counter[str]:
 
 
 def await_rows(process: subprocess.Popen[str], file: Path, least: dict[str, int]) -> None:
-    """Return when the file has so many rows of each entity, however long that takes on this machine."""
+    """Return when the file has at least these rows of each entity, however long that takes."""
     def grown() -> bool:
         rows = rows_in(file)
         return all(rows[entity] >= count for entity, count in least.items())
@@ -222,7 +222,7 @@ def test_watch_writes_what_the_driveline_does_and_ends_by_ctrl_c(driveline: Call
     out, said = process.communicate(timeout=60)
     assert process.returncode == 0
     shown, missed = (int(word) for word in out.split() if word.isdigit())
-    # A machine that starves the watcher makes it miss some, which it then has said.
+    # A watcher that misses states on a busy machine reports them.
     assert bool(missed) == ("missed " in said)
     assert "Traceback" not in said
     assert rows_in(tmp_path / "live.rrd")["/slip/speed"] == shown + STATIC
@@ -276,7 +276,7 @@ def test_watch_shows_the_pressure_and_what_held_the_inputs(driveline: Callable[.
 
 @pytest.mark.parametrize("what", ["torque", "pressure"])
 def test_states_of_another_robot_say_nothing_of_a_command(bench: Any, what: str) -> None:
-    """Topics of these names are common; the newest message may be anybody's."""
+    """Topics of these names are common; the newest message may be another robot's."""
     import rclpy
     from sensor_msgs.msg import FluidPressure, JointState
 
@@ -308,7 +308,7 @@ def test_a_command_waits_until_all_who_listen_are_connected_and_nobody_more_come
     times = iter([0.0, 0.0, 0.0, 0.9, 0.95, 0.95, 0.94 + SETTLED, 0.96 + SETTLED, 0.97 + SETTLED, 0.97 + SETTLED])
     counts = iter([(1, 1), (1, 1), (2, 2), (2, 2), (2, 2), (2, 3), (3, 3)])
     complete = all_met(lambda: next(counts), lambda: next(times))
-    # The clock is looked at when the count changes, and where all who are known are connected.
+    # `all_met` reads the clock when the count changes and when all known subscribers are connected.
     assert [complete() for _ in range(7)] == [False, False, False, False, True, False, False]
 
 

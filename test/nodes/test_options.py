@@ -1,4 +1,4 @@
-"""The one table of node parameters: whatever a node has is checked by its type and its range."""
+"""The table of node parameters: every value is checked by type and range."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The pacer on a clock that the test turns; what the real-time thread asks of Linux, and what of it is refused."""
+"""The pacer on a clock of the test; the real-time thread's requests to Linux, granted and refused."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ linux = pytest.mark.skipif(sys.platform != "linux", reason="Linux only")
 
 
 class Clock:
-    """Time goes on by what is slept, and by what the test adds."""
+    """Time advances by sleeps and by steps of the test."""
 
     def __init__(self) -> None:
         self.now = START
@@ -123,7 +123,7 @@ def test_the_last_latenesses_are_kept() -> None:
 
 
 class Sleepy(Clock):
-    """Wakes late by what the test says, and each look at it takes a microsecond."""
+    """Wakes late by `late` of the number of sleeps; each reading takes a microsecond."""
 
     def __init__(self, late: Callable[[int], int]) -> None:
         super().__init__()
@@ -172,7 +172,7 @@ def test_the_lead_is_bounded(period: float) -> None:
 
 
 def in_a_thread(body: Callable[[], Any]) -> Any:
-    """What `body` gives in a thread of its own, whose settings end with it."""
+    """Return the result of `body` in a new thread; its settings end with the thread."""
     found: list[Any] = []
     thread = threading.Thread(target=lambda: found.append(body()))
     thread.start()
@@ -200,7 +200,7 @@ def test_the_thread_runs_on_the_cores_asked_for() -> None:
 
 
 def without_rights(body: Callable[[], list[str]]) -> list[str]:
-    """What `body` gives in a process that may lock a page and has no other right."""
+    """Return the result of `body` in a process that may lock a page and has no other right."""
     reading, writing = os.pipe()
     child = os.fork()
     if not child:
@@ -237,7 +237,7 @@ def test_the_priority_is_fifo_where_it_is_granted() -> None:
 
 @linux
 def test_the_other_threads_of_the_process_are_one_below_the_real_time_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whoever holds the interpreter or a lock of the middleware is what the real-time thread waits for."""
+    """The real-time thread waits for any thread that holds the interpreter or a lock of the middleware."""
     asked: dict[int, tuple[int, int]] = {}
 
     def take(thread: int, policy: int, param: os.sched_param) -> None:

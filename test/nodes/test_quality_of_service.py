@@ -1,4 +1,4 @@
-"""The page's table of the quality of service is what the driveline offers and asks for."""
+"""The page's table of the quality of service agrees with the driveline's profiles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The recorder node: what it writes, what it refuses, and how it ends."""
+"""The recorder node: its files, refusals and ends."""
 
 import os
 import subprocess
@@ -254,7 +254,7 @@ def test_silence_is_told_once_and_so_is_its_end(context, tmp_path, capfd):
         return [line.split("]: ")[-1] for line in capfd.readouterr().err.splitlines() if "/joint_states" in line]
 
     track.arrived -= 2 * recorder.SILENCE
-    assert told() == []  # Nothing was heard yet, so nothing is missing.
+    assert told() == []  # Nothing is missing before the first message.
     for number in range(2):
         publisher.publish(joint_state(number))
         until(lambda n=number: track.messages == n + 1, step=found.drain)

@@ -1,4 +1,4 @@
-"""The recorder node over a long time: parts, publishers that come and go, and what it keeps in memory of them."""
+"""The recorder node over a long time: parts, publishers that come and go, and bounded memory."""
 
 
 import numpy as np
@@ -19,7 +19,7 @@ from tcc_sim.recording.reader import open_run
 
 
 def publish(found, publisher, numbers):
-    """Publish states and have the recorder take them."""
+    """Publish states and wait until the recorder has them."""
     before = found.tracks["/joint_states"].messages
     for n in numbers:
         publisher.publish(joint_state(n))
@@ -53,7 +53,7 @@ def test_a_recording_in_parts_has_the_scene_and_figures_of_its_own_in_each(conte
 
 
 def test_what_was_not_sent_is_counted_for_more_drivelines_than_are_told_apart():
-    """Of those that were forgotten the count stays, and is added to."""
+    """Counts of forgotten drivelines stay in the sum."""
     count = UnsentCount(most=2)
     for name, said in (("a", 1), ("b", 10), ("a", 2), ("c", 100), ("d", 1000), ("a", 3)):
         count.add(name.encode(), unsent_message(name, {"/joint_states": said}))
@@ -66,7 +66,7 @@ def test_every_publisher_has_a_channel_of_its_own(context, tmp_path):
         node = rclpy.create_node(name, context=context)
         publisher = publisher_of(node, "joint_states")
         until(lambda p=publisher: p.get_subscription_count() == 1)
-        # The second goes on where the first ended, as to its stamps.
+        # The stamps of the second publisher continue those of the first.
         publish(found, publisher, range(50) if name == "first" else range(50, 100))
         node.destroy_node()
     found.close()
@@ -76,7 +76,7 @@ def test_every_publisher_has_a_channel_of_its_own(context, tmp_path):
 
 
 def test_what_the_recorder_keeps_of_publishers_and_scenes_is_bounded(context, tmp_path):
-    """Every state is from a publisher of its own."""
+    """Every state has another publisher."""
     found = start(context, tmp_path / "run", topics=["joint_states", "scene"])
     for n in range(MOST_PUBLISHERS + 20):
         said = {"publication_sequence_number": 1, "publisher_gid": {"data": n.to_bytes(16, "big")},
@@ -92,7 +92,7 @@ def test_what_the_recorder_keeps_of_publishers_and_scenes_is_bounded(context, tm
 
 
 def test_a_publisher_is_forgotten_after_a_thousand_others(context):
-    """What it misses then is no loss that is known of, and it is asked again as one that is new."""
+    """Its later losses are not counted, and it is asked again like a new one."""
     for others, lost in ((MOST_PUBLISHERS - 1, 3), (MOST_PUBLISHERS, 0)):
         track = Track(rclpy.create_node("recorder", context=context), "/scene", "std_msgs/msg/String")
         for n, number in [(0, 1), *((n, 1) for n in range(1, others + 1)), (0, 5)]:
@@ -106,7 +106,7 @@ def test_a_publisher_is_forgotten_after_a_thousand_others(context):
 
 
 class Enough(Exception):
-    """It was called often enough."""
+    """`sync` was called often enough."""
 
 
 def test_a_period_of_synchronisation_is_kept(context, tmp_path, monkeypatch):
@@ -126,7 +126,7 @@ def test_a_period_of_synchronisation_is_kept(context, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("most", [1, 3, 7])
 def test_no_more_is_taken_than_asked_for_and_the_rest_waits(context, most):
-    """In lock-step a command taken with the one before it would be lost."""
+    """In lock-step a command that is polled together with the one before would be lost."""
     node = rclpy.create_node("listener", context=context)
     subscription = subscribe(node, String, "words", COMMANDS)
     publisher = node.create_publisher(String, "words", COMMANDS)

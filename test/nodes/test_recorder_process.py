@@ -1,4 +1,4 @@
-"""The recorder as a process of its own: how it ends by a signal, a kill or a full disk, and what is then on disk."""
+"""The recorder as a process: its end by a signal, a kill or a full disk, and the files that remain."""
 
 import hashlib
 import json
@@ -43,7 +43,7 @@ def process_context(monkeypatch, domain):
 
 @pytest.fixture
 def process(tmp_path, process_context):
-    """A recorder in a process of its own, a publisher that it subscribes to, and the bag's directory."""
+    """Process of a recorder, a publisher that it subscribes to, and the bag's directory."""
     node = rclpy.create_node("driveline", context=process_context)
     publisher = publisher_of(node, "joint_states")
     output = tmp_path / "run"
@@ -69,9 +69,7 @@ def readable(output):
 
 
 def send_until_known(publisher, output):
-    """Send states until the recorder has one, which may be a moment after the publisher knows it; gives the next
-    number.
-    """
+    """Send states until the recorder has one, perhaps some time after discovery; return the next number."""
     numbers = iter(range(10**9))
 
     def send():
@@ -105,7 +103,7 @@ def test_a_signal_ends_it_with_a_complete_bag_and_status_0(process, number):
 
 @pytest.fixture
 def driveline(start):
-    """A real driveline at 1 kHz on a domain of its own."""
+    """A driveline process at 1 kHz on a separate domain."""
     node = start("driveline", scene="minimal", publish_diagnostics=False)
     node.await_line(CLOCK_STARTED)
     return node
@@ -113,13 +111,13 @@ def driveline(start):
 
 def test_a_recorder_killed_again_and_again_leaves_what_can_be_analysed_and_recovered(driveline, start, tmp_path,
                                                                                      capsys):
-    """Also that each has its scene, though the readers that died before it are still known to the driveline."""
+    """Each recording has its scene too, although the driveline still knows readers that died."""
     rosbag2 = pytest.importorskip("rosbags.rosbag2")
     draw = random.Random(11)
     for n in range(2):
         output = tmp_path / f"run{n}"
         recorder = start("recorder", output=output)
-        # A moment that nothing else decides.
+        # Kill at a random time.
         least = draw.randint(500, 1000)
         until(lambda output=output, least=least: readable(output) > least)
         before = readable(output)
@@ -151,7 +149,7 @@ def test_a_recorder_killed_again_and_again_leaves_what_can_be_analysed_and_recov
 
 
 def test_a_driveline_ends_after_a_busy_recorder_has_received_everything(process_context, start, tmp_path):
-    """More than 512 messages, which Fast DDS queues for a process, are lost at first while the recorder is stopped."""
+    """A stopped recorder first loses messages beyond the 512 that Fast DDS queues for a process."""
     controller = rclpy.create_node("controller", context=process_context)
     command = publisher_of(controller, "actuation_pressure")
     subscription = subscribe(controller, message_class(JOINT_STATE), "joint_states", states(1000))
@@ -197,9 +195,9 @@ def small_disk(tmp_path):
 
 
 def ended_by_itself(recorder, output, reason):
-    """The recorder has ended with status 1 and this line, and what it wrote is there."""
+    """Check that the recorder ended with status 1 and this line, and left its data."""
     assert recorder.wait() == 1
-    # A machine that starves the driveline makes the recorder warn of silence.
+    # On a busy machine the recorder may warn of silence.
     assert [line for line in recorder.lines if not line.startswith(("[INFO]", "[WARN]"))] == [
         f"recorder: {next(output.iterdir())} cannot be written: {reason}; the data written so far stays readable"]
     assert readable(output) > 100
@@ -228,7 +226,7 @@ def test_a_full_disk_ends_the_recorder_with_one_line_and_can_be_recovered_to_ano
     recorder = start("recorder", output=small_disk / "run")
     ended_by_itself(recorder, small_disk / "run", "No space left on device")
     driveline.check()
-    # On the full disk itself there is no room for it.
+    # The full disk has no room for it.
     assert main(["recover", str(small_disk / "run")]) == 1
     assert capsys.readouterr().err.count("\n") == 1
     assert main(["recover", str(small_disk / "run"), "--out", str(tmp_path / "saved")]) == 0
@@ -245,7 +243,7 @@ def test_a_directory_that_is_no_more_its_own_ends_it_with_one_line_and_what_it_w
         output.rename(output.parent / "moved")
     else:
         shutil.rmtree(output)
-    # States that are received after a second make the next part.
+    # States after the first second begin the next part.
     numbers = iter(range(known, 10**9))
 
     def send():

@@ -1,4 +1,4 @@
-"""What a killed process left in Fast DDS's shared memory hangs no later node."""
+"""Files that a killed process left in Fast DDS's shared memory hang no later node."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def test_a_port_is_unfinished_until_its_first_word_says_so(tmp_path: Path) -> No
 
 @pytest.fixture
 def begun(domain: str) -> Iterator[Path]:
-    """The port that the first participant of the domain opens, begun by a process that is no more."""
+    """Unfinished file of a dead process for the port that the first participant of the domain opens."""
     port = FOLDER / f"fastdds_port{7411 + 250 * int(domain)}"
     with port.open("xb") as file:
         file.truncate(PORT_BYTES)

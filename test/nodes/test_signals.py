@@ -1,8 +1,7 @@
-"""A signal at any moment of a node's life, from its first statement on: status 0, no traceback, nothing left behind.
-Within the creation of the node, a few hundredths of a second, it ends by the signal itself.
+"""A signal at any time of a node's life, from its first statement on: status 0, no traceback, no files left behind.
+During the node's creation, a few hundredths of a second, the signal itself ends the process.
 
-Moments are told by what a process shows: that it has blocked SIGTERM, how many libraries it has mapped since, and how
-much processor time it has used.
+The tests recognise the stage of a process by its blocked SIGTERM, its mapped libraries and its processor time.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from waiting import until_or_ended
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 LIBRARIES = 130
-"""About how many shared libraries a driveline that runs has mapped."""
+"""About the number of shared libraries of a running driveline."""
 SPENT = 2.0
 """Processor time, s, within which a driveline with an empty cache still compiles."""
 
@@ -33,14 +32,14 @@ def started(module: str, domain: str, folder: Path, *words: str, **more: str) ->
 
 
 def taken(process: subprocess.Popen[str]) -> bool:
-    """Whether the process has blocked SIGTERM, which its own thread waits for."""
+    """Return whether the process has blocked SIGTERM, for which a thread of it waits."""
     status = Path(f"/proc/{process.pid}/status").read_text()
     blocked = int(status.split("SigBlk:")[1].split()[0], 16)
     return bool(blocked >> (signal.SIGTERM - 1) & 1)
 
 
 def libraries(process: subprocess.Popen[str]) -> int:
-    """How many shared libraries are mapped."""
+    """Number of mapped shared libraries."""
     maps = Path(f"/proc/{process.pid}/maps").read_text()
     return len({line.split()[-1] for line in maps.splitlines() if ".so" in line})
 
@@ -86,7 +85,7 @@ def test_a_signal_while_it_loads_ends_a_node_with_status_0(module: str, number: 
 @pytest.mark.parametrize(("number", "part"), [(signal.SIGINT, 0.2), (signal.SIGTERM, 0.7)])
 def test_a_signal_while_it_compiles_ends_the_driveline_at_once(number: signal.Signals, part: float, domain: str,
                                                                tmp_path: Path) -> None:
-    """With an empty cache of compiled code; LLVM does not look for signals, and Numba would take them for an error."""
+    """With an empty cache of compiled code. LLVM does not check for signals; Numba would report them as errors."""
     process = started("driveline", domain, tmp_path, XDG_CACHE_HOME=str(tmp_path / "empty"))
     until_or_ended(lambda: taken(process) and libraries(process) >= 90 and spent(process) >= 1.0 + part * SPENT,
                    process)
@@ -153,7 +152,7 @@ def test_ctrl_c_in_a_command_waits_for_what_must_be_whole() -> None:
 
 @pytest.mark.parametrize("command", ["driveline_node", "slip_controller_node", "recorder_node"])
 def test_the_entry_points_take_the_signals_before_they_load_anything_slow(command: str) -> None:
-    """What `ros2 run` and the path start: the console script imports a function and calls it."""
+    """As by `ros2 run` and from the path: the console script imports a function and calls it."""
     code = ("import sys, os, signal\n"
             "before = set(sys.modules)\n"
             f"from tcc_sim.nodes.executables import {command}\n"

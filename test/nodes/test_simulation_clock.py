@@ -1,4 +1,4 @@
-"""/clock: published where it is asked for or, in lock-step, followed; never beside another publisher."""
+"""/clock: published on request or, in lock-step, where a node listens; never beside another publisher."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PERIOD_NS, TICK = 10_000_000, 1_000_000
 
 
 class Timed(Node):
-    """A controller with a timer of 10 ms of simulation time; a command goes out once the state of its time is there."""
+    """A controller with a timer of 10 ms of simulation time; its command waits for the state of the timer's time."""
 
     def __init__(self, context: Any) -> None:
         super().__init__("timed", context=context, parameter_overrides=[Parameter("use_sim_time", value=True)])

@@ -1,4 +1,4 @@
-"""The slip controller example closes the loop with the driveline node, and the recorded run shows what it holds."""
+"""The slip controller example closes the loop with the driveline node; the recorded run shows its target."""
 
 from __future__ import annotations
 
@@ -37,8 +37,7 @@ def test_the_target_is_said_latched_and_the_demo_starts_a_controller_for_the_sce
 
 
 def test_states_that_waited_all_reach_the_law_and_the_newest_alone_is_answered(bench: Any) -> None:
-    """Answered one by one they would be ever older where the machine is busy, and the loop unstable by that dead time.
-    """
+    """Single answers would lag more and more on a busy machine, and the dead time would make the loop unstable."""
     from sensor_msgs.msg import FluidPressure, JointState
 
     from tcc_sim.nodes.slip_controller import QOS

@@ -1,4 +1,4 @@
-"""Nothing that keeps commands from acting is silent: publishers, lock-step and the first tick."""
+"""Every reason why commands do not act is reported: publishers, lock-step and the first tick."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tcc_sim.nodes.waiting import PATIENCE, Waiting
 
 
 class Judged:
-    """What a driveline says of its waits, by a clock of the test's own."""
+    """The sentences of a driveline on its waits, by a clock of the test."""
 
     def __init__(self, node: DrivelineNode) -> None:
         self.node, self.now = node, 0.0

@@ -1,4 +1,4 @@
-"""The viewer for a browser: served on the loopback address, ended with the `with`."""
+"""The viewer for a browser: served on the loopback address until the end of the `with` block."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ import rerun
 
 
 def listening(port: int) -> set[str]:
-    """Addresses, in the kernel's notation, at which something listens on a TCP port."""
+    """Addresses, in the kernel's notation, with a listener on a TCP port."""
     lines = [line.split() for name in ("tcp", "tcp6")
              for line in Path(f"/proc/net/{name}").read_text().splitlines()[1:]]
     return {words[1].partition(":")[0] for words in lines
