@@ -2,8 +2,8 @@
 
 `python test/instruments/branch_speed.py` follows the motions of period one and two of the scene in which they
 coexist (omega/omega_n = 0.36, constant load, 225 kPa) with mu_k, by this package and by AUTO-07p (Debian packages
-`auto-07p` and `gfortran`), whose mesh is refined until it gets through. The forcing is AUTO's usual one, an oscillator
-that is added (its demo `frc`). The time of AUTO is that of its compiled program, without compiling it.
+`auto-07p` and `gfortran`). The mesh of AUTO is refined until it crosses the range. The forcing is an added oscillator,
+as in AUTO's demo `frc`. The time of AUTO is that of its compiled program, without compilation.
 """
 
 from __future__ import annotations
@@ -37,17 +37,17 @@ from tcc_sim.trajectory import State
 AUTO = Path(os.environ.get("AUTO_DIR", "/usr/lib/auto-07p"))
 KEY = "friction.kinetic_coefficient"
 MESHES = (200, 400, 800)
-"""Mesh intervals that AUTO is given, until it gets through the range."""
+"""Mesh intervals of AUTO, tried in order until it crosses the range."""
 TUNED = {1: (4, 0.02), 2: (5, 0.01)}
-"""Collocation points in each (NCOL) and longest step (DSMAX) by period: with those of period one AUTO locates the upper
-fold of period two with no mesh, with the others with 400 intervals."""
+"""Collocation points per interval (NCOL) and longest step (DSMAX) by period. With those of period one AUTO finds the
+upper fold of period two on no mesh; with the others it does on 400 intervals."""
 MOST = 45
-"""Points followed to either side from the middle of the branch of period two, enough to pass both of its folds."""
+"""Points followed to either side from the middle of the branch of period two, enough to pass both folds."""
 REPEATS = 5
-"""Times that this package follows a branch, a second or less each; the fastest counts."""
+"""Number of runs of this package per branch, a second or less each; the fastest counts."""
 SAMPLES = 4000
 TIMEOUT = 300.0
-"""Seconds that AUTO is given for a branch; finer meshes that it does not come to are left out, with a sentence."""
+"""Time limit of AUTO per branch, s; meshes beyond it are left out, and a sentence says so."""
 NAMES = {"fold": "LP", "period_doubling": "PD", "neimark_sacker": "TR"}
 """Kinds of bifurcations as AUTO names them."""
 
@@ -75,7 +75,7 @@ for mesh in {meshes}:
 
 
 class Followed(NamedTuple):
-    """A branch: points, CPU seconds, bifurcations as (AUTO's name, mu_k/mu_s), and what it was followed with."""
+    """A branch: points, CPU seconds, bifurcations as (AUTO's name, mu_k/mu_s), and the method."""
 
     points: int
     seconds: float
@@ -178,12 +178,12 @@ def constants(system: System, period: int, low: float, high: float) -> str:
 
 
 def auto_installed() -> bool:
-    """Whether AUTO is there, and the compiler that it needs."""
+    """Return whether AUTO and its compiler are installed."""
     return (AUTO / "python").is_dir() and shutil.which("gfortran") is not None
 
 
 def auto(system: System, period: int, low: float, high: float, limit: float = TIMEOUT) -> tuple[list[Followed], str]:
-    """AUTO's branch from the same motion, one entry for every mesh, and a sentence where `limit` seconds did not do."""
+    """AUTO's branch from the same motion, one entry per mesh, and a sentence if `limit` seconds were too short."""
     if not auto_installed():
         return [], f"period {period}  AUTO-07p is not installed: apt install auto-07p gfortran"
     run = solve(system, cycles=period, rtol=1e-11, samples_per_cycle=SAMPLES).raise_for_status()
@@ -215,7 +215,7 @@ def auto(system: System, period: int, low: float, high: float, limit: float = TI
 
 
 def runs_of(told: str, static: float) -> list[Followed]:
-    """What AUTO's script has printed, one entry for every mesh that it finished."""
+    """Results printed by AUTO's script, one per finished mesh."""
     out = []
     for line in told.splitlines():
         if line.startswith("RESULT "):
@@ -227,7 +227,7 @@ def runs_of(told: str, static: float) -> list[Followed]:
 
 @dataclass(frozen=True)
 class Compared:
-    """A branch of one period by both programs, and a sentence where AUTO was not there or did not come to its end."""
+    """A branch of one period by both programs, and a sentence if AUTO is not installed or did not finish."""
 
     period: int
     mine: Followed

@@ -63,7 +63,7 @@ def fields_by_kind(kind: str) -> dict[str, Reported]:
 
 
 def unit_of(entry: Reported) -> str:
-    """A unit as the page has it."""
+    """Return a unit as the page prints it."""
     if entry.unit == "{*}":
         return "of each key"
     return entry.unit.replace("{", "unit of `").replace("}", "`") if "{" in entry.unit else entry.unit

@@ -1,4 +1,4 @@
-"""The picture of fresh and aged fluid: their friction over slip speed, and what a sweep makes of them.
+"""The picture of fresh and aged fluid: friction over slip speed, and results of a sweep.
 
 `python test/instruments/fluids.py FILE.png` draws it; the clutch is that of scenes fresh_fluid and aged_fluid.
 """

@@ -1,7 +1,7 @@
-"""The page on periodic motions: branches and a basin, with what was found.
+"""The page on periodic motions: branches, a basin, and a summary.
 
 `python test/instruments/motions.py` writes it, its pictures and the JSON behind them; the branches are those of
-`tcc-sim figure 6 --branches`, and AUTO-07p follows two of them beside (`branch_speed`).
+`tcc-sim figure 6 --branches`; AUTO-07p follows two of them too (`branch_speed`).
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ ENDINGS = {"range": "at the end of a range", "closed": "closed", "doubling": "in
 CAUSES = {"basin_boundary": "both motions go on, and the start crosses the boundary of their basins",
           "steep": "one motion, which only changes steeply", "aperiodic": "a motion without a period beside it",
           "not_followed": "a motion beside it that lies on no branch followed"}
-"""What a jump of a sweep is, where it is no bifurcation."""
+"""Causes of a jump of a sweep other than a bifurcation."""
 WAYS = {"cold": "from (13)", "up": "upward", "down": "downward"}
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Write the page; exit status 2 and one line for wrong input, 130 where it is interrupted."""
+    """Write the page; exit status 2 and one line for wrong input, 130 after an interrupt."""
     parser = argparse.ArgumentParser(prog="python test/instruments/motions.py", description=__doc__)
     parser.add_argument("--out", metavar="DIR", type=Path, default=Path("motions"),
                         help="new directory for motions.md, its pictures and the JSON behind them (default: motions)")
@@ -64,7 +64,7 @@ def main(words: Sequence[str] | None = None) -> int:
 
 
 def run(arguments: argparse.Namespace, words: list[str]) -> int:
-    """Work out branches and basin, and write the page and its pictures; nothing where it is interrupted."""
+    """Compute branches and basin, and write the page and its pictures; nothing after an interrupt."""
     folder = new_directory(arguments.out)
     if arguments.jobs is not None and not 1 <= arguments.jobs <= 1024:
         raise InputError(f"jobs is {arguments.jobs}; it must be 1 to 1024")
@@ -98,7 +98,7 @@ def _write(folder: Any, branches: Figure, found: Any, words: list[str]) -> None:
 
 
 def motions_page(branches: Figure, basins: Basins, beside: Sequence[str] = ()) -> str:
-    """The page: what was found, in counts and tables; every branch by its points is in the JSON beside it.
+    """The page: results in counts and tables; the JSON beside it has every point of the branches.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def motions_page(branches: Figure, basins: Basins, beside: Sequence[str] = ()) -
 
 
 def _summary(branches: Figure, basins: Basins) -> list[str]:
-    """What was found, a line for each part."""
+    """Summary, a line for each part."""
     curves = branches.numbers.curves
     followed = behind(curves[:1])
     periods = sorted({b["period"] for b in followed.branches})
@@ -173,7 +173,7 @@ def _jumps(data: Figure) -> list[str]:
 
 
 def _basins(found: Basins) -> list[str]:
-    """Attractors with their share of the plane, and what came to none."""
+    """Attractors with their share of the plane, and the share that reached none."""
     first, second = found.plane
     lines = [f"omega/omega\\_n = 0.36, mu\\_k/mu\\_s = 0.85: {len(first.values)} by {len(second.values)} cells of "
              f"{escape(first.key)} ({first.values[0]:g} to {first.values[-1]:g} rad/s) and {escape(second.key)} "

@@ -1,9 +1,9 @@
 """Engine cycles per second on scenes of Fig. 4: the smoothed engine beside XPPAUT's CVODE at the same section error, in
 the transient from the initial state and on the attractor, and a whole sweep.
 
-`python test/instruments/sweep_speed.py` prints the table. Each program runs at its loosest tolerance whose section
-error stays below ERROR over a few cycles, against a SciPy reference; its time is that of many cycles, so that the cost
-of a call or of a start does not count.
+`python test/instruments/sweep_speed.py` prints the table. Each program runs at its loosest tolerance with a section
+error below ERROR over a few cycles, against a SciPy reference. Many cycles are timed, so that the cost of a call or of
+a start does not count.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ ENGINE, PEER = "smoothed", "XPPAUT cvode"
 
 
 class SpeedEffort(NamedTuple):
-    """How much is measured.
+    """Extent of the measurement.
 
     frequencies : omega/omega_n of the scenes, for each mu_k/mu_s of Fig. 4
     values : frequencies of each curve of the whole sweep
-    horizon : periods of excitation over which errors are taken: some motions of Fig. 4 are chaotic, and any error grows
-    cycles : periods of excitation that are timed, those of one point of a sweep
-    repeats : runs of which the least time counts
-    ladder : tolerances, of which the first that is tight enough is timed
+    horizon : periods of excitation over which errors are taken; errors grow, since some motions of Fig. 4 are chaotic
+    cycles : timed periods of excitation, as many as one point of a sweep takes
+    repeats : number of runs; the least time counts
+    ladder : tolerances; the first that is tight enough is timed
     """
 
     frequencies: tuple[float, ...] = (0.12, 0.2, 0.36)
@@ -65,7 +65,7 @@ class SpeedPoint:
 
 @dataclass(frozen=True)
 class SpeedRow(SpeedPoint):
-    """What a solver takes there at one tolerance, with its section error."""
+    """Speed of a solver there at one tolerance, with its section error."""
 
     solver: str
     setting: float
@@ -75,7 +75,7 @@ class SpeedRow(SpeedPoint):
 
 @dataclass(frozen=True)
 class SpeedOmitted(SpeedPoint):
-    """Why a solver has no row there."""
+    """Reason why a solver has no row there."""
 
     solver: str
     why: str
@@ -95,7 +95,7 @@ class WholeSweep:
 
 @dataclass(frozen=True)
 class SweepSpeed:
-    """What was measured, the engine at its default tolerance too; `error` is the largest that was allowed."""
+    """Results, for the engine at its default tolerance too; `error` is the largest allowed error."""
 
     error: float
     horizon: int
@@ -111,7 +111,7 @@ def sweep_speed(effort: SpeedEffort, done: Callable[[int, int, str], None]) -> S
     Parameters
     ----------
     effort : how much
-    done : called with points done, points in all, and what comes next
+    done : called with points done, points in all, and the name of the next
     """
     points = [(series, ratio, stretch) for series in FIGURES[4].series
               for ratio in effort.frequencies for stretch in STRETCHES]
@@ -138,17 +138,17 @@ def sweep_speed(effort: SpeedEffort, done: Callable[[int, int, str], None]) -> S
 
 
 def on_attractor(system: System) -> System:
-    """The same system with the initial state that it has come to after SETTLING periods of excitation."""
+    """The same system with its state after SETTLING periods of excitation as initial state."""
     return solve(system, cycles=SETTLING, solver=ENGINE, rtol=1e-10).raise_for_status().final.starting(system)
 
 
 def loosest(system: System, solver: str, ladder: tuple[float, ...], truth: Reference) -> tuple[float, float]:
-    """The first tolerance of the ladder whose section error stays below ERROR, and that error.
+    """The first tolerance of the ladder with a section error below ERROR, and that error.
 
     Raises
     ------
     Failed
-        There is none.
+        No tolerance is tight enough.
     """
     least = math.inf
     for setting in ladder:
@@ -169,7 +169,7 @@ def _run(system: System, solver: str, setting: float, cycles: int) -> tuple[Any,
 
 
 def _timed(system: System, solver: str, setting: float, effort: SpeedEffort) -> float:
-    """Least CPU seconds of the cycles that are timed."""
+    """Least CPU time of the timed cycles, s."""
     if solver == PEER:
         return peers.xppaut(system, "cvode", setting, effort.cycles, 2).seconds
     return min(repeated(lambda: solve(system, cycles=effort.cycles, solver=solver, rtol=setting), effort.repeats)[0])
@@ -199,7 +199,7 @@ class SpeedComparison(NamedTuple):
 
     @property
     def ratio(self) -> float | None:
-        """How many times as fast as the peer the engine is."""
+        """Speed of the engine relative to the peer."""
         if self.loosest is None or self.peer is None:
             return None
         return self.loosest.cycles_per_second / self.peer.cycles_per_second
@@ -266,7 +266,7 @@ def speed_section(found: SweepSpeed) -> list[str]:
 
 
 def _cells(row: SpeedRow | None, tolerance: bool) -> list[str]:
-    """Cycles a second, the tolerance where it is asked for, and the error."""
+    """Cycles a second, the tolerance if requested, and the error."""
     if row is None:
         return ["-", "-", "-"] if tolerance else ["-", "-"]
     return [f"{row.cycles_per_second:.0f}", *([f"{row.setting:g}"] if tolerance else []), f"{row.error:.0e}"]

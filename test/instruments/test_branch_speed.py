@@ -1,4 +1,4 @@
-"""The comparison with AUTO-07p: what AUTO prints, the table, the model it is given, and the limit of its time."""
+"""The comparison with AUTO-07p: its output, the table, the model for it, and its time limit."""
 
 import branch_speed
 import pytest

@@ -1,4 +1,4 @@
-"""What is written comes back: by this package's reader, and by two that others wrote."""
+"""Written recordings are read back unchanged, by this package and by two other readers."""
 
 import json
 import os
@@ -26,7 +26,7 @@ def columns(count, seed=1):
 
 
 def write(directory, rows, stamps, *, pressures=None, close=True, flush_every=50, lost=0):
-    """A bag as the recorder makes it: topics in blocks, flushed now and then."""
+    """Write a bag like the recorder: topics in blocks, flushed now and then."""
     bag = BagWriter(directory, SCENE, "1.2.3")
     joints = bag.channel("/joint_states", topic("joint_states").type)
     slip = bag.channel("/slip_speed", topic("slip_speed").type)
@@ -39,7 +39,7 @@ def write(directory, rows, stamps, *, pressures=None, close=True, flush_every=50
         for n in block:
             bag.write(slip, 10**18 + stamps[n], 10**18 + stamps[n] - 5, cdr.float64(rows[n][2] - rows[n][3]), n)
         if pressures is not None:
-            # Half a block late, as topics that are drained one after the other are.
+            # Half a block late, because the recorder drains topics in turn.
             for n in range(late, block[-1] + 1 if block[-1] + 1 == len(rows) else start + 25):
                 bag.write(pressure, 10**18 + stamps[n], 0, cdr.fluid_pressure(stamps[n], pressures[n]), n)
             late = start + 25

@@ -1,4 +1,4 @@
-"""Commands of a recording: decoded whatever the name of their frame, and placed on simulation time."""
+"""Commands of a recording: decoded for any frame_id, and placed on simulation time."""
 
 import math
 import struct
@@ -88,7 +88,7 @@ def test_the_applied_pressure_follows_the_commands_and_falls_back(found):
 @pytest.mark.parametrize("step", [0, -60, -3600_000, 3600_000])
 @pytest.mark.parametrize("at", [99, 100, 250, 333])
 def test_commands_are_beside_their_states_after_the_clock_was_set(step, at, tmp_path):
-    """Set by `step` ms before the state of tick `at`; a chunk has 100 states. Commands every 7 ms, between states."""
+    """The clock is set by `step` ms before tick `at`; a chunk has 100 states. Commands every 7 ms, between states."""
     rows = ticked(load_scene("commands"), 500, pressure=lambda k: 2e5 + k)
     writer = BagWriter(tmp_path / "run", load_scene("commands").text())
     states = writer.channel("/joint_states", topic("joint_states").type)
@@ -112,8 +112,8 @@ def test_commands_are_beside_their_states_after_the_clock_was_set(step, at, tmp_
 
 @pytest.mark.parametrize("late", [0.3, 2.5])
 def test_a_command_that_is_received_late_stands_where_it_was_sent_and_holds_up_no_other(late, tmp_path):
-    """A reliable middleware asks again for what it missed: some states and commands have later times of receipt than
-    those that follow them. Of two senders of commands the second sends a few.
+    """A reliable middleware repeats missed messages, so some states and commands are received after later ones. The
+    second of two senders sends a few commands.
     """
     rows = ticked(load_scene("commands"), 3000, pressure=lambda k: 2e5 + k)
     writer = BagWriter(tmp_path / "run", load_scene("commands").text())
@@ -138,7 +138,7 @@ def test_a_command_that_is_received_late_stands_where_it_was_sent_and_holds_up_n
 
 
 def test_commands_of_a_machine_whose_clock_alone_is_set_back_are_not_kept_for_ever(tmp_path):
-    """There is no step of the states for them to wait for."""
+    """The states have no step of the clock that would release them."""
     rows = ticked(load_scene("commands"), 2000, pressure=lambda k: 2e5 + k)
     writer = BagWriter(tmp_path / "run", load_scene("commands").text())
     states = writer.channel("/joint_states", topic("joint_states").type)
@@ -153,7 +153,7 @@ def test_commands_of_a_machine_whose_clock_alone_is_set_back_are_not_kept_for_ev
             writer.file.flush()
     writer.close({"lost": {}})
     command = replay(tmp_path / "run", frequency=150.0).control.command
-    sent_at = np.array([*range(3, 500, 10), *range(1003, 2000, 10)])  # Between, the last of those that were held up.
+    sent_at = np.array([*range(3, 500, 10), *range(1003, 2000, 10)])  # Between, the last delayed ones.
     shown = np.isin(command.values - 2e5, sent_at)
     np.testing.assert_array_equal(command.values[shown], 2e5 + sent_at)
     np.testing.assert_allclose(command.t[shown], 1e-3 * (sent_at + 1), atol=1e-9)
@@ -162,8 +162,7 @@ def test_commands_of_a_machine_whose_clock_alone_is_set_back_are_not_kept_for_ev
 @pytest.mark.parametrize(("says", "until", "after", "fallen"), [
     (True, 100, 800, [0.6]), (False, 100, 800, [0.3]), (False, 795, 1000, [])])
 def test_an_input_falls_back_where_the_driveline_says_so(says, until, after, fallen, tmp_path):
-    """Commands that the recorder lost for longer than command_timeout are no fallback, nor is one just before a reset.
-    """
+    """Commands that the recorder lost, even for longer than command_timeout or before a reset, are no fallback."""
     scene = load_scene("commands").with_values({"engine.source": "harmonic", "command_timeout": LIMIT})
     sources = []
     rows = ticked(scene, 1500, pressure=lambda k: 2e5 if 50 <= k < 600 or k >= 800 else None, resets=(1000,),
@@ -179,7 +178,7 @@ def test_an_input_falls_back_where_the_driveline_says_so(says, until, after, fal
         for since, text in (rest for row, *rest in sources if says and row == k):
             writer.write(said, log - 1, log - 1, cdr.header(since, text))
         writer.write(states, log, log, cdr.joint_state(stamp, *columns), k)
-        if 50 <= k < until or k >= after:  # Those from 100 to 600 are lost.
+        if 50 <= k < until or k >= after:  # Commands 100 to 600 are lost.
             writer.write(commands, log + TICK // 2, log + TICK // 2, cdr.fluid_pressure(0, 2e5), k)
         if k % 100 == 99:
             writer.file.flush()

@@ -28,7 +28,7 @@ def original(tmp_path_factory):
 
 
 def damaged(data, draw):
-    """One cut, flip or zeroed range at a place drawn at random."""
+    """One cut, flip, zeroed or random range at a random place."""
     kind, place = draw.choice(["cut", "flip", "zero", "noise"]), draw.randrange(len(data))
     if kind == "cut":
         return data[:place]
@@ -42,13 +42,13 @@ def damaged(data, draw):
 
 
 def one_line(error):
-    """A refusal is one line."""
+    """Check that a refusal is one line."""
     assert "\n" not in str(error)
     return "refused"
 
 
 def check(path, rows):
-    """Read it: what comes back is from the original, and all of it unless there is a warning."""
+    """Read it: all states are those of the original, and none is missing without a warning."""
     try:
         run, batches, stamps, table = read(path)
     except RecordingError as error:
@@ -173,7 +173,7 @@ def test_messages_are_found_without_an_index_too(original):
     for one, other in zip(walked[:3], tiled[:3]):
         assert (one == other).all()
     assert walked.others == tiled.others
-    # An index that leaves messages out is not believed.
+    # The reader ignores an index without all messages.
     fewer = records.find_messages(chunk, indexes[1:])
     assert (fewer.offset == walked.offset).all()
 

@@ -1,4 +1,4 @@
-"""Bags that others made: other names and orders of joints, other frames, SQLite, stamps that jitter."""
+"""Bags of other programs: other names and orders of joints, other frames, SQLite, jittering stamps."""
 
 import re
 import struct
@@ -18,7 +18,7 @@ from tcc_sim.topics import JOINT_STATE
 
 
 def joint_state(stamp, frame, names, columns):
-    """A JointState as CDR has it, written without the package."""
+    """A JointState in CDR, encoded without the package."""
     out = bytearray(struct.pack("<iI", stamp // 10**9, stamp % 10**9))
 
     def align(size):
@@ -42,7 +42,7 @@ def joint_state(stamp, frame, names, columns):
 
 
 def foreign(path, names, places, frame="base_link", scene="slip"):
-    """1.5 s of steady slip in which flywheel and plate stand at these places among the joints."""
+    """1.5 s of steady slip with flywheel and plate at these places among the joints."""
     rows = by_hand(1.5, lambda t: 150.0 + 0.0 * t, lambda t: 0.1 + 0.0 * t, lambda t: 0.0 * t,
                    lambda t: 300.0 + 250.0 * np.sin(150.0 * t), lambda t: 300.0 + 0.0 * t)
     writer = BagWriter(path, load_scene(scene).text())

@@ -1,4 +1,4 @@
-"""Recordings in the hands of programs that others wrote: Rerun's command and the MCAP library for Node."""
+"""Recordings in other programs: Rerun's command and the MCAP library for Node."""
 
 import shutil
 import subprocess

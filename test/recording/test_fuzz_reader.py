@@ -1,4 +1,4 @@
-"""A fuzzer on the reader of recordings: bytes nobody would write, and records with fields that lie."""
+"""A fuzzer on the reader of recordings: arbitrary bytes, and records with false fields."""
 
 import struct
 
@@ -27,7 +27,7 @@ WORDS = st.sampled_from(["", "ros2", "zstd", "lz4", "x", "\ud800".encode("utf-8"
 
 
 def string(word, claimed=None):
-    """A length and a word; the length may be another."""
+    """A length, perhaps a false one, and a word."""
     data = word if isinstance(word, bytes) else word.encode()
     return struct.pack("<I", (len(data) if claimed is None else claimed) & 0xFFFFFFFF) + data
 
@@ -40,7 +40,7 @@ FIELDS = st.one_of(NUMBERS.map(lambda n: struct.pack("<Q", n)),
 
 @st.composite
 def record(draw):
-    """One record of any opcode, of fields of any kind; its length may lie."""
+    """One record of any opcode and fields; its length may be false."""
     body = b"".join(draw(st.lists(FIELDS, max_size=8)))
     length = draw(st.one_of(st.just(len(body)), st.just(len(body)), NUMBERS))
     return struct.pack("<BQ", draw(st.integers(0, 16)), length) + body
@@ -59,7 +59,7 @@ def one_short_line(text):
 
 
 def read_or_refused(folder, data):
-    """The one property: what can be read and recovered, or one short line."""
+    """Check that the bytes can be read and recovered, or are refused in one short line."""
     path = folder / "x.mcap"
     path.write_bytes(data)
     try:

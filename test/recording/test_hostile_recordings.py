@@ -1,4 +1,4 @@
-"""Recordings made to cost time, memory or the reader's screen: what is stated as a limit holds, in a sentence."""
+"""Recordings made to cost time, memory or the reader's screen: stated limits hold, and a sentence names them."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def written(path: Path, *parts: bytes) -> Path:
 
 
 def cost(path: Path) -> tuple[str, int]:
-    """What reading it came to, and the most memory that Python and NumPy held."""
+    """Result of reading in words, and the most memory of Python and NumPy, bytes."""
     tracemalloc.start()
     try:
         run = open_run(path)
@@ -137,7 +137,7 @@ def test_a_gap_of_years_is_not_solved_through(tmp_path: Path) -> None:
     late = [(stamp + 10**15, *rest) for stamp, *rest in rows[150:]]
     found = replay(bag(tmp_path / "run", rows[:150] + late, SCENE), discard=0, verify=True).verification
     assert found is not None
-    assert (found.verified, found.compared, found.exact) == (False, 300, 150)  # The phase of the excitation is another.
+    assert (found.verified, found.compared, found.exact) == (False, 300, 150)  # The phase of the excitation differs.
     found = replay(bag(tmp_path / "same", rows[:150] + late[:1], SCENE), discard=0, verify=True).verification
     assert found is not None
     assert "1 gap could not be solved through within the limit" in found.sentence
@@ -205,7 +205,7 @@ def test_what_a_recovery_lists_is_bounded_too(tmp_path: Path) -> None:
 
 
 def test_states_in_single_chunks_and_runs_take_time_in_proportion(tmp_path: Path) -> None:
-    """Every state its own chunk, run and segment, with a pressure that never fits."""
+    """Every state is a chunk, run and segment, with a pressure that never fits."""
     path = tmp_path / "x.mcap"
     output = McapFile(path, load_scene("commands").text())
     joints = output.channel("/joint_states", JOINT_STATE)
@@ -221,7 +221,7 @@ def test_states_in_single_chunks_and_runs_take_time_in_proportion(tmp_path: Path
 
 
 def test_recovery_parses_so_much_quality_of_service_and_no_more(tmp_path: Path) -> None:
-    """Of 100 topics with 19 000 characters each, 400 000 characters: the others have that of the driveline."""
+    """100 topics with 19 000 characters each; beyond 400 000 characters topics get the driveline's."""
     many = b"".join(channel(n, f"/{n}", {"offered_qos_profiles": f"- depth: {n + 1000}\n" + " " * 18_987})
                     for n in range(100))
     path = written(tmp_path / "x.mcap", chunk(schema() + many + b"".join(message(n, TICK) for n in range(100))))

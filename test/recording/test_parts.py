@@ -1,4 +1,4 @@
-"""Recordings in parts: each can be read by itself, all of them together are one; and what a failed start leaves."""
+"""Recordings in parts, readable singly and as one; and the rest of a failed start."""
 
 import os
 import shutil
@@ -178,7 +178,7 @@ def test_a_link_in_place_of_the_directory_is_not_followed(tmp_path):
 
 
 def filled(writer, numbers):
-    """Write states of these numbers, ms apart."""
+    """Write states with these numbers, 1 ms apart."""
     joints = writer.channel("/joint_states", JOINT_STATE)
     for n in numbers:
         writer.write(joints, START + n * TICK, START + n * TICK, cdr.joint_state(n * TICK, *[0.0] * 6), n)

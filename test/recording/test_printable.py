@@ -1,4 +1,4 @@
-"""What comes from a file or a topic name reaches a terminal in printable characters only, and in bounded length."""
+"""Text from a file or a topic name reaches a terminal in printable characters and in bounded length."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from tcc_sim.topics import FLUID_PRESSURE, JOINT_STATE
 
 EVIL = "\x1b]0;owned\x07\x1b[2J\r\n\u202egnp\x9b31m\x7f\u2028"
 TURNED = "\u202egnp\u2066\u200b"
-"""What YAML, which a scene is, lets through."""
+"""Characters that YAML allows in a scene."""
 
 
 def recording(tmp_path: Path, cut: bool) -> Path:
-    """Every text in it is evil: scene description, topics, types, recorder's figures, what a recovery said."""
+    """A recording with evil text in scene description, topics, types, recorder's figures and notes of a recovery."""
     text = load_scene("slip").text().split("\n", 1)[1]
     writer = BagWriter(tmp_path / "run", f"# a scene {TURNED}\n{text}")
     states = writer.channel(f"/{EVIL}/joint_states", JOINT_STATE)

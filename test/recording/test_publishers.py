@@ -1,4 +1,4 @@
-"""Several publishers in one recording are told apart by who they are, however often simulation time fell back."""
+"""Several publishers in one recording are separated by identity, however often simulation time fell back."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def test_thousands_of_resets_stay_readable(tmp_path):
 
 
 def two(tmp_path, order):
-    """Two drivelines at once, whose states stand in the recording in this order of owners."""
+    """Recording of two drivelines at once, with states in this order of owners."""
     rows = {who: ticked(MINIMAL, 300) for who in "ab"}
     taken, mixed, owners = {"a": iter(rows["a"]), "b": iter(rows["b"])}, [], []
     for who in order:
@@ -106,7 +106,7 @@ def test_recovery_keeps_who_published(tmp_path):
 
 
 def test_a_cut_recording_in_a_namespace_is_read(tmp_path):
-    """No index names its topics: they are found in its first chunks."""
+    """Without an index the reader finds the topics in the first chunks."""
     from tcc_sim.messages import cdr
     from tcc_sim.recording.bag import BagWriter
     from tcc_sim.topics import JOINT_STATE

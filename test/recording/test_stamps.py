@@ -13,7 +13,7 @@ def stamps(*parts):
 
 
 def fed(values, sizes=(10**6,), publisher=None, numbers=None):
-    """A counter that has these stamps, in batches of these sizes over and over, and the pieces that it gave."""
+    """A counter after these stamps, in batches of these sizes in turn, and the pieces that it returned."""
     c, found, start, k = StampCounter(), [], 0, 0
     while start < len(values):
         end = start + sizes[k % len(sizes)]
@@ -25,7 +25,7 @@ def fed(values, sizes=(10**6,), publisher=None, numbers=None):
 
 
 def joined(found):
-    """Pieces without the cuts that only come from batches."""
+    """Pieces without the cuts between batches."""
     out = []
     for rows, kind in found:
         if kind is Break.NOTHING and out:
@@ -105,7 +105,7 @@ def test_two_publishers_by_turns_with_nothing_to_tell_them_apart_are_found(block
     one, other = (np.arange(start, start + 700).reshape(-1, block) for start in (5000, 200))
     mixed = np.stack([one, other], axis=1).ravel()
     assert fed(mixed, (100,))[0].mixed
-    # A reset in which the stamps of the run before are passed, with messages lost on the way, is no such thing.
+    # A reset with losses whose stamps later pass those of the run before is no mixture.
     assert not fed(stamps(range(100), range(95), range(101, 300)))[0].mixed
 
 
@@ -128,7 +128,7 @@ def test_no_stamps_are_no_run():
 @pytest.mark.parametrize(("first", "last"), [(60.0, 200.0), (600.0, 60.0), (60.0, 600.0)])
 @pytest.mark.parametrize("batch", [500, 3600, 10**6])
 def test_so_many_samples_to_a_cycle_of_a_run_up_leave_no_gap(first: float, last: float, batch: int) -> None:
-    """Distances of stamps that grow or shrink steadily, cycle by cycle; one that is left out is still a gap."""
+    """Distances of stamps grow or shrink steadily, cycle by cycle; an omitted stamp is still a gap."""
     t = np.linspace(0.0, 4.0, 400_001)
     phase = first * t + 0.5 * (last - first) / 4.0 * t**2
     starts = np.interp(2.0 * np.pi * np.arange(int(phase[-1] / (2.0 * np.pi)) + 1), phase, t)
