@@ -109,9 +109,9 @@ def motions_page(branches: Figure, basins: Basins, beside: Sequence[str] = ()) -
     lines = ["# Periodic motions", "", *_summary(branches, basins), "",
              "This page is generated: `python test/instruments/motions.py` writes it, its pictures, and all branches "
              "by their points as",
-             "JSON. Constant load of 225 kPa and law (7) with sigma = 50 s/rad where nothing else is said. A sweep "
+             "JSON. Constant load of 225 kPa and law (7) with sigma = 50 s/rad unless stated. A sweep "
              "shows what one",
-             "initial state leads to; branches show which motions there are, stable or not, and where each begins and "
+             "initial state leads to; branches show the motions, stable or not, and where each begins and "
              "ends.", "",
              "## Branches behind Fig. 6", "", f"![branches over mu_k/mu_s](pictures/{BRANCHES}.png)", "",
              *_branches(branches), "", *_jumps(branches), "", "    tcc-sim figure 6 --branches", "",
@@ -152,7 +152,7 @@ def _branches(data: Figure) -> list[str]:
         lines.append(f"| {branch['period']} | {min(branch['value']) / unit:.4f} to {max(branch['value']) / unit:.4f} | "
                      f"{sum(branch['stable'])} of {len(branch['stable'])} | {ends} | {met or 'none'} |")
     worst = max((f["residual"] for f in found.bifurcations), default=0.0)
-    return [*lines, "", f"The multiplier of every bifurcation is within {worst:.0e} of where it has it."]
+    return [*lines, "", f"The multiplier of every bifurcation is within {worst:.0e} of its value at a bifurcation."]
 
 
 def _jumps(data: Figure) -> list[str]:

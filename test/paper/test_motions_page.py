@@ -58,7 +58,7 @@ def test_the_page_says_what_was_found() -> None:
     page = motions.motions_page(given_figure(6, "orbit", curves), given_basins())
     low, middle, share = (x / OMEGA_N for x in (20.0, 120.0, 150.0))
     for words in (f"| 1 | {low:.4f} to {share:.4f} | 2 of 4 | at the end of a range, {low:.6f}; in a canard, "
-                  f"{middle:.6f} | fold {share:.6f} |", "is within 1e-11 of where it has it",
+                  f"{middle:.6f} | fold {share:.6f} |", "is within 1e-11 of its value at a bifurcation",
                   f"- fold: {share:.6f} (from (13), upward)", "Of 4 jumps in three sweeps 2 are bifurcations",
                   f"- a motion without a period beside it: 2 places from {15.0 / OMEGA_N:.6f} to {low:.6f}\n",
                   "| 2 | 49.2000 | 0.250000 | 0.1 | 75.000 % |", "Undecided: 25 %",

@@ -1,4 +1,4 @@
-"""The actuator between a command and the plates: closed forms at every tick, SciPy within it, and dead time."""
+"""The actuator between command and plates: closed forms at every tick, SciPy within ticks, and dead time."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def test_within_a_tick_the_load_is_the_exponential_so_that_scipy_finds_the_same_
                           atol=1e-10).y[:, -1]
         worst = max(worst, abs(state[0] - found[tick]))
         assert pressure[tick] == pytest.approx(state[3], rel=1e-9)
-    assert worst < 1e-3   # As much as the solver's sub-steps err without an actuator.
+    assert worst < 1e-3  # The error of the solver's sub-steps without an actuator.
 
 
 @pytest.mark.parametrize("limit", [0.0, 2e6])

@@ -1,4 +1,4 @@
-"""A law in the loop without ROS: the solver's own ticks with what it answered, and what is wrong with an answer."""
+"""A law in the loop without ROS: the solver's own ticks with the law's answers, and refused answers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tcc_sim.solvers.fixed_step import Stepper
 
 
 class Scripted:
-    """A law that answers from a list and keeps what it was shown."""
+    """A law that answers from a list and records its readings."""
 
     def __init__(self, answers: list[object]) -> None:
         self.answers, self.readings = answers, []
@@ -45,7 +45,7 @@ def test_every_tick_is_the_solvers_with_what_the_law_answered() -> None:
     np.testing.assert_array_equal(run.applied_pressure[1:], [pressure for _, pressure in answers])
     np.testing.assert_allclose(run.saturation_torque, 0.24 * 0.08 * 0.1 * run.applied_pressure, rtol=1e-15)
     np.testing.assert_allclose(run.t, np.arange(201) * 2e-3, atol=1e-12)
-    # The law saw every state before it answered, and the last one led to no further tick.
+    # The law saw every state before it answered; the last state led to no further tick.
     assert [reading.slip_speed for reading in law.readings] == run.slip_speed[:-1].tolist()
     np.testing.assert_array_equal(np.transpose(list(run.commands.values()))[1:], answers)
     assert all(math.isnan(column[0]) for column in run.commands.values())

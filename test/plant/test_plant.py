@@ -1,4 +1,4 @@
-"""What the driveline takes while it runs and what it refuses, without ROS: sub-steps, their cost, held inputs."""
+"""Values that a running driveline accepts and refuses, without ROS: sub-steps, their cost, held inputs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MEANS = {"engine.fallback": "mean", "pressure.fallback": "mean"}
 
 
 def plant(cost: float = 0.0, scene: str = "commands", **values: object) -> Plant:
-    """A plant that has measured that its sub-steps cost so many seconds."""
+    """A plant that has measured a `cost` of its sub-steps, s."""
     found = Plant(load_scene(scene).with_values({**(MEANS if scene == "commands" else {}),
                                                  **{k.replace("__", "."): v for k, v in values.items()}}),
                   itertools.cycle((0.0, cost * MEASURED)).__next__)
@@ -103,7 +103,7 @@ def test_a_scene_that_needs_more_than_the_share_from_the_start_keeps_running_and
 
 
 def test_a_scene_that_cannot_be_computed_in_its_own_time_is_refused_at_the_start_with_the_measured_cost() -> None:
-    """Compiled and measured for real: 18 810 sub-steps take milliseconds on any machine, a tick has one."""
+    """Measured with the compiled kernel: 18 810 sub-steps take milliseconds on any machine; a tick has one."""
     values = {"pressure.mean": 1e7, "pressure.amplitude": 0.0, "friction.decay": 35.625}
     scene = load_scene("fig02").with_values(values)
     assert needed(scene.system, 1e7, 1e-3) == pytest.approx(18_810.0)
@@ -119,7 +119,7 @@ def test_a_scene_that_cannot_be_computed_in_its_own_time_is_refused_at_the_start
 
 
 def test_the_general_kernel_is_what_a_change_that_needs_it_is_checked_with() -> None:
-    """Its harmonics of zero amplitude count too: with 20 000 rad/s allowed to the scene's own terms, 40 000 to all."""
+    """Harmonics of zero amplitude count too: the scene's own terms stay within the limit, all terms exceed it."""
     found = plant(scene="minimal", rate=8.0, engine__frequency=4000.0)
     change = found.scene.with_values({"friction.kinetic_coefficient": 0.29999})
     terms = general_terms(change.system)

@@ -1,4 +1,4 @@
-"""Sensors before a law: how each option changes what the law is told, and wrong options."""
+"""Sensors before a law: effect of each option on the law's input, and wrong options."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tcc_sim.trajectory import Floats
 
 
 def told(count: int, **sensors: Any) -> tuple[dict[str, Floats], list[bool]]:
-    """What sensors tell of states whose signals are 1, 2, ... times the tick, and whether a message was lost."""
+    """Measured signals of states with signals 1, 2, ... times the tick, and whether a message was lost."""
     measuring, columns, lost = Sensors(sensors), {name: np.empty(count) for name in SIGNALS}, []
     for tick in range(count):
         state = Reading(*[0.0] * len(Reading._fields))._replace(

@@ -1,4 +1,4 @@
-"""The law of the slip controller example, on the solver of the node and without ROS."""
+"""The law of the slip controller example, on the node's solver without ROS."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def cycle_means(slip_speed: list[float], cycle: float) -> np.ndarray:
 
 def closed_loop(tuning: Tuning, ticks: int, mean_torque: dict[int, float],
                 **values: object) -> tuple[list[float], list[float]]:
-    """Slip speeds and pressures of a run in lock-step; `mean_torque` changes at the ticks named."""
+    """Slip speeds and pressures of a run in lock-step; `mean_torque` has changes by tick."""
     system = load_scene("controlled").with_values({k.replace("__", "."): v for k, v in values.items()}).system
     stepper, controller = Stepper(system, STEP), SlipController(tuning)
     slip_speed, pressure = [system.initial.slip_speed], []
@@ -43,7 +43,7 @@ def closed_loop(tuning: Tuning, ticks: int, mean_torque: dict[int, float],
     (0.27, 100.0, 50.0), (0.27, -100.0, 50.0), (0.21, 100.0, 50.0), (0.3, 100.0, 50.0), (0.24, -100.0, 0.0),
     (0.24, 100.0, 150.0)])
 def test_mean_slip_is_held_under_pulsation_and_after_a_step(kinetic: float, change: float, start: float) -> None:
-    """Also from stick, from a fast start, and where friction is not what the controller believes."""
+    """Also from stick, from a fast start, and with friction that the controller does not expect."""
     system = load_scene("controlled").system
     assert (system.engine.torque_amplitude, system.engine.mean_torque) == (250.0, 200.0)
     slip_speed, _ = closed_loop(Tuning(target=20.0), 4000, {2000: 200.0 + change},
@@ -54,14 +54,14 @@ def test_mean_slip_is_held_under_pulsation_and_after_a_step(kinetic: float, chan
     settled = 25
     assert np.abs(means[settled:before] - 20.0).max() < 1.0
     assert np.abs(means[before + settled:after] - 20.0).max() < 1.0
-    # The pulsation is there, as the flywheel's inertia lets it through, and the step was felt.
+    # The pulsation has the swing that the flywheel allows, and the step disturbed the slip.
     swing = np.ptp(slip_speed[3000:])
     assert swing == pytest.approx(2.0 * 250.0 / (0.2 * 150.0), rel=0.05)
     assert np.abs(means[before:before + 5] - 20.0).max() > 1.0
 
 
 def test_a_limit_that_was_hit_leaves_nothing_wound_up() -> None:
-    """A pressure limit below what the torque needs: slip runs away, and comes back without the windup's undershoot."""
+    """The torque needs more than the pressure limit: slip runs away, and returns without an undershoot by windup."""
     tuning = Tuning(pressure_limit=100e3)
     torque = {0: 260.0, 600: 100.0}
     slip_speed, pressure = closed_loop(tuning, 6000, torque)
@@ -74,7 +74,7 @@ def test_a_limit_that_was_hit_leaves_nothing_wound_up() -> None:
 
 
 def test_the_integral_part_moves_away_from_a_limit_and_not_into_it() -> None:
-    """At the upper limit with a slip that is too slow, and at 0 with one that is too fast, the error leads back."""
+    """The error leads back from the upper limit if slip is too slow, and from 0 if it is too fast."""
     for torque, error, wound in ((1e4, 5.0, False), (1e4, -5.0, True), (-1e4, -5.0, False), (-1e4, 5.0, True)):
         controller = SlipController(Tuning(target=20.0))
         limited = controller.update(20.0 + error, torque)

@@ -16,7 +16,7 @@ SECOND = 10**9
 
 
 def stepping(*steps):
-    """A clock that is set by so much (ns) before these rows."""
+    """A clock that is set by these times (ns) before these rows."""
     return lambda number: START + number * TICK + sum(by for row, by in steps if number >= row)
 
 
@@ -37,7 +37,7 @@ def test_after_a_step_of_the_clock_every_state_is_followed_to_the_last_bit(tmp_p
 
 
 def test_a_change_of_the_second_run_is_not_taken_for_one_of_the_first(tmp_path):
-    """The clock is set back by more than the first run took: it does not say which run a scene belongs to."""
+    """The clock is set back by more than the first run took, so times do not show to which run a scene belongs."""
     said = []
     first = ticked(FIG02, 500)
     second = ticked(FIG02, 400, changes=[(150, {"engine.mean_torque": 250.0}, False)], said=said)
@@ -52,7 +52,7 @@ STEPS = [[(50, -3600 * SECOND)], [(70, -SECOND)], [(71, -30 * TICK)], [(200, -12
 
 
 def fallen_back(tmp_path, resets, clock, changes=()):
-    """A driveline whose inputs a command held for some of the time, and its scene's harmonics for the rest."""
+    """A driveline with inputs by commands for part of the time, and by its scene's harmonics for the rest."""
     said, sources = [], []
     rows = ticked(COMMANDED, 400, torque=lambda k: 310.0 if 70 <= k < 130 or k >= 280 else None,
                   pressure=lambda k: 2.1e5 if 100 <= k < 200 or 230 <= k < 240 else None, resets=resets,
@@ -75,7 +75,7 @@ def test_fallbacks_and_changed_parameters_are_followed_together(tmp_path):
 
 
 def test_sources_that_a_recorder_got_twice_count_once(tmp_path):
-    """One that subscribes again gets all that is latched once more, with the times at which it was sent."""
+    """A recorder that subscribes again receives all latched messages again, with their first times of sending."""
     sources = []
     rows = ticked(COMMANDED, 300, torque=lambda k: 310.0 if k >= 70 else None, pressure=lambda k: None, sources=sources)
     path = bag(tmp_path / "run", rows, COMMANDED,
@@ -90,7 +90,7 @@ def test_the_pace_does_not_count_a_step(tmp_path):
 
 
 def states(run, ticks, sent, index=0):
-    """Stamps and times of sending; the values do not matter here."""
+    """States with these stamps and times of sending; all values are 0."""
     import numpy as np
 
     zero = np.zeros(len(ticks))
@@ -111,7 +111,7 @@ def test_places_of_scenes():
 
 @pytest.mark.parametrize(("said", "runs", "row"), [(1005, 1, 2), (1035, 1, 2), (1005, 2, 2), (1035, 2, 7)])
 def test_a_scene_that_was_said_at_another_time_holds_from_its_stamp_on(said, runs, row):
-    """Said before the state ahead of it was sent, or after its own: rather in a run whose state came later."""
+    """Sent before the preceding state, or after its own; it belongs to the run with the later state."""
     records = [record(None, 5), record(2 * TICK, said)]
     assert places_of(records, [states(run, range(5), [1000 * (run + 1) + 10 * k for k in range(5)], 5 * run)
                                for run in range(runs)]) == [(0, 0), (row, 1)]

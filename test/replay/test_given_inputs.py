@@ -59,7 +59,7 @@ def test_a_table_gives_what_the_plant_gives_that_holds_its_values(tmp_path):
 
 
 def test_a_recording_gives_itself_again_and_another_clutch_something_else(tmp_path):
-    scene = load_scene("fig02").with_values({"pressure.amplitude": 1e-3})  # Hardly any, which is held well.
+    scene = load_scene("fig02").with_values({"pressure.amplitude": 1e-3})  # Small, so that holding it is exact enough.
     run = solve(scene, cycles=6, samples_per_cycle=200, flywheel_angle=True, loads_from=0)
     write_trajectory(tmp_path / "run.mcap", run, scene.text())
     again = solve(driven_by(scene, tmp_path / "run.mcap"), duration=float(run.t[-1]) * 0.999).final
@@ -71,7 +71,7 @@ def test_a_recording_gives_itself_again_and_another_clutch_something_else(tmp_pa
 
 
 def test_a_command_that_no_tick_tells_is_left_to_the_scene(tmp_path):
-    """Only the initial state has a pressure, which no tick has applied."""
+    """Only the initial state has a pressure; no tick applied it."""
     scene = load_scene("commands")
     rows = ticked(scene, 20, torque=lambda k: 250.0 + k, pressure=lambda k: 2e5)
     rows = [(*row, 2e5 if k == 0 else math.inf) for k, (*row, _) in enumerate(rows)]
@@ -114,7 +114,7 @@ def test_what_analyse_and_simulate_write_is_a_table_of_inputs(tmp_path):
 
 
 def test_what_analyse_writes_of_a_commanded_pressure_drives_as_the_recording_does(tmp_path, capsys):
-    """A sine at 1 kHz, held by the one from row to row and by the other through its tick, which ends there."""
+    """A sine at 1 kHz; the table holds it from row to row, the recording through the tick that ends there."""
     scene = load_scene("commands")
     path = bag(tmp_path / "run", ticked(scene, 400, torque=lambda k: 300.0 + 200.0 * math.sin(0.15 * k),
                                         pressure=lambda k: 2e5 + 5e4 * math.cos(0.07 * k)), scene)
@@ -183,7 +183,7 @@ def test_what_is_no_file_of_a_bounded_size_is_refused_unread(tmp_path, capsys, m
     monkeypatch.setattr(reading, "_number", lambda text: float(next(rows)))
     with pytest.raises(InputError, match="it has more than 3 rows"):
         reading.table_of(table(tmp_path / "long.csv", t=range(5000), engine_torque=[1.0] * 5000), most=3)
-    assert next(rows) == 7  # The rest was not looked at.
+    assert next(rows) == 7  # The rest was not read.
     assert main(["simulate", "commands", "--inputs", "/proc/self/mem"]) == 2
     assert "/proc/self/mem cannot be read" in capsys.readouterr().err
 
@@ -207,8 +207,7 @@ def shaft_torque(t, x, system, begin, before, rate):
 
 
 def change(t, x, system, begin, before, rate):
-    """Of slip speed, plate angle, plate speed, angle of the far end, whose speed is linear, and energy of the clutch.
-    """
+    """Rates of slip speed, plate angle, plate speed, angle of the far end (at a linear speed) and clutch energy."""
     torque, load = torques_at(terms_of(system), np.array(t))
     friction = load * smoothed_coefficient(x[0], system.friction.smoothing, system.friction.stribeck)
     speeding = (friction - shaft_torque(t, x, system, begin, before, rate)) / system.driveline.plate_inertia

@@ -1,4 +1,4 @@
-"""Who held the inputs of a recording, and how late its commands acted: known from how the recording was made."""
+"""Source of the inputs of a recording and lateness of its commands, known from its construction."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_the_age_of_commands_is_that_of_the_states_they_answer(tmp_path, late):
         if k >= (late or 0):
             answered = 0 if late is None else stamp - late * TICK  # A stamp of 0 names no state.
             writer.write(commands[k % 2], log + 1000, log + 1000, cdr.fluid_pressure(answered, 2e5), k)
-        if k in (500, 1000, 1400):  # The counts of a driveline that is started again begin at 0.
+        if k in (500, 1000, 1400):  # After a restart counts begin at 0.
             counts = {500: (3, 5), 1000: (4, 6), 1400: (2, 1)}[k]
             data = diagnostics({"missed ticks": counts[0], "actuation_pressure refused": counts[1], "regime": "slip"})
             writer.write(status, log, log, data, k)

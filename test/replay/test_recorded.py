@@ -1,4 +1,4 @@
-"""A recording as data: every sample, in windows, as the same object as a solution, as files and as a table."""
+"""A recording as data: every sample, in windows, as a Trajectory, as files and as a table."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""Recordings made by hand from closed forms come back as their figures, whatever state they are in."""
+"""Recordings made from closed forms give the figures of these forms, complete or damaged."""
 
 import math
 import os
@@ -164,7 +164,7 @@ def test_a_recording_without_scene_needs_one(tmp_path):
 
 
 def rerun_rows(path):
-    """Rows by entity path, counted by Rerun's own tool, which has accepted the file."""
+    """Rows by entity path, verified and counted by Rerun's own tool."""
     for verb in ("verify", "print"):
         done = subprocess.run([sys.executable, "-m", "rerun", "rrd", verb, str(path)], capture_output=True, text=True,
                               timeout=120,
@@ -209,7 +209,7 @@ def test_more_than_half_of_the_memory_is_refused_and_a_window_of_it_is_read(tmp_
     pages = 2 * 2000 * BYTES_A_STATE // os.sysconf("SC_PAGE_SIZE")
     monkeypatch.setattr(os, "sysconf", lambda name, known=os.sysconf: pages if name == "SC_PHYS_PAGES" else known(name))
     for cut in (path / "run_0.mcap", tmp_path / "cut.mcap"):
-        if not cut.exists():  # Without an index nobody knows how many there are.
+        if not cut.exists():  # Without an index the number of states is unknown.
             cut.write_bytes((path / "run_0.mcap").read_bytes()[:-3000])
         with pytest.raises(InputError, match=r"states take .* ask for a window: --from and --to"):
             replay(cut)
@@ -229,7 +229,7 @@ def test_damping_is_refused_before_reading_where_inputs_came_from_topics(tmp_pat
 
 @pytest.fixture(scope="module")
 def settling():
-    """Fig. 2's driveline on its way to period one."""
+    """The driveline of Fig. 2 settling in period one."""
     return ticked(load_scene("fig02"), 8280)
 
 
@@ -245,7 +245,7 @@ def test_a_gap_is_not_taken_for_a_period(tmp_path, settling, gap, period):
 
 @pytest.fixture(scope="module")
 def run_up():
-    """A commanded run-up from 100 to 200 rad/s in 10 s: the driveline itself, with the scene's frequency elsewhere."""
+    """A commanded run-up from 100 to 200 rad/s in 10 s; the scene states another frequency."""
     scene = load_scene("commands").with_values({"engine.frequency": 150.0, "friction.kinetic_coefficient": 0.27})
 
     def torque(k):
@@ -263,7 +263,7 @@ def test_a_commanded_run_up_is_analysed_at_its_own_frequency(tmp_path, run_up):
     assert values["frequency_range"] == pytest.approx([100.0, 200.0], rel=0.02)
     starts = found.cycles.starts
     turns = (100.0 * starts + 5.0 * starts * starts) / (2.0 * math.pi)
-    # The torque of a tick is held since the tick before.
+    # The torque of a tick is held from the tick before.
     assert np.abs(turns - np.rint(turns)).max() < 0.02
     assert len(found.cycles) == pytest.approx(1500.0 / (2.0 * math.pi), abs=3)
     v = np.array([row[3] - row[4] for row in rows])
@@ -276,7 +276,7 @@ def test_a_commanded_run_up_is_analysed_at_its_own_frequency(tmp_path, run_up):
 
 
 def test_a_run_whose_torque_tells_no_cycles_is_read_all_the_same(tmp_path, run_up):
-    """A torque that jumps at random: extremes and stick, a picture, and one line."""
+    """A torque that jumps at random gives extremes and stick, a picture, and one line."""
     pytest.importorskip("matplotlib")
     scene, _ = run_up
     random = np.random.default_rng(4).uniform(0.0, 600.0, 200)

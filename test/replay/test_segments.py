@@ -1,4 +1,4 @@
-"""A recording in segments: each start, reset, restart and change of parameters begins one with figures of its own."""
+"""A recording in segments: each start, reset, restart and change of parameters begins one with separate figures."""
 
 import json
 import math
@@ -21,7 +21,7 @@ LOAD = 300.0
 
 
 def steady(seconds, speed, omega=150.0):
-    """Steady pure slip, (17a) put right, from `speed` upwards."""
+    """Steady pure slip by the corrected (17a), from `speed` upwards."""
     swing = 250.0 / (0.2 * omega)
     return by_hand(seconds, lambda t: speed + swing * (1.0 - np.cos(omega * t)), lambda t: LOAD / 3000.0,
                    lambda t: 0.0 * t, lambda t: 300.0 + 250.0 * np.sin(omega * t), lambda t: LOAD + 0.0 * t)
@@ -58,7 +58,7 @@ def test_resets_restarts_and_parameters_begin_segments(tmp_path):
     assert [s["changes"] for s in json_rows] == [{}, {}, {"engine.mean_torque": 290.0}, {}]
     assert [s["min_slip_speed"] for s in json_rows] == pytest.approx([150.0, 100.0, 50.0, 80.0], abs=0.2)
     assert [s["discarded"] for s in json_rows] == [2, 2, 2, 2]
-    # What stands above them is still that of the longest run.
+    # The figures above the segments are those of the longest run.
     assert (found.as_json()["runs"], found.summary.min_slip_speed) == (3, pytest.approx(50.0, abs=0.2))
     table = "\n".join(found.lines())
     for words in ("segment 1", "0 to 1 s, reset", "parameters: engine.mean_torque = 290.0", "restart"):
@@ -92,7 +92,7 @@ def test_a_segment_without_a_whole_cycle_has_no_figures(tmp_path):
 
 
 def controlled(target, start=150.0, rate=4.0, seconds=6.0):
-    """Slip that comes to the target exponentially, without ripple."""
+    """Slip that approaches the target exponentially, without ripple."""
     return by_hand(seconds, lambda t: target + (start - target) * np.exp(-rate * t), lambda t: 0.1 + 0.0 * t,
                    lambda t: 0.0 * t, lambda t: 300.0 + 0.0 * t, lambda t: LOAD + 0.0 * t)
 
@@ -125,14 +125,14 @@ def test_a_target_that_becomes_known_later_is_judged_from_there_on(tmp_path):
 @pytest.mark.parametrize("steps", [(5000, -3600), (6040, -3600), (6040, -3.2), (6055, 3600), (6070, -3600),
                                    (6060, -3600), (6061, -3600)])
 def test_a_new_target_begins_its_segment_where_it_was_said_whatever_the_clock_does(tmp_path, steps):
-    """The clock is set at one state; the new target is said before state 6061, in a chunk that begins with 6000."""
+    """The clock is set at one state; the new target is sent before state 6061, in a chunk that begins with 6000."""
     at, seconds = steps
     rows = [*controlled(20.0, seconds=6.06), *shifted(controlled(50.0, start=20.0), 6061)]
     path = bag(tmp_path / "run", rows, SLIP, targets=[(0, 20.0), (3000, 20.0), (6061, 50.0)],
                clock=lambda row: START + row * TICK + (round(seconds * 1e9) if row >= at else 0))
     first, second = replay(path, discard=0).as_json()["segments"]
     begins = round(second["start"] * 1e3)
-    assert begins == 6061 or (at == 6061 and begins == 6060)  # What comes with the step itself is in doubt by a state.
+    assert begins == 6061 or (at == 6061 and begins == 6060)  # At the step itself one state of doubt remains.
     assert (first["tracking"]["target"], second["tracking"]["target"]) == (20.0, 50.0)
     assert second["changes"] == {"target_slip_speed": 50.0}
 
@@ -170,7 +170,7 @@ def test_a_run_of_nothing_but_nan_has_no_figures_and_takes_none_from_another(tmp
 
 
 def test_a_frequency_that_was_changed_while_running_counts_from_there_on_and_keeps_its_phase(tmp_path):
-    """150 rad/s up to 2 s, 180 rad/s behind, without a jump of phase."""
+    """150 rad/s up to 2 s, then 180 rad/s, without a jump of phase."""
     def phase(t):
         return 150.0 * np.minimum(t, 2.0) + 180.0 * np.maximum(t - 2.0, 0.0)
 

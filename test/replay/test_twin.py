@@ -1,4 +1,4 @@
-"""From a recording to a scene of one's own, and that scene driven by what drove the recording."""
+"""A scene identified from a recording, and driven by the inputs of that recording."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FOUND = {"friction.kinetic_coefficient": 0.25, "driveline.stiffness": 3150.0}
 
 
 def test_a_recording_becomes_a_scene_that_follows_it(tmp_path: Path, capsys) -> None:
-    """A driveline other than its scene says, under commands of torque and pressure."""
+    """A driveline that differs from its scene, under commands of torque and pressure."""
     pytest.importorskip("matplotlib")
     scene = load_scene("commands")
     rows = ticked(scene.with_values(FOUND), 401, torque=lambda k: 250.0 + 200.0 * math.sin(0.14 * k),

@@ -1,4 +1,4 @@
-"""A recording is solved again from itself: the same bits where nothing was changed, and the first change is found."""
+"""A recording is solved again from itself: unchanged ones give the same bits, and the first change is found."""
 
 import math
 
@@ -184,7 +184,7 @@ def test_states_without_a_known_input_are_not_verified(tmp_path, capsys):
 
 
 def test_messages_in_the_wrong_order_are_not_verified(tmp_path):
-    """Two that are swapped begin a run, where a difference that lasts would not show."""
+    """Two swapped messages begin a run, which would hide a lasting difference."""
     rows = ticked(SCENES["fig02"], 600)
     shifted = [(*row[:3], row[3] + 777.0, *row[4:]) if 201 <= k < 300 else row for k, row in enumerate(rows)]
     for name, given in (("clean", rows), ("shifted", shifted)):
