@@ -1,4 +1,4 @@
-"""Claims that the command on them judges."""
+"""Selection of claims for the command `claims`."""
 
 from __future__ import annotations
 
@@ -11,5 +11,5 @@ from tcc_sim.paper import claims
 
 @pytest.fixture
 def judge_only(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
-    """Has the command judge some claims only."""
+    """Function that limits the command to some claims."""
     return lambda *chosen: monkeypatch.setattr(claims, "CLAIMS", chosen)

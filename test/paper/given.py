@@ -1,4 +1,4 @@
-"""Evidence that a test made up, for the verdicts on the paper's claims."""
+"""Made-up evidence for the verdicts on the paper's claims."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def record(slip: float = 10.0, period: int = 1, regime: str = "stick-slip", *, s
 
 
 class Given(StableMotions):
-    """Evidence that was made up: a record per row, ratio and direction, and jumps and stable stretches per row."""
+    """Made-up evidence: a record per row, ratio and direction, and jumps and stable stretches per row."""
 
     def __init__(self, at: Callable[..., Point] = lambda row, x, direction: record(),
                  jumps: Callable[..., list[float]] = lambda row: [], lyapunov: str = "chaotic",
@@ -84,7 +84,7 @@ class Given(StableMotions):
 
 def stretch(low: float, high: float, period: int = 1, height: float = 10.0, begins: str = "",
             ends: str = "") -> StableSegment:
-    """A stable motion from `low` to `high` with the bifurcations at its ends; jumps are named so."""
+    """A stable motion from `low` to `high` with the bifurcations at its ends; a kind with "jump " is a jump."""
     def end(value: float, kind: str) -> SegmentEnd:
         return SegmentEnd(value, kind.removeprefix("jump "), 1e-12 if kind else 0.0, kind.startswith("jump"))
 
@@ -92,7 +92,7 @@ def stretch(low: float, high: float, period: int = 1, height: float = 10.0, begi
 
 
 def curve_of(largest: Sequence[float | None], **more: Any) -> Labelled:
-    """A curve of a map whose motions have settled in period one, where nothing else is said."""
+    """A curve of a map; by default its motions have settled in period one."""
     n = len(largest)
     given: dict[str, Any] = {
         "label": "a curve", "values": {}, "direction": "cold", "min_slip_speed": [0.0] * n, "period": [1] * n,
@@ -145,12 +145,12 @@ def slips_from(start: Callable[[Any], float]) -> Callable[..., Any]:
 
 
 def by_amplitude(order: tuple[float, float]) -> Callable[..., Any]:
-    """Fig. 13: how the maxima change with Tsp below and above 0.3."""
+    """Fig. 13: change of the maxima with Tsp below and above 0.3."""
     return lambda row, x, direction: record(10.0 + order[x > 0.3] * row["pressure.amplitude"] / 225e3)
 
 
 def orbit(cold: float, up: float, down: float, start: float = 0.7) -> Callable[..., Any]:
-    """Fig. 6: period two below an end of its own in each direction, none below `start`."""
+    """Fig. 6: period two below a separate end in each direction, none below `start`."""
     def at(row: Any, x: float, direction: str) -> Any:
         end = {"cold": cold, "up": up, "down": down}[direction]
         return record(period=0 if x <= start else 2 if x <= end + 1e-9 else 1)
@@ -194,7 +194,7 @@ def hills(*places: float) -> Callable[..., Any]:
 
 
 def beside(at: Callable[..., Any], still: float = 10.0) -> Callable[..., Any]:
-    """A curve that `at` gives, and `still` for Tsp = 0."""
+    """The curve of `at`, and `still` for Tsp = 0."""
     return lambda row, x, direction: at(row, x, direction) if "pressure.amplitude" in row else record(still)
 
 
@@ -204,12 +204,12 @@ def dual(times: int) -> Callable[..., Any]:
 
 
 def severe_jumps(row: Any) -> list[float]:
-    """Three jumps of sizes that grow, on each curve of Fig. 14."""
+    """Three jumps of growing size on each curve of Fig. 14."""
     return [0.2, 0.3, 0.4]
 
 
 def severe(with_size: bool) -> Callable[..., Any]:
-    """Fig. 14: periods beside the jumps that grow with them, or fall; the larger slip is at the smaller jumps."""
+    """Fig. 14: periods beside the jumps grow or fall with their size; the larger slip is at the smaller jumps."""
     def at(row: Any, x: float, direction: str) -> Any:
         number = min(range(3), key=lambda k: abs(x - (0.2, 0.3, 0.4)[k]))
         return record(30.0 - number, period=number + 1 if with_size else 3 - number)

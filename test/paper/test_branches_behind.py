@@ -1,4 +1,4 @@
-"""Which motion a point of a sweep came to, where its transient outlasts what is dropped or the run itself."""
+"""The motion that a point of a sweep reaches if its transient outlasts the dropped cycles or the run."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ def test_a_transient_does_not_pass_for_the_size_of_the_motion_behind_it() -> Non
     assert record["settled"]
     states = smoothed_states(sweep.curve.at(0), [*seen.state, 0.0], seen.period, 5000)
     assert seen.amplitude == pytest.approx(np.abs(states[:, 0]).max(), rel=1e-6)
-    # What the paper's rule keeps is higher by a third, which a picture without branches cannot tell from a jump.
+    # The maximum by the paper's rule is a third higher; without branches a picture shows a jump.
     assert record["max_slip_speed"] > 1.3 * seen.amplitude
     assert still_higher(sweep, [seen]) == 1
 
 
 def test_motions_that_settle_slowly_lie_on_their_branch_and_their_jump_is_the_doubling() -> None:
-    """Continued downward, the motion of period one loses its stability where it doubles and leaves slowly: its first
-    values below seem to be of period one still after hundreds of cycles.
+    """Continued downward, the motion of period one loses its stability where it doubles and departs slowly: just below,
+    it still looks like period one after hundreds of cycles.
     """
     system = paper_system({"engine.frequency": 0.36 * OMEGA_N, "pressure.amplitude": 0.0})
     values = tuple(r * STATIC for r in np.arange(0.768, 0.8365, 0.004))

@@ -1,6 +1,4 @@
-"""Claims with robust numbers, and the frame of the table; the numbers are compared with closed forms where there are
-any.
-"""
+"""Claims with robust numbers, compared with closed forms where these exist, and the frame of the table."""
 
 from __future__ import annotations
 
@@ -40,7 +38,7 @@ def test_the_stick_limit_is_that_of_the_closed_form() -> None:
 
 
 def test_the_page_has_every_claim_with_the_criterion_in_force() -> None:
-    """Its criteria are those of the rows, its claims are sorted by verdict, and its counts are those of its table."""
+    """The page has the criteria of the rows, claims sorted by verdict, and the counts of its table."""
     page = PAGE.read_text()
     head, *parts = page.split("\n## ")
     sections = dict(part.split("\n", 1) for part in parts)
@@ -83,7 +81,7 @@ def test_a_verdict_is_that_of_every_pressure_and_tolerance(judged: Any, verdict:
 
 
 def test_a_run_goes_on_from_what_was_judged(tmp_path: Path) -> None:
-    """A claim at one pressure confirmed and at another not; what is kept is not worked out again."""
+    """A claim is confirmed at one pressure and not at another; stored verdicts are not computed again."""
     worked = []
 
     def measure(evidence: StableMotions) -> Measured:
@@ -106,7 +104,7 @@ def test_a_run_goes_on_from_what_was_judged(tmp_path: Path) -> None:
 
 
 def test_every_threshold_that_a_criterion_uses_is_halved_and_doubled() -> None:
-    """A difference of 0.03 from a printed ratio is near it for twice the threshold of 0.02 alone."""
+    """A difference of 0.03 from a printed ratio is near only at twice the threshold of 0.02."""
     def measure(evidence: StableMotions) -> Measured:
         return Measured((evidence.limit("near") >= 0.03,), {})
 

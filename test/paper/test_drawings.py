@@ -1,4 +1,4 @@
-"""What the drawings of the paper's figures show of given numbers."""
+"""Marks and lines in the drawings of the paper's figures, for made-up numbers."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ pytest.importorskip("matplotlib")
 
 
 def test_every_kind_of_point_has_a_mark_of_its_own() -> None:
-    """Hollow is what has no period; what settles still, and slip that grows without end, are told apart from it."""
+    """Motions without a period are hollow; unsettled motions and runaways have other marks."""
     from tcc_sim.paper import branch_panels, drawings
     from tcc_sim.views import style
 
@@ -33,7 +33,7 @@ def test_every_kind_of_point_has_a_mark_of_its_own() -> None:
         assert marks["o", style.BLUE] == [[1.0, 1.0]]
         assert marks["x", "white"] == [[2.0, 2.0]]
         assert marks["o", "white"] == [[3.0, 3.0]]
-        # Slip that grows has a colour of its own and stands at the edge, whatever the scale.
+        # A runaway has a separate colour and is drawn at the edge for any scale.
         assert marks["^", style.RUNAWAY] == [[4.0, 0.97]]
         assert np.isnan(axis.lines[0].get_ydata()[3])
         drawings.draw_orbit(orbit, x, curve, style.BLUE)
@@ -79,7 +79,7 @@ def test_cells_of_a_map_have_the_colour_of_their_class() -> None:
 
 
 def test_the_panels_of_figure_7_share_ranges_and_show_the_plate_in_the_section() -> None:
-    """Two motions of different size: both sections have room for the larger one."""
+    """Of two motions of different size, both sections have room for the larger."""
     from tcc_sim.paper import histories
     from tcc_sim.views import style
 
@@ -111,7 +111,7 @@ def test_the_torques_of_figures_9_and_12_are_in_the_picture() -> None:
         histories.paint_delay(drawn, Numbers(panels=[late] * 4))
         torques = [axis for axis in drawn.axes for line in axis.lines if line.get_ydata().tolist() == [3.0, 4.0, 5.0]]
         shaded = [axis for axis in drawn.axes if axis.collections]
-        # Matplotlib draws axes of one order as they were made: what shades comes first, the torque above it.
+        # Matplotlib draws axes of one order as they were made: first the shading, then the torque.
         for below, above in zip(shaded, torques):
             assert (below.get_zorder(), drawn.axes.index(below)) < (above.get_zorder(), drawn.axes.index(above))
             assert not above.patch.get_visible()

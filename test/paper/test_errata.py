@@ -1,4 +1,4 @@
-"""The list of errata: that each number is what a derivation by hand says, and that the page has all of them."""
+"""The list of errata: each number agrees with a derivation by hand, and the page has all of them."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_every_erratum_is_whole_and_its_module_is_there() -> None:
 
 
 def test_the_page_has_every_erratum_and_what_is_left_open() -> None:
-    """The table, the reasons, and the numbers of those that closed forms give, as the code has them."""
+    """The page has the table, the reasons and the numbers from closed forms, as in the code."""
     page = (Path(__file__).resolve().parents[2] / ".github" / "paper" / "errata.md").read_text()
     assert f"{len(errata.ERRATA)} places of the paper where another form is right, and {len(errata.OPEN)} that" in page
     for row in errata.ERRATA:
@@ -100,7 +100,7 @@ def test_33_is_right_as_printed() -> None:
 
 
 def least_slip(speed: float) -> float:
-    """Least slip speed, rad/s, under (14) from this one on, were friction not to turn with it."""
+    """Least slip speed, rad/s, under (14) from this one on, if friction did not change sign with it."""
     system = paper_system({**claims_stick.PURE_SLIP, "initial.slip_speed": speed})
     d, e, load = system.driveline, system.engine, system.saturation_mean
 
@@ -126,7 +126,7 @@ def test_the_command_writes_the_page(tmp_path, judge_only, monkeypatch) -> None:
 
 @pytest.mark.parametrize("pressure", [200e3, 225e3, 260e3])
 def test_a_row_has_the_mean_pressure_that_is_judged(pressure: float) -> None:
-    """(10) by hand: |Tm| + Tp G = mu_s N R at the upper limit of Fig. 4; and Tsp/Tsm stays."""
+    """(10) by hand: |Tm| + Tp G = mu_s N R at the upper limit of Fig. 4; Tsp/Tsm is unchanged."""
     kept = Evidence(1e-9, 1, pressure=pressure)
     omega = pure_stick.constant_load_limits(kept.system({}))[-1]
     spring = complex(3000.0, 0.6 * omega)

@@ -1,4 +1,4 @@
-"""What the figures' drawings say: titles, units, ticks and places, looked up in the figure itself."""
+"""Titles, units, ticks and places of the figures' drawings, read from the Matplotlib figure."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def test_every_curve_of_a_map_has_a_row_with_the_others_pale_behind_it(count: in
 
 
 def column_numbers(kind: str) -> Any:
-    """Numbers of a figure of one kind with every mark and as many curves as the paper's."""
+    """Numbers of a figure of one kind with every mark and the paper's number of curves."""
     if kind in ("map", "orbit", "damping"):
         more: dict[str, Any] = {"settled": [True, False] + [True] * 9, "period": [1] * 8 + [0] * 3,
                                 "runaway": [True] + [False] * 10, "label": r"$\mu_k = 0.667\mu_s$",
@@ -115,7 +115,7 @@ def test_a_picture_in_a_column_has_no_strips_and_nothing_cut(kind: str, monkeypa
     found: list[Any] = []
     monkeypatch.setattr(style, "save_both", lambda drawn, stem: found.append(drawn))
     caption = r"constant load, $\mu_s N_m R = 540$ N m; dotted: $\omega/\omega_n = 1/6, 1/5, 1/4, 1/3$"
-    with style.figure():  # The fonts of pictures hold while they are measured.
+    with style.figure():  # Measure with the fonts of pictures.
         data = figure_of(kind, column_numbers(kind), caption=caption)
         drawings.draw(data, Path("none"), "a title that is far too long for one line of a narrow column", style.COLUMN)
         drawn, = found

@@ -1,6 +1,4 @@
-"""The figures of the paper: what each has, that its numbers are those of closed forms, and that files are not
-overwritten.
-"""
+"""The figures of the paper: contents, numbers beside closed forms, and files that are not overwritten."""
 
 from __future__ import annotations
 
@@ -54,7 +52,7 @@ FALLING, THIRDS, HALVES, PHASES = (1.0, 0.83, 0.75, 0.667), (2 / 3, 1.0, 4 / 3),
     (18, "Tsp", [0.0, 0.125, 0.25, 0.5], 0.75, None)])
 def test_the_curves_of_a_figure_are_the_paper_s(number: int, of: str, expected: list[float], kinetic: float | None,
                                                 amplitude: float | None) -> None:
-    """Captions and legends of the paper: what differs between curves, and what all of them have."""
+    """Captions and legends of the paper: values that differ between curves, and values of all curves."""
     row = FIGURES[number]
     systems = [paper_system(series.values) for series in row.series]
     found = {"mu_k": [1.0 / s.friction_ratio for s in systems], "psi": [s.pressure.phase / math.pi for s in systems],
@@ -71,7 +69,7 @@ def test_the_curves_of_a_figure_are_the_paper_s(number: int, of: str, expected: 
 
 
 def test_the_axes_of_the_claims_are_those_that_they_name() -> None:
-    """First and last value and the distance between two, which the criteria and the page say."""
+    """First and last value and step of each axis, as in the criteria and on the page."""
     from tcc_sim.paper import claims_attenuation, claims_jumps, claims_methods, claims_periods, claims_stick, rules
 
     for axis, low, high, step in (
@@ -139,7 +137,7 @@ def test_a_figure_in_a_column_has_its_title_and_is_redrawn_so(tmp_path: Path,
 
 
 def as_written(number: int, data: Figure, folder: Path) -> dict[str, Any]:
-    """The numbers of a figure as its file has them, once they are what the schema says."""
+    """Return the numbers in a figure's file after a check against the schema."""
     file = folder / f"fig{number:02d}.json"
     write_json(file, document("figure", data, figures.figure_system(number, FigureOptions(quick=True)),
                               ["figure", str(number)]))
@@ -149,7 +147,7 @@ def as_written(number: int, data: Figure, folder: Path) -> dict[str, Any]:
 @pytest.mark.parametrize(("number", "kind"), [(5, "damping"), (6, "orbit"), (7, "histories")])
 def test_the_numbers_of_every_kind_are_what_the_schema_says(number: int, kind: str, tmp_path: Path,
                                                             monkeypatch: pytest.MonkeyPatch) -> None:
-    """With few values, which the schema does not count; the other kinds are judged where they are drawn."""
+    """With few values, since the schema does not count them; other tests draw and check the other kinds."""
     monkeypatch.setitem(FIGURES, number, replace(FIGURES[number], count=16))
     found = as_written(number, figure_data(number, FigureOptions(quick=True)), tmp_path)
     assert (found["figure"], found["kind"]) == (number, kind)
@@ -164,7 +162,7 @@ def test_figure_2_shows_where_each_law_settles(tmp_path: Path) -> None:
     data = figure_data(2, FigureOptions(quick=True))
     assert as_written(2, data, tmp_path)["kind"] == "solvers"
     assert [(s.period, s.settled) for s in data.numbers.steady] == [(1, True), (2, True), (2, True)]
-    # The first by SciPy over a cycle; the others are the motion of Fig. 2 without smoothing, nearly or exactly.
+    # The first by SciPy over a cycle; the others are the motion of Fig. 2 nearly and exactly without smoothing.
     system = paper_system(FIGURES[2].series[0].values)
     law = Law(system)
     run = solve_ivp(lambda t, y: law.rates(t, y, 3), (0.0, system.cycle), data.numbers.steady[0].final, method="Radau",
@@ -172,7 +170,7 @@ def test_figure_2_shows_where_each_law_settles(tmp_path: Path) -> None:
     assert data.numbers.steady[0].max_slip_speed == pytest.approx(float(np.abs(run.y[0]).max()), rel=1e-4)
     sharper, exact = (s.max_slip_speed for s in data.numbers.steady[1:])
     assert sharper == pytest.approx(exact, rel=2e-3)
-    # The solvers start there: the first curve closes after its cycle.
+    # The solvers start on this motion: the first curve closes after its cycle.
     v = data.numbers.curves[0].slip_speed
     assert v[0] == pytest.approx(v[-1], abs=1e-4)
     for symbol in ("T_m", "T_p", r"\psi", r"\Omega_e"):
@@ -195,7 +193,7 @@ def test_a_spike_of_a_cold_start_is_told_from_what_coexists() -> None:
 
 
 def test_figures_share_the_curves_that_they_have_in_common() -> None:
-    """Fig. 11 has the curve omega_f = omega of Fig. 10, which is not swept again."""
+    """Fig. 11 takes the curve omega_f = omega of Fig. 10 without a new sweep."""
     options = FigureOptions(quick=True, law="set_valued")
     first = figure_data(10, options)
     swept = dict(options.kept)

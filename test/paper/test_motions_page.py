@@ -1,4 +1,4 @@
-"""The instrument that writes the page on periodic motions, on branches and basins that a test made up."""
+"""The instrument that writes the page on periodic motions, with made-up branches and basins."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every verdict can come out either way: each claim judged on curves and motions that the test made up."""
+"""Every verdict can be either: each claim is judged on made-up curves and motions."""
 
 from __future__ import annotations
 
@@ -265,7 +265,7 @@ CASES: dict[str, list[tuple[Any, ...]]] = {
     "slope_exaggerates_varying": [(Given(lambda row, x, d: record(20.0 - ratio_of(row))), YES),
         (Given(lambda row, x, d: record(20.0 + ratio_of(row))), NO)],
 }
-"""By claim evidence, verdict, and numbers beside it that were counted by hand, by the beginning of their name."""
+"""By claim: evidence, verdict, and numbers counted by hand, by the beginning of their name."""
 
 
 def leaves(value: Any) -> list[Any]:

@@ -23,7 +23,7 @@ from tcc_sim.trajectory import Cycles
 
 
 def given_run(section: Any = (), largest: float = 0.0, seconds: float = 0.0, **more: Any) -> Any:
-    """A run of which a claim looks at cycles, samples or the computing time."""
+    """A run with the cycles, samples and computing time that a claim reads."""
     n = max(len(section) - 1, 0)
     cycles = Cycles(np.array(section), np.full(n, largest), np.zeros(n), np.zeros(n))
     return SimpleNamespace(solved_cycles=cycles, statistics=SimpleNamespace(seconds=seconds), final=None, **more)
@@ -142,7 +142,7 @@ def test_a_transient_of_slip_is_stick_once_it_has_settled() -> None:
     row = {**FIGURES[14].series[0].values, "friction.law": "set_valued"}
     sweep = kept.curves([row], np.array([0.13, 0.16]))[0]
     assert kept.slips(sweep).tolist() == [False, True]
-    # A motion in stick whose section changes still is followed until it does not.
+    # A motion in stick is followed until its section no longer changes.
     alone = kept.curves([row], np.array([0.13]))[0]
     for settled in (False, True):
         stuck = replace(alone.points[0].summary, settled=settled, regime="stick-slip")
@@ -194,7 +194,7 @@ def test_a_jump_keeps_its_change_on_a_narrow_interval_and_a_steep_rise_does_not(
 
 
 def test_stick_ends_where_10_says_by_a_run_from_stick() -> None:
-    """(10) by hand for psi = pi: Tm + |Tp G + Tsp| at their phases; and a limit that is not there is none."""
+    """(10) by hand for psi = pi: Tm + |Tp G + Tsp| at their phases; without a limit there is no value."""
     values = rows["stick_limits_varying"](Evidence(1e-9, 1)).values
     assert len(values) == 4  # For psi = 0 a lower limit too.
     for name, found in values.items():
@@ -231,7 +231,7 @@ def test_a_repeated_series_is_told_by_its_shortest_period() -> None:
 
 @pytest.mark.parametrize(("apart", "verdict"), [(0, CONFIRMED), (1, CONFIRMED), (5, DEPENDS), (40, NOT_CONFIRMED)])
 def test_a_period_shows_in_both_or_in_one(apart: int, verdict: str) -> None:
-    """Of 51 ratios so many have a maximum that alternates beside a section that does not."""
+    """Of 51 ratios `apart` have a maximum that alternates beside a constant section."""
     number = iter(range(1000))
 
     def run(system: System) -> Any:
