@@ -1,1 +1,1 @@
-"""The paper again: its figures as numbers and drawings, and its claims judged by criteria in code."""
+"""Reproduction of the paper: its figures as numbers and drawings, and its claims judged by criteria in code."""

@@ -1,4 +1,4 @@
-"""Drawings of `figure --branches`: branches over points, jumps by their cause."""
+"""Drawings of `figure --branches`: branches over points, and the cause of each jump."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ CAUSES = {"basin_boundary": "basin", "steep": "steep", "aperiodic": "no period",
           "stick_border": "stick border", "period_doubling": "doubling", "neimark_sacker": "torus",
           "branch_point": "branch point", "grazing_sliding": "grazing", "crossing_sliding": "crossing",
           "switching_sliding": "switching", "adding_sliding": "adding"}
-"""Words at a jump; the other kinds have their own names."""
+"""Labels of jumps by cause."""
 UNNAMED = ("aperiodic", "not_followed")
-"""Causes that the JSON and the pages name alone: there may be dozens of them."""
+"""Causes without a label in drawings, because there may be dozens; JSON and pages name them."""
 UNSEEN = ("steep",)
-"""Causes that nothing shows: one motion goes on."""
+"""Causes without a mark, because one motion continues."""
 NARROWEST = 0.021
-"""Distance of neighbouring labels, in parts of the axis."""
+"""Least distance of neighbouring labels, as a fraction of the axis."""
 AXES = {"omega/omega_n": r"frequency ratio $\omega/\omega_n$", "mu_k/mu_s": r"friction ratio $\mu_k/\mu_s$"}
 
 
 def draw_branches(axis: Any, curve: Labelled, unit: float, colour: str) -> None:
-    """Largest slip speed along every branch: solid where stable, dashed where not; thicker for longer periods."""
+    """Draw the largest slip speed of every branch: solid if stable, dashed if unstable, thicker for longer periods."""
     found = behind([curve])
     periods = sorted({b["period"] for b in found.branches})
     for number, branch in enumerate(found.branches):
@@ -41,25 +41,26 @@ def draw_branches(axis: Any, curve: Labelled, unit: float, colour: str) -> None:
 
 
 def behind(curves: Sequence[Labelled]) -> MotionsBehind:
-    """Return the motions behind some curves together."""
+    """Join the motions behind some curves."""
     parts = [curve.behind for curve in curves if curve.behind is not None]
     return MotionsBehind(**{item.name: [x for part in parts for x in getattr(part, item.name)]
                             for item in fields(MotionsBehind)})
 
 
 def named_jumps(curves: Sequence[Labelled]) -> bool:
-    """Whether `label_jumps` writes anything over the axes."""
+    """Return whether `label_jumps` writes labels above the axes."""
     return any(jump.cause not in UNNAMED + UNSEEN for jump in behind(curves).jumps)
 
 
 def room_above(curves: Sequence[Labelled]) -> float:
-    """Room over the axes, in points, for what `label_jumps` writes there and a title."""
+    """Return the height above the axes for the labels of `label_jumps` and a title, points."""
     return 64.0 if named_jumps(curves) else 6.0
 
 
 def label_jumps(axis: Any, curves: Sequence[Labelled], unit: float, colours: Sequence[str]) -> None:
-    """The cause of every jump that a bifurcation or a basin makes, written upwards from the top of the axes, none over
-    another; a thin line leads to it. Jumps beside a motion without a period or a branch have a dotted line alone.
+    """Label every jump due to a bifurcation or a basin above the axes, without overlap, with a thin line to it.
+
+    Jumps beside a motion without a period or a branch have a dotted line and no label.
     """
     low, high = axis.get_xlim()
     named: dict[tuple[str, str], tuple[float, str]] = {}
@@ -82,8 +83,9 @@ def label_jumps(axis: Any, curves: Sequence[Labelled], unit: float, colours: Seq
 
 
 def spread(places: Sequence[float], least: float, low: float, high: float) -> list[float]:
-    """Places in order moved apart to at least `least`, as little as that takes, and kept between `low` and `high` where
-    there is room: by the largest of the least means of neighbours (R. E. Barlow and others (1972), Sec. 1.2).
+    """Move sorted positions apart to at least `least` by minimal shifts, within `low` to `high` if possible.
+
+    Isotonic regression by the max-min formula (R. E. Barlow and others (1972), Sec. 1.2).
     """
     count = len(places)
     steps = least * np.arange(count)
@@ -97,7 +99,7 @@ def spread(places: Sequence[float], least: float, low: float, high: float) -> li
 
 
 def top_of(curves: Sequence[Labelled]) -> tuple[float, int]:
-    """End of the axis of maxima, above branches and settled motions, and how many other points lie beyond."""
+    """Return the end of the axis of maxima, above branches and settled motions, and the number of points beyond."""
     inside = [0.0]
     for curve in curves:
         inside += [max(b["max_slip_speed"]) for b in behind([curve]).branches]
@@ -111,8 +113,8 @@ def legend_of(axis: Any, curves: Sequence[Labelled], swept: Sequence[Labelled], 
 
     Parameters
     ----------
-    curves : whose branches are shown
-    swept : whose points and jumps are
+    curves : curves with branches in the picture
+    swept : curves with points and jumps in the picture
     """
     axis.set_axis_off()
     looks: dict[str, Any] = {"color": style.INK, "linestyle": "none"}
@@ -137,7 +139,7 @@ def legend_of(axis: Any, curves: Sequence[Labelled], swept: Sequence[Labelled], 
 
 @dataclass(frozen=True)
 class Mark:
-    """How the points of a sweep look whose motion is of one kind; `colour` is its own where it has one."""
+    """Look of the points of a sweep with one kind of motion; `colour` overrides that of the curve."""
 
     name: str
     marker: str
@@ -145,7 +147,7 @@ class Mark:
     colour: str = ""
 
     def look(self, colour: str, size: float = 1.8) -> dict[str, Any]:
-        """Keywords of the plot."""
+        """Return the keywords of a plot."""
         colour = self.colour or colour
         return {"linestyle": "none", "marker": self.marker, "color": colour, "markersize": size,
                 "markerfacecolor": colour if self.full else "white", "markeredgewidth": 0.0 if self.full else 0.5}
@@ -158,7 +160,7 @@ AWAY = Mark("slip grows without end", "^", full=True, colour=style.RUNAWAY)
 
 
 def marked(curve: Labelled) -> list[tuple[Mark, np.ndarray]]:
-    """Return every kind of point with (n,) where a curve has it."""
+    """Return every kind of point with (n,) whether each point of a curve is of this kind."""
     def column(values: Sequence[Any], other: Any) -> np.ndarray:
         return np.array([other if v is None else v for v in values])
 
@@ -168,18 +170,18 @@ def marked(curve: Labelled) -> list[tuple[Mark, np.ndarray]]:
 
 
 def draw_runaways(axis: Any, x: Sequence[float], curve: Labelled) -> None:
-    """Where slip grows without end, at the upper edge: it is as large as it was solved long, so it has no scale."""
+    """Mark runaway slip at the upper edge, since its size depends on the solved time only."""
     where = dict(marked(curve))[AWAY]
     axis.plot(np.array(x)[where], np.full(int(where.sum()), 0.97), transform=axis.get_xaxis_transform(), zorder=2,
               **AWAY.look("", 3.0))
 
 
 def bounded(curve: Labelled) -> np.ndarray:
-    """(n,) largest slip speeds, NaN where there is none and where slip grows without end."""
+    """Return (n,) largest slip speeds, NaN for a failure or runaway slip."""
     values = np.array([np.nan if x is None else x for x in curve.max_slip_speed], dtype=np.float64)
     return np.where(dict(marked(curve))[AWAY], np.nan, values)
 
 
 def marks_met(curves: Sequence[Labelled]) -> list[Mark]:
-    """The kinds of points that curves have."""
+    """Return the kinds of points on some curves."""
     return list(dict.fromkeys(mark for curve in curves for mark, where in marked(curve) if where.any()))

@@ -1,5 +1,5 @@
-"""The motions behind the paper's sweeps: those that the sweeps reached, and the branches of periodic motions through
-them with the cause of each jump (`figure --branches`).
+"""Motions behind the paper's sweeps, branches of periodic motions through them, and causes of the jumps
+(`figure --branches`).
 """
 
 from __future__ import annotations
@@ -33,20 +33,20 @@ from tcc_sim.sweeps.sweep import Curve, Sweep
 from tcc_sim.trajectory import State
 
 NEAR = 0.1
-"""Largest distance, in natural sizes, of a motion that still settles from the orbit that it approaches."""
+"""Largest distance, in natural sizes, between a motion that still settles and the orbit that it approaches."""
 RUNS = 5
-"""Times that a motion goes on for LATER cycles until it has a period: near a bifurcation it settles slowly."""
+"""Largest number of continuations by LATER cycles until a motion has a period; it settles slowly near bifurcations."""
 CREEP = 3.0
-"""Largest slip speed, in those up to which law (7) counts as stick, at which a motion still creeps in stick."""
+"""Largest slip speed of a motion that creeps in stick, relative to the stick speed of law (7)."""
 
 
 def seen_in(sweep: Sweep) -> list[SettledMotion]:
-    """The motions of a sweep; what has not settled within its cycles goes on, as the claims have it."""
+    """Return the motions of a sweep; unsettled ones are continued as for the claims."""
     return [seen for k in range(len(sweep.curve.values)) if (seen := _seen(sweep, k)) is not None]
 
 
 def _seen(sweep: Sweep, k: int) -> SettledMotion | None:
-    """One motion of a sweep, settled where it settles at all."""
+    """Return one motion of a sweep, continued until it settles if it does."""
     value, point = sweep.curve.values[k], sweep.points[k]
     if point is None or point.summary is None:
         return None
@@ -54,7 +54,7 @@ def _seen(sweep: Sweep, k: int) -> SettledMotion | None:
     if not found.settled:
         return _later(sweep.curve, k, point.end)
     amplitude = found.max_slip_speed
-    if found.period:  # A sweep's may be that of a transient before the motion.
+    if found.period:  # The maximum in the sweep may belong to a transient.
         system = sweep.curve.at(k)
         together = math.lcm(found.period, common_cycles(system) or 1)
         cycles = solve(system, cycles=together, start_cycle=point.end.cycle, state=point.end.state).solved_cycles
@@ -63,7 +63,7 @@ def _seen(sweep: Sweep, k: int) -> SettledMotion | None:
 
 
 def _later(curve: Curve, k: int, start: Start) -> SettledMotion | None:
-    """The motion that one settles to from `start`; without a period where RUNS do not tell one."""
+    """Continue a motion from `start` until it settles; it has no period if none is found after RUNS."""
     late = None
     for _ in range(RUNS):
         settled = later(curve.at(k), start)
@@ -79,10 +79,10 @@ def _later(curve: Curve, k: int, start: Start) -> SettledMotion | None:
 
 
 def approached(curve: Curve, late: SettledMotion, settled: bool) -> SettledMotion:
-    """A motion with period and size of the stable orbit NEAR that it approaches; without a period where that orbit is
-    unstable, which it then leaves, or where there is none and it has not `settled`.
+    """Return a motion with the period and size of the stable orbit within NEAR that it approaches.
 
-    A motion without a recognised period may still approach one of period one, turn by turn on either side of it.
+    It has no period if that orbit is unstable, or if there is no such orbit and it has not `settled`. A motion without
+    a recognised period may approach a period-one orbit, on alternate sides of it.
     """
     span, goal = ParameterRange(min(curve.values), max(curve.values)), replace(late, period=late.period or 1)
     point = point_of(DrivelineMap(curve.system, (curve.key,)), span, goal)
@@ -95,7 +95,7 @@ def approached(curve: Curve, late: SettledMotion, settled: bool) -> SettledMotio
 
 
 def still_higher(sweep: Sweep, seen: Sequence[SettledMotion]) -> int:
-    """Return how many points of a sweep are higher than their motions: a transient outlasts the dropped cycles."""
+    """Return how many points of a sweep exceed their motions, since a transient outlasts the dropped cycles."""
     amplitudes = {s.value: s.amplitude for s in seen if s.period}
     shown = ((p.summary.max_slip_speed, amplitudes.get(v)) for v, p in zip(sweep.curve.values, sweep.points)
              if p is not None and p.summary is not None)
@@ -104,7 +104,7 @@ def still_higher(sweep: Sweep, seen: Sequence[SettledMotion]) -> int:
 
 def surveyed(curve: Curve, seen: Sequence[SettledMotion], progress: bool = False,
              settings: Settings = SWEPT) -> list[Branch]:
-    """The branches through motions along a curve, over the range of its values.
+    """Follow the branches through motions along a curve, over the range of its values.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def surveyed(curve: Curve, seen: Sequence[SettledMotion], progress: bool = False
 
 
 def motions_behind(sweeps: Sequence[Sweep], progress: bool = False) -> list[MotionsBehind]:
-    """Branches, bifurcations and jumps behind sweeps of one system, for each of them.
+    """Return branches, bifurcations and jumps behind each of several sweeps of one system.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ def motions_behind(sweeps: Sequence[Sweep], progress: bool = False) -> list[Moti
 
 def motions_behind_each(sweeps: Sequence[Sweep], jobs: int | None = None,
                         progress: bool = False) -> list[MotionsBehind]:
-    """`motions_behind` of every sweep, of systems that differ, each in a process."""
+    """Return `motions_behind` for sweeps of different systems, each in a process."""
     if processes_for(len(sweeps), jobs) < 2:
         return [motions_behind([sweep], progress)[0] for sweep in sweeps]
     tasks = [[sweep] for sweep in sweeps]
@@ -156,7 +156,7 @@ def motions_behind_each(sweeps: Sequence[Sweep], jobs: int | None = None,
 
 
 def creeps(found: Bifurcation, system: System) -> bool:
-    """Whether a bifurcation of the smoothed law is the end of stick: its motion still creeps."""
+    """Return whether a bifurcation of the smoothed law is an end of stick, that is, its motion creeps."""
     if system.friction.law != "smoothed" or found.kind not in SMOOTH:
         return False
     limit = stick_speed_of(terms_of(system))
@@ -164,7 +164,7 @@ def creeps(found: Bifurcation, system: System) -> bool:
 
 
 def orbit_behind(system: System, final: State, cycle: int, period: int, largest: float) -> dict[str, Any] | None:
-    """The periodic orbit at a settled motion, with the names of `continue --json`; None where it has no period."""
+    """Return the periodic orbit at a settled motion with the names of `continue --json`; None without a period."""
     omega = system.engine.frequency
     of = DrivelineMap(system, ("engine.frequency",))
     state = np.array(final.numbers)

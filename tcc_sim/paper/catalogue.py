@@ -1,4 +1,4 @@
-"""Figures 2 to 18 of the paper as data: what each shows, over what, for which curves, and what it can be asked for.
+"""Figures 2 to 18 of the paper as data: kind, axis, curves and options of each.
 
 The friction torque of Sections 5 and 6 keeps N(t) while mu_k changes, so mu_s N R = 540 N m (Pm = 225 kPa) in Figs. 4
 to 18; the paper does not print the pressure, and of those tried this one agrees with most of its text. Fig. 2 states
@@ -29,11 +29,11 @@ SUPER_HARMONICS = (1 / 6, 1 / 5, 1 / 4, 1 / 3)
 SECTION_CYCLES = 2000
 """Section points and cycles of the exponent of a motion without period in Fig. 7."""
 QUICK_SHARE = 4
-"""`--quick` takes one value of so many."""
+"""`--quick` computes every QUICK_SHARE-th value."""
 SWEPT = ("map", "damping", "orbit")
 """Kinds of figures with a sweep, which has a direction."""
 BRANCHED = ("map", "orbit", "actuation")
-"""Kinds of figures whose points lie on branches, or whose histories are of periodic orbits."""
+"""Kinds of figures with points on branches, or with histories of periodic orbits."""
 BOTH_LAWS = ("law", "solvers")
 """Kinds of figures that show the smoothed and the set-valued law."""
 
@@ -51,7 +51,7 @@ SECTION_FIVE: Mapping[str, Value] = {
 
 @dataclass(frozen=True)
 class Series:
-    """One curve of a figure: its label and the scene keys that set it apart."""
+    """One curve of a figure: its label and its own scene keys."""
 
     label: str
     values: Mapping[str, Value] = field(default_factory=dict)
@@ -61,14 +61,14 @@ class Series:
 class PaperFigure:
     """One figure.
 
-    number, title, caption : of the paper's figure, in our words; the caption says what the picture's own labels do not
+    number, title, caption : number in the paper, and title and caption in our words, without what the labels show
     kind : solvers, law, map (maxima and orbit diagrams over the frequency), damping, orbit (over mu_k/mu_s), histories,
         delay or actuation
     series : curves, or panels of time histories
-    over : scene key that is swept, where one is
+    over : swept scene key
     span : ends of the normalised axis, omega/omega_n or mu_k/mu_s
-    count : values along it
-    marks : places on the axis that the text names
+    count : number of values along the axis
+    marks : values on the axis that the text names
     """
 
     number: int
@@ -83,7 +83,7 @@ class PaperFigure:
 
 
 def paper_system(values: Mapping[str, Value] | None = None) -> System:
-    """The system of Sections 5 and 6 with some keys changed."""
+    """Return the system of Sections 5 and 6 with some keys changed."""
     return replace(System(), {**SECTION_FIVE, **(values or {})})
 
 
@@ -94,11 +94,11 @@ STUCK_RATIO = math.sqrt(0.02 / 0.22)
 NORMALISED: dict[str, tuple[str, float]] = {
     "engine.frequency": ("omega/omega_n", OMEGA_N), "friction.kinetic_coefficient": ("mu_k/mu_s", STATIC),
     "friction.smoothing": ("sigma", 1.0)}
-"""By key the name of its normalised axis, and the key's value at 1 of it."""
+"""Name of the normalised axis, and value at 1 on it, by scene key."""
 
 
 def plain(label: str) -> str:
-    """A label without the signs of mathematical typesetting."""
+    """Return a label without mathematical typesetting."""
     label = re.sub(r"\\frac\{(\d+)\}\{(\d+)\}", r"\1/\2 ", label)
     for sign in ("$", "\\", "{", "}"):
         label = label.replace(sign, "")
@@ -106,36 +106,36 @@ def plain(label: str) -> str:
 
 
 def _kinetic(ratio: float) -> dict[str, Value]:
-    """mu_k as a part of mu_s."""
+    """Return mu_k as a fraction of mu_s."""
     return {"friction.kinetic_coefficient": ratio * STATIC}
 
 
 def _friction_ratios(*ratios: float) -> tuple[Series, ...]:
-    """A curve for every mu_k/mu_s."""
+    """Return a curve for every mu_k/mu_s."""
     return tuple(Series(rf"$\mu_k = {'' if r == 1.0 else format(r, 'g')}\mu_s$", _kinetic(r)) for r in ratios)
 
 
 def _pressure(amplitude: float = 0.25, frequency_ratio: float = 1.0, phase: float = 0.0,
               kinetic: float = 1.0) -> dict[str, Value]:
-    """Tsp/Tsm, omega_f/omega, psi and mu_k/mu_s."""
+    """Return the scene keys for Tsp/Tsm, omega_f/omega, psi and mu_k/mu_s."""
     return {"pressure.amplitude": amplitude * PRESSURE, "pressure.frequency_ratio": frequency_ratio,
             "pressure.phase": phase, **_kinetic(kinetic)}
 
 
 def _phases(kinetic: float) -> tuple[Series, ...]:
-    """The three phases of Figs. 8, 14 and 15."""
+    """Return curves for the three phases of Figs. 8, 14 and 15."""
     names = {0.0: r"$\psi = 0$", 0.5 * math.pi: r"$\psi = \pi/2$", math.pi: r"$\psi = \pi$"}
     return tuple(Series(name, _pressure(phase=phase, kinetic=kinetic)) for phase, name in names.items())
 
 
 def _frequencies(kinetic: float, ratios: Mapping[str, float]) -> tuple[Series, ...]:
-    """The actuation frequencies of Figs. 10, 11, 16 and 17."""
+    """Return curves for the actuation frequencies of Figs. 10, 11, 16 and 17."""
     return tuple(Series(rf"$\omega_f = {name}\omega$", _pressure(frequency_ratio=ratio, kinetic=kinetic))
                  for name, ratio in ratios.items())
 
 
 def _amplitudes(kinetic: float) -> tuple[Series, ...]:
-    """The actuation amplitudes of Figs. 13 and 18."""
+    """Return curves for the actuation amplitudes of Figs. 13 and 18."""
     return tuple(Series(rf"$T_{{sp}}/T_{{sm}} = {x:g}$", _pressure(x, kinetic=kinetic))
                  for x in (0.0, 0.125, 0.25, 0.5))
 
@@ -200,19 +200,19 @@ FIGURES: dict[int, PaperFigure] = {row.number: row for row in (
     PaperFigure(18, rf"Actuation amplitude with a falling friction law, {FALLING_SLOPE}",
                 rf"{LOAD}, $\omega_f = \omega$, $\psi = 0$", "map", _amplitudes(0.75)),
 )}
-"""Every figure with numbers in it, by its number in the paper."""
+"""Every figure with numbers, by its number in the paper."""
 
 @dataclass(frozen=True)
 class FigureOptions:
-    """How the figures are made.
+    """Options of the figures.
 
-    quick : a quarter of the values and half of the cycles
-    direction : of the sweeps; None takes what the figure has
+    quick : whether to compute a quarter of the values and half of the cycles
+    direction : direction of the sweeps; None for the figure's own
     law : smoothed, as in the paper, or set_valued
-    jobs : threads; None takes all cores
-    progress : show a bar on a terminal or in a notebook, elsewhere a line a minute
-    branches : follow the branches behind the points, and tell what each jump is
-    kept : curves that were swept already; figures share some of them
+    jobs : number of threads; None for all cores
+    progress : whether to show a bar on a terminal or in a notebook, elsewhere a line a minute
+    branches : whether to follow the branches behind the points and determine the causes of jumps
+    kept : finished sweeps, which several figures share
     """
 
     quick: bool = False
@@ -225,7 +225,7 @@ class FigureOptions:
 
 
 def check_options(number: int, options: FigureOptions) -> None:
-    """Raise InputError where a figure has nothing that a direction, the set-valued law or branches would change."""
+    """Raise InputError if a direction, the set-valued law or branches do not apply to a figure."""
     kind = FIGURES[number].kind
     if options.direction is not None and kind not in SWEPT:
         raise InputError(f"direction is {options.direction}; Fig. {number} has no sweep")
@@ -237,5 +237,5 @@ def check_options(number: int, options: FigureOptions) -> None:
 
 
 def series_system(series: Series, options: FigureOptions, **values: Value) -> System:
-    """The system of one curve."""
+    """Return the system of one curve."""
     return replace(paper_system(series.values), {"friction.law": options.law, **values})

@@ -37,13 +37,13 @@ CLAIMS: tuple[Claim, ...] = tuple(sorted(_rows(), key=_place))
 """Every claim in the order of the paper."""
 TOLERANCE = 1e-9
 TIGHTER = 1e-11
-"""Relative tolerances of the smoothed engine; a verdict that differs between them at the first pressure depends."""
+"""Relative tolerances of the smoothed engine; a verdict is `depends` if they differ at the first pressure."""
 PRESSURES = (225e3, 230e3, 240e3)
-"""Mean pressures of Figs. 4 to 18, Pa. The paper does not print it; of 200 to 260 kPa these agree with all numbers of
-the text that depend on it. Values are shown at the first one.
+"""Mean pressures of Figs. 4 to 18, Pa. The paper does not print the pressure; of 200 to 260 kPa, these agree with all
+numbers of the text that depend on it. Values are shown at the first one.
 """
 VERDICTS = {NOT_CONFIRMED: ("no", "not confirmed"), DEPENDS: ("depends", "depend"), CONFIRMED: ("yes", "confirmed")}
-"""The verdicts in the order of the page, in a cell of the table and in a count."""
+"""Words of each verdict in a cell of the table and in a count, in the order of the page."""
 
 
 @dataclass(frozen=True)
@@ -51,8 +51,8 @@ class Verdict:
     """A claim judged at several mean pressures and at two tolerances.
 
     row : the claim
-    finding : at the first pressure and the tighter tolerance
-    judged : by mean pressure, Pa, the verdict at TOLERANCE, and at the first pressure that at TIGHTER
+    finding : finding at the first pressure and the tighter tolerance
+    judged : verdicts by mean pressure, Pa: at TOLERANCE, and at the first pressure also at TIGHTER
     """
 
     row: Claim = field(metadata=reported("claim", spread=True))
@@ -64,19 +64,19 @@ class Verdict:
     @property
     @reporting("verdict at each tolerance, at the first mean pressure")
     def verdicts(self) -> dict[str, str]:
-        """The verdict at each tolerance, at the first mean pressure."""
+        """Verdict at each tolerance, at the first mean pressure."""
         return dict(zip((f"{TOLERANCE:g}", f"{TIGHTER:g}"), next(iter(self.judged.values()))))
 
     @property
     @reporting("verdict at each mean pressure, by its value in kPa")
     def pressures(self) -> dict[str, str]:
-        """The verdict at each mean pressure, kPa: the one at every tolerance, or depends."""
+        """Verdict at each mean pressure, kPa; `depends` if the tolerances disagree."""
         return {f"{p / 1e3:g}": v[0] if len(set(v)) == 1 else DEPENDS for p, v in self.judged.items()}
 
     @property
     @reporting("confirmed, not confirmed or depends")
     def verdict(self) -> str:
-        """The verdict that holds at every pressure, or depends."""
+        """Common verdict of all pressures, or `depends`."""
         return found.pop() if len(found := set(self.pressures.values())) == 1 else DEPENDS
 
     @property
@@ -92,14 +92,14 @@ class Verdict:
 
 @dataclass(frozen=True)
 class ClaimsReport(Described):
-    """All claims that were judged."""
+    """Verdicts on the claims."""
 
     claims: Sequence[Verdict] = field(metadata=reported("every claim"))
     complete: bool = field(metadata=reported("whether every claim was judged"))
 
 
 class FindingFile:
-    """Findings in a file of lines, so that an interrupted run goes on; a changed criterion is judged anew."""
+    """File of findings, from which an interrupted run continues; a changed criterion is judged again."""
 
     def __init__(self, path: Path | None) -> None:
         self.path, self.found = path, dict[str, Finding]()
@@ -109,7 +109,7 @@ class FindingFile:
                 self.found[row["name"]] = Finding(**{k: v for k, v in row["finding"].items() if k in names})
 
     def judged(self, row: Claim, evidence: StableMotions) -> Finding:
-        """Return the finding that is kept, or judge and keep it."""
+        """Return the stored finding, or judge and store it."""
         apart = [f"{item.name} {x:g}, " for item in fields(T) if (x := getattr(evidence.thresholds, item.name))
                  != item.default]
         name = f"{row.name} at {evidence.pressure:g} Pa, {''.join(apart)}rtol {evidence.rtol:g}: {row.criterion.words}"
@@ -128,18 +128,18 @@ def judge(claims: Sequence[Claim] = (), *, pressures: Sequence[float] = PRESSURE
 
     Parameters
     ----------
-    claims : which; all where empty
-    pressures : Pa; a claim that does not depend on it is judged once
-    kept : file of findings to go on from; each new finding is added to it
-    thresholds : judge with every threshold halved and doubled too
-    jobs : threads; all available cores by default
-    progress : show a bar for every sweep on a terminal
-    each : called with every verdict as it is reached
+    claims : claims to judge; empty for all
+    pressures : mean pressures, Pa; a claim that does not depend on the pressure is judged once
+    kept : file of finished findings; each new finding is added to it
+    thresholds : whether to judge also with every threshold halved and doubled
+    jobs : number of threads; all available cores by default
+    progress : whether to show a bar for every sweep on a terminal
+    each : function called with each finished verdict
 
     Raises
     ------
     NumericalFailure
-        A motion that a verdict rests on could not be solved.
+        A motion that a verdict needs could not be solved.
     """
     first, before, out = pressures[0], FindingFile(kept), []
     every = {p: [StableMotions(TOLERANCE, jobs, progress, p)] for p in pressures}
@@ -195,7 +195,7 @@ def claim_row(v: Verdict) -> list[str]:
 
 
 def threshold_row(verdicts: Sequence[Verdict], item: Field[float]) -> list[str]:
-    """Return the cells on one threshold: the claims whose verdict is another one at half and at twice of it."""
+    """Return the cells on one threshold: the claims with another verdict at half and at twice its value."""
     judged = [(v, next(iter(v.verdicts.values())), v.varied[item.name]) for v in verdicts if item.name in v.varied]
     changes = ["; ".join(f"{v.row.figure}: {escape(v.row.sentence)} ({varied[k]} instead of {usual})"
                          for v, usual, varied in judged if varied[k] != usual) or "none" for k in range(2)]
@@ -223,7 +223,7 @@ def listed_numbers(values: Mapping[str, Any]) -> list[str]:
 
 
 def counts_of(verdicts: Sequence[Verdict]) -> str:
-    """Return how many claims there are of each verdict."""
+    """Return the number of claims with each verdict, as text."""
     found = [v.verdict for v in verdicts]
     return f"Of {len(found)} claims: " + ", ".join(f"{found.count(name)} {VERDICTS[name][1]}"
                                                    for name in (CONFIRMED, DEPENDS, NOT_CONFIRMED))

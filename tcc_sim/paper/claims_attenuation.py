@@ -1,4 +1,4 @@
-"""The claims on sizes: which curve has less slip, where the order turns, and why."""
+"""Claims on the size of slip: order of the curves, its reversal, and its causes."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ ROWS = (
 )
 """Claims by the rules `lowest` and `ordered`."""
 HIGHER = AXIS[(AXIS >= 0.305) & (AXIS <= 0.455)]
-"""Ratios over which branches are followed where a claim is about the higher ones."""
+"""Frequency ratios of the branches for claims on higher frequencies."""
 
 
 @claim("4", "Abstract; 5; 7", "the negative slope exaggerates stick-slip", holds(

@@ -1,4 +1,4 @@
-"""The claims on super-harmonic peaks and on jumps of the maxima."""
+"""Claims on super-harmonic peaks and on jumps of the maxima."""
 
 from __future__ import annotations
 
@@ -50,18 +50,18 @@ FALLING = dict(zip(FRICTION_RATIOS[1:], FRICTION_ROWS[1:]))
 """Rows of mu_k < mu_s in Fig. 4, by mu_k/mu_s."""
 NAMED = {f"{m:.3f}": m for m in SUPER_HARMONICS}
 HIGHER_JUMPS = {"0.25": 0.25, "0.35": 0.35}
-"""Ratios about which the text of Fig. 18 has jumps and aperiodic motions."""
+"""Frequency ratios near which the text of Fig. 18 states jumps and aperiodic motions."""
 NINE = "of the nine curves of 0.83, 0.75 and 0.667 mu_s, each from (13), swept up and swept down, more have "
 ANYWHERE = " than of the ratios from 0.14 to 0.36 on average"
 
 
 def about(place: float, width: float = T.near) -> Floats:
-    """Return frequency ratios about one that the text names, over which branches are followed."""
+    """Return frequency ratios of branches around a ratio that the text names."""
     return np.round(np.linspace(place - width, place + width, 15), 6)
 
 
 def around(mark: float) -> Floats:
-    """Return frequency ratios from so far off a super-harmonic that sweeps reach the motions which end there."""
+    """Return frequency ratios around a super-harmonic, wide enough for sweeps to reach the motions that end there."""
     return np.round(np.linspace(mark - 2.0 * T.near, mark + 2.0 * T.near, 21), 6)
 
 
@@ -81,7 +81,7 @@ def curves_near_named(evidence: Evidence, places: Sequence[np.ndarray], values: 
 
 
 def jump_places(evidence: Evidence, ratio: float) -> list[float]:
-    """Return where the map of one mu_k/mu_s from (13) jumps, omega/omega_n."""
+    """Return the ratios omega/omega_n of the jumps of the map of one mu_k/mu_s from (13)."""
     return [round(x, 4) for x, _ in evidence.jumps(with_kinetic(ratio), FINER)]
 
 
@@ -210,7 +210,7 @@ def jump_to_chaos(evidence: StableMotions) -> Measured:
 
 
 LINKED = 0.5
-"""Rank correlation of some fifteen jumps that chance exceeds once in twenty times, about."""
+"""Rank correlation that chance exceeds in about 5 % of samples of fifteen jumps."""
 APERIODIC = 17.0
 """Rank of a motion without a period up to 16."""
 

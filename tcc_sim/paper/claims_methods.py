@@ -1,4 +1,4 @@
-"""The claims on methods: solvers of Fig. 2, smoothed law of Fig. 3, equivalent damping, harmonic balance, cycles."""
+"""Claims on methods: solvers of Fig. 2, smoothed law of Fig. 3, equivalent damping, harmonic balance, cycles."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ FIG02: Values = FIGURES[2].series[0].values
 SHARPER = np.round(np.geomspace(50.0, 1000.0, 12), 3)
 """Smoothing factors, s/rad, over which the motions of Fig. 2 are followed."""
 WATCHED = (50, 150, 250, 390, 450)
-"""Cycles of Fig. 2 whose maximum is compared with the next one's: a period that doubles shows in their difference."""
+"""Cycles of Fig. 2 with maxima that are compared with the next cycle's, to detect a doubled period."""
 LAWS: dict[str, dict[str, Any]] = {
     "smoothed, sigma = 50": {}, "smoothed, sigma = 1000": {SMOOTHING: 1000.0},
     "set-valued (6)": {"friction.law": "set_valued"}}
@@ -42,7 +42,7 @@ def cycle_differences(chosen: tuple[tuple[str, str, float | None], ...]) -> dict
 
     Parameters
     ----------
-    chosen : solver, with words after a comma, friction law, and step, s
+    chosen : solver with optional words after a comma, friction law, and step, s
     """
     system = paper_system(FIG02)
     start = solve(system, cycles=1000).raise_for_status().final
@@ -87,7 +87,7 @@ def solvers_agree(evidence: StableMotions) -> Measured:
 
 
 def attractors_differ(first: list[tuple[int, float]], *others: list[tuple[int, float]], limit: float) -> bool:
-    """Whether attractors (period, largest slip speed) are not those of the first law, one by one in their order."""
+    """Return whether attractors (period, largest slip speed), in order, differ from those of the first law."""
     return any(a[0] != b[0] or abs(b[1] / a[1] - 1.0) > limit for m in others for a, b in zip(first, m))
 
 
@@ -107,7 +107,7 @@ def smoothing_is_uncertain(evidence: Evidence) -> Measured:
 
 
 SLOW = 10.0
-"""Ratio of the times from which on the discontinuous solution takes enormous time."""
+"""Ratio of run times above which the time of the discontinuous solution is called enormous."""
 
 
 @claim("2", "3", "the discontinuous method takes enormous time", holds(
@@ -191,7 +191,7 @@ def damping_crosses(evidence: Evidence) -> Measured:
 
 
 def _crossings(values: np.ndarray) -> list[float]:
-    """Return where the values pass -C23."""
+    """Return the places at which the values cross -C23."""
     below = values < -paper_system().driveline.damping
     return [round(float(0.5 * (DAMPED[k] + DAMPED[k + 1])), 4) for k in np.flatnonzero(below[1:] != below[:-1])]
 

@@ -1,4 +1,4 @@
-"""The claims on periods: (35), the orbit diagrams, and motions without a period."""
+"""Claims on periods: (35), the orbit diagrams, and motions without a period."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ ROWS = tuple(Claim(figure, where, sentence, equal(
      "a falling friction law brings doublings and aperiodic motions of its own", "period_for_any")))
 """Claims by the rule `only_period`."""
 MISMATCHED = {"1/2": 0.5, "2/1": 2.0, "2/3": 2.0 / 3.0, "4/3": 4.0 / 3.0}
-"""M/N of Figs. 10 to 12 but 1: omega_f/omega."""
+"""M/N = omega_f/omega of Figs. 10 to 12, except 1."""
 COPRIME = [(m, n) for n in range(1, 6) for m in range(1, 6) if math.gcd(m, n) == 1]
 """Pairs M, N in lowest terms."""
 
@@ -122,7 +122,7 @@ def _long_runs(evidence: Evidence) -> dict[float, Any]:
 
 
 def repeats(series: Floats) -> int:
-    """Return after how many of its values a series repeats to 1e-5 of its spread or size; 0 for none up to 16."""
+    """Return the period of a series that repeats to 1e-5 of its spread or size; 0 for none up to 16."""
     size = 1e-5 * max(float(np.ptp(series)), 1e-3 * float(np.abs(series).max()))
     return next((p for p in range(1, 17) if float(np.abs(series[p:] - series[:-p]).max()) <= size), 0)
 
@@ -152,7 +152,7 @@ def section_varies_less(evidence: Evidence) -> Measured:
 
 
 LONG = 20000
-"""Cycles of an exponent that is too near 0 for fewer."""
+"""Number of cycles of an exponent that fewer cycles do not distinguish from 0."""
 FALLS = np.round(np.arange(0.56, 0.8301, 0.01), 6)
 
 
@@ -175,7 +175,7 @@ def doubling_to_chaos(evidence: Evidence) -> Measured:
 
 
 def _diagnosis(evidence: Evidence, row: Values) -> list[Any]:
-    """Return the diagnosis of a motion and the interval of its exponent, 1/s; of LONG cycles if fewer leave it open."""
+    """Return the diagnosis of a motion and the interval of its exponent, 1/s; of LONG cycles if fewer are undecided."""
     found = evidence.motion(row, lyapunov=True).lyapunov
     if found is not None and found.diagnosis == "unresolved":
         found = evidence.exponent(row, 650, LONG)
@@ -187,12 +187,12 @@ AT_036 = {FREQUENCY: 0.36 * OMEGA_N}
 
 
 def _periods_of_6(evidence: Evidence, way: str) -> np.ndarray:
-    """(n,) periods of a sweep of Fig. 6 over RATIOS."""
+    """Return (n,) periods of a sweep of Fig. 6 over RATIOS."""
     return evidence.periods(evidence.curves([AT_036], RATIOS, over=KINETIC, direction=way)[0])
 
 
 def _highest(evidence: Evidence, period: int, below: float) -> dict[str, float | None]:
-    """Return the highest mu_k/mu_s up to `below` at which a sweep of Fig. 6 has a period, by its way."""
+    """Return the highest mu_k/mu_s up to `below` with a period in Fig. 6, by direction of the sweep."""
     return {way: max((float(x) for x in RATIOS[(_periods_of_6(evidence, way) == period) & (below >= RATIOS)]),
                      default=None) for way in WAYS}
 

@@ -1,4 +1,4 @@
-"""The claims on where the clutch sticks and where it slips: (10), (14) to (18), and ends of stick in the figures."""
+"""Claims on the ranges of stick and of slip: (10), (14) to (18), and ends of stick in the figures."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from tcc_sim.solvers import solve
 
 LAWS = ("smoothed", "set_valued")
 STICKING = np.round(np.arange(0.05, 0.2501, 0.001), 6)
-"""Ratios among which pure stick ends for psi = 0."""
+"""Frequency ratios in the search for the end of pure stick, psi = 0."""
 
 
 def stick_interval(evidence: Evidence, number: int, law: str) -> list[float]:
-    """Return the lowest ratio at which a figure slips for good from (13) with psi = 0, and the highest that sticks."""
+    """Return the lowest ratio with lasting slip from (13) for psi = 0, and the highest ratio with pure stick."""
     slips = evidence.slips(evidence.curves([{**rows(number)[0], "friction.law": law}], STICKING)[0])
     return [float(STICKING[slips].min(initial=math.inf)), float(STICKING[~slips].max(initial=-math.inf))]
 
 
 def stick_below(evidence: Evidence, number: int, place: float) -> Measured:
-    """Judge where stick ends for psi = 0, against the ratio in the text."""
+    """Judge the end of stick for psi = 0 against the ratio in the text."""
     found = {law: stick_interval(evidence, number, law) for law in LAWS}
     lower = pure_stick.stick_limits(evidence.system(rows(number)[0]), 0.02 * OMEGA_N, 0.29 * OMEGA_N, 60).lower
     near = evidence.limit("near")
@@ -103,7 +103,7 @@ STICKY: dict[str, Values] = {
     "constant load": {}, **{f"Tsp/Tsm = 0.25, psi = {name}": {"pressure.amplitude": 0.25 * PRESSURE,
                                                               "pressure.phase": psi}
                             for name, psi in (("0", 0.0), ("pi/2", 0.5 * math.pi), ("pi", math.pi))}}
-"""Loads under which stick is compared with (10)."""
+"""Loads for the comparison of stick with (10)."""
 SLIPS = 1e-3
 """Largest slip speed, rad/s, of a motion that starts in stick and counts as stick."""
 
@@ -120,7 +120,7 @@ def _slip_from_stick(evidence: Evidence, row: Values, ratio: float, law: str) ->
 
 
 def end_of_stick(evidence: Evidence, row: Values, low: float, high: float) -> float | None:
-    """Return where a motion from stick begins to slip within 20 cycles, omega/omega_n; None if both ends are alike."""
+    """Return omega/omega_n at which a motion from stick slips within 20 cycles; None if both ends are alike."""
     def slips(ratio: float) -> bool:
         return _slip_from_stick(evidence, row, ratio, "set_valued") > SLIPS
 

@@ -17,12 +17,12 @@ from tcc_sim.result import json_of, reported
 CONFIRMED, NOT_CONFIRMED, DEPENDS = "confirmed", "not confirmed", "depends"
 SOME = "; depends where some are so and others are not"
 Limit = Callable[[str], float]
-"""Returns a threshold by its name."""
+"""Function that returns a threshold by its name."""
 
 
 @dataclass(frozen=True)
 class Criterion:
-    """A criterion in words, and the verdict by it on `Measured.judged`."""
+    """Criterion in words, and the function of `Measured.judged` that gives the verdict."""
 
     words: str = field(metadata=reported("how it is judged, with every threshold", name="criterion"))
     verdict: Callable[[Sequence[Any], Limit], str] = field(compare=False)
@@ -88,7 +88,7 @@ class Claim:
     """A row of the table of claims; called with evidence it returns the finding.
 
     measure : computes the quantities to judge from evidence
-    name : of the claim in tests and files
+    name : name of the claim in tests and files
     cheap : whether it takes less than about a second, so that every test run compares the page with it
     alone : whether it does not depend on the mean pressure of Figs. 4 to 18
     """
@@ -113,5 +113,5 @@ class Claim:
 
 def claim(figure: str, where: str, sentence: str, criterion: Criterion,
           **kind: bool) -> Callable[[Callable[..., Measured]], Claim]:
-    """Make a claim of the function that computes its quantities."""
+    """Return a decorator that makes a claim of the function that computes its quantities."""
     return lambda measure: Claim(figure, where, sentence, criterion, measure, measure.__name__, **kind)

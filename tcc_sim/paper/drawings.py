@@ -31,8 +31,8 @@ def draw(data: Figure, stem: Path, title: str = "", width: float = style.PAGE) -
 
     Parameters
     ----------
-    title : over it; by default number and title of the figure
-    width : inch; in a column panels that stand beside each other on a page are narrower or below each other
+    title : title of the picture; by default number and title of the figure
+    width : width, inch; in a column, panels are narrower or below each other
     """
     height, paint = KINDS[data.kind]
     wide, caption = style.wide(width), caption_of(data, width)
@@ -49,13 +49,13 @@ def draw(data: Figure, stem: Path, title: str = "", width: float = style.PAGE) -
         paint(drawn, data)
         drawn.supxlabel(caption, x=0.01, ha="left", fontsize=7.0 if wide else 6.5, color=style.GREY)
         for axis in drawn.axes:
-            # A tick label in mathematical typesetting takes ten times as long and looks the same.
+            # Tick labels in mathematical typesetting look the same and take ten times as long.
             axis.ticklabel_format(useMathText=False)
         style.save_both(drawn, stem)
 
 
 def caption_of(data: Figure, width: float = style.PAGE) -> str:
-    """The lines below a picture: parameters, and what was dropped and kept."""
+    """Return the caption: parameters, and numbers of cycles and section points."""
     parts = data.caption.replace("\n", " ").split("; ")
     if data.kind in SWEPT:
         found = data.numbers
@@ -70,12 +70,12 @@ def caption_of(data: Figure, width: float = style.PAGE) -> str:
 
 
 def _words(text: str) -> list[str]:
-    """The words of a text; mathematics stay whole."""
+    """Split a text into words; formulas stay whole."""
     return re.findall(r"(?:\$[^$]*\$|[^\s$])+", text)
 
 
 def _lines(parts: Sequence[str], between: str, most: int) -> list[str]:
-    """Parts joined to lines of at most so many characters."""
+    """Join parts to lines of at most this number of characters."""
     lines = [parts[0]]
     for part in parts[1:]:
         if len(plain(f"{lines[-1]}{between}{part}")) > most:
@@ -86,7 +86,7 @@ def _lines(parts: Sequence[str], between: str, most: int) -> list[str]:
 
 
 def draw_orbit(axis: Any, x: Sequence[float], curve: Labelled, colour: str) -> None:
-    """The section points over the parameter: grey where a period has not settled; at the edge where slip grows."""
+    """Draw section points over the parameter, grey for unsettled motions; mark runaway slip at the edge."""
     panels.draw_runaways(axis, x, curve)
     counts = np.array([len(p or ()) for p in curve.theta2])
     points = np.concatenate([np.array(p or (), dtype=np.float64) for p in curve.theta2])
@@ -103,7 +103,7 @@ SPIKE = "transient outlasting the dropped cycles"
 
 
 def draw_curve_maxima(axis: Any, x: Sequence[float], curve: Labelled, colour: str) -> None:
-    """The largest slip speeds, each marked by what its motion is; what coexists, and spikes."""
+    """Draw the largest slip speeds with a mark for each kind of motion, coexisting motions, and spikes."""
     axis.plot(x, panels.bounded(curve), color=colour, linewidth=0.9, label=curve.label)
     _points(axis, x, curve, colour)
     rows = curve.coexisting or ()
@@ -115,7 +115,7 @@ def draw_curve_maxima(axis: Any, x: Sequence[float], curve: Labelled, colour: st
 
 
 def legend_of_marks(axis: Any, curves: Sequence[Labelled]) -> None:
-    """Entries for the marks that this picture has."""
+    """Draw a legend of the marks in this picture."""
     rows = [r for curve in curves for r in curve.coexisting or ()]
     looks: dict[str, Any] = {"color": style.INK, "linestyle": "none", "markerfacecolor": "none"}
     for mark in panels.marks_met(curves):
@@ -127,7 +127,7 @@ def legend_of_marks(axis: Any, curves: Sequence[Labelled]) -> None:
 
 
 def _paint_map(drawn: Any, data: Figure) -> None:
-    """Draw maxima and an orbit diagram of every curve, in shared ranges; pale the other curves, or its own branches."""
+    """Draw maxima and orbit diagrams of every curve in shared ranges, over the other curves or its branches, pale."""
     curves, x = data.numbers.curves, data.numbers.x
     branched, wide, count = curves[0].behind is not None, style.wide(drawn.get_figwidth()), len(curves)
     if branched:
@@ -192,7 +192,7 @@ def _paint_map(drawn: Any, data: Figure) -> None:
 
 
 def _points(axis: Any, x: Sequence[float], curve: Labelled, colour: str) -> None:
-    """The maxima of a sweep as points alone, each marked by what its motion is."""
+    """Draw the maxima of a sweep as points, with a mark for each kind of motion."""
     values, at = panels.bounded(curve), np.array(x)
     panels.draw_runaways(axis, x, curve)
     for mark, where in panels.marked(curve):
@@ -201,7 +201,7 @@ def _points(axis: Any, x: Sequence[float], curve: Labelled, colour: str) -> None
 
 
 def _paint_damping(drawn: Any, data: Figure) -> None:
-    """Both readings of (21) above the maxima and the orbit diagram."""
+    """Draw both readings of (21) above the maxima and the orbit diagram."""
     curve, x = data.numbers.curves[0], np.array(data.numbers.x)
     damping, maxima, orbit = drawn.subplots(3, 1, sharex=True, height_ratios=(1.2, 0.8, 1.0))
     weighted, negative = numbers(curve.equivalent_damping or []), numbers(curve.negative_slope_mean or [])
@@ -231,7 +231,7 @@ def _paint_damping(drawn: Any, data: Figure) -> None:
 
 
 def _paint_orbit(drawn: Any, data: Figure) -> None:
-    """One orbit diagram per direction, above each other; where both were continued, together."""
+    """Draw one orbit diagram per direction, and one for both continued sweeps."""
     curves, x = data.numbers.curves, data.numbers.x
     shown = [[c] for c in curves if c.direction == "cold"] + [[c for c in curves if c.direction != "cold"]]
     shown = [p for p in shown if p]
@@ -277,7 +277,7 @@ def _paint_orbit(drawn: Any, data: Figure) -> None:
 
 
 def shade_slipping_away(axis: Any, x: Sequence[float], data: Figure) -> None:
-    """Shade where Tsm < Tm, with an entry for the legend."""
+    """Shade the range with Tsm < Tm, with an entry for the legend."""
     keys = data.parameters
     ratio = keys["engine.mean_torque"] / (keys["friction.static_coefficient"] * keys["pressure.mean"]
                                           * keys["clutch.area"] * keys["clutch.radius"])
@@ -286,20 +286,20 @@ def shade_slipping_away(axis: Any, x: Sequence[float], data: Figure) -> None:
 
 
 def _map_height(data: Figure) -> float:
-    """Room for every orbit diagram, inch."""
+    """Return the height of a map, inch."""
     if data.numbers.curves[0].behind is not None:
         return 1.2 + 1.9 * len(data.numbers.curves)
     return 1.1 + 1.05 * len(data.numbers.curves)
 
 
 def _orbit_height(data: Figure) -> float:
-    """Room for one or two panels of orbits, and one of branches, inch."""
+    """Return the height of one or two panels of orbits and one of branches, inch."""
     height = 3.0 if len({c.direction == "cold" for c in data.numbers.curves}) == 1 else 5.0
     return height + (3.4 if data.numbers.curves[0].behind is not None else 0.0)
 
 
 def _of_numbers(paint: Callable[[Any, Any], None]) -> Callable[[Any, Figure], None]:
-    """A painter that needs nothing but the numbers."""
+    """Return a painter that calls `paint` with the numbers of a figure."""
     return lambda drawn, data: paint(drawn, data.numbers)
 
 

@@ -1,5 +1,4 @@
-"""The paper's errata in one list: what is printed, what is right, why, and where this package has the right form; and
-the page of them.
+"""Errata of the paper: printed form, right form, reason, and the module with the right form; and their page.
 
 A function computes the numbers that show an erratum, by name and value.
 """
@@ -25,11 +24,11 @@ from tcc_sim.solvers import solve
 from tcc_sim.trajectory import integral
 
 Numbers = Mapping[str, float | Sequence[float]]
-"""Numbers that show an erratum, by what they are."""
+"""Numbers that show an erratum, by name."""
 
 
 def phases() -> Numbers:
-    """phi of (8b) on both sides of omega_sn, rad."""
+    """Return phi of (8b) on both sides of omega_sn, rad."""
     system = paper_system()
     d, out = system.driveline, {}
     for ratio in (0.2, 0.4):
@@ -40,7 +39,7 @@ def phases() -> Numbers:
 
 
 def amplitude() -> Numbers:
-    """The second amplitude of (9) at 0.36."""
+    """Return the second amplitude of (9) at 0.36."""
     d, omega = paper_system().driveline, 0.36 * OMEGA_N
     stuck = d.stiffness - (d.flywheel_inertia + d.plate_inertia) * omega**2
     return {"amplitude at 0.36, printed and right (N m)": [
@@ -48,7 +47,7 @@ def amplitude() -> Numbers:
 
 
 def slip_condition() -> Numbers:
-    """(16) from an engine that is slower than the plate, and from a slow one."""
+    """Evaluate (16) for an engine slower than the plate, and for a slow engine."""
     out = {}
     for speed in (-150.0, 30.0):
         found = pure_slip.pure_slip(paper_system({**PURE_SLIP, "initial.slip_speed": speed}))
@@ -58,7 +57,7 @@ def slip_condition() -> Numbers:
 
 
 def held_in_stick() -> Numbers:
-    """The mean friction torque of a motion that sticks although Tm > Tsm, mu_k/mu_s = 0.55."""
+    """Return the mean friction torque of a motion that sticks although Tm > Tsm, mu_k/mu_s = 0.55."""
     row = with_kinetic(0.55, {"engine.frequency": 0.36 * OMEGA_N})
     near = solve(paper_system(with_kinetic(0.57, row)), cycles=600).raise_for_status().final
     settled = solve(paper_system(row), cycles=2000, state=near).raise_for_status().final
@@ -70,7 +69,7 @@ def held_in_stick() -> Numbers:
 
 
 def transient() -> Numbers:
-    """The sine's amplitude in (17a), and that the printed terms are those of the integral of theta2."""
+    """Return the sine's amplitude in (17a), and the difference of the printed terms from the integral of theta2."""
     system = paper_system(PURE_SLIP)
     d = system.driveline
     decay, omega_n = 0.5 * d.damping / d.plate_inertia, system.natural_frequency
@@ -88,7 +87,7 @@ def transient() -> Numbers:
 
 
 def dissipation() -> Numbers:
-    """(21) beside the damping that takes the friction torque's energy out of a cycle, mu_k = 0.667 mu_s."""
+    """Compare (21) with the damping that dissipates the friction energy of a cycle, mu_k = 0.667 mu_s."""
     out = {}
     for ratio in (0.12, 0.20, 0.25):
         system = paper_system(with_kinetic(0.667, {"engine.frequency": ratio * OMEGA_N}))
@@ -102,7 +101,7 @@ def dissipation() -> Numbers:
 
 
 def roots() -> Numbers:
-    """Roots of the characteristic polynomial of (22)."""
+    """Return roots of the characteristic polynomial of (22)."""
     d = paper_system().driveline
 
     def roots(damping: float) -> list[complex]:
@@ -120,14 +119,14 @@ def roots() -> Numbers:
 
 
 def stuck_frequency() -> Numbers:
-    """(27) and its right form."""
+    """Evaluate (27) and its right form."""
     d = paper_system().driveline
     both = d.flywheel_inertia + d.plate_inertia
     return {"printed and right (rad/s)": [d.stiffness / math.sqrt(both), math.sqrt(d.stiffness / both)]}
 
 
 def driving_torques() -> Numbers:
-    """(29b) for Fig. 13, the torque that drives the slip, and the slip."""
+    """Evaluate (29b) for Fig. 13, the torque that drives the slip, and the slip."""
     out = dict[str, Sequence[float]]()
     still = [paper_system({**s.values, "engine.frequency": 1e-3 * OMEGA_N}) for s in FIGURES[13].series]
     out["|Tp - (1 + I1/I2) Tsp| for Tsp/Tsm = 0, 0.125, 0.25, 0.5 (N m)"] = [
@@ -143,7 +142,7 @@ def driving_torques() -> Numbers:
 
 
 def series_means() -> Numbers:
-    """The mean of (31) with and without c0, for omega_f = omega/2 at 150 rad/s."""
+    """Return the mean of (31) with and without c0, for omega_f = omega/2 at 150 rad/s."""
     row: Values = {"pressure.amplitude": 0.25 * PRESSURE, "pressure.frequency_ratio": 0.5, "engine.frequency": 150.0}
     system = paper_system(row)
     before = solve(system, cycles=600).raise_for_status()
@@ -162,14 +161,14 @@ def series_means() -> Numbers:
 
 
 def phase_order() -> Numbers:
-    """The torque that drives the slip for psi = 0, pi/2, pi."""
+    """Return the torque that drives the slip for psi = 0, pi/2, pi."""
     return {f"at {ratio:.2f} for psi = 0, pi/2, pi (N m)": [
         pure_slip.slip_torque(paper_system({**s.values, "engine.frequency": ratio * OMEGA_N})).swing()
         for s in FIGURES[8].series] for ratio in (0.15, 0.40)}
 
 
 def engine_speeds() -> Mapping[str, Mapping[str, float | None]]:
-    """Where period two of Fig. 6 begins from (13) as mu_k falls, for engine speeds that the paper may have used."""
+    """Return the highest mu_k/mu_s with period two in Fig. 6 from (13), for engine speeds that the paper may mean."""
     ratios, evidence = np.round(np.arange(0.76, 0.9401, 0.005), 6), Evidence(1e-9)
     found = {}
     for speed in (0.0, 50.0, 100.0, 150.0, 200.0):
@@ -181,13 +180,13 @@ def engine_speeds() -> Mapping[str, Mapping[str, float | None]]:
 
 @dataclass(frozen=True)
 class Erratum:
-    """One place of the paper.
+    """Erratum of the paper.
 
     where : equation, figure or section
-    printed, right : in words and formulas of plain text
-    why : the derivation in short
-    code : the module of this package that has the right form; empty where there is nothing to have
-    numbers : works out values that show the difference
+    printed, right : printed and right form, in words and formulas of plain text
+    why : short derivation
+    code : module of this package with the right form; empty if none has it
+    numbers : function that computes values that show the difference
     """
 
     where: str
@@ -279,11 +278,11 @@ ERRATA: tuple[Erratum, ...] = (
             "0.667 is meant, if Fig. 5's is; effect of Tsp",
             "Fig. 3 and the claims on it use 0.677 as printed", "paper.catalogue"),
 )
-"""In the order of the paper."""
+"""Errata in the order of the paper."""
 
 RIGHT = ("(1), (2), (3), (5), (7), (8a), (12) to (15), (19), (20), (22a), (24), (25a), (26) within 0.06 rad for "
          "omega/omega_n up to 0.5, (28), (29a), (33)")
-"""Equations that were derived again and found as printed."""
+"""Equations that are right as printed, by a new derivation."""
 
 OPEN = (
     ("the mean pressure of Figs. 4 to 18", "225 kPa; claims are judged at 225, 230 and 240 kPa, which fit alike"),
@@ -301,7 +300,7 @@ OPEN = (
 
 
 def errata_page() -> str:
-    """Every erratum with the numbers that show it, what is right as printed, and what the paper leaves open."""
+    """Return the page of the errata with their numbers, of the right equations, and of the values left open."""
     lines = ["# The paper's errata", "",
              f"{len(ERRATA)} places of the paper where another form is right, and {len(OPEN)} that it leaves open. "
              "This page is generated:",

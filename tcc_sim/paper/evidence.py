@@ -1,4 +1,4 @@
-"""Sweeps and motions by which the paper's claims are judged, computed once at a tolerance and a mean pressure."""
+"""Sweeps and motions for the verdicts on the paper's claims, computed once per tolerance and mean pressure."""
 
 from __future__ import annotations
 
@@ -50,15 +50,15 @@ class Thresholds:
 T = Thresholds()
 JUMP = T.jump
 BISECTIONS = 8
-"""Halvings of the interval in which a jump lies; a continuous curve loses most of its change on the way."""
+"""Number of halvings of the interval of a jump; the change of a continuous curve becomes small in them."""
 CYCLES, DISCARD = 150, 50
-"""The paper's rule."""
+"""The paper's rule: cycles of every motion, and dropped ones of these."""
 LATER = 500
-"""Further cycles for a motion that the paper's rule leaves before its section repeats."""
+"""Further cycles for a motion with a section that does not repeat within the paper's rule."""
 LAST = 100
-"""Cycles at the end of a long run in which its period is looked for."""
+"""Number of last cycles of a long run that determine its period."""
 FAILED, RUNAWAY = -1, -2
-"""Values in the place of a period: of a point that failed, and of slip that grows without end."""
+"""Values in place of a period: for a failed point, and for runaway slip."""
 Values = Mapping[str, Value]
 
 
@@ -66,9 +66,9 @@ Values = Mapping[str, Value]
 class ColdStartMotion:
     """One motion from the initial state (13).
 
-    period : of the settled motion, 0 for none up to 16, RUNAWAY or FAILED
-    largest : largest |slip speed| over the kept cycles, rad/s; NaN where it failed
-    lyapunov : where asked for
+    period : period of the settled motion, 0 for none up to 16, RUNAWAY or FAILED
+    largest : largest |slip speed| after the dropped cycles, rad/s; NaN for a failure
+    lyapunov : largest Lyapunov exponent, if requested
     """
 
     period: int
@@ -78,14 +78,14 @@ class ColdStartMotion:
 
 @dataclass
 class Evidence:
-    """Sweeps and motions of Sections 5 and 6, kept once they are computed.
+    """Sweeps and motions of Sections 5 and 6, cached.
 
     rtol : tolerance of the smoothed engine
-    jobs : threads; None takes all cores
-    progress : show a bar for every sweep on a terminal
+    jobs : number of threads; None for all cores
+    progress : whether to show a bar for every sweep on a terminal
     pressure : mean pressure of Figs. 4 to 18, Pa
-    thresholds : of the criteria
-    used : names of the thresholds that were asked for
+    thresholds : thresholds of the criteria
+    used : names of the thresholds used so far
     """
 
     rtol: float
@@ -105,15 +105,15 @@ class Evidence:
 
     @property
     def most(self) -> float:
-        """The part of the cases in which a statement must hold."""
+        """Fraction of the cases in which a statement must hold."""
         return 1.0 - self.limit("missing")
 
     def steep(self, values: Floats) -> NDArray[np.int64]:
-        """Return where neighbours differ as much as at a jump; it may be a steep rise."""
+        """Return the indices at which neighbours differ as at a jump or a steep rise."""
         return steep(values, self.limit("jump"))
 
     def system(self, row: Values) -> System:
-        """Return the system of a row at this mean pressure, unless the row states one of its own."""
+        """Return the system of a row, at this mean pressure unless the row states another."""
         if "pressure.mean" in row:
             return paper_system(row)
         amplitude = float(row.get("pressure.amplitude", 0.0))  # type: ignore[arg-type]
@@ -130,7 +130,7 @@ class Evidence:
                      self.progress) if rows else []
 
     def maxima(self, rows: Sequence[Values], axis: Floats, *, direction: str = "cold") -> Floats:
-        """(rows, values) largest |slip speed|, rad/s, over omega/omega_n."""
+        """Return (rows, values) largest |slip speed|, rad/s, over omega/omega_n."""
         return np.array([s.column("max_slip_speed") for s in self.curves(rows, axis, direction=direction)])
 
     def plan(self, row: Values, **how: Any) -> Plan:
@@ -156,10 +156,10 @@ class Evidence:
         return self.motion({**row, FREQUENCY: ratio * OMEGA_N}).largest
 
     def periods(self, sweep: Sweep) -> NDArray[np.int64]:
-        """(n,) periods of the settled motions, as in `ColdStartMotion`.
+        """Return (n,) periods of the settled motions, as in `ColdStartMotion`.
 
-        A motion that has not settled by the paper's rule goes on for LATER cycles: a transient is neither periodic nor
-        aperiodic.
+        A motion that has not settled by the paper's rule continues for LATER cycles, since a transient is neither
+        periodic nor aperiodic.
         """
         name = (sweep.curve, sweep.plan)
         if name not in self._settled:
@@ -167,7 +167,7 @@ class Evidence:
         return self._settled[name]
 
     def slips(self, sweep: Sweep) -> NDArray[np.bool_]:
-        """(n,) whether the settled motion slips; motions that have not settled go on as for `periods`."""
+        """Return (n,) whether the settled motion slips; unsettled motions are continued as for `periods`."""
         return np.array([found is not None and found.regime != "stick" for found in self._each(sweep)], dtype=bool)
 
     def _each(self, sweep: Sweep) -> list[Summary | None]:
@@ -188,7 +188,7 @@ class Evidence:
 
     def run(self, system: System, cycles: int, *, samples: int = 0, start_cycle: int = 0,
             state: State | None = None) -> Trajectory:
-        """Solve some cycles at this tolerance, each with so many samples."""
+        """Solve some cycles at this tolerance, with `samples` per cycle."""
         return solve(system, cycles=cycles, samples_per_cycle=samples, start_cycle=start_cycle, state=state,
                      rtol=self._rtol(system)).raise_for_status()
 
@@ -229,7 +229,7 @@ class Evidence:
 
 def swept(curves: Sequence[Curve], plan: Plan, kept: dict[tuple[Curve, Plan], Sweep], jobs: int | None = None,
           progress: bool = False) -> list[Sweep]:
-    """Return the sweep of every curve; those that are not in `kept` are computed together and kept."""
+    """Return the sweep of every curve; compute those that `kept` lacks together, and add them to it."""
     missing = [curve for curve in curves if (curve, plan) not in kept]
     if missing:
         kept.update({(sweep.curve, plan): sweep for sweep in sweep_curves(missing, plan, jobs=jobs, progress=progress)})
@@ -251,17 +251,17 @@ def later(system: System, start: Start, rtol: float | None = None) -> tuple[Summ
 
 
 def steep(values: Floats, jump: float = JUMP) -> NDArray[np.int64]:
-    """Return where neighbours differ by more than this part of the largest value, as a jump or as a steep rise."""
+    """Return the indices at which neighbours differ by more than `jump` of the largest value: jumps or steep rises."""
     return np.flatnonzero(np.abs(np.diff(values)) > jump * float(np.nanmax(values)))
 
 
 def sticks(sweep: Sweep) -> NDArray[np.bool_]:
-    """(n,) whether the motion is pure stick."""
+    """Return (n,) whether the motion is pure stick."""
     return np.array([p is not None and p.summary is not None and p.summary.regime == "stick" for p in sweep.points])
 
 
 def first_half(run: Trajectory) -> float:
-    """Return the part of positive slip, as a way, in the first half of the engine cycle; NaN if there is none."""
+    """Return the fraction of the positive slip angle in the first half of the engine cycle; NaN without slip."""
     phase = np.mod(run.t / run.cycle + 1e-12, 1.0)
     slip = np.where(run.state == 1, np.maximum(run.slip_speed, 0.0), 0.0)
     total = float(slip.sum())
@@ -269,7 +269,7 @@ def first_half(run: Trajectory) -> float:
 
 
 def two_digits(x: float) -> float:
-    """Return a number with the digits that an average over an aperiodic motion has."""
+    """Return a number with two digits, which an average over an aperiodic motion has."""
     return float(f"{x:.2g}")
 
 

@@ -1,4 +1,4 @@
-"""The numbers of the paper's figures: a row of `catalogue.FIGURES` -> a frozen result, which `paper.drawings` draws."""
+"""Numbers of the paper's figures: from a row of `catalogue.FIGURES` to a frozen result for `paper.drawings`."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ from tcc_sim.sweeps.sweep import Curve, Plan, Sweep, handed_over, solve_point
 from tcc_sim.trajectory import Floats, State, Trajectory
 
 SECTION_POINTS = 40
-"""Points of the section in an orbit diagram at every value."""
+"""Number of section points at every value of an orbit diagram."""
 SAMPLES = 1000
 """Samples per cycle in a time history."""
 RUN_IN = 150
-"""Cycles before a time history."""
+"""Number of cycles before a time history."""
 SOLVER_CURVES: dict[str, tuple[str, str, Mapping[str, float]]] = {
     "smoothed": ("smoothed law, this package", "smoothed", {}),
     "rk45": ("RK45", "smoothed", {"rtol": 1e-6}),
@@ -53,18 +53,18 @@ STEADY_LAWS: tuple[tuple[str, Mapping[str, Value]], ...] = (
     (r"(7), $\sigma = 50$", {}), (r"(7), $\sigma = 1000$", {"friction.smoothing": 1000.0}),
     ("(6)", {"friction.law": "set_valued"}))
 STEADY_CYCLES, QUICK_STEADY_CYCLES = 3000, 1000
-"""Cycles from (13) after which a motion of Fig. 2 is its steady state: the set-valued one takes some 700."""
+"""Number of cycles from (13) to a steady state of Fig. 2; the set-valued law needs about 700."""
 
 
 def figure_data(number: int, options: FigureOptions) -> results.Figure:
-    """The numbers of one figure.
+    """Compute the numbers of one figure.
 
     Raises
     ------
     InputError
-        A figure that the paper does not have, or one without numbers.
+        The paper has no such figure, or the figure has no numbers.
     NumericalFailure
-        A time history that could not be solved; a failed point of a sweep is a status in the data instead.
+        A time history could not be solved; a failed point of a sweep is a status in the data instead.
     """
     if number not in FIGURES:
         raise InputError(f"figure {number} has no numbers; the figures are {min(FIGURES)} to {max(FIGURES)}")
@@ -77,31 +77,31 @@ def figure_data(number: int, options: FigureOptions) -> results.Figure:
 
 
 def figure_system(number: int, options: FigureOptions) -> System:
-    """The system of a figure's first curve; the others and its axis are changes of it."""
+    """Return the system of a figure's first curve, of which the other systems are changes."""
     return series_system(FIGURES[number].series[0], options)
 
 
 def _varied(row: PaperFigure) -> set[str]:
-    """Keys that differ between the curves or along them."""
+    """Return the keys that differ between the curves or along them."""
     keys = {key for series in row.series for key in series.values} if len(row.series) > 1 else set()
     return keys | ({row.over} if row.kind in ("map", "damping", "orbit") else set())
 
 
 def _axis(row: PaperFigure, options: FigureOptions) -> tuple[str, np.ndarray, float]:
-    """Name and values of the normalised axis, and the value of the key at 1."""
+    """Return name and values of the normalised axis, and the value of the key at 1."""
     count = (row.count - 1) // QUICK_SHARE + 1 if options.quick else row.count
     name, unit = NORMALISED[row.over]
     return name, np.linspace(*row.span, count), unit
 
 
 def _plan(options: FigureOptions, direction: str = "cold", *, damping: bool = False) -> Plan:
-    """The paper's rule: 50 cycles dropped; 100 kept, 50 where it has to be quick."""
+    """Return the paper's rule: 50 dropped cycles and 100 more, or 50 more with `quick`."""
     return Plan(cycles=100 if options.quick else 150, discard=50, direction=options.direction or direction,
                 section_points=SECTION_POINTS, damping=damping)
 
 
 def _swept(row: PaperFigure, options: FigureOptions, plan: Plan) -> list[Sweep]:
-    """The sweep of every series."""
+    """Return the sweep of every series."""
     _, ratios, unit = _axis(row, options)
     scaled = np.minimum(ratios * unit, STATIC) if unit == STATIC else ratios * unit
     wanted = [Curve(series_system(s, options), row.over, tuple(float(x) for x in scaled)) for s in row.series]
@@ -110,7 +110,7 @@ def _swept(row: PaperFigure, options: FigureOptions, plan: Plan) -> list[Sweep]:
 
 def _curves(row: PaperFigure, options: FigureOptions, curves: Sequence[results.Labelled],
             threshold: float | None = None) -> results.Numbers:
-    """Curves over the figure's axis."""
+    """Return the numbers of curves over the figure's axis."""
     name, ratios, unit = _axis(row, options)
     return results.Numbers(over=row.over, axis=name, x=ratios.tolist(), unit=unit, cycles=_plan(options).most,
                            discarded=50, threshold=threshold, curves=curves)
@@ -118,22 +118,22 @@ def _curves(row: PaperFigure, options: FigureOptions, curves: Sequence[results.L
 
 COLUMNS = ("max_slip_speed", "min_slip_speed", "period", "confirmed", "settled", "runaway", "stick_fraction", "regime",
            "theta2", "equivalent_damping", "negative_slope_mean", "status")
-"""Columns of a sweep that the curve of a map has."""
+"""Columns of a sweep in the curve of a map."""
 
 
 def _curve(series: Series, sweep: Sweep, others: Sequence[results.Coexisting] | None = None,
            behind: results.MotionsBehind | None = None) -> results.Labelled:
-    """One sweep as a curve."""
+    """Return one sweep as a curve."""
     return results.Labelled(label=series.label, values=series.values, direction=sweep.plan.direction, coexisting=others,
                             behind=behind,
                             **{name: column for name, column in sweep.lists.items() if name in COLUMNS})
 
 
 def coexisting(sweep: Sweep, jobs: int | None = None) -> list[results.Coexisting]:
-    """The motions that a neighbour's last state leads to where they differ from those of the cold start.
+    """Return the motions from a neighbour's last state that differ from those of the cold start.
 
-    Looked for at both sides of every change of more than JUMP of the curve's largest value between neighbours that both
-    have a period: the scatter of an aperiodic motion's maximum is no other motion.
+    The search covers both sides of every change of more than JUMP of the curve's largest value between neighbours with
+    a period; the maximum of an aperiodic motion scatters without another motion.
     """
     largest = sweep.column("max_slip_speed")
     periods = [0 if p is None or p.summary is None else p.summary.period for p in sweep.points]
@@ -162,7 +162,7 @@ def coexisting(sweep: Sweep, jobs: int | None = None) -> list[results.Coexisting
 
 
 def stands_out(values: np.ndarray, k: int, least: float) -> bool:
-    """Whether a value lies above both of its neighbours, or below both, by more than `least`."""
+    """Return whether a value lies above, or below, both of its neighbours by more than `least`."""
     if not 0 < k < len(values) - 1:
         return False
     left, right = values[k] - values[k - 1], values[k] - values[k + 1]
@@ -170,7 +170,7 @@ def stands_out(values: np.ndarray, k: int, least: float) -> bool:
 
 
 def _map(row: PaperFigure, options: FigureOptions) -> results.Numbers:
-    """Figs. 4, 8, 10, 11, 13 to 18."""
+    """Compute a map: Figs. 4, 8, 10, 11, 13 to 18."""
     sweeps = _swept(row, options, _plan(options))
     cold = sweeps[0].plan.direction == "cold"
     others = [coexisting(sweep, options.jobs) if cold else None for sweep in sweeps]
@@ -179,13 +179,13 @@ def _map(row: PaperFigure, options: FigureOptions) -> results.Numbers:
 
 
 def _damping(row: PaperFigure, options: FigureOptions) -> results.Numbers:
-    """Fig. 5."""
+    """Compute Fig. 5."""
     sweeps = _swept(row, options, _plan(options, damping=True))
     return _curves(row, options, [_curve(*of) for of in zip(row.series, sweeps)], -paper_system().driveline.damping)
 
 
 def _orbit(row: PaperFigure, options: FigureOptions) -> results.Numbers:
-    """Fig. 6: from the initial state, and continued up and down (only one of these where the options say which)."""
+    """Compute Fig. 6 from the initial state, and continued up and down, or in the direction of the options only."""
     directions = (options.direction,) if options.direction else ("cold", "up", "down")
     sweeps = [sweep for direction in directions for sweep in _swept(row, options, _plan(options, direction))]
     behind = motions_behind(sweeps, options.progress) if options.branches else [None] * len(sweeps)
@@ -193,7 +193,7 @@ def _orbit(row: PaperFigure, options: FigureOptions) -> results.Numbers:
 
 
 def _law(row: PaperFigure, options: FigureOptions) -> results.Numbers:
-    """Fig. 3: the smoothed law, near 0, and its slope; with the set-valued law beside it."""
+    """Compute Fig. 3: the smoothed law, also near 0, its slope, and the set-valued law."""
     curves = []
     v = np.linspace(-2.0, 2.0, 2001)
     near = np.linspace(0.0, 0.2, 801)
@@ -211,20 +211,20 @@ def _law(row: PaperFigure, options: FigureOptions) -> results.Numbers:
 
 
 def _run_in(system: System, more: int, cycles: int = RUN_IN, samples: int = SAMPLES) -> tuple[Trajectory, Trajectory]:
-    """The motion over some cycles, the transient among them, and then over some more with samples."""
+    """Solve some cycles with the transient, and then more cycles with samples."""
     before = solve(system, cycles=cycles).raise_for_status()
     return before, solve(system, cycles=more, samples_per_cycle=samples, start_cycle=cycles,
                          state=before.final).raise_for_status()
 
 
 def _time(run: Trajectory) -> Floats:
-    """Time in engine cycles from the first sample on."""
+    """Return the time in engine cycles from the first sample on."""
     found: Floats = (run.t - run.t[0]) / run.cycle
     return found
 
 
 def _histories(row: PaperFigure, options: FigureOptions) -> results.Numbers:
-    """Fig. 7."""
+    """Compute Fig. 7."""
     panels = []
     for series in row.series:
         system = series_system(series, options)
@@ -244,7 +244,7 @@ def _histories(row: PaperFigure, options: FigureOptions) -> results.Numbers:
 
 
 def _delay(row: PaperFigure, options: FigureOptions) -> results.Numbers:
-    """Fig. 9: torque and slip over two cycles, and the part of positive slip in the first half cycle."""
+    """Compute Fig. 9: torque and slip over two cycles, and the part of positive slip in the first half cycle."""
     panels = []
     for series in row.series:
         _, after = _run_in(series_system(series, options), 2)
@@ -255,7 +255,7 @@ def _delay(row: PaperFigure, options: FigureOptions) -> results.Numbers:
 
 
 def _actuation(row: PaperFigure, options: FigureOptions) -> results.Numbers:
-    """Fig. 12."""
+    """Compute Fig. 12."""
     panels = []
     for series in row.series:
         before, after = _run_in(series_system(series, options), 9)
@@ -269,7 +269,7 @@ def _actuation(row: PaperFigure, options: FigureOptions) -> results.Numbers:
 
 
 def _solvers(row: PaperFigure, options: FigureOptions) -> results.Numbers:
-    """Fig. 2: a cycle or two by each solver from law (7)'s steady motion, and the one of each law from (13)."""
+    """Compute Fig. 2: cycles by each solver from the steady motion of law (7), and steady motions from (13)."""
     system = paper_system(row.series[0].values)
     begin = QUICK_STEADY_CYCLES if options.quick else STEADY_CYCLES
     steady = []

@@ -15,7 +15,7 @@ SLIP = r"$\dot\delta_1$ (rad/s)"
 
 
 def paint_histories(drawn: Any, data: Numbers) -> None:
-    """Fig. 7: slip speed, plate angle and section (plate speed over plate angle) for every value, in shared ranges.
+    """Draw Fig. 7: slip speed, plate angle and section (plate speed over plate angle) of every value, in equal ranges.
 
     The sections lie in stick, where the slip speed is 0.
     """
@@ -37,7 +37,7 @@ def paint_histories(drawn: Any, data: Numbers) -> None:
         speed.set_xlim(t[0], t[-1])
         angle.set_xlim(t[0], t[-1])
         speed.set_title(f"({'abc'[k]}) {panel.label}")
-        # In a column the section is too narrow for its words; the slip speed is as wide as the picture.
+        # In a column the section is too narrow for the diagnosis; the slip speed is as wide as the picture.
         (section if style.wide(drawn.get_figwidth()) else speed).set_title(_diagnosis(panel), loc="right",
                                                                            fontweight="normal", fontsize=7.0)
     axes[-1][0].set_xlabel(CYCLES)
@@ -48,7 +48,7 @@ def paint_histories(drawn: Any, data: Numbers) -> None:
 
 
 def _rows_of_three(drawn: Any, count: int) -> Any:
-    """(count, 3) axes, each column in shared ranges: in a row, or in a column the first above the two others."""
+    """Return (count, 3) axes, each column in shared ranges: in a row, or the first above the two others."""
     if style.wide(drawn.get_figwidth()):
         return drawn.subplots(count, 3, width_ratios=(1.25, 1.25, 1.0), sharex="col", sharey="col")
     grid, axes = drawn.add_gridspec(2 * count, 2, width_ratios=(1.25, 1.0)), np.empty((count, 3), dtype=object)
@@ -60,7 +60,7 @@ def _rows_of_three(drawn: Any, count: int) -> Any:
 
 
 def _diagnosis(panel: Labelled) -> str:
-    """The period, or the exponent with its interval."""
+    """Return the period, or the exponent with its interval, as text."""
     if panel.period:
         return f"period {panel.period}"
     found = panel.lyapunov
@@ -71,7 +71,7 @@ def _diagnosis(panel: Labelled) -> str:
 
 
 def paint_delay(drawn: Any, data: Numbers) -> None:
-    """Fig. 9: slip speed with positive slip shaded, and the engine torque above it."""
+    """Draw Fig. 9: slip speed with positive slip shaded, and the engine torque above it."""
     wide = style.wide(drawn.get_figwidth())
     grid = drawn.subplots(2, 2, sharex=True) if wide else drawn.subplots(len(data.panels), 1, sharex=True)
     for k, (axis, panel) in enumerate(zip(grid.ravel(), data.panels)):
@@ -96,7 +96,7 @@ def paint_delay(drawn: Any, data: Numbers) -> None:
 
 
 def paint_actuation(drawn: Any, data: Numbers) -> None:
-    """Fig. 12: slip speed, engine and saturation torque, with the start of every engine cycle."""
+    """Draw Fig. 12: slip speed, engine and saturation torque, with the start of every engine cycle."""
     axes = drawn.subplots(len(data.panels), 1, sharex=True, sharey=True)
     for k, (axis, panel) in enumerate(zip(axes, data.panels)):
         t = panel.t
@@ -128,7 +128,7 @@ def orbit_words(panel: Labelled) -> str:
 
 
 def paint_solvers(drawn: Any, data: Numbers) -> None:
-    """Fig. 2: slip speed by every solver from one state, where they part, and where each law settles from (13)."""
+    """Draw Fig. 2: slip speed by every solver from one state, their divergence, and steady motions from (13)."""
     whole, close, steady = drawn.subplots(3, 1)
     looks: dict[str, dict[str, Any]] = {
         "smoothed": {"color": style.SKY, "linewidth": 3.0}, "rk45": {"color": style.INK, "linewidth": 1.0},
@@ -170,7 +170,7 @@ def paint_solvers(drawn: Any, data: Numbers) -> None:
 
 
 def paint_law(drawn: Any, data: Numbers) -> None:
-    """Fig. 3: law, zoom, slope."""
+    """Draw Fig. 3: law, zoom, slope."""
     wide, near, slope = drawn.subplots(1, 3) if style.wide(drawn.get_figwidth()) else drawn.subplots(3, 1)
     for k, curve in enumerate(data.curves):
         colour = style.CYCLE[k]

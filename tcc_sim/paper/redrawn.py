@@ -1,4 +1,4 @@
-"""A figure of the paper again, from its JSON."""
+"""Drawing of a figure of the paper from its JSON."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ ARRAYS = ("t", "slip_speed", "plate_angle", "friction_torque", "engine_torque", 
           "coefficient", "slope", "near_slip_speed", "near_coefficient", "near_slope", "near_set_valued")
 """Keys of the samples of curves and panels."""
 NUMBERS = ("peak_slip_speed", "first_half")
-"""Keys of numbers that are not finite where JSON has null."""
+"""Keys of numbers for which null in JSON means NaN."""
 
 
 def draw_stored(path: Path, values: Record, title: str, width: float) -> Path:

@@ -1,6 +1,6 @@
-"""Rules by which several claims are judged, and the curves of the figures that they judge.
+"""Common rules of several claims, and the curves of the figures that they judge.
 
-A row of a table names figure, curves, range and rule; its measure is the rule with these filled in.
+A row of a table names figure, curves, range and rule; its measure is the rule with these arguments.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from tcc_sim.trajectory import Floats
 
 AXIS = np.round(np.arange(0.05, 0.5001, 0.005), 6)
 FINER = np.round(np.arange(0.05, 0.5001, 0.003), 6)
-"""Ratios of Figs. 8 to 18, and of Fig. 4."""
+"""Frequency ratios of Figs. 8 to 18, and of Fig. 4."""
 LOW, HIGH = AXIS <= 0.29, (AXIS >= 0.31) & (AXIS <= 0.45)
 """Below and above the ratio 0.30 that the paper names."""
 SPREAD = np.round(np.arange(0.14, 0.3601, 1e-3), 6)
-"""Ratios about those that the text names; the average over them is the base rate of being near a named one."""
+"""Frequency ratios around those of the text; their average is the base rate for nearness to a named ratio."""
 PARTED = 1e-3
-"""Distance from a jump at which the motions on both sides are compared."""
+"""Distance from a jump for comparing the motions on both sides."""
 FRICTION_RATIOS = (1.0, 0.83, 0.75, 0.667)
 """mu_k/mu_s of Fig. 4."""
 JUMPING = f"a jump is a change of more than {T.jump:g} of the curve's maximum on a 1e-5 wide interval"
@@ -49,7 +49,7 @@ def named(number: int) -> dict[str, Values]:
 
 
 def maxima(evidence: Evidence, number: int) -> Floats:
-    """(curves, frequencies) largest slip speeds of a figure over AXIS, rad/s."""
+    """Return (curves, frequencies) largest slip speeds of a figure over AXIS, rad/s."""
     return evidence.maxima(rows(number), AXIS)
 
 
@@ -59,7 +59,7 @@ def means(found: Floats, where: np.ndarray) -> list[float]:
 
 
 def grow(numbers: Sequence[float]) -> bool:
-    """Whether every number is larger than the one before."""
+    """Return whether every number is larger than the one before."""
     return all(b > a for a, b in pairwise(numbers))
 
 
@@ -142,7 +142,7 @@ def off_period(evidence: Evidence, number: int) -> list[float]:
 def more_than_anywhere(count: Callable[[float], float], marks: Mapping[str, float], name: str,
                        values: Mapping[str, Any], why: Callable[[list[str]], str],
                        motions: Sequence[Motion] = ()) -> Measured:
-    """Judge whether there are more of some kind near each named ratio than near the ratios of SPREAD on average."""
+    """Judge whether a count is larger near each named ratio than on average near the ratios of SPREAD."""
     anywhere = float(np.mean([count(float(x)) for x in SPREAD]))
     near = {key: count(mark) for key, mark in marks.items()}
     fewer = [key for key, found in near.items() if found <= anywhere]

@@ -1,7 +1,7 @@
-"""Evidence by branches: which stable motions exist, where each begins and ends, and which of them (13) leads to.
+"""Evidence by branches: stable motions, their ends along the axis, and the motions that (13) leads to.
 
 Branches are followed only over the part of an axis that a claim is about, and with few points. Their motions do not
-depend on the initial state, but a motion that no sweep reached stays unknown.
+depend on the initial state, but a motion that no sweep reached is not found.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ SMOOTHING = "friction.smoothing"
 FEW = dataclasses.replace(SWEPT, longest_period=2, max_points=60, max_branches=5)
 """Branches over one part of an axis."""
 WAYS = ("cold", "up", "down")
-"""How a sweep starts every value: from (13), or from the neighbour below or above."""
+"""Starts of the values of a sweep: from (13), or from the neighbour below or above."""
 SEEDS = 24
 LOWEST, HIGHEST = np.array([-50.0, -0.1, -20.0]), np.array([200.0, 0.3, 20.0])
-"""Points from which attractors are looked for: how many, and between which slip speeds, plate angles and speeds."""
+"""Initial states in the search for attractors: number, and ranges of slip speed, plate angle and plate speed."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class EndFigures:
 
 @dataclass(frozen=True)
 class Motion:
-    """A stable motion along a curve, whatever was started from; `stretch` has its period and ends."""
+    """Stable motion along a curve, independent of the initial state; `stretch` has its period and ends."""
 
     curve: str = field(metadata=reported("curve of the figure; empty if there is one only"))
     over: str = field(metadata=reported("name of the axis"))
@@ -101,8 +101,8 @@ class Motion:
 
 @dataclass(frozen=True)
 class Known:
-    """Results that no tolerance of the sweeps changes, by rows and axes as text: stable stretches, where there is a
-    stable periodic motion, and attractors.
+    """Results that do not depend on the tolerance of the sweeps, by rows and axes as text: stable stretches, existence
+    of a stable periodic motion, and attractors.
     """
 
     stretches: dict[str, list[StableSegment]] = field(default_factory=dict)
@@ -117,14 +117,14 @@ class StableMotions(Evidence):
     known: Known = field(default_factory=Known)
 
     def varied(self, name: str, factor: float) -> StableMotions:
-        """Return the same evidence, with its sweeps and motions, and one threshold times a factor."""
+        """Return evidence with the same sweeps and motions, and with one threshold times a factor."""
         changed = replace(self.thresholds, **{name: factor * getattr(self.thresholds, name)})
         return replace(self, thresholds=changed, used=set())
 
     def stretches(self, rows: Sequence[Values], axis: Floats, *, over: str = FREQUENCY) -> list[list[StableSegment]]:
         """Return for every row the stable stretches of the branches through the motions of sweeps in all WAYS.
 
-        Their parameter is that of `curves`. Orbits are solved at 1e-12, whatever the tolerance of the sweeps.
+        Their parameter is that of `curves`. Orbits are solved at 1e-12 for any tolerance of the sweeps.
         """
         names = [json.dumps([sorted(row.items()), axis.tolist(), over]) for row in rows]
         known = self.known.stretches
@@ -147,25 +147,25 @@ class StableMotions(Evidence):
         return [at.get(value) for value in sweep.curve.values]
 
     def motions(self, curve: str, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[Motion]:
-        """Return every stretch of a curve with its ends, and where (13) leads to it."""
+        """Return every stretch of a curve with its ends, and the values at which (13) leads to it."""
         among = self.stretches([row], axis, over=over)[0]
         on = self.reached(row, axis, over=over)
         return [Motion(curve, NORMALISED[over][0], s, [float(x) for x, found in zip(axis, on) if found == k])
                 for k, s in enumerate(among)]
 
     def jump_ends(self, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[float]:
-        """Return where a stable motion ends in a jump, in order."""
+        """Return the sorted values at which a stable motion ends in a jump."""
         among = self.stretches([row], axis, over=over)[0]
         return sorted({end.value for s in among for end in (s.low, s.high) if end.jumps})
 
     def amplitudes(self, row: Values, axis: Floats) -> list[list[float]]:
-        """Return for every frequency ratio the largest slip speeds of all stable motions, that from (13) first."""
+        """Return for every frequency ratio the largest slip speeds of all stable motions, first of that from (13)."""
         among = self.stretches([row], axis)[0]
         return [[float(c), *(h for s in among if math.isfinite(h := s.amplitude(float(x))))]
                 for x, c in zip(axis, self.maxima([row], axis)[0])]
 
     def periodic_at(self, row: Values, axis: Floats) -> NDArray[np.bool_]:
-        """(n,) whether a stable periodic motion exists: one of a sweep, closed by Newton, with its multipliers."""
+        """Return (n,) whether Newton's method finds a stable periodic orbit at a motion of a sweep."""
         name = json.dumps([sorted(row.items()), axis.tolist()])
         if name not in self.known.periodic:
             found = np.zeros(len(axis), dtype=bool)
@@ -181,7 +181,7 @@ class StableMotions(Evidence):
         return np.array(self.known.periodic[name])
 
     def attractors(self, row: Values) -> list[tuple[int, float]]:
-        """Return period and largest slip speed of every attractor, from (13) and from points spread over states."""
+        """Return period and largest slip speed of every attractor, from (13) and from many initial states."""
         name = json.dumps(sorted(row.items()))
         if name not in self.known.attractors:
             system = self.system(row)
@@ -200,16 +200,16 @@ def _followed(sweeps: Sequence[Sweep]) -> list[StableSegment]:
 
 def ordered_shares(found: Sequence[Sequence[Sequence[float]]], curve: int, where: Any,
                    limits: tuple[float, float] = (0.05, 0.1), *, worst: bool = False) -> tuple[float, float]:
-    """Return the parts of the places at which one curve is the lowest of all (`worst`: the highest), where any slips.
+    """Return the fractions of the slipping places at which one curve is the lowest (`worst`: the highest).
 
     Parameters
     ----------
-    found : per curve and place the largest slip speeds of all stable motions there
-    limits : difference, rad/s, that does not count, and largest slip speed above which a curve slips
+    found : largest slip speeds of all stable motions, per curve and place
+    limits : negligible difference, rad/s, and largest slip speed above which a curve slips
 
     Returns
     -------
-    The part at which this holds whichever motion there is on every curve, and at which it holds for some.
+    The fractions for every choice of a motion on each curve, and for some choice.
     """
     sign = -1.0 if worst else 1.0
     every, some, moving = [], [], []
