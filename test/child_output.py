@@ -1,4 +1,4 @@
-"""What a command in a process of its own says, whatever is in the cache of compiled kernels."""
+"""Messages of a command in another process, for any state of the cache of kernels."""
 
 import re
 
@@ -7,5 +7,5 @@ COMPILING = re.compile(r"^tcc-sim: compiling kernels for this kind of scene, abo
 
 
 def without_compiling(said: str) -> str:
-    """Standard error without the line of each process that says that kernels are being compiled."""
+    """Return standard error without the lines that announce compilation."""
     return COMPILING.sub("", said)

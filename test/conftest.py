@@ -1,4 +1,4 @@
-"""What holds for every test."""
+"""Settings for every test."""
 
 import os
 import signal
@@ -10,9 +10,9 @@ from tcc_sim.solvers.compiling import kernel_cache  # NumPy reads that when it i
 
 
 def pytest_configure() -> None:
-    """Take Ctrl-C and a hang-up as at a terminal: whoever starts the tests in the background or under nohup may have
-    them ignored, and children inherit that. That kernels are being compiled is not said, so that no output depends on
-    what is in the cache. COLUMNS, which pytest's workers set, would break lines that are not a terminal's.
+    """Handle Ctrl-C and a hang-up as at a terminal; tests in the background or under nohup may ignore them, and their
+    children inherit that. Announce no compilation, so that no output depends on the cache. Remove COLUMNS, which
+    pytest's workers set: it would break lines that do not go to a terminal.
     """
     os.environ.pop("COLUMNS", None)
     kernel_cache.announced.add("compiling")

@@ -1,4 +1,4 @@
-"""What sensors see of scene fig02, whose motion SciPy solves on equations written out once more."""
+"""Measurements of scene fig02, with a motion by SciPy on separately written equations."""
 
 from __future__ import annotations
 

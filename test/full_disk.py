@@ -1,4 +1,4 @@
-"""A disk that takes no more: the operating system refuses to let any file of this process grow."""
+"""A full disk: the operating system refuses to let any file of this process grow."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def full_disk(size: int = 0) -> Iterator[None]:
-    """No file becomes longer than `size` bytes; what would write more has an OSError, "File too large"."""
+    """Limit files to `size` bytes; a longer write raises OSError, "File too large"."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
     try:

@@ -1,4 +1,4 @@
-"""An independent solution of the smoothed law: SciPy's LSODA at tight tolerance on equations written out once more.
+"""An independent solution of the smoothed law: SciPy's LSODA at tight tolerance on separately written equations.
 
 Slow and plain; nothing of the package's solvers or model is used. Its fellow for the set-valued law is `piecewise`.
 """

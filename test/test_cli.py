@@ -1,4 +1,4 @@
-"""The frame of the command: exit statuses, one line for wrong input, and nothing written then."""
+"""The frame of the command: exit statuses, and one line but no file for wrong input."""
 
 import os
 import re

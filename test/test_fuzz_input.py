@@ -1,4 +1,4 @@
-"""Scene files and command lines that nobody would write: one line of refusal or a result, whatever the input."""
+"""Random scene files and command lines give one line of refusal or a result."""
 
 from __future__ import annotations
 
@@ -59,13 +59,13 @@ def mutations(draw: st.DrawFn) -> str:
 
 
 def one_short_line(error: InputError) -> None:
-    """What every refusal must be."""
+    """Check that a refusal is printable and short."""
     assert str(error).isprintable()
     assert len(str(error)) < 1100
 
 
 def refused_or_scene(text: str) -> None:
-    """The one property: a scene that comes back from its own text, or one line."""
+    """Check that a scene equals the one read from its own text, or is refused in one line."""
     try:
         scene = parse_scene(text, "s")
     except InputError as error:
@@ -152,7 +152,7 @@ def options_of(verb: str) -> list[str]:
 
 @st.composite
 def command_lines(draw: st.DrawFn) -> list[str]:
-    """A verb, or what is none, with its options and nonsense between them."""
+    """A verb or another word, with its options and nonsense between them."""
     verb = draw(st.sampled_from([*QUICK, *cli.VERBS, "", "sceens", "--version"]))
     pairs = st.tuples(st.sampled_from(OPTIONS.get(verb) or ["--json"]), WORDS)
     scene = draw(st.sampled_from([[], ["fig02"], ["minimal"]]))

@@ -1,4 +1,4 @@
-"""What is shipped: an sdist with all that its tests need, a wheel that works by itself, and its metadata."""
+"""The packages: an sdist with everything for its tests, a wheel that works by itself, and metadata."""
 
 import re
 import shutil

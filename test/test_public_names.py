@@ -1,4 +1,4 @@
-"""What `import tcc_sim` offers: a dozen names, each with an example that runs."""
+"""The public names of `import tcc_sim`, each with an example that runs."""
 
 import doctest
 from importlib import import_module

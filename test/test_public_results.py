@@ -1,4 +1,4 @@
-"""What public functions give: a short text, columns, a notebook's view and a picture, each of them."""
+"""Results of public functions: each has a short text, columns, a notebook's view and a picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""README and its pages say what the code says. `python test/test_readme.py` writes their tables anew."""
+"""README and its pages agree with the code. `python test/test_readme.py` rewrites their tables."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ROOT = Path(__file__).resolve().parent.parent
 README = ROOT / "README.md"
 PAGES = [README, *(path for room in ("guide", "paper") for path in sorted((ROOT / ".github" / room).glob("*.md"))
                   if path.stem not in ("claims", "errata", "motions"))]
-"""What people read; the reports that commands write are not among them."""
+"""Pages written by hand, without the reports that commands write."""
 NODES = ROOT / "tcc_sim" / "nodes"
 
 

@@ -1,4 +1,4 @@
-"""Scene files: what is accepted, and what a wrong one is told."""
+"""Scene files: accepted ones, and the errors of wrong ones."""
 
 import os
 import stat

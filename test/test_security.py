@@ -64,7 +64,7 @@ def test_names_in_a_recording_are_never_paths_to_write(tmp_path: Path, written: 
     assert main(["recover", "run", "--out", "saved"]) == 0
     assert main(["analyse", "run", "--verify", "--json", "run.json"]) == 0
     own = [Path(path) for path in written if not path.startswith("/dev/")]
-    # What a bag opens by its name in the directory that it holds open; nothing of it is left where this runs.
+    # A bag opens these by name relative to its open directory; none of them remains in the working directory.
     in_bag = re.compile(r"saved_0\.mcap|\.[0-9a-f]{16}\.part")
     names = {"saved" if in_bag.fullmatch(name) else name
              for name in (path.relative_to(tmp_path).parts[0] for path in own)}

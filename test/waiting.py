@@ -1,4 +1,4 @@
-"""Waiting for what another process or thread does, without taking the processor from it."""
+"""Wait for another process or thread without taking the processor from it."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from typing import TypeVar
 
 Found = TypeVar("Found")
 LOOK, SHORT_LOOK = 0.02, 0.001
-"""Seconds between two looks, and where something is done between them."""
+"""Time between two checks, s; the second one if a step is done between them."""
 
 
 def until(predicate: Callable[[], Found], *, step: Callable[[], object] | None = None, limit: float = 120.0) -> Found:
-    """What the predicate gives once it holds, looked at time and again; fails after `limit` seconds.
+    """Check the predicate until it holds, and return its value; fail after `limit` seconds.
 
     Parameters
     ----------
-    step : done between two looks
+    step : called between two checks
     """
     never, end = threading.Event(), time.monotonic() + limit
     while not (found := predicate()):
@@ -29,7 +29,7 @@ def until(predicate: Callable[[], Found], *, step: Callable[[], object] | None =
 
 
 def until_or_ended(predicate: Callable[[], Found], process: object, **how: float) -> Found:
-    """As `until`, of a process that must not end before."""
+    """Do as `until`, and fail if the process ends before."""
     def looked() -> Found:
         assert process.poll() is None, "the process has ended"  # type: ignore[attr-defined]
         return predicate()

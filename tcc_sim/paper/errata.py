@@ -203,7 +203,7 @@ ERRATA: tuple[Erratum, ...] = (
             "the load's maximum comes psi/omega_f before that of sin(omega_f t); by N(t) = P(t) A of Section 2.1 a "
             "pressure has another unit than N", "model.parameters"),
     Erratum("Section 2.3, Table 1", "Np/Nm in [0, 1), and Pp = 0 to Pm", "Pp below Pm, or P clamped at 0",
-            "at Pp = Pm the load comes to 0 and the surfaces part; Np/Nm = Pp/Pm", "model.parameters"),
+            "at Pp = Pm the load falls to 0 and the surfaces part; Np/Nm = Pp/Pm", "model.parameters"),
     Erratum("Table 1", "C23 = 0.6 in Nm rad/s", "C23 = 0.6 N m s/rad", "C23 theta2' is a torque in (1b)",
             "model.parameters"),
     Erratum("(4), (6)", "mubar in [0, mu_s/mu_k] at v = 0", "mubar in [-mu_s/mu_k, mu_s/mu_k]",
@@ -306,7 +306,7 @@ def errata_page() -> str:
              "This page is generated:",
              "`tcc-sim claims --errata FILE` writes it. Each place was derived again; the numbers are computed for "
              "Table 1 with",
-             "mu_s N R = 540 N m where nothing else is said. Ratios are omega/omega_n.", "",
+             "mu_s N R = 540 N m unless stated. Ratios are omega/omega_n.", "",
              *markdown_table(["where", "printed", "right", "in the code"], [
                  [escape(e.where), escape(e.printed), escape(e.right), f"`{e.code}`" if e.code else ""]
                  for e in ERRATA])]

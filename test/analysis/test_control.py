@@ -1,4 +1,4 @@
-"""How well a target is held: figures of responses that are known in closed form."""
+"""Quality of control: figures of responses known in closed form."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What the figures of a run cover: every second that was solved and not dropped, against SciPy's Radau method."""
+"""The figures of a run cover every solved second that was not dropped, against SciPy's Radau method."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A table of SciPy's own run-up beside the simulated one, and what tells its phase."""
+"""A table of a run-up by SciPy beside the simulated one, and sources of its phase."""
 
 import json
 import math

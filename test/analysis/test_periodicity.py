@@ -1,4 +1,4 @@
-"""Sections made by hand, of known period, and motions that have none."""
+"""Sections made by hand, with a known period or with none."""
 
 import math
 
@@ -61,7 +61,7 @@ MOTIONS = {
     "a steady drift": ([0], None, [embedded(1e-4 * N)]),
     # Points that are together within the tolerance, and part: a start beside an unstable motion.
     "a motion on its way elsewhere": ([0], False, [embedded(1e-9 * 1.12**N)]),
-    # It leaves period two at a growing rate until, in the last third of the run, it comes to a larger one.
+    # It leaves period two at a growing rate and reaches a larger one in the last third of the run.
     "a motion that left another and has arrived": ([2], True, [embedded(0.5 + 0.5 * np.where(
         LONG[:190] < 136, 1e-3 * 1.04 ** LONG[:190], 0.5) * ALTERNATING[:190])]),
     # Of chaos in two bands, then of period two: the fall from one to the other has ended.

@@ -1,4 +1,4 @@
-"""The phase of torques that are known, steady, drifting and interrupted."""
+"""The phase of known torques: steady, drifting and interrupted."""
 
 import math
 import re
@@ -13,7 +13,7 @@ TURN = 2.0 * math.pi
 
 
 def phase_of(torque, seconds=20.0, batch=700, ticks=None):
-    """What the longest run of a torque f(t) comes to."""
+    """Result of the longest run of a torque f(t)."""
     tracker = PhaseTracker()
     k = np.arange(int(seconds * 1000)) if ticks is None else ticks
     values = torque(k * 1e-3)

@@ -1,4 +1,4 @@
-"""Attractors and basins: on maps whose basins are known, and on the driveline against brute force."""
+"""Attractors and basins: on maps with known basins, and on the driveline against brute force."""
 
 from __future__ import annotations
 

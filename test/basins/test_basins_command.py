@@ -1,4 +1,4 @@
-"""The verb `basins`: what it writes, what it keeps when it is interrupted, and what it refuses."""
+"""The verb `basins`: its files, the rest after an interrupt, and its refusals."""
 
 import itertools
 import json

@@ -1,4 +1,4 @@
-"""Branches from the attractors that basins found: both coexisting motions at once, and what is no such document."""
+"""Branches from the attractors that basins found: both coexisting motions at once, and refused documents."""
 
 import json
 from pathlib import Path

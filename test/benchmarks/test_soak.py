@@ -1,4 +1,4 @@
-"""What a soak says of losses is what the stamps of its recording say."""
+"""The losses that a soak reports are those in the stamps of its recording."""
 
 import pytest
 from driveline_bags import bag, ticked

@@ -1,4 +1,4 @@
-"""`tcc-sim analyse` from the outside: figures, JSON, Rerun file, and what it refuses."""
+"""`tcc-sim analyse` from the outside: figures, JSON, Rerun file, and refusals."""
 
 import json
 import math
@@ -22,7 +22,7 @@ SWING = 250.0 / (0.2 * 150.0)
 
 @pytest.fixture
 def recording(tmp_path):
-    """Steady pure slip, (17a) put right, for 2 s."""
+    """Steady pure slip by the corrected (17a), 2 s."""
     scene = load_scene("slip")
     t = np.arange(2001) * 1e-3
     zero = np.zeros_like(t)

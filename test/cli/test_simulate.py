@@ -1,4 +1,4 @@
-"""`tcc-sim simulate` against closed forms, and what it refuses."""
+"""`tcc-sim simulate` against closed forms, and its refusals."""
 
 import _thread
 import json
@@ -32,7 +32,7 @@ def refused(capsys, *arguments):
 
 
 ABOUT = ("units", "scene", "document", "section_states", "cycle_highest", "cycle_lowest", "cycle_stick_time")
-"""What a file of samples says beside them."""
+"""Names in a file of samples beside the signals."""
 
 
 def test_samples_in_npz_end_at_the_end_and_satisfy_the_equations(tmp_path):

@@ -1,4 +1,4 @@
-"""How curves of bifurcations go on, close and stop, in other segments than at their start too."""
+"""Curves of bifurcations continue, close and stop, also in segments other than the first."""
 
 import math
 from collections import deque
@@ -104,7 +104,7 @@ def test_a_closed_curve_that_was_lost_one_way_is_closed() -> None:
         return ring(x, p)
 
     class Counted(TextbookMap):
-        """Counts how many ways have begun, by the parameters with which they do."""
+        """Counts the started ways by their parameters."""
 
         def evaluate_each(self, states, values, firsts, cycles):
             nonlocal ways

@@ -85,7 +85,7 @@ class Lifted(TextbookMap):
 
 
 def test_a_jump_between_motions_that_both_go_on_is_the_boundary_of_their_basins() -> None:
-    # From 0.1 - p cold starts come to the upper motion where the unstable one lies below.
+    # From 0.1 - p cold starts reach the upper motion where the unstable one lies below.
     seen = lifted(np.linspace(-0.3, 0.3, 21), 0.05)
     branches = bifurcation_diagram(Lifted(hysteresis, 1), ParameterRange(-0.3, 0.3, name="p"), seen)
     assert len(branches) == 2

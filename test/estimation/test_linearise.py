@@ -26,7 +26,7 @@ CONSTANT = {"engine.torque_amplitude": 0.0}
 
 
 def apart(one: complex, other: complex) -> np.ndarray:
-    """By how much two responses differ, dB and degrees."""
+    """Difference of two responses, dB and degrees."""
     ratio = one / other
     return np.abs([20.0 * math.log10(abs(ratio)), math.degrees(np.angle(ratio))])
 
@@ -188,7 +188,7 @@ def test_a_simulated_response_is_that_of_an_independent_integrator() -> None:
 
 
 def test_side_bands_are_told_from_the_answer() -> None:
-    """A length that is no multiple of any period: what lies beside omega would leak into it."""
+    """The length is no multiple of any period, so side bands would leak into omega."""
     base, omega = 75.0, 110.0
     t = np.arange(1.0, 1500.0) * 2.5e-4
     bands = [(0, 2.0 - 1.0j), (1, 0.7j), (-1, 0.4), (-5, -0.3j), (DEFAULTS.bands, 0.2)]

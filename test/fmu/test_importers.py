@@ -175,7 +175,7 @@ class Linked:
         self._words = [str(folder / "importer"), described.guid, "0.001"]
 
     def run(self, script: str) -> list[str]:
-        """What it says to the lines of a script, names in the place of references."""
+        """Return its answers to the lines of a script, with names in place of references."""
         lines = [" ".join(str(self._references.get(word, word)) for word in line.split())
                  for line in script.strip().splitlines()]
         ended = subprocess.run(self._words, input="\n".join(lines) + "\n", capture_output=True, text=True, check=False)

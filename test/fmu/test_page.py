@@ -1,4 +1,4 @@
-"""What the page on FMUs shows runs, and the command says what it wrote or what is wrong."""
+"""The examples of the page on FMUs run, and the command names its files or the error."""
 
 from __future__ import annotations
 

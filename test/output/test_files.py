@@ -19,7 +19,7 @@ SIMULATE = ["simulate", "minimal", "--cycles", "2", "--discard", "0", "--solver"
 
 
 def special(folder: Path) -> dict[str, Path]:
-    """What is no regular file, one of each kind."""
+    """One path of each kind that is no regular file."""
     os.mkfifo(folder / "pipe")
     (folder / "mine").write_text("mine")
     (folder / "link").symlink_to(folder / "mine")

@@ -1,4 +1,4 @@
-"""What commands print: no line wider than the terminal, columns kept, whole lines for files and pipes, and grammar."""
+"""Output of commands: no line wider than the terminal, aligned columns, whole lines for files and pipes, grammar."""
 
 import ast
 import os

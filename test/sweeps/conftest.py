@@ -1,4 +1,4 @@
-"""What happens while the file of a sweep grows."""
+"""Callback while the file of a sweep grows."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tcc_sim.sweeps.file import SweepFile
 
 @pytest.fixture
 def on_point(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[int], None] | None], None]:
-    """Has a function called with the number of points that files took since, after each; None for no longer."""
+    """Function that sets a callback after each stored point, with the number of points since; None ends it."""
     then: Callable[[int], None] | None = None
     count, append = 0, SweepFile.append
 

@@ -1,6 +1,6 @@
-"""Work in processes of which one is killed: what is done is kept, what is not is done again, and nothing waits.
+"""Work in processes, one of which is killed: finished parts stay, others are repeated, and nothing waits.
 
-What a cluster does is in `test_cluster.py`; bars of long work leave nothing behind.
+`test_cluster.py` has clusters; progress bars of long work leave nothing behind.
 """
 
 from __future__ import annotations

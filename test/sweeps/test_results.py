@@ -1,4 +1,4 @@
-"""What sweeps and grids give: JSON, columns, lines for a terminal, and little memory."""
+"""Results of sweeps and grids: JSON, columns, lines for a terminal, and little memory."""
 
 from __future__ import annotations
 

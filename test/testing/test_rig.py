@@ -1,4 +1,4 @@
-"""The fixture `driveline`: nodes under test in lock-step in this process, faults by count, and what fails a test."""
+"""The fixture `driveline`: nodes under test in lock-step in this process, faults by count, and failures of a test."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from tcc_sim.testing.run import ControllerFailed
 
 
 class Controller(Node):
-    """Answers every state with what a function makes of it; it may be any node of a user."""
+    """Answers every state with a function of it, like any node of a user."""
 
     def __init__(self, answer: Callable[[JointState], float | None]) -> None:
         super().__init__("my_controller")

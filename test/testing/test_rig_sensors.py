@@ -1,4 +1,4 @@
-"""Sensors in the kit: what a node is sent is what a law is told, to the last bit, and lost messages have no answer."""
+"""Sensors in the kit: node and law receive the same values to the last bit, and lost messages have no answer."""
 
 from __future__ import annotations
 

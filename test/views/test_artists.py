@@ -1,4 +1,4 @@
-"""What the lines, marks and words of a picture say, looked up in the figure itself."""
+"""Lines, marks and words of pictures, read from the Matplotlib figure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""--plot and plot(): what is drawn, from what, and what is refused before anything is computed."""
+"""--plot and plot(): their pictures and sources, and refusals before any computation."""
 
 import json
 import math

@@ -15,7 +15,7 @@ rerun = pytest.importorskip("rerun", reason="rerun-sdk is not installed")
 
 
 def printed(path: Path) -> str:
-    """What Rerun's tool prints of a file, with its values."""
+    """Return the contents of a file, with values, as printed by Rerun's tool."""
     return subprocess.run([sys.executable, "-m", "rerun", "rrd", "print", "-vvv", str(path)], capture_output=True,
                           text=True, timeout=120, check=True).stdout
 

@@ -1,4 +1,4 @@
-"""What goes to Rerun: a file that its own tool accepts, with every sample in it, written while it is fed."""
+"""Output to Rerun: a file that its own tool accepts, with every sample, written during the stream."""
 
 import os
 import re
@@ -118,7 +118,7 @@ def test_one_goal_and_a_url_that_answers():
 
 
 def chunks(path, entity):
-    """What Rerun prints of the chunks of one entity, with every value."""
+    """The chunks of one entity, with every value, as printed by Rerun."""
     printed = rerun_tool("print", "-vvv", "--entity", entity, path)
     assert printed.returncode == 0, printed.stderr
     return printed.stdout
@@ -231,7 +231,7 @@ def test_a_file_is_waited_for_as_long_as_it_grows(monkeypatch, tmp_path):
 
 
 def test_a_rerun_that_does_not_end_is_left_behind(monkeypatch, tmp_path):
-    """Now and then it waits for ever for a writer that has ended, and would again when the process ends."""
+    """Rerun sometimes waits for ever for a writer that has ended, and again at the end of the process."""
     import rerun
 
     left, unregistered = threading.Event(), []

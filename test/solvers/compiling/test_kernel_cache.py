@@ -76,7 +76,7 @@ def test_a_damaged_cache_costs_one_line_and_is_put_right(cache, tmp_path, capsys
     damage(cache, kind)
     kernel = modules(tmp_path, name=name)
     assert (kernel(3.0), hits(kernel)) == (7.0, 0)
-    assert capsys.readouterr().err.count("\n") == (2 if kind == "directory" else 1)  # What cannot be kept is said too.
+    assert capsys.readouterr().err.count("\n") == (2 if kind == "directory" else 1)  # Another if it cannot be stored.
     if kind != "directory":
         kernel = modules(tmp_path, name=name)
         assert (kernel(3.0), hits(kernel)) == (7.0, 1)
