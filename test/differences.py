@@ -1,6 +1,4 @@
-"""Derivatives by differences of fourth order, with steps of several sizes: truncation decides at the one end, rounding
-at the other.
-"""
+"""Differences of fourth order with several steps: truncation limits long ones, rounding short ones."""
 
 from collections.abc import Callable
 
@@ -16,15 +14,15 @@ def difference(at: Function, step: float) -> np.ndarray:
 
 
 def one_sided(at: Function, step: float) -> np.ndarray:
-    """`difference` where the function is known on the side of the step alone."""
+    """Do as `difference` for a function known on the side of the step alone."""
     weights = np.array([-25.0, 48.0, -36.0, 16.0, -3.0]) / (12.0 * step)
     return np.tensordot(weights, np.array([at(k * step) for k in range(5)]), 1)
 
 
 def apart(found: np.ndarray, at: Function, step: float, size: np.ndarray | float = 1.0, floor: float = 0.0,
           by: Callable[[Function, float], np.ndarray] = difference, axis: int | tuple[int, ...] | None = None) -> float:
-    """How far a derivative is from the nearest of some differences: of each row in units of `size` and of the largest
-    of them or `floor`; an axis keeps what it leaves apart.
+    """Distance of a derivative from the nearest of some differences, in units of `size` for each row, relative to the
+    largest or `floor`; with `axis`, separately for the other axes.
     """
     def relative(expected: np.ndarray) -> float:
         wrong, large = (np.abs(a / size).max(axis=axis) for a in (found - expected, expected))

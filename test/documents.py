@@ -1,4 +1,4 @@
-"""Whether a JSON holds exactly the fields that the page of fields documents."""
+"""Check that a JSON holds exactly the fields on the page of fields."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tcc_sim.result import names_in, reported_of
 
 
 def valid(kind: str, found: dict[str, Any]) -> dict[str, Any]:
-    """`found`, once it begins with what every JSON says of itself, and its fields and units are documented."""
+    """Return `found` after checks of its head, and that its fields and units are documented."""
     assert list(found)[:2] == ["format", "version"]
     assert (found["format"], found["version"]) == (format_of(kind), __version__)
     assert set(QUANTITIES) <= found["scene"].keys()
@@ -46,7 +46,7 @@ def valid(kind: str, found: dict[str, Any]) -> dict[str, Any]:
 
 
 def mistyped(found: dict[str, Any], kind: type, missing: bool = False) -> list[str]:
-    """The fields of a result that are not of their declared types; `missing` allows null for each of them."""
+    """The fields of a result with other types than declared; `missing` allows null for each."""
     wrong: list[str] = []
     for name, entry in reported_of(kind).items():
         hints = get_type_hints(kind)
@@ -74,7 +74,7 @@ def rows_of(found: dict[str, Any], names: list[str]) -> Iterator[dict[str, Any]]
 
 
 def of_type(value: Any, hint: Any) -> bool:
-    """Whether a JSON value is of a type; a number that is not finite is null, an array a list, a complex number two."""
+    """Whether a JSON value has a type; non-finite numbers are null, arrays are lists, complex numbers are pairs."""
     origin, arguments = get_origin(hint), get_args(hint)
     if hint is Any or isinstance(hint, TypeVar):
         return True
@@ -96,13 +96,13 @@ def of_type(value: Any, hint: Any) -> bool:
 
 
 def beginnings(path: str) -> list[str]:
-    """A path and all that it begins with, the longest first."""
+    """A path and its beginnings, the longest first."""
     parts = path.split(".")
     return [".".join(parts[:k]) for k in range(len(parts), 0, -1)]
 
 
 def paths_in(value: Any, names: set[str], path: str = "") -> set[str]:
-    """The documented names below a value, and those that are not; the keys of a mapping are no names."""
+    """Documented and other names below a value; keys of a mapping are no names."""
     if not any(name.startswith(path) for name in names):
         return set()  # Nothing within it is documented.
     if isinstance(value, list):

@@ -1,4 +1,4 @@
-"""Bags as driveline and recorder make them, without ROS: ticks of the real-time solver, or columns given by hand."""
+"""Bags like those of driveline and recorder, without ROS: ticks of the real-time solver, or columns made by hand."""
 
 import math
 
@@ -19,11 +19,11 @@ START = 10**18
 
 def ticked(scene, ticks, *, torque=None, pressure=None, resets=(), changes=(), said=None, sources=None):
     """Rows (stamp, six columns of joint_states, applied pressure) of a driveline; torque and pressure are f(tick), None
-    where the scene's own input applies.
+    for the scene's own input.
 
     After a tick in `resets` the driveline starts again; `changes` are (tick, values, all terms) of parameters set while
-    running. A list given as `said` gets (row, text) of every scene said again, one given as `sources` (row, stamp,
-    text) of every change of what holds the inputs."""
+    running. The list `said` receives (row, text) of every scene published again, the list `sources` (row, stamp, text)
+    of every change of an input's source."""
     stepper, system, changes = Stepper(scene.system,
                                        1.0 / scene.operation.rate), scene.system, {k: rest for k, *rest in changes}
     rows, terms, text, general = [], stepper.terms, "", False
@@ -66,7 +66,7 @@ def ticked(scene, ticks, *, torque=None, pressure=None, resets=(), changes=(), s
 
 
 def by_hand(seconds, slip_speed, plate_angle, plate_speed, engine_torque, friction_torque):
-    """Rows of functions of time, 1 kHz."""
+    """Rows from functions of time, 1 kHz."""
     t = np.arange(round(seconds * 1000) + 1) * 1e-3
     v, angle, speed, engine, friction = (np.broadcast_to(f(t), t.shape).tolist() for f in
                                          (slip_speed, plate_angle, plate_speed, engine_torque, friction_torque))
@@ -75,8 +75,8 @@ def by_hand(seconds, slip_speed, plate_angle, plate_speed, engine_torque, fricti
 
 
 def readings(scene, ticks, commanded, far=lambda k: None):
-    """Rows of a driveline with what commanded(k), Pa, asks of it, and stamps, angles, speeds (rad/s) and torques of its
-    far end, whose speed is far(k)."""
+    """Rows of a driveline under pressures commanded(k), Pa; and stamps, angles, speeds (rad/s) and torques of its far
+    end, which moves at far(k)."""
     plant, rows, ends = Plant(scene), [], []
     for k in range(ticks):
         if k:
@@ -93,12 +93,11 @@ def readings(scene, ticks, commanded, far=lambda k: None):
 
 def bag(directory, rows, scene, *, said=(), cut=False, lost=0, clock=None, publishers=None, targets=(), sources=(),
         ends=(), **options):
-    """Write rows, and scenes said again before some; with `cut` the recorder was killed before it closed the bag.
+    """Write rows, and scenes published again before some; with `cut` like a recorder that was killed.
 
-    `clock` is the driveline's clock as f(row), ns; `publishers` are (first row, name) of who published from there on;
-    `targets` are (row, rad/s) that a slip controller was asked for; `sources` are (row, stamp, text) of what held the
-    inputs from that state on, with the row at which it was sent where it arrived again; `options` are those of
-    BagWriter."""
+    `clock` is the driveline's clock as f(row), ns; `publishers` are (first row, name) of the publisher from there on;
+    `targets` are (row, rad/s) of a slip controller; `sources` are (row, stamp, text) of the source of the inputs from
+    that state on, and the row of the first sending for a repeated message; `options` are those of BagWriter."""
     clock = clock or (lambda number: START + number * TICK)
     scene = load_scene(scene) if isinstance(scene, str) else scene
     writer = BagWriter(directory, scene.text() if scene is not None else None, **options)

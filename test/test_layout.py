@@ -1,4 +1,4 @@
-"""The house holds: who may import whom, what stays unloaded, how long files get, and what the bundled scenes say."""
+"""Rules of the layout: imports between rooms, modules that stay unloaded, length of files, and bundled scenes."""
 
 import ast
 import dataclasses
@@ -39,10 +39,10 @@ ROOMS = {
     "sensor_msgs": ROS, "std_srvs": ROS, "diagnostic_msgs": ROS, "rosgraph_msgs": ROS, "ament_index_python": ROS,
     "rerun": ["views"], "matplotlib": DRAWINGS, "cycler": DRAWINGS, "argparse": ["cli"],
 }
-"""Where a package that not everyone has, or that is slow to load, may be imported."""
+"""Rooms that may import an optional or slow package."""
 
 MEASURING = "cli.measuring"
-"""Who may import `benchmarks`."""
+"""Module that may import `benchmarks`."""
 
 HEAVY = ["numpy", "numba", "scipy", "yaml", "mcap", "zstandard", "lz4", "rclpy", "rerun", "matplotlib", "distributed",
          "tqdm"]
@@ -56,7 +56,7 @@ PROTOCOLS = {"add_arguments", "into", "main", "run", "Settings", "solve"}
 """Names that every module of a kind has: verbs, pictures, programs, solvers, the settings of a room."""
 LONGEST = 330
 LONGER: dict[str, int] = {}
-"""Lines that a file may have; more only where it cannot be cut."""
+"""Largest number of lines of a file; more only if it cannot be cut."""
 
 
 def name_of(path: Path) -> str:
@@ -67,7 +67,7 @@ def name_of(path: Path) -> str:
 
 @cache
 def tree_of(path: Path) -> ast.Module:
-    """A file as Python reads it."""
+    """Syntax tree of a file."""
     return ast.parse(path.read_text())
 
 
@@ -91,7 +91,7 @@ def imports_of(path: Path) -> list[tuple[int, str]]:
 
 
 def test_what_is_worked_out_cannot_be_changed() -> None:
-    """Every dataclass is frozen but what grows on its way, and is not given away before its end."""
+    """Every dataclass is frozen, except those that grow and are returned only when complete."""
     found = []
     for path in MODULES:
         for node in ast.walk(tree_of(path)):
@@ -107,7 +107,7 @@ parts = pytest.mark.parametrize("part", ["", *ORDER], ids=lambda part: part or "
 
 
 def imports_in(part: str) -> list[tuple[str, str, str]]:
-    """Module, where in it, and what is imported there, of every import of a part."""
+    """Module, line and imported name of every import of a part."""
     paths = [path for path in MODULES if name_of(path).split(".")[0] == part]
     assert paths, f"there is no part {part}"
     return [(name_of(path), f"{path}:{line}", imported) for path in paths for line, imported in imports_of(path)]
@@ -167,7 +167,7 @@ def test_the_registry_of_solvers_names_modules_of_the_solvers() -> None:
 
 
 def loaded_by(statement: str) -> set[str]:
-    """Which heavy packages a fresh interpreter has loaded after a statement."""
+    """Heavy packages that a fresh interpreter has loaded after a statement."""
     code = f"import sys; before = set(sys.modules); {statement}; print(*set(sys.modules) - before)"
     words = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True,
                            check=True).stdout.split()
@@ -199,7 +199,7 @@ def test_files_stay_readable() -> None:
 
 
 def test_a_name_means_one_thing() -> None:
-    """A public function or class is defined once; the two engines are twins, and name their parts alike."""
+    """A public function or class is defined once; the two engines share names of their parts."""
     meanings: dict[str, set[str]] = {}
     for path in MODULES:
         of = "solvers.engine" if {"smoothed", "event_driven"} & set(path.parts) else name_of(path)
@@ -231,7 +231,7 @@ def keys_in(path: Path) -> dict[str, object]:
 
 
 def without_effect(keys: dict[str, object]) -> set[str]:
-    """Keys that may be left out since nothing depends on them."""
+    """Keys without an effect, which a scene may omit."""
     free = {key for key, value in DEFAULTS.items() if value == ()}
     free |= {key for key in PROFILES if f"{key}_times" in keys}
     free |= set(TABULATED) if "friction.slip_speeds" in keys else set()

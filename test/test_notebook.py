@@ -1,4 +1,4 @@
-"""The notebook of the guide runs cell by cell, and a notebook can show what each cell ends with."""
+"""The notebook of the guide runs cell by cell, and a notebook can show the last value of each cell."""
 
 from __future__ import annotations
 

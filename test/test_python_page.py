@@ -1,4 +1,4 @@
-"""The code of the page on solvers and Python runs as it stands."""
+"""The code of the page on solvers and Python runs unchanged."""
 
 from __future__ import annotations
 

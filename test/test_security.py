@@ -1,4 +1,4 @@
-"""Nothing that a recording says decides where something is written; ruff's S rules find what could run what is read."""
+"""No text in a recording decides where a file is written; ruff's S rules find code that could run input."""
 
 from __future__ import annotations
 
@@ -43,9 +43,7 @@ def written() -> Iterator[list[str]]:
 @pytest.mark.parametrize("evil", ["../../evil", "/tmp/evil", "~/evil", "$(touch evil)", "a\x00b", "evil/../../evil"])
 def test_names_in_a_recording_are_never_paths_to_write(tmp_path: Path, written: list[str], evil: str,
                                                        monkeypatch: pytest.MonkeyPatch) -> None:
-    """Topics, types, definitions, scene, version and everything else in it carry a path; only what was asked for is
-    written.
-    """
+    """Topics, types, definitions, scene, version and all other texts carry a path; only requested files are written."""
     monkeypatch.chdir(tmp_path)
     parameters = load_scene("fig02").text().split("\n", 1)[1]
     bag = BagWriter(tmp_path / "run", f"# {evil.encode('unicode_escape').decode()}\n{parameters}", evil)

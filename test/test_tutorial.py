@@ -1,4 +1,4 @@
-"""The tutorial runs from end to end as its page has it, and prints the lines that the page shows."""
+"""The tutorial runs from end to end as on its page, and prints the lines of the page."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ NOT_RUN = ("tcc-sim demo --scene rig.yaml",)
 """Commands that need a quiet machine: a node against the clock."""
 NUMBER = r"[-+]?\d+(?:\.\d+)?"
 WITHIN = 0.02
-"""Relative difference that a number of the page may have from what is printed."""
+"""Relative difference allowed between a number of the page and the printed one."""
 
 
 def run(command: str, folder: Path) -> str:
-    """Run a shell command with the programs of this environment in a folder, and return what it printed."""
+    """Run a shell command with the programs of this environment in a folder, and return its output."""
     paths = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     ended = subprocess.run(["sh", "-c", command], cwd=folder, env={**os.environ, "PATH": paths, "MPLBACKEND": "Agg"},
                            timeout=300, capture_output=True, text=True, check=False)
@@ -32,7 +32,7 @@ def run(command: str, folder: Path) -> str:
 
 
 def agrees(shown: str, printed: str) -> bool:
-    """Whether a line of the page is a printed line: words alike, numbers within a tolerance, anything for dots."""
+    """Whether a line of the page matches a printed one: equal words, numbers within a tolerance, anything for dots."""
     parts = re.split(rf"({NUMBER}|\.\.\.)", " ".join(shown.split()))
     pattern = "".join(".*" if part == "..." else f"({NUMBER})" if re.fullmatch(NUMBER, part) else re.escape(part)
                       for part in parts)

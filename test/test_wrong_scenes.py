@@ -1,6 +1,4 @@
-"""Every key beyond its range and of a wrong type, and files that are no scenes at all: one line, status 2, nothing
-written.
-"""
+"""Keys beyond their range or of a wrong type, and files that are no scenes: one line, status 2, no file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Maps of textbooks with known bifurcations, as instances of the protocol that the study of motions works on."""
+"""Maps of textbooks with known bifurcations, in the protocol of `continuation`."""
 
 from collections.abc import Callable
 

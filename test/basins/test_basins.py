@@ -319,7 +319,7 @@ def test_an_axis_is_a_key_and_its_values(axis: object) -> None:
 
 
 def test_a_plane_may_be_given_by_keys_and_values() -> None:
-    """The labels are those of axes, whatever sequence the values come in."""
+    """The labels are those of the axes for any type of sequence."""
     first, = basins("stick", [Axis("initial.slip_speed", (0.0, 50.0)), Axis("initial.plate_angle", (0.0, 0.1))], jobs=1)
     plane = [("initial.slip_speed", np.array([0, 50])), ("initial.plate_angle", [0.0, 0.1])]
     second, = basins("stick", plane, jobs=1)  # type: ignore[arg-type]

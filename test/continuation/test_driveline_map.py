@@ -1,4 +1,4 @@
-"""Scenes as maps: pure stick in closed form, its border, derivatives, what is refused, and known bifurcations."""
+"""Scenes as maps: pure stick in closed form, its border, derivatives, refusals, and known bifurcations."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Parameters from measurements that SciPy made, with known noise: found, covered by their intervals, or refused."""
+"""Parameters from measurements by SciPy with known noise: found, covered by their intervals, or refused."""
 
 from __future__ import annotations
 
@@ -219,7 +219,7 @@ def test_a_profile_is_what_fits_with_the_key_held_come_to() -> None:
 
 
 def test_verdicts() -> None:
-    """At a bound, told, and not told because of another parameter, by the numbers of a fit."""
+    """At a bound, identified, and not identifiable because of another parameter, by the numbers of a fit."""
     keys = ("friction.static_coefficient", "friction.kinetic_coefficient", "driveline.damping")
     values, errors = np.array([0.24 * DEFAULTS.least_ratio, 0.24, 0.6]), np.array([1e-3, 1e-3, 0.01])
     fitted = Fit(values, np.zeros((1, 3)), {}, 1.0, 0.0, 1000)

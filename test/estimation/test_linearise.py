@@ -79,7 +79,7 @@ def test_constant_stick_is_one_oscillator(law: str) -> None:
 
 
 def test_slip_without_slope_is_the_integrator_behind_the_plate() -> None:
-    """mu_k = mu_s and a pulsating torque: slip is linear, whatever the motion does."""
+    """mu_k = mu_s and a pulsating torque: slip is linear for any motion."""
     scene = CONTROLLED.with_values({"friction.kinetic_coefficient": 0.3})
     omegas = np.array([2.0, 30.0, 150.0, 380.0])
     found = linearise(scene, slip=30.0, frequencies=omegas)

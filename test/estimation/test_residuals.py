@@ -1,4 +1,4 @@
-"""Residuals that are noise, white or coloured, and residuals that are none, from measurements that SciPy made."""
+"""Residuals that are noise, white or coloured, and others, from measurements made by SciPy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The windows of multiple shooting: what drives them, where they start, and how far a step may go."""
+"""The windows of multiple shooting: their inputs, their starts, and the length of a step."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Profiles in time: the phase against quadrature, its inverse, and what is refused."""
+"""Profiles in time: the phase against quadrature, its inverse, and refusals."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""`explain` shows what a scene builds and leaves out; the paper's closed forms against numbers worked out by hand."""
+"""`explain` shows the terms that a scene builds and omits; the paper's closed forms against numbers by hand."""
 
 from __future__ import annotations
 

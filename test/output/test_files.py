@@ -1,4 +1,4 @@
-"""Outputs: whole or not at all, over regular files only, through no link, and refused at once where they cannot be."""
+"""Outputs: whole or not at all, over regular files only, through no link, and early refusals."""
 
 from __future__ import annotations
 

@@ -115,7 +115,7 @@ def stuck(work, grip):
 
 @pytest.mark.parametrize("grip", [2e3, 3e4])
 def test_a_good_guess_does_not_end_the_iteration_before_its_error_is_known(grip):
-    """The diagonal alone takes only a part of the error away, whatever the size of the first correction."""
+    """The diagonal alone removes only a part of the error, for any size of the first correction."""
     work = np.zeros(1, WORK)[0]
     rung, exact = stuck(work, grip)
     dominant = grip * work["slope"].min() > stages.DOMINANT * rung["diagonal"][-1]

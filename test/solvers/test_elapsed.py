@@ -1,4 +1,4 @@
-"""The time that a solve says it took is that of solving."""
+"""The reported time of a solve is that of solving."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""The exact engine's events: where closed forms say, close together, and in the limit of sharp smoothing."""
+"""The exact engine's events: at the times of closed forms, close together, and in the limit of sharp smoothing."""
 
 import math
 

@@ -20,7 +20,7 @@ FIG02 = replace(System(), {"friction.law": "set_valued"})
 
 @pytest.mark.parametrize("phase", [0.3, 0.5 * math.pi, 2.0, 3.0, 3.5, 5.0])
 def test_the_mode_at_the_start_is_that_of_the_load_there(phase):
-    """With a mean pressure of 0 the clutch starts loaded where sin(phase) > 0, whatever the mean says."""
+    """With a mean pressure of 0 the clutch starts loaded where sin(phase) > 0."""
     system = replace(FIG02, {"pressure.mean": 0.0, "pressure.amplitude": 200e3, "pressure.phase": phase,
                              "initial.slip_speed": 10.0})
     run = solve(system, cycles=1)

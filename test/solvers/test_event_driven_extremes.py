@@ -1,4 +1,4 @@
-"""The exact engine over the extreme ranges: it ends, stays finite and keeps the law, whatever meets."""
+"""The exact engine over the extreme ranges: it ends, stays finite and obeys the law in all combinations."""
 
 import math
 

@@ -127,7 +127,7 @@ def test_stick_turns_nothing_to_heat() -> None:
 
 @pytest.mark.parametrize("solver", ["smoothed", "fixed_step", "lsoda"])
 def test_samples_have_the_loads_of_the_steps(solver: str) -> None:
-    """Ticks of 0.1 ms, and what a solver of samples makes of its own."""
+    """Ticks of 0.1 ms, and the samples of LSODA."""
     system = load_scene("fig02").system
     exact = loads_by(system, rtol=1e-10)
     if solver == "smoothed":

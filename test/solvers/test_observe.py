@@ -1,4 +1,4 @@
-"""Per-cycle results of closed-form sines, whose extremes, sections and stick times are known."""
+"""Per-cycle results of sines with known extremes, sections and stick times."""
 
 import math
 

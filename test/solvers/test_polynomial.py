@@ -1,4 +1,4 @@
-"""Certified crossings and extremes against rational and long arithmetic: nothing is missed, nothing is made up."""
+"""Certified crossings and extremes against rational and long arithmetic: none is missed, none is false."""
 
 import math
 from fractions import Fraction

@@ -1,4 +1,4 @@
-"""Solvers through profiles in time, against SciPy on equations written out once more, with the phase as a state."""
+"""Solvers through profiles in time, against SciPy on separately written equations with the phase as a state."""
 
 import itertools
 import math

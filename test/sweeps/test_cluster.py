@@ -27,7 +27,7 @@ distributed = pytest.importorskip("distributed")
 
 
 def started(*words: str) -> subprocess.Popen[bytes]:
-    """A Dask process in a session of its own."""
+    """A Dask process in a separate session."""
     root = str(Path(__file__).resolve().parents[2])
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([root, os.environ.get("PYTHONPATH", "")])}
     return subprocess.Popen([sys.executable, "-m", "distributed.cli." + words[0], *words[1:]], env=environment,
@@ -96,7 +96,7 @@ def test_an_unreachable_scheduler_is_one_line_and_nothing_is_written(address: st
 
 
 def test_a_port_that_is_no_scheduler_is_given_up_in_time() -> None:
-    """It takes the connection and never says a word."""
+    """It accepts the connection and never answers."""
     with socket.socket() as silent:
         silent.bind(("127.0.0.1", 0))
         silent.listen()

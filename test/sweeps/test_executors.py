@@ -40,7 +40,7 @@ def killed_once(mark: str) -> int:
 
 
 def killed(number: int) -> int:
-    """End this process, whatever is asked."""
+    """End this process for any argument."""
     os.kill(os.getpid(), signal.SIGKILL)
     return number
 

@@ -1,4 +1,4 @@
-"""The largest Lyapunov exponent where it is known: stick, slip, Floquet multipliers, and SciPy's variational equations.
+"""Known largest Lyapunov exponents: stick, slip, Floquet multipliers, and SciPy's variational equations.
 """
 
 from __future__ import annotations

@@ -47,7 +47,7 @@ def test_the_verb_a_sweep_and_python_give_the_same(tmp_path) -> None:  # type: i
 
 @pytest.mark.parametrize("law", ["set_valued", "smoothed"])
 def test_a_driveline_at_rest_has_period_one(law: str) -> None:
-    """Stuck, with nothing that pulsates: what is left of the plate's speed are roundings."""
+    """Stuck under constant inputs: the plate's speed is rounding."""
     for torque in (39.0, 116.0, 300.0):
         found = simulate(load_scene("stick").with_values({
             "friction.law": law, "engine.mean_torque": torque, "engine.torque_amplitude": 0.0,

@@ -1,4 +1,4 @@
-"""The file of a sweep: what is damaged or hostile is one line, and a killed sweep goes on where it stopped."""
+"""The file of a sweep: damage gives one line, and a killed sweep resumes where it stopped."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Modules of kernels that are written, changed and imported again, and whether their code was found on disk."""
+"""Modules of kernels that are written, changed and imported again, with hits of the cache on disk."""
 
 import importlib
 import sys
@@ -28,7 +28,7 @@ made = []
 
 
 def modules(folder, callee=CALLEE, caller=CALLER, name=""):
-    """A kernel and what it calls, in fresh modules of the same names as before where `name` says so."""
+    """A kernel and its callees in fresh modules; an equal `name` gives the same names again."""
     name = name or f"kernels_{next(numbers)}"
     for suffix, text in (("callee", callee), ("caller", caller.format(callee=f"{name}_callee"))):
         (folder / f"{name}_{suffix}.py").write_text(text)

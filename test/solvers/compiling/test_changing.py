@@ -1,4 +1,4 @@
-"""Numbers of staged functions that carry what they change by."""
+"""Numbers of staged functions that carry their derivatives."""
 
 from __future__ import annotations
 

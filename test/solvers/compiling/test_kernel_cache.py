@@ -1,4 +1,4 @@
-"""Compiled code on disk: keyed by what a kernel can reach, and used only where nobody else can have written it."""
+"""Compiled code on disk: keyed by the text that a kernel reaches, and used only if no other user can write it."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def test_a_damaged_cache_costs_one_line_and_is_put_right(cache, tmp_path, capsys
 
 
 def plant(cache, folder):
-    """Put other code in the place of what is in the cache; a checksum keeps nobody from that."""
+    """Replace the code in the cache by other code with a valid checksum."""
     files = list(cache.iterdir())
     modules(folder, CALLEE.replace("GAIN = 2.0", "GAIN = 5.0"))(3.0)
     (other,) = set(cache.iterdir()) - set(files)
@@ -92,7 +92,7 @@ def plant(cache, folder):
 
 
 def test_what_is_planted_would_run(cache, tmp_path):
-    """Were it not for who may write there."""
+    """Without the check of permissions."""
     modules(tmp_path, name="planted")(3.0)
     plant(cache, tmp_path)
     assert modules(tmp_path, name="planted")(3.0) == 16.0

@@ -1,4 +1,4 @@
-"""Kernels of many parts: what calls what, how often, and from where makes no difference to the numbers."""
+"""Kernels of many parts: order, number and place of calls make no difference to the numbers."""
 
 from __future__ import annotations
 

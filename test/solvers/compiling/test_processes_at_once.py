@@ -1,4 +1,4 @@
-"""Kernels on disk that several processes keep at once, and what a killed one leaves."""
+"""Kernels on disk that several processes store at once, and the rest of a killed process."""
 
 import signal
 import subprocess
