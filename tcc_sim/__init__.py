@@ -1,4 +1,4 @@
-"""A slipping torque converter clutch driveline, in real time on ROS 2 and offline.
+"""Simulation of a slipping torque converter clutch driveline, in real time on ROS 2 and offline.
 
 config/*.yaml (a scene) -> scene.Scene -> model + solvers, holding only what the scene needs
     -> Trajectory (offline), or nodes.driveline -> topics -> nodes.recorder -> MCAP -> recording -> Trajectory
@@ -53,15 +53,15 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    """The public names."""
+    """Return the public names."""
     return sorted(__all__)
 
 
 class _Package(ModuleType):
-    """Two rooms have the names of the functions that they are for; importing a room does not hide its function."""
+    """Module type of the package: importing a subpackage does not hide the public function of the same name."""
 
     def __setattr__(self, name: str, value: object) -> None:
-        """Bind a name, but for a room where Python would put it over a public function."""
+        """Bind a name unless it would replace a public function by a subpackage."""
         if not (name in _PUBLIC and isinstance(value, ModuleType)):
             super().__setattr__(name, value)
 

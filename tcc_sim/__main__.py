@@ -5,7 +5,7 @@ import sys
 
 if signal.getsignal(signal.SIGINT) is signal.default_int_handler and (
         __name__ == "__main__" or sys.argv[0].endswith("tcc-sim")):
-    # While the program is loaded Ctrl-C ends it without a traceback; `main` takes it from there.
+    # Ctrl-C during the imports ends the program without a traceback; `main` sets its own handling.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 from tcc_sim.cli import main

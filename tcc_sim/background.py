@@ -1,4 +1,4 @@
-"""Work in a daemon thread, for which neither the end of the process nor Ctrl-C waits."""
+"""Work in a daemon thread, which delays neither the end of the process nor Ctrl-C."""
 
 from __future__ import annotations
 

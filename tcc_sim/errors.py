@@ -34,7 +34,7 @@ def counted(number: int, thing: str) -> str:
 
 
 class TccError(Exception):
-    """Base of every exception that this package raises on purpose."""
+    """Base class of the exceptions of this package."""
 
 
 class InputError(TccError, ValueError):

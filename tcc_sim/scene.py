@@ -25,7 +25,7 @@ from tcc_sim.parameter_file import LARGEST_FILE, bundled_scenes, description_in,
 from tcc_sim.result import html_of
 
 DEFAULT_SCENE, NODE_SCENE = "fig02", "commands"
-"""Default scene of the driveline, and of the driveline node; the latter takes commands and runs without them too."""
+"""Default scene of the driveline, and of the driveline node, which accepts commands and runs without them too."""
 LONGEST_VALUE = 4000
 """Longest value on the command line, characters; the longest list of harmonics needs fewer than 1000."""
 

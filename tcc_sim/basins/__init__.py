@@ -1,1 +1,1 @@
-"""Basins of attraction: attractors, to which of them a motion has come, and the cells of a plane."""
+"""Basins of attraction: attractors, assignment of motions to them, and the cells of a plane."""

@@ -1,7 +1,7 @@
 """Find attractors of a map by recurrence, polish them by Newton's method, and give each a capture radius.
 
 Recurrence alone takes a slow transient for an attractor, so a repetition counts only where Newton's method finds a
-stable orbit near it. A motion without a period is kept as the cloud of its section points. After G. Datseris and
+stable orbit near it. A motion without a period is stored as the cloud of its section points. After G. Datseris and
 A. Wagemakers, Effortless estimation of basins of attraction, Chaos 32 (2022), with labels by proximity instead of
 cells.
 """
@@ -32,7 +32,7 @@ def find_attractors(of: DynamicalSystem, seeds: Iterable[Floats], known: Sequenc
                     settings: Settings = DEFAULTS) -> list[Attractor]:
     """Return the attractors that motions from the `seeds` (n,) reach, after the `known` ones, with validated radii.
 
-    A motion that runs away or cannot be solved reaches none. Nor does a long transient without a period, which
+    Motions that run away or cannot be solved reach none, and neither does a long transient without a period, which
     neighbouring motions leave.
     """
     scales, forcing = of.map.scales, of.map.forcing_period
@@ -56,7 +56,7 @@ def _settle(of: DynamicalSystem, seed: Floats, transients: list[Attractor], sett
     added to these.
     """
     # `sweeps.steady_state` waits until a scene's motion repeats. Here Newton's method finds the orbit of any map long
-    # before, however slowly motions approach it.
+    # earlier, also for a slow approach.
     x, cycle, length = seed, 0, settings.settling
     while cycle < settings.longest:
         points = section_points(of, x, cycle, length)
@@ -80,9 +80,9 @@ def _settle(of: DynamicalSystem, seed: Floats, transients: list[Attractor], sett
 
 
 def _cloud(of: DynamicalSystem, x: Floats, cycle: int, settings: Settings) -> Attractor | None:
-    """Collect section points of a motion without a period until further ones lie among them; None for a runaway."""
+    """Collect section points of an aperiodic motion until further points lie among them; None for a runaway."""
     # Near a resonance a quasi-periodic motion stays on a few arcs of its curve for thousands of cycles, and on other
-    # arcs when it starts elsewhere.
+    # arcs from another initial state.
     points = section_points(of, x, cycle, settings.cloud)
     for k in range(1, settings.most_clouds + 1):
         if len(points) < k * settings.cloud + 1 or of.runs_away(points[-1:])[0]:
@@ -103,7 +103,7 @@ def _spread(points: cKDTree) -> float:
 
 def _left(of: DynamicalSystem, cloud: Attractor, settings: Settings) -> tuple[bool, Attractor | None]:
     """Return whether a motion from near a cloud leaves it, and the orbit that it reaches (None for a runaway)."""
-    # A chaotic transient holds each motion for a different time.
+    # Motions leave a chaotic transient after different times.
     scales, random = of.map.scales, np.random.default_rng(2)
     alike = cloud.section[cloud.phases == cloud.phases[0]]
     x = alike[np.linspace(0, len(alike) - 1, settings.witnesses).astype(int)]
@@ -124,7 +124,7 @@ def _left(of: DynamicalSystem, cloud: Attractor, settings: Settings) -> tuple[bo
 
 
 def _repeating(of: DynamicalSystem, points: Floats, cycle: int, settings: Settings) -> Attractor | None:
-    """Return the stable orbit near the last points, the last of which is at `cycle`; None where there is none."""
+    """Return the stable orbit near the last points, the last of which is at `cycle`; None without one."""
     scales, forcing = of.map.scales, of.map.forcing_period
     back = cycle % forcing
     last = len(points) - 1 - back
@@ -168,10 +168,10 @@ def _same(one: Attractor, other: Attractor, scales: Floats, settings: Settings) 
 
 def numbered(of: DynamicalSystem, before: Sequence[Sequence[Attractor]], found: Sequence[Attractor],
              settings: Settings = DEFAULTS) -> tuple[Attractor, ...]:
-    """Number the attractors `found` so that one that continues from the last value of the key keeps its number.
+    """Number the attractors `found`; an attractor that continues from the last value of the key has the same number.
 
-    An orbit continues in the attractor that Newton's method reaches from it, or else in the nearest one, whose period
-    may differ. The nearest pairs are matched first.
+    An orbit continues in the attractor that Newton's method reaches from it, otherwise in the nearest one, possibly
+    with another period. The nearest pairs are matched first.
     """
     scales, pairs, numbers = of.map.scales, list[tuple[float, int, int]](), dict[int, int]()
     unused = max((a.number + 1 for each in before for a in each), default=0)

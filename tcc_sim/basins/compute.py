@@ -1,8 +1,8 @@
 """Compute basins of attraction in a plane of two initial conditions.
 
 Every cell is followed until it is near an attractor with a validated radius (`attractors`). A certain runaway has a
-label of its own; a cell that is undecided after the allowed cycles is counted, never guessed. Rows run on all cores
-or a Dask cluster, and a file keeps them so that an interrupted run can continue. Uncertainty exponent of the boundary:
+separate label; a cell that is undecided after the allowed cycles is counted, never guessed. Rows run on all cores
+or a Dask cluster; a file stores them, so that an interrupted run can continue. Uncertainty exponent of the boundary:
 C. Grebogi, S. W. McDonald, E. Ott, J. A. Yorke, Final state sensitivity, Phys. Lett. A 99 (1983).
 """
 
@@ -56,7 +56,7 @@ def check_plane(given: Sequence[Axis | tuple[str, Sequence[float]]]) -> tuple[Ax
     Raises
     ------
     InputError
-        Not two, twice the same key, a key that is no initial condition, or no cell or too many.
+        There are not two axes, a key is repeated or no initial condition, or there are no or too many cells.
     """
     if len(given) != 2:
         raise InputError(f"a plane has 2 axes; {len(given)} are given")
@@ -83,7 +83,7 @@ def starts(system: System, plane: tuple[Axis, Axis], row: int) -> Floats:
 
 
 def seeds_of(system: System, plane: tuple[Axis, Axis]) -> Floats:
-    """Return (seeds + 6, 3) states to search from: the scene's own, corners, middle, a Halton set."""
+    """Return (seeds + 6, 3) initial states of the search: the scene's own, corners, middle, a Halton set."""
     edges = [[0.5, 0.5], [0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]
     unit = np.concatenate([edges, halton(DEFAULTS.seeds, 2)])
     out = np.tile(State.at_start(system).numbers, (len(unit) + 1, 1))
@@ -101,7 +101,7 @@ def halton(count: int, dimensions: int) -> Floats:
 
 
 def solve_row(system: System, plane: tuple[Axis, Axis], row: int, attractors: Sequence[Attractor], most: int) -> Row:
-    """Label one row of cells, in a worker; return labels and cycles."""
+    """Return labels and cycles of one row of cells; called in a worker."""
     motion = DrivelineMotion(system, DEFAULTS.rtol_cells)
     mapper = ProximityMapper(attractors, motion.map.scales, motion.map.forcing_period)
     labels, cycles = labelled(motion, mapper, starts(system, plane, row), most)
@@ -118,18 +118,18 @@ def basins(scene: Scene | System | str, plane: Sequence[Axis | tuple[str, Sequen
     ----------
     scene : a scene, its name or file, or a system
     plane : two axes of initial.* keys, or these keys and their values
-    cycles : most engine cycles that a cell is followed, 16 to 1000000
-    over : a scene key and its values; there is a plane for each, and attractors keep their numbers
-    jobs : threads; all available cores by default
+    cycles : largest number of engine cycles of a cell, 16 to 1000000
+    over : a scene key and its values; there is a plane for each, and attractors have the same numbers in all
+    jobs : number of threads; all available cores by default
     dask : address of a Dask scheduler whose workers do the work instead
-    part : file that keeps every finished row; the same call continues from it
+    part : file of finished rows; the same call continues from it
     said : further keys of that file's first line, such as the command
-    progress : show a bar on a terminal or in a notebook, elsewhere a line a minute
+    progress : whether to show a bar on a terminal or in a notebook, elsewhere a line a minute
 
     Raises
     ------
     InputError
-        A wrong plane, number of cycles or jobs, or a file that holds something else.
+        The plane or a number of cycles or jobs is wrong, or the file has other content.
     BasinsInterrupted
         Ctrl-C; `part` holds the finished rows.
 
@@ -169,7 +169,7 @@ def basins(scene: Scene | System | str, plane: Sequence[Axis | tuple[str, Sequen
 def _one(system: System, plane: tuple[Axis, Axis], most: int, stored: Sequence[tuple[int, dict[str, Any]]],
          executor: Executor, there: Attendance, keep: Callable[[int, dict[str, Any]], None],
          tick: Callable[[], object]) -> Basins:
-    """Compute one plane: find attractors from seeds, label rows, and search again from undecided cells."""
+    """Compute one plane: find attractors from seeds, label rows, search again from undecided cells."""
     began = time.perf_counter()
     motion = DrivelineMotion(system)
     shape = len(plane[1].values), len(plane[0].values)

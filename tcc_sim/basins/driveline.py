@@ -1,4 +1,4 @@
-"""A driveline scene as a `DynamicalSystem`, with a criterion for runaway slip."""
+"""Driveline scene as a `DynamicalSystem`, with a criterion for runaway slip."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tcc_sim.trajectory import NO_ORBITS, Orbits, State
 
 
 class DrivelineMotion:
-    """The driveline as a dynamical system, by its section at phase 0 of the engine torque.
+    """Driveline as a dynamical system: its section at phase 0 of the engine torque.
 
     States are slip speed (rad/s), plate angle (rad) and plate speed (rad/s). `rtol` is the relative
     tolerance of its sections.
@@ -47,7 +47,7 @@ class DrivelineMotion:
     def runs_away(self, points: Floats) -> NDArray[np.bool_]:
         """Return (m,) whether slip is so fast that friction is constant and below the mean engine torque.
 
-        Slip then gains (Tm - Tsm)/I1 a second on average, (1a) with a bounded plate, and never returns.
+        Slip then gains (Tm - Tsm)/I1 per second on average, (1a) with a bounded plate, and never returns.
         """
         v = points[:, 0]
         out: NDArray[np.bool_] = (np.abs(v) > self._constant + self._swing) & (self._drift * np.sign(v) > self._drag)

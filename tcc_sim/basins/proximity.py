@@ -19,11 +19,11 @@ UNDECIDED, RUNAWAY = -1, -2
 """Labels of a motion that reached no attractor."""
 Labels = NDArray[np.integer[Any]]
 Counts = NDArray[np.integer[Any]]
-"""(m,) one entry for each motion: its label, and its cycles."""
+"""(m,) labels and numbers of cycles of motions."""
 
 
 class DynamicalSystem(Protocol):
-    """A map with derivatives, and a cheap way to compute sections of many motions at once."""
+    """Map with derivatives, and a cheap computation of sections of many motions at once."""
 
     map: ParameterMap
 
@@ -41,7 +41,7 @@ class DynamicalSystem(Protocol):
 
 
 def section_points(of: DynamicalSystem, x: Floats, first: int, cycles: int) -> Floats:
-    """Return (m + 1, n) states of one motion at the starts of its cycles; m < cycles where a solve failed."""
+    """Return (m + 1, n) states of one motion at the starts of its cycles; m < cycles after a failed solve."""
     points = of.sections(np.asarray(x, dtype=np.float64)[None], first, cycles)[0]
     out: Floats = points[np.isfinite(points).all(axis=1)]
     return out
@@ -49,16 +49,16 @@ def section_points(of: DynamicalSystem, x: Floats, first: int, cycles: int) -> F
 
 @dataclass(frozen=True, repr=False)
 class Attractor(Described):
-    """One attractor.
+    """Attractor of a map.
 
     period : cycles; 0 for none
     section : (period, n) points at the starts of the cycles from 0 on; without a period a cloud of points (m, n)
     phases : (period or m,) cycle of each point modulo the map's forcing period
     multipliers : (n,) Floquet multipliers, largest modulus first; None without a period
-    largest : the largest size of the motion
+    largest : largest size of the motion
     radius : capture radius, in the map's scales
     validated : whether motions that start at that radius return
-    number : identifies the attractor along a key
+    number : number of the attractor along a key
     """
 
     period: int
@@ -72,7 +72,7 @@ class Attractor(Described):
 
 
 class ProximityMapper:
-    """Find which of several attractors a motion has reached, by proximity.
+    """Determine the attractor that a motion has reached, by proximity.
 
     Two consecutive section points must be within the capture radius of two consecutive points of the same attractor (of
     two points of the cloud, for one without a period), at the same phase of the excitation.
@@ -94,13 +94,13 @@ class ProximityMapper:
                         for k, a in enumerate(attractors) if not a.period]
 
     def patience(self, cycle: int, settings: Settings) -> int:
-        """Return how many cycles to solve after `cycle`; motions that reach an orbit end early by themselves."""
+        """Return the number of cycles to solve after `cycle`; motions that reach an orbit end earlier."""
         return settings.chunk if self._clouds else max(settings.chunk, cycle)
 
     def find(self, points: Floats, first: int) -> tuple[Labels, Counts]:
-        """Return the attractors (k,) that section points (k, m + 1, n) reach, and after how many cycles (k,).
+        """Return the attractors (k,) that section points (k, m + 1, n) reach, and the cycles until then (k,).
 
-        UNDECIDED where a motion reaches none or its points are NaN.
+        UNDECIDED if a motion reaches none or its points are NaN.
         """
         scaled = points / self._scales
         places, reach, cycle, following, forcing = self.orbits

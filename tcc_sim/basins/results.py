@@ -1,4 +1,4 @@
-"""Results of basins: the plane, its attractors, the labels of its cells, the boundary; and planes along a key."""
+"""Results of basins: a plane with attractors, labels of cells and boundary, and planes along a key."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tcc_sim.shown_units import speed
 
 @dataclass(frozen=True)
 class Axis:
-    """One axis of the plane: an initial.* key and its values, numbers in any sequence or array."""
+    """Axis of the plane: an initial.* key and its values, numbers in any sequence or array."""
 
     key: str = field(metadata=reported("scene key"))
     values: Sequence[float] = field(metadata=reported("its values", "{key}"))
@@ -32,13 +32,13 @@ class Axis:
 
 @dataclass(frozen=True)
 class Boundary:
-    """Uncertainty of the final state: the share of cells whose label differs eps away grows as eps^exponent."""
+    """Uncertainty of the final state: the share of cells with another label at a distance eps grows as eps^exponent."""
 
     exponent: float = field(metadata=reported("uncertainty exponent of the boundary", name="uncertainty_exponent"))
     error: float = field(metadata=reported("standard error of its fit", name="standard_error"))
 
     @property
-    @reporting("dimension of the boundary, 2 less the exponent")
+    @reporting("dimension of the boundary, 2 minus the exponent")
     def dimension(self) -> float:
         """Return the dimension of the boundary in the plane."""
         return 2.0 - self.exponent
@@ -46,9 +46,9 @@ class Boundary:
 
 @dataclass(frozen=True)
 class AttractorFigures:
-    """One attractor as JSON has it."""
+    """Attractor in JSON."""
 
-    number: int = field(metadata=reported("the same at every value of over at which the attractor goes on"))
+    number: int = field(metadata=reported("number, the same at all values of over at which the attractor continues"))
     period: int = field(metadata=reported("period of the motion; 0 for none", "periods of excitation"))
     max_slip_speed: float = field(metadata=reported("largest |slip speed|", "rad/s"))
     section: NDArray[np.float64] = field(metadata=reported(
@@ -56,23 +56,23 @@ class AttractorFigures:
     section_states: NDArray[np.float64] = field(metadata=reported(
         "plate angle, slip speed and plate speed at t = 2 pi n/omega", "rad, rad/s, rad/s"))
     multipliers: NDArray[np.complex128] | None = field(metadata=reported(
-        "Floquet multipliers, real and imaginary part each; null where there is no period"))
+        "Floquet multipliers, real and imaginary part each; null without a period"))
     fraction: float = field(metadata=reported("share of the plane"))
     radius: float = field(metadata=reported(
-        "within which a motion at the section counts as its own, in natural sizes of the three states"))
+        "capture radius around the section points, in natural sizes of the three states"))
     validated: bool = field(metadata=reported("whether motions that start at that radius return to it"))
     state: NDArray[np.float64] | None = field(metadata=reported(
-        "slip speed, plate angle and plate speed at t = 0; null where there is no period", "rad/s, rad, rad/s"))
+        "slip speed, plate angle and plate speed at t = 0; null without a period", "rad/s, rad, rad/s"))
 
 
 @dataclass(frozen=True, repr=False)
 class Basins(Result):
-    """The basins of one system in one plane.
+    """Basins of one system in one plane.
 
     labels : (len(second), len(first)) index into `attractors`, -1 undecided, -2 runaway
     cycles : (len(second), len(first)) cycles until the cell was decided
     system : the system of the plane
-    over : scene key and its value, where there are planes at several
+    over : scene key and its value, if there are planes at several values
     """
 
     plane: tuple[Axis, Axis] = field(metadata=reported("first and second axis"))
@@ -88,7 +88,7 @@ class Basins(Result):
         return float(np.mean(self.labels == label))
 
     def boundary(self) -> Boundary | None:
-        """Return the uncertainty exponent; None where too few labels differ for a fit."""
+        """Return the uncertainty exponent; None if too few labels differ for a fit."""
         return boundary_of(self.labels)
 
     @property
@@ -101,7 +101,7 @@ class Basins(Result):
                 for k, a in enumerate(self.attractors)]
 
     @property
-    @reporting("share of the plane that came to no attractor within the cycles allowed")
+    @reporting("share of the plane that reached no attractor within the allowed cycles")
     def undecided(self) -> float:
         """Return the share of cells that are undecided."""
         return self.fraction(UNDECIDED)
@@ -142,7 +142,7 @@ class Basins(Result):
 
 @dataclass(frozen=True)
 class Bounded:
-    """One plane with the uncertainty of its boundary."""
+    """Plane with the uncertainty of its boundary."""
 
     basins: Basins = field(metadata=reported("the plane", spread=True))
     boundary: Boundary | None = field(metadata=reported("with --boundary, unless too few cells differ",
@@ -151,7 +151,7 @@ class Bounded:
 
 @dataclass(frozen=True)
 class Planes(Described):
-    """A plane, or planes at the values of a key; `bounded` adds the uncertainty of their boundaries."""
+    """One plane, or planes at the values of a key; `bounded` adds the uncertainty of their boundaries."""
 
     planes: Sequence[Basins]
     along: Axis | None = None

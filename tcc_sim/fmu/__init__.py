@@ -1,1 +1,1 @@
-"""The real-time tick in C, and around it a co-simulation FMU: sources and a binary that need neither Python nor ROS."""
+"""Export of the real-time tick as a co-simulation FMU: C sources and a binary without Python and ROS."""

@@ -1,4 +1,4 @@
-"""Types in C of a kernel's values, from the annotations and the arithmetic of its Python source."""
+"""C types of a kernel's values, from the annotations and the arithmetic of its Python source."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Tuple:
 
 @dataclass(frozen=True)
 class Table:
-    """Pointer to an (n, columns) array of doubles with room for `most` rows (a macro), and a flag `has`."""
+    """Pointer to an (n, columns) array of doubles of at most `most` rows (a macro), and a flag `has`."""
 
     field: str
     columns: int | str

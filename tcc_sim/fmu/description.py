@@ -1,4 +1,4 @@
-"""Variables of an FMU, and the files that describe them: tcc_variables.h, modelDescription.xml and the like."""
+"""Variables of an FMU, and their files: tcc_variables.h, modelDescription.xml and buildDescription.xml."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ TYPES = {"rad/s": "AngularVelocity", "rad": "Angle", "N m": "Torque", "Pa": "Pre
 ACTUATOR = "pressure.time_constant", "pressure.rate_limit"
 """Keys of the actuator that are parameters."""
 UNPRINTABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-"""Characters that XML cannot hold: control characters, and bytes of a file's name that are not UTF-8."""
+"""Characters that XML does not allow: control characters, and bytes of a file's name that are not UTF-8."""
 SOURCES = {2: "fmi2.c", 3: "fmi3.c"}
 """File to compile, by version of FMI; it includes the others."""
 TEXT = ("The clutch driveline {name} of tcc_sim in its real-time ticks of {step:g} s: {description}. The friction law "
@@ -108,7 +108,7 @@ def _parameters(scene: Scene) -> Iterator[Variable]:
 
 
 def _replaced(system: System, key: str) -> bool:
-    """Return whether a number is no parameter: replaced by a profile or table, built in (dead time), or an actuator's
+    """Return whether a number is no parameter: replaced by a profile or table, fixed (dead time), or of an actuator
     without commanded pressure.
     """
     commanded = system.pressure.source == "topic" and not system.pressure.mean_times
@@ -129,7 +129,7 @@ def variables_header(scene: Scene, rows: list[Variable], identifier: str, token:
                      f'{int(row.above)}}}')
     places = [f"{row.word} = {place}" for place, row in enumerate(rows)
               if not re.search(r"\[(?!1\])\d+\]$", row.name)]
-    # An empty list and a replaced number have a reference that nothing reads.
+    # An empty list and a replaced number need a reference, which the kernel does not read.
     places += [f"at_{key.replace('.', '_')} = 0" for key, value in values_of(system)
                if value == () or _replaced(system, key)]
     places += [f"at_{name} = 0" for name in INPUTS if not topic(name).wanted(scene.value)]
@@ -218,7 +218,7 @@ def model_description(version: int, scene: Scene, rows: list[Variable], identifi
     _units_and_types(version, root, rows)
     categories = ET.SubElement(root, "LogCategories")
     for name, meaning in (("logStatusDiscard", "a value or a step was refused; nothing has changed"),
-                          ("logStatusError", "a call that has no place there; nothing has changed")):
+                          ("logStatusError", "a call that is not allowed in this state; nothing has changed")):
         ET.SubElement(categories, "Category", {"name": name, "description": meaning})
     ET.SubElement(root, "DefaultExperiment", {"startTime": "0.0", "stopTime": "10.0", "stepSize": repr(step)})
     listed = ET.SubElement(root, "ModelVariables")

@@ -58,7 +58,7 @@ def fmu_of(scene: Scene, version: int = 2, step: float | None = None) -> Fmu:
     if not 1.0 / 20000.0 <= step <= 1.0:
         raise InputError(f"step is {step:g} s; it must be 5e-05 to 1 s")
     actuator.delay_ticks(scene.system.pressure, step)
-    fixed_step.Stepper(scene.system, step)  # It refuses a scene that it cannot run.
+    fixed_step.Stepper(scene.system, step)  # Raises InputError for a scene that it cannot run.
     rows = variables(scene)
     identifier = f"tcc_sim_{re.sub(r'[^A-Za-z0-9_]', '_', scene.name)}"
     texts = {name: resources.files(__package__).joinpath(f"c/{name}").read_text(encoding="utf-8")

@@ -25,7 +25,7 @@ OPERATORS: dict[type[ast.AST], str] = {
 TAKEN = {*FUNCTIONS.values(), "free", "double", "int", "float", "long", "short", "char", "void", "struct", "union",
          "auto", "static", "const", "register", "signed", "unsigned", "switch", "case", "default", "do", "goto",
          "enum", "extern", "inline", "restrict", "sizeof", "typedef", "volatile"}
-"""Reserved words of C; a local name that is one of them gets an underscore."""
+"""Reserved words of C; local names that equal one get an underscore."""
 
 
 class Callees(Protocol):

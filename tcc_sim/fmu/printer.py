@@ -1,8 +1,8 @@
-"""Print C99 from the Python source of a kernel: the functions that Numba compiles, and all that they call.
+"""Print C99 from the Python source of a kernel: the functions that Numba compiles, and their callees.
 
 An unknown construct is refused, so a kernel that cannot be printed fails the tests of the FMU. Operations are printed
 in Python's order with parentheses, so that IEEE arithmetic without fused products gives the same bits. A term that may
-be None is a flag at run time: one text serves every scene, with the arithmetic of that scene's compiled kernel.
+be None is a flag at run time: one text is valid for every scene, with the arithmetic of its compiled kernel.
 """
 
 from __future__ import annotations

@@ -28,8 +28,8 @@ HEAD = np.dtype([("channel", "<u2"), ("number", "<u4"), ("log_ns", "<i8"), ("sen
 
 
 def receipt_times(log_ns: NDArray[np.int64], sent_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the times of receipt, ns. A recorder with use_sim_time logs simulation time, which is years before the
-    times of sending; these take its place then.
+    """Return the times of receipt, ns, or the times of sending if the recorder logged simulation time (use_sim_time),
+    which is years earlier.
     """
     return np.where(log_ns < sent_ns - _YEAR, sent_ns, log_ns)
 
@@ -177,7 +177,7 @@ class Beside:
 
     def take(self, data: NDArray[np.uint8], messages: Messages, channels: list[int], runs: int,
              publishers: Callable[[NDArray[np.void]], NDArray[np.int64]]) -> int:
-        """Take the messages of these channels in one chunk; return how many were left out for another layout.
+        """Take the messages of these channels in one chunk; return the number of messages with another layout.
 
         Parameters
         ----------

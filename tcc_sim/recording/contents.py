@@ -107,11 +107,11 @@ class Contents:
         if name == RESULT_RECORD and isinstance(result, dict):
             self.result = result
         elif name == RECOVERY_RECORD and isinstance(result, list) and all(isinstance(one, str) for one in result):
-            self.recovered = [f"missing already when it was recovered: {one_line(sentence)}"
+            self.recovered = [f"missing before the recovery: {one_line(sentence)}"
                               for sentence in result[:_MOST_SENTENCES]]
             if len(result) > _MOST_SENTENCES:
                 more = len(result) - _MOST_SENTENCES
-                self.recovered.append(f"missing already when it was recovered: {more} more places")
+                self.recovered.append(f"missing before the recovery: {more} more places")
         else:
             raise ValueError(name)
 

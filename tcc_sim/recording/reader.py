@@ -178,7 +178,7 @@ class Run:
                         if tap is None and rows.stop > rows.start:
                             states.add(part[rows])
                     begun = np.full(len(self._starts), len(messages.channel))
-                    if not left_out:  # Else nobody knows which message each state is from.
+                    if not left_out:  # Otherwise the message of each state is unknown.
                         begun = np.flatnonzero(np.isin(messages.channel, found))[self._starts]
                     self._check_memory(states.count)
                 for one in every:

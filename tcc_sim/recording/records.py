@@ -47,7 +47,7 @@ _MESSAGE_HEAD = np.dtype([("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"
 
 
 class DamagedChunk(Exception):
-    """A chunk cannot be used; the message gives the reason."""
+    """Chunk that cannot be used; the message gives the reason."""
 
 
 class Warnings(list[str]):

@@ -91,7 +91,7 @@ def table_of(path: Path, needed: Sequence[str] = (), most: int = 2_000_000) -> H
         with path.open(newline="", encoding="utf-8-sig") as stream:
             return _read(path, stream, needed, most)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: {getattr(error, 'strerror', None) or 'not a table of text in UTF-8'}") from None
+        raise InputError(f"{path}: {getattr(error, 'strerror', None) or 'not a text file in UTF-8'}") from None
 
 
 def read_columns(path: Path, needed: Sequence[str] = (), most: int = 2_000_000) -> dict[str, Floats]:

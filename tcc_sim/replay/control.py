@@ -69,7 +69,7 @@ def signals_of(line: Timeline, states: JointStates, clock: EngineClock, tick: in
     stamps, values = signals.get(TARGET, (np.empty(0, np.int64), np.empty(0)))
     target = line.target_before(states.index)
     if target is not None and not (len(stamps) and stamps[0] == states.stamp_ns[0]):
-        # The target of the run before holds until a new one is published.
+        # The target of the previous run applies until a new one is published.
         signals[TARGET] = np.append(states.stamp_ns[0], stamps), np.append(target, values)
     if states.applied_pressure is not None:
         change = np.flatnonzero(np.diff(states.applied_pressure, prepend=np.nan) != 0.0)

@@ -30,7 +30,7 @@ class HeldInput:
     def sentence(self) -> str:
         """Return the sources as text."""
         if self.topic is None:
-            return "by commands or the fallback; which was not recorded"
+            return "by commands or the fallback; the recording does not show which"
         held = [f"{seconds:.6g} s by {what}" for seconds, what in (
             (self.topic, "commands"), (self.fallback, "the fallback"), (self.scene, "the scene")) if seconds]
         counts = [counted(self.publishers, "publisher")] if self.publishers else []
@@ -87,7 +87,7 @@ def _commanded(line: Timeline, states: JointStates, name: str) -> float:
         changes = [(int(rows[first]), True)] if first < len(rows) and rows[first] < end else []
     total = 0.0
     for (begin, held), (after, _) in zip(changes, [*changes[1:], (end, False)]):
-        if held:  # A source that holds from a state on acted in the tick before that state.
+        if held:  # A source with the index of a state acted in the tick before that state.
             total += float(states.stamp_ns[after - 1 - states.index] - states.stamp_ns[max(begin - 1 - states.index, 0)]
                            ) * 1e-9 if after > begin else 0.0
     return total

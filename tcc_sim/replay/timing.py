@@ -19,7 +19,7 @@ from tcc_sim.result import reported, reporting
 from tcc_sim.scene import Scene, load_scene, parse_scene
 from tcc_sim.shown_units import speed
 
-SOURCES = {"given": "as given", "scene": "as the scene says", "found": "found in the recorded engine torque"}
+SOURCES = {"given": "as given", "scene": "from the scene", "found": "found in the recorded engine torque"}
 SLICE, TICKS = 0.1, 20
 """Length of a time slice without engine cycles, s, and its smallest number of samples."""
 MOST_LOOKED_AT = 1000
@@ -66,7 +66,7 @@ class Timing:
     def sentence(self) -> str:
         """Return the frequency as text."""
         if not self.clock.told:
-            return "not known"
+            return "unknown"
         if self.low == self.high:
             return f"{speed(self.frequency, 9, engine=True)}, {SOURCES[self.source]}"
         return f"{speed(self.low, 6, self.high, engine=True)}, {SOURCES[self.source]}"

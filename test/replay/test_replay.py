@@ -47,7 +47,7 @@ def test_pure_slip_complete_and_cut_short(tmp_path, cut):
     text = "\n".join(found.lines())
     assert ("cut short" in text) == cut
     assert "no gap" in text
-    assert "as the scene says" in text
+    assert "from the scene" in text
 
 
 def test_pure_stick(tmp_path):
