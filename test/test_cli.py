@@ -145,7 +145,7 @@ def test_every_way_to_fail_has_a_status_and_one_line(error: BaseException, statu
 
 
 def test_an_interrupted_command_waits_for_no_thread() -> None:
-    """A thread that compiles or solves a long motion cannot be told to stop."""
+    """A thread that compiles or solves a long motion cannot be stopped."""
     program = """
 import sys, threading
 from concurrent.futures import ThreadPoolExecutor

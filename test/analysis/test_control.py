@@ -59,7 +59,7 @@ def test_fewer_than_five_cycles_show_no_settling(last, settles):
 
 
 def test_a_run_is_judged_with_what_lies_between_its_samples():
-    """Slip of pure sliding by a constant pressure: v rises with the torque's sine, whose figures are known."""
+    """Pure sliding under a constant pressure: v rises with the torque's sine and has known figures."""
     run = tcc_sim.closed_loop(tcc_sim.load_scene("controlled").with_values({
         "initial.slip_speed": 400.0, "pressure.amplitude": 0.0, "friction.kinetic_coefficient": 0.3,
         "friction.static_coefficient": 0.3}), lambda reading: 150e3 if reading.slip_speed > 300.0 else 1e5, 0.4)

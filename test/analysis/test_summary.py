@@ -1,4 +1,4 @@
-"""Summaries of trajectories whose figures are known by hand."""
+"""Summaries of trajectories with figures known by hand."""
 
 import json
 import math

@@ -162,7 +162,7 @@ def test_every_run_has_a_phase_of_its_own(lengths):
 
 
 def test_a_drift_that_is_larger_than_the_line_is_not_taken_for_it():
-    """Half a swing over the whole run stands below the lowest frequency that the run can show."""
+    """Half a swing over the whole run is below the lowest frequency that the run can show."""
     found = phase_of(lambda t: 300.0 + 80.0 * np.cos(math.pi * t / 16.384) + 50.0 * np.sin(150.0 * t), seconds=16.384)
     assert [found.low, found.high] == pytest.approx([150.0, 150.0], rel=1e-4)
     assert largest_error(found, lambda t: 150.0 * t) < 1e-3

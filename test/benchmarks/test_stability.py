@@ -90,7 +90,7 @@ def test_what_an_engine_cannot_do_is_refused_with_a_reason():
 
 
 def test_a_run_that_stops_within_its_first_cycle_can_be_written(monkeypatch):
-    """Where no step is left there is no cycle whose power balances."""
+    """Without a step there is no cycle for a power balance."""
     monkeypatch.setattr("tcc_sim.solvers.event_driven.solve.STEP_MAXIMUM", 4)
     found = extremes.examine(extremes.case_of({}), "event_driven", SimpleNamespace(why="not asked for"))
     assert (found.status, found.finite, found.power_residual) == ("STEP_LIMIT", True, None)

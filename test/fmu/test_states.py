@@ -1,4 +1,4 @@
-"""States of an FMU are kept and go on to the last bit, starts are shifted, and profiles are checked."""
+"""States of an FMU are saved and continued to the last bit, starts are shifted, and profiles are checked."""
 
 from __future__ import annotations
 
@@ -131,7 +131,7 @@ TERMS_END = -80
 
 
 def forged(data: bytes, place: int, values: bytes) -> bytes:
-    """A kept state with other bytes at a place of its model, and the sum that fits them."""
+    """A saved state with other bytes at a place of its model, and the matching checksum."""
     model = bytearray(data[HEAD:])
     place %= len(model)
     model[place:place + len(values)] = values

@@ -1,4 +1,4 @@
-"""Speeds in the units that are asked for: factors by hand, axes by their tick labels."""
+"""Speeds in the requested units: factors by hand, axes by their tick labels."""
 
 import math
 import re

@@ -46,7 +46,7 @@ def test_the_width_is_that_of_the_terminal_and_none_for_a_pipe(monkeypatch):
 @pytest.mark.parametrize("words", [["scenes"], ["explain", "minimal"], ["simulate", "slip", "--cycles", "20"],
                                    ["--help"]])
 def test_nothing_is_wider_than_a_terminal_of_eighty_columns(words):
-    """A terminal of its own for standard output, set to 80 columns by the command that is started in it."""
+    """A separate terminal for standard output, set to 80 columns by the command started in it."""
     master, slave = pty.openpty()
     with subprocess.Popen(["sh", "-c", 'stty cols 80 && exec "$@"', "sh", sys.executable, "-m", "tcc_sim", *words],
                           cwd=ROOT, stdin=slave, stdout=slave, stderr=subprocess.DEVNULL,

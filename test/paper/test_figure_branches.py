@@ -1,4 +1,4 @@
-"""Figures with branches: refusals, pictures of given numbers, and branches of known places."""
+"""Figures with branches: refusals, pictures of made-up numbers, and branches at known places."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Derivatives of the real-time solver's ticks beside central differences of its own ticks, of fourth order."""
+"""Derivatives of the real-time solver's ticks beside central differences of fourth order of the ticks."""
 
 from __future__ import annotations
 

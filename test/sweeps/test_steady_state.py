@@ -1,4 +1,4 @@
-"""Settling a motion: until it repeats, or until it is given up."""
+"""Settling a motion until it repeats, or until a limit."""
 
 from __future__ import annotations
 

@@ -1,3 +1,3 @@
-"""The example is a project of its own; test_example.py runs its tests."""
+"""The example is a separate project; test_example.py runs its tests."""
 
 collect_ignore = ["example"]

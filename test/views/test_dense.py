@@ -1,4 +1,4 @@
-"""Between samples a picture shows the motion itself: judged by SciPy at a tight tolerance and by given arrays."""
+"""Between samples a picture shows the motion itself, compared with SciPy at a tight tolerance and with arrays."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Pictures for print: fonts, widths, titles, legends, and marks that say where they stand."""
+"""Pictures for print: fonts, widths, titles, legends, and marks with their places."""
 
 from __future__ import annotations
 

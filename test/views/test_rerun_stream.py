@@ -247,7 +247,7 @@ def test_a_rerun_that_does_not_end_is_left_behind(monkeypatch, tmp_path):
 
 
 def test_a_disk_that_has_no_room_for_the_layout_is_refused_at_once(tmp_path):
-    """Rerun waits for ever for a writer that ends while it is given the layout."""
+    """Rerun waits for ever for a writer that ends while the layout is sent."""
     with full_disk(10_000), pytest.raises(OSError, match="File too large"):
         RerunStream("run", CYCLE, 300.0, file=tmp_path / "run.rrd")
 
