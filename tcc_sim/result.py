@@ -26,7 +26,7 @@ Getter = TypeVar("Getter", bound=Callable[..., Any])
 
 @dataclass(frozen=True)
 class Reported:
-    """How a field or property of a result is reported.
+    """Report of a field or property of a result.
 
     meaning, unit : in words; the unit is empty for a dimensionless value. In a unit, {over} is the unit of the scene
         key that the nearest field `over` names, and {*} that of each key of a mapping

@@ -267,7 +267,7 @@ class Trajectory(Result):
 
     @property
     def final(self) -> State:
-        """The last state."""
+        """Last state."""
         angle = float(self.flywheel_angle[-1]) if self.flywheel_angle is not None else 0.0
         return State(float(self.slip_speed[-1]), float(self.plate_angle[-1]), float(self.plate_speed[-1]), angle)
 

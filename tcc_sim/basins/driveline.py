@@ -35,7 +35,7 @@ class DrivelineMotion:
         torque = torques + system.largest_friction_ratio * peak_load(terms)
         plate_speed = torque / terms.linear[3] * system.natural_frequency
         self._swing = torques / terms.linear[0] * system.cycle + 4.0 * plate_speed
-        """How far slip can swing within a few cycles about its mean, rad/s."""
+        """Bound of the swing of slip about its mean within a few cycles, rad/s."""
 
     def sections(self, starts: Floats, first: int, cycles: int, orbits: Orbits = NO_ORBITS) -> Floats:
         """Return (m, cycles + 1, 3) states at the starts of cycles first to first + cycles.

@@ -224,7 +224,7 @@ def _method(found: PrecisionReport) -> list[str]:
         "cycle's largest slip speed.",
         f"Measured on {found.machine}.",
         f"The horizon is {cycles} periods of excitation from the initial state, transient included; errors over a "
-        "longer one mean nothing where the motion is chaotic.",
+        "longer horizon have no meaning if the motion is chaotic.",
         "The steady state is that of a long run from the initial state; its error is that of the largest slip speed "
         "of the last cycles. It is not measured for solvers that would take too long and for motions without a "
         "period.",
@@ -237,10 +237,10 @@ def _method(found: PrecisionReport) -> list[str]:
         "`event_driven` solves the set-valued law, against references solved from event to event; everything else "
         "solves the smoothed law.",
         f"Other programs: {peers}. CVODE is that of SUNDIALS in a C program, which calls no Python and times itself. "
-        "XPPAUT's CVODE interprets the equations in C. XPPAUT's results are in single precision, so errors of it below "
-        f"about 1.2e-7 mean nothing; its time is that of {TIMED} cycles less that of one, scaled to the horizon, so "
-        "start-up is left out. `solve_ivp LSODA` is SciPy's function with a compiled right-hand side and Jacobian that "
-        "keeps the section only."]
+        "XPPAUT's CVODE interprets the equations in C. XPPAUT's results are in single precision, so its errors below "
+        f"about 1.2e-7 are not resolved; its time is that of {TIMED} cycles minus that of one, scaled to the horizon, "
+        "so start-up is excluded. `solve_ivp LSODA` is SciPy's function with a compiled right-hand side and Jacobian "
+        "that stores the section only."]
     if found.python_loop:
         out.append(f"A step of `dop853` takes {_digits(1e6 * found.python_loop['step'], 3)} us, of which the twelve "
                    f"evaluations of the compiled equations take {_digits(1e6 * found.python_loop['rates'], 2)} us; the "

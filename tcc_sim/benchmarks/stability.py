@@ -245,7 +245,7 @@ def stability_page(found: StabilityReport, picture: str) -> str:
         "from which it differs by about 1/sigma.", "",
         *markdown_table(["", *map(_code, ENGINES)], [[name, *(show(total[engine]) for engine in ENGINES)]
                                                      for name, show in _ROWS], "---:", "---")]
-    lines += ["", "## Ended badly", "", *listed(r for r in cases if ended_badly(r)), "", "## Refused", ""]
+    lines += ["", "## Failed runs", "", *listed(r for r in cases if ended_badly(r)), "", "## Refused", ""]
     refused = [r for r in cases if r.status == "REFUSED"]
     lines += [f"- `{engine}`: {len(whys)}, such as: {whys[0]}" for engine in ENGINES
               if (whys := [r.why for r in refused if r.solver == engine])] or ["None."]
@@ -269,7 +269,7 @@ def _head(found: StabilityReport) -> list[str]:
         rows = [r for r in cases if r.solver == engine]
         bad, refused = sum(map(ended_badly, rows)), sum(r.status == "REFUSED" for r in rows)
         error, power = found.summary[engine].error, found.summary[engine].power_residual
-        said.append(f"- `{engine}`: of {len(rows)} cases {bad or 'none'} ended badly and {refused or 'none'} "
+        said.append(f"- `{engine}`: of {len(rows)} cases {bad or 'none'} failed and {refused or 'none'} "
                     f"{'was' if refused == 1 else 'were'} refused; in 99 % of the others the error is at most "
                     f"{_number(error.p99)}, the largest {_number(error.max)}, and the power balance closes to "
                     f"{_number(power.p99)}.")
@@ -312,7 +312,7 @@ _ROWS: tuple[tuple[str, Callable[[EngineSummary], str]], ...] = (
     ("runs", lambda s: str(s.cases)),
     ("ended", lambda s: ", ".join(f"{k} {v}" for k, v in s.statuses.items())),
     ("not finite", lambda s: str(s.not_finite)),
-    ("past the energy bound", lambda s: str(s.not_bounded)),
+    ("above the energy bound", lambda s: str(s.not_bounded)),
     ("most iterations of one solve (bound)",
      lambda s: f"{s.iterations_max} ({s.iterations_bound})" if s.iterations_bound else "none"),
     ("error: median / 90 % / 99 % / largest", lambda s: _four(s.error)),

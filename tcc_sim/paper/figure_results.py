@@ -1,4 +1,4 @@
-"""The numbers of the figures as frozen results, whose fields are the keys of `figure`'s JSON."""
+"""Numbers of the figures as frozen results with the fields of `figure`'s JSON."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ asked, same = partial(reported, asked_for=True), partial(as_in, asked_for=True)
 
 @dataclass(frozen=True)
 class Reached:
-    """A motion that a neighbour's last state leads to."""
+    """Motion that a neighbour's last state leads to."""
 
     max_slip_speed: float = field(metadata=reported("largest |slip speed|", "rad/s"))
     period: int = field(metadata=reported("period of the motion", "periods of excitation"))
@@ -29,7 +29,7 @@ class Reached:
 
 @dataclass(frozen=True)
 class Coexisting:
-    """Where a neighbour's last state leads to another motion than the cold start."""
+    """Value at which a neighbour's last state leads to another motion than the cold start."""
 
     index: int = field(metadata=reported("number of the value along the curve"))
     value: float = field(metadata=reported("value of the key", "{over}"))
@@ -41,7 +41,7 @@ class Coexisting:
 
 @dataclass(frozen=True)
 class JumpBehind:
-    """A jump of a curve."""
+    """Jump of a curve."""
 
     value: float = field(metadata=reported("value of the key: at the bifurcation, or in the middle", "{over}"))
     between: tuple[float, float] = field(metadata=reported("the two values of the key", "{over}"))
@@ -55,7 +55,7 @@ class JumpBehind:
 
 @dataclass(frozen=True)
 class MotionsBehind:
-    """The motions behind a curve."""
+    """Motions behind a curve."""
 
     branches: list[dict[str, Any]] = field(metadata=reported("as `continue --json` has them", of=(Branch,)))
     bifurcations: list[dict[str, Any]] = field(metadata=reported("as `continue --json` has them", of=(Bifurcation,)))
@@ -66,7 +66,7 @@ class MotionsBehind:
 
 @dataclass(frozen=True, kw_only=True)
 class Labelled:
-    """A curve or panel of a figure: its label, and the series that it has; the others are None."""
+    """Curve or panel of a figure: label and series; series that it lacks are None."""
 
     label: str = field(metadata=reported("label of the curve or panel"))
     values: Any = field(default=None, metadata=asked("scene keys that set it apart", "{*}"))
@@ -118,7 +118,7 @@ class Labelled:
 
 @dataclass(frozen=True, kw_only=True)
 class Numbers:
-    """All numbers of a figure: its axis, curves and panels; None where it has none."""
+    """All numbers of a figure: axis, curves and panels, or None."""
 
     over: Any = field(default=None, metadata=asked("scene key of the axis"))
     axis: Any = field(default=None, metadata=asked("name of the axis"))
@@ -138,7 +138,7 @@ class Numbers:
 
 @dataclass(frozen=True)
 class Figure(Described):
-    """The numbers of one figure with its title and caption."""
+    """Numbers of one figure with its title and caption."""
 
     figure: int = field(metadata=reported("number in the paper"))
     kind: str = field(metadata=reported("kind of the figure, on which its other fields depend"))

@@ -40,8 +40,8 @@ def overview(path: Path, tail: Trajectory, cycles: Cycles, first_cycle: int, sum
              control: Control | None = None, width: str = "page", spectrum: Spectrum | None = None) -> Path:
     """Draw a run: torques and slip speed over time with stick shaded, phase portrait with section, maxima per cycle.
 
-    Where a pressure or a target was recorded, cycle means beside the target and pressures over the whole run come
-    between. Samples that are too far apart for a curve are solved again in between (`views.dense`).
+    If a pressure or a target was recorded, panels of cycle means with the target and of pressures over the whole run
+    come in the middle. Samples that are too far apart for a curve are solved again in between (`views.dense`).
 
     Parameters
     ----------

@@ -169,8 +169,8 @@ def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys):
     assert (tmp_path / "column.png").read_bytes() == (folder / "stability.png").read_bytes()
     text = (folder / "stability.md").read_text()
     assert text.splitlines()[2] == "This page is generated: `tcc-sim stability --quick` writes it."
-    assert text.count("ended badly and") == 3
-    assert "## Ended badly" in text
+    assert text.count(" failed and ") == 3
+    assert "## Failed runs" in text
     assert "## Refused" in text
     assert "## Largest errors" in text
     assert "not finite" in capsys.readouterr().out
