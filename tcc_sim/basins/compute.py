@@ -111,7 +111,7 @@ def solve_row(system: System, plane: tuple[Axis, Axis], row: int, attractors: Se
 def basins(scene: Scene | System | str, plane: Sequence[Axis | tuple[str, Sequence[float]]], *,
            cycles: int = DEFAULTS.cycles, over: Axis | tuple[str, Sequence[float]] | None = None,
            jobs: int | None = None, dask: str | None = None, part: Path | None = None, progress: bool = False,
-           said: Mapping[str, Any] | None = None) -> list[Basins]:
+           head: Mapping[str, Any] | None = None) -> list[Basins]:
     """Compute attractors and their basins in a plane of two initial conditions, for every value of `over`.
 
     Parameters
@@ -123,7 +123,7 @@ def basins(scene: Scene | System | str, plane: Sequence[Axis | tuple[str, Sequen
     jobs : number of threads; all available cores by default
     dask : address of a Dask scheduler whose workers do the work instead
     part : file of finished rows; the same call continues from it
-    said : further keys of that file's first line, such as the command
+    head : further keys of that file's first line, such as the command
     progress : whether to show a bar on a terminal or in a notebook, elsewhere a line a minute
 
     Raises
@@ -153,7 +153,7 @@ def basins(scene: Scene | System | str, plane: Sequence[Axis | tuple[str, Sequen
     try:
         with workers(jobs, dask) as (executor, there), closing(
                 SweepFile(part, _header(system, axes, cycles, over), lambda *row: stored.append(row), form=FORMAT,
-                          kind="basin map", said=said)) as file, progress_bar(
+                          kind="basin map", head=head)) as file, progress_bar(
                     "row", len(systems) * len(axes[1].values), shown=progress) as bar:
             for index, each in enumerate(systems):
                 mine = [(row, record) for i, row, record in stored if i == index]

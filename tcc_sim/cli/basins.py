@@ -47,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Check the input, compute the basins, write the files, and print a summary."""
     from tcc_sim.basins.compute import basins
     from tcc_sim.basins.results import Planes
-    from tcc_sim.output.provenance import said
+    from tcc_sim.output.provenance import head_of
 
     scene = scene_of(arguments)
     plane = [_axis("--plane", text) for text in arguments.plane]
@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
     part = None if arguments.out is None else arguments.out.with_name(arguments.out.name + ".part")
     try:
         found = basins(scene, plane, cycles=arguments.cycles, over=over, jobs=arguments.jobs, dask=arguments.dask,
-                       part=part, progress=True, said=said("basin_rows", scene, arguments.words))
+                       part=part, progress=True, head=head_of("basin_rows", scene, arguments.words))
         # Drawing takes longest; if it is interrupted, no file is written, and the same command resumes.
         values = Planes(found, over, arguments.boundary)
         with drawn(arguments, found, scene.name):

@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Sweep, write the files, and print a table unless a file holds the points."""
-    from tcc_sim.output.provenance import said
+    from tcc_sim.output.provenance import head_of
     from tcc_sim.output.tables import quantile_lines, sweep_lines, unsettled_lines
     from tcc_sim.sweeps.scatter import Scattered
     from tcc_sim.sweeps.sweep import sweep_curves
@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
     ended = ""
     try:
         sweeps = sweep_curves(curves, plan, jobs=arguments.jobs, dask=arguments.dask, out=arguments.out,
-                              said=said("sweep_points", scene, arguments.words), progress=True)
+                              head=head_of("sweep_points", scene, arguments.words), progress=True)
     except (SweepInterrupted, WorkersLost) as stop:
         ended, sweeps = str(stop), stop.sweeps
     found = gather(sweeps)

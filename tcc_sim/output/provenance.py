@@ -31,7 +31,7 @@ def format_of(kind: str) -> str:
     return f"tcc_sim {kind} {FORMATS[kind]}"
 
 
-def said(kind: str, scene: Scene | System, command: Sequence[str]) -> dict[str, Any]:
+def head_of(kind: str, scene: Scene | System, command: Sequence[str]) -> dict[str, Any]:
     """Return the keys that begin every JSON: four, and `warnings` if the scene has any.
 
     Parameters
@@ -40,8 +40,8 @@ def said(kind: str, scene: Scene | System, command: Sequence[str]) -> dict[str, 
     scene : the solved or recorded scene; for several scenes, the one from which they differ
     command : arguments of `tcc-sim`, the verb first
     """
-    head = {"format": format_of(kind), "version": __version__, "scene": scene_values(scene), "command": list(command)}
-    return {**head, "warnings": warnings} if (warnings := warnings_of(scene)) else head
+    values = {"format": format_of(kind), "version": __version__, "scene": scene_values(scene), "command": list(command)}
+    return {**values, "warnings": warnings} if (warnings := warnings_of(scene)) else values
 
 
 def warnings_of(scene: Scene | System) -> list[str]:
@@ -50,8 +50,8 @@ def warnings_of(scene: Scene | System) -> list[str]:
 
 
 def document(kind: str, result: Any, scene: Scene | System, command: Sequence[str]) -> dict[str, Any]:
-    """Return a result as JSON values, with the head (see `said`) and the units of its fields."""
-    head = {**said(kind, scene, command), "units": units_in(result)}
+    """Return a result as JSON values, with the head (see `head_of`) and the units of its fields."""
+    head = {**head_of(kind, scene, command), "units": units_in(result)}
     values = json_of(result)
     if "warnings" in values:  # A recording has its own.
         head["warnings"] = [*head.get("warnings", []), *values["warnings"]]

@@ -31,7 +31,7 @@ class SweepFile:
     header : values that distinguish the sweep from others; they become the first line
     form : name and version of the file's format
     kind : contents of the file, for messages
-    said : further values of the first line, such as scene and command, which do not distinguish sweeps
+    head : further values of the first line, such as scene and command, which do not distinguish sweeps
     take : function called with curve, index and record of every point in the file; KeyError, TypeError and ValueError
         mean that no sweep wrote the record
 
@@ -44,13 +44,13 @@ class SweepFile:
     """
 
     def __init__(self, path: Path | None, header: Mapping[str, Any], take: Callable[[int, int, dict[str, Any]], None],
-                 *, form: str = FORMAT, kind: str = "sweep", said: Mapping[str, Any] | None = None) -> None:
+                 *, form: str = FORMAT, kind: str = "sweep", head: Mapping[str, Any] | None = None) -> None:
         self._kind, self._stream = kind, None
         if path is None:
             return
         check_folder(path)
         wanted: dict[str, Any] = json.loads(json.dumps({"format": form, **header}))
-        first = encoded_line({**wanted, **{key: value for key, value in (said or {}).items() if key not in wanted}})
+        first = encoded_line({**wanted, **{key: value for key, value in (head or {}).items() if key not in wanted}})
         whole = self._read(path, wanted, first, take) if path.exists() else 0
         self._stream = path.open("ab")
         self._stream.truncate(whole)

@@ -100,7 +100,7 @@ def curves_of(system: System, key: str, values: Sequence[float], second_key: str
 
 
 def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | None = None, dask: str | None = None,
-                 out: Path | None = None, said: Mapping[str, Any] | None = None, progress: bool = False) -> list[Sweep]:
+                 out: Path | None = None, head: Mapping[str, Any] | None = None, progress: bool = False) -> list[Sweep]:
     """Solve every point of every curve.
 
     Parameters
@@ -108,7 +108,7 @@ def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | Non
     jobs : threads (the kernels release the interpreter lock); by default all available cores
     dask : address of a Dask scheduler whose workers solve the points instead
     out : file to which every point is appended; points of the same sweep in it are not solved again
-    said : further values of the first line of that file, such as scene and command
+    head : further values of the first line of that file, such as scene and command
     progress : show a bar on a terminal or in a notebook, elsewhere a line a minute
 
     Raises
@@ -136,7 +136,7 @@ def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | Non
 
     try:
         with workers(jobs, dask) as (executor, there), closing(
-                SweepFile(out, _header(curves, plan), take, said=said)) as file:
+                SweepFile(out, _header(curves, plan), take, head=head)) as file:
             done = sum(p is not None for found in points for p in found)
             with progress_bar("point", sum(map(len, points)), done, progress) as bar:
                 for c, i, point in _solved(curves, plan, executor, there, DEFAULTS.dask_batch if dask else 1, points):
