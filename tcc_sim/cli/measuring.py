@@ -127,7 +127,7 @@ def _stability(arguments: argparse.Namespace, folder: Path) -> int:
     for engine, total in found.summary.items():
         ended = ", ".join(f"{name} {count}" for name, count in total.statuses.items())
         say(f"{engine}: {counted(total.cases, 'case')} ({ended}), {total.not_finite} not finite, "
-            f"{total.not_bounded} past the energy bound, {total.past_iteration_bound} past the iteration bound")
+            f"{total.not_bounded} above the energy bound, {total.past_iteration_bound} above the iteration bound")
     say(f"{folder}/stability.png, .svg, .json, .md")
     return 0 if running.complete else 130
 
