@@ -13,7 +13,7 @@ import numpy as np
 
 from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.analysis.signals import Signals
-from tcc_sim.errors import InputError
+from tcc_sim.errors import InputError, counted
 from tcc_sim.result import Result, reported
 from tcc_sim.trajectory import Floats
 
@@ -78,7 +78,8 @@ def spectrum_of(signals: Signals, period: int) -> Spectrum:
         lines = math.floor(highest * period) + 1
         order = np.arange(lines) / period
         slip, shaft = (_lines(x, cycles // period, lines) for x in values)
-        return Spectrum(order * omega, each * order, f"none: {cycles // period} periods of {period}", period,
+        window = f"none: {counted(cycles // period, 'whole period')} of the motion"
+        return Spectrum(order * omega, each * order, window, period,
                         each * order[np.logical_or(*(_between(order, period, x) for x in (slip, shaft)))], slip, shaft,
                         None, None)
     length = min(DEFAULTS.spectrum_window, whole)

@@ -54,7 +54,8 @@ def simulation_lines(name: str, found: Simulation) -> list[str]:
     if found.summary is None:
         pairs = [("status", found.status)]
     else:
-        pairs = summary_rows(found.summary, "raise --cycles or --duration")
+        varies = run.system is not None and run.system.profile is not None
+        pairs = summary_rows(found.summary, "its inputs vary in time" if varies else "raise --cycles or --duration")
         pairs += covers_row(found.summary, 0.0, float(run.t[-1]))
         if found.summary.runaway and run.system is not None:
             pairs.append(("runaway", runaway_cause(run.system)))
@@ -116,7 +117,9 @@ def spectrum_lines(found: Spectrum) -> list[str]:
 
 
 def summary_rows(summary: Summary, advice: str) -> list[tuple[str, str]]:
-    """Return the results of a steady state with their units; `advice` is the remedy for a motion that has not settled.
+    """Return the results of a steady state with their units.
+
+    `advice` is the cause or the remedy of a motion that has not settled.
     """
     if summary.runaway:
         period = "none: slip grows and never sticks"

@@ -220,7 +220,7 @@ def _name_mode(axis: Any, along: Floats, order: Floats, text: str, within: tuple
     """Name a mode beside its line, inside the map and between the lines of the orders."""
     low, high = within
     place = (along - along.min()) / max(float(np.ptp(along)), 1e-300)
-    inside = (order > low + 0.06 * (high - low)) & (order < high - 0.1 * (high - low)) & (place > 0.02) & (place < 0.6)
+    inside = (order > low + 0.03 * (high - low)) & (order < high - 0.1 * (high - low)) & (place > 0.02) & (place < 0.6)
     if not inside.any():
         return
     between = np.abs((order / each + 0.5) % 1.0 - 0.5)  # Distance to the nearest order line, in multiples.

@@ -199,7 +199,7 @@ def _rows_of(legend: Any) -> int:
 def _crowded(axis: Any, title: str) -> bool:
     """Estimate whether a title and the legend beside it are wider than the axes."""
     legend, place = axis.get_legend(), axis.get_subplotspec()
-    if legend is None or place is None:
+    if legend is None or place is None or legend._bbox_to_anchor is None:  # A legend within the axes.
         return False
     columns = place.get_gridspec().ncols / len(place.colspan)
     room = 72.0 * axis.figure.get_figwidth() / columns - 40.0

@@ -36,7 +36,7 @@ def test_lines_are_the_amplitudes_of_sines_without_a_window():
     others = [slip for order, (slip, _) in lines.items() if order not in (0.0, 0.5, 1.0)]
     assert max(others) < 1e-12
     assert found.subharmonics.tolist() == [0.5]
-    assert found.window == "none: 3 periods of 2"
+    assert found.window == "none: 3 whole periods of the motion"
     np.testing.assert_allclose(found.frequency, 150.0 * found.order)
 
 
