@@ -236,9 +236,14 @@ def add_picture(parser: argparse.ArgumentParser, plot: str, title: str) -> None:
     """Add --plot with its help, --width and --title with its default in words."""
     picture = parser.add_argument_group("picture")
     picture.add_argument("--plot", metavar="FILE", type=Path, help=plot)
-    picture.add_argument("--width", choices=("column", "page"), default="page",
-                         help="width of the picture in a paper (default page)")
-    picture.add_argument("--title", metavar="T", help=f"title above the picture (default: {title})")
+    add_layout(picture, title)
+
+
+def add_layout(group: argparse._ArgumentGroup, title: str) -> None:
+    """Add --width, and --title with its default in words."""
+    group.add_argument("--width", choices=("column", "page"), default="page",
+                       help="width of the picture in a paper (default page)")
+    group.add_argument("--title", metavar="T", help=f"title above the picture (default: {title})")
 
 
 def check_outputs(arguments: argparse.Namespace, suffixes: Sequence[str] = (), *more: Path | None) -> None:

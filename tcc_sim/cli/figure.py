@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tcc_sim.cli.arguments import add_units
+from tcc_sim.cli.arguments import add_layout, add_units
 from tcc_sim.errors import InputError, RecordingError, printable, require
 from tcc_sim.output.terminal import say
 from tcc_sim.shown_units import show_in
@@ -39,9 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     output = parser.add_argument_group("output")
     output.add_argument("--out", metavar="DIR", type=Path, default=Path("figures"),
                         help="directory for figNN.png, figNN.svg and figNN.json (default: figures)")
-    output.add_argument("--width", choices=("column", "page"), default="page", help="width in a paper (default page)")
-    output.add_argument("--title", metavar="T", default="",
-                        help="title over the picture of one figure (default: its number and title)")
+    add_layout(output, "its number and title; not with all")
     add_units(output)
     output.add_argument("--force", action="store_true", help="replace existing figures")
 
@@ -75,7 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
         check_options(numbers[0], options)
     require("matplotlib", "a picture")
     arguments.out.mkdir(parents=True, exist_ok=True)
-    draw_one = partial(draw, title=printable(arguments.title), width=width_of(arguments.width))
+    draw_one = partial(draw, title=printable(arguments.title or ""), width=width_of(arguments.width))
     if len(stems) == 1:
         (number, stem), = stems.items()
         _write(number, stem, options, draw_one, arguments.words)

@@ -7,7 +7,7 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tcc_sim.cli.arguments import new_file, number, present
+from tcc_sim.cli.arguments import add_layout, new_file, number, present
 from tcc_sim.errors import counted, printable, require
 from tcc_sim.output.files import new_directory, write_json
 from tcc_sim.output.terminal import counted_bar, say, seconds_bar
@@ -31,9 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         extent.add_argument("--quick", action="store_true", help=REPORTS[verb])
         output.add_argument("--out", type=Path, default=Path(verb), metavar="DIR",
                             help=f"new directory for {verb}.png, .svg, .json and .md (default {verb})")
-        output.add_argument("--width", choices=("column", "page"), default="page",
-                            help="width of the pictures in a paper (default page)")
-        output.add_argument("--title", metavar="T", default="", help="title over the pictures (default: none)")
+        add_layout(output, "none")
         return
     shortest, default = DURATIONS[verb]
     extent.add_argument("--rate", type=number(1.0, 20000.0, "Hz"), default=1000.0, metavar="HZ",
@@ -95,7 +93,7 @@ def _precision(arguments: argparse.Namespace, folder: Path) -> int:
     write_json(folder / "precision.json", document("precision", found, load_scene("fig02"), arguments.words))
     (folder / "precision.md").write_text(precision_page(found, "precision.png"), encoding="utf-8")
     for draw, name in ((draw_precision, "precision"), (draw_section, "precision_section")):
-        draw(folder / name, records, printable(arguments.title), width_of(arguments.width))
+        draw(folder / name, records, printable(arguments.title or ""), width_of(arguments.width))
     for line in [line for record in records for line in scene_lines(record)]:
         say(line)
     say(f"{folder}/precision.png, .svg, .json, .md; precision_section.png, .svg: the first scene")
@@ -123,7 +121,7 @@ def _stability(arguments: argparse.Namespace, folder: Path) -> int:
     folder.mkdir()
     write_json(folder / "stability.json", document("stability", found, System(), arguments.words))
     (folder / "stability.md").write_text(stability_page(found, "stability.png"), encoding="utf-8")
-    draw_stability(folder / "stability", maps, records, printable(arguments.title), width_of(arguments.width))
+    draw_stability(folder / "stability", maps, records, printable(arguments.title or ""), width_of(arguments.width))
     for engine, total in found.summary.items():
         ended = ", ".join(f"{name} {count}" for name, count in total.statuses.items())
         say(f"{engine}: {counted(total.cases, 'case')} ({ended}), {total.not_finite} not finite, "
