@@ -6,7 +6,7 @@ import signal
 # Small matrices gain nothing from threads, which wait for each other by counting: a third of the tests' processor time.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from tcc_sim.solvers.compiling import kernel_cache  # NumPy reads that when it is loaded.
+from tcc_sim.compiling import kernel_cache  # NumPy reads that when it is loaded.
 
 
 def pytest_configure() -> None:

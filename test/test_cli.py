@@ -257,7 +257,7 @@ def test_ctrl_c_while_the_program_is_loaded_prints_nothing(start: str) -> None:
 
 def test_ctrl_c_does_not_wait_for_the_compiler(tmp_path: Path) -> None:
     code = ("import os, signal, sys, threading\n"
-            "from tcc_sim.solvers.compiling import linked\n"
+            "from tcc_sim.compiling import linked\n"
             "def compiler(part, arguments):\n"
             "    os.kill(os.getpid(), signal.SIGINT)\n"
             "    threading.Event().wait()\n"

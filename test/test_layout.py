@@ -20,16 +20,16 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "tcc_sim"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 ORDER = ["errors", "background", "topics", "result", "shown_units", "model", "trajectory", "parameter_file",
-         "friction_table", "scene", "messages", "solvers", "recording", "analysis", "plant", "sweeps", "continuation",
-         "basins", "estimation", "output", "fmu", "views", "nodes", "testing", "replay", "paper", "benchmarks", "cli",
-         "__main__"]
+         "friction_table", "scene", "messages", "compiling", "solvers", "recording", "analysis", "plant", "sweeps",
+         "continuation", "basins", "estimation", "output", "fmu", "views", "nodes", "testing", "replay", "paper",
+         "benchmarks", "cli", "__main__"]
 """A part imports only from itself and from parts before it."""
 
 ROS = ["nodes", "testing"]
 DRAWINGS = ["views", "paper.drawings", "paper.branch_panels", "paper.histories",
             "benchmarks.report_drawings"]
 ROOMS = {
-    "numba": ["solvers.compiling"], "llvmlite": ["solvers.compiling"],
+    "numba": ["compiling"], "llvmlite": ["compiling"],
     "scipy": ["solvers", "analysis", "sweeps", "continuation", "basins", "estimation", "benchmarks",
               "paper.claims_jumps", "model.friction_curve"],
     "pandas": ["replay"], "distributed": ["sweeps.executors"], "dask": ["sweeps.executors"],

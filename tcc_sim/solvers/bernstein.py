@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.solvers.compiling.compiled import fast
-from tcc_sim.solvers.compiling.unrolled import folded, greater, lesser, magnitude, unrolled, where
+from tcc_sim.compiling.compiled import fast
+from tcc_sim.compiling.unrolled import folded, greater, lesser, magnitude, unrolled, where
 from tcc_sim.solvers.series import powers_of
 
 DEGREE_MAXIMUM = 31

@@ -16,14 +16,14 @@ from typing import Any
 
 import numpy as np
 
+from tcc_sim.compiling.changing import Causes, Changing
+from tcc_sim.compiling.compiled import fast
+from tcc_sim.compiling.unrolled import exp, row_of, unrolled
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers import key_derivatives as of
 from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.collocation import NODES
-from tcc_sim.solvers.compiling.changing import Causes, Changing
-from tcc_sim.solvers.compiling.compiled import fast
-from tcc_sim.solvers.compiling.unrolled import exp, row_of, unrolled
 from tcc_sim.solvers.excitation import Pulsation
 from tcc_sim.solvers.key_derivatives import DECAY, EXCESS_RATIO, LATER, NUMBERS, SMOOTHING
 from tcc_sim.solvers.series import (

@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tcc_sim.compiling.compiled import compiled, fast
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import SOLVERS
 from tcc_sim.solvers.changes import LANES
-from tcc_sim.solvers.compiling.compiled import compiled, fast
 from tcc_sim.solvers.excitation import load_phase
 from tcc_sim.solvers.problem import Problem
 from tcc_sim.solvers.run_output import CYCLE, DONE, FULL, GOES_ON, STATUSES, STEP_LIMIT, RunOutput, Store, full, scratch

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tcc_sim.compiling.compiled import fast
 from tcc_sim.model import profile as of
-from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.series import COLUMNS, ENGINE, INVERSE, LOAD, add_sine, sine_and_cosine
 from tcc_sim.solvers.terms import Terms
 

@@ -13,13 +13,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from tcc_sim.compiling.compiled import Call, compiled, smoothed_coefficient
 from tcc_sim.errors import InputError
 from tcc_sim.model.actuator import approach_between
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.parameters import System
 from tcc_sim.model.profile import FAR_ANGLE, FAR_SPEED
-from tcc_sim.solvers.compiling.compiled import Call, compiled, smoothed_coefficient
 from tcc_sim.solvers.scalar import ITERATION_BOUND, scalar_root
 from tcc_sim.solvers.terms import Terms, same_but_means, substeps, terms_of
 from tcc_sim.solvers.torques import break_after, piece_at, pull_of_far_end, torques_now

@@ -15,6 +15,9 @@ from typing import Any, cast
 
 import numpy as np
 
+from tcc_sim.compiling.changing import Causes, Changing
+from tcc_sim.compiling.compiled import Kernel, compiled
+from tcc_sim.compiling.unrolled import exp, unrolled, where
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.profile import LOAD, TORQUE
 from tcc_sim.solvers import key_derivatives as of
@@ -28,9 +31,6 @@ from tcc_sim.solvers.changes import (
     OF_SMOOTHING,
     linear_of,
 )
-from tcc_sim.solvers.compiling.changing import Causes, Changing
-from tcc_sim.solvers.compiling.compiled import Kernel, compiled
-from tcc_sim.solvers.compiling.unrolled import exp, unrolled, where
 from tcc_sim.solvers.fixed_step import GAMMA, plate_of, stage, stages
 from tcc_sim.solvers.series import added
 from tcc_sim.solvers.terms import Terms

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from tcc_sim.compiling.compiled import timed
 from tcc_sim.errors import InputError
-from tcc_sim.solvers.compiling.compiled import timed
 from tcc_sim.solvers.fixed_step import advance_ticks
 from tcc_sim.solvers.per_cycle import STAMP, cycles_of_states, hermite
 from tcc_sim.solvers.problem import Problem, assemble, rates_along

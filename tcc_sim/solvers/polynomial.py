@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from tcc_sim.compiling.compiled import fast
 from tcc_sim.solvers.bernstein import (
     BERNSTEIN,
     HALVINGS,
@@ -26,7 +27,6 @@ from tcc_sim.solvers.bernstein import (
     slope_changes,
     to_bernstein,
 )
-from tcc_sim.solvers.compiling.compiled import fast
 
 
 @fast

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from tcc_sim.compiling.compiled import fast
 from tcc_sim.solvers.collocation import FROM_ANGLE, FROM_MEAN, FROM_SPEED, FROM_WAVES, NODES, TERMS, C
-from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.excitation import Pulsation, load_and_rate, torque_beside_mean
 from tcc_sim.solvers.series import ANGLE, SLIP, SPEED
 from tcc_sim.solvers.stages import add_share, add_slip, to_powers

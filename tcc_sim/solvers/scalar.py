@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from tcc_sim.compiling.compiled import compiled, smoothed_and_slope
 from tcc_sim.model.friction import Stribeck
-from tcc_sim.solvers.compiling.compiled import compiled, smoothed_and_slope
 
 NEWTON_LIMIT = 20
 SATURATED = 19.1

@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from tcc_sim.compiling.compiled import fast
+from tcc_sim.compiling.unrolled import exp, row_of, unrolled
 from tcc_sim.model.equations import Linear
-from tcc_sim.solvers.compiling.compiled import fast
-from tcc_sim.solvers.compiling.unrolled import exp, row_of, unrolled
 
 SLIP, ANGLE, SPEED, FLYWHEEL, ENGINE, LOAD = range(6)
 """Rows of the coefficients: slip speed, plate angle, plate speed, flywheel angle; Te, Ts."""

@@ -10,11 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tcc_sim.model.friction import Stribeck
-from tcc_sim.solvers.bernstein import WORKSPACE
-from tcc_sim.solvers.collocation import FROM_WAVES, NODES, TERMS, TO_CHEBYSHEV, TO_POWERS
-from tcc_sim.solvers.compiling.compiled import fast
-from tcc_sim.solvers.compiling.unrolled import (
+from tcc_sim.compiling.compiled import fast
+from tcc_sim.compiling.unrolled import (
     exp,
     folded,
     largest_size,
@@ -25,6 +22,9 @@ from tcc_sim.solvers.compiling.unrolled import (
     unrolled,
     with_sign,
 )
+from tcc_sim.model.friction import Stribeck
+from tcc_sim.solvers.bernstein import WORKSPACE
+from tcc_sim.solvers.collocation import FROM_WAVES, NODES, TERMS, TO_CHEBYSHEV, TO_POWERS
 from tcc_sim.solvers.series import COLUMNS, ROWS, added
 
 ITERATIONS_MAXIMUM = 20

@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tcc_sim.compiling.compiled import Partial
 from tcc_sim.errors import NumericalFailure
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers.changes import ALONG, ALONG_ALL, CHANGES, LANES
-from tcc_sim.solvers.compiling.compiled import Partial
 from tcc_sim.solvers.engine import GRADIENT, PART, EngineShell, Room, Tangent
 from tcc_sim.solvers.key_derivatives import (
     DECAY,

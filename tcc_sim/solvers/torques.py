@@ -6,10 +6,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from tcc_sim.compiling.compiled import compiled, engine_torque, saturation_torque, swelling
+from tcc_sim.compiling.compiled import reached as reached_unfused
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.profile import FAR_ANGLE, FAR_RATE, FAR_SPEED
-from tcc_sim.solvers.compiling.compiled import compiled, engine_torque, saturation_torque, swelling
-from tcc_sim.solvers.compiling.compiled import reached as reached_unfused
 from tcc_sim.solvers.terms import Terms
 from tcc_sim.trajectory import Floats
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from tcc_sim.compiling.compiled import compiled
 from tcc_sim.model import friction
 from tcc_sim.solvers import collocation as tables
 from tcc_sim.solvers import stages
-from tcc_sim.solvers.compiling.compiled import compiled
 from tcc_sim.solvers.stages import LAYER, WORK, Place
 
 LINEAR = (0.2, 0.02, 0.6, 3000.0)

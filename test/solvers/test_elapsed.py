@@ -10,8 +10,8 @@ PROGRAM = """
 import os, sys, time
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import SOLVERS, solve
-from tcc_sim.solvers.compiling.compiled import Kernel
-import tcc_sim.solvers.compiling.linked  # Numba looks at the clock too.
+from tcc_sim.compiling.compiled import Kernel
+import tcc_sim.compiling.linked  # Numba looks at the clock too.
 
 def compiled_so_far():
     modules = [m for name, m in list(sys.modules.items()) if name.startswith("tcc_sim")]

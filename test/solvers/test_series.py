@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from tcc_sim.compiling.compiled import compiled
 from tcc_sim.solvers import series
-from tcc_sim.solvers.compiling.compiled import compiled
 from tcc_sim.solvers.series import ANGLE, COLUMNS, ENGINE, LOAD, ROWS, SLIP, SPEED
 
 LINEAR = (0.2, 0.02, 0.6, 3000.0)

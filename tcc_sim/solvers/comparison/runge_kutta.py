@@ -17,9 +17,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tcc_sim.compiling.compiled import accelerations, compiled, smoothed_coefficient
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import SOLVERS
-from tcc_sim.solvers.compiling.compiled import accelerations, compiled, smoothed_coefficient
 from tcc_sim.solvers.per_cycle import cycles_of_states
 from tcc_sim.solvers.problem import Problem, assemble
 from tcc_sim.solvers.terms import Terms, peak_load, piece_of, terms_of

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from scipy.integrate import BDF, DOP853, LSODA, RK45, Radau
 
+from tcc_sim.compiling.compiled import compiled, smoothed_and_slope
 from tcc_sim.solvers import SOLVERS
 from tcc_sim.solvers.comparison.runge_kutta import GOES_ON, march, rates
-from tcc_sim.solvers.compiling.compiled import compiled, smoothed_and_slope
 from tcc_sim.solvers.per_cycle import cycles_of_states
 from tcc_sim.solvers.problem import Problem, assemble
 from tcc_sim.solvers.terms import Terms, piece_of, terms_of

@@ -9,6 +9,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from tcc_sim.compiling.changing import Changing
+from tcc_sim.compiling.compiled import fast
+from tcc_sim.compiling.unrolled import unrolled
 from tcc_sim.model.equations import Linear
 from tcc_sim.solvers import key_derivatives as of
 from tcc_sim.solvers import polynomial
@@ -23,9 +26,6 @@ from tcc_sim.solvers.bernstein import (
     to_bernstein,
 )
 from tcc_sim.solvers.changes import LANES, OF_ENGINE, OF_LOAD, changed_at, linear_of
-from tcc_sim.solvers.compiling.changing import Changing
-from tcc_sim.solvers.compiling.compiled import fast
-from tcc_sim.solvers.compiling.unrolled import unrolled
 from tcc_sim.solvers.engine import GRADIENT, GROWS, VALUE
 from tcc_sim.solvers.event_driven.step import DOWNWARD, UPWARD, Step
 from tcc_sim.solvers.excitation import Pulsation

@@ -14,6 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from tcc_sim.compiling.changing import Changing
+from tcc_sim.compiling.compiled import compiled, fast
+from tcc_sim.compiling.unrolled import unrolled
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers import polynomial
@@ -29,9 +32,6 @@ from tcc_sim.solvers.changes import (
     hold_phase,
     linear_of,
 )
-from tcc_sim.solvers.compiling.changing import Changing
-from tcc_sim.solvers.compiling.compiled import compiled, fast
-from tcc_sim.solvers.compiling.unrolled import unrolled
 from tcc_sim.solvers.engine import VALUE, Memory, Setup, Tangent
 from tcc_sim.solvers.event_driven.margins import note_arrival, note_gradient, note_step, smallest_dip
 from tcc_sim.solvers.event_driven.modes import step_on

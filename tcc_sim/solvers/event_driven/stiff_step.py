@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from tcc_sim.compiling.compiled import fast
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers.collocation import DEGREE, NODES, TERMS, C, Tables
-from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.event_driven.setup import Bounds
 from tcc_sim.solvers.event_driven.step import DOWNWARD, NO_EVENT, UPWARD, Step, slip_event, stick_event
 from tcc_sim.solvers.excitation import Pulsation

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from tcc_sim.compiling.compiled import fast
 from tcc_sim.solvers.collocation import DEGREE, NODES, C, Tables
-from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.rungs import SHRINK_MOST, balance, fill_plate, grip_at_nodes, growth, rung_below, weigh
 from tcc_sim.solvers.series import SLIP
 from tcc_sim.solvers.smoothed.series_step import rate_of_law

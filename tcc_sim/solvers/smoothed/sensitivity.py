@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
+from tcc_sim.compiling.compiled import fast
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers import key_derivatives as of
 from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.bernstein import BERNSTEIN
 from tcc_sim.solvers.changes import LANES, NARROW, changed_at, end_changes, hold_phase
 from tcc_sim.solvers.collocation import DEGREE, FROM_ANGLE, FROM_SPEED, NODES, TERMS, TO_CHEBYSHEV, C
-from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.engine import Memory, Setup
 from tcc_sim.solvers.rungs import fill_plate
 from tcc_sim.solvers.series import ANGLE, SLIP, SPEED

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from tcc_sim.compiling.compiled import fast
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers.changes import carry_slip, expand_sines
 from tcc_sim.solvers.collocation import NODES, TERMS
-from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.excitation import Pulsation
 from tcc_sim.solvers.series import SLIP, fastest_at
 from tcc_sim.solvers.smoothed.series_step import LocalFriction

@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
+from tcc_sim.compiling.compiled import fast
 from tcc_sim.model.friction import Stribeck
-from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.excitation import expand_excitation
 from tcc_sim.solvers.series import ANGLE, ENDLESS, INVERSE, SLIP, SPEED, expand, fastest_at, logarithm, power_of_two
 from tcc_sim.solvers.smoothed.setup import ACCEPTED, FAILED, Limits, Step

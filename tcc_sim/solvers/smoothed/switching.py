@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from tcc_sim.compiling.compiled import fast
 from tcc_sim.solvers.collocation import LEVELS, Tables
-from tcc_sim.solvers.compiling.compiled import fast
 from tcc_sim.solvers.rungs import growth, rung_below
 from tcc_sim.solvers.smoothed.collocation_step import FLAT, WORTH
 from tcc_sim.solvers.smoothed.series_step import LocalFriction

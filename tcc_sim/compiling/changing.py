@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from tcc_sim.solvers.compiling.unrolled import is_constant
+from tcc_sim.compiling.unrolled import is_constant
 
 
 class Causes(dict[int, Any]):

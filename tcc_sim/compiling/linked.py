@@ -28,7 +28,7 @@ from numba.core.compiler_machinery import FunctionPass, PassManager, register_pa
 from numba.core.ir_utils import get_definition, guard
 from numba.np.arrayobj import populate_array
 
-from tcc_sim.solvers.compiling.numba_registration import registered
+from tcc_sim.compiling.numba_registration import registered
 
 NEEDED = {"TranslateByteCode", "FixupArgs", "IRProcessing", "RewriteSemanticConstants", "DeadBranchPrune",
           "GenericRewrites", "ReconstructSSA", "NopythonTypeInference", "PreLowerStripPhis", "IRLegalization",

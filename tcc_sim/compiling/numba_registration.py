@@ -13,7 +13,7 @@ from numba.core.typing import signature
 from numba.core.typing.templates import AbstractTemplate
 from numba.extending import lower_builtin, typeof_impl
 
-from tcc_sim.solvers.compiling.unrolled import Unrolled
+from tcc_sim.compiling.unrolled import Unrolled
 
 
 def registered(function: FunctionType, options: dict[str, Any], **how: Any) -> Any:

@@ -12,9 +12,9 @@ import pytest
 from full_disk import full_disk
 from kernels_on_disk import CALLEE, CALLER, hits, modules
 
-from tcc_sim.solvers.compiling import kernel_cache
-from tcc_sim.solvers.compiling.compiled import compiled
-from tcc_sim.solvers.compiling.kernel_cache import Dependencies
+from tcc_sim.compiling import kernel_cache
+from tcc_sim.compiling.compiled import compiled
+from tcc_sim.compiling.kernel_cache import Dependencies
 
 
 def test_the_second_process_finds_what_the_first_compiled(cache, tmp_path, capsys):

@@ -3,7 +3,7 @@
 import pytest
 from kernels_on_disk import made
 
-from tcc_sim.solvers.compiling import kernel_cache, linked
+from tcc_sim.compiling import kernel_cache, linked
 
 
 @pytest.fixture

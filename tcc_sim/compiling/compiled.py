@@ -25,9 +25,9 @@ import numpy as np
 from llvmlite import binding
 
 from tcc_sim.background import awaited
+from tcc_sim.compiling import kernel_cache
+from tcc_sim.compiling.kernel_cache import Dependencies
 from tcc_sim.model import equations, friction, profile
-from tcc_sim.solvers.compiling import kernel_cache
-from tcc_sim.solvers.compiling.kernel_cache import Dependencies
 
 Function = TypeVar("Function", bound=Callable[..., object])
 Kind = tuple[Any, ...]
@@ -77,10 +77,10 @@ class Kernel:
     def part(self) -> Any:
         """Numba's dispatcher of the function."""
         if numba_supported():
-            from tcc_sim.solvers.compiling.linked import dispatcher
+            from tcc_sim.compiling.linked import dispatcher
 
             return dispatcher(self.py_func, self.options)
-        from tcc_sim.solvers.compiling.numba_registration import registered
+        from tcc_sim.compiling.numba_registration import registered
 
         return registered(self.py_func, self.options)
 

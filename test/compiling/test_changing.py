@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tcc_sim.solvers.compiling.changing import Causes, Changing
+from tcc_sim.compiling.changing import Causes, Changing
 
 
 def test_numbers_that_change_are_differentiated_by_rule() -> None:

@@ -5,7 +5,7 @@ import sys
 
 CALLEE = """
 '''A module that a kernel calls.'''
-from tcc_sim.solvers.compiling.compiled import compiled
+from tcc_sim.compiling.compiled import compiled
 GAIN = 2.0
 UNUSED = 1.0
 @compiled
@@ -18,7 +18,7 @@ def other(x):
 """
 CALLER = """
 import {callee} as callee
-from tcc_sim.solvers.compiling.compiled import compiled
+from tcc_sim.compiling.compiled import compiled
 @compiled
 def kernel(x):
     return callee.scaled(x) + 1.0

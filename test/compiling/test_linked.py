@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tcc_sim.solvers.compiling import compiled as compiled_module
-from tcc_sim.solvers.compiling import kernel_cache
-from tcc_sim.solvers.compiling.compiled import Call, Partial, compiled, fast, loaded
-from tcc_sim.solvers.compiling.kernel_cache import UnusableFile
-from tcc_sim.solvers.compiling.linked import PartLibrary, machine_code
-from tcc_sim.solvers.compiling.unrolled import unrolled
+from tcc_sim.compiling import compiled as compiled_module
+from tcc_sim.compiling import kernel_cache
+from tcc_sim.compiling.compiled import Call, Partial, compiled, fast, loaded
+from tcc_sim.compiling.kernel_cache import UnusableFile
+from tcc_sim.compiling.linked import PartLibrary, machine_code
+from tcc_sim.compiling.unrolled import unrolled
 
 WEIGHTS = np.array([0.5, -0.25, 3.0])
 

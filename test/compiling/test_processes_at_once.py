@@ -6,12 +6,12 @@ import sys
 
 from kernels_on_disk import hits, modules
 
-from tcc_sim.solvers.compiling import kernel_cache
+from tcc_sim.compiling import kernel_cache
 
 ALONE = """
 import os, signal, sys
 sys.path.insert(0, {folder!r})
-from tcc_sim.solvers.compiling import kernel_cache
+from tcc_sim.compiling import kernel_cache
 import {name}
 if {killed}:
     os.replace = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
