@@ -20,9 +20,9 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "tcc_sim"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 ORDER = ["errors", "background", "topics", "result", "shown_units", "model", "trajectory", "parameter_file",
-         "friction_table", "scene", "messages", "compiling", "solvers", "recording", "analysis", "plant", "sweeps",
-         "continuation", "basins", "estimation", "output", "fmu", "views", "nodes", "testing", "replay", "paper",
-         "benchmarks", "cli", "__main__"]
+         "friction_table", "scene", "messages", "compiling", "polynomials", "solvers", "recording", "analysis",
+         "plant", "sweeps", "continuation", "basins", "estimation", "output", "fmu", "views", "nodes", "testing",
+         "replay", "paper", "benchmarks", "cli", "__main__"]
 """A part imports only from itself and from parts before it."""
 
 ROS = ["nodes", "testing"]

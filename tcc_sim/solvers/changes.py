@@ -21,8 +21,8 @@ from tcc_sim.compiling.compiled import fast
 from tcc_sim.compiling.unrolled import exp, row_of, unrolled
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
+from tcc_sim.polynomials import polynomial
 from tcc_sim.solvers import key_derivatives as of
-from tcc_sim.solvers import polynomial
 from tcc_sim.solvers.collocation import NODES
 from tcc_sim.solvers.excitation import Pulsation
 from tcc_sim.solvers.key_derivatives import DECAY, EXCESS_RATIO, LATER, NUMBERS, SMOOTHING

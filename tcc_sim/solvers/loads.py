@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from tcc_sim.compiling.compiled import fast
 from tcc_sim.compiling.unrolled import unrolled, where
 from tcc_sim.model.equations import Linear
-from tcc_sim.solvers.bernstein import PER_BINOMIAL
+from tcc_sim.polynomials.bernstein import PER_BINOMIAL
 from tcc_sim.solvers.problem import Problem
 from tcc_sim.solvers.series import ANGLE, SLIP, SPEED
 from tcc_sim.trajectory import Loads

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.compiling.compiled import fast, timed
-from tcc_sim.solvers import polynomial
-from tcc_sim.solvers.bernstein import BERNSTEIN, HIGH, LOW, later_part, to_bernstein
+from tcc_sim.polynomials import polynomial
+from tcc_sim.polynomials.bernstein import BERNSTEIN, HIGH, LOW, later_part, to_bernstein
 from tcc_sim.solvers.loads import keep_breakaway, loads_of, room_for_loads
 from tcc_sim.solvers.problem import LEAST_REST, Problem, assemble
 from tcc_sim.solvers.series import ANGLE, FLYWHEEL, SLIP, SPEED

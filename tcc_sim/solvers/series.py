@@ -20,6 +20,7 @@ import numpy as np
 from tcc_sim.compiling.compiled import fast
 from tcc_sim.compiling.unrolled import exp, row_of, unrolled
 from tcc_sim.model.equations import Linear
+from tcc_sim.polynomials.bernstein import powers_of
 
 SLIP, ANGLE, SPEED, FLYWHEEL, ENGINE, LOAD = range(6)
 """Rows of the coefficients: slip speed, plate angle, plate speed, flywheel angle; Te, Ts."""
@@ -230,16 +231,6 @@ def sine_and_cosine(angle: float) -> tuple[float, float]:
     if quadrant & 1:
         s, c = c, s
     return (-s if quadrant & 2 else s), (-c if quadrant in (1, 2) else c)
-
-
-def powers_of(x: Any) -> Iterator[Any]:
-    """Yield 1, x, x^2, ... in rows of eight, by a short chain of products."""
-    square = x * x
-    cube, fourth = square * x, square * square
-    row = row_of([1.0, x, square, cube, fourth, fourth * x, fourth * square, fourth * cube])
-    while True:
-        yield row
-        row = row * (fourth * fourth)
 
 
 def sine(out: Any, now: Any, quadrature: Any, rate: Any) -> Iterator[int]:

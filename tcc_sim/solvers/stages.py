@@ -23,7 +23,7 @@ from tcc_sim.compiling.unrolled import (
     with_sign,
 )
 from tcc_sim.model.friction import Stribeck
-from tcc_sim.solvers.bernstein import WORKSPACE
+from tcc_sim.polynomials.bernstein import WORKSPACE
 from tcc_sim.solvers.collocation import FROM_WAVES, NODES, TERMS, TO_CHEBYSHEV, TO_POWERS
 from tcc_sim.solvers.series import COLUMNS, ROWS, added
 

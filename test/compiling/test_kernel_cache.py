@@ -47,7 +47,7 @@ def test_kernels_of_the_engines_do_not_reach_each_other():
         return {f.__module__ for f in Dependencies(dispatcher.py_func).seen.values() if hasattr(f, "__code__")}
 
     assert kernel.__name__ in functions(kernel.integrate)
-    assert "tcc_sim.solvers.polynomial" in functions(kernel.integrate)
+    assert "tcc_sim.polynomials.polynomial" in functions(kernel.integrate)
     others = "comparison", "event_driven", "fixed_step"
     assert not any(other in name for name in functions(kernel.integrate) for other in others)
     assert not any("smoothed" in name for name in functions(fixed_step.advance_ticks))

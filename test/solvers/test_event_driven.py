@@ -9,9 +9,9 @@ from scipy.optimize import brentq
 
 from tcc_sim.model import pure_slip
 from tcc_sim.model.parameters import System, replace
+from tcc_sim.polynomials.polynomial import variation
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.event_driven.step import monotone
-from tcc_sim.solvers.polynomial import variation
 from tcc_sim.solvers.series import COLUMNS, ROWS, SLIP
 
 BASE = replace(System(), {"friction.law": "set_valued", "friction.kinetic_coefficient": 0.3, "pressure.mean": 225e3,

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.polynomial import Chebyshev, Polynomial
 
-from tcc_sim.solvers import polynomial
+from tcc_sim.polynomials import polynomial
 from tcc_sim.solvers.run_output import CYCLE, MOVE, OUTPUT, Store, keep_step
 from tcc_sim.solvers.series import ANGLE, FLYWHEEL, SLIP, SPEED
 from tcc_sim.solvers.stages import WORK

@@ -6,8 +6,9 @@ import math
 from typing import Any
 
 from tcc_sim.compiling.compiled import compiled, fast
-from tcc_sim.solvers import polynomial, run_output
-from tcc_sim.solvers.bernstein import to_bernstein
+from tcc_sim.polynomials import polynomial
+from tcc_sim.polynomials.bernstein import to_bernstein
+from tcc_sim.solvers import run_output
 from tcc_sim.solvers.engine import Memory, Setup, loop_by
 from tcc_sim.solvers.event_driven.modes import begin, finish, step_on
 from tcc_sim.solvers.event_driven.sensitivity import (

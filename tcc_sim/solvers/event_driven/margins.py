@@ -13,9 +13,8 @@ from tcc_sim.compiling.changing import Changing
 from tcc_sim.compiling.compiled import fast
 from tcc_sim.compiling.unrolled import unrolled
 from tcc_sim.model.equations import Linear
-from tcc_sim.solvers import key_derivatives as of
-from tcc_sim.solvers import polynomial
-from tcc_sim.solvers.bernstein import (
+from tcc_sim.polynomials import polynomial
+from tcc_sim.polynomials.bernstein import (
     BERNSTEIN,
     HALVINGS,
     LEFT,
@@ -25,6 +24,7 @@ from tcc_sim.solvers.bernstein import (
     slope_changes,
     to_bernstein,
 )
+from tcc_sim.solvers import key_derivatives as of
 from tcc_sim.solvers.changes import LANES, OF_ENGINE, OF_LOAD, changed_at, linear_of
 from tcc_sim.solvers.engine import GRADIENT, GROWS, VALUE
 from tcc_sim.solvers.event_driven.step import DOWNWARD, UPWARD, Step

@@ -11,7 +11,7 @@ from typing import Any
 
 from tcc_sim.compiling.compiled import fast
 from tcc_sim.model.equations import Linear
-from tcc_sim.solvers import polynomial
+from tcc_sim.polynomials import polynomial
 from tcc_sim.solvers.collocation import Tables
 from tcc_sim.solvers.event_driven.setup import Bounds
 from tcc_sim.solvers.event_driven.step import BREAKAWAY, LAW_VARIES, NO_EVENT, REST, Step, slip_arc, stick_arc

@@ -19,7 +19,7 @@ from tcc_sim.compiling.compiled import compiled, fast
 from tcc_sim.compiling.unrolled import unrolled
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
-from tcc_sim.solvers import polynomial
+from tcc_sim.polynomials import polynomial
 from tcc_sim.solvers.changes import (
     LANES,
     NARROW,

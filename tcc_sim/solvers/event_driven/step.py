@@ -10,7 +10,8 @@ from tcc_sim.compiling.compiled import fast
 from tcc_sim.compiling.unrolled import unrolled
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
-from tcc_sim.solvers import polynomial, series
+from tcc_sim.polynomials import polynomial
+from tcc_sim.solvers import series
 from tcc_sim.solvers.event_driven.setup import Bounds
 from tcc_sim.solvers.excitation import expand_excitation
 from tcc_sim.solvers.series import ANGLE, ENGINE, INVERSE, LOAD, ROWS, SLIP, SPEED

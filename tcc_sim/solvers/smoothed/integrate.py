@@ -8,8 +8,9 @@ from typing import Any
 from tcc_sim.compiling.compiled import fast
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.profile import STARTED
-from tcc_sim.solvers import polynomial, run_output
-from tcc_sim.solvers.bernstein import to_bernstein
+from tcc_sim.polynomials import polynomial
+from tcc_sim.polynomials.bernstein import to_bernstein
+from tcc_sim.solvers import run_output
 from tcc_sim.solvers.engine import Memory, Setup, loop_by
 from tcc_sim.solvers.excitation import clamp_edge, excite
 from tcc_sim.solvers.loads import keep_loads, wanted

@@ -14,9 +14,9 @@ import numpy as np
 
 from tcc_sim.compiling.compiled import fast
 from tcc_sim.model.friction import Stribeck
+from tcc_sim.polynomials import polynomial
+from tcc_sim.polynomials.bernstein import BERNSTEIN
 from tcc_sim.solvers import key_derivatives as of
-from tcc_sim.solvers import polynomial
-from tcc_sim.solvers.bernstein import BERNSTEIN
 from tcc_sim.solvers.changes import LANES, NARROW, changed_at, end_changes, hold_phase
 from tcc_sim.solvers.collocation import DEGREE, FROM_ANGLE, FROM_SPEED, NODES, TERMS, TO_CHEBYSHEV, C
 from tcc_sim.solvers.engine import Memory, Setup

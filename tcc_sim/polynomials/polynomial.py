@@ -11,7 +11,7 @@ import math
 from typing import Any
 
 from tcc_sim.compiling.compiled import fast
-from tcc_sim.solvers.bernstein import (
+from tcc_sim.polynomials.bernstein import (
     BERNSTEIN,
     HALVINGS,
     HIGH,

@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import math
 import operator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from tcc_sim.compiling.compiled import fast
-from tcc_sim.compiling.unrolled import folded, greater, lesser, magnitude, unrolled, where
-from tcc_sim.solvers.series import powers_of
+from tcc_sim.compiling.unrolled import folded, greater, lesser, magnitude, row_of, unrolled, where
 
 DEGREE_MAXIMUM = 31
 HALVINGS = 40
@@ -33,6 +33,16 @@ also their hull."""
 ROUNDING = 1.12e-16
 PASCAL = np.array([[math.comb(i, k) for i in range(32)] for k in range(32)], dtype=np.float64)
 PER_BINOMIAL = np.array([[1.0 / math.comb(n, k) if k <= n else 0.0 for k in range(32)] for n in range(32)])
+
+
+def powers_of(x: Any) -> Iterator[Any]:
+    """Yield 1, x, x^2, ... in rows of eight, by a short chain of products."""
+    square = x * x
+    cube, fourth = square * x, square * square
+    row = row_of([1.0, x, square, cube, fourth, fourth * x, fourth * square, fourth * cube])
+    while True:
+        yield row
+        row = row * (fourth * fourth)
 
 
 def staged_form(lanes: int) -> Any:

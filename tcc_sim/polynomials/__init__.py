@@ -1,0 +1,1 @@
+"""Polynomials over a step: values, crossings and extremes, found with certainty."""
