@@ -12,13 +12,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from itertools import chain
 from typing import Any
 
 import numpy as np
 
 from tcc_sim.compiling.changing import Causes, Changing
 from tcc_sim.compiling.compiled import fast
-from tcc_sim.compiling.unrolled import exp, row_of, unrolled
+from tcc_sim.compiling.unrolled import exp, limited, row_of, unrolled
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.polynomials import polynomial
@@ -66,13 +67,15 @@ NUMBERS_OF_LAW = {OF_EXCESS: EXCESS_RATIO, OF_DECAY: DECAY, OF_SMOOTHING: SMOOTH
 NUMBERS_OF_ALL = {**NUMBERS_OF_LAW, **{OF_LATER + j: number for j, number in enumerate(LATER)}}
 COLUMNS_OF_PAIRS = (OF_EXCESS, OF_DECAY), (OF_LATER, OF_LATER + 1), (OF_LATER + 2, OF_LATER + 3)
 """Columns of amplitude and rate of each exponential."""
-NARROW = 8
-"""Columns of `law` without those of the later exponentials."""
+NARROW, WIDE = 8, 16
+"""Columns of `law` without those of the later exponentials, and with them."""
 
 ALONG, ALONG_ALL = (np.dtype([("sines", np.float64, (2, COLUMNS)), ("mubar", np.float64, COLUMNS),
-                              ("law", np.float64, (COLUMNS, width)), ("shaped", np.int64)]) for width in (NARROW, 16))
-"""Numbers that all lanes share over a Taylor step: coefficients of `expand_sines` and of `law_along`; whether another
-number of the law than c_1 changes. ALONG_ALL has columns for the later exponentials: kernels without them do not pay.
+                              ("law", np.float64, (COLUMNS, width)), ("at_nodes", np.float64, (width, NODES)),
+                              ("shaped", np.int64)]) for width in (NARROW, WIDE))
+"""Numbers that all lanes share over a step: coefficients of `expand_sines` and of `law_along`; mubar and its
+derivatives at the nodes, a row for each column of `law`; whether another number of the law than c_1 changes. ALONG_ALL
+has columns for the later exponentials: kernels without them do not pay.
 """
 
 
@@ -123,6 +126,27 @@ def changing(number: Any, by: Any, which: int) -> Changing:
 def linear_of(linear: Linear, by: Any) -> tuple[Changing, ...]:
     """Return I1, I2, C23 and K23 with their derivatives."""
     return tuple(changing(number, by, i) for i, number in enumerate(linear))
+
+
+def numbers_of(stribeck: Stribeck, width: int = WIDE) -> dict[int, int]:
+    """Return the numbers of the law by their columns in a `law` of this width."""
+    pairs = COLUMNS_OF_PAIRS[:min(len(stribeck or ()) // 2, 3 if width > NARROW else 1)]
+    return {cause: NUMBERS_OF_ALL[cause] for cause in (OF_SMOOTHING, *chain(*pairs))}
+
+
+def mubar_at(v: Any, side: Any, sigma: Any, stribeck: Any) -> Changing:
+    """Return mubar of (7) at a slip speed v, or at a row of them, on one side of v = 0, with its derivatives by v and
+    by the numbers of the law, in the columns of `law`.
+    """
+    size = Changing(v, Causes({OF_SLIP: 1.0})) * side
+    angle = size * Changing(sigma, Causes({OF_SMOOTHING: 1.0}))
+    left = exp(-2.0 * angle.value)
+    tanh, ratio = (1.0 - left) / (1.0 + left), Changing(1.0)
+    for j, (of_share, of_rate) in zip(range(0, len(stribeck or ()), 2), COLUMNS_OF_PAIRS):
+        exponent = -size * Changing(stribeck[j + 1], Causes({of_rate: 1.0}))
+        factor = exp(limited(exponent.value, -700.0, 1.0))
+        ratio = ratio + Changing(stribeck[j], Causes({of_share: 1.0})) * Changing(factor, exponent.change * factor)
+    return ratio * Changing(tanh, angle.change * (1.0 - tanh * tanh)) * side
 
 
 class Exponential:

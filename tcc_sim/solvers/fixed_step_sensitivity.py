@@ -9,27 +9,26 @@ Sub-steps are small enough for one root, so that 1 + a mubar' is above 0.
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import chain
 from types import FunctionType
 from typing import Any, cast
 
 import numpy as np
 
-from tcc_sim.compiling.changing import Causes, Changing
+from tcc_sim.compiling.changing import Changing
 from tcc_sim.compiling.compiled import Kernel, compiled
-from tcc_sim.compiling.unrolled import exp, unrolled, where
+from tcc_sim.compiling.unrolled import unrolled, where
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.profile import LOAD, TORQUE
 from tcc_sim.solvers import key_derivatives as of
 from tcc_sim.solvers.changes import (
     CHANGES,
-    COLUMNS_OF_PAIRS,
     FRICTION,
     LANES,
     NUMBERS_OF_ALL,
     OF_SLIP,
-    OF_SMOOTHING,
     linear_of,
+    mubar_at,
+    numbers_of,
 )
 from tcc_sim.solvers.fixed_step import GAMMA, plate_of, stage, stages
 from tcc_sim.solvers.series import added
@@ -44,27 +43,12 @@ def text_of(kernel: Callable[..., Any], **names: Any) -> Callable[..., Any]:
     return FunctionType(function.__code__, {**function.__globals__, **names})
 
 
-def numbers_of(stribeck: Any) -> dict[int, int]:
-    """Return the numbers of the law by their columns."""
-    return {cause: NUMBERS_OF_ALL[cause] for cause in (
-        OF_SMOOTHING, *chain(*COLUMNS_OF_PAIRS[:len(stribeck or ()) // 2]))}
-
-
 def law_of_stages(law: Any, speeds: Any, sigma: Any, stribeck: Any) -> None:
     """Fill the rows of `law` with mubar and its derivatives, in the columns of `changes`, at three slip speeds; staged
     function.
     """
     for n, v in enumerate(speeds):
-        side = where(v, ">", 0.0, 1.0, -1.0)
-        size = Changing(v, Causes({OF_SLIP: 1.0})) * side
-        angle = size * Changing(sigma, Causes({OF_SMOOTHING: 1.0}))
-        left = exp(-2.0 * angle.value)
-        tanh, ratio = (1.0 - left) / (1.0 + left), Changing(1.0)
-        for j, (of_share, of_rate) in zip(range(0, len(stribeck or ()), 2), COLUMNS_OF_PAIRS):
-            exponent = -size * Changing(stribeck[j + 1], Causes({of_rate: 1.0}))
-            factor = exp(exponent.value)
-            ratio = ratio + Changing(stribeck[j], Causes({of_share: 1.0})) * Changing(factor, exponent.change * factor)
-        mubar = ratio * Changing(tanh, angle.change * (1.0 - tanh * tanh)) * side
+        mubar = mubar_at(v, where(v, ">", 0.0, 1.0, -1.0), sigma, stribeck)
         law[n, FRICTION] = mubar.value
         for cause in (OF_SLIP, *numbers_of(stribeck)):
             law[n, cause] = mubar.change[cause]

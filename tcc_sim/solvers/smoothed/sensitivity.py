@@ -13,15 +13,16 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.compiling.compiled import fast
+from tcc_sim.compiling.unrolled import unrolled
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.polynomials import polynomial
 from tcc_sim.polynomials.bernstein import BERNSTEIN
 from tcc_sim.solvers import key_derivatives as of
-from tcc_sim.solvers.changes import LANES, NARROW, changed_at, end_changes, hold_phase
+from tcc_sim.solvers.changes import LANES, changed_at, end_changes, hold_phase, mubar_at, numbers_of
 from tcc_sim.solvers.collocation import DEGREE, FROM_ANGLE, FROM_SPEED, NODES, TERMS, TO_CHEBYSHEV, C
 from tcc_sim.solvers.engine import Memory, Setup
 from tcc_sim.solvers.rungs import fill_plate
-from tcc_sim.solvers.series import ANGLE, SLIP, SPEED
+from tcc_sim.solvers.series import ANGLE, SLIP, SPEED, added
 from tcc_sim.solvers.smoothed.sensitivity_series import carry_series
 from tcc_sim.solvers.smoothed.series_step import LocalFriction, law_here
 from tcc_sim.solvers.smoothed.setup import SERIES, Limits, Step
@@ -36,12 +37,28 @@ SAMPLES = 8
 """Parts of a step whose ends are compared to start Newton's method for the largest |slip speed|."""
 
 
+@unrolled
+def law_by_numbers(law: Any, slip: Any, sign: Any, sigma: Any, stribeck: Any) -> None:
+    """Fill the rows of `law` (`at_nodes` of ALONG) with the derivatives of mubar at the nodes by its numbers."""
+    mubar = mubar_at(slip.row(), sign, sigma, stribeck)
+    for cause in numbers_of(stribeck, law.shape[0]):
+        law.set_row(mubar.change[cause], cause, 0)
+
+
+@unrolled
+def change_law(nodes: Any, by: Any, law: Any, grip: Any, stribeck: Any) -> None:
+    """Add the derivatives of friction by the numbers of its law to the balance of the nodes, in every lane."""
+    for lane in range(LANES):
+        change = added([law.row(cause, 0) * by[number, lane]
+                        for cause, number in numbers_of(stribeck, law.shape[0]).items()])
+        nodes.set_row(nodes.row(lane, 0) - grip.row() * change, lane, 0)
+
+
 @fast
-def change_at_nodes(group: Any, lane: int, later: bool, level: int, sign: float, loaded: bool, limits: Limits,
-                    waves: Any, tables: Any, drive: Any, work: Any, pulsation: tuple[float, float, float] | None,
-                    stribeck: Stribeck) -> None:
-    """Fill one lane's derivatives of the torque on flywheel and plate together, and of the balance of the nodes;
-    `later` says whether numbers of the later exponentials change.
+def change_at_nodes(group: Any, lane: int, level: int, loaded: bool, limits: Limits, waves: Any, tables: Any,
+                    drive: Any, work: Any, pulsation: tuple[float, float, float] | None) -> None:
+    """Fill one lane's derivatives of the torque on flywheel and plate together, and of the balance of the nodes, those
+    by the numbers of the friction law excepted.
     """
     by, rows, turn, h = group.by, work.rows, tables.turns[level], tables.rungs[level].length
     for n in range(NODES):
@@ -63,37 +80,22 @@ def change_at_nodes(group: Any, lane: int, later: bool, level: int, sign: float,
                 cosine = drive.load_cosine * turn.cosine[n] - drive.load_sine * turn.sine[n]
                 turned = by[of.LOAD_PHASE, lane] + by[of.LOG_FREQUENCY, lane] * pulsation[1] * s
                 load += by[of.LOAD_AMPLITUDE, lane] * sine + turned * pulsation[0] * cosine
-        v, law, rising, change = work.slip[n], work.law[n], work.slope[n], 0.0
-        if stribeck is not None:
-            factor = math.exp(-stribeck[1] * sign * v)
-            ratio, steep = 1.0 + stribeck[0] * factor, stribeck[1] * stribeck[0] * factor
-            for j in range(2, len(stribeck), 2):
-                share = stribeck[j] * math.exp(-stribeck[j + 1] * sign * v)
-                ratio += share
-                steep += stribeck[j + 1] * share
-            if later:
-                for j in range(2, len(stribeck), 2):
-                    change += law / ratio * math.exp(-stribeck[j + 1] * sign * v) * (
-                        by[of.SECOND_EXCESS + j - 2, lane] - by[of.SECOND_DECAY + j - 2, lane] * stribeck[j] * sign * v)
-            fallen = law * factor / ratio
-            rising += sign * steep * law / ratio
-            change += by[of.EXCESS_RATIO, lane] * fallen - by[of.DECAY, lane] * stribeck[0] * sign * v * fallen
-        change += by[of.SMOOTHING, lane] * rising * v / limits.sigma
         plate_speed = polynomial.value(rows, SPEED, DEGREE, C[n])
         plate = polynomial.value_and_slope(rows, SPEED, DEGREE, C[n])[1] / h
         slip = polynomial.value_and_slope(rows, SLIP, DEGREE, C[n])[1] / h
         pull = -(by[of.PLATE_INERTIA, lane] * plate + by[of.DAMPING, lane] * plate_speed
                  + by[of.STIFFNESS, lane] * polynomial.value(rows, ANGLE, DEGREE, C[n]))
         group.applied[lane, n] = torque - by[of.FLYWHEEL_INERTIA, lane] * (slip + plate) + pull
-        group.nodes[lane, n] -= limits.beta * (law * load + pull) + work.grip[n] * change
+        group.nodes[lane, n] -= limits.beta * (work.law[n] * load + pull)
 
 
 @fast
 def carry_collocation(tangent: Any, place: Place, level: int, loaded: bool, limits: Limits, waves: Any, tables: Any,
                       drive: Any, work: Any, pulsation: tuple[float, float, float] | None, stribeck: Stribeck) -> None:
     """Fill the derivatives of the slip speed at the nodes of a collocation step."""
-    rung, later = tables.rungs[level], tangent.along.law.shape[1] > NARROW
+    rung, law = tables.rungs[level], tangent.along.at_nodes
     law_at_nodes(place, limits.sigma, stribeck, work)
+    law_by_numbers(0, law, work.slip, place.sign, limits.sigma, stribeck)
     from_angle, from_speed = tables.sources[level, FROM_ANGLE].balance, tables.sources[level, FROM_SPEED].balance
     for i in range(tangent.groups.shape[0]):
         group = tangent.groups[i]
@@ -103,11 +105,12 @@ def carry_collocation(tangent: Any, place: Place, level: int, loaded: bool, limi
             for n in range(NODES):
                 nodes[lane, n] = now[1, lane] * from_angle[n] + w * from_speed[n] + now[0, lane] * rung.start[n]
             if group.forced & (1 << lane):
-                change_at_nodes(group, lane, later, level, place.sign, loaded, limits, waves, tables, drive, work,
-                                pulsation, stribeck)
+                change_at_nodes(group, lane, level, loaded, limits, waves, tables, drive, work, pulsation)
                 for m in range(NODES):
                     for n in range(NODES):
                         nodes[lane, m] += tables.torque[level, m, n] * group.applied[lane, n]
+        if group.forced != 0:
+            change_law(0, nodes, group.by, law, work.grip, stribeck)
         eliminate_rows(0, nodes, rung.coupling, work.grip, work.slope)
 
 
