@@ -20,17 +20,9 @@ from tcc_sim.compiling.unrolled import unrolled, where
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.profile import LOAD, TORQUE
 from tcc_sim.solvers import key_derivatives as of
-from tcc_sim.solvers.changes import (
-    CHANGES,
-    FRICTION,
-    LANES,
-    NUMBERS_OF_ALL,
-    OF_SLIP,
-    linear_of,
-    mubar_at,
-    numbers_of,
-)
+from tcc_sim.solvers.changes import CHANGES, LANES, linear_of
 from tcc_sim.solvers.fixed_step import GAMMA, plate_of, stage, stages
+from tcc_sim.solvers.law_changes import FRICTION, NUMBERS_OF_ALL, OF_SLIP, mubar_at, numbers_of
 from tcc_sim.solvers.series import added
 from tcc_sim.solvers.terms import Terms
 from tcc_sim.solvers.torques import break_after
@@ -44,9 +36,7 @@ def text_of(kernel: Callable[..., Any], **names: Any) -> Callable[..., Any]:
 
 
 def law_of_stages(law: Any, speeds: Any, sigma: Any, stribeck: Any) -> None:
-    """Fill the rows of `law` with mubar and its derivatives, in the columns of `changes`, at three slip speeds; staged
-    function.
-    """
+    """Fill the rows of `law` with mubar and its derivatives at three slip speeds; staged function."""
     for n, v in enumerate(speeds):
         mubar = mubar_at(v, where(v, ">", 0.0, 1.0, -1.0), sigma, stribeck)
         law[n, FRICTION] = mubar.value

@@ -22,7 +22,6 @@ from tcc_sim.model.friction import Stribeck
 from tcc_sim.polynomials import polynomial
 from tcc_sim.solvers.changes import (
     LANES,
-    NARROW,
     Rows,
     carry_slip,
     changed_at,
@@ -39,6 +38,7 @@ from tcc_sim.solvers.event_driven.setup import Bounds
 from tcc_sim.solvers.event_driven.step import FALLING_ORDER, Step, monotone, stuck
 from tcc_sim.solvers.excitation import Pulsation
 from tcc_sim.solvers.key_derivatives import BREAKAWAY
+from tcc_sim.solvers.law_changes import NARROW
 from tcc_sim.solvers.series import INVERSE, SLIP
 from tcc_sim.solvers.terms import Terms
 from tcc_sim.trajectory import FREE, STICK

@@ -18,9 +18,10 @@ from tcc_sim.model.friction import Stribeck
 from tcc_sim.polynomials import polynomial
 from tcc_sim.polynomials.bernstein import BERNSTEIN
 from tcc_sim.solvers import key_derivatives as of
-from tcc_sim.solvers.changes import LANES, changed_at, end_changes, hold_phase, mubar_at, numbers_of
+from tcc_sim.solvers.changes import LANES, changed_at, end_changes, hold_phase
 from tcc_sim.solvers.collocation import DEGREE, FROM_ANGLE, FROM_SPEED, NODES, TERMS, TO_CHEBYSHEV, C
 from tcc_sim.solvers.engine import Memory, Setup
+from tcc_sim.solvers.law_changes import mubar_at, numbers_of
 from tcc_sim.solvers.rungs import fill_plate
 from tcc_sim.solvers.series import ANGLE, SLIP, SPEED, added
 from tcc_sim.solvers.smoothed.sensitivity_series import carry_series
