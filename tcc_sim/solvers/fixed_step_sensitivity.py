@@ -29,7 +29,7 @@ from tcc_sim.solvers.torques import break_after
 from tcc_sim.trajectory import Floats
 
 
-def text_of(kernel: Callable[..., Any], **names: Any) -> Callable[..., Any]:
+def rebound(kernel: Callable[..., Any], **names: Any) -> Callable[..., Any]:
     """Return the Python function of a kernel, with other objects for some of the names in it."""
     function = cast(Kernel, kernel).py_func
     return FunctionType(function.__code__, {**function.__globals__, **names})
@@ -70,9 +70,9 @@ def changed_step(now: Any, by: Any, law: Any, start: Any, speeds: Any, torques: 
     names = {"scalar_root": root, "torques_now": lambda *_: next(applied), "piece_at": lambda *_: 0}
     time = Changing(h)
     inertias: Any = linear_of(linear, by)
-    plate = text_of(plate_of)(time * GAMMA, inertias)
+    plate = rebound(plate_of)(time * GAMMA, inertias)
     state = [Changing(number, now.row(i)) for i, number in enumerate(start)]
-    found = text_of(stages, stage=text_of(stage, **names), **names)(
+    found = rebound(stages, stage=rebound(stage, **names), **names)(
         *state, 0.0, time, plate, Terms(inertias, 0.0, None, None, 0.0, None, None, None))
     for i, number in enumerate(found[10:13]):
         now.set_row(number.change, i)
