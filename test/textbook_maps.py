@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tcc_sim.continuation.problem import NO_MARGINS, Floats, Image, Margins, Observation, Values
+from tcc_sim.continuation.problem import Floats, Image, Margins, Observation, Values
 
 Step = Callable[[Floats, Values], tuple[Floats, Floats, Floats]]
 
@@ -44,7 +44,7 @@ class TextbookMap:
         return Observation(largest, 0.0, "", (largest,) * cycles)
 
     def margins(self, x: Floats, values: Values, first: int, cycles: int) -> Margins:
-        return NO_MARGINS
+        return {}
 
 
 def henon(x: Floats, p: Values) -> tuple[Floats, Floats, Floats]:

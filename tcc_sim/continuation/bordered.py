@@ -13,21 +13,21 @@ change of the event sequence is the margin that vanishes there.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.continuation.newton import multipliers_of
-from tcc_sim.continuation.problem import FAILURES, Floats, Margins
-from tcc_sim.continuation.shooting import Linearised, Shooting
-from tcc_sim.continuation.sliding import differ, margin_of
+from tcc_sim.continuation.problem import FAILURES, Floats, Margin, Margins
+from tcc_sim.continuation.shooting import Linearised, Shooting, segment_starts
+from tcc_sim.continuation.sliding import MARGINS, differ
 
 Vectors = NDArray[Any]
 """Real or complex, (m, n): one for every segment."""
 
 
-class BorderedSystem(Protocol):
+class Bordered:
     """An orbit's equations and further ones, as many as unknowns.
 
     shooting : the equations of the orbit
@@ -36,53 +36,48 @@ class BorderedSystem(Protocol):
     """
 
     shooting: Shooting
-    left: float
     finest: float
+    left: float = 0.0
 
     def linearise(self, u: Floats) -> Linearised:
         """Residual and Jacobian; the orbit's equations come first."""
+        raise NotImplementedError
 
+    def solved(self, u: Floats, reach: float = np.inf) -> tuple[Floats, Linearised, float] | None:
+        """The solution near `u`, the linearisation beside it, and its error (last step, or residual of the scalar).
 
-class BorderedSolution(NamedTuple):
-    """A solution: its unknowns, the linearisation beside it, and its error (last step, or residual of the scalar)."""
-
-    u: Floats
-    found: Linearised
-    error: float
-
-
-def newton_on(system: BorderedSystem, u: Floats, reach: float = np.inf) -> BorderedSolution | None:
-    """The solution of a bordered system near `u`; None where Newton's method fails or goes further than `reach`."""
-    settings, size, start = system.shooting.settings, system.shooting.size, u
-    try:
-        found = system.linearise(u)
-        for _ in range(settings.border_iterations):
-            value = float(np.abs(found.residual[size:]).max())
-            if value <= settings.border and float(np.abs(found.residual).max()) <= settings.border_residual:
-                return BorderedSolution(u, found, value)
-            aim = -found.residual
-            if value > settings.border:
-                aim[size:] *= 1.0 - system.left
-            step: Any = np.linalg.solve(found.jacobian, aim)
-            length = float(np.linalg.norm(step))
-            if length <= system.finest and value > settings.border:
-                return BorderedSolution(u + step, found, length)
-            new = None
-            for part in settings.newton_parts:
-                try:
-                    new = system.linearise(u + part * step)
-                except FAILURES:
-                    continue
-                if float(np.abs(new.residual[size:]).max()) <= 2.0 * value + settings.border:
-                    break
-            else:
-                return None
-            u, found = u + part * step, new
-            if float(np.linalg.norm(u - start)) > reach:
-                return None
-    except FAILURES:
+        None where Newton's method fails or goes further than `reach`.
+        """
+        settings, size, start = self.shooting.settings, self.shooting.size, u
+        try:
+            found = self.linearise(u)
+            for _ in range(settings.border_iterations):
+                value = float(np.abs(found.residual[size:]).max())
+                if value <= settings.border and float(np.abs(found.residual).max()) <= settings.border_residual:
+                    return u, found, value
+                aim = -found.residual
+                if value > settings.border:
+                    aim[size:] *= 1.0 - self.left
+                step: Any = np.linalg.solve(found.jacobian, aim)
+                length = float(np.linalg.norm(step))
+                if length <= self.finest and value > settings.border:
+                    return u + step, found, length
+                new = None
+                for part in settings.newton_parts:
+                    try:
+                        new = self.linearise(u + part * step)
+                    except FAILURES:
+                        continue
+                    if float(np.abs(new.residual[size:]).max()) <= 2.0 * value + settings.border:
+                        break
+                else:
+                    return None
+                u, found = u + part * step, new
+                if float(np.linalg.norm(u - start)) > reach:
+                    return None
+        except FAILURES:
+            return None
         return None
-    return None
 
 
 def cyclic(blocks: Floats, mu: complex) -> Vectors:
@@ -106,14 +101,13 @@ def bordered(a: Vectors, b: Vectors, c: Vectors) -> tuple[Vectors, Vectors, Vect
     return right[:q].T, left[:d], right[q]
 
 
-class MinimallyAugmented:
+class MinimallyAugmented(Bordered):
     """An orbit and the scalar g of a fold, a doubling or a Neimark-Sacker bifurcation, whose angle is an unknown.
 
     One free parameter makes it a system with as many equations as unknowns, two make it a curve.
     """
 
     rounding: ClassVar[float] = 1e-9
-    left: float = 0.0
 
     def __init__(self, kind: str, shooting: Shooting, z: Floats) -> None:
         self.kind, self.shooting = kind, shooting
@@ -195,10 +189,8 @@ class MinimallyAugmented:
         return np.concatenate([np.einsum("ki,kij->kj", w, blocks).ravel(), w.ravel() @ parameters])
 
 
-class BranchPoint:
+class BranchPoint(Bordered):
     """A point where two branches cross: G + beta b = 0 and two scalars, as the Jacobian has one rank less there."""
-
-    left: float = 0.0
 
     def __init__(self, shooting: Shooting, z: Floats) -> None:
         self.shooting, self.finest, self.start = shooting, shooting.settings.located, np.append(z, 0.0)
@@ -215,14 +207,14 @@ class BranchPoint:
         return found._replace(residual=np.append(found.residual + u[-1] * self.b, g), jacobian=jacobian)
 
 
-class VanishingMargin:
+class VanishingMargin(Bordered):
     """An orbit and the margin that vanishes where its event sequence changes.
 
     It is regular up to the border, from the side on which the margin is defined.
     """
 
     def __init__(self, shooting: Shooting, kind: str) -> None:
-        self.shooting, self.name, self.events = shooting, margin_of(kind), ""
+        self.shooting, self.name, self.events = shooting, MARGINS[kind], ""
         settings = shooting.settings
         self.left = 0.0 if self.name == "arrival" else settings.border_left
         self.finest = settings.border_finest
@@ -234,33 +226,25 @@ class VanishingMargin:
             self.events = self.events or found.seen.events
             if differ(found.seen.events, self.events):
                 raise ArithmeticError("the event sequence has changed")
-        near = nearest_margins(self.shooting, z)
-        if self.name not in near.slopes:
+        margin = nearest_margins(self.shooting, z).get(self.name)
+        if margin is None:
             raise ArithmeticError("the motion has no such margin")
-        return found._replace(residual=np.append(found.residual, getattr(near, self.name)),
-                              jacobian=np.vstack([found.jacobian, near.slopes[self.name]]))
+        return found._replace(residual=np.append(found.residual, margin.value),
+                              jacobian=np.vstack([found.jacobian, margin.slopes]))
 
 
 def nearest_margins(shooting: Shooting, z: Floats) -> Margins:
-    """The margins of an orbit over all segments, with their known derivatives by the scaled unknowns."""
+    """The margins of an orbit that are least in size over all segments, with derivatives by the scaled unknowns."""
     nodes, values, n, size = shooting.nodes(z), shooting.values(z), shooting.map.dimension, shooting.size
-    widths = np.array([w.width(float(u)) for w, u in zip(shooting.ranges, z[size:])])
-    least, slopes = dict.fromkeys(("grazing", "arrival", "stick"), np.inf), dict[str, Floats]()
-    grows, first = False, 0.0
-    for k, length in enumerate(shooting.segments):
-        found = shooting.map.margins(nodes[k], values, first, length)
-        first += length
-        for name in least:
-            value = float(getattr(found, name))
-            if not abs(value) < abs(least[name]):
-                continue
-            least[name] = value
-            grows = found.arrival_grows if name == "arrival" else grows
-            if name in found.slopes:
-                slopes[name] = np.zeros(len(z))
-                slopes[name][k * n:k * n + n] = found.slopes[name][:n] * shooting.map.scales
-                slopes[name][size:] = found.slopes[name][n:] * widths
-    return Margins(least["grazing"], least["arrival"], grows, least["stick"], slopes)
+    out: dict[str, Margin] = {}
+    for k, (first, length) in enumerate(zip(segment_starts(shooting.segments), shooting.segments)):
+        for name, found in shooting.map.margins(nodes[k], values, first, length).items():
+            if name not in out or abs(found.value) < abs(out[name].value):
+                slopes = np.zeros(len(z))
+                slopes[k * n:k * n + n] = found.slopes[:n] * shooting.map.scales
+                slopes[size:] = found.slopes[n:] * shooting.widths(z)
+                out[name] = found._replace(slopes=slopes)
+    return out
 
 
 def _parts(v: Vectors) -> list[tuple[complex, Floats]]:

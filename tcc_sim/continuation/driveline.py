@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.continuation.problem import NO_MARGINS, Floats, Image, Margins, Observation, Values
+from tcc_sim.continuation.problem import Floats, Image, Margin, Margins, Observation, Values
 from tcc_sim.continuation.settings import DEFAULTS as SETTINGS
 from tcc_sim.errors import InputError
 from tcc_sim.model.elements import list_of
@@ -115,12 +115,11 @@ class DrivelineMap:
         of, system = self._prepare(values), self.system_at(values)
         found = of.over(self._settled(x), first, first + cycles, margins=True).margins if self.piecewise else None
         if found is None:
-            return NO_MARGINS
+            return {}
         strength = system.friction_ratio * (system.saturation_mean + abs(system.saturation_amplitude))
         sizes = {"grazing": (GRAZING, self.amplitude_scale), "arrival": (ARRIVAL, strength), "stick": (STUCK, strength)}
-        slopes = {name: found[row, GRADIENT:] / size for name, (row, size) in sizes.items()}
-        grazing, arrival, stick = (float(found[row, VALUE]) / size for row, size in sizes.values())
-        return Margins(grazing, arrival, bool(found[ARRIVAL, GROWS]), stick, slopes)
+        return {name: Margin(float(found[row, VALUE]) / size, found[row, GRADIENT:] / size, bool(found[row, GROWS]))
+                for name, (row, size) in sizes.items() if math.isfinite(found[row, VALUE])}
 
     def _settled(self, x: Floats) -> Floats:
         """`x`, where the set-valued law sets a slip speed of rounding to 0."""

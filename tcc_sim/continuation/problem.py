@@ -6,7 +6,6 @@ A textbook map is one instance, a scene of the driveline another (`DrivelineMap`
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -52,22 +51,25 @@ class Image(NamedTuple):
         return self.derivatives[:, :len(self.value)]
 
 
-@dataclass(frozen=True)
-class Margins:
-    """Distances of a motion from changes of its event sequence, each relative to a natural size; inf for none.
+class Margin(NamedTuple):
+    """Distance of a motion from a change of its event sequence, relative to a natural size.
 
-    grazing : smallest |slip speed| at an extremum within slip
-    arrival : r Ts - |lambda| where slip ends, the one nearest to 0, negative where slip goes on the other way
-    arrival_grows : whether stick's margin grows there
-    stick : smallest margin r Ts - |lambda| at a minimum within stick
-    slopes : known derivatives of these by the state and the free parameters (n + P,), by name
+    slopes : (n + P,) derivatives of the value by the state and the free parameters
+    grows : whether stick's margin grows where slip ends
     """
 
-    grazing: float
-    arrival: float
-    arrival_grows: bool
-    stick: float
-    slopes: Mapping[str, Floats] = field(default_factory=dict)
+    value: float
+    slopes: Floats
+    grows: bool = False
+
+
+Margins = Mapping[str, Margin]
+"""Margins of a motion that has them, by name.
+
+grazing : smallest |slip speed| at an extremum within slip
+arrival : r Ts - |lambda| where slip ends, the one nearest to 0, negative where slip goes on the other way
+stick : smallest margin r Ts - |lambda| at a minimum within stick
+"""
 
 
 class ParameterMap(Protocol):
@@ -109,6 +111,5 @@ class ParameterMap(Protocol):
         """Distances of these cycles from another event sequence."""
 
 
-NO_MARGINS = Margins(np.inf, np.inf, False, np.inf)
 FAILURES = (ArithmeticError, ValueError, np.linalg.LinAlgError)
 """Exceptions of a map where it has no value; continuation then takes a smaller step."""

@@ -116,6 +116,10 @@ class Shooting:
         """The free parameters of a point."""
         return tuple([w.value(u) for w, u in zip(self.ranges, z[self.size:].tolist())])
 
+    def widths(self, z: Floats) -> list[float]:
+        """Change of each free parameter per unit of its unknown."""
+        return [w.width(u) for w, u in zip(self.ranges, z[self.size:].tolist())]
+
     def nodes(self, z: Floats) -> Floats:
         """(m, n) states at the starts of the segments."""
         return np.asarray(z[:self.size].reshape(-1, self.map.dimension) * self.map.scales)
@@ -130,8 +134,7 @@ class Shooting:
         n, size, scales, count = self.map.dimension, self.size, self.map.scales, len(self.segments)
         values, nodes = self.values(z), self.nodes(z)
         images = self.map.evaluate_each(nodes, values, segment_starts(self.segments), self.segments)
-        widths = [w.width(u) for w, u in zip(self.ranges, z[size:].tolist())]
-        sizes, units = unknowns_sizes(tuple(scales.tolist()), tuple(widths))
+        sizes, units = unknowns_sizes(tuple(scales.tolist()), tuple(self.widths(z)))
         parts = np.array([image.derivatives for image in images]) * units
         blocks, ends, following = parts[..., :n], images[0].value, nodes[0]
         if count == 1:

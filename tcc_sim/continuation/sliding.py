@@ -7,6 +7,9 @@ changes nothing.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 from tcc_sim.continuation.problem import Margins
 from tcc_sim.continuation.settings import DEFAULTS
 
@@ -49,35 +52,29 @@ def _replaced(text: str, pattern: str, by: str) -> set[str]:
     return out
 
 
-def kind_of_change(before: str, after: str, near: tuple[Margins, Margins]) -> str:
+MARGINS = {"adding_sliding": "stick", "grazing_sliding": "grazing", "crossing_sliding": "arrival",
+           "switching_sliding": "arrival", "stick_border": "stick"}
+"""By kind, the margin that vanishes."""
+
+
+def kind_of_change(before: str, after: str, near: Sequence[Margins]) -> str:
     """The kind of bifurcation between two event sequences with margins `near` it; the smallest decides between several.
     """
-    one, two = ring(before), ring(after)
-    longer, shorter = (one, two) if len(one) >= len(two) else (two, one)
+    longer, shorter = sorted((ring(before), ring(after)), key=len, reverse=True)
     if shorter == "S":
         return "stick_border"
+    # Both an interval of slip and one of stick that vanish make S+S of S+S+S.
     kinds = [kind for kind, rules in RULES.items() if _reduced(longer, rules, shorter)]
-    if kinds:
-        # Both an interval of slip and one of stick that vanish make S+S of S+S+S.
-        return min(kinds, key=lambda kind: margin_residual(kind, near))
-    grazing, arrival = min(m.grazing for m in near), min(abs(m.arrival) for m in near)
-    stick = min(abs(m.stick) for m in near)
-    if stick <= min(grazing, arrival):
-        return "adding_sliding"
-    if grazing <= arrival:
-        return "grazing_sliding"
-    least = min(near, key=lambda m: abs(m.arrival))
-    return "switching_sliding" if least.arrival_grows else "crossing_sliding"
+    kind = min(kinds or list(RULES)[:3], key=lambda kind: margin_residual(kind, near))
+    if kinds or kind != "crossing_sliding":
+        return kind
+    arrival = min((m["arrival"] for m in near if "arrival" in m), key=lambda m: abs(m.value))
+    return "switching_sliding" if arrival.grows else kind
 
 
-def margin_of(kind: str) -> str:
-    """The margin that vanishes at a bifurcation of this kind, by name."""
-    return {"grazing_sliding": "grazing", "adding_sliding": "stick", "stick_border": "stick"}.get(kind, "arrival")
-
-
-def margin_residual(kind: str, near: tuple[Margins, ...]) -> float:
+def margin_residual(kind: str, near: Sequence[Margins]) -> float:
     """The least size of the margin that vanishes at a bifurcation of this kind, relative to its natural size."""
-    return min(abs(float(getattr(m, margin_of(kind)))) for m in near)
+    return min((abs(m[MARGINS[kind]].value) for m in near if MARGINS[kind] in m), default=math.inf)
 
 
 def differ(one: str, two: str) -> bool:

@@ -21,7 +21,6 @@ from tcc_sim.continuation.bordered import (
     MinimallyAugmented,
     VanishingMargin,
     nearest_margins,
-    newton_on,
 )
 from tcc_sim.continuation.bracket import Bracket, CurvePoint, turned_round
 from tcc_sim.continuation.newton import Orbit, OrbitState, orbit_at
@@ -29,7 +28,7 @@ from tcc_sim.continuation.palc import Solution, oriented, solution_at, tangent_o
 from tcc_sim.continuation.problem import FAILURES, Margins
 from tcc_sim.continuation.settings import DEFAULTS
 from tcc_sim.continuation.shooting import Shooting
-from tcc_sim.continuation.sliding import differ, kind_of_change, margin_of, margin_residual, ring
+from tcc_sim.continuation.sliding import MARGINS, differ, kind_of_change, margin_residual, ring
 from tcc_sim.result import Described, reported, reporting
 
 SMOOTH = ("fold", "period_doubling", "neimark_sacker", "branch_point")
@@ -157,10 +156,10 @@ def branch_point(near: ContinuationPoint) -> ContinuationPoint | None:
     shooting, settings = near.shooting, near.shooting.settings
     try:
         system = BranchPoint(shooting, near.solution.z)
-        found = newton_on(system, system.start, settings.branch_point_reach)
-        if found is None or abs(found.u[-1]) > settings.branch_point_defect:
+        found = system.solved(system.start, settings.branch_point_reach)
+        if found is None or abs(found[0][-1]) > settings.branch_point_defect:
             return None
-        z = found.u[:-1]
+        z = found[0][:-1]
         return point_at(shooting, solution_at(z, shooting.linearise(z), near.solution.tangent))
     except FAILURES:
         return None
@@ -225,20 +224,21 @@ def observed(point: ContinuationPoint) -> ContinuationPoint:
 def _on_border(kind: str, left: ContinuationPoint, right: ContinuationPoint,
                near: tuple[Margins, Margins]) -> Bifurcation | None:
     """The border between two points by Newton's method on its margin; None where that fails."""
-    name = margin_of(kind)
-    sides = [(s, m) for s, m in zip((left, right), near) if name in m.slopes]
+    name = MARGINS[kind]
+    sides = [(s, m[name]) for s, m in zip((left, right), near) if name in m]
     if not sides:
         return None
     # The margin that is to vanish belongs to the side without the event that it would make.
-    start, _ = min(sides, key=lambda side: (len(ring(side[0].orbit.seen.events)), abs(getattr(side[1], name))))
+    start, _ = min(sides, key=lambda side: (len(ring(side[0].orbit.seen.events)), abs(side[1].value)))
     shooting, size = start.shooting, start.shooting.size
     apart = max(float(np.linalg.norm(right.solution.z - left.solution.z)), 1e-9)
-    solved = newton_on(VanishingMargin(shooting, kind), start.solution.z, shooting.settings.border_astray * apart)
+    solved = VanishingMargin(shooting, kind).solved(start.solution.z, shooting.settings.border_astray * apart)
     if solved is None:
         return None
-    found = solved.found._replace(residual=solved.found.residual[:size], jacobian=solved.found.jacobian[:size])
-    point = point_at(shooting, solution_at(solved.u, found, tangent_of(found, start.solution.tangent)))
-    return Bifurcation(kind, point, max(solved.error, point.orbit.residual))
+    z, found, error = solved
+    found = found._replace(residual=found.residual[:size], jacobian=found.jacobian[:size])
+    point = point_at(shooting, solution_at(z, found, tangent_of(found, start.solution.tangent)))
+    return Bifurcation(kind, point, max(error, point.orbit.residual))
 
 
 def special_points_between(a: ContinuationPoint, b: ContinuationPoint) -> list[Bifurcation] | None:
@@ -278,12 +278,13 @@ def period_doubling_end(here: ContinuationPoint, new: ContinuationPoint) -> Cont
             near = simple.unknowns((here.orbit.section + 0.5 * one * of.scales)[None], here.orbit.values)
             whole = Shooting.single(of, period, *shooting.ranges, settings=shooting.settings)
             try:
-                solved = newton_on(MinimallyAugmented("period_doubling", simple, near), near)
-                found = None if solved is None else whole.linearise(solved.u)
+                solved = MinimallyAugmented("period_doubling", simple, near).solved(near)
+                if solved is None or not np.abs(solved[0] - near).max() < shooting.settings.halves_reach:
+                    return here
+                found = whole.linearise(solved[0])
             except FAILURES:
                 return here
-            if solved is None or found is None or float(np.abs(found.residual).max()) > shooting.settings.residual or (
-                    not np.abs(solved.u - near).max() < shooting.settings.halves_reach):
+            if float(np.abs(found.residual).max()) > shooting.settings.residual:
                 return here
-            return point_at(whole, solution_at(solved.u, found, shooting.outer(here.solution.tangent)))
+            return point_at(whole, solution_at(solved[0], found, shooting.outer(here.solution.tangent)))
     return None

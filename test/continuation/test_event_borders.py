@@ -1,12 +1,13 @@
 """Kinds of change of the event sequence, and Den Hartog's oscillator as a map with saltation."""
 
 
+import numpy as np
 import pytest
 
-from tcc_sim.continuation.problem import NO_MARGINS, Margins
+from tcc_sim.continuation.problem import Margin
 from tcc_sim.continuation.sliding import differ, kind_of_change, ring
 
-NEAR = (NO_MARGINS, NO_MARGINS)
+NEAR = ({}, {})
 
 
 def test_sequences_are_rings() -> None:
@@ -29,5 +30,5 @@ def test_the_change_of_a_sequence_names_its_kind(before: str, after: str, kind: 
 
 
 def test_the_smallest_margin_decides_where_several_events_change() -> None:
-    near = Margins(1e-9, 0.2, False, 0.3)
-    assert kind_of_change("+S-", "+S-S+S-S+-", (near, NO_MARGINS)) in ("grazing_sliding", "adding_sliding")
+    near = {name: Margin(size, np.zeros(2)) for name, size in (("grazing", 1e-9), ("arrival", 0.2), ("stick", 0.3))}
+    assert kind_of_change("+S-", "+S-S+S-S+-", (near, {})) == "grazing_sliding"
