@@ -47,7 +47,7 @@ MEASURING = "cli.measuring"
 HEAVY = ["numpy", "numba", "scipy", "yaml", "mcap", "zstandard", "lz4", "rclpy", "rerun", "matplotlib", "distributed",
          "tqdm"]
 GROWING = ["analysis.stream.RunCycles", "benchmarks.precision_report.StudiedScene", "benchmarks.references.Law",
-           "continuation.branch.Branch", "continuation.motions.Motions", "continuation.palc.StepSize",
+           "continuation.branch.Branch", "continuation.motions.Motions",
            "paper.evidence.Evidence", "paper.stable_motions.StableMotions", "recording.contents.Contents",
            "recording.mcap_file.FileSummary",
            "recording.records.RecordStream", "recording.stamps._Run", "recording.stamps.StampCounter"]

@@ -12,7 +12,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from tcc_sim.continuation.palc import FLAT, AmplitudeRow, Equations, Solution, corrector
+from tcc_sim.continuation.palc import FLAT, Equations, Solution, corrector
 from tcc_sim.continuation.problem import Floats
 from tcc_sim.continuation.settings import DEFAULTS
 from tcc_sim.errors import NumericalFailure
@@ -25,10 +25,12 @@ class CurvePoint(Described):
 
     solution: Solution
     equations: Equations
+    by_amplitude: bool = field(default=True, kw_only=True)
+    """Whether the amplitudes were coordinates of the arclength on the step to this point."""
 
-    def moved(self: P, solution: Solution) -> P:
+    def moved(self: P, solution: Solution, by_amplitude: bool = True) -> P:
         """The point of another solution of the same equations."""
-        return replace(self, solution=solution)
+        return replace(self, solution=solution, by_amplitude=by_amplitude)
 
 
 P = TypeVar("P", bound=CurvePoint)
@@ -58,8 +60,8 @@ class Bracket(Generic[P]):
             return self.kept[part]
         start, plane, low, high = None, FLAT, p.found.amplitudes, q.found.amplitudes
         if self.by_amplitude and len(low) and len(low) == len(high):
-            guess, plane = p.z + part * chord, AmplitudeRow((high - low) / length, low + part * (high - low))
-            start = self._start(part, chord / length, plane.weights)
+            guess, plane = p.z + part * chord, ((high - low) / length, low + part * (high - low))
+            start = self._start(part, chord / length, plane[0])
         else:
             guess = _hermite(p.z, q.z, p.tangent * length, q.tangent * length, part)
         found = corrector(self.a.equations, guess, chord / length, plane, start=start)

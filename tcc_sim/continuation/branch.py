@@ -15,7 +15,7 @@ import numpy as np
 
 from tcc_sim.continuation.bracket import Bracket
 from tcc_sim.continuation.branch_track import BranchTrack
-from tcc_sim.continuation.follow import End, StopReason, follow
+from tcc_sim.continuation.follow import End, StopReason
 from tcc_sim.continuation.newton import Orbit, OrbitFigures, shifts
 from tcc_sim.continuation.palc import corrector, null_direction, solution_at
 from tcc_sim.continuation.problem import Floats
@@ -104,7 +104,7 @@ def branch_through(first: ContinuationPoint, origin: BranchOrigin = START, numbe
     ahead, behind = tracks[0], tracks[-1]
     try:
         for track in tracks:
-            for point in follow(track):
+            for point in track.follow():
                 if tick is not None:
                     tick(point)
             if track.ended.reason is StopReason.CLOSED:

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from tcc_sim.continuation.follow import Continuation, End, StopReason, segments_fit
+from tcc_sim.continuation.bracket import CurvePoint
+from tcc_sim.continuation.follow import Continuation, End, StopReason
 from tcc_sim.continuation.newton import newton, shifts
-from tcc_sim.continuation.palc import (
-    Solution,
-    StepSize,
-    next_solution,
-    null_direction,
-    oriented,
-    solution_at,
-    tangent_of,
-)
+from tcc_sim.continuation.palc import null_direction, oriented, solution_at, tangent_of
 from tcc_sim.continuation.problem import FAILURES, Floats
 from tcc_sim.continuation.shooting import Linearised
 from tcc_sim.continuation.sliding import differ
@@ -46,10 +41,6 @@ class BranchTrack(Continuation[ContinuationPoint, Bifurcation]):
             out.append((np.concatenate([shifted / of.scales, z[size:]]), way / float(np.linalg.norm(way))))
         return out
 
-    def reached(self, solution: Solution, by_amplitude: bool = True) -> ContinuationPoint:
-        """The point of a solution after the last point."""
-        return point_at(self.here.shooting, solution, by_amplitude)
-
     def unresolved(self, new: ContinuationPoint) -> End | None:
         """The end before a point with a multiplier that double precision does not resolve."""
         if abs(new.orbit.multipliers[0]) <= self.settings.canard:
@@ -71,9 +62,7 @@ class BranchTrack(Continuation[ContinuationPoint, Bifurcation]):
                     span.scaled(self.special[-1][1].value) - span.scaled(shorter.value)) < self.settings.same_end:
                 self.special.pop()
             return shorter, special, stop or self.end(StopReason.DOUBLING, shorter)
-        if self.passes_start(new):
-            return self.points[0], special, stop or self.end(StopReason.CLOSED, self.points[0])
-        return new, special, stop
+        return super().ended_by(new, special, stop)
 
     def stuck(self) -> End | None:
         """The end where some length of the branch has motions with a multiplier of 1 at one parameter."""
@@ -93,9 +82,8 @@ class BranchTrack(Continuation[ContinuationPoint, Bifurcation]):
         here = self.here
         super().went_on(before, corner or (before.shooting.map.piecewise
                                            and differ(before.orbit.seen.events, here.orbit.seen.events)))
-        finer = None if corner else remeshed(here, len(self.points))
-        if finer is not None:
-            self.points[-1], self.before = finer, []
+        if not corner:
+            self._remesh()
 
     def cut_anew(self) -> bool:
         """Cut the orbit into other segments where no step succeeds; return whether there are any."""
@@ -104,11 +92,32 @@ class BranchTrack(Continuation[ContinuationPoint, Bifurcation]):
         # two, with either law.
         if self.cut_at == len(self.points):
             return False
-        self.cut_at, here = len(self.points), self.here
-        other = remeshed(here, len(self.points), anew=True)
-        if other is None or other.shooting.segments == here.shooting.segments:
+        self.cut_at = len(self.points)
+        if not self._remesh(anew=True):
             return False
-        self.points[-1], self.step_size.length, self.before = other, here.shooting.settings.flat_step, []
+        self.length = self.settings.flat_step
+        return True
+
+    def _remesh(self, anew: bool = False) -> bool:
+        """Cut the last orbit into other segments where the growth over one is large, or `anew`; now and then fewer."""
+        here, shooting, settings = self.here, self.here.shooting, self.here.shooting.settings
+        blocks, count = here.solution.found.blocks, len(shooting.segments)
+        fewer = count > 1 and len(self.points) % settings.fewer_after == 0
+        if shooting.keeps_segments(blocks, settings.regrowth, fewer or anew):
+            return False
+        finer, z = shooting.cut(here.solution.z)
+        if len(finer.segments) == count and not anew and shooting.keeps_segments(blocks, settings.regrowth, False):
+            return False
+        if anew and finer.segments == shooting.segments:
+            return False
+        polished = newton(finer, z)
+        if polished is None:
+            return False
+        found = finer.linearise(polished)
+        along, n = np.zeros(len(z)), shooting.map.dimension
+        along[:n], along[-1] = here.solution.tangent[:n], here.solution.tangent[-1]
+        self.points[-1] = point_at(finer, solution_at(polished, found, tangent_of(found, along)))
+        self.before = []
         return True
 
     def beyond_corner(self) -> ContinuationPoint | None:
@@ -134,37 +143,17 @@ class BranchTrack(Continuation[ContinuationPoint, Bifurcation]):
         """The next point beyond a corner at the last one; None where none is found."""
         # found : derivative `beside` the corner; where it belongs to neither piece, the one along the other piece
         here, shooting, z = self.here, self.here.shooting, self.here.solution.z
+        settings = replace(shooting.settings, first_step=beside, smallest_step=self.settings.corner_step)
         for known in (found, None):
-            short = StepSize(shooting.settings, length=beside, smallest=shooting.settings.corner_step)
             try:
                 start = known or shooting.linearise(z + beside * along)
-                moved = next_solution(shooting, solution_at(z, start, tangent_of(start, along)), [], short, False)
-                new = None if moved is None else point_at(shooting, moved, False)
+                short: Continuation[CurvePoint, None] = Continuation(CurvePoint(
+                    solution_at(z, start, tangent_of(start, along)), replace(shooting, settings=settings)))
+                moved = short.step(by_amplitude=False)
+                new = None if moved is None else here.moved(moved, by_amplitude=False)
             except FAILURES:
                 continue
             if new is not None and new.orbit.seen.events != here.orbit.seen.events:
-                self.step_size.length = short.length
+                self.length = short.length
                 return new
         return None
-
-
-def remeshed(point: ContinuationPoint, count: int, anew: bool = False) -> ContinuationPoint | None:
-    """The point in other segments where the growth over one is large, or `anew`; None where the segments stay.
-
-    count : number of points so far; fewer segments are tried now and then
-    """
-    shooting, blocks = point.shooting, point.solution.found.blocks
-    fewer = len(shooting.segments) > 1 and count % shooting.settings.fewer_after == 0
-    if segments_fit(shooting, blocks, shooting.settings, fewer or anew):
-        return None
-    finer, z = shooting.cut(point.solution.z)
-    if len(finer.segments) == len(shooting.segments) and (
-            not anew and segments_fit(shooting, blocks, shooting.settings, False)):
-        return None
-    polished = newton(finer, z)
-    if polished is None:
-        return None
-    found = finer.linearise(polished)
-    along, n = np.zeros(len(z)), shooting.map.dimension
-    along[:n], along[-1] = point.solution.tangent[:n], point.solution.tangent[-1]
-    return point_at(finer, solution_at(polished, found, tangent_of(found, along)))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,39 @@ from tcc_sim.continuation.bracket import Bracket, CurvePoint, chandrupatla
 from tcc_sim.continuation.newton import multipliers_of
 from tcc_sim.continuation.problem import FAILURES, Floats
 from tcc_sim.continuation.sliding import differ, kind_of_change
+from tcc_sim.result import reported
+
+
+@dataclass(frozen=True, repr=False)
+class AugmentedPoint(CurvePoint):
+    """A point of a curve of bifurcations."""
+
+    equations: MinimallyAugmented
+
+
+@dataclass(frozen=True)
+class Special:
+    """A point of codimension two: its kind and both parameters, each with its error."""
+
+    kind: str = field(metadata=reported(
+        "cusp, generalised_doubling, fold_flip, resonance_1_1 to 1_4, or the border that it meets"))
+    value: float = field(metadata=reported("value of the key of --over", "{over}"))
+    second: float = field(metadata=reported("value of the key of --second", "{second_over}"))
+    error: float = field(metadata=reported("error of `value`", "{over}"))
+    second_error: float = field(metadata=reported("error of `second`", "{second_over}"))
+    located: bool = field(default=True, metadata=reported(
+        "whether it was found; else a test has two signs, each larger than its noise, within the errors"))
+
+    def __str__(self) -> str:
+        """In words."""
+        values = f"{with_error(self.value, self.error)}  {with_error(self.second, self.second_error)}"
+        return f"{self.kind:>22}  {values}{'' if self.located else '  not located: its test changes sign in between'}"
+
+
+def with_error(value: float, error: float) -> str:
+    """A number and its error, with no more digits than the error allows."""
+    digits = max(0, min(12, 1 - int(np.floor(np.log10(max(error, 1e-12))))))
+    return f"{value:.{digits}f} +- {error:.1g}"
 
 
 @dataclass(frozen=True)
@@ -30,12 +63,18 @@ class SpecialPoint:
     """
 
     kind: str
-    point: CurvePoint
+    point: AugmentedPoint
     error: NDArray[np.floating[Any]]
     located: bool = True
 
+    @property
+    def figures(self) -> Special:
+        """Both parameters with their errors."""
+        one, two = (abs(w.width(0.0)) * float(e) for w, e in zip(self.point.equations.ranges, self.error))
+        return Special(self.kind, *parameter_values(self.point), one, two, self.located)
 
-ENDING: dict[tuple[str, str], Callable[[CurvePoint], float]] = {
+
+ENDING: dict[tuple[str, str], Callable[[AugmentedPoint], float]] = {
     ("neimark_sacker", "resonance_1_1"): lambda s: float(s.solution.z[-1]),
     ("neimark_sacker", "resonance_1_2"): lambda s: math.pi - float(s.solution.z[-1])}
 """Kinds of curves and special points in which they end because a pair of multipliers becomes real, with the distance of
@@ -43,7 +82,7 @@ the pair's angle from there.
 """
 
 
-def values_of_tests(point: CurvePoint, longer: float = 0.0) -> dict[str, float]:
+def values_of_tests(point: AugmentedPoint, longer: float = 0.0) -> dict[str, float]:
     """The test functions that have a value at a point, by the special point at which each has a simple root.
 
     None has a pole: the normal form's coefficient of a doubling is multiplied by the tests of fold-flip and of 1:2, at
@@ -53,8 +92,6 @@ def values_of_tests(point: CurvePoint, longer: float = 0.0) -> dict[str, float]:
         the point and second order
     """
     equations, u = point.equations, point.solution.z
-    if not isinstance(equations, MinimallyAugmented):
-        return {}
     out: dict[str, float] = {}
     try:
         found = equations.linearise(u, longer) if longer else point.solution.found
@@ -97,11 +134,11 @@ def _cubic(equations: MinimallyAugmented, u: Floats, q: Floats, p: Floats, longe
     return float(0.5 * np.sum(p * (c + 3.0 * np.einsum("kij,kj->ki", first, h))))
 
 
-Test = Callable[[CurvePoint, float], float]
+Test = Callable[[AugmentedPoint, float], float]
 """Test function of a point and of the step of its differences relative to the usual one."""
 
 
-def measured(point: CurvePoint, test: Test) -> tuple[float, float, Floats]:
+def measured(point: AugmentedPoint, test: Test) -> tuple[float, float, Floats]:
     """A test at a point, its change by other difference steps and one more Newton step, and the parameters' change."""
     try:
         found, value = point.equations.linearise(point.solution.z), test(point, 1.0)
@@ -113,7 +150,7 @@ def measured(point: CurvePoint, test: Test) -> tuple[float, float, Floats]:
         return 0.0, math.inf, np.full(2, math.inf)
 
 
-def special_point(kind: str, a: CurvePoint, b: CurvePoint, test: Test) -> SpecialPoint:
+def special_point(kind: str, a: AugmentedPoint, b: AugmentedPoint, test: Test) -> SpecialPoint:
     """The special point between two points at which a test has different signs: a root, or the narrowest bracket."""
     if a.equations is not b.equations:
         return midway(kind, a, b, False)
@@ -145,8 +182,8 @@ def special_point(kind: str, a: CurvePoint, b: CurvePoint, test: Test) -> Specia
     return midway(kind, bracket.at(low) or a, bracket.at(high) or b, False)
 
 
-def singular_end(kind: str, points: Sequence[CurvePoint], distance: Callable[[CurvePoint], float],
-                 beyond: CurvePoint | None = None) -> SpecialPoint | None:
+def singular_end(kind: str, points: Sequence[AugmentedPoint], distance: Callable[[AugmentedPoint], float],
+                 beyond: AugmentedPoint | None = None) -> SpecialPoint | None:
     """The special point in which a curve ends behind some `points`, where its equations are singular.
 
     These are the resonances 1:1 and 1:2 of Neimark-Sacker curves and generalised doublings of folds of doubled motions.
@@ -185,7 +222,7 @@ def singular_end(kind: str, points: Sequence[CurvePoint], distance: Callable[[Cu
     return SpecialPoint(kind, last.moved(last.solution._replace(z=z)), error)
 
 
-def midway(kind: str, a: CurvePoint, b: CurvePoint, is_located: bool) -> SpecialPoint:
+def midway(kind: str, a: AugmentedPoint, b: AugmentedPoint, is_located: bool) -> SpecialPoint:
     """The special point in the middle between two points; its error is half of their distance."""
     z, way = b.solution.z.copy(), parameters(b, b.solution.z) - parameters(a, a.solution.z)
     parameters(b, z)[:] -= 0.5 * way
@@ -200,8 +237,15 @@ def parameters(point: CurvePoint, vector: NDArray[np.floating[Any]]) -> Floats:
     return out  # type: ignore[no-any-return]
 
 
-def change_of_events(equations: MinimallyAugmented, a: CurvePoint, b: CurvePoint) -> SpecialPoint:
+def parameter_values(point: CurvePoint) -> tuple[float, float]:
+    """Both parameters at a point of a curve."""
+    one, two = (w.value(float(u)) for w, u in zip(point.equations.ranges, parameters(point, point.solution.z)))
+    return one, two
+
+
+def change_of_events(a: AugmentedPoint, b: AugmentedPoint) -> SpecialPoint:
     """The change of the event sequence between two points, by bisection."""
+    equations = a.equations
     bracket, ends, parts = Bracket(a, b, False), [a, b], [0.0, 1.0]
     for _ in range(equations.settings.border_halvings[0]):
         middle = 0.5 * (parts[0] + parts[1])
@@ -215,7 +259,7 @@ def change_of_events(equations: MinimallyAugmented, a: CurvePoint, b: CurvePoint
     return midway(kind, ends[0], ends[1], True)
 
 
-def events_of(point: CurvePoint) -> str:
+def events_of(point: AugmentedPoint) -> str:
     """The event sequence of the motion at a point."""
     seen = point.solution.found.seen
     return "" if seen is None else seen.events

@@ -14,12 +14,11 @@ from typing import NamedTuple
 import numpy as np
 
 from tcc_sim.continuation.bordered import MinimallyAugmented
-from tcc_sim.continuation.bracket import CurvePoint
 from tcc_sim.continuation.branch import branch_through, first_point
-from tcc_sim.continuation.codim2 import TRACED, with_error
-from tcc_sim.continuation.curve_track import CurveTrack, facing, start_of_curve
-from tcc_sim.continuation.follow import End, StopReason, follow
-from tcc_sim.continuation.palc import StepSize, corrector
+from tcc_sim.continuation.codim2_points import AugmentedPoint, with_error
+from tcc_sim.continuation.curves import TRACED, CurveTrack, facing, start_of_curve
+from tcc_sim.continuation.follow import End, StopReason
+from tcc_sim.continuation.palc import corrector
 from tcc_sim.continuation.problem import FAILURES, Floats, ParameterMap
 from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.shooting import ParameterRange, Shooting
@@ -53,7 +52,7 @@ class Trace(NamedTuple):
 
     smoothness: Floats
     places: Floats
-    last: CurvePoint
+    last: AugmentedPoint
     end: End
 
 
@@ -86,27 +85,27 @@ def limit_of(found: Bifurcation, smoothed: ParameterMap, set_valued: ParameterMa
     limits, errors = extrapolated
     width = span.high - span.low
     limit, error = float(limits[0]), max(float(errors[0]), settings.limit_solved * width)
-    own = _set_valued(found.kind, trace, limits, error, set_valued, width)
+    own = _set_valued(found, trace, limits, error, set_valued, width)
     return Limit(limit, error) if own is None else Limit(own, settings.limit_solved * width)
 
 
 def _traced(found: Bifurcation, smoothed: ParameterMap, span: ParameterRange, sigma: float) -> Trace | None:
     """The trace of a bifurcation towards infinite sigma; None where it cannot be set up."""
-    ranges = span, ParameterRange(sigma, np.inf, inverse=True, name="friction.smoothing")
-    shooting, orbit = replace(found.point.shooting, map=smoothed, ranges=ranges), found.point.orbit
-    settings, tracks = shooting.settings, list[CurveTrack]()
+    ranges, tracks = (span, ParameterRange(sigma, np.inf, inverse=True, name="friction.smoothing")), list[CurveTrack]()
+    orbit, settings = found.point.orbit, found.point.shooting.settings
+    first, smallest = settings.limit_steps
+    settings = replace(settings, first_step=first, smallest_step=smallest, curve_step=settings.largest_step)
+    shooting = replace(found.point.shooting, map=smoothed, ranges=ranges, settings=settings)
     end = End(StopReason.STEP, span.name, found.value)
     try:
         shooting, z = shooting.cut(shooting.unknowns(orbit.nodes, (orbit.values[0], sigma)))
-        equations = MinimallyAugmented(found.kind, shooting, z)
-        last = start_of_curve(equations, equations.start)
-        for smallest in settings.limit_landings:
-            tracks.append(CurveTrack(
-                facing(last, False), ((1, smallest, 1.0), (0, -settings.limit_farthest, settings.limit_farthest)),
-                StepSize(settings, *settings.limit_steps)))
-            deque(follow(tracks[-1]), 0)
+        last = start_of_curve(MinimallyAugmented(found.kind, shooting, z))
+        for landing in settings.limit_landings:
+            tracks.append(CurveTrack(facing(last, False), (
+                (1, landing, 1.0), (0, -settings.limit_farthest, settings.limit_farthest))))
+            deque(tracks[-1].follow(), 0)
             last, end = tracks[-1].here, tracks[-1].ended
-            if end.reason is not StopReason.RANGE or end.name == span.name or smoothness_at(last) > smallest:
+            if end.reason is not StopReason.RANGE or end.name == span.name or smoothness_at(last) > landing:
                 break
     except FAILURES:
         if not tracks:
@@ -118,7 +117,7 @@ def _traced(found: Bifurcation, smoothed: ParameterMap, span: ParameterRange, si
     return Trace(np.array([smoothness_at(s) for s in points]), np.array(places), last, end)
 
 
-def smoothness_at(point: CurvePoint) -> float:
+def smoothness_at(point: AugmentedPoint) -> float:
     """The scene's smoothing factor over that of a point."""
     return float(point.solution.z[point.equations.first_parameter + 1])
 
@@ -138,14 +137,14 @@ def _extrapolated(smoothness: Floats, places: Floats, settings: Settings) -> tup
     return near, settings.limit_safety * np.maximum(np.abs(near - far), settings.limit_gain * np.abs(near - straight))
 
 
-def _set_valued(kind: str, trace: Trace, limits: Floats, error: float, of: ParameterMap, width: float) -> float | None:
+def _set_valued(found: Bifurcation, trace: Trace, limits: Floats, error: float, of: ParameterMap,
+                width: float) -> float | None:
     """The nearest bifurcation of the set-valued law within the error of an extrapolation; None where there is none."""
     # The branch begins at the extrapolated motion, or at the last one of the trace, where the corrector changes the
     # parameter as much as on the smoothed law's branch. The first range lies between these two motions, where steps are
     # short enough for a canard, the second one has the whole width.
-    assert isinstance(trace.last.equations, MinimallyAugmented)
     old, last = trace.last.equations.shooting, trace.places[-1]
-    settings = old.settings
+    settings = replace(found.point.shooting.settings, growth=old.settings.growth, thorough=old.settings.thorough)
     along = np.linalg.svd(trace.last.solution.found.jacobian[:old.size, :old.size + 1])[2][-1]
     for half in (2.0 * max(error, abs(last[0] - limits[0])), 0.5 * width):
         span = ParameterRange(limits[0] - half, limits[0] + half, name=old.ranges[0].name)
@@ -161,10 +160,10 @@ def _set_valued(kind: str, trace: Trace, limits: Floats, error: float, of: Param
                 started = corrector(finer, z, row / float(np.linalg.norm(row)))
                 if started is None or not 0.0 <= started.z[-1] <= 1.0:
                     continue
-                found = branch_through(first_point(finer, started.z)).bifurcations
+                near = branch_through(first_point(finer, started.z)).bifurcations
             except FAILURES:
                 continue
-            away = {abs(f.value - limits[0]): f.value for f in found if f.kind == kind}
+            away = {abs(f.value - limits[0]): f.value for f in near if f.kind == found.kind}
             if away and min(away) <= error:
                 return away[min(away)]
     return None

@@ -11,13 +11,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
 from tcc_sim.continuation.problem import FAILURES, Floats
-from tcc_sim.continuation.settings import DEFAULTS, Settings
+from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.shooting import Linearised, ParameterRange
 
 
@@ -79,27 +78,24 @@ class Corrected(NamedTuple):
         return solution_at(self.z, self.found, self.tangent if float(self.tangent @ way) > 0.0 else -self.tangent)
 
 
-class AmplitudeRow(NamedTuple):
-    """Amplitudes as coordinates of the arclength: weights (N,) in the plane's equation, values (N,) at the guess."""
-
-    weights: Floats
-    amplitudes: Floats
+FLAT = (np.empty(0), np.empty(0))
+"""No amplitudes as coordinates of the arclength."""
 
 
-FLAT = AmplitudeRow(np.empty(0), np.empty(0))
-
-
-def corrector(equations: Equations, guess: Floats, row: Floats, plane: AmplitudeRow = FLAT,
+def corrector(equations: Equations, guess: Floats, row: Floats, plane: tuple[Floats, Floats] = FLAT,
               start: Floats | None = None, farthest: float = math.inf,
               first: Equations | None = None) -> Corrected | None:
     """Newton to the solution with row . (z - guess) + weights . (amplitudes - those at the guess) = 0, from `start`.
 
     It starts at the guess by default, and takes its first step by the equations `first` if they are given. None where
     it does not converge or a step is longer than `farthest`.
+
+    plane : weights (N,) of the amplitudes, and their values (N,) at the guess
     """
+    weights, known = plane
     z, last, away = guess.copy() if start is None else start.copy(), np.inf, 0.0
     contraction, settings = 0.0, equations.settings
-    size, by_amplitude = len(guess), len(plane.weights) > 0
+    size, by_amplitude = len(guess), len(weights) > 0
     matrix, sides = np.empty((size, size)), np.zeros((size, 2))
     sides[-1, 1] = 1.0
     now, short = first or equations, 1.0
@@ -109,11 +105,11 @@ def corrector(equations: Equations, guess: Floats, row: Floats, plane: Amplitude
             matrix[:-1], matrix[-1] = found.jacobian, row
             sides[:-1, 0], sides[-1, 0] = -found.residual, -float(row @ (z - guess))
             if by_amplitude:
-                if len(found.amplitudes) != len(plane.amplitudes):
+                if len(found.amplitudes) != len(known):
                     return None
-                matrix[-1] += plane.weights @ found.amplitude_gradient
-                apart = found.amplitudes - plane.amplitudes
-                sides[-1, 0] -= float(plane.weights @ apart)
+                matrix[-1] += weights @ found.amplitude_gradient
+                apart = found.amplitudes - known
+                sides[-1, 0] -= float(weights @ apart)
                 away = math.sqrt(apart @ apart)
             solved: Any = np.linalg.solve(matrix, sides)
         except FAILURES:
@@ -127,7 +123,7 @@ def corrector(equations: Equations, guess: Floats, row: Floats, plane: Amplitude
                 length <= settings.squared and left <= equations.rounding)):
             tangent: Floats = np.ascontiguousarray(solved[:, 1])
             tangent = tangent / math.sqrt(tangent @ tangent)
-            slopes = found.amplitude_gradient @ tangent if by_amplitude else plane.weights
+            slopes = found.amplitude_gradient @ tangent if by_amplitude else weights
             way = z - guess
             return Corrected(z, found, tangent, float(np.hypot(math.sqrt(way @ way), away)), slopes, contraction)
         if length > (settings.slowest if length > settings.squared else short) * last:
@@ -162,20 +158,6 @@ def oriented(solution: Solution, sign: float) -> Solution:
     return solution._replace(tangent=-solution.tangent, sign=-solution.sign)
 
 
-def astray_beyond(equations: Equations, here: Solution, new: Solution) -> bool:
-    """Whether a step over a change of the event sequence has not reached a solution."""
-    # The curve may have a corner there, and Newton's method a cycle of two points, one on either side of it: the last
-    # step from a small residual on one side leads back to a large one on the other.
-    if not over_border(here, new):
-        return False
-    try:
-        left = float(np.abs(equations.linearise(new.z).residual).max())
-    except FAILURES:
-        return True
-    settings = equations.settings
-    return left > settings.grown * max(float(np.abs(new.found.residual).max()), settings.nothing)
-
-
 def tangent_of(found: Linearised, along: Floats) -> Floats:
     """The unit tangent of the curve that points along `along`."""
     side = np.zeros(len(along))
@@ -194,74 +176,6 @@ def solution_at(z: Floats, found: Linearised, tangent: Floats) -> Solution:
     matrix = np.empty((len(z), len(z)))
     matrix[:-1], matrix[-1] = found.jacobian, tangent
     return Solution(z, tangent, found, float(np.sign(np.linalg.det(matrix))))
-
-
-@dataclass
-class StepSize:
-    """Step-size control; lengths are in natural sizes.
-
-    length : of the next step
-    smallest : shortest step
-    tried : number of steps tried
-    missed : distance of the last step's predictor from the curve
-    """
-
-    settings: Settings = DEFAULTS
-    length: float = 0.0
-    smallest: float = 0.0
-    tried: int = 0
-    missed: float = 0.0
-
-    def __post_init__(self) -> None:
-        self.length = self.length or self.settings.first_step
-        self.smallest = self.smallest or self.settings.smallest_step
-
-    def after(self, found: Corrected, refused: bool) -> float:
-        """The next length after a step; the corrector's distance grows as the third power of the length.
-
-        refused : whether a longer step has just failed
-        """
-        ways = (found.distance / self.settings.wanted, found.contraction / self.settings.contraction)
-        factor = max(max(ways), 1e-9) ** (-1.0 / 3.0)
-        most = self.settings.longer_after_refused if refused else self.settings.longer
-        return min(self.length * min(max(float(factor), self.settings.shorter), most), self.settings.largest_step)
-
-
-def next_solution(equations: Equations, here: Solution, before: Sequence[Solution], step_size: StepSize,
-            by_amplitude: bool = True, coarse: Equations | None = None) -> Solution | None:
-    """The next point along the curve; None where no step is short enough.
-
-    before : points before `here` for the predictor, the nearest one last
-    by_amplitude : whether the amplitudes are coordinates of the arclength, where there are any
-    coarse : cheaper equations for the first step where the predictor is far off
-    """
-    used = by_amplitude and len(here.found.amplitudes) > 0
-    slopes = here.found.amplitude_gradient @ here.tangent if used else FLAT.weights
-    reach = float(np.sqrt(1.0 + slopes @ slopes))
-    refused, settings = False, step_size.settings
-    known = predictor_nodes(here, before, slopes, settings.nodes)
-    while step_size.length >= step_size.smallest:
-        ahead = predictor(known, step_size.length * reach)
-        guess, amplitudes = here.z + ahead[:len(here.z)], here.found.amplitudes[:len(slopes)] + ahead[len(here.z):]
-        step_size.tried += 1
-        found = corrector(equations, guess, here.tangent, AmplitudeRow(slopes, amplitudes),
-                          farthest=settings.farthest * step_size.length,
-                          first=coarse if step_size.missed > settings.missed else None)
-        if found is not None:
-            along = float(found.tangent @ here.tangent + found.slopes @ slopes)
-            new = solution_at(found.z, found.found, found.tangent if along > 0.0 else -found.tangent)
-            if over_border(here, new):
-                new = oriented(new, here.sign)
-            turned = abs(along) < settings.turn * reach * float(np.sqrt(1.0 + found.slopes @ found.slopes))
-            jumped = new.sign != here.sign and step_size.length > settings.branching
-            astray = beside(here, new, len(slopes) > 0) < settings.turn
-            if found.distance <= settings.farthest * step_size.length and not (turned or jumped or astray
-                                                                          or astray_beyond(equations, here, new)):
-                step_size.length, step_size.missed = step_size.after(found, refused), found.distance
-                return new
-        step_size.length *= settings.shorter
-        refused, known = True, known[:max(len(known) - 2, 2)]
-    return None
 
 
 def beside(here: Solution, new: Solution, by_amplitude: bool) -> float:

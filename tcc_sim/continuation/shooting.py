@@ -185,6 +185,11 @@ class Shooting:
         finer = replace(self, segments=tuple(lengths))
         return finer, finer.unknowns(np.array(nodes), values)
 
+    def keeps_segments(self, blocks: Floats, regrowth: float, anew: bool) -> bool:
+        """Whether the growth over each segment is bounded and `anew` is false, or there are no other segments."""
+        large = float(np.abs(blocks).max()) > regrowth * self.settings.growth
+        return not (large or anew) or (not self.map.divisible and len(self.segments) == self.period)
+
     def _pieces(self, x: Floats, values: Values, first: float,
                 length: float) -> tuple[list[tuple[float, Floats, Floats]], Floats]:
         """Length, start and scaled derivative of pieces with bounded growth, and the end of the last one."""

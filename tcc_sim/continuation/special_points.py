@@ -41,8 +41,6 @@ class ContinuationPoint(CurvePoint):
 
     equations: Shooting
     orbit: Orbit
-    by_amplitude: bool = True
-    """Whether the amplitudes were coordinates of the arclength on the step to this point."""
 
     @property
     def shooting(self) -> Shooting:
@@ -59,9 +57,9 @@ class ContinuationPoint(CurvePoint):
         """The parameter."""
         return self.orbit.values[0]
 
-    def moved(self, solution: Solution) -> ContinuationPoint:
+    def moved(self, solution: Solution, by_amplitude: bool = True) -> ContinuationPoint:
         """The point of another solution of the same equations."""
-        return point_at(self.equations, solution)
+        return replace(point_at(self.equations, solution), by_amplitude=by_amplitude)
 
 
 def turned(point: ContinuationPoint) -> ContinuationPoint:
@@ -103,9 +101,9 @@ class Bifurcation(Described):
         return self.point.orbit.period
 
 
-def point_at(shooting: Shooting, solution: Solution, by_amplitude: bool = True) -> ContinuationPoint:
+def point_at(shooting: Shooting, solution: Solution) -> ContinuationPoint:
     """The continuation point of a solution."""
-    return ContinuationPoint(solution, shooting, orbit_at(shooting, solution.z, solution.found), by_amplitude)
+    return ContinuationPoint(solution, shooting, orbit_at(shooting, solution.z, solution.found))
 
 
 def doubling(m: NDArray[np.complex128]) -> float:

@@ -7,7 +7,7 @@ import pytest
 from test_branches import branch_of, of_kind
 from textbook_maps import Step, TextbookMap, henon
 
-from tcc_sim.continuation.codim2 import BifurcationCurve, bifurcation_curve
+from tcc_sim.continuation.curves import BifurcationCurve, bifurcation_curve
 from tcc_sim.continuation.follow import StopReason
 from tcc_sim.continuation.limits import limit_of
 from tcc_sim.continuation.palc import solution_at

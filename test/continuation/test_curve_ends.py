@@ -10,10 +10,10 @@ from test_codim2 import P, Q, at_second, curve_of
 from textbook_maps import TextbookMap, henon
 
 from tcc_sim.continuation.bordered import MinimallyAugmented
-from tcc_sim.continuation.codim2 import BOUNDS, bifurcation_curve
-from tcc_sim.continuation.curve_track import CurveTrack, facing, start_of_curve
-from tcc_sim.continuation.follow import StopReason, follow
-from tcc_sim.continuation.palc import Solution, StepSize, next_solution, solution_at
+from tcc_sim.continuation.bracket import CurvePoint
+from tcc_sim.continuation.curves import CurveTrack, bifurcation_curve, facing, start_of_curve
+from tcc_sim.continuation.follow import Continuation, StopReason
+from tcc_sim.continuation.palc import Solution, solution_at
 from tcc_sim.continuation.problem import Image
 from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.shooting import ParameterRange, Shooting
@@ -27,8 +27,8 @@ def ring(x, p):
 
 def followed(equations: MinimallyAugmented, forward: bool) -> CurveTrack:
     """The curve from its start, followed to its end."""
-    track = CurveTrack(facing(start_of_curve(equations, equations.start), forward), BOUNDS)
-    deque(follow(track), 0)
+    track = CurveTrack(facing(start_of_curve(equations), forward))
+    deque(track.follow(), 0)
     return track
 
 
@@ -132,7 +132,9 @@ def test_after_a_refused_step_the_tangent_says_where_a_curve_goes_on() -> None:
     span = ParameterRange(0.0, 1.0)
     shooting = Shooting.single(TextbookMap(ring, 1), 1, span, span)
     equations = MinimallyAugmented("fold", shooting, np.array([0.0, 1.0, 0.0]))
-    new = next_solution(equations, point(0.0), [point(-80.0), point(-40.0)], StepSize(equations.settings, 2.0))
+    track = Continuation(CurvePoint(point(0.0), equations))
+    track.length, track.before = 2.0, [point(-80.0), point(-40.0)]
+    new = track.step()
     assert new is not None
     assert np.hypot(*new.z[1:]) == pytest.approx(1.0, abs=1e-8)
     assert new.z[2] > 0.0

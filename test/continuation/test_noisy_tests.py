@@ -7,7 +7,7 @@ import pytest
 from test_codim2 import curve_of, quintic
 from textbook_maps import henon
 
-from tcc_sim.continuation import curve_track
+from tcc_sim.continuation import curves
 from tcc_sim.continuation.codim2_points import measured
 from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.shooting import ParameterRange
@@ -54,7 +54,7 @@ def test_a_sign_that_is_resolved_on_one_side_only_lists_nothing(side: float, sec
         q = point.equations.ranges[1].value(point.solution.z[2])
         return value, (1e9 if q * side > 0.0 else noise), step
 
-    monkeypatch.setattr(curve_track, "measured", noisy)
+    monkeypatch.setattr(curves, "measured", noisy)
     curve, _ = curve_of(quintic, 1, "period_doubling", (-0.2, second), [0.0], first=SPAN)
     assert curve.special == ()
 
@@ -67,7 +67,7 @@ def test_a_change_of_sign_that_only_other_segments_resolve_is_listed_as_not_loca
         _, b = point.equations.shooting.values(point.solution.z)
         return value, (1e9 if b > 1.0 and len(point.equations.shooting.segments) == 1 else noise), step
 
-    monkeypatch.setattr(curve_track, "measured", noisy)
+    monkeypatch.setattr(curves, "measured", noisy)
     curve, _ = curve_of(henon, 2, "period_doubling", (0.6, 0.3), [0.83, -0.13], period=2,
                         second=ParameterRange(0.2, 1.5), settings=Settings(growth=2.2))
     (found,) = curve.special
