@@ -1,25 +1,21 @@
-"""Bifurcation diagrams: a branch through every motion of a sweep that lies on no other one, and doubled branches."""
+"""Bifurcation diagrams: a branch through every motion of a sweep that lies on no other one, and doubled branches.
+
+A motion lies on a branch by its section if that is known, else by its period and amplitude.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
-from tcc_sim.continuation.branch import (
-    Branch,
-    BranchOrigin,
-    SettledMotion,
-    Tick,
-    branch_through,
-    first_point,
-    passes_through,
-    place_of,
-)
+from tcc_sim.continuation.branch import Branch, BranchOrigin, Tick, branch_through, first_point
 from tcc_sim.continuation.follow import End, StopReason
-from tcc_sim.continuation.newton import find_orbit, minimal_period
+from tcc_sim.continuation.newton import find_orbit, minimal_period, shifts
 from tcc_sim.continuation.palc import corrector
 from tcc_sim.continuation.problem import FAILURES, Floats, ParameterMap
 from tcc_sim.continuation.settings import DEFAULTS, Settings
@@ -28,6 +24,27 @@ from tcc_sim.continuation.special_points import Bifurcation, ContinuationPoint, 
 
 SWEPT = Settings(max_points=200, largest_step=0.3)
 """Settings for pictures: steps of about a hundredth of their width, and bounded branches."""
+
+
+@dataclass(frozen=True)
+class SettledMotion:
+    """A motion that a sweep found.
+
+    value : of the parameter
+    state : (n,) at the start of cycle `cycle`
+    period : cycles; 0 for none
+    amplitude : its largest size
+    """
+
+    value: float
+    state: Floats
+    cycle: int
+    period: int
+    amplitude: float
+
+    def has_period(self, period: int, base: int = 1) -> bool:
+        """Whether it repeats after `period` cycles, where the excitation repeats after `base`."""
+        return self.period > 0 and math.lcm(self.period, base) == period
 
 
 def bifurcation_diagram(of: ParameterMap, span: ParameterRange, seen: Sequence[SettledMotion],
@@ -45,9 +62,15 @@ def bifurcation_diagram(of: ParameterMap, span: ParameterRange, seen: Sequence[S
     left = {k: s for k, s in enumerate(seen) if 0 < s.period <= longest}
     while left and len(out) < settings.max_branches:
         left = {k: s for k, s in left.items() if place_of(s, out, size, of.forcing_period) is None}
-        run = _longest_run(left)
-        if not run:
+        runs: list[list[int]] = []
+        for k, s in left.items():
+            if runs and runs[-1][-1] == k - 1 and left[k - 1].period == s.period:
+                runs[-1].append(k)
+            else:
+                runs.append([k])
+        if not runs:
             break
+        run = max(runs, key=len)
         first = point_of(of, span, left.pop(run[len(run) // 2]), settings)
         if first is not None and not any(passes_through(branch, first) for branch in out):
             branch_through(first, number=len(out), tick=tick, keep=out)
@@ -73,6 +96,64 @@ def left_out(seen: Sequence[SettledMotion], branches: Sequence[Branch], base: in
     return out
 
 
+class BranchPiece(NamedTuple):
+    """A piece of a branch at a value: the number of the point before it, its ends, and the part of the chord there."""
+
+    after: int
+    a: ContinuationPoint
+    b: ContinuationPoint
+    part: float
+
+    def holds(self, seen: SettledMotion, size: float) -> float:
+        """Distance of a motion's amplitude from the piece; inf where too far for a largest amplitude of `size`."""
+        low, high = self.a.orbit.seen.largest, self.b.orbit.seen.largest
+        away = abs(low + self.part * (high - low) - seen.amplitude)
+        return away if away <= DEFAULTS.alike * size + DEFAULTS.off_chord * abs(high - low) else math.inf
+
+
+def pieces_at(branch: Branch, value: float) -> list[BranchPiece]:
+    """The pieces of a branch across a value; its folds extend it beyond its extreme points."""
+    folds, out = dict[int, list[ContinuationPoint]](), []
+    for found in branch.bifurcations:
+        if found.kind == "fold":
+            folds.setdefault(found.after, []).append(found.point)
+    for k, ends in enumerate(pairwise(branch.points)):
+        for a, b in pairwise([ends[0], *folds.get(k, []), ends[1]]):
+            if min(a.value, b.value) <= value <= max(a.value, b.value):
+                width = b.value - a.value
+                out.append(BranchPiece(k, a, b, (value - a.value) / width if width else 0.5))
+    return out
+
+
+def place_of(seen: SettledMotion, branches: Sequence[Branch], size: float, base: int = 1) -> tuple[int, int] | None:
+    """The stable piece with the period and amplitude of a motion, the nearest one of several; None for no piece.
+
+    The piece is the number of its branch and that of the point before it.
+    """
+    best, place = math.inf, None
+    for number, branch in enumerate(branches):
+        if not seen.has_period(branch.period, base):
+            continue
+        for piece in pieces_at(branch, seen.value):
+            if (piece.a.orbit.stable or piece.b.orbit.stable) and (away := piece.holds(seen, size)) < best:
+                best, place = away, (number, piece.after)
+    return place
+
+
+def passes_through(branch: Branch, found: ContinuationPoint) -> bool:
+    """Whether a branch passes through an orbit, which may begin in any of its cycles."""
+    of, orbit = found.shooting.map, found.orbit
+    if branch.period != orbit.period:
+        return False
+    sections = np.array(shifts(of, orbit.section, orbit.values, orbit.period))
+    for piece in pieces_at(branch, found.value):
+        chord = piece.b.orbit.section - piece.a.orbit.section
+        away = np.abs((piece.a.orbit.section + piece.part * chord - sections) / of.scales).max(axis=1)
+        if away.min() <= DEFAULTS.on_chord + DEFAULTS.off_chord * np.abs(chord / of.scales).max():
+            return True
+    return False
+
+
 def amplitude_of(seen: Sequence[SettledMotion]) -> float:
     """The largest size of the periodic motions of a sweep; of all motions where these are too small."""
     most = max((s.amplitude for s in seen), default=0.0)
@@ -95,17 +176,6 @@ def state_at_phase_0(of: ParameterMap, seen: SettledMotion) -> Floats:
     """The state of a motion at the next cycle in which the excitation repeats."""
     phase = seen.cycle % of.forcing_period
     return of.evaluate(seen.state, (seen.value,), phase, of.forcing_period - phase).value if phase else seen.state
-
-
-def _longest_run(left: dict[int, SettledMotion]) -> list[int]:
-    """The longest run of neighbours with one period."""
-    runs: list[list[int]] = []
-    for k, s in left.items():
-        if runs and runs[-1][-1] == k - 1 and left[k - 1].period == s.period:
-            runs[-1].append(k)
-        else:
-            runs.append([k])
-    return max(runs, key=len, default=[])
 
 
 def doubled(found: Bifurcation) -> ContinuationPoint | None:
@@ -161,18 +231,14 @@ def switch(branches: list[Branch], depth: int, longest: int | None = None, most:
             for found in parent.bifurcations:
                 if found.kind != "period_doubling" or (longest is not None and 2 * parent.period > longest):
                     continue
-                if (most is not None and len(branches) >= most) or _ends_in(found, branches):
+                if most is not None and len(branches) >= most:
+                    continue
+                scaled, merged = found.point.shooting.ranges[0].scaled, found.point.shooting.settings.merged
+                if any(abs(scaled(found.value) - scaled(end.value)) < merged for b in branches
+                       if b.period == 2 * parent.period for end in (b.points[0], b.points[-1])):
                     continue
                 start = doubled(found)
                 if start is not None and not any(passes_through(branch, start) for branch in branches):
                     began = End(StopReason.BEGAN, start.shooting.ranges[0].name, found.value)
                     origin = BranchOrigin(found.kind, found.value, number)
                     branch_through(start, origin, len(branches), both=False, began=began, tick=tick, keep=branches)
-
-
-def _ends_in(found: Bifurcation, branches: Sequence[Branch]) -> bool:
-    """Whether a branch of twice the period begins or ends in a doubling."""
-    shooting = found.point.shooting
-    span = shooting.ranges[0]
-    return any(abs(span.scaled(found.value) - span.scaled(end.value)) < shooting.settings.merged
-               for b in branches if b.period == 2 * shooting.period for end in (b.points[0], b.points[-1]))

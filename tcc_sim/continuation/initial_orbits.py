@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.analysis.summary import runaway_cause, slip_grows
-from tcc_sim.continuation.branch import Branch, BranchOrigin, SettledMotion, passes_through
-from tcc_sim.continuation.diagram import point_of
+from tcc_sim.continuation.branch import Branch, BranchOrigin
+from tcc_sim.continuation.diagram import SettledMotion, passes_through, point_of
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.newton import find_orbit
 from tcc_sim.continuation.problem import FAILURES, Floats

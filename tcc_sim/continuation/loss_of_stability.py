@@ -12,8 +12,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from tcc_sim.continuation.branch import Branch, BranchPlace, SettledMotion, pieces_at, place_of
-from tcc_sim.continuation.diagram import amplitude_of, doubled
+from tcc_sim.continuation.branch import Branch
+from tcc_sim.continuation.diagram import SettledMotion, amplitude_of, doubled, pieces_at, place_of
 from tcc_sim.continuation.follow import StopReason
 from tcc_sim.continuation.settings import DEFAULTS
 from tcc_sim.continuation.special_points import Bifurcation, ContinuationPoint
@@ -79,19 +79,14 @@ def stable_segments(branches: Sequence[Branch], low: float, high: float, unit: f
                 values, amplitudes, ends = values[::-1], amplitudes[::-1], ends[::-1]
             if values[-1] - values[0] > DEFAULTS.narrowest * (high - low) / unit:
                 out.append(StableSegment(branch.period, ends[0], ends[1], tuple(values), tuple(amplitudes), number))
-    return _different(out)
-
-
-def _different(found: list[StableSegment]) -> list[StableSegment]:
-    """The segments that are not part of another one."""
-    out: list[StableSegment] = []
-    for segment in sorted(found, key=lambda s: s.low.value - s.high.value):
+    kept: list[StableSegment] = []  # Those that are not part of another one.
+    for segment in sorted(out, key=lambda s: s.low.value - s.high.value):
         middle = 0.5 * (segment.low.value + segment.high.value)
         amplitude = segment.amplitude(middle)
         near = DEFAULTS.same_segment * amplitude
-        if not any(s.period == segment.period and abs(s.amplitude(middle) - amplitude) <= near for s in out):
-            out.append(segment)
-    return sorted(out, key=lambda s: (s.low.value, s.period))
+        if not any(s.period == segment.period and abs(s.amplitude(middle) - amplitude) <= near for s in kept):
+            kept.append(segment)
+    return sorted(kept, key=lambda s: (s.low.value, s.period))
 
 
 def _runs(points: Sequence[ContinuationPoint]) -> list[tuple[int, int]]:
@@ -117,36 +112,26 @@ def _end(branches: Sequence[Branch], branch: Branch, point: int, beyond: int, sp
     at, width = branch.points[point], span[1] - span[0]
     size = max((s.orbit.seen.largest for b in branches for s in b.points), default=0.0)
     inner = 0 <= point + beyond < len(branch.points)
-    found = branch.change_of_stability(min(point, point + beyond)) if inner else None
-    # Where doubled motions end a multiplier is 1 to rounding, so the point may count as stable or not.
+    found = next((f for f in branch.bifurcations if inner and f.after == min(point, point + beyond)
+                  and f.changes_stability), None)
     last = point + beyond if inner else point
     if found is None and last in (0, len(branch.points) - 1):
-        begun = _doubling_of(branches, branch, last, width)
-        if begun is not None:
+        # Where doubled motions end a multiplier is 1 to rounding, so the point may count as stable or not.
+        end, near = branch.ended[min(last, 1)], at.shooting.settings.merged * width
+        begun = next((f for b in branches if 2 * b.period == branch.period for f in b.bifurcations
+                      if f.kind == "period_doubling" and abs(f.value - end.value) <= near), None)
+        if begun is not None and end.reason in (StopReason.BEGAN, StopReason.DOUBLING):
             return SegmentEnd(begun.value / unit, begun.kind, begun.residual)
     if not inner and min(at.value - span[0], span[1] - at.value) <= 1e-9 * width:
         return SegmentEnd(at.value / unit)
     found = found or nearest_bifurcation(branch, point, size, width)
-    return SegmentEnd(at.value / unit) if found is None else SegmentEnd(found.value / unit, found.kind, found.residual,
-                                                                        _jumps(found))
-
-
-def _doubling_of(branches: Sequence[Branch], branch: Branch, point: int, width: float) -> Bifurcation | None:
-    """The doubling of motions of half the period in which a branch begins or ends, if any."""
-    end = branch.ended[0] if point == 0 else branch.ended[1]
-    if end.reason not in (StopReason.BEGAN, StopReason.DOUBLING):
-        return None
-    near = branch.points[0].shooting.settings.merged * width
-    return next((f for b in branches if 2 * b.period == branch.period for f in b.bifurcations
-                 if f.kind == "period_doubling" and abs(f.value - end.value) <= near), None)
-
-
-def _jumps(found: Bifurcation) -> bool:
-    """Whether a motion leaves the branch at a bifurcation."""
+    if found is None:
+        return SegmentEnd(at.value / unit)
+    jumps = found.kind == "fold"
     if found.kind == "period_doubling":
         first = doubled(found)
-        return first is None or not first.orbit.stable
-    return found.kind == "fold"
+        jumps = first is None or not first.orbit.stable
+    return SegmentEnd(found.value / unit, found.kind, found.residual, jumps)
 
 
 def segment_of(seen: SettledMotion, among: Sequence[StableSegment], size: float, base: int = 1) -> int | None:
@@ -210,9 +195,9 @@ def _cause(a: SettledMotion, b: SettledMotion, branches: Sequence[Branch], size:
     for place, goal, other, seen in ((here, b.value, there, b), (there, a.value, here, a)):
         if place is None:
             continue
-        branch = branches[place.branch]
-        last, reached = _walk(branch, place, goal)
-        same = other is not None and other.branch == place.branch and abs(last - other.after) <= 1
+        branch = branches[place[0]]
+        last, reached = _walk(branch, place[1], goal)
+        same = other is not None and other[0] == place[0] and abs(last - other[1]) <= 1
         if reached and (same or (other is not None and seen.has_period(branch.period, base)
                                      and any(p.after == last and math.isfinite(p.holds(seen, size))
                                              for p in pieces_at(branch, seen.value)))):
@@ -231,17 +216,18 @@ def _cause(a: SettledMotion, b: SettledMotion, branches: Sequence[Branch], size:
     return BASIN if goes_on else NOT_FOLLOWED, None
 
 
-def _walk(branch: Branch, place: BranchPlace, goal: float) -> tuple[int, bool]:
-    """The last point of a branch from a place towards a value along stable points without a turn, and whether the value
-    is reached, between that point and its neighbour.
+def _walk(branch: Branch, after: int, goal: float) -> tuple[int, bool]:
+    """The last point of a branch towards a value along stable points without a turn, from the piece after one of them.
+
+    Also whether the value is reached, between that point and its neighbour.
     """
     points = branch.points
-    a, b = points[place.after], points[place.after + 1]
+    a, b = points[after], points[after + 1]
     toward = 1.0 if goal > min(a.value, b.value) and goal >= max(a.value, b.value) else -1.0
     if min(a.value, b.value) <= goal <= max(a.value, b.value):
-        return place.after, a.orbit.stable and b.orbit.stable
+        return after, a.orbit.stable and b.orbit.stable
     step = 1 if (b.value - a.value) * toward > 0.0 else -1
-    at = place.after + 1 if step > 0 else place.after
+    at = after + 1 if step > 0 else after
     while True:
         if not points[at].orbit.stable:
             return at, False

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.analysis.summary import summarise_cycles
-from tcc_sim.continuation.branch import Branch, SettledMotion
-from tcc_sim.continuation.diagram import SWEPT, bifurcation_diagram, left_out, point_of, state_at_phase_0
+from tcc_sim.continuation.branch import Branch
+from tcc_sim.continuation.diagram import SWEPT, SettledMotion, bifurcation_diagram, left_out, point_of, state_at_phase_0
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.loss_of_stability import jumps_of
 from tcc_sim.continuation.newton import shifts

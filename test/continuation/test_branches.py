@@ -10,8 +10,7 @@ import pytest
 from textbook_maps import Step, TextbookMap, delayed_logistic, henon, isola, logistic
 
 from tcc_sim.continuation.bracket import Bracket
-from tcc_sim.continuation.branch import Branch, BranchOrigin, branch_through, first_point, orbits_at
-from tcc_sim.continuation.branch_track import BranchTrack
+from tcc_sim.continuation.branch import Branch, BranchOrigin, BranchTrack, branch_through, first_point, orbits_at
 from tcc_sim.continuation.diagram import switch
 from tcc_sim.continuation.follow import StopReason
 from tcc_sim.continuation.newton import find_orbit

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from textbook_maps import Step, TextbookMap, logistic
 
-from tcc_sim.continuation.branch import Branch, SettledMotion, place_of
-from tcc_sim.continuation.diagram import SWEPT, amplitude_of, bifurcation_diagram, left_out
+from tcc_sim.continuation.branch import Branch
+from tcc_sim.continuation.diagram import SWEPT, SettledMotion, amplitude_of, bifurcation_diagram, left_out, place_of
 from tcc_sim.continuation.loss_of_stability import APERIODIC, BASIN, NOT_FOLLOWED, STEEP, jumps_of, nearest_bifurcation
 from tcc_sim.continuation.shooting import ParameterRange
 
@@ -180,7 +180,7 @@ def test_the_doublings_of_the_logistic_map_are_one_branch_each() -> None:
     assert found == pytest.approx([3.0, 1.0 + math.sqrt(6.0)], abs=1e-8)
     for s in seen:
         place = place_of(s, branches, 1.0)
-        assert place is None or branches[place.branch].period == s.period
+        assert place is None or branches[place[0]].period == s.period
 
 
 @pytest.mark.parametrize(("value", "largest", "near"), [

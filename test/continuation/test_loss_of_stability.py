@@ -7,8 +7,7 @@ import pytest
 from test_diagram import FOLD, Lifted, hysteresis, lifted, period, subcritical, surveyed, swept
 from textbook_maps import logistic
 
-from tcc_sim.continuation.branch import SettledMotion
-from tcc_sim.continuation.diagram import bifurcation_diagram
+from tcc_sim.continuation.diagram import SettledMotion, bifurcation_diagram
 from tcc_sim.continuation.loss_of_stability import SegmentEnd, StableSegment, segment_of, stable_segments
 from tcc_sim.continuation.shooting import ParameterRange
 
