@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from tcc_sim.continuation.newton import multipliers_of
 from tcc_sim.continuation.problem import FAILURES, Floats, Margin, Margins
-from tcc_sim.continuation.shooting import Linearised, Shooting, segment_starts
+from tcc_sim.continuation.shooting import Linearised, Shooting, layout
 from tcc_sim.continuation.sliding import MARGINS, differ
 
 Vectors = NDArray[Any]
@@ -237,7 +237,7 @@ def nearest_margins(shooting: Shooting, z: Floats) -> Margins:
     """The margins of an orbit that are least in size over all segments, with derivatives by the scaled unknowns."""
     nodes, values, n, size = shooting.nodes(z), shooting.values(z), shooting.map.dimension, shooting.size
     out: dict[str, Margin] = {}
-    for k, (first, length) in enumerate(zip(segment_starts(shooting.segments), shooting.segments)):
+    for k, (first, length) in enumerate(zip(layout(shooting.segments, n)[0], shooting.segments)):
         for name, found in shooting.map.margins(nodes[k], values, first, length).items():
             if name not in out or abs(found.value) < abs(out[name].value):
                 slopes = np.zeros(len(z))

@@ -48,9 +48,16 @@ def start_orbit(map_: DrivelineMap, span: ParameterRange, value: float,
     for count in [] if slip_grows(cycles) else wanted:
         count = math.lcm(count, base) if period is None else count
         shooting = Shooting.single(map_, count, span)
-        guesses = _recurrent(cycles.section, starts, count, map_.scales)
+        # The section points that return closest, nearest first, and their mean.
+        kept = [k for k in starts if k >= count]
+        away = [float(np.abs((cycles.section[k] - cycles.section[k - count]) / map_.scales).max()) for k in kept]
+        guesses = [cycles.section[kept[i] - count] for i in np.argsort(away, kind="stable")[:DEFAULTS.guesses]]
         guesses.append(np.mean(guesses, axis=0))
-        known = _shorter(map_, span, value, count, guesses)
+        known = []  # An orbit of the shortest period, which the search for a longer one deflates.
+        if count != base:
+            simple = Shooting.single(map_, base, span)
+            z = find_orbit(simple, (value,), [guesses[-1], guesses[0]])
+            known = [] if z is None else [simple.nodes(z)[0]]
         z = find_orbit(shooting, (value,), guesses, known)
         if z is not None:
             return shooting, z
@@ -80,24 +87,6 @@ def _nothing_found(map_: DrivelineMap, span: ParameterRange, value: float, cycle
                 "engine.mean_torque")
     return (f"{why}; nor does it settle in a period at {DEFAULTS.elsewhere} values of the range: begin with another "
             "--period, or with --seeds of basins")
-
-
-def _recurrent(section: Floats, starts: range, cycles: int, scales: Floats) -> list[Floats]:
-    """The section points that return closest after `cycles` cycles, nearest first."""
-    kept = [k for k in starts if k >= cycles]
-    away = [float(np.abs((section[k] - section[k - cycles]) / scales).max()) for k in kept]
-    return [section[kept[i] - cycles] for i in np.argsort(away, kind="stable")[:DEFAULTS.guesses]]
-
-
-def _shorter(map_: DrivelineMap, span: ParameterRange, value: float, period: int,
-             guesses: list[Floats]) -> list[Floats]:
-    """Sections of an orbit of the shortest period, which the search for a longer one deflates."""
-    base = map_.forcing_period
-    if period == base:
-        return []
-    shooting = Shooting.single(map_, base, span)
-    z = find_orbit(shooting, (value,), [guesses[-1], guesses[0]])
-    return [] if z is None else [shooting.nodes(z)[0]]
 
 
 def seeded(map_: DrivelineMap, span: ParameterRange, seeds: Sequence[Seed], period: int | None,

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -41,21 +40,6 @@ class Limit:
         return self.why if self.value is None or self.error is None else f"limit {with_error(self.value, self.error)}"
 
 
-class Trace(NamedTuple):
-    """Trace of a bifurcation over the smoothing factor.
-
-    smoothness : (K,) smoothing factor of the scene over that of each point
-    places : (K, 1 + n) parameter, and state at phase 0 in natural sizes
-    last : the last point
-    end : why it ended
-    """
-
-    smoothness: Floats
-    places: Floats
-    last: AugmentedPoint
-    end: End
-
-
 def limit_of(found: Bifurcation, smoothed: ParameterMap, set_valued: ParameterMap, span: ParameterRange,
              sigma: float) -> Limit:
     """The limit of a bifurcation of the smoothed law.
@@ -70,27 +54,31 @@ def limit_of(found: Bifurcation, smoothed: ParameterMap, set_valued: ParameterMa
     if found.kind not in TRACED:
         return Limit(None, why=f"not found: the smoothing is not followed for a {found.kind}")
     settings = found.point.shooting.settings
-    trace = _traced(found, smoothed, span, sigma)
-    if trace is None:
+    trace, end = _traced(found, smoothed, span, sigma)
+    if not trace:
         return Limit(None, why="not found: the curve of the bifurcation over the smoothing cannot be set up")
-    reached = float(trace.smoothness.min())
-    most = f"sigma = {sigma / reached:.6g}"
-    if trace.end.reason is StopReason.RANGE and trace.end.name == span.name:
+    smoothness = np.array([smoothness_at(s) for s in trace])
+    most = f"sigma = {sigma / float(smoothness.min()):.6g}"
+    if end.reason is StopReason.RANGE and end.name == span.name:
         return Limit(None, why=f"not found: it is {settings.limit_farthest:g} ranges away at {most}")
-    if trace.end.reason is StopReason.SPECIAL or (trace.end.reason is StopReason.RANGE and trace.smoothness[-1] > 0.5):
+    if end.reason is StopReason.SPECIAL or (end.reason is StopReason.RANGE and smoothness[-1] > 0.5):
         return Limit(None, why=f"of the smoothing: there is none beyond {most}")
-    extrapolated = _extrapolated(trace.smoothness, trace.places, settings)
+    # Parameter, and state at phase 0 in natural sizes.
+    places = np.array([[span.value(float(u[n])), *u[:smoothed.dimension]]
+                       for u, n in ((s.solution.z, s.equations.first_parameter) for s in trace)])
+    extrapolated = _extrapolated(smoothness, places, settings)
     if extrapolated is None:
         return Limit(None, why=f"not found: the curve of the bifurcation was lost at {most}")
     limits, errors = extrapolated
     width = span.high - span.low
     limit, error = float(limits[0]), max(float(errors[0]), settings.limit_solved * width)
-    own = _set_valued(found, trace, limits, error, set_valued, width)
+    own = _set_valued(found, trace[-1], places[-1], limits, error, set_valued, width)
     return Limit(limit, error) if own is None else Limit(own, settings.limit_solved * width)
 
 
-def _traced(found: Bifurcation, smoothed: ParameterMap, span: ParameterRange, sigma: float) -> Trace | None:
-    """The trace of a bifurcation towards infinite sigma; None where it cannot be set up."""
+def _traced(found: Bifurcation, smoothed: ParameterMap, span: ParameterRange,
+            sigma: float) -> tuple[list[AugmentedPoint], End]:
+    """The trace of a bifurcation towards infinite sigma, and why it ended; no points where it cannot be set up."""
     ranges, tracks = (span, ParameterRange(sigma, np.inf, inverse=True, name="friction.smoothing")), list[CurveTrack]()
     orbit, settings = found.point.orbit, found.point.shooting.settings
     first, smallest = settings.limit_steps
@@ -108,13 +96,8 @@ def _traced(found: Bifurcation, smoothed: ParameterMap, span: ParameterRange, si
             if end.reason is not StopReason.RANGE or end.name == span.name or smoothness_at(last) > landing:
                 break
     except FAILURES:
-        if not tracks:
-            return None
-        last, end = tracks[-1].here, replace(end, reason=StopReason.STEP)
-    points = [point for track in tracks for point in track.points]
-    places = [[span.value(float(u[n])), *u[:smoothed.dimension]]
-              for u, n in ((s.solution.z, s.equations.first_parameter) for s in points)]
-    return Trace(np.array([smoothness_at(s) for s in points]), np.array(places), last, end)
+        end = replace(end, reason=StopReason.STEP)
+    return [point for track in tracks for point in track.points], end
 
 
 def smoothness_at(point: AugmentedPoint) -> float:
@@ -137,15 +120,15 @@ def _extrapolated(smoothness: Floats, places: Floats, settings: Settings) -> tup
     return near, settings.limit_safety * np.maximum(np.abs(near - far), settings.limit_gain * np.abs(near - straight))
 
 
-def _set_valued(found: Bifurcation, trace: Trace, limits: Floats, error: float, of: ParameterMap,
-                width: float) -> float | None:
+def _set_valued(found: Bifurcation, traced: AugmentedPoint, last: Floats, limits: Floats, error: float,
+                of: ParameterMap, width: float) -> float | None:
     """The nearest bifurcation of the set-valued law within the error of an extrapolation; None where there is none."""
     # The branch begins at the extrapolated motion, or at the last one of the trace, where the corrector changes the
     # parameter as much as on the smoothed law's branch. The first range lies between these two motions, where steps are
     # short enough for a canard, the second one has the whole width.
-    old, last = trace.last.equations.shooting, trace.places[-1]
+    old = traced.equations.shooting
     settings = replace(found.point.shooting.settings, growth=old.settings.growth, thorough=old.settings.thorough)
-    along = np.linalg.svd(trace.last.solution.found.jacobian[:old.size, :old.size + 1])[2][-1]
+    along = np.linalg.svd(traced.solution.found.jacobian[:old.size, :old.size + 1])[2][-1]
     for half in (2.0 * max(error, abs(last[0] - limits[0])), 0.5 * width):
         span = ParameterRange(limits[0] - half, limits[0] + half, name=old.ranges[0].name)
         shooting = Shooting.single(of, old.period, span, settings=settings)

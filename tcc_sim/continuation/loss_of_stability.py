@@ -92,18 +92,15 @@ def stable_segments(branches: Sequence[Branch], low: float, high: float, unit: f
 def _runs(points: Sequence[ContinuationPoint]) -> list[tuple[int, int]]:
     """First and last numbers of stable points in a row along which the parameter does not turn."""
     out: list[tuple[int, int]] = []
-    start, way = -1, 0.0
+    way = 0.0
     for k, point in enumerate(points):
-        step = np.sign(point.value - points[k - 1].value) if k else 0.0
-        if start >= 0 and point.orbit.stable and way * step < 0.0:
-            out.append((start, k - 1))
-            start, way = k, 0.0
+        step = np.sign(point.value - points[k - 1].value)
+        if point.orbit.stable and out and out[-1][1] == k - 1 and not way * step < 0.0:
+            out[-1], way = (out[-1][0], k), step or way
         elif point.orbit.stable:
-            start, way = (k, 0.0) if start < 0 else (start, step or way)
-        elif start >= 0:
-            out.append((start, k - 1))
-            start = -1
-    return [*out, (start, len(points) - 1)] if start >= 0 else out
+            out.append((k, k))
+            way = 0.0
+    return out
 
 
 def _end(branches: Sequence[Branch], branch: Branch, point: int, beyond: int, span: tuple[float, float],

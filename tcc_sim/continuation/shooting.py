@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, reduce
 from itertools import groupby
 from typing import ClassVar, NamedTuple
 
@@ -133,7 +133,8 @@ class Shooting:
         """Residual and derivative at `z`, with the map's exceptions."""
         n, size, scales, count = self.map.dimension, self.size, self.map.scales, len(self.segments)
         values, nodes = self.values(z), self.nodes(z)
-        images = self.map.evaluate_each(nodes, values, segment_starts(self.segments), self.segments)
+        starts, blocks_at, ends_at = layout(self.segments, n)
+        images = self.map.evaluate_each(nodes, values, starts, self.segments)
         sizes, units = unknowns_sizes(tuple(scales.tolist()), tuple(self.widths(z)))
         parts = np.array([image.derivatives for image in images]) * units
         blocks, ends, following = parts[..., :n], images[0].value, nodes[0]
@@ -142,8 +143,8 @@ class Shooting:
         else:
             ends, following = np.array([image.value for image in images]), np.roll(nodes, -1, axis=0)
             jacobian = np.zeros((size, size + len(self.ranges)))
-            jacobian[places(count, n)], jacobian[:, size:] = blocks, parts[..., n:].reshape(size, -1)
-        jacobian[nodes_after(count, n)] -= 1.0
+            jacobian[blocks_at], jacobian[:, size:] = blocks, parts[..., n:].reshape(size, -1)
+        jacobian[ends_at] -= 1.0
         residual = ((ends - following) / scales).ravel()
         seen = [image.seen for image in images if image.seen is not None and image.amplitude_gradient is not None]
         if len(seen) < count:
@@ -215,30 +216,25 @@ class Shooting:
 
 
 @lru_cache(maxsize=64)
-def segment_starts(segments: tuple[float, ...]) -> list[float]:
-    """Starts of segments, in cycles."""
-    return [sum(segments[:k]) for k in range(len(segments))]
-
-
-@lru_cache(maxsize=64)
 def unknowns_sizes(scales: tuple[float, ...], widths: tuple[float, ...]) -> tuple[Floats, Floats]:
     """(n + P,) sizes of a node and the parameters, and (n, n + P) those of a node's derivatives by them."""
     sizes = np.array(scales + widths)
     return sizes, sizes / np.array(scales)[:, None]
 
 
-@lru_cache(maxsize=64)
-def places(count: int, n: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows and columns (count, n, n) of the segments' derivatives in the Jacobian."""
-    own = np.arange(count * n).reshape(count, n)
-    return np.broadcast_to(own[:, :, None], (count, n, n)), np.broadcast_to(own[:, None, :], (count, n, n))
+Places = tuple[NDArray[np.intp], NDArray[np.intp]]
+"""Rows and columns in a Jacobian."""
 
 
 @lru_cache(maxsize=64)
-def nodes_after(count: int, n: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows and columns (count n,) of the nodes in which the segments end."""
-    own = np.arange(count * n)
-    return own, np.roll(own, -n)
+def layout(segments: tuple[float, ...], n: int) -> tuple[list[float], Places, Places]:
+    """Starts of segments, in cycles, and the places of their derivatives and of the nodes in which they end."""
+    own = np.arange(len(segments) * n)
+    rows = own.reshape(-1, n)
+    square = (len(segments), n, n)
+    return ([sum(segments[:k]) for k in range(len(segments))],
+            (np.broadcast_to(rows[:, :, None], square), np.broadcast_to(rows[:, None, :], square)),
+            (own, np.roll(own, -n)))
 
 
 def greedy(parts: list[tuple[float, Floats, Floats]], growth: float) -> tuple[list[float], list[Floats]]:
@@ -261,10 +257,7 @@ def greedy(parts: list[tuple[float, Floats, Floats]], growth: float) -> tuple[li
 
 def product_of(blocks: Floats) -> Floats:
     """The product of the blocks, the first one rightmost."""
-    out: Floats = blocks[0]
-    for block in blocks[1:]:
-        out = block @ out
-    return out
+    return reduce(lambda whole, block: np.asarray(block @ whole), blocks)
 
 
 def joined_observation(seen: list[Observation], segments: tuple[float, ...]) -> Observation:

@@ -188,7 +188,9 @@ def sliding_bifurcation(
             point = bracket.at(middle)
             if point is None:
                 break
-            point = observed(point)
+            # The corrector's observation is from before its last step.
+            seen = point.shooting.linearise(point.solution.z).seen
+            point = point if seen is None else replace(point, orbit=replace(point.orbit, seen=seen))
             if differ(point.orbit.seen.events, bracket.a.orbit.seen.events):
                 high, right = middle, point
             else:
@@ -211,12 +213,6 @@ def sliding_bifurcation(
     assert best is not None
     # Slip that begins at phase 0 to rounding changes the sequence too, but no margin vanishes there.
     return best if best[2].residual < settings.spurious else (best[0], best[1], None)
-
-
-def observed(point: ContinuationPoint) -> ContinuationPoint:
-    """The point with the observation at the point itself; the corrector's is from before its last step."""
-    seen = point.shooting.linearise(point.solution.z).seen
-    return point if seen is None else replace(point, orbit=replace(point.orbit, seen=seen))
 
 
 def _on_border(kind: str, left: ContinuationPoint, right: ContinuationPoint,
