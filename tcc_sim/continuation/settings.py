@@ -12,7 +12,7 @@ from dataclasses import dataclass
 class Settings:
     """How orbits are solved, followed and compared."""
 
-    # The driveline's map, and how a motion is cut into segments (`driveline.py`, `shooting.py`, `branch_track.py`).
+    # The driveline's map, and how a motion is cut into segments (`driveline.py`, `shooting.py`, `branch.py`).
     # A step of the map leaves some 1e-13, and its derivatives are good to 2e-7.
     solver_tolerance: float = 1e-12  # relative tolerance of the map
     coarse_tolerance: float = 1e-9  # the same for the first step of a corrector that has far to go
@@ -53,7 +53,7 @@ class Settings:
     nothing: float = 1e-12  # least residual in that comparison
     contraction: float = 0.15  # second step over first step that is aimed at: four steps then reach rounding
 
-    # The steps of a continuation and their control (`palc.py`, `follow.py`).
+    # The steps of a continuation and their control (`follow.py`).
     first_step: float = 0.01
     flat_step: float = 1e-3  # first step without the amplitudes among the coordinates of the arclength
     smallest_step: float = 1e-9
@@ -69,7 +69,7 @@ class Settings:
     max_points: int = 3000  # most points in one direction of a branch
     max_tries: int = 6000  # most steps tried in one direction
 
-    # Where a branch ends or closes (`branch_track.py`, `follow.py`, `branch.py`, `diagram.py`).
+    # Where a branch ends or closes (`branch.py`, `follow.py`, `diagram.py`).
     # Modulus of a multiplier above which a branch ends: an orbit known to 1e-12 closes to 1e-2 only, so that neither
     # value nor sign of the multiplier can be trusted. Motions along the falling branch of friction reach it.
     canard: float = 1e10
@@ -98,7 +98,7 @@ class Settings:
     halves_met: float = 1e-2
     halves_reach: float = 0.1  # largest distance of the doubling from the orbit whose halves are alike
 
-    # Changes of the event sequence (`sliding.py`, `special_points.py`, `bordered.py`, `branch_track.py`).
+    # Changes of the event sequence (`sliding.py`, `special_points.py`, `bordered.py`, `branch.py`).
     most_borders: int = 6  # most changes in one step
     corner_step: float = 1e-10  # smallest step beyond a corner
     beside: tuple[float, ...] = (1e-8, 1e-7, 1e-6, 1e-5)  # distances at which the other side of a corner is tried
@@ -134,7 +134,7 @@ class Settings:
     off_chord: float = 0.3  # distance of a motion from the chord between two points, relative to its rise
     on_chord: float = 1e-3  # the same where the chord does not rise
 
-    # Curves of bifurcations in two keys (`curve_track.py`, `codim2_points.py`, `bordered.py`).
+    # Curves of bifurcations in two keys (`curves.py`, `codim2_points.py`, `bordered.py`).
     curve_step: float = 0.03  # longest step, for pictures
     curve_regrowth: float = 2.0  # `regrowth` along a curve
     finer_growths: tuple[float, ...] = (10.0, 3.0)  # growths over a segment of thorough cuts after failed steps
