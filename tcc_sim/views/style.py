@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
@@ -149,12 +150,17 @@ def _rescale(axis: Any, factor: float) -> None:
             return np.asarray(super().tick_values(low * factor, high * factor)) / factor
 
     if axis.get_scale() == "log":
-        low, high = (np.log10(x * factor) for x in axis.get_view_interval())
-        axis.set_major_locator(FixedLocator((10.0 ** np.arange(np.ceil(low), np.floor(high) + 1.0) / factor).tolist()))
+        low, high = sorted(x * factor for x in axis.get_view_interval())
+        powers = 10.0 ** np.arange(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1.0)
+        few = np.count_nonzero((powers >= low) & (powers <= high)) < 2
+        ticks = np.outer([1.0, 2.0, 3.0, 5.0] if few else [1.0], powers) / factor
+        axis.set_major_locator(FixedLocator(ticks.ravel().tolist()))
         axis.set_minor_locator(NullLocator())
+        axis.set_major_formatter(FuncFormatter(
+            lambda x, _: f"{x * factor:.3g}" if few else f"$10^{{{round(math.log10(x * factor))}}}$"))
     else:
         axis.set_major_locator(Round(nbins=6, steps=[1, 2, 2.5, 5, 10]))
-    axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x * factor:.6g}"))
+        axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x * factor:.6g}"))
 
 
 def label_of(key: str) -> str:
