@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import tempfile
+from functools import cache
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import pytest
 
@@ -12,17 +15,28 @@ pytest.importorskip("fmpy", reason="FMPy is not installed")
 import fmpy
 from fmpy import fmi2, fmi3
 
-from tcc_sim.fmu.export import compiler, export
-from tcc_sim.scene import Scene
+from tcc_sim.fmu.export import OPTIONS, compiler, export
+from tcc_sim.scene import Scene, load_scene
 
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="there is no C compiler")
+FOLDER = tempfile.TemporaryDirectory()
+FAST = ("-O0",)
+"""The compiler is three times as fast; the exported binaries of `test_importers` and `test_page` are optimised."""
 DISCARD = 2
 """Status of both versions of FMI."""
 
 
-def written(folder: Path, scene: Scene, version: int, step: float | None = None) -> Path:
-    """The unpacked FMU of a scene."""
-    export(scene, folder / "model.fmu", version, step)
+def written(scene: Scene | str, version: int, step: float | None = None, options: tuple[str, ...] = FAST) -> Path:
+    """The unpacked FMU of a scene, compiled once."""
+    return _written((load_scene(scene) if isinstance(scene, str) else scene).text(), version, step, options)
+
+
+@cache
+def _written(text: str, version: int, step: float | None, options: tuple[str, ...]) -> Path:
+    folder = Path(tempfile.mkdtemp(dir=FOLDER.name))
+    (folder / "scene.yaml").write_text(text)
+    with mock.patch("tcc_sim.fmu.export.OPTIONS", (*OPTIONS, *options)):
+        export(load_scene(str(folder / "scene.yaml")), folder / "model.fmu", version, step)
     return Path(fmpy.extract(str(folder / "model.fmu"), unzipdir=str(folder / "unpacked")))
 
 
