@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shlex
@@ -10,6 +11,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from documents import valid
+
+from tcc_sim.cli import main
+from tcc_sim.recording.reader import open_run
 
 PAGE = Path(__file__).resolve().parent.parent / ".github" / "guide" / "tutorial.md"
 STEP = re.compile(r"^```(python|text) ?(\S*)\n(.*?)^```|^    (\S[^\n]*)\n", re.DOTALL | re.MULTILINE)
@@ -22,13 +27,19 @@ WITHIN = 0.02
 """Relative difference allowed between a number of the page and the printed one."""
 
 
-def run(command: str, folder: Path) -> str:
-    """Run a shell command with the programs of this environment in a folder, and return its output."""
-    paths = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    ended = subprocess.run(["sh", "-c", command], cwd=folder, env={**os.environ, "PATH": paths, "MPLBACKEND": "Agg"},
-                           timeout=300, capture_output=True, text=True, check=False)
-    assert ended.returncode == 0, f"{command}\n{ended.stdout}\n{ended.stderr}"
-    return ended.stdout
+def run(command: str, capsys: pytest.CaptureFixture[str]) -> str:
+    """Run a command, `tcc-sim` in this process, and return its output, which may go to a file too."""
+    command, _, file = command.partition(" > ")
+    program, *words = shlex.split(command)
+    if program == "tcc-sim":
+        status, (out, err) = main(words), capsys.readouterr()
+    else:
+        ended = subprocess.run([sys.executable, *words], timeout=300, capture_output=True, text=True, check=False)
+        status, out, err = ended.returncode, ended.stdout, ended.stderr
+    assert status == 0, f"{command}\n{out}\n{err}"
+    if file:
+        Path(file).write_text(out)
+    return out
 
 
 def agrees(shown: str, printed: str) -> bool:
@@ -47,20 +58,39 @@ def test_a_line_agrees_by_words_and_numbers(printed: str, agreeing: bool) -> Non
     assert agrees("gain 4.43", printed) == agreeing
 
 
-def test_the_tutorial_runs_and_prints_what_it_shows(tmp_path: Path) -> None:
-    pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-    pytest.importorskip("matplotlib")
-    scene = run("tcc-sim scenes --show controlled", tmp_path)
-    (tmp_path / "paced.yaml").write_text(scene.replace("pacing: real_time", "pacing: lockstep"))
-    printed = ""
+def test_the_tutorial_runs_and_prints_what_it_shows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                                    capsys: pytest.CaptureFixture[str]) -> None:
+    """Its demo starts the example controller, whose target and commands are recorded and judged."""
+    for name in ("rclpy", "matplotlib", "rerun"):
+        pytest.importorskip(name, reason=f"{name} is not installed")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    for name in ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE"):
+        monkeypatch.delenv(name, raising=False)
+    Path("paced.yaml").write_text(run("tcc-sim scenes --show controlled", capsys).replace("pacing: real_time", "pacing: lockstep"))
+    printed = [""]
     for kind, name, code, command in STEP.findall(PAGE.read_text()):
         if name:
-            (tmp_path / name).write_text(code)
+            Path(name).write_text(code)
         elif kind == "python":
-            printed = run(f"python -c {shlex.quote(code)}", tmp_path)
+            exec(compile(code, str(PAGE), "exec"), {})
+            printed.append(capsys.readouterr().out)
         elif kind == "text":
-            lines = printed.splitlines()
+            lines = printed[-1].splitlines()
             absent = [line for line in code.splitlines() if not any(agrees(line, other) for other in lines)]
-            assert absent == [], printed
+            assert absent == [], printed[-1]
         elif not command.startswith(NOT_RUN):
-            printed = run(command.replace(RECORDED, PACED), tmp_path)
+            printed.append(run(command.replace(RECORDED, PACED), capsys))
+    for name in ("law", "trial"):
+        monkeypatch.delitem(sys.modules, name)
+    assert "slip controller: holds a mean slip speed of 20 rad/s\n" in printed[1]
+    assert "target 20 rad/s: mean " in printed[1]
+    found = valid("analyse", json.loads(Path("clutch1/analysis.json").read_text()))
+    assert (found["lost_messages"], found["complete"], found["command"][0]) == (0, True, "demo")
+    first = found["segments"][0]
+    assert (first["began_by"], first["tracking"]["target"]) == ("start", 20.0)
+    recorded = open_run(Path("clutch1/recording"))
+    assert {"/target_slip_speed", "/actuation_pressure", "/applied_pressure", "/input_source"} <= set(recorded.topics)
+    assert any(source.commanded == {"actuation_pressure"} for source in recorded.columns().sources)

@@ -23,30 +23,23 @@ from tcc_sim.recording.reader import open_run
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 
-ENVIRONMENT = {key: value for key, value in os.environ.items() if key not in ("ROS_DOMAIN_ID",
-                                                                              "ROS_AUTOMATIC_DISCOVERY_RANGE")}
-"""Commands take a domain of their own."""
+CHILD = {**{key: value for key, value in os.environ.items()
+            if key not in ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE")}, "PYTHONPATH": os.pathsep.join(sys.path)}
+"""Environment of commands, which take a domain of their own."""
 
 
 def command(*words: str, folder: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-m", "tcc_sim", *words], cwd=folder, capture_output=True, text=True,
-                          timeout=300,
-                          check=False, env={**ENVIRONMENT, "PYTHONPATH": os.pathsep.join(sys.path)})
-
-
-def demo(scene: str, seconds: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    """Run a demo into `made` at a pace that waits for the recorder; a busy machine loses messages in real time."""
-    patient = {"pacing": "lockstep"} if scene == "controlled" else {"real_time_factor": 0.0}
-    (folder / f"{scene}.yaml").write_text(load_scene(scene).with_values(patient).text())
-    ended = command("demo", "--scene", f"{scene}.yaml", "--duration", seconds, "--out", "made", folder=folder)
-    assert ended.returncode == 0, ended.stderr
-    return ended
+                          timeout=300, check=False, env=CHILD)
 
 
 def test_demo_records_analyses_and_draws(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("rerun")
     pytest.importorskip("matplotlib")
-    ended = demo("minimal", "0.5", tmp_path)
+    # At a pace that waits for the recorder: a busy machine loses messages in real time.
+    (tmp_path / "minimal.yaml").write_text(load_scene("minimal").with_values({"real_time_factor": 0.0}).text())
+    ended = command("demo", "--scene", "minimal.yaml", "--duration", "0.5", "--out", "made", folder=tmp_path)
+    assert ended.returncode == 0, ended.stderr
     assert without_compiling(ended.stderr) == ""
     made = tmp_path / "made"
     assert sorted(p.name for p in made.iterdir()) == ["analysis.json", "overview.png", "recording", "run.rrd"]
@@ -64,29 +57,6 @@ def test_demo_records_analyses_and_draws(tmp_path: Path, capsys: pytest.CaptureF
     assert (verified["verified"], verified["largest_difference"]) == (True, 0.0)
     assert main(["demo", "--out", str(made)]) == 2
     assert capsys.readouterr().err == f"tcc-sim: {made} exists; name a directory that does not\n"
-
-
-def test_demo_of_a_controlled_scene_runs_the_controller_too(tmp_path: Path,
-                                                            capsys: pytest.CaptureFixture[str]) -> None:
-    """Three processes of nodes; target and commands of the controller are recorded and judged."""
-    pytest.importorskip("rerun")
-    pytest.importorskip("matplotlib")
-    ended = demo("controlled", "3", tmp_path)
-    assert without_compiling(ended.stderr) == ""
-    assert "slip controller: holds a mean slip speed of 20 rad/s\n" in ended.stdout
-    assert "target 20 rad/s: mean " in ended.stdout
-    made = tmp_path / "made"
-    found = valid("analyse", json.loads((made / "analysis.json").read_text()))
-    assert (found["lost_messages"], found["complete"], found["command"][0]) == (0, True, "demo")
-    first = found["segments"][0]
-    assert (first["began_by"], first["tracking"]["target"]) == ("start", 20.0)
-    recorded = open_run(made / "recording")
-    for topic in ("/target_slip_speed", "/actuation_pressure", "/applied_pressure", "/input_source"):
-        assert topic in recorded.topics
-    assert any(source.commanded == {"actuation_pressure"} for source in recorded.columns().sources)
-    assert main(["analyse", str(made / "recording"), "--verify", "--json", "-"]) == 0
-    verified = json.loads(capsys.readouterr().out)
-    assert (verified["verified"], verified["largest_difference"]) == (True, 0.0)
 
 
 OWN_CONTROLLER = """
@@ -112,12 +82,26 @@ with rclpy.init():
 """
 
 
-def test_demo_starts_a_controller_of_the_users(tmp_path: Path) -> None:
+def test_demo_starts_a_controller_of_the_users_and_stopped_by_ctrl_c_keeps_what_it_has(tmp_path: Path) -> None:
     (tmp_path / "own.py").write_text(OWN_CONTROLLER)
-    ended = command("demo", "--controller", f"{sys.executable} own.py", "--duration", "2", "--out", "made",
-                    folder=tmp_path)
-    assert ended.returncode == 0, ended.stderr
-    assert "controller: " in ended.stdout
+    process = subprocess.Popen(
+        [sys.executable, "-m", "tcc_sim", "demo", "--controller", f"{sys.executable} own.py", "--duration", "600",
+         "--out", "made"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        env={**CHILD, "PYTHONUNBUFFERED": "1"})
+    try:
+        assert process.stdout is not None
+        lines = [process.stdout.readline()]
+        while "recording" not in lines[-1]:
+            lines.append(process.stdout.readline())
+        # Half a second of simulated time is on disk: then there are whole engine cycles to analyse.
+        until_or_ended(lambda: any(p.stat().st_size > 60_000 for p in (tmp_path / "made").rglob("*.mcap")), process)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=120)
+    finally:
+        process.kill()
+    assert process.returncode == 0, err
+    assert "controller: " in "".join(lines)
+    assert "stopped early" in out
     found = json.loads((tmp_path / "made" / "analysis.json").read_text())
     assert found["scene"]["pressure.source"] == "topic"
     pressures = tcc_sim.read(tmp_path / "made" / "recording").commands["actuation_pressure"]
@@ -143,35 +127,12 @@ def test_demo_names_the_last_words_of_a_controller_that_ends(tmp_path: Path) -> 
     assert "own.py ended with status 1: no such sensor" in ended.stderr
 
 
-def test_demo_stopped_by_ctrl_c_keeps_what_it_has(tmp_path: Path) -> None:
-    process = subprocess.Popen([sys.executable, "-m", "tcc_sim", "demo", "--scene", "minimal", "--duration", "600",
-                                "--out",
-                                "made"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-                               env={**ENVIRONMENT, "PYTHONPATH": os.pathsep.join(sys.path),
-                                    "PYTHONUNBUFFERED": "1"})
-    try:
-        assert process.stdout is not None
-        lines = [process.stdout.readline()]
-        while "recording" not in lines[-1]:
-            lines.append(process.stdout.readline())
-        # Half a second of simulated time is on disk: then there are whole engine cycles to analyse.
-        until_or_ended(lambda: any(p.stat().st_size > 60_000 for p in (tmp_path / "made").rglob("*.mcap")), process)
-        process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=120)
-    finally:
-        process.kill()
-    assert process.returncode == 0, err
-    assert "stopped early" in out
-    assert (tmp_path / "made" / "analysis.json").is_file()
-
-
 def test_a_killed_command_leaves_no_node_behind(tmp_path: Path) -> None:
     code = ("import sys; from pathlib import Path; from tcc_sim.nodes.children import Session\n"
             "session = Session(Path('recording'), {'scene': 'minimal'})\n"
             "print(session.driveline.pid, session.recorder.pid, flush=True); sys.stdin.read()")
     process = subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path, stdin=subprocess.PIPE,
-                               stdout=subprocess.PIPE, text=True,
-                               env={**ENVIRONMENT, "PYTHONPATH": os.pathsep.join(sys.path)})
+                               stdout=subprocess.PIPE, text=True, env=CHILD)
     assert process.stdout is not None
     nodes = [int(word) for word in process.stdout.readline().split()]
     assert len(nodes) == 2
@@ -199,7 +160,7 @@ def test_realtime_gives_every_figure(tmp_path: Path) -> None:
 
 
 def test_soak_counts_what_is_lost(tmp_path: Path) -> None:
-    ended = command("soak", "--rate", "500", "--duration", "3", "--json", "soak.json", folder=tmp_path)
+    ended = command("soak", "--rate", "500", "--duration", "2", "--json", "soak.json", folder=tmp_path)
     assert ended.returncode == 0, ended.stderr
     found = valid("soak", json.loads((tmp_path / "soak.json").read_text()))
     assert found["lost_messages"] == 0

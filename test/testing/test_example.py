@@ -55,8 +55,6 @@ LEAVES = """
 import os
 import threading
 
-import pytest
-
 
 def test_one(driveline):
     import rclpy
@@ -78,46 +76,37 @@ def test_three(driveline):
 """
 
 
-@installed
-def test_a_test_leaves_nothing_behind_and_fails_with_the_sentence(tmp_path: Path,
-                                                                   monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-    monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE", raising=False)
-    (tmp_path / "test_mine.py").write_text(LEAVES)
-    ended = outside(tmp_path)
-    assert "1 failed, 2 passed" in ended.stdout
-    sentence = "ControllerFailed: no node under test publishes actuation_pressure, which the scene controlled takes"
-    assert sentence in ended.stdout
-
-
 FIRST = """
 import pytest
 import rclpy
 
 
-@pytest.fixture(autouse=True)
-def mine():
+@pytest.fixture(params=["SUBNET", "LOCALHOST", "OFF"])
+def mine(request, monkeypatch):
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", request.param)
+    monkeypatch.setenv("ROS_DOMAIN_ID", "93")
     rclpy.init()
     yield
     rclpy.shutdown()
 
 
-def test_one(mine, driveline):
+def test_four(mine, driveline):
     driveline("fig02").run(ticks=3)
 """
 
 
 @installed
-@pytest.mark.parametrize(("discovery", "passed"), [("SUBNET", False), ("LOCALHOST", False), ("OFF", True)])
-def test_where_a_test_has_initialised_ros_others_must_be_unseen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                                                                discovery: str, passed: bool) -> None:
+def test_a_test_leaves_nothing_behind_and_where_it_has_initialised_ros_others_must_be_unseen(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", discovery)
-    monkeypatch.setenv("ROS_DOMAIN_ID", "93")
-    (tmp_path / "test_mine.py").write_text(FIRST)
-    ended = outside(tmp_path)
-    assert ("1 passed" if passed else "1 error") in ended.stdout
-    assert ("leave rclpy.init() to the fixture, or set ROS_AUTOMATIC_DISCOVERY_RANGE=OFF" in ended.stdout) != passed
+    monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE", raising=False)
+    (tmp_path / "test_a.py").write_text(LEAVES)
+    (tmp_path / "test_b.py").write_text(FIRST)
+    ended = outside(tmp_path, "-rA")
+    assert re.findall(r"^PASSED \S+::(\S+)", ended.stdout, re.MULTILINE) == ["test_one", "test_two", "test_four[OFF]"]
+    for sentence, times in (("leave rclpy.init() to the fixture, or set ROS_AUTOMATIC_DISCOVERY_RANGE=OFF before", 2), (
+            "ControllerFailed: no node under test publishes actuation_pressure, which the scene controlled takes", 1)):
+        assert len(re.findall(rf"^E .*{re.escape(sentence)}", ended.stdout, re.MULTILINE)) == times
 
 
 INTERRUPTED = """
@@ -128,7 +117,7 @@ spin, nodes, message = rclpy.spin, SingleThreadedExecutor.get_nodes, JointState.
 
 def signalled(wait=True):
     if rclpy.ok():
-        os.kill(os.getpid(), signal.{number})
+        os.kill(os.getpid(), number)
     while wait and rclpy.ok():
         time.sleep(0.001)
 
@@ -139,29 +128,30 @@ def before_the_wait_set(executor):
 def converted(self, **fields):
     message(self, **fields)
     if not fields:
-        signalled({wait})
+        signalled(wait)
 
 def interrupted(node):
     sent = node.create_publisher(JointState, "joint_states", 10)
-    if "{place}" == "wait set":
+    if place == "wait set":
         SingleThreadedExecutor.get_nodes = before_the_wait_set
-    elif "{place}" == "callback":
-        node.create_timer(0.001, lambda: signalled({wait}))
+    elif place == "callback":
+        node.create_timer(0.001, lambda: signalled(wait))
     else:
         JointState.__init__ = converted
         node.create_timer(0.001, lambda: sent.publish(JointState(velocity=[1.0, 2.0])))
     spin(node)
 
 rclpy.spin = interrupted
+place, wait, number = "{place}", {wait}, signal.{number}
 {code}
 """
 
 
-@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])
-@pytest.mark.parametrize(("page", "place", "wait"), [
-    ("testing", "callback", False), ("testing", "wait set", True), ("testing", "conversion", False),
-    ("testing", "conversion", True), ("nodes", "callback", False), ("nodes", "callback", True),
-    ("nodes", "wait set", True)])
+@pytest.mark.parametrize(("page", "place", "wait", "number"), [
+    ("testing", "callback", False, "SIGINT"), ("testing", "wait set", True, "SIGINT"),
+    ("testing", "conversion", False, "SIGINT"), ("testing", "conversion", True, "SIGINT"),
+    ("testing", "wait set", True, "SIGTERM"), ("nodes", "callback", False, "SIGTERM"),
+    ("nodes", "callback", True, "SIGINT"), ("nodes", "wait set", True, "SIGINT")])
 def test_a_node_of_the_pages_ends_by_a_signal_without_a_traceback(page: str, place: str, wait: bool,
                                                                   number: str) -> None:
     """Also where the context ends between two calls of rclpy, or within one that would swallow a KeyboardInterrupt."""
@@ -169,7 +159,7 @@ def test_a_node_of_the_pages_ends_by_a_signal_without_a_traceback(page: str, pla
     text = (PAGE.parent / "nodes.md").read_text()
     code = "from my_clutch.node import main; main()" if page == "testing" else textwrap.dedent(
         re.findall(r"python - <<'END'\n(.*?)\n    END", text, re.DOTALL)[0])
-    script = INTERRUPTED.format(number=number, place=place, wait=wait, code=code)
+    script = INTERRUPTED.format(place=place, wait=wait, number=number, code=code)
     ended = subprocess.run([sys.executable, "-c", script], check=False,
                            capture_output=True, text=True, cwd=EXAMPLE, timeout=60,
                            env={**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"})
