@@ -1,10 +1,9 @@
+"""The driveline as a process: its end by a signal, its parameters, and refusals of its entry points."""
+
 from __future__ import annotations
 
-import os
 import signal
-import subprocess
-import sys
-from collections.abc import Iterator
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -12,47 +11,28 @@ from benches import overrides
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-COMMAND = [sys.executable, "-m", "tcc_sim.nodes.driveline", "--ros-args"]
+from tcc_sim.nodes.children import CLOCK_STARTED, NodeProcess
+from tcc_sim.nodes.driveline import DrivelineNode
+from tcc_sim.nodes.middleware import time_of
+from tcc_sim.scene import bundled_scenes, load_scene
 
-
-@pytest.fixture
-def environment(domain: str) -> dict[str, str]:
-    return {**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": domain}
-
-
-@pytest.fixture
-def node(environment: dict[str, str]) -> Iterator[subprocess.Popen[str]]:
-    process = subprocess.Popen([*COMMAND, "-p", "scene:=minimal"], env=environment, stderr=subprocess.PIPE, text=True)
-    yield process
-    process.kill()
-    process.wait()
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_the_node_with_status_0_and_no_traceback(node: subprocess.Popen[str], number: int) -> None:
-    assert node.stderr is not None
-    line = node.stderr.readline()
-    assert "scene minimal, 1000 Hz" in line
-    assert "clock started" in node.stderr.readline()
-    node.send_signal(number)
-    _, rest = node.communicate(timeout=120)
-    assert node.returncode == 0
+def test_a_signal_ends_the_node_with_status_0_and_no_traceback(start: Callable[..., NodeProcess]) -> None:
+    node = start("driveline", scene="minimal")
+    node.await_line(CLOCK_STARTED)
+    assert "scene minimal, 1000 Hz" in node.lines[0]
+    node.send_signal(signal.SIGTERM)
+    assert node.wait() == 0
     # rcl itself says so where the signal falls between the print of the last line and its publication on rosout.
-    assert [line for line in rest.splitlines() if not line.startswith("Failed to publish log message to rosout")] == []
-
-
-@pytest.mark.parametrize(("words", "line"), [
-    (["-p", "engine.frequency:=fast"],
-     "driveline_node: engine.frequency is 'fast'; it must be a number, 0.001 to 100000 rad/s\n"),
-    (["-p", "scene:=fig20"], "driveline_node: there is no scene 'fig20'; did you mean fig02?\n"),
-    (["--params-file", "nowhere.yaml"], "driveline_node: --params-file nowhere.yaml: No such file or directory\n")])
-def test_wrong_input_is_one_line_and_status_2(environment: dict[str, str], words: list[str], line: str) -> None:
-    ended = subprocess.run([*COMMAND, *words], env=environment, capture_output=True, text=True, timeout=120,
-                           check=False)
-    assert (ended.returncode, ended.stderr) == (2, line)
+    assert [line for line in node.lines[2:] if not line.startswith("Failed to publish log message to rosout")] == []
 
 
 @pytest.mark.parametrize(("module", "words", "line"), [
+    ("driveline", ["--ros-args", "-p", "engine.frequency:=fast"],
+     "driveline_node: engine.frequency is 'fast'; it must be a number, 0.001 to 100000 rad/s\n"),
+    ("driveline", ["--ros-args", "-p", "scene:=fig20"],
+     "driveline_node: there is no scene 'fig20'; did you mean fig02?\n"),
+    ("driveline", ["--ros-args", "--params-file", "nowhere.yaml"],
+     "driveline_node: --params-file nowhere.yaml: No such file or directory\n"),
     ("driveline", ["-p", "scene:=fig02"],
      "driveline_node: -p is not an option; words for ROS 2 follow --ros-args: driveline_node --ros-args -p "
      "scene:=fig02\n"),
@@ -62,11 +42,9 @@ def test_wrong_input_is_one_line_and_status_2(environment: dict[str, str], words
     ("slip_controller", ["--verson"], "slip_controller_node: --verson is not an option; did you mean --version?\n"),
     ("driveline", ["--ros-args", "-p", "rate:=[]"], "driveline_node: rate is []; it must be a number, 1 to 20000 Hz\n"),
     ("recorder", ["--ros-args", "-p", "output:=/"], "recorder: / exists already and is not overwritten\n")])
-def test_words_that_are_not_understood_are_one_line_with_the_right_spelling(
-        environment: dict[str, str], module: str, words: list[str], line: str) -> None:
-    ended = subprocess.run([sys.executable, "-m", f"tcc_sim.nodes.{module}", *words], env=environment,
-                           capture_output=True, text=True, check=False)
-    assert (ended.returncode, ended.stdout, ended.stderr) == (2, "", line)
+def test_wrong_input_is_one_line_with_the_right_spelling_and_status_2(
+        entered: Callable[..., tuple[int, str, str]], module: str, words: list[str], line: str) -> None:
+    assert entered(module, *words) == (2, "", line)
 
 
 def test_an_empty_list_is_one(bench: Any, capfd: pytest.CaptureFixture[str]) -> None:
@@ -89,24 +67,13 @@ def test_a_doubtful_friction_table_is_a_warning_at_the_start_and_when_it_changes
 @pytest.mark.parametrize(("nanoseconds", "expected"), [(0, (0, 0)), (1_500_000_000, (1, 500_000_000)),
                                                        (2_240_000_000 * 10**9 + 7, (2**31 - 1, 7))])
 def test_a_clock_beyond_2038_is_no_error(nanoseconds: int, expected: tuple[int, int]) -> None:
-    from tcc_sim.nodes.middleware import time_of
-
     time = time_of(nanoseconds)
     assert (time.sec, time.nanosec) == expected
 
 
-def test_every_bundled_scene_is_a_parameter_file_of_the_node(environment: dict[str, str]) -> None:
-    from tcc_sim.scene import bundled_scenes, load_scene
-
-    code = ("import sys, rclpy; from tcc_sim.nodes.driveline import DrivelineNode\n"
-            "for file in sys.argv[1:]:\n"
-            "    with rclpy.init(args=['--ros-args', '--params-file', file]):\n"
-            "        node = DrivelineNode(); print(node.get_parameter('scene_text').value.split('\\n', 1)[1]); "
-            "print('@')\n        node.destroy_node()\n")
-    files = bundled_scenes()
-    ended = subprocess.run([sys.executable, "-c", code, *map(str, files.values())], env=environment,
-                           capture_output=True,
-                           text=True, timeout=120, check=True)
-    texts = ended.stdout.split("@\n")
-    for text, name in zip(texts, files):
-        assert text.strip() == load_scene(name).text().split("\n", 1)[1].strip()
+def test_every_bundled_scene_is_a_parameter_file_of_the_node(bench: Any) -> None:
+    for name, file in bundled_scenes().items():
+        node = DrivelineNode(context=bench.context, cli_args=["--ros-args", "--params-file", str(file)])
+        text = node.get_parameter("scene_text").value
+        assert text.split("\n", 1)[1].strip() == load_scene(name).text().split("\n", 1)[1].strip()
+        node.destroy_node()

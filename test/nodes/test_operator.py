@@ -19,7 +19,9 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 import tcc_sim
 from tcc_sim.cli import main
+from tcc_sim.errors import RecordingError
 from tcc_sim.nodes.children import CLOCK_STARTED, SENDING, NodeProcess
+from tcc_sim.recording.reader import open_run
 from tcc_sim.topics import topic
 
 Control = Callable[..., tuple[int, str, str]]
@@ -41,23 +43,19 @@ def control(domain: str, discovery: Callable[[str], str], monkeypatch: pytest.Mo
     return run
 
 
-@pytest.fixture
-def driveline(control: Control) -> Iterator[Callable[..., NodeProcess]]:
-    nodes: list[NodeProcess] = []
-
-    def start(**parameters: object) -> NodeProcess:
-        nodes.append(NodeProcess("driveline", parameters, dict(os.environ)))
-        nodes[-1].await_line(CLOCK_STARTED)
-        return nodes[-1]
-
-    yield start
-    for node in nodes:
-        assert node.stop() == 0
+@pytest.fixture(scope="module")
+def driveline(domain: str, discovery: Callable[[str], str]) -> Iterator[NodeProcess]:
+    """The driveline of all tests, which holds the last commands."""
+    node = NodeProcess("driveline", {"scene": "commands", "rate": 200.0, "command_timeout": 0.0}, {
+        **os.environ, "FASTDDS_DEFAULT_PROFILES_FILE": discovery(""), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "ROS_DOMAIN_ID": domain})
+    node.await_line(CLOCK_STARTED)
+    yield node
+    assert node.stop() == 0
 
 
-def test_it_does_what_the_ros2_commands_do_and_refusals_are_the_nodes_own(
-        control: Control, driveline: Callable[..., NodeProcess]) -> None:
-    node = driveline(scene="commands", rate=50.0, command_timeout=0.0)
+def test_it_does_what_the_ros2_commands_do_and_refusals_are_the_nodes_own(control: Control,
+                                                                          driveline: NodeProcess) -> None:
     status, _, said = control("step")
     assert (status, said) == (1, "tcc-sim: the driveline refuses: not paused\n")
     assert control("pause") == (0, "paused\n", "")
@@ -73,7 +71,7 @@ def test_it_does_what_the_ros2_commands_do_and_refusals_are_the_nodes_own(
     assert (status, said) == (2, "tcc-sim: driveline.stiffness cannot change while the driveline runs: start it again "
                                  "with --ros-args -p driveline.stiffness:=3, or with a parameter file\n")
     assert control("get", "engine.mean_torque", "rate", "friction.law", "engine.harmonic_amplitudes") == (
-        0, "engine.mean_torque 250.0 N m\nrate 50.0 Hz\nfriction.law smoothed\nengine.harmonic_amplitudes [] N m\n", "")
+        0, "engine.mean_torque 250.0 N m\nrate 200.0 Hz\nfriction.law smoothed\nengine.harmonic_amplitudes [] N m\n", "")
     status, out, _ = control("torque", "-50")
     assert (status, out) == (0, "engine_torque -50 N m, held until the next command\n")
     status, out, _ = control("pressure", "1.2")
@@ -84,11 +82,12 @@ def test_it_does_what_the_ros2_commands_do_and_refusals_are_the_nodes_own(
     assert said.startswith("tcc-sim: actuation_pressure command of 1e+07 Pa refused: a ")
     assert "sub-steps" in said
     assert said.count("\n") == 1
-    node.check()
+    driveline.check()
     control("pause")
     status, out, _ = control("torque", "-60")
     assert (status, out) == (0, "engine_torque -60 N m, held until the next command, once the driveline goes on: it is "
                                 "paused\n")
+    assert control("resume") == (0, "running\n", "")
 
 
 class Told:
@@ -111,30 +110,37 @@ def test_a_command_is_judged_by_what_the_driveline_counts_and_not_by_the_time_th
     assert Operator._counted("engine_torque", Told((1, 4, "slip"), *after).statuses, 1) == word
 
 
-def test_other_publishers_and_other_drivelines_are_named(control: Control, driveline: Callable[..., NodeProcess],
+def test_other_publishers_and_other_drivelines_are_named(control: Control, driveline: NodeProcess,
                                                          start: Callable[..., NodeProcess]) -> None:
-    driveline(scene="commands", rate=50.0)
     sender = start("commander", rate=20.0)
     sender.await_line(SENDING)
     status, out, _ = control("torque", "310")
     assert status == 0
     assert "; 1 other publisher on /engine_torque: the newest command counts" in out
-    other = NodeProcess("driveline", {"scene": "minimal"}, dict(os.environ))
+    assert sender.stop() == 0
+    other = start("driveline", scene="minimal")
+    other.await_line(CLOCK_STARTED)
+    until(lambda: control("pause") == (
+        0, "paused; 2 nodes have the name /driveline and received this: give them namespaces\n", ""))
+    assert other.stop() == 0
+    until(lambda: control("resume") == (0, "running\n", ""))
+
+
+def recorded(bag: Path) -> int:
+    """Number of states that can be read now."""
     try:
-        other.await_line(CLOCK_STARTED)
-        until(lambda: control("pause") == (
-            0, "paused; 2 nodes have the name /driveline and received this: give them namespaces\n", ""))
-    finally:
-        assert other.stop() == 0
+        return sum(map(len, open_run(bag).states()))
+    except RecordingError:
+        return 0
 
 
-def test_single_commands_are_in_the_recording(control: Control, driveline: Callable[..., NodeProcess],
-                                              tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_single_commands_are_in_the_recording(control: Control, driveline: NodeProcess, tmp_path: Path,
+                                              monkeypatch: pytest.MonkeyPatch) -> None:
     """Also with the slow discovery of Fast DDS's own settings."""
     monkeypatch.delenv("FASTDDS_DEFAULT_PROFILES_FILE")
     recorder = NodeProcess("recorder", {"output": str(tmp_path / "run")}, dict(os.environ))
     try:
-        driveline(scene="commands", rate=50.0, wait_for_subscribers=1)
+        until_or_ended(lambda: recorded(tmp_path / "run") > 0, recorder)
         assert control("torque", "310")[0] == 0
         assert control("pressure", "230000")[0] == 0
     finally:
@@ -144,11 +150,10 @@ def test_single_commands_are_in_the_recording(control: Control, driveline: Calla
         "engine_torque": [310.0], "actuation_pressure": [230000.0]}
 
 
-def test_what_a_scene_does_not_take_is_said(control: Control, driveline: Callable[..., NodeProcess]) -> None:
-    driveline(scene="minimal")
-    status, _, said = control("torque", "100")
-    assert (status, said) == (2, "tcc-sim: engine_torque: the driveline takes this input from its scene "
-                                 "(engine.source: harmonic)\n")
+def test_what_a_scene_does_not_take_is_said(control: Control, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tcc_sim.nodes.operator.Operator.values", lambda self, keys: dict.fromkeys(keys, "harmonic"))
+    assert control("torque", "100") == (2, "", "tcc-sim: engine_torque: the driveline takes this input from its scene "
+                                               "(engine.source: harmonic)\n")
 
 
 def test_without_a_node_it_says_so(control: Control, domain: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -165,8 +170,7 @@ def test_wrong_words_are_one_line_and_status_2(control: Control, words: tuple[st
 
 
 def test_a_command_that_is_sent_again_and_again_says_so_until_it_is_interrupted(
-        control: Control, driveline: Callable[..., NodeProcess]) -> None:
-    driveline(scene="commands", rate=50.0)
+        control: Control, driveline: NodeProcess) -> None:
     process = subprocess.Popen([sys.executable, "-m", "tcc_sim", "control", "torque", "310", "--rate", "20"], text=True,
                                stdout=subprocess.PIPE, env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})
     assert process.stdout is not None
@@ -209,15 +213,17 @@ def await_rows(process: subprocess.Popen[str], file: Path, least: dict[str, int]
         until_or_ended(lambda size=size: file.stat().st_size > size, process)
 
 
-def test_watch_writes_what_the_driveline_does_and_ends_by_ctrl_c(driveline: Callable[..., NodeProcess],
-                                                                 tmp_path: Path) -> None:
+def test_watch_writes_what_the_driveline_does_and_what_held_its_inputs_and_ends_by_ctrl_c(
+        driveline: NodeProcess, control: Control, tmp_path: Path) -> None:
     pytest.importorskip("rerun")
-    driveline(scene="minimal", rate=200.0)
+    control("reset")  # To the scene's own pressure, which pulsates.
     process = watching(tmp_path)
     assert process.stderr is not None
-    line = process.stderr.readline()
-    assert line.startswith("watching /driveline: mu_k = mu_s and constant pressure")
-    await_rows(process, tmp_path / "live.rrd", {"/slip/speed": 100, "/cycles/largest": STATIC + 1})
+    assert process.stderr.readline().startswith("watching /driveline: ")
+    await_rows(process, tmp_path / "live.rrd", {"/pressure/applied": STATIC + 10, "/cycles/largest": STATIC + 1})
+    for words in (("torque", "310"), ("pressure", "2.1e5")):
+        assert control(*words)[0] == 0
+    await_rows(process, tmp_path / "live.rrd", {"/control/mean": STATIC + 1, "/events": 2, "/slip/speed": 50})
     process.send_signal(signal.SIGINT)
     out, said = process.communicate(timeout=60)
     assert process.returncode == 0
@@ -246,32 +252,14 @@ sys.exit(cli.main(["watch", "--rrd", "live.rrd"]))
 """`tcc-sim watch` that is interrupted between taking its first states and showing them."""
 
 
-def test_states_that_were_taken_are_shown_when_ctrl_c_comes_in_between(driveline: Callable[..., NodeProcess],
+def test_states_that_were_taken_are_shown_when_ctrl_c_comes_in_between(driveline: NodeProcess, control: Control,
                                                                        tmp_path: Path) -> None:
     pytest.importorskip("rerun")
-    driveline(scene="minimal", rate=200.0)
     ended = subprocess.run([sys.executable, "-c", INTERRUPTED], cwd=tmp_path, text=True, capture_output=True,
                            timeout=60, check=False, env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})
     assert (ended.returncode, "Traceback" in ended.stderr) == (0, False)
     shown = int(ended.stdout.split()[0])
     assert rows_in(tmp_path / "live.rrd")["/slip/speed"] == shown + STATIC > STATIC
-
-
-def test_watch_shows_the_pressure_and_what_held_the_inputs(driveline: Callable[..., NodeProcess], control: Control,
-                                                           tmp_path: Path) -> None:
-    pytest.importorskip("rerun")
-    driveline(scene="commands", rate=200.0, command_timeout=0.0)
-    process = watching(tmp_path)
-    assert process.stderr is not None
-    assert process.stderr.readline().startswith("watching /driveline: ")
-    # First the scene's own pressure, which pulsates.
-    await_rows(process, tmp_path / "live.rrd", {"/pressure/applied": STATIC + 10})
-    for words in (("torque", "310"), ("pressure", "2.1e5")):
-        assert control(*words)[0] == 0
-    await_rows(process, tmp_path / "live.rrd", {"/control/mean": STATIC + 1, "/events": 2})
-    process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=60)
-    assert (process.returncode, "Traceback" in said) == (0, False)
 
 
 @pytest.mark.parametrize("what", ["torque", "pressure"])

@@ -1,9 +1,5 @@
 """The recorder node: its files, refusals and ends."""
 
-import os
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 from benches import overrides
@@ -137,17 +133,14 @@ def test_a_best_effort_publisher_comes_and_goes_and_the_reliable_one_loses_nothi
     assert sorted(value for value in values if value < 0.0) == [-3.0, -2.0, -1.0]
 
 
-def test_two_topics_of_other_types_remapped_onto_one_are_refused(monkeypatch, tmp_path):
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
-    ended = [subprocess.run([sys.executable, "-m", f"tcc_sim.nodes.{name}", "--ros-args", *words], text=True,
-                            capture_output=True, check=False)
-             for name, words in (("recorder", ["-p", f"output:={tmp_path / 'run'}", "-r", "slip_speed:=joint_states"]),
-                                 ("driveline", ["-p", "scene:=minimal", "-r", "slip_speed:=joint_states"]))]
-    assert [(e.returncode, e.stderr.count("\n")) for e in ended] == [(2, 1), (2, 1)]
-    assert ended[0].stderr == ("recorder: slip_speed is remapped onto /joint_states, which is a "
-                               "sensor_msgs/msg/JointState, not a std_msgs/msg/Float64\n")
-    assert "incompatible type" in ended[1].stderr
+def test_two_topics_of_other_types_remapped_onto_one_are_refused(entered, tmp_path):
+    remapped = "--ros-args", "-r", "slip_speed:=joint_states", "-p"
+    assert entered("recorder", *remapped, f"output:={tmp_path / 'run'}") == (
+        2, "", "recorder: slip_speed is remapped onto /joint_states, which is a sensor_msgs/msg/JointState, not a "
+               "std_msgs/msg/Float64\n")
+    status, _, said = entered("driveline", *remapped, "scene:=minimal")
+    assert (status, said.count("\n")) == (2, 1)
+    assert "incompatible type" in said
     assert list(tmp_path.iterdir()) == []
 
 
