@@ -15,6 +15,7 @@ from documents import valid
 
 from tcc_sim.cli import main
 from tcc_sim.recording.reader import open_run
+from tcc_sim.scene import load_scene
 
 PAGE = Path(__file__).resolve().parent.parent / ".github" / "guide" / "tutorial.md"
 STEP = re.compile(r"^```(python|text) ?(\S*)\n(.*?)^```|^    (\S[^\n]*)\n", re.DOTALL | re.MULTILINE)
@@ -69,7 +70,7 @@ def test_the_tutorial_runs_and_prints_what_it_shows(tmp_path: Path, monkeypatch:
     monkeypatch.setenv("MPLBACKEND", "Agg")
     for name in ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE"):
         monkeypatch.delenv(name, raising=False)
-    Path("paced.yaml").write_text(run("tcc-sim scenes --show controlled", capsys).replace("pacing: real_time", "pacing: lockstep"))
+    Path("paced.yaml").write_text(load_scene("controlled").with_values({"pacing": "lockstep"}).text())
     printed = [""]
     for kind, name, code, command in STEP.findall(PAGE.read_text()):
         if name:

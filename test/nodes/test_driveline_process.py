@@ -16,6 +16,7 @@ from tcc_sim.nodes.driveline import DrivelineNode
 from tcc_sim.nodes.middleware import time_of
 from tcc_sim.scene import bundled_scenes, load_scene
 
+
 def test_a_signal_ends_the_node_with_status_0_and_no_traceback(start: Callable[..., NodeProcess]) -> None:
     node = start("driveline", scene="minimal")
     node.await_line(CLOCK_STARTED)

@@ -180,13 +180,13 @@ VALUES = [[], [1, 2], 3, "text", None, 1.5, True, {"a": [1]}, {"lost": [1]}, {"l
           '{"lost": NaN}', "9" * 5000, {"messages": {"/x": []}, "missing_stamps": 3, "unsent": {"/x": -1}}]
 
 
-@pytest.mark.parametrize("name", [RESULT_RECORD, RECOVERY_RECORD])
 @pytest.mark.parametrize("value", VALUES, ids=lambda value: str(value)[:20])
-def test_a_record_of_any_value_is_used_or_passed_over(tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str,
+def test_records_of_any_value_are_used_or_passed_over(tmp_path: Path, capsys: pytest.CaptureFixture[str],
                                                       value: object) -> None:
     text = value if isinstance(value, str) and value != "text" else json.dumps(value)
     states = chunk(b"".join(message(1, n * TICK) for n in range(200)))
-    path = written(tmp_path / "x.mcap", scene(), result(name, text), schema(), channel(1), states)
+    path = written(tmp_path / "x.mcap", scene(), result(RESULT_RECORD, text), result(RECOVERY_RECORD, text), schema(),
+                   channel(1), states)
     assert main(["analyse", str(path)]) == 0
     captured = capsys.readouterr()
     assert captured.err == ""
@@ -232,9 +232,8 @@ def test_recovery_parses_so_much_quality_of_service_and_no_more(tmp_path: Path) 
     assert sum(depth >= 1000 for depth in offered) == 400_000 // 19_000
 
 
-@pytest.mark.parametrize("content", [b"", records.MAGIC[:7], b"not a recording at all\n" * 9],
-                         ids=["empty", "7 bytes", "foreign"])
-@pytest.mark.parametrize("name", ["run_3.mcap", "run_1.mcap", "notes.mcap"])
+@pytest.mark.parametrize(("name", "content"), [
+    ("run_3.mcap", b""), ("run_1.mcap", records.MAGIC[:7]), ("notes.mcap", b"not a recording at all\n" * 9)])
 def test_a_part_that_cannot_be_read_does_not_cost_the_others(tmp_path: Path, content: bytes, name: str,
                                                              capsys: pytest.CaptureFixture[str]) -> None:
     path = bag(tmp_path / "run", ticked(SCENE, 900), SCENE, max_duration=0.3)

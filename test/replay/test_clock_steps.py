@@ -20,6 +20,11 @@ def stepping(*steps):
     return lambda number: START + number * TICK + sum(by for row, by in steps if number >= row)
 
 
+def beside(first, second):
+    """Each of the first with two of the second, in turn."""
+    return [(one, second[(n + m) % len(second)]) for n, one in enumerate(first) for m in range(2)]
+
+
 def verified(tmp_path, resets, clock, changes=CHANGES, ticks=400):
     said = []
     rows = ticked(FIG02, ticks, changes=changes, resets=resets, said=said)
@@ -27,10 +32,10 @@ def verified(tmp_path, resets, clock, changes=CHANGES, ticks=400):
     return found.verification, len(rows), found
 
 
-@pytest.mark.parametrize("resets", [(), (99,), (100, 250), (60, 180, 300)])
-@pytest.mark.parametrize("steps", [[(50, -3600 * SECOND)], [(100, -SECOND)], [(101, -SECOND)], [(249, -50 * TICK)],
-                                   [(251, -200 * TICK)], [(300, -10 * TICK)], [(80, -SECOND), (200, -SECOND)],
-                                   [(120, -300 * TICK), (240, 3600 * SECOND)]])
+@pytest.mark.parametrize(("steps", "resets"), beside([
+    [(50, -3600 * SECOND)], [(100, -SECOND)], [(101, -SECOND)], [(249, -50 * TICK)], [(251, -200 * TICK)],
+    [(300, -10 * TICK)], [(80, -SECOND), (200, -SECOND)], [(120, -300 * TICK), (240, 3600 * SECOND)]],
+    [(), (99,), (100, 250), (60, 180, 300)]))
 def test_after_a_step_of_the_clock_every_state_is_followed_to_the_last_bit(tmp_path, resets, steps):
     found, count, _ = verified(tmp_path, resets, stepping(*steps))
     assert (found.verified, found.largest_difference, found.exact) == (True, 0.0, count)
@@ -61,8 +66,7 @@ def fallen_back(tmp_path, resets, clock, changes=()):
                   verify=True).verification, len(rows)
 
 
-@pytest.mark.parametrize("resets", [(), (99,), (60, 180, 300)])
-@pytest.mark.parametrize("steps", [[], *STEPS])
+@pytest.mark.parametrize(("steps", "resets"), beside([[], *STEPS], [(60, 180, 300), (99,), ()]))
 def test_after_a_step_of_the_clock_every_fallback_is_followed_to_the_last_bit(tmp_path, resets, steps):
     found, count = fallen_back(tmp_path, resets, stepping(*steps))
     assert (found.verified, found.largest_difference, found.exact) == (True, 0.0, count)
