@@ -1,6 +1,7 @@
 """Bags like those of driveline and recorder, without ROS: ticks of the real-time solver, or columns made by hand."""
 
 import math
+from functools import cache
 
 import numpy as np
 
@@ -92,19 +93,19 @@ def readings(scene, ticks, commanded, far=lambda k: None):
 
 
 def bag(directory, rows, scene, *, said=(), cut=False, lost=0, clock=None, publishers=None, targets=(), sources=(),
-        ends=(), **options):
+        ends=(), beside=None, received=None, **options):
     """Write rows, and scenes published again before some; with `cut` like a recorder that was killed.
 
     `clock` is the driveline's clock as f(row), ns; `publishers` are (first row, name) of the publisher from there on;
     `targets` are (row, rad/s) of a slip controller; `sources` are (row, stamp, text) of the source of the inputs from
-    that state on, and the row of the first sending for a repeated message; `options` are those of BagWriter."""
+    that state on, and the row of the first sending for a repeated message; `beside` are other messages after the state
+    of a row, (topic, type, log time, time of sending, data) and perhaps a publisher; `received` is the log time of a
+    state as f(row), ns; `options` are those of BagWriter."""
     clock = clock or (lambda number: START + number * TICK)
     scene = load_scene(scene) if isinstance(scene, str) else scene
     writer = BagWriter(directory, scene.text() if scene is not None else None, **options)
-    wished = writer.channel("/target_slip_speed", FLOAT64) if targets else 0
-    holding_it = writer.channel("/input_source", HEADER) if sources else 0
-    pressed = not math.isnan(rows[-1][-1])
-    far_end, at_end = writer.channel("/output_state", JOINT_STATE) if ends else 0, {row[0]: row for row in ends}
+    channel = cache(lambda name, kind, who="": writer.channel(name, kind, publisher=who))
+    pressed, at_end = not math.isnan(rows[-1][-1]), {row[0]: row for row in ends}
     joints, applied = {}, {}
     for first, who in publishers or [(0, "")]:
         joints[first] = writer.channel("/joint_states", JOINT_STATE, publisher=who)
@@ -114,15 +115,18 @@ def bag(directory, rows, scene, *, said=(), cut=False, lost=0, clock=None, publi
         for text in (text for row, text in said if row == number):
             writer.describe(text, log_ns=log - TICK // 2)
         for value in (value for row, value in targets if row == number):
-            writer.write(wished, log - TICK // 2, log - TICK // 2, cdr.float64(value))
+            writer.write(channel("/target_slip_speed", FLOAT64), log - TICK // 2, log - TICK // 2, cdr.float64(value))
         for since, text, *first in (rest for row, *rest in sources if row == number):
             sent = clock(first[0]) if first else log
-            writer.write(holding_it, log - 1, sent - 1, cdr.header(since, text))
-        writer.write(joints[owner], log, log, cdr.joint_state(stamp, *columns), number)
+            writer.write(channel("/input_source", HEADER), log - 1, sent - 1, cdr.header(since, text))
+        writer.write(joints[owner], received(number) if received else log, log, cdr.joint_state(stamp, *columns),
+                     number)
         if pressed:
             writer.write(applied[owner], log, log, cdr.fluid_pressure(stamp, pressure), number)
         if stamp in at_end:
-            writer.write(far_end, log, log, cdr.output_state(*at_end[stamp]), number)
+            writer.write(channel("/output_state", JOINT_STATE), log, log, cdr.output_state(*at_end[stamp]), number)
+        for name, kind, when, sent, data, *who in (beside or {}).get(number, ()):
+            writer.write(channel(name, kind, *who), when, sent, data, number)
         if number % 100 == 99:
             writer.file.flush()
     writer.file.flush()

@@ -1,4 +1,4 @@
-"""No text in a recording decides where a file is written; ruff's S rules find code that could run input."""
+"""No text in a recording decides where a file is written, and the table of topics is whole."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ import pytest
 
 from tcc_sim.cli import main
 from tcc_sim.messages import cdr
-from tcc_sim.messages.definitions import Definition
+from tcc_sim.messages.definitions import Definition, type_parts
 from tcc_sim.nodes.children import OwnEnvironment
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.scene import load_scene
-from tcc_sim.topics import JOINT_STATE
+from tcc_sim.topics import JOINT_NAMES, JOINT_STATE, TOPICS, topic
 
 TICKS = 300
 WATCHED: list[list[str]] = []
@@ -85,3 +85,20 @@ def test_commands_that_start_nodes_keep_discovery_on_this_machine_unless_told_ot
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")
     found = OwnEnvironment().values
     assert (found["ROS_AUTOMATIC_DISCOVERY_RANGE"], found["ROS_DOMAIN_ID"]) == ("SUBNET", "7")
+
+
+def test_every_row_is_whole_and_found_by_its_name():
+    assert len({row.name for row in TOPICS}) == len(TOPICS)
+    assert len({row.view for row in TOPICS if row.view}) == sum(bool(row.view) for row in TOPICS)
+    for row in TOPICS:
+        assert topic(row.name) is row
+        assert row.direction in ("in", "out", "beside")
+        assert row.carries
+        type_parts(row.type)
+    assert [row.name for row in TOPICS if row.direction == "in"] == [
+        "engine_torque", "actuation_pressure", "output_speed"]
+    assert [row.name for row in TOPICS if row.direction == "beside"] == [
+        "output_state", "target_slip_speed", "unsent_messages"]
+    assert JOINT_NAMES == ("flywheel", "clutch_plate")
+    with pytest.raises(KeyError):
+        topic("clutch")

@@ -1,3 +1,5 @@
+"""The driveline node in the process of the test: states, commands, services, parameters, quality of service."""
+
 from __future__ import annotations
 
 import math
@@ -9,6 +11,8 @@ from benches import Commander, stamp_of
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
+from pathlib import Path
+
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
@@ -18,8 +22,10 @@ from std_srvs.srv import SetBool, Trigger
 
 from tcc_sim.errors import InputError
 from tcc_sim.nodes.driveline import DrivelineNode
+from tcc_sim.nodes.loop_topics import CommandedInput
 from tcc_sim.scene import load_scene, parse_scene
 from tcc_sim.solvers import solve
+from tcc_sim.topics import TOPICS, topic
 
 STEP_NS = 1_000_000
 MEANS = {"engine__fallback": "mean", "pressure__fallback": "mean"}
@@ -185,3 +191,34 @@ def test_every_tick_counts_as_stick_or_slip(bench: Any, scene: str, stick: bool)
     ticks = node.loop.stick_ticks if stick else node.loop.slip_ticks
     assert ticks == node.loop.plant.stepper.tick + 1
     assert node.loop.stick_ticks + node.loop.slip_ticks == ticks
+
+
+def test_the_page_says_the_quality_of_service_that_is_offered(bench: Any) -> None:
+    page = (Path(__file__).parents[2] / ".github" / "guide" / "nodes.md").read_text().split("Quality of service, as")[1]
+    said = {}
+    for line in page.splitlines():
+        cells = [cell.strip() for cell in line.strip("|").split("|")]
+        if len(cells) == 4 and cells[0].startswith("`"):
+            said |= {name.strip("`/ "): cells[1:] for name in cells[0].split(",")}
+        elif said:
+            break
+    patient = bench.driveline(scene="commands", publish_shaft_torque=True, pacing="lockstep")
+    node = bench.driveline(scene="commands", publish_shaft_torque=True)
+    for one in (patient, node):
+        one.loop.clock.begin()
+        one.loop.attach(CommandedInput(one, topic("output_speed")))
+    kept = {p.topic_name.strip("/"): p.qos_profile.history.name for p in patient.publishers}
+    node.loop.outputs.unsent["joint_states"] = 1
+    node.loop.outputs.tell_unsent()
+    ends = {end.topic_name.strip("/"): end.qos_profile for end in (*node.publishers, *node.subscriptions)}
+    assert set(said) == {row.name.strip("/") for row in TOPICS}
+    for name, (reliability, durability, history) in said.items():
+        if name == "target_slip_speed":  # From the controller.
+            continue
+        profile = ends[name]
+        assert reliability == profile.reliability.name.lower()
+        assert durability == profile.durability.name.lower().replace("_", " ")
+        if history.startswith("the last 0.25 s"):
+            assert (profile.depth, kept[name]) == (250, "KEEP_ALL")
+        else:
+            assert history == f"last {profile.depth}"

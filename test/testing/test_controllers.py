@@ -1,0 +1,233 @@
+"""Nodes in the kit beside the driveline: slow controllers, sensors, and a vehicle that moves the far end of the shaft.
+
+Their runs are those of a law without ROS to the last bit.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import FluidPressure, JointState
+from std_msgs.msg import Float64
+
+import tcc_sim
+from tcc_sim.errors import InputError
+from tcc_sim.nodes.slip_controller import SlipControllerNode
+from tcc_sim.plant.driveline import Reading
+from tcc_sim.plant.slip_control import SlipController, Tuning
+from tcc_sim.scene import load_scene
+
+PERIOD = 10
+
+
+class Timed(Node):
+    """A controller as ROS 2 users write it: a subscription keeps the state, a timer of 10 ms commands."""
+
+    def __init__(self) -> None:
+        super().__init__("timed", parameter_overrides=[Parameter("use_sim_time", value=True)])
+        self.slip, self.times = 0.0, []
+        self.publisher = self.create_publisher(FluidPressure, "actuation_pressure", 10)
+        self.create_subscription(JointState, "joint_states", self.on_state, 10)
+        self.create_timer(0.01, self.on_timer)
+
+    def on_state(self, state: JointState) -> None:
+        self.slip = state.velocity[0] - state.velocity[1]
+
+    def on_timer(self) -> None:
+        self.times.append(self.get_clock().now().nanoseconds)
+        self.publisher.publish(FluidPressure(fluid_pressure=pressure_of(self.slip)))
+
+
+def pressure_of(slip: float) -> float:
+    return min(max(9e4 + 800.0 * (slip - 20.0), 0.0), 4e5)
+
+
+class Slow(Node):
+    """Answers every tenth state, or all."""
+
+    def __init__(self, every: int = PERIOD) -> None:
+        super().__init__("slow")
+        self.every = every
+        self.publisher = self.create_publisher(FluidPressure, "actuation_pressure", 10)
+        self.create_subscription(JointState, "joint_states", self.on_state, 10)
+
+    def on_state(self, state: JointState) -> None:
+        if state.header.stamp.nanosec // 1_000_000 % self.every == 0:
+            command = FluidPressure(fluid_pressure=pressure_of(state.velocity[0] - state.velocity[1]))
+            command.header.stamp = state.header.stamp
+            self.publisher.publish(command)
+
+
+def law(reading: Reading) -> float:
+    return pressure_of(reading.flywheel_speed - reading.plate_speed)
+
+
+def test_timers_of_simulation_time_fire_at_their_times_and_give_the_same_bits_each_time(driveline: Any) -> None:
+    runs = []
+    for _ in range(2):
+        plant = driveline("controlled")
+        node = plant.add(Timed())
+        runs.append(plant.run(seconds=0.5))
+        assert node.times == [k * 10_000_000 for k in range(1, len(node.times) + 1)]
+        assert len(node.times) in (49, 50)
+    held = runs[0].commands["actuation_pressure"][1:]
+    assert np.isnan(held[:PERIOD]).all()
+    assert np.flatnonzero(np.diff(held[PERIOD:])).tolist() == [k * PERIOD - 1 for k in range(1, 49)]
+    assert runs[0].slip_speed.tobytes() == runs[1].slip_speed.tobytes()
+    assert runs[0].missed == 0
+
+
+def test_an_answer_is_awaited_every_command_period_and_held_between(driveline: Any) -> None:
+    plant = driveline("controlled", changes={"command_period": 0.01})
+    plant.add(Slow())
+    run = plant.run(seconds=0.4)
+    assert run.missed == 0
+    changes = np.flatnonzero(np.diff(run.commands["actuation_pressure"][1:]))
+    assert (1 + changes).tolist() == [k * PERIOD for k in range(1, 40)]
+    scene = load_scene("controlled").with_values({"command_period": 0.01})
+    alone = tcc_sim.closed_loop(scene, law, 0.4)
+    assert alone.slip_speed.tobytes() == run.slip_speed.tobytes()
+    every = tcc_sim.closed_loop("controlled", law, 0.4)
+    assert every.slip_speed.tobytes() != alone.slip_speed.tobytes()
+
+
+@pytest.mark.parametrize(("period", "rate"), [(0.0015, 1000.0), (0.01, 150.0)])
+def test_a_command_period_is_whole_ticks(period: float, rate: float) -> None:
+    with pytest.raises(InputError, match=rf"command_period is {period} s; it must be a whole number of ticks"):
+        load_scene("controlled").with_values({"command_period": period, "rate": rate})
+
+
+SENSORS = {"flywheel_speed": {"noise": 0.5, "quantum": 0.125, "seed": 4}, "plate_speed": {"offset": 0.2},
+           "joint_states": {"delay_ticks": 5, "drop": 7, "seed": 2}}
+
+
+class FromSlip(Node):
+    """Answers every slip speed."""
+
+    def __init__(self) -> None:
+        super().__init__("from_slip")
+        self.publisher = self.create_publisher(FluidPressure, "actuation_pressure", 10)
+        self.create_subscription(
+            Float64, "slip_speed",
+            lambda slip: self.publisher.publish(FluidPressure(fluid_pressure=pressure_of(slip.data))), 10)
+
+
+def test_a_node_and_its_law_with_the_same_sensors_give_the_same_bits(driveline: Any) -> None:
+    plant = driveline("controlled")
+    plant.add(Slow(every=1))
+    for name, options in SENSORS.items():
+        plant.sensor(name, **options)
+    run = plant.run(seconds=0.3)
+    alone = tcc_sim.closed_loop("controlled", law, 0.3, sensors=SENSORS)
+    assert run.slip_speed.tobytes() == alone.slip_speed.tobytes()
+    assert run.commands["actuation_pressure"].tobytes() == alone.commands["actuation_pressure"].tobytes()
+    assert run.slip_speed.tobytes() != tcc_sim.closed_loop("controlled", law, 0.3).slip_speed.tobytes()
+    assert run.missed == 0
+
+
+def test_the_slip_speed_has_a_sensor_that_may_be_changed_between_runs(driveline: Any) -> None:
+    plant = driveline("controlled")
+    plant.add(FromSlip())
+    plant.sensor("slip_speed", offset=10.0, drop=4)
+    first = plant.run(ticks=40)
+    plant.sensor("slip_speed", offset=-10.0)
+    second = plant.run(ticks=40)
+    held = first.commands["actuation_pressure"]
+    true = [pressure_of(slip + 10.0) for slip in first.slip_speed]
+    missing = [tick for tick in range(40) if held[tick + 1] != true[tick]]
+    assert [tick // 4 for tick in missing] == list(range(10))
+    # The state between the runs was sent before the sensor was changed.
+    assert second.commands["actuation_pressure"][2:].tolist() == [
+        pressure_of(slip - 10.0) for slip in second.slip_speed[1:-1]]
+
+
+def test_a_wrong_sensor_is_refused(driveline: Any) -> None:
+    with pytest.raises(InputError, match="slip has no sensor; sensors are of slip_speed, "):
+        driveline("controlled").sensor("slip", noise=1.0)
+
+
+INERTIA, DRAG = 1.5, 2.0
+STEP = 1e-3
+
+
+class Vehicle(Node):
+    """One inertia with a drag: shaft_torque in, output_speed out, the speed for the next tick."""
+
+    def __init__(self) -> None:
+        super().__init__("vehicle")
+        self.speed = 0.0
+        self.publisher = self.create_publisher(Float64, "output_speed", 10)
+        self.create_subscription(Float64, "shaft_torque", self.on_torque, 10)
+
+    def on_torque(self, torque: Float64) -> None:
+        self.speed += STEP * (torque.data - DRAG * self.speed) / INERTIA
+        self.publisher.publish(Float64(data=self.speed))
+
+
+def test_a_vehicle_in_the_kit_moves_the_far_end_to_the_bits_of_closed_loop(driveline: Any) -> None:
+    scene = tcc_sim.load_scene("fig02").with_values({"publish_shaft_torque": True})
+    plant = driveline(scene)
+    plant.add(Vehicle())
+    run = plant.run(ticks=300)
+    speed = 0.0
+
+    def law(reading: Any) -> tuple[None, None, float]:
+        nonlocal speed
+        speed += STEP * (reading.shaft_torque - DRAG * speed) / INERTIA
+        return None, None, speed
+
+    alone = tcc_sim.closed_loop("fig02", law, 0.3)
+    assert run.missed == 0
+    for name in ("slip_speed", "plate_angle", "plate_speed", "output_angle", "output_speed"):
+        assert getattr(run, name).tobytes() == getattr(alone, name).tobytes(), name
+    assert np.ptp(run.output_speed) > 20.0
+
+
+def test_changes_of_a_run_are_made_at_their_tick_as_in_closed_loop(driveline: Any) -> None:
+    plant = driveline("fig02")
+    plant.at(0.05, engine__mean_torque=200.0)
+    plant.at(0.1, {"engine.mean_torque": 320.0, "pressure.amplitude": 0.0})
+    runs = [plant.run(ticks=60), plant.run(ticks=90)]
+    alone = tcc_sim.closed_loop("fig02", lambda _: None, 0.15, at={
+        0.05: {"engine.mean_torque": 200.0}, 0.1: {"engine.mean_torque": 320.0, "pressure.amplitude": 0.0}})
+    for name in ("slip_speed", "engine_torque", "plate_angle"):
+        found = np.concatenate([getattr(runs[0], name), getattr(runs[1], name)[1:]])
+        assert found.tobytes() == getattr(alone, name).tobytes(), name
+    with pytest.raises(InputError, match=r"a change at 0.1 s is not possible; the run is at 0.15 s"):
+        plant.at(0.1, engine__mean_torque=1.0)
+    with pytest.raises(InputError, match=r"engine.mean_torque is 1e\+06 N m"):
+        plant.at(0.2, engine__mean_torque=1e6)
+
+
+def test_the_slip_controller_follows_a_profile_of_its_target(driveline: Any) -> None:
+    times, values = [0.0, 0.5, 0.501], [20.0, 20.0, 30.0]
+    plant = driveline("controlled")
+    plant.add(SlipControllerNode(parameter_overrides=[Parameter("target_times", value=times),
+                                                      Parameter("target_values", value=values)]))
+    run = plant.run(seconds=1.5)
+    # 30 is asked for with the state of 0.501 s; the target is seen with the state after that.
+    assert run.target == (30.0, 502)
+    assert run.tracking.rms_error < 2.5
+    law = SlipController(Tuning(target_times=tuple(times), target_values=tuple(values)))
+
+    def answer(reading: Any) -> float:
+        law.target = law.tuning.target_at(reading.stamp_ns * 1e-9)
+        return law.update(reading.flywheel_speed - reading.plate_speed, reading.engine_torque)
+
+    assert run.slip_speed.tobytes() == tcc_sim.closed_loop("controlled", answer, 1.5).slip_speed.tobytes()
+
+
+def test_a_target_profile_is_checked_as_those_of_scenes() -> None:
+    with pytest.raises(InputError, match="target_values has 1 values; it must have as many as target_times, 2"):
+        Tuning(target_times=(0.0, 1.0), target_values=(20.0,))
+    with pytest.raises(InputError, match="target_times begins at 1 s; the first time must be 0"):
+        Tuning(target_times=(1.0,), target_values=(20.0,))
+    tuning = Tuning(target_times=(0.0, 2.0), target_values=(10.0, 30.0))
+    assert [tuning.target_at(t) for t in (0.0, 0.5, 2.0, 9.0)] == [10.0, 15.0, 30.0, 30.0]
