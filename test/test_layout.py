@@ -34,7 +34,7 @@ ROOMS = {
               "paper.claims_jumps", "model.friction_curve"],
     "pandas": ["replay"], "distributed": ["sweeps.executors"], "dask": ["sweeps.executors"],
     "mcap": ["recording"], "zstandard": ["recording"], "lz4": ["recording"],
-    "yaml": ["parameter_file", "scene", "recording", "messages"],
+    "yaml": ["parameter_file", "scene", "recording", "messages", "paper"],
     "rclpy": [*ROS, "benchmarks.pacing_benchmark"], "rcl_interfaces": ROS, "builtin_interfaces": ROS, "std_msgs": ROS,
     "sensor_msgs": ROS, "std_srvs": ROS, "diagnostic_msgs": ROS, "rosgraph_msgs": ROS, "ament_index_python": ROS,
     "rerun": ["views"], "matplotlib": DRAWINGS, "cycler": DRAWINGS, "argparse": ["cli"],

@@ -3,38 +3,35 @@
 from __future__ import annotations
 
 import json
-import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import ChainMap
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import Field, dataclass, field, fields
+from operator import methodcaller
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from tcc_sim.errors import counted
 from tcc_sim.output.tables import escape, markdown_table, text
-from tcc_sim.paper import claims_attenuation, claims_jumps, claims_methods, claims_periods, claims_stick
-from tcc_sim.paper.criteria import CONFIRMED, DEPENDS, NOT_CONFIRMED, Claim, Finding
+from tcc_sim.paper import rules
+from tcc_sim.paper.claims_methods import MethodClaims
+from tcc_sim.paper.claims_stick import SlipClaims
 from tcc_sim.paper.evidence import LATER, T
+from tcc_sim.paper.rules import CONFIRMED, DEPENDS, NOT_CONFIRMED, Claim, Finding
 from tcc_sim.paper.stable_motions import StableMotions
 from tcc_sim.result import Described, json_of, reported, reporting
 
-MODULES = (claims_methods, claims_stick, claims_jumps, claims_periods, claims_attenuation)
+
+class PaperEvidence(SlipClaims, MethodClaims):
+    """Evidence with the measures of all claims."""
 
 
-def _rows() -> Iterator[Claim]:
-    """Yield the claims of every module, those of its tables included."""
-    for module in MODULES:
-        for value in vars(module).values():
-            yield from (row for row in (value if isinstance(value, tuple) else (value,)) if isinstance(row, Claim))
+RULES: dict[str, tuple[Any, ...]] = {"holds": (rules.holds, "weaker"), "shares": (rules.shares, "partly"),
+                                     "near": (rules.near, "within"), "equal": (rules.equal,)}
+"""Rules of criteria and their options in claims.yaml."""
 
 
-def _place(row: Claim) -> tuple[float, float]:
-    """Return the section and the number of the figure or equation, the order of the paper."""
-    section, number = re.search(r"\d(\.\d)?", row.where), re.search(r"\d+", row.figure)
-    return float(section[0]) if section else 0.0, float(number[0]) if number else 0.0
-
-
-CLAIMS: tuple[Claim, ...] = tuple(sorted(_rows(), key=_place))
-"""Every claim in the order of the paper."""
 TOLERANCE = 1e-9
 TIGHTER = 1e-11
 """Relative tolerances of the smoothed engine; a verdict is `depends` if they differ at the first pressure."""
@@ -44,6 +41,27 @@ numbers of the text that depend on it. Values are shown at the first one.
 """
 VERDICTS = {NOT_CONFIRMED: ("no", "not confirmed"), DEPENDS: ("depends", "depend"), CONFIRMED: ("yes", "confirmed")}
 """Words of each verdict in a cell of the table and in a count, in the order of the page."""
+
+
+def claims_in(rows: Mapping[str, Mapping[str, Any]]) -> list[Claim]:
+    """Return the claims of a file; names in braces are constants of the module of the measure, or of `rules`."""
+    found = []
+    for name, row in rows.items():
+        measure, given = row.get("measure", name), row.get("given", {})
+        phrases = ChainMap(given, getattr(PaperEvidence, measure).__globals__, vars(rules))
+        words = {key: text.format_map(phrases) if isinstance(text, str) else text for key, text in row.items()}
+        criterion, = (rule(words[key], *(words[option] for option in options if option in row))
+                      for key, (rule, *options) in RULES.items() if key in row)
+        kind: dict[str, Any] = dict.fromkeys(row.get("kind", ()), True)
+        figure, where = row["at"]
+        found.append(Claim(figure, where, row["claim"], criterion, methodcaller(measure, **given), name,
+                           why=row.get("why", ""), **kind))
+    return found
+
+
+INTRODUCTION, _rows = yaml.safe_load_all(Path(__file__).with_name("claims.yaml").read_text(encoding="utf-8"))
+CLAIMS: tuple[Claim, ...] = tuple(claims_in(_rows))
+"""Every claim in the order of the paper, and the introduction of their page."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +105,7 @@ class Verdict:
         if len(set(self.pressures.values())) > 1:
             changes.append("the verdict changes with the mean pressure: "
                            + ", ".join(f"{v} at {p} kPa" for p, v in self.pressures.items()))
-        return "; ".join([*changes, *([self.finding.why] if self.finding.why else [])])
+        return "; ".join(filter(None, [*changes, self.finding.why]))
 
 
 @dataclass(frozen=True)
@@ -142,8 +160,8 @@ def judge(claims: Sequence[Claim] = (), *, pressures: Sequence[float] = PRESSURE
         A motion that a verdict needs could not be solved.
     """
     first, before, out = pressures[0], FindingFile(kept), []
-    every = {p: [StableMotions(TOLERANCE, jobs, progress, p)] for p in pressures}
-    every[first].append(StableMotions(TIGHTER, jobs, progress, first, known=every[first][0].known))
+    every = {p: [PaperEvidence(TOLERANCE, jobs, progress, p)] for p in pressures}
+    every[first].append(PaperEvidence(TIGHTER, jobs, progress, first, known=every[first][0].known))
     for row in claims or CLAIMS:
         findings = {p: [before.judged(row, evidence) for evidence in every[p]]
                     for p in (pressures[:1] if row.alone else pressures)}
@@ -159,22 +177,9 @@ def claims_page(verdicts: Sequence[Verdict], *, complete: bool = True) -> str:
     """Return a summary, a table of the claims by verdict, and every claim with its numbers."""
     places = list(dict.fromkeys(p for v in verdicts for p in v.pressures))
     kpa = f"{', '.join(places)} kPa"
-    lines = ["# The paper's claims", "", f"- {counts_of(verdicts)}.", "",
-             "This page is generated: `tcc-sim claims --markdown FILE` writes it. Each claim of Duan and Singh is "
-             "judged by the",
-             f"criterion printed with it, at a mean pressure of {kpa} with the relative tolerance {TOLERANCE:g}, at "
-             f"the first also with {TIGHTER:g}. The paper",
-             "does not print the mean pressure of Figs. 4 to 18; of 200 to 260 kPa "
-             f"{', '.join(f'{p / 1e3:g}' for p in PRESSURES)} agree with all numbers of the text",
-             "that depend on it, and the claims on those numbers are marked as fitted. \"Depends\": the criterion says "
-             "for what, such as some of several",
-             "numbers, or a weaker statement that holds; or the verdicts differ between pressures or tolerances. "
-             f"Values are those at {places[0]} kPa. Frequencies",
-             "are ratios omega/omega_n. Each motion has 150 cycles, the first 50 dropped; one whose section does not "
-             "repeat by then goes on for",
-             f"{LATER} more before it counts as aperiodic; slip that grows without end is neither. Where motions "
-             "coexist the stable ones found are",
-             "listed: where each begins and ends, and to which of them the initial state (13) leads.", ""]
+    lines = ["# The paper's claims", "", f"- {counts_of(verdicts)}.", "", INTRODUCTION.format(
+        kpa=kpa, first=places[0], fitting=", ".join(f"{p / 1e3:g}" for p in PRESSURES), tolerance=TOLERANCE,
+        tighter=TIGHTER, later=LATER)]
     found = [v for name in VERDICTS for v in verdicts if v.verdict == name]
     lines += markdown_table(["Fig.", "Section", "claim", "verdict", f"at {kpa}"], map(claim_row, found))
     if any(v.varied for v in verdicts):

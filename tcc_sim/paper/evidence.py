@@ -96,7 +96,7 @@ class Evidence:
     used: set[str] = field(default_factory=set)
     _sweeps: dict[tuple[Curve, Plan], Sweep] = field(default_factory=dict)
     _motions: dict[tuple[System, bool], ColdStartMotion] = field(default_factory=dict)
-    _settled: dict[tuple[Curve, Plan], NDArray[np.int64]] = field(default_factory=dict)
+    _settled: dict[tuple[Curve, Plan], list[Summary | None]] = field(default_factory=dict)
 
     def limit(self, name: str) -> float:
         """Return a threshold, and note its use."""
@@ -156,24 +156,26 @@ class Evidence:
         return self.motion({**row, FREQUENCY: ratio * OMEGA_N}).largest
 
     def periods(self, sweep: Sweep) -> NDArray[np.int64]:
-        """Return (n,) periods of the settled motions, as in `ColdStartMotion`.
+        """Return (n,) periods of the settled motions, as in `ColdStartMotion`."""
+        return np.array([period_of(found) for found in self._settled_in(sweep)], dtype=np.int64)
+
+    def slips(self, sweep: Sweep) -> NDArray[np.bool_]:
+        """Return (n,) whether the settled motion slips."""
+        return np.array([found is not None and found.regime != "stick" for found in self._settled_in(sweep)],
+                        dtype=bool)
+
+    def _settled_in(self, sweep: Sweep) -> list[Summary | None]:
+        """Return the settled motion of every point of a sweep.
 
         A motion that has not settled by the paper's rule continues for LATER cycles, since a transient is neither
         periodic nor aperiodic.
         """
         name = (sweep.curve, sweep.plan)
         if name not in self._settled:
-            self._settled[name] = np.array([period_of(found) for found in self._each(sweep)], dtype=np.int64)
+            with workers(self.jobs, None) as (threads, _):
+                self._settled[name] = list(threads.map(
+                    self._settle, map(sweep.curve.at, range(len(sweep.points))), sweep.points))
         return self._settled[name]
-
-    def slips(self, sweep: Sweep) -> NDArray[np.bool_]:
-        """Return (n,) whether the settled motion slips; unsettled motions are continued as for `periods`."""
-        return np.array([found is not None and found.regime != "stick" for found in self._each(sweep)], dtype=bool)
-
-    def _each(self, sweep: Sweep) -> list[Summary | None]:
-        """Return the settled motion of every point of a sweep."""
-        with workers(self.jobs, None) as (threads, _):
-            return list(threads.map(self._settle, map(sweep.curve.at, range(len(sweep.points))), sweep.points))
 
     def _settle(self, system: System, point: Point | None) -> Summary | None:
         """Return the motion of a point, from further cycles if its section does not repeat yet; None if it failed."""
@@ -266,6 +268,11 @@ def first_half(run: Trajectory) -> float:
     slip = np.where(run.state == 1, np.maximum(run.slip_speed, 0.0), 0.0)
     total = float(slip.sum())
     return float(slip[phase < 0.5].sum()) / total if total > 0.0 else math.nan
+
+
+def rms_apart(found: Floats, reference: Floats) -> float:
+    """Return the root mean square difference of a slip speed from another, over the largest magnitude of the latter."""
+    return float(np.sqrt(np.mean((found - reference) ** 2)) / np.abs(reference).max())
 
 
 def two_digits(x: float) -> float:

@@ -61,30 +61,15 @@ class EndFigures:
 
 @dataclass(frozen=True)
 class Motion:
-    """Stable motion along a curve, independent of the initial state; `stretch` has its period and ends."""
+    """Stable motion along a curve, independent of the initial state; `stretch` has its period, ends and sizes."""
 
     curve: str = field(metadata=reported("curve of the figure; empty if there is one only"))
     over: str = field(metadata=reported("name of the axis"))
     stretch: StableSegment
     from_start: Sequence[float] = field(metadata=reported("places at which the initial state (13) leads to it"))
-
-    @property
-    @reporting("period of the motion", "periods of excitation")
-    def period(self) -> int:
-        """Period, engine cycles."""
-        return self.stretch.period
-
-    @property
-    @reporting("lower end")
-    def low(self) -> EndFigures:
-        """Lower end."""
-        return EndFigures.of(self.stretch.low)
-
-    @property
-    @reporting("upper end")
-    def high(self) -> EndFigures:
-        """Upper end."""
-        return EndFigures.of(self.stretch.high)
+    period: int = field(metadata=reported("period of the motion", "periods of excitation"))
+    low: EndFigures = field(metadata=reported("lower end"))
+    high: EndFigures = field(metadata=reported("upper end"))
 
     @property
     @reporting("the motion in a sentence")
@@ -94,27 +79,20 @@ class Motion:
         if at:
             where = f"at {' to '.join(dict.fromkeys(f'{x:g}' for x in (min(at), max(at))))} " \
                     f"({counted(len(at), 'value')})"
-        return (f"{self.curve}{': ' if self.curve else ''}period {self.stretch.period}, stable over {self.over} from "
+        return (f"{self.curve}{': ' if self.curve else ''}period {self.period}, stable over {self.over} from "
                 f"{self.stretch.low} to {self.stretch.high}; within {CYCLES + RUNS * LATER} cycles (13) leads to it "
                 f"{where}")
 
 
-@dataclass(frozen=True)
-class Known:
-    """Results that do not depend on the tolerance of the sweeps, by rows and axes as text: stable stretches, existence
-    of a stable periodic motion, and attractors.
-    """
-
-    stretches: dict[str, list[StableSegment]] = field(default_factory=dict)
-    periodic: dict[str, NDArray[np.bool_]] = field(default_factory=dict)
-    attractors: dict[str, list[tuple[int, float]]] = field(default_factory=dict)
-
-
 @dataclass
 class StableMotions(Evidence):
-    """Evidence with branches; several share `known`."""
+    """Evidence with branches.
 
-    known: Known = field(default_factory=Known)
+    known : results that do not depend on the tolerance of the sweeps, by kind, rows and axes as text; evidence at
+        several tolerances shares them
+    """
+
+    known: dict[str, Any] = field(default_factory=dict)
 
     def varied(self, name: str, factor: float) -> StableMotions:
         """Return evidence with the same sweeps and motions, and with one threshold times a factor."""
@@ -126,16 +104,19 @@ class StableMotions(Evidence):
 
         Their parameter is that of `curves`. Orbits are solved at 1e-12 for any tolerance of the sweeps.
         """
-        names = [json.dumps([sorted(row.items()), axis.tolist(), over]) for row in rows]
-        known = self.known.stretches
-        missing = [k for k, name in enumerate(names) if name not in known]
-        sweeps = [self.curves([rows[k] for k in missing], axis, over=over, direction=way) for way in WAYS]
+        def followed(sweeps: Sequence[Sweep]) -> list[StableSegment]:
+            curve = sweeps[0].curve
+            branches = surveyed(curve, [s for sweep in sweeps for s in seen_in(sweep)], settings=FEW)
+            return stable_segments(branches, min(curve.values), max(curve.values), NORMALISED[over][1])
+
+        names = [json.dumps(["stretches", sorted(row.items()), axis.tolist(), over]) for row in rows]
+        missing = {name: row for name, row in zip(names, rows) if name not in self.known}
+        ways = [self.curves(list(missing.values()), axis, over=over, direction=way) for way in WAYS]
         with workers(self.jobs, None) as (pool, _), progress_bar("branches", len(missing), shown=self.progress) as bar:
-            tasks = [pool.submit(_followed, directions) for directions in zip(*sweeps)]
-            for k, task in zip(missing, tasks):
-                known[names[k]] = task.result()
+            for name, found in zip(missing, pool.map(followed, zip(*ways))):
+                self.known[name] = found
                 bar.update()
-        return [known[name] for name in names]
+        return [self.known[name] for name in names]
 
     def reached(self, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[int | None]:
         """Return for every value the number of the stretch that (13) leads to; None if it is on none."""
@@ -150,8 +131,8 @@ class StableMotions(Evidence):
         """Return every stretch of a curve with its ends, and the values at which (13) leads to it."""
         among = self.stretches([row], axis, over=over)[0]
         on = self.reached(row, axis, over=over)
-        return [Motion(curve, NORMALISED[over][0], s, [float(x) for x, found in zip(axis, on) if found == k])
-                for k, s in enumerate(among)]
+        return [Motion(curve, NORMALISED[over][0], s, [float(x) for x, found in zip(axis, on) if found == k], s.period,
+                       EndFigures.of(s.low), EndFigures.of(s.high)) for k, s in enumerate(among)]
 
     def jump_ends(self, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[float]:
         """Return the sorted values at which a stable motion ends in a jump."""
@@ -166,8 +147,8 @@ class StableMotions(Evidence):
 
     def periodic_at(self, row: Values, axis: Floats) -> NDArray[np.bool_]:
         """Return (n,) whether Newton's method finds a stable periodic orbit at a motion of a sweep."""
-        name = json.dumps([sorted(row.items()), axis.tolist()])
-        if name not in self.known.periodic:
+        name = json.dumps(["periodic", sorted(row.items()), axis.tolist()])
+        if name not in self.known:
             found = np.zeros(len(axis), dtype=bool)
             for way in WAYS:
                 curve = (sweep := self.curves([row], axis, direction=way)[0]).curve
@@ -177,46 +158,34 @@ class StableMotions(Evidence):
                     if seen.period and not found[k]:
                         point = point_of(of, span, seen)
                         found[k] = point is not None and point.orbit.stable
-            self.known.periodic[name] = found
-        return np.array(self.known.periodic[name])
+            self.known[name] = found
+        return np.array(self.known[name])
 
     def attractors(self, row: Values) -> list[tuple[int, float]]:
         """Return period and largest slip speed of every attractor, from (13) and from many initial states."""
-        name = json.dumps(sorted(row.items()))
-        if name not in self.known.attractors:
+        name = json.dumps(["attractors", sorted(row.items())])
+        if name not in self.known:
             system = self.system(row)
             starts = [np.array(State.at_start(system).numbers), *(LOWEST + (HIGHEST - LOWEST) * halton(SEEDS, 3))]
             found = find_attractors(DrivelineMotion(system), starts)
-            self.known.attractors[name] = sorted((a.period, a.largest) for a in found)
-        return list(self.known.attractors[name])
-
-
-def _followed(sweeps: Sequence[Sweep]) -> list[StableSegment]:
-    """Return the stable stretches of the branches through the motions of sweeps along a curve."""
-    curve = sweeps[0].curve
-    branches = surveyed(curve, [s for sweep in sweeps for s in seen_in(sweep)], settings=FEW)
-    return stable_segments(branches, min(curve.values), max(curve.values), NORMALISED[curve.key][1])
+            self.known[name] = sorted((a.period, a.largest) for a in found)
+        return list(self.known[name])
 
 
 def ordered_shares(found: Sequence[Sequence[Sequence[float]]], curve: int, where: Any,
                    limits: tuple[float, float] = (0.05, 0.1), *, worst: bool = False) -> tuple[float, float]:
-    """Return the fractions of the slipping places at which one curve is the lowest (`worst`: the highest).
+    """Return the fractions of the slipping places at which one curve is the lowest (`worst`: the highest), for every
+    choice of a motion on each curve and for some choice.
 
     Parameters
     ----------
     found : largest slip speeds of all stable motions, per curve and place
     limits : negligible difference, rad/s, and largest slip speed above which a curve slips
-
-    Returns
-    -------
-    The fractions for every choice of a motion on each curve, and for some choice.
     """
-    sign = -1.0 if worst else 1.0
-    every, some, moving = [], [], []
+    sign, holds = -1.0 if worst else 1.0, list[tuple[bool, bool, bool]]()
     for row in zip(*found):
-        own, others = [sign * h for h in row[curve]], [[sign * h for h in r] for k, r in enumerate(row) if k != curve]
-        every.append(max(own) <= min(min(r) for r in others) + limits[0])
-        some.append(min(own) <= min(max(r) for r in others) + limits[0])
-        moving.append(max(max(r) for r in row) > limits[1])
-    among = np.asarray(where) & np.array(moving)
-    return share_where(np.array(every), among), share_where(np.array(some), among)
+        own, *others = ([sign * h for h in r] for r in (row[curve], *row[:curve], *row[curve + 1:]))
+        holds.append((max(own) <= min(map(min, others)) + limits[0], min(own) <= min(map(max, others)) + limits[0],
+                      max(map(max, row)) > limits[1]))
+    every, some, moving = np.array(holds, dtype=bool).T
+    return share_where(every, where & moving), share_where(some, where & moving)

@@ -13,10 +13,9 @@ from tcc_sim.analysis.summary import Summary
 from tcc_sim.continuation.loss_of_stability import SegmentEnd, StableSegment
 from tcc_sim.model.parameters import System
 from tcc_sim.paper.catalogue import OMEGA_N, STATIC, paper_system
-from tcc_sim.paper.claims import CLAIMS
+from tcc_sim.paper.claims import CLAIMS, PaperEvidence
 from tcc_sim.paper.evidence import KINETIC, ColdStartMotion
 from tcc_sim.paper.figure_results import Figure, Labelled, Numbers
-from tcc_sim.paper.stable_motions import StableMotions
 from tcc_sim.sweeps.exponents import Lyapunov
 from tcc_sim.sweeps.results import Point
 from tcc_sim.sweeps.steady_state import Start
@@ -34,7 +33,7 @@ def record(slip: float = 10.0, period: int = 1, regime: str = "stick-slip", *, s
                  Damping(equivalent_damping, negative_slope_mean, -0.6), None, Start(State(0.0, 0.0, 0.0), 150))
 
 
-class Given(StableMotions):
+class Given(PaperEvidence):
     """Made-up evidence: a record per row, ratio and direction, and jumps and stable stretches per row."""
 
     def __init__(self, at: Callable[..., Point] = lambda row, x, direction: record(),

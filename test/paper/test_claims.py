@@ -16,8 +16,8 @@ from tcc_sim.cli import main
 from tcc_sim.output.tables import escape, markdown_table
 from tcc_sim.paper import claims
 from tcc_sim.paper.catalogue import OMEGA_N, paper_system
-from tcc_sim.paper.criteria import CONFIRMED, DEPENDS, NOT_CONFIRMED, Claim, Finding, Measured, holds, shares
 from tcc_sim.paper.evidence import Evidence, T, share_where
+from tcc_sim.paper.rules import CONFIRMED, DEPENDS, NOT_CONFIRMED, Claim, Finding, Measured, holds, shares
 from tcc_sim.paper.stable_motions import StableMotions
 from tcc_sim.result import json_of
 
@@ -26,7 +26,7 @@ PAGE = Path(__file__).resolve().parents[2] / ".github" / "paper" / "claims.md"
 
 def test_the_stick_limit_is_that_of_the_closed_form() -> None:
     """(25a) by hand: the amplitude of the interface torque is mu_s N R - Tm at the limit, far above omega_sn."""
-    found = rows["limits_of_stick"](StableMotions(claims.TOLERANCE))
+    found = rows["limits_of_stick"](claims.PaperEvidence(claims.TOLERANCE))
     (ratio, simulated), = found.values.values()
     omega = ratio * OMEGA_N
     spring = complex(3000.0, 0.6 * omega)

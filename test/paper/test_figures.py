@@ -70,14 +70,14 @@ def test_the_curves_of_a_figure_are_the_paper_s(number: int, of: str, expected: 
 
 def test_the_axes_of_the_claims_are_those_that_they_name() -> None:
     """First and last value and step of each axis, as in the criteria and on the page."""
-    from tcc_sim.paper import claims_attenuation, claims_jumps, claims_methods, claims_periods, claims_stick, rules
+    from tcc_sim.paper import claims_jumps, claims_methods, claims_periods, claims_stick, rules
 
     for axis, low, high, step in (
             (rules.FINER, 0.05, 0.5, 0.003), (rules.SPREAD, 0.14, 0.36, 0.001), (rules.AXIS, 0.05, 0.5, 0.005),
             (claims_jumps.around(0.2), 0.16, 0.24, 0.004), (claims_jumps.about(0.35), 0.33, 0.37, 0.04 / 14),
             (claims_jumps.about(0.2, 0.01), 0.19, 0.21, 0.02 / 14), (claims_periods.FALLS, 0.56, 0.83, 0.01),
             (claims_methods.DAMPED, 0.08, 0.30, 0.002), (claims_periods.RATIOS, 0.55, 1.0, 0.005),
-            (claims_stick.STICKING, 0.05, 0.25, 0.001), (claims_attenuation.HIGHER, 0.305, 0.455, 0.005)):
+            (claims_stick.STICKING, 0.05, 0.25, 0.001), (claims_stick.HIGHER, 0.305, 0.455, 0.005)):
         assert (axis[0], axis[-1]) == (low, high)
         np.testing.assert_allclose(np.diff(axis), step, atol=1.1e-6)
 

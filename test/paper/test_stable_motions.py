@@ -13,8 +13,8 @@ from oracle import smoothed_states
 from tcc_sim.paper.catalogue import FIGURES, paper_system
 from tcc_sim.paper.claims import CLAIMS, Verdict, claims_page
 from tcc_sim.paper.claims_periods import AT_036, covered_down_to
-from tcc_sim.paper.criteria import Finding
 from tcc_sim.paper.evidence import KINETIC, with_kinetic
+from tcc_sim.paper.rules import Finding
 from tcc_sim.paper.stable_motions import HIGHEST, LOWEST, StableMotions, ordered_shares
 from tcc_sim.result import json_of
 from tcc_sim.solvers import solve
@@ -41,7 +41,7 @@ def test_both_motions_at_036_with_the_fold_and_where_the_start_leads() -> None:
         1: [x for x, repeats in once.items() if repeats], 2: [x for x, repeats in once.items() if not repeats]}
     json.dumps(json_of([first, second]), allow_nan=False)
     assert evidence.jump_ends(AT_036, AXIS, over=KINETIC) == [two.high.value]
-    assert len(evidence.known.stretches) == 1
+    assert len(evidence.known) == 1
     again = StableMotions(1e-11, 1, known=evidence.known)
     assert again.stretches([AT_036], AXIS, over=KINETIC)[0] is found
 

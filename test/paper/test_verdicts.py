@@ -37,8 +37,8 @@ from given import (
 )
 
 from tcc_sim.paper.catalogue import OMEGA_N
-from tcc_sim.paper.criteria import CONFIRMED, DEPENDS, NOT_CONFIRMED, equal, holds, near, shares
 from tcc_sim.paper.evidence import T
+from tcc_sim.paper.rules import CONFIRMED, DEPENDS, NOT_CONFIRMED, equal, holds, near, shares
 
 YES, NO, PART = CONFIRMED, NOT_CONFIRMED, DEPENDS
 

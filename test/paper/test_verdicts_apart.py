@@ -14,10 +14,11 @@ from tcc_sim.analysis.damping import slope_of_friction
 from tcc_sim.model import friction, harmonic_balance
 from tcc_sim.model.parameters import System
 from tcc_sim.model.pure_slip import pure_slip
-from tcc_sim.paper import claims_attenuation, claims_methods, claims_periods, claims_stick
+from tcc_sim.paper import claims_methods, claims_periods, claims_stick
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, paper_system
-from tcc_sim.paper.criteria import CONFIRMED, DEPENDS, NOT_CONFIRMED
+from tcc_sim.paper.claims import PaperEvidence
 from tcc_sim.paper.evidence import FAILED, FREQUENCY, KINETIC, Evidence, with_kinetic
+from tcc_sim.paper.rules import CONFIRMED, DEPENDS, NOT_CONFIRMED
 from tcc_sim.solvers import solve
 from tcc_sim.trajectory import Cycles
 
@@ -146,7 +147,7 @@ def test_a_transient_of_slip_is_stick_once_it_has_settled() -> None:
     alone = kept.curves([row], np.array([0.13]))[0]
     for settled in (False, True):
         stuck = replace(alone.points[0].summary, settled=settled, regime="stick-slip")
-        assert kept.slips(replace(alone, points=[replace(alone.points[0], summary=stuck)])).tolist() == [settled]
+        assert Evidence(1e-9, 1).slips(replace(alone, points=[replace(alone.points[0], summary=stuck)])).tolist() == [settled]
 
 
 def test_a_point_that_failed_is_none_and_never_slips() -> None:
@@ -164,8 +165,8 @@ def test_where_two_curves_of_maxima_cross_is_found_to_1e_5() -> None:
     def slip(row: Any, x: float, direction: str) -> Any:
         return record(10.0 + (20.0 * (x - 0.3016) if row["pressure.phase"] == lagging["pressure.phase"] else 0.0))
 
-    assert claims_attenuation.crossing(Given(slip), {}, OMEGA_N, 0.30) == pytest.approx(0.3016, abs=1e-5)
-    assert claims_attenuation.crossing(Given(slip), {}, OMEGA_N, 0.40) is None
+    assert Given(slip).crossing({}, OMEGA_N, 0.30) == pytest.approx(0.3016, abs=1e-5)
+    assert Given(slip).crossing({}, OMEGA_N, 0.40) is None
 
 
 @pytest.mark.parametrize(("off", "verdict"), [(1e-3, CONFIRMED), (3e-3, NOT_CONFIRMED)])
@@ -195,7 +196,7 @@ def test_a_jump_keeps_its_change_on_a_narrow_interval_and_a_steep_rise_does_not(
 
 def test_stick_ends_where_10_says_by_a_run_from_stick() -> None:
     """(10) by hand for psi = pi: Tm + |Tp G + Tsp| at their phases; without a limit there is no value."""
-    values = rows["stick_limits_varying"](Evidence(1e-9, 1)).values
+    values = rows["stick_limits_varying"](PaperEvidence(1e-9, 1)).values
     assert len(values) == 4  # For psi = 0 a lower limit too.
     for name, found in values.items():
         limit, simulated = found
@@ -206,19 +207,19 @@ def test_stick_ends_where_10_says_by_a_run_from_stick() -> None:
         torque = 300.0 + 250.0 * (gain * np.exp(1j * t)).imag
         psi = {"0": 0.0, "pi/2": 0.5 * np.pi, "pi": np.pi}[name.split("psi = ")[1].split(",")[0]]
         assert (540.0 * (1.0 + 0.25 * np.sin(t + psi)) - np.abs(torque)).min() == pytest.approx(0.0, abs=0.05)
-    assert claims_stick.end_of_stick(Evidence(1e-9, 1), {}, 0.45, 0.49) is None
+    assert PaperEvidence(1e-9, 1).end_of_stick({}, 0.45, 0.49) is None
 
 
 @pytest.mark.parametrize(("off", "verdict"), [(5e-4, CONFIRMED), (2e-3, NOT_CONFIRMED), (None, NOT_CONFIRMED)])
 def test_limits_of_stick_are_held_against_the_simulation(off, verdict, monkeypatch) -> None:  # type: ignore
-    monkeypatch.setattr(claims_stick, "end_of_stick", lambda evidence, row, low, high: None if off is None
+    monkeypatch.setattr(Given, "end_of_stick", lambda evidence, row, low, high: None if off is None
                         else 0.5 * (low + high) + off)
     assert [rows[name](Given()).verdict for name in ("limits_of_stick", "stick_limits_varying")] == [verdict] * 2
 
 
 def test_the_smoothed_law_creeps_where_the_set_valued_one_sticks() -> None:
     """Its slip speed carries the torque: tanh(50 v) is near |Tfi|/(mu_s N R), so v is some hundredths of a rad/s."""
-    found = rows["smoothed_stick_creeps"](Evidence(1e-9, 1))
+    found = rows["smoothed_stick_creeps"](PaperEvidence(1e-9, 1))
     assert found.verdict == CONFIRMED
     assert 0.01 < found.values["largest slip speed (rad/s)"]["smoothed"] < 0.2
 
@@ -287,7 +288,7 @@ def test_the_other_readings_of_21_are_means_of_the_slope() -> None:
     row = with_kinetic(0.667, {FREQUENCY: 0.12 * OMEGA_N})
     run = Evidence(1e-9, 1).last_cycles(row, 16, 4096)
     slope, v = slope_of_friction(run), run.slip_speed
-    found = claims_methods.other_readings(Evidence(1e-9, 1))
+    found = PaperEvidence(1e-9, 1).other_readings()
     for name, weights in (("no weight", None), ("|v|", np.abs(v)), ("(v - mean v)^2", (v - np.mean(v)) ** 2),
                           ("v^2 outside stick", v**2 * (run.state != 0))):
         assert len(found[name]) == 3
