@@ -41,7 +41,7 @@ def test_the_page_has_every_erratum_and_what_is_left_open() -> None:
         cells = [escape(row.where), escape(row.printed), escape(row.right), f"`{row.code}`" if row.code else ""]
         assert markdown_table(cells, [])[0] in page
         assert f"{escape(row.why[0].upper() + row.why[1:])}." in page
-    for what, taken in errata.OPEN:
+    for what, taken in errata.OPEN.items():
         assert markdown_table([escape(what), escape(taken)], [])[0] in page
     for numbers in (errata.phases, errata.amplitude, errata.slip_condition,
                     errata.roots, errata.stuck_frequency, errata.phase_order):
