@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING
 
 from tcc_sim.errors import InputError
@@ -115,33 +116,21 @@ def _friction_ratios(*ratios: float) -> tuple[Series, ...]:
     return tuple(Series(rf"$\mu_k = {'' if r == 1.0 else format(r, 'g')}\mu_s$", _kinetic(r)) for r in ratios)
 
 
-def _pressure(amplitude: float = 0.25, frequency_ratio: float = 1.0, phase: float = 0.0,
-              kinetic: float = 1.0) -> dict[str, Value]:
-    """Return the scene keys for Tsp/Tsm, omega_f/omega, psi and mu_k/mu_s."""
-    return {"pressure.amplitude": amplitude * PRESSURE, "pressure.frequency_ratio": frequency_ratio,
-            "pressure.phase": phase, **_kinetic(kinetic)}
+def _loads(label: str, key: str, choices: Mapping[str, float], kinetic: float = 1.0,
+           **more: Value) -> tuple[Series, ...]:
+    """Return a curve for every choice of a key of the load; otherwise Tsp/Tsm = 0.25, omega_f = omega and psi = 0."""
+    usual = {"pressure.amplitude": 0.25 * PRESSURE, "pressure.frequency_ratio": 1.0, "pressure.phase": 0.0}
+    return tuple(Series(label % name, {**usual, key: value, **_kinetic(kinetic), **more})
+                 for name, value in choices.items())
 
 
-def _phases(kinetic: float) -> tuple[Series, ...]:
-    """Return curves for the three phases of Figs. 8, 14 and 15."""
-    names = {0.0: r"$\psi = 0$", 0.5 * math.pi: r"$\psi = \pi/2$", math.pi: r"$\psi = \pi$"}
-    return tuple(Series(name, _pressure(phase=phase, kinetic=kinetic)) for phase, name in names.items())
-
-
-def _frequencies(kinetic: float, ratios: Mapping[str, float]) -> tuple[Series, ...]:
-    """Return curves for the actuation frequencies of Figs. 10, 11, 16 and 17."""
-    return tuple(Series(rf"$\omega_f = {name}\omega$", _pressure(frequency_ratio=ratio, kinetic=kinetic))
-                 for name, ratio in ratios.items())
-
-
-def _amplitudes(kinetic: float) -> tuple[Series, ...]:
-    """Return curves for the actuation amplitudes of Figs. 13 and 18."""
-    return tuple(Series(rf"$T_{{sp}}/T_{{sm}} = {x:g}$", _pressure(x, kinetic=kinetic))
-                 for x in (0.0, 0.125, 0.25, 0.5))
-
-
+_phases = partial(_loads, r"$\psi = %s$", "pressure.phase", {"0": 0.0, r"\pi/2": 0.5 * math.pi, r"\pi": math.pi})
+_amplitudes = partial(_loads, r"$T_{sp}/T_{sm} = %s$", "pressure.amplitude", {
+    f"{x:g}": x * PRESSURE for x in (0.0, 0.125, 0.25, 0.5)})
+_frequencies = partial(_loads, r"$\omega_f = %s\omega$", "pressure.frequency_ratio")
 HALF_ONE_TWO = {"0.5": 0.5, "": 1.0, "2": 2.0}
 THIRDS = {r"\frac{2}{3}": 2.0 / 3.0, "": 1.0, r"\frac{4}{3}": 4.0 / 3.0}
+"""Curves for the phases, amplitudes and frequencies of the actuation."""
 LOAD = r"$\mu_s N_m R = 540$ N m"
 CONSTANT = rf"constant load, {LOAD}"
 QUARTER = rf"{LOAD}, $T_{{sp}}/T_{{sm}} = 0.25$"
@@ -167,7 +156,7 @@ FIGURES: dict[int, PaperFigure] = {row.number: row for row in (
     PaperFigure(6, r"Orbit diagram over $\mu_k/\mu_s$ at $\omega/\omega_n = 0.36$", CONSTANT,
                 "orbit", (Series("", {"engine.frequency": 0.36 * OMEGA_N}),), over="friction.kinetic_coefficient",
                 span=(0.55, 1.0), count=226),
-    PaperFigure(7, r"Time histories and Poincar\'e sections at $\omega/\omega_n = 0.36$".replace(r"\'e", "é"),
+    PaperFigure(7, r"Time histories and Poincaré sections at $\omega/\omega_n = 0.36$",
                 rf"{CONSTANT}; sections at $t = 2\pi n/\omega$", "histories",
                 tuple(Series(rf"$\mu_k/\mu_s = {r:g}$", {**_kinetic(r), "engine.frequency": 0.36 * OMEGA_N})
                       for r in (0.94, 0.74, 0.64))),
@@ -179,14 +168,13 @@ FIGURES: dict[int, PaperFigure] = {row.number: row for row in (
                 tuple(Series(rf"$\omega/\omega_n = {r:.2f}$", {"engine.frequency": r * OMEGA_N})
                       for r in (0.15, 0.18, 0.37, 0.40))),
     PaperFigure(10, r"Effect of $\omega_f$, $\mu_k = \mu_s$", rf"{QUARTER}, $\psi = 0$", "map",
-                _frequencies(1.0, HALF_ONE_TWO)),
+                _frequencies(HALF_ONE_TWO)),
     PaperFigure(11, r"Effect of $\omega_f$, $\mu_k = \mu_s$", rf"{QUARTER}, $\psi = 0$", "map",
-                _frequencies(1.0, THIRDS)),
+                _frequencies(THIRDS)),
     PaperFigure(12, r"Time histories for three $\omega_f$ at $\omega = 150$ rad/s",
                 rf"{QUARTER}, $\psi = 0$, $\mu_k = \mu_s$; dashed: $T_s$; dotted: $T_e$", "actuation",
-                tuple(Series(rf"$\omega_f = {name}\omega$",
-                             {**_pressure(frequency_ratio=ratio), "engine.frequency": 150.0})
-                      for name, ratio in (("0.5", 0.5), (r"\frac{2}{3}", 2.0 / 3.0), (r"\frac{4}{3}", 4.0 / 3.0)))),
+                _frequencies({"0.5": 0.5, **{name: x for name, x in THIRDS.items() if name}},
+                             **{"engine.frequency": 150.0})),
     PaperFigure(13, r"Effect of $T_{sp}$, $\mu_k = \mu_s$", rf"{LOAD}, $\omega_f = \omega$, $\psi = 0$", "map",
                 _amplitudes(1.0)),
     PaperFigure(14, rf"Phase with a falling friction law, {FALLING_SLOPE}", rf"{QUARTER}, $\omega_f = \omega$", "map",
@@ -194,9 +182,9 @@ FIGURES: dict[int, PaperFigure] = {row.number: row for row in (
     PaperFigure(15, r"Phase with a falling friction law, $\mu_k = 0.67\mu_s$", rf"{QUARTER}, $\omega_f = \omega$",
                 "map", _phases(0.67)),
     PaperFigure(16, rf"Actuation frequency with a falling friction law, {FALLING_SLOPE}", rf"{QUARTER}, $\psi = 0$",
-                "map", _frequencies(0.75, HALF_ONE_TWO)),
+                "map", _frequencies(HALF_ONE_TWO, 0.75)),
     PaperFigure(17, rf"Actuation frequency with a falling friction law, {FALLING_SLOPE}", rf"{QUARTER}, $\psi = 0$",
-                "map", _frequencies(0.75, THIRDS)),
+                "map", _frequencies(THIRDS, 0.75)),
     PaperFigure(18, rf"Actuation amplitude with a falling friction law, {FALLING_SLOPE}",
                 rf"{LOAD}, $\omega_f = \omega$, $\psi = 0$", "map", _amplitudes(0.75)),
 )}

@@ -17,18 +17,19 @@ from tcc_sim.model.quantity import Value
 from tcc_sim.paper import figure_results as results
 from tcc_sim.paper.branches_behind import motions_behind, motions_behind_each, orbit_behind
 from tcc_sim.paper.catalogue import (
+    BRANCHED,
     FIGURES,
     NORMALISED,
     QUICK_SHARE,
     SECTION_CYCLES,
     STATIC,
+    SWEPT,
     FigureOptions,
     PaperFigure,
-    Series,
     paper_system,
     series_system,
 )
-from tcc_sim.paper.evidence import JUMP, first_half, steep, swept
+from tcc_sim.paper.evidence import JUMP, first_half, rms_apart, steep, swept
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.sweeps.executors import workers
@@ -49,6 +50,13 @@ SOLVER_CURVES: dict[str, tuple[str, str, Mapping[str, float]]] = {
     "event_driven": ("discontinuous solution", "set_valued", {}),
     "rk4": ("RK4, step 50 us", "smoothed", {"step": 5e-5}),
 }
+COLUMNS = ("max_slip_speed", "min_slip_speed", "period", "confirmed", "settled", "runaway", "stick_fraction", "regime",
+           "theta2", "equivalent_damping", "negative_slope_mean", "status")
+"""Columns of a sweep in the curve of a map."""
+SHOWN: dict[str, tuple[int, tuple[str, ...]]] = {
+    "histories": (12, ("slip_speed", "plate_angle")), "delay": (2, ("slip_speed", "engine_torque", "state")),
+    "actuation": (9, ("slip_speed", "saturation_torque", "engine_torque"))}
+"""Number of cycles and columns of each kind of time history."""
 STEADY_LAWS: tuple[tuple[str, Mapping[str, Value]], ...] = (
     (r"(7), $\sigma = 50$", {}), (r"(7), $\sigma = 1000$", {"friction.smoothing": 1000.0}),
     ("(6)", {"friction.law": "set_valued"}))
@@ -84,49 +92,32 @@ def figure_system(number: int, options: FigureOptions) -> System:
 def _varied(row: PaperFigure) -> set[str]:
     """Return the keys that differ between the curves or along them."""
     keys = {key for series in row.series for key in series.values} if len(row.series) > 1 else set()
-    return keys | ({row.over} if row.kind in ("map", "damping", "orbit") else set())
+    return keys | ({row.over} if row.kind in SWEPT else set())
 
 
-def _axis(row: PaperFigure, options: FigureOptions) -> tuple[str, np.ndarray, float]:
-    """Return name and values of the normalised axis, and the value of the key at 1."""
+def _over_axis(row: PaperFigure, options: FigureOptions) -> results.Numbers:
+    """Compute a map, Fig. 5, or Fig. 6, which is also continued up and down if the options have no direction."""
     count = (row.count - 1) // QUICK_SHARE + 1 if options.quick else row.count
-    name, unit = NORMALISED[row.over]
-    return name, np.linspace(*row.span, count), unit
-
-
-def _plan(options: FigureOptions, direction: str = "cold", *, damping: bool = False) -> Plan:
-    """Return the paper's rule: 50 dropped cycles and 100 more, or 50 more with `quick`."""
-    return Plan(cycles=100 if options.quick else 150, discard=50, direction=options.direction or direction,
-                section_points=SECTION_POINTS, damping=damping)
-
-
-def _swept(row: PaperFigure, options: FigureOptions, plan: Plan) -> list[Sweep]:
-    """Return the sweep of every series."""
-    _, ratios, unit = _axis(row, options)
-    scaled = np.minimum(ratios * unit, STATIC) if unit == STATIC else ratios * unit
-    wanted = [Curve(series_system(s, options), row.over, tuple(float(x) for x in scaled)) for s in row.series]
-    return swept(wanted, plan, options.kept, options.jobs, options.progress)
-
-
-def _curves(row: PaperFigure, options: FigureOptions, curves: Sequence[results.Labelled],
-            threshold: float | None = None) -> results.Numbers:
-    """Return the numbers of curves over the figure's axis."""
-    name, ratios, unit = _axis(row, options)
-    return results.Numbers(over=row.over, axis=name, x=ratios.tolist(), unit=unit, cycles=_plan(options).most,
-                           discarded=50, threshold=threshold, curves=curves)
-
-
-COLUMNS = ("max_slip_speed", "min_slip_speed", "period", "confirmed", "settled", "runaway", "stick_fraction", "regime",
-           "theta2", "equivalent_damping", "negative_slope_mean", "status")
-"""Columns of a sweep in the curve of a map."""
-
-
-def _curve(series: Series, sweep: Sweep, others: Sequence[results.Coexisting] | None = None,
-           behind: results.MotionsBehind | None = None) -> results.Labelled:
-    """Return one sweep as a curve."""
-    return results.Labelled(label=series.label, values=series.values, direction=sweep.plan.direction, coexisting=others,
-                            behind=behind,
-                            **{name: column for name, column in sweep.lists.items() if name in COLUMNS})
+    (name, unit), ratios = NORMALISED[row.over], np.linspace(*row.span, count)
+    values = np.minimum(ratios * unit, STATIC) if unit == STATIC else ratios * unit
+    wanted = [Curve(series_system(s, options), row.over, tuple(values.tolist())) for s in row.series]
+    own = ("cold", "up", "down") if row.kind == "orbit" else ("cold",)
+    plans = [Plan(cycles=100 if options.quick else 150, discard=50, direction=direction, section_points=SECTION_POINTS,
+                  damping=row.kind == "damping") for direction in ((options.direction,) if options.direction else own)]
+    sweeps = [s for plan in plans for s in swept(wanted, plan, options.kept, options.jobs, options.progress)]
+    others = [coexisting(sweep, options.jobs) if row.kind == "map" and sweep.plan.direction == "cold" else None
+              for sweep in sweeps]
+    behind: Sequence[results.MotionsBehind | None] = [None] * len(sweeps)
+    if options.branches and row.kind in BRANCHED:
+        behind = motions_behind(sweeps, options.progress) if row.kind == "orbit" else motions_behind_each(
+            sweeps, options.jobs, options.progress)
+    curves = [results.Labelled(label=series.label, values=series.values, direction=sweep.plan.direction,
+                               coexisting=other, behind=found,
+                               **{name: column for name, column in sweep.lists.items() if name in COLUMNS})
+              for series, sweep, other, found in zip(row.series * len(plans), sweeps, others, behind)]
+    return results.Numbers(over=row.over, axis=name, x=ratios.tolist(), unit=unit, cycles=plans[0].most, discarded=50,
+                           threshold=-paper_system().driveline.damping if row.kind == "damping" else None,
+                           curves=curves)
 
 
 def coexisting(sweep: Sweep, jobs: int | None = None) -> list[results.Coexisting]:
@@ -169,29 +160,6 @@ def stands_out(values: np.ndarray, k: int, least: float) -> bool:
     return bool(left * right > 0.0 and min(abs(left), abs(right)) > least)
 
 
-def _map(row: PaperFigure, options: FigureOptions) -> results.Numbers:
-    """Compute a map: Figs. 4, 8, 10, 11, 13 to 18."""
-    sweeps = _swept(row, options, _plan(options))
-    cold = sweeps[0].plan.direction == "cold"
-    others = [coexisting(sweep, options.jobs) if cold else None for sweep in sweeps]
-    behind = motions_behind_each(sweeps, options.jobs, options.progress) if options.branches else [None] * len(sweeps)
-    return _curves(row, options, [_curve(*of) for of in zip(row.series, sweeps, others, behind)])
-
-
-def _damping(row: PaperFigure, options: FigureOptions) -> results.Numbers:
-    """Compute Fig. 5."""
-    sweeps = _swept(row, options, _plan(options, damping=True))
-    return _curves(row, options, [_curve(*of) for of in zip(row.series, sweeps)], -paper_system().driveline.damping)
-
-
-def _orbit(row: PaperFigure, options: FigureOptions) -> results.Numbers:
-    """Compute Fig. 6 from the initial state, and continued up and down, or in the direction of the options only."""
-    directions = (options.direction,) if options.direction else ("cold", "up", "down")
-    sweeps = [sweep for direction in directions for sweep in _swept(row, options, _plan(options, direction))]
-    behind = motions_behind(sweeps, options.progress) if options.branches else [None] * len(sweeps)
-    return _curves(row, options, [_curve(row.series[0], sweep, None, found) for sweep, found in zip(sweeps, behind)])
-
-
 def _law(row: PaperFigure, options: FigureOptions) -> results.Numbers:
     """Compute Fig. 3: the smoothed law, also near 0, its slope, and the set-valued law."""
     curves = []
@@ -223,49 +191,35 @@ def _time(run: Trajectory) -> Floats:
     return found
 
 
-def _histories(row: PaperFigure, options: FigureOptions) -> results.Numbers:
-    """Compute Fig. 7."""
+def _panels(row: PaperFigure, options: FigureOptions) -> results.Numbers:
+    """Compute the time histories of Figs. 7, 9 and 12, with the sections of Fig. 7 and the orbits of Fig. 12."""
+    cycles, columns = SHOWN[row.kind]
     panels = []
     for series in row.series:
         system = series_system(series, options)
-        before, after = _run_in(system, 12)
-        summary, exponent = summarise(before), None
-        points = before.solved_cycles.section[-max(summary.period, 1):]
-        if not summary.period:
-            many = SECTION_CYCLES // (QUICK_SHARE if options.quick else 1)
-            further = solve(system, cycles=many, start_cycle=RUN_IN, state=before.final).raise_for_status()
-            points = further.solved_cycles.section[1:]
-            if options.law == "smoothed":
-                exponent = largest_lyapunov_exponent(system, before.final, cycles=many, start_cycle=RUN_IN)
-        panels.append(results.Labelled(
-            label=series.label, values=series.values, period=summary.period, section=points[:, 1:], lyapunov=exponent,
-            t=_time(after), slip_speed=after.slip_speed, plate_angle=after.plate_angle))
+        before, after = _run_in(system, cycles)
+        found, more = summarise(before), dict[str, Any]()
+        if row.kind == "delay":
+            more = {"first_half": first_half(after)}
+        elif row.kind == "histories":
+            more = {"period": found.period, **_section(system, before, found.period, options)}
+        else:
+            more = {"period": found.period, "orbit": orbit_behind(
+                system, before.final, RUN_IN, found.period, found.max_slip_speed) if options.branches else None}
+        panels.append(results.Labelled(label=series.label, values=series.values, t=_time(after), **more,
+                                       **{name: getattr(after, name) for name in columns}))
     return results.Numbers(panels=panels)
 
 
-def _delay(row: PaperFigure, options: FigureOptions) -> results.Numbers:
-    """Compute Fig. 9: torque and slip over two cycles, and the part of positive slip in the first half cycle."""
-    panels = []
-    for series in row.series:
-        _, after = _run_in(series_system(series, options), 2)
-        panels.append(results.Labelled(
-            label=series.label, values=series.values, first_half=first_half(after), t=_time(after),
-            slip_speed=after.slip_speed, engine_torque=after.engine_torque, state=after.state))
-    return results.Numbers(panels=panels)
-
-
-def _actuation(row: PaperFigure, options: FigureOptions) -> results.Numbers:
-    """Compute Fig. 12."""
-    panels = []
-    for series in row.series:
-        before, after = _run_in(series_system(series, options), 9)
-        found = summarise(before)
-        orbit = orbit_behind(series_system(series, options), before.final, RUN_IN, found.period,
-                             found.max_slip_speed) if options.branches else None
-        panels.append(results.Labelled(
-            label=series.label, values=series.values, period=found.period, t=_time(after), orbit=orbit,
-            slip_speed=after.slip_speed, saturation_torque=after.saturation_torque, engine_torque=after.engine_torque))
-    return results.Numbers(panels=panels)
+def _section(system: System, before: Trajectory, period: int, options: FigureOptions) -> dict[str, Any]:
+    """Return the points of the section and, for a motion without period under law (7), the largest exponent."""
+    if period:
+        return {"section": before.solved_cycles.section[-period:, 1:]}
+    many = SECTION_CYCLES // (QUICK_SHARE if options.quick else 1)
+    further = solve(system, cycles=many, start_cycle=RUN_IN, state=before.final).raise_for_status()
+    return {"section": further.solved_cycles.section[1:, 1:],
+            "lyapunov": largest_lyapunov_exponent(system, before.final, cycles=many, start_cycle=RUN_IN)
+            if options.law == "smoothed" else None}
 
 
 def _solvers(row: PaperFigure, options: FigureOptions) -> results.Numbers:
@@ -286,8 +240,7 @@ def _solvers(row: PaperFigure, options: FigureOptions) -> results.Numbers:
         run = solve(replace(system, {"friction.law": law}), cycles=1 if options.quick else 2, samples_per_cycle=SAMPLES,
                     start_cycle=begin, state=start, solver=solver, rtol=setting.get("rtol"), step=setting.get("step"))
         seconds, reference = time.perf_counter() - begun, curves[0].slip_speed if curves else run.slip_speed
-        apart = np.nan if len(run.t) != len(reference) else float(
-            np.sqrt(np.mean((run.slip_speed - reference) ** 2)) / np.abs(reference).max())
+        apart = np.nan if len(run.t) != len(reference) else rms_apart(run.slip_speed, reference)
         curves.append(results.Labelled(
             solver=solver, label=label, status=run.status.value, seconds=seconds, t=_time(run),
             slip_speed=run.slip_speed, friction_torque=run.friction_torque, rms_difference=apart))
@@ -295,6 +248,5 @@ def _solvers(row: PaperFigure, options: FigureOptions) -> results.Numbers:
 
 
 KINDS: dict[str, Callable[[PaperFigure, FigureOptions], Any]] = {
-    "map": _map, "damping": _damping, "orbit": _orbit, "histories": _histories,
-    "delay": _delay, "actuation": _actuation, "law": _law,
-    "solvers": _solvers}
+    **dict.fromkeys(SWEPT, _over_axis), **dict.fromkeys(SHOWN, _panels), "law": _law, "solvers": _solvers}
+"""Function that computes each kind of figure."""
