@@ -1,4 +1,4 @@
-"""Drawings of `figure --branches`: branches over points, and the cause of each jump."""
+"""Drawings of `figure --branches`: branches over points, and the cause of each jump; marks of points."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from tcc_sim.errors import counted
 from tcc_sim.paper.figure_results import Labelled, MotionsBehind
 from tcc_sim.views import style
 from tcc_sim.views.branch_diagram import MARKS, UNSTABLE, stable_and_unstable
+from tcc_sim.views.sweeps import numbers
 
 CAUSES = {"basin_boundary": "basin", "steep": "steep", "aperiodic": "no period", "not_followed": "not followed",
           "stick_border": "stick border", "period_doubling": "doubling", "neimark_sacker": "torus",
@@ -22,6 +23,8 @@ UNNAMED = ("aperiodic", "not_followed")
 """Causes without a label in drawings, because there may be dozens; JSON and pages name them."""
 UNSEEN = ("steep",)
 """Causes without a mark, because one motion continues."""
+OFF_BRANCHES: dict[str, Any] = {"linewidth": 0.4, "linestyle": (0, (1, 3))}
+"""Line of a jump whose cause is UNNAMED."""
 NARROWEST = 0.021
 """Least distance of neighbouring labels, as a fraction of the axis."""
 AXES = {"omega/omega_n": r"frequency ratio $\omega/\omega_n$", "mu_k/mu_s": r"friction ratio $\mu_k/\mu_s$"}
@@ -32,9 +35,9 @@ def draw_branches(axis: Any, curve: Labelled, unit: float, colour: str) -> None:
     found = behind([curve])
     periods = sorted({b["period"] for b in found.branches})
     for number, branch in enumerate(found.branches):
-        rank = min(periods.index(branch["period"]), 3)
+        thicker = 0.35 * min(periods.index(branch["period"]), 3)
         for (x, height), dashes, width in zip(stable_and_unstable(vars(found), number), ("-", UNSTABLE), (1.1, 0.7)):
-            axis.plot(x / unit, height, linestyle=dashes, linewidth=width + 0.35 * rank, color=colour, zorder=2.5)
+            axis.plot(x / unit, height, linestyle=dashes, linewidth=width + thicker, color=colour, zorder=2.5)
     for item in found.bifurcations:
         axis.plot([item["value"] / unit], [item["max_slip_speed"]], linestyle="none", marker=MARKS[item["kind"]][0],
                   color=style.INK, markersize=2.8, markeredgewidth=0.0, zorder=4)
@@ -68,7 +71,7 @@ def label_jumps(axis: Any, curves: Sequence[Labelled], unit: float, colours: Seq
         for jump in behind([curve]).jumps:
             x, cause = jump.value / unit, jump.cause
             if cause in UNNAMED:
-                axis.axvline(x, color=colour, linewidth=0.4, linestyle=(0, (1, 3)), alpha=0.6, zorder=1.4)
+                axis.axvline(x, color=colour, alpha=0.6, zorder=1.4, **OFF_BRANCHES)
             elif cause not in UNSEEN:
                 axis.axvline(x, color=colour, linewidth=0.5, alpha=0.7, zorder=1.5)
                 named.setdefault((CAUSES.get(cause, cause.replace("_", " ")), f"{x:.4f}"), (x, colour))
@@ -116,55 +119,55 @@ def legend_of(axis: Any, curves: Sequence[Labelled], swept: Sequence[Labelled], 
     curves : curves with branches in the picture
     swept : curves with points and jumps in the picture
     """
-    axis.set_axis_off()
-    looks: dict[str, Any] = {"color": style.INK, "linestyle": "none"}
-    handles = axis.plot([], [], color=style.INK, label="stable (thicker: longer period)")
-    if not all(all(b["stable"]) for b in behind(curves).branches):
-        handles += axis.plot([], [], color=style.INK, linewidth=0.7, linestyle=UNSTABLE, label="unstable")
-    for mark in marks_met(swept):
-        handles += axis.plot([], [], label=mark.name, **mark.look(style.INK, 2.4))
+    followed = behind(curves)
+    rows: list[dict[str, Any]] = [{"label": "stable (thicker: longer period)"}]
+    if not all(all(b["stable"]) for b in followed.branches):
+        rows.append({"label": "unstable", "linewidth": 0.7, "linestyle": UNSTABLE})
+    rows += [{"label": mark.name, **mark.look(style.INK, 2.4)} for mark in marks_met(swept)]
     if beyond:
-        handles += axis.plot([], [], linestyle="none", label=f"({counted(beyond, 'point')} beyond the axes)")
-    for kind in dict.fromkeys(f["kind"] for f in behind(curves).bifurcations):
-        marker, name = MARKS[kind]
-        handles += axis.plot([], [], marker=marker, markersize=3.2, markeredgewidth=0.0, label=name, **looks)
+        rows.append({"label": f"({counted(beyond, 'point')} beyond the axes)", "linestyle": "none"})
+    rows += [{"label": name, "marker": marker, "markersize": 3.2, "markeredgewidth": 0.0, "linestyle": "none"}
+             for marker, name in (MARKS[kind] for kind in dict.fromkeys(f["kind"] for f in followed.bifurcations))]
     if named_jumps(swept):
-        handles += axis.plot([], [], color=style.INK, linewidth=0.5, label="jump, with its cause")
+        rows.append({"label": "jump, with its cause", "linewidth": 0.5})
     if any(jump.cause in UNNAMED for jump in behind(swept).jumps):
-        handles += axis.plot([], [], color=style.INK, linewidth=0.4, linestyle=(0, (1, 3)),
-                             label="jump off the branches")
+        rows.append({"label": "jump off the branches", **OFF_BRANCHES})
+    axis.set_axis_off()
+    handles = [axis.plot([], [], **{"color": style.INK, **row})[0] for row in rows]
     columns = 4 if style.wide(axis.figure.get_figwidth()) else 2
     axis.legend(handles=handles, loc="center", ncols=columns, fontsize=6.2).set_in_layout(False)
 
 
 @dataclass(frozen=True)
 class Mark:
-    """Look of the points of a sweep with one kind of motion; `colour` overrides that of the curve."""
+    """Look of points; `face` and `colour` override the colour of the curve, and `size` that of the picture."""
 
     name: str
     marker: str
-    full: bool = False
+    face: str = ""
+    edge: float = 0.0
+    size: float = 0.0
     colour: str = ""
 
     def look(self, colour: str, size: float = 1.8) -> dict[str, Any]:
         """Return the keywords of a plot."""
         colour = self.colour or colour
-        return {"linestyle": "none", "marker": self.marker, "color": colour, "markersize": size,
-                "markerfacecolor": colour if self.full else "white", "markeredgewidth": 0.0 if self.full else 0.5}
+        return {"linestyle": "none", "marker": self.marker, "color": colour, "markersize": self.size or size,
+                "markerfacecolor": self.face or colour, "markeredgewidth": self.edge}
 
 
-SETTLED = Mark("settled in a period", "o", full=True)
-APERIODIC = Mark("no period up to 16", "o")
-SETTLING = Mark("still settling to a period", "x")
-AWAY = Mark("slip grows without end", "^", full=True, colour=style.RUNAWAY)
+SETTLED = Mark("settled in a period", "o")
+APERIODIC = Mark("no period up to 16", "o", "white", 0.5)
+SETTLING = Mark("still settling to a period", "x", "white", 0.5)
+AWAY = Mark("slip grows without end", "^", colour=style.RUNAWAY)
+OTHER = Mark("coexists: reached from a neighbour's state", "D", "none", 0.7, 3.2)
+SPIKE = Mark("transient outlasting the dropped cycles", "v", "none", 0.8, 4.5)
 
 
 def marked(curve: Labelled) -> list[tuple[Mark, np.ndarray]]:
     """Return every kind of point with (n,) whether each point of a curve is of this kind."""
-    def column(values: Sequence[Any], other: Any) -> np.ndarray:
-        return np.array([other if v is None else v for v in values])
-
-    away, period, done = column(curve.runaway, False), column(curve.period, 0), column(curve.settled, True)
+    away, period, done = (np.array([other if v is None else v for v in values]) for values, other in (
+        (curve.runaway, False), (curve.period, 0), (curve.settled, True)))
     where = (~away & (period > 0) & done, ~away & (period > 0) & ~done, ~away & (period == 0), away)
     return list(zip((SETTLED, SETTLING, APERIODIC, AWAY), (w.astype(bool) for w in where)))
 
@@ -178,8 +181,7 @@ def draw_runaways(axis: Any, x: Sequence[float], curve: Labelled) -> None:
 
 def bounded(curve: Labelled) -> np.ndarray:
     """Return (n,) largest slip speeds, NaN for a failure or runaway slip."""
-    values = np.array([np.nan if x is None else x for x in curve.max_slip_speed], dtype=np.float64)
-    return np.where(dict(marked(curve))[AWAY], np.nan, values)
+    return np.where(dict(marked(curve))[AWAY], np.nan, numbers(curve.max_slip_speed))
 
 
 def marks_met(curves: Sequence[Labelled]) -> list[Mark]:

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.paper import branch_panels as panels
-from tcc_sim.paper import histories as paper_histories
+from tcc_sim.paper import histories
 from tcc_sim.paper.catalogue import SWEPT, plain
 from tcc_sim.paper.figure_results import Figure, Labelled
 from tcc_sim.views import style
+from tcc_sim.views.stored import Record
 from tcc_sim.views.sweeps import numbers
 
 MAXIMUM = r"max $|\dot\delta_1|$ (rad/s)"
@@ -22,6 +23,9 @@ WIDEST = 125
 """Characters of a caption's line over a page."""
 NARROW = 72
 """Characters of the lines of a caption and of a title in a column."""
+SAMPLES = ("t", "slip_speed", "plate_angle", "friction_torque", "engine_torque", "saturation_torque", "state",
+           "coefficient", "slope", "near_slip_speed", "near_coefficient", "near_slope", "near_set_valued")
+"""Keys of the samples of curves and panels."""
 DIRECTIONS = {"cold": ("from the initial state (13)", style.BLUE), "up": ("continued upward", style.RED),
               "down": ("continued downward", style.GREEN)}
 
@@ -34,10 +38,9 @@ def draw(data: Figure, stem: Path, title: str = "", width: float = style.PAGE) -
     title : title of the picture; by default number and title of the figure
     width : width, inch; in a column, panels are narrower or below each other
     """
-    height, paint = KINDS[data.kind]
     wide, caption = style.wide(width), caption_of(data, width)
     more = 0.0 if wide else 0.15 * (caption.count("\n") + 1)
-    with style.figure(width, (height if wide else COLUMN_HEIGHTS.get(data.kind, height))(data) + more) as drawn:
+    with style.figure(width, _height(data, wide) + more) as drawn:
         extra = [] if data.law == "smoothed" or data.kind in ("law", "solvers") else ["set-valued law"]
         if data.kind in ("map", "damping"):
             directions = {curve.direction for curve in data.numbers.curves}
@@ -46,7 +49,7 @@ def draw(data: Figure, stem: Path, title: str = "", width: float = style.PAGE) -
         words = title or f"Fig. {data.figure}. {data.title}{note}"
         drawn.suptitle(words if wide else "\n".join(_lines(_words(words), " ", 42)), x=0.01, ha="left",
                        fontsize=9.5 if wide else 8.5, fontweight="bold")
-        paint(drawn, data)
+        KINDS[data.kind][-1](drawn, data)
         drawn.supxlabel(caption, x=0.01, ha="left", fontsize=7.0 if wide else 6.5, color=style.GREY)
         for axis in drawn.axes:
             # Tick labels in mathematical typesetting look the same and take ten times as long.
@@ -98,32 +101,21 @@ def draw_orbit(axis: Any, x: Sequence[float], curve: Labelled, colour: str) -> N
                       color=style.GREY if mark is panels.SETTLING else colour, rasterized=True)
 
 
-OTHER = "coexists: reached from a neighbour's state"
-SPIKE = "transient outlasting the dropped cycles"
-
-
 def draw_curve_maxima(axis: Any, x: Sequence[float], curve: Labelled, colour: str) -> None:
     """Draw the largest slip speeds with a mark for each kind of motion, coexisting motions, and spikes."""
     axis.plot(x, panels.bounded(curve), color=colour, linewidth=0.9, label=curve.label)
     _points(axis, x, curve, colour)
     rows = curve.coexisting or ()
-    axis.plot([x[r.index] for r in rows], [r.other.max_slip_speed for r in rows], linestyle="none", marker="D",
-              markersize=3.2, markerfacecolor="none", markeredgewidth=0.7, color=colour)
-    spikes = [r for r in rows if r.spike]
-    axis.plot([x[r.index] for r in spikes], [r.max_slip_speed for r in spikes], linestyle="none", marker="v",
-              markersize=4.5, markerfacecolor="none", markeredgewidth=0.8, color=colour)
+    for mark, places in ((panels.OTHER, [(x[r.index], r.other.max_slip_speed) for r in rows]),
+                         (panels.SPIKE, [(x[r.index], r.max_slip_speed) for r in rows if r.spike])):
+        axis.plot(*np.array(places).reshape(-1, 2).T, **mark.look(colour))
 
 
 def legend_of_marks(axis: Any, curves: Sequence[Labelled]) -> None:
     """Draw a legend of the marks in this picture."""
     rows = [r for curve in curves for r in curve.coexisting or ()]
-    looks: dict[str, Any] = {"color": style.INK, "linestyle": "none", "markerfacecolor": "none"}
-    for mark in panels.marks_met(curves):
+    for mark in (*panels.marks_met(curves), *[panels.OTHER] * bool(rows), *[panels.SPIKE] * any(r.spike for r in rows)):
         axis.plot([], [], label=mark.name, **mark.look(style.INK, 2.6))
-    if rows:
-        axis.plot([], [], marker="D", markersize=3.2, markeredgewidth=0.7, label=OTHER, **looks)
-    if any(r.spike for r in rows):
-        axis.plot([], [], marker="v", markersize=4.5, markeredgewidth=0.8, label=SPIKE, **looks)
 
 
 def _paint_map(drawn: Any, data: Figure) -> None:
@@ -285,38 +277,39 @@ def shade_slipping_away(axis: Any, x: Sequence[float], data: Figure) -> None:
         axis.axvspan(x[0], ratio, color=style.GREY, alpha=0.25, linewidth=0.0, zorder=0, label="$T_{sm} < T_m$")
 
 
-def _map_height(data: Figure) -> float:
-    """Return the height of a map, inch."""
-    if data.numbers.curves[0].behind is not None:
-        return 1.2 + 1.9 * len(data.numbers.curves)
-    return 1.1 + 1.05 * len(data.numbers.curves)
+def _height(data: Figure, wide: bool) -> float:
+    """Return the height of the picture without its caption, inch."""
+    kind, numbers = data.kind, data.numbers
+    count = len(numbers.curves if numbers.panels is None else numbers.panels)
+    branched = kind in ("map", "orbit") and numbers.curves[0].behind is not None
+    if kind == "orbit":
+        return (3.0 if len({c.direction == "cold" for c in numbers.curves}) == 1 else 5.0) + 3.4 * branched
+    page, column, _ = KINDS["branched map" if branched else kind]
+    base, each = page if wide else column
+    return base + each * count
 
 
-def _orbit_height(data: Figure) -> float:
-    """Return the height of one or two panels of orbits and one of branches, inch."""
-    height = 3.0 if len({c.direction == "cold" for c in data.numbers.curves}) == 1 else 5.0
-    return height + (3.4 if data.numbers.curves[0].behind is not None else 0.0)
+Painter = Callable[[Any, Figure], None]
+KINDS: dict[str, tuple[tuple[float, float], tuple[float, float], Painter]] = {
+    "map": ((1.1, 1.05), (1.9, 1.05), _paint_map), "branched map": ((1.2, 1.9), (1.9, 3.2), _paint_map),
+    "damping": ((5.4, 0.0), (5.4, 0.0), _paint_damping), "orbit": ((0.0, 0.0), (0.0, 0.0), _paint_orbit),
+    "law": ((2.7, 0.0), (6.6, 0.0), histories.paint_law),
+    "histories": ((0.6, 1.75), (0.6, 2.3), histories.paint_histories),
+    "delay": ((4.4, 0.0), (0.5, 1.5), histories.paint_delay),
+    "actuation": ((0.6, 1.4), (0.6, 1.4), histories.paint_actuation),
+    "solvers": ((6.2, 0.0), (7.6, 0.0), histories.paint_solvers)}
+"""Height in inch on a page and in a column, each of the picture and of every curve or panel, and painter, by kind."""
 
 
-def _of_numbers(paint: Callable[[Any, Any], None]) -> Callable[[Any, Figure], None]:
-    """Return a painter that calls `paint` with the numbers of a figure."""
-    return lambda drawn, data: paint(drawn, data.numbers)
-
-
-COLUMN_HEIGHTS: dict[str, Callable[[Figure], float]] = {
-    "map": lambda data: (1.9 + (3.2 if data.numbers.curves[0].behind is not None else 1.05) * len(data.numbers.curves)),
-    "law": lambda data: 6.6, "histories": lambda data: 0.6 + 2.3 * len(data.numbers.panels),
-    "delay": lambda data: 0.5 + 1.5 * len(data.numbers.panels), "solvers": lambda data: 7.6}
-"""Height in inch of pictures in a column, where it differs from that on a page."""
-
-KINDS: dict[str, tuple[Callable[[Figure], float], Callable[[Any, Figure], None]]] = {
-    "map": (_map_height, _paint_map),
-    "damping": (lambda data: 5.4, _paint_damping),
-    "orbit": (_orbit_height, _paint_orbit),
-    "law": (lambda data: 2.7, _of_numbers(paper_histories.paint_law)),
-    "histories": (lambda data: 0.6 + 1.75 * len(data.numbers.panels), _of_numbers(paper_histories.paint_histories)),
-    "delay": (lambda data: 4.4, _of_numbers(paper_histories.paint_delay)),
-    "actuation": (lambda data: 0.6 + 1.4 * len(data.numbers.panels), _of_numbers(paper_histories.paint_actuation)),
-    "solvers": (lambda data: 6.2, _of_numbers(paper_histories.paint_solvers)),
-}
-"""Height in inch and painter of every kind of figure."""
+def draw_stored(path: Path, values: Record, title: str, width: float) -> Path:
+    """Draw a figure from its JSON; null is NaN in samples and in numbers that may be missing."""
+    for part in (values, *(values.curves or ()), *(values.panels or ()), *(values.steady or ())):
+        for name in SAMPLES:
+            if isinstance(getattr(part, name), list):
+                vars(part)[name] = numbers(getattr(part, name))
+        vars(part).update({name: np.nan for name in ("peak_slip_speed", "first_half")
+                           if name in part and part[name] is None})
+        vars(part)["behind"] = part if part.branches is not None else None
+    vars(values)["numbers"] = values
+    draw(values, path, title, width)  # type: ignore[arg-type]
+    return path

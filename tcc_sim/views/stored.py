@@ -23,7 +23,7 @@ from tcc_sim.scene import Operation, Scene
 from tcc_sim.sweeps.simulation import Plan, simulate
 from tcc_sim.trajectory import UNITS, Trajectory
 
-DRAWN = {"analyse": ("tcc_sim.replay.replay", "draw_again"), "figure": ("tcc_sim.paper.redrawn", "draw_stored"),
+DRAWN = {"analyse": ("tcc_sim.replay.replay", "draw_again"), "figure": ("tcc_sim.paper.drawings", "draw_stored"),
          "precision": ("tcc_sim.benchmarks.redrawn", "draw_stored_precision"),
          "stability": ("tcc_sim.benchmarks.redrawn", "draw_stored_stability")}
 """Module and function of a later room that draws a kind of JSON. Arguments: file of the picture, `Record`, title, and
@@ -54,6 +54,10 @@ class Record:
     def items(self) -> Any:
         """Return the keys with their values."""
         return vars(self).items()
+
+    def get(self, name: str) -> Any:
+        """Return the value of a key, or None."""
+        return vars(self).get(name)
 
     @staticmethod
     def of(value: Any) -> Any:

@@ -32,8 +32,8 @@ def test_a_title_says_what_the_paper_s_figure_has_not(kind: str, law: str, direc
                                                       monkeypatch: pytest.MonkeyPatch) -> None:
     said: list[str] = []
     monkeypatch.setattr(style, "save_both", lambda drawn, stem: said.append(drawn.get_suptitle()))
-    monkeypatch.setitem(drawings.KINDS, kind, (lambda data: 2.0, lambda drawn, data: None))
-    numbers = curves_of([curve_of([1.0], direction=name) for name in directions]) if directions else None
+    monkeypatch.setitem(drawings.KINDS, kind, ((2.0, 0.0), (2.0, 0.0), lambda drawn, data: None))
+    numbers = curves_of([curve_of([1.0], direction=name) for name in directions or ["cold"]])
     drawings.draw(figure_of(kind, numbers, law=law, title="A"), Path("none"))
     assert said == [title]
 
@@ -50,7 +50,7 @@ def test_time_histories_name_their_lowest_axes_and_mark_every_cycle() -> None:
     late = Labelled(label="a", first_half=0.25, t=t, slip_speed=slip, engine_torque=torque, state=np.array([0, 1, 0]))
     load = Labelled(label="a", period=2, t=t, slip_speed=slip, saturation_torque=torque + 3.0, engine_torque=torque)
     with style.figure() as drawn:
-        histories.paint_histories(drawn, Numbers(panels=[panel, panel, none]))
+        histories.paint_histories(drawn, figure_of("histories", Numbers(panels=[panel, panel, none])))
         assert texts(drawn.axes, "xlabel") == 6 * [""] + 2 * [histories.CYCLES] + [r"$\delta_2$ (rad)"]
         assert [axis.get_title(loc="right") for axis in drawn.axes[2::3]] == [
             "period 2", "period 2", r"chaotic, $\lambda_1 = 2.0 \pm 0.5$ s$^{-1}$"]
@@ -59,12 +59,13 @@ def test_time_histories_name_their_lowest_axes_and_mark_every_cycle() -> None:
         assert points.get_markersize() > wild.get_markersize()
         assert {axis.get_xlim() for axis in drawn.axes[:2]} == {(0.0, 3.0)}
     with style.figure() as drawn:
-        histories.paint_delay(drawn, Numbers(panels=[late, late, late, replace(late, first_half=math.nan)]))
+        histories.paint_delay(drawn, figure_of("delay", Numbers(
+            panels=[late, late, late, replace(late, first_half=math.nan)])))
         assert texts(drawn.axes[:4], "xlabel") == ["", "", histories.CYCLES, histories.CYCLES]
         assert [axis.get_title(loc="right") for axis in drawn.axes[2:4]] == ["25 % in first half cycle",
                                                                             "no positive slip"]
     with style.figure() as drawn:
-        histories.paint_actuation(drawn, Numbers(panels=[load] * 2))
+        histories.paint_actuation(drawn, figure_of("actuation", Numbers(panels=[load] * 2)))
         assert [axis.get_xticks().tolist() for axis in drawn.axes[:2]] == [[0, 1, 2, 3]] * 2
         assert texts(drawn.axes[:2], "xlabel") == ["", histories.CYCLES]
 
@@ -85,7 +86,7 @@ def test_every_curve_of_a_map_has_a_row_with_the_others_pale_behind_it(count: in
     """All rows share one range, above every curve."""
     curves = [curve_of([10.0 + k] * 11, label=f"curve {k}") for k in range(count)]
     with style.figure(style.PAGE, 6.0) as drawn:
-        drawings.KINDS["map"][1](drawn, figure_of("map", curves_of(curves)))
+        drawings.KINDS["map"][-1](drawn, figure_of("map", curves_of(curves)))
         left = drawn.axes[:count]
         assert [axis.get_title(loc="right") for axis in left] == [f"curve {k}" for k in range(count)]
         assert [axis.get_ylim()[1] for axis in left] == pytest.approx([1.06 * (9.0 + count)] * count)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from given import curve_of, curves_of, figure_of
 
+from tcc_sim.output.provenance import document
 from tcc_sim.paper import figures
 from tcc_sim.paper.branch_panels import spread, top_of
 from tcc_sim.paper.branches_behind import creeps, motions_behind, motions_behind_each
@@ -19,6 +21,7 @@ from tcc_sim.paper.drawings import draw
 from tcc_sim.paper.figure_results import Figure, JumpBehind, Labelled, MotionsBehind
 from tcc_sim.paper.histories import orbit_words
 from tcc_sim.sweeps.sweep import Curve, Plan, sweep_curves
+from tcc_sim.views.plots import plot
 
 
 def test_pure_stick_under_the_set_valued_law_lies_on_one_branch_without_a_jump() -> None:
@@ -97,6 +100,10 @@ def test_given_branches_are_drawn(data: Figure, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     draw(data, tmp_path / "drawn")
     assert {p.suffix for p in tmp_path.iterdir()} == {".png", ".svg"}
+    # Their JSON gives the same picture.
+    stored = json.loads(json.dumps(document("figure", data, paper_system(), [])))
+    plot(stored, tmp_path / "again.png")
+    assert (tmp_path / "again.png").read_bytes() == (tmp_path / "drawn.png").read_bytes()
 
 
 def test_points_far_above_the_branches_are_counted_and_not_shown() -> None:
