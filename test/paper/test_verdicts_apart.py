@@ -147,7 +147,8 @@ def test_a_transient_of_slip_is_stick_once_it_has_settled() -> None:
     alone = kept.curves([row], np.array([0.13]))[0]
     for settled in (False, True):
         stuck = replace(alone.points[0].summary, settled=settled, regime="stick-slip")
-        assert Evidence(1e-9, 1).slips(replace(alone, points=[replace(alone.points[0], summary=stuck)])).tolist() == [settled]
+        changed = replace(alone, points=[replace(alone.points[0], summary=stuck)])
+        assert Evidence(1e-9, 1).slips(changed).tolist() == [settled]
 
 
 def test_a_point_that_failed_is_none_and_never_slips() -> None:
