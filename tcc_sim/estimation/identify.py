@@ -18,14 +18,12 @@ import numpy as np
 
 from tcc_sim.errors import InputError
 from tcc_sim.estimation.curve import CURVE, IdentifiedCurve, curve_of, curve_starts, keys_of, refuse_parts
-from tcc_sim.estimation.likelihood import Likelihood, profile_likelihood
 from tcc_sim.estimation.measurement import Measurement, noise_of, read_recording, read_table
 from tcc_sim.estimation.multiple_shooting import Fit
 from tcc_sim.estimation.residuals import Whiteness, judge_residuals
-from tcc_sim.estimation.search import Search
+from tcc_sim.estimation.search import Likelihood, Search, profile_likelihood
 from tcc_sim.estimation.settings import DEFAULTS, FitSettings, Gates
-from tcc_sim.estimation.units import check_units
-from tcc_sim.estimation.verdicts import Parameter, judged, why_no_noise, why_not
+from tcc_sim.estimation.verdicts import Parameter, check_units, judged, why_no_noise, why_not
 from tcc_sim.estimation.windows import KINETIC, OFFSETS, STATIC, Model, check_key, on_its_side
 from tcc_sim.model.parameters import QUANTITIES, values_of
 from tcc_sim.recording.table import CHANNELS, HOLDS
@@ -116,7 +114,11 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
     settings, gates = settings or FitSettings(), gates or Gates()
     measured, scene = given(measured, None if scene is None else as_scene(scene))
     starts = _starts(scene, free, measured)
-    _check(scene, tuple(starts), likelihood)
+    if likelihood is not None and likelihood not in starts:
+        raise InputError(f"likelihood is {likelihood}; it must be one of the free keys")
+    if scene.system.friction.law != "smoothed":
+        raise InputError(f"friction.law is {scene.system.friction.law}; parameters are identified with smoothed, whose "
+                         "limit for a large friction.smoothing it is")
     levels, begin = _noise(measured, noise), np.array(list(starts.values()))
     models = [Model(scene.system, tuple(starts), replace(measured, hold=each)) for each in _holds(measured, hold)]
     check_units(models[0], begin, settings)
@@ -136,8 +138,11 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
         raise InputError(f"{model.keys[int(errors.argmin())]} has no effect on this motion; it cannot be identified")
     correlations = covariance / np.outer(errors, errors)
     shown = [i for i, key in enumerate(model.keys) if not key.startswith(CURVE)]
-    curve = None if len(shown) == len(model.keys) else _curve(model, best, covariance)
-    profile = None
+    curve = profile = None
+    if len(shown) < len(model.keys):
+        slip = best.residuals["slip_speed"]
+        slip = model.measured.channels["slip_speed"][:len(slip)] + slip
+        curve = curve_of(model.keys, best.values, covariance, slip, model.system.friction)
     if likelihood is not None and not why:
         profile = profile_likelihood(model, levels, settings, best, likelihood, errors)
     return Identification(
@@ -148,27 +153,11 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
         best.residuals, white, model.measured.hold, profile, curve)
 
 
-def _check(scene: Scene, keys: tuple[str, ...], likelihood: str | None) -> None:
-    """Raise InputError for the likelihood of a key that is not free, and for the set-valued law."""
-    if likelihood is not None and likelihood not in keys:
-        raise InputError(f"likelihood is {likelihood}; it must be one of the free keys")
-    if scene.system.friction.law != "smoothed":
-        raise InputError(f"friction.law is {scene.system.friction.law}; parameters are identified with smoothed, whose "
-                         "limit for a large friction.smoothing it is")
-
-
 def _noise_of_residuals(measured: Measurement, best: Fit) -> tuple[dict[str, float], bool]:
     """Return the rms of the residuals by channel, not below the solver's precision, and whether all are at it."""
     least = {name: DEFAULTS.exact * float(np.abs(column).max()) for name, column in measured.channels.items()}
     left = {name: float(np.sqrt(np.mean(column**2))) for name, column in best.residuals.items()}
     return {name: max(left[name], least[name]) for name in left}, all(left[name] <= least[name] for name in left)
-
-
-def _curve(model: Model, best: Fit, covariance: Floats) -> IdentifiedCurve:
-    """Return the friction curve of a fit, over the fitted slip speeds."""
-    residuals = best.residuals["slip_speed"]
-    slip = model.measured.channels["slip_speed"][:len(residuals)] + residuals
-    return curve_of(model.keys, best.values, covariance, slip, model.system.friction)
 
 
 def _with_estimates(scene: Scene, model: Model, best: Fit, curve: IdentifiedCurve | None) -> Scene:

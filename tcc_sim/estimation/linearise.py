@@ -35,7 +35,7 @@ from tcc_sim.estimation.operating_point import (
     stuck_parts,
 )
 from tcc_sim.estimation.settings import DEFAULTS
-from tcc_sim.estimation.slip_loop import Gains, SlipLoop, actuator_response, slip_loop
+from tcc_sim.estimation.slip_loop import SlipLoop, slip_loop
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.result import Result, reported, reporting
 from tcc_sim.scene import SceneLike, as_scene
@@ -186,12 +186,14 @@ def linearise(scene: SceneLike, *, input: str = "actuation_pressure", output: st
                  else _about_periodic(motion, inputs, output, omegas))
         if inputs != "actuation_pressure" or not system.pressure.actuated:
             return found
-        return dataclasses.replace(found, response=found.response * actuator_response(system.pressure, omegas))
+        s, own = 1j * omegas, system.pressure  # Pressure at the plates over the command, for small commands.
+        late = np.exp(-s * own.delay) / (1.0 + s * own.time_constant)
+        return dataclasses.replace(found, response=found.response * late)
 
     found = about(asked, input, output)
     if controller is not None:
         found = dataclasses.replace(found, controller=slip_loop(
-            motion, Gains(*controller), scene.operation.rate, lambda omegas: about(omegas).response))
+            motion, controller, scene.operation.rate, lambda omegas: about(omegas).response))
     if check == 0:
         return found
     places = np.unique(np.round(np.linspace(0, len(asked) - 1, check)).astype(int)).tolist()
@@ -231,8 +233,8 @@ def _about_constant(motion: Constant, inputs: str, output: str, omegas: Floats) 
     c, feed = np.array([row]), np.array([[through]])
     response = np.array([(c @ np.linalg.solve(1j * w * np.eye(len(a)) - a, b) + feed)[0, 0] for w in omegas])
     # The smoothed law sticks where it creeps in its layer.
-    stick = math.isinf(motion.slope) or abs(motion.slip_speed) <= stick_speed_of(terms_of(s))
-    return Linearisation(inputs, output, "stick" if stick else "slip", motion.slip_speed, s.pressure.mean,
+    stick = math.isinf(motion.slope) or abs(motion.mean_slip) <= stick_speed_of(terms_of(s))
+    return Linearisation(inputs, output, "stick" if stick else "slip", motion.mean_slip, s.pressure.mean,
                          s.engine.mean_torque, 1, largest_first(np.exp(np.linalg.eigvals(a) * s.cycle)), a, b, c, feed,
                          states, 0.0, omegas, response, s)
 

@@ -17,7 +17,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +29,6 @@ from tcc_sim.estimation.windows import (
     LINEAR,
     STATIC,
     Model,
-    Sensitivities,
     on_its_side,
     sensitivities,
     states_of,
@@ -140,17 +138,17 @@ class MultipleShooting:
         damping, n = 1e-3, self.model.substeps(values)
         found = sensitivities(self.model, starts, self.width, values, n)
         for _ in range(stage.iterations):
-            rows = self._rows(found.states, starts, stage.weight)
+            rows = self._rows(found[0], starts, stage.weight)
             limit = stage.robust * max(1.0, float(np.median(np.mean(rows**2, axis=1))))
             cost, gain = self._cost(rows, limit), 0.0
-            normal = self._normal(rows, self._scaled(found, values), stage.weight, limit)
+            normal = self._normal(rows, found[1] * self._scales(values), stage.weight, limit)
             while damping < 1e8:
                 try:
                     by_start, by_key = self._step(normal, damping, values)
                     tried, moved = self._moved(values, by_key), starts + by_start * self.scales
                     self.work += n * self.count * self.width * (3.0 + len(values))
                     there = sensitivities(self.model, moved, self.width, tried, n)
-                    now = self._cost(self._rows(there.states, moved, stage.weight), limit)
+                    now = self._cost(self._rows(there[0], moved, stage.weight), limit)
                 except (NumericalFailure, np.linalg.LinAlgError):
                     now = math.inf
                 if now < cost:
@@ -165,7 +163,7 @@ class MultipleShooting:
             if gain < max(stage.tolerance, self.settings.least_gain / rows.size, 0.01 * wrong) * cost:
                 break
         if math.isfinite(stage.robust):
-            starts = self._mended(values, starts, found.states, stage.weight, n)
+            starts = self._mended(values, starts, found[0], stage.weight, n)
         return values, starts
 
     def _step(self, normal: Normal, damping: float, values: Floats) -> tuple[Floats, Floats]:
@@ -237,13 +235,12 @@ class MultipleShooting:
         bound = limit * rows.shape[1]
         return float(np.sum(squares if math.isinf(bound) else bound * np.log1p(squares / bound)))
 
-    def _scaled(self, found: Sensitivities, values: Floats) -> Floats:
-        """Return derivatives (m, W + 1, 3, 3 + P) by the scaled starts and by logarithms of keys, except offsets."""
-        scale = np.where(self.logarithmic, values, 1.0)
-        return np.concatenate([found.by_start * self.scales, found.by_key * scale], 3)
+    def _scales(self, values: Floats) -> Floats:
+        """Return factors (3 + P,) that turn derivatives into those by scaled starts and by logarithms of keys."""
+        return np.append(self.scales, np.where(self.logarithmic, values, 1.0))
 
     def _normal(self, rows: Floats, by: Floats, weight: float, limit: float) -> Normal:
-        """Return the normal equations of all starts and parameters, from the derivatives of `_scaled`."""
+        """Return the normal equations of all starts and parameters, from derivatives by `_scales`."""
         m, size, root = self.count, by.shape[-1] - 3, math.sqrt(weight)
         fitted = (by[:, :-1][:, :, self.columns] / self.noise[:, None]).reshape(m, -1, 3 + size)
         others = np.zeros((m, 4, 3 + size))
@@ -272,32 +269,24 @@ class MultipleShooting:
         return Fit(values, starts, {name: fitted[:, i] * self.noise[i] for i, name in enumerate(self.channels)},
                    float(np.sum(fitted**2)) / freedom, float(np.abs(rows[:, -4:-1]).max()), freedom)
 
-    def explained(self, values: Floats, starts: Floats, weight: float) -> Explained:
-        """Return the residuals of a fit with the effect of changes of the keys and of the channels."""
-        found = sensitivities(self.model, starts, self.width, values, self.model.substeps(values))
-        rows, size = self._rows(found.states, starts, weight), len(self.channels)
-        seen = np.zeros((*found.states.shape, 3 * size))
+    def explained(self, values: Floats, starts: Floats, weight: float) -> tuple[Floats, Floats, Floats, Floats]:
+        """Return the residuals of a fit with the effect of changes of the keys and of the channels.
+
+        These are residuals over the noise, (n, C), with their total derivatives, (n, C, Q), and the normal equations
+        (Q, Q), (Q,). The starts follow the Q columns: keys, in logarithms except offsets, then offset, scale and delay
+        (s) of every channel.
+        """
+        states, derivatives = sensitivities(self.model, starts, self.width, values, self.model.substeps(values))
+        rows, size = self._rows(states, starts, weight), len(self.channels)
+        seen = np.zeros((*states.shape, 3 * size))
         for i, column in enumerate(self.columns):   # The last sample belongs to the gap, not to a channel.
-            signal = found.states[:, :, column]
+            signal = states[:, :, column]
             rate = np.gradient(signal, self.model.measured.step, axis=1)
             seen[:, :-1, column, 3 * i:3 * i + 3] = np.stack([np.ones_like(signal), signal, -rate], 2)[:, :-1]
-        by = np.concatenate([self._scaled(found, values), seen], 3)
+        by = np.concatenate([derivatives * self._scales(values), seen], 3)
         normal = self._normal(rows, by, weight, math.inf)
         solved = normal.by_starts(0.0)
         columns = by[:, :-1][:, :, self.columns] / self.noise[:, None]
         total = columns[..., 3:] - columns[..., :3] @ solved[:, None, :, :-1]
-        return Explained(self._fitted(found.states).reshape(-1, size), total.reshape(-1, size, total.shape[-1]),
-                         *normal.by_keys(solved, 0.0))
-
-
-class Explained(NamedTuple):
-    """Residuals over the noise, (n, C), with their total derivatives, (n, C, Q), and the normal equations (Q, Q), (Q,).
-
-    The starts follow the Q columns: keys, in logarithms except offsets, then offset, scale and delay (s) of every
-    channel.
-    """
-
-    residuals: Floats
-    derivatives: Floats
-    squares: Floats
-    slope: Floats
+        return (self._fitted(states).reshape(-1, size), total.reshape(-1, size, total.shape[-1]),
+                *normal.by_keys(solved, 0.0))

@@ -6,9 +6,10 @@ input (`solvers.*.stroboscopic`); the product of its parts is the effect of a sm
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
-from dataclasses import replace as dataclass_replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -56,13 +57,13 @@ class Carried(NamedTuple):
 class Constant:
     """A constant motion: constant slip, or stick.
 
-    slip_speed : rad/s
+    mean_slip : rad/s
     slope : dTf/dv there, N m s/rad; infinite for stick of the set-valued law
     by_pressure : dTf/dP at constant slip speed, N m/Pa
     """
 
     system: System
-    slip_speed: float
+    mean_slip: float
     slope: float
     by_pressure: float
 
@@ -73,15 +74,18 @@ class Periodic:
 
     period : engine cycles
     parts : in order, over the whole period
-    carried : derivatives of the states between them
     mean_slip : rad/s
     """
 
     system: System
     period: int
     parts: list[Part]
-    carried: Carried
     mean_slip: float
+
+    @cached_property
+    def carried(self) -> Carried:
+        """Derivatives of the states between the parts."""
+        return _carried(self.parts)
 
     @property
     def seconds(self) -> float:
@@ -219,7 +223,7 @@ def closed(system: System, period: int, state: Floats, slip: float | None) -> Pe
             norm = math.inf
         if norm < DEFAULTS.closed:
             parts[0] = _landed(system, parts[0])
-            return Periodic(replace(system, {PRESSURE: load}), period, parts, _carried(parts), mean)
+            return Periodic(replace(system, {PRESSURE: load}), period, parts, mean)
         if norm >= least:
             damping *= 0.5
             if damping < 1e-4:
@@ -264,8 +268,7 @@ def _landed(system: System, part: Part) -> Part:
 
 def refined(motion: Periodic, count: int) -> Periodic:
     """Return the same motion in `count` parts a cycle."""
-    parts, _ = _parts(motion.system, motion.period, motion.parts[0].state, count)
-    return dataclass_replace(motion, parts=parts, carried=_carried(parts))
+    return dataclasses.replace(motion, parts=_parts(motion.system, motion.period, motion.parts[0].state, count)[0])
 
 
 def halved(motion: Periodic) -> Periodic:
@@ -273,7 +276,7 @@ def halved(motion: Periodic) -> Periodic:
     first, second = motion.parts[::2], motion.parts[1::2]
     parts = [Part(a.state, b.by_state @ a.by_state, b.by_state @ a.by_input + b.by_input)
              for a, b in zip(first, second)]
-    return dataclass_replace(motion, parts=parts, carried=_carried(parts))
+    return dataclasses.replace(motion, parts=parts)
 
 
 def _parts(system: System, period: int, state: Floats, count: int = DEFAULTS.parts) -> tuple[list[Part], Floats]:

@@ -72,25 +72,25 @@ def judge_residuals(model: Model, levels: dict[str, float], found: Fit, settings
     values = np.append(found.values, [float(fixed[key]) for key in others])   # type: ignore[arg-type]
     last = settings.stages[-1]
     problem = MultipleShooting(replace(model, keys=(*model.keys, *others)), levels, settings, last.window)
-    of = problem.explained(values, found.starts, last.weight)
-    size, count = len(model.keys), len(of.residuals)
+    residuals, derivatives, squares, slope = problem.explained(values, found.starts, last.weight)
+    size, count = len(model.keys), len(residuals)
     names = [*((key, UNITS.get(key) or QUANTITIES[key].unit) for key in others),
              *((f"the {kind} of {name}", unit or CHANNELS[name]) for name in problem.channels
                for kind, unit in (("offset", ""), ("scale", "%"), ("delay", "s")))]
-    noise = [autoregression(of.residuals[:, i]) for i in range(len(problem.channels))]
-    spread = sum((_spread(of.derivatives[:, i], each) for i, each in enumerate(noise)), np.zeros_like(of.squares))
+    noise = [autoregression(residuals[:, i]) for i in range(len(problem.channels))]
+    spread = sum((_spread(derivatives[:, i], each) for i, each in enumerate(noise)), np.zeros_like(squares))
     scale = np.where([key in LINEAR for key in model.keys], 1.0, found.values)
     # Exponentials of nearly equal rates are interchangeable: that changes the numbers, but not the curve.
     least = 1e-11 if CONSTANT in model.keys else 1e-15
-    inverse = np.linalg.pinv(of.squares[:size, :size], rcond=least, hermitian=True)
+    inverse = np.linalg.pinv(squares[:size, :size], rcond=least, hermitian=True)
     if exact:
         return (Whiteness(dict.fromkeys(problem.channels, 0.0), dict.fromkeys(problem.channels, 1.0), None, {}, True),
                 count * inverse * np.outer(scale, scale))
-    explanation = _explanation(of.squares, of.slope, spread, size, names, values)
-    series = dict(zip(problem.channels, of.residuals.T))
+    explanation = _explanation(squares, slope, spread, size, names, values)
+    series = dict(zip(problem.channels, residuals.T))
     white = Whiteness({name: float(_correlations(each, 1)[1]) for name, each in series.items()},
                       {name: probability_of(each, by, model) for (name, each), by in zip(series.items(), noise)},
-                      explanation, _hidden(of.squares, spread, model.keys, others), False)
+                      explanation, _hidden(squares, spread, model.keys, others), False)
     return white, inverse @ spread[:size, :size] @ inverse * np.outer(scale, scale)
 
 

@@ -1,13 +1,16 @@
-"""Search for the best fit of a measurement: from several starts, and with every possible hold of its inputs."""
+"""Repeated fits of a measurement: from several starts and with every possible hold of its inputs for the best one, and
+with one parameter held for its profile likelihood.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from tcc_sim.errors import InputError, NumericalFailure
@@ -15,6 +18,8 @@ from tcc_sim.estimation.curve import SHARES
 from tcc_sim.estimation.multiple_shooting import Fit, fit
 from tcc_sim.estimation.settings import FitSettings, Gates
 from tcc_sim.estimation.windows import KINETIC, OFFSETS, STATIC, Model, on_its_side
+from tcc_sim.model.parameters import replace as changed
+from tcc_sim.result import reported
 from tcc_sim.trajectory import Floats
 
 FAILED = NumericalFailure, RuntimeError
@@ -107,3 +112,39 @@ class Search:
                 at, other = keys.index(STATIC), keys.index(KINETIC)
                 values[at] = on_its_side(values[at], values[other], 1.02, falls=begin[at] >= begin[other])
             yield values
+
+
+@dataclass(frozen=True)
+class Likelihood:
+    """Profile likelihood of one parameter: the excess of the least chi-square while it is held."""
+
+    key: str = field(metadata=reported("scene key"))
+    values: Floats = field(metadata=reported("values at which it was held", "{key}"))
+    excess: Floats = field(metadata=reported("least chi-square there over that of the fit"))
+
+
+def profile_likelihood(model: Model, noise: dict[str, float], settings: FitSettings, found: Fit, key: str,
+                       errors: Floats) -> Likelihood:
+    """Return the least chi-square while `key` is held at values around its estimate and the others are fitted again."""
+    at = model.keys.index(key)
+    held = [k for k in model.keys if k != key]
+    values = found.values[at] + errors[at] * np.linspace(-3.0, 3.0, 13)
+    excess: NDArray[np.float64] = np.full(len(values), np.nan)
+    samples = sum(len(r) for r in found.residuals.values())
+    least = found.chi2 * max(samples - len(model.keys) - 3, 1)
+    for i, value in enumerate(values):
+        try:
+            if key in OFFSETS:
+                name = OFFSETS[key]
+                inputs = {**model.measured.inputs}
+                if name not in inputs:
+                    continue
+                inputs[name] = inputs[name] - value
+                other = Model(model.system, tuple(held), replace(model.measured, inputs=inputs))
+            else:
+                other = Model(changed(model.system, {key: float(value)}), tuple(held), model.measured)
+            again = fit(other, noise, np.delete(found.values, at), settings, settings.stages[-1:], found.starts)
+        except (*FAILED, InputError):
+            continue
+        excess[i] = again.chi2 * max(samples - len(held) - 3, 1) - least
+    return Likelihood(key, values, excess)

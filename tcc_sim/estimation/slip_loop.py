@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +22,6 @@ from tcc_sim.continuation.newton import largest_first
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.estimation.constant_motion import matrices_of
 from tcc_sim.estimation.operating_point import Constant, Periodic, closed, operating_point, refined
-from tcc_sim.model.groups import Pressure
 from tcc_sim.model.parameters import System
 from tcc_sim.result import Described, reported
 from tcc_sim.trajectory import Floats
@@ -35,13 +33,6 @@ HIGHEST = 1000.0
 """Largest tested factor of the gains."""
 LOWEST, SLOWER, WITHIN = 0.1, 0.93, 0.01
 """Least tested slip speed, relative to the motion's; factor from one to the next; relative error of the result."""
-
-
-class Gains(NamedTuple):
-    """Gains of the slip controller: N m per rad/s of the mean slip speed, and N m per rad of its integral."""
-
-    proportional: float
-    integral: float
 
 
 @dataclass(frozen=True, repr=False)
@@ -68,10 +59,11 @@ class SlipLoop(Described):
         "is unstable already, and 0 where it is stable down to a tenth of the mean slip speed", "rad/s"))
 
 
-def slip_loop(motion: Constant | Periodic, gains: Gains, rate: float,
+def slip_loop(motion: Constant | Periodic, gains: tuple[float, float], rate: float,
               response: Callable[[Floats], Complex]) -> SlipLoop:
     """Judge the closed loop of a slip controller with these gains about a motion in slip.
 
+    gains : proportional, N m per rad/s of the mean slip speed, and integral, N m per rad of its integral
     rate : ticks per second of the controller, Hz
     response : slip speed over actuation pressure at frequencies, rad/s
 
@@ -81,7 +73,7 @@ def slip_loop(motion: Constant | Periodic, gains: Gains, rate: float,
         Gains that are not numbers above 0, a motion in stick or with a slip speed below 0, or an engine cycle of less
         than 4 ticks or more than 2000.
     """
-    for name, gain in zip(gains._fields, gains):
+    for name, gain in zip(("proportional", "integral"), gains):
         if not 0.0 < gain < math.inf:
             raise InputError(f"the {name} gain of the controller is {gain:g}; it must be a number above 0")
     system = motion.system
@@ -92,8 +84,8 @@ def slip_loop(motion: Constant | Periodic, gains: Gains, rate: float,
                          "to 2000")
     if isinstance(motion, Constant) and math.isinf(motion.slope):
         raise InputError("the scene sticks, and no controller changes its slip speed; give --slip")
-    if motion_slip(motion) <= 0.0:
-        raise InputError(f"the mean slip speed is {motion_slip(motion):g} rad/s; the slip controller holds one above 0")
+    if motion.mean_slip <= 0.0:
+        raise InputError(f"the mean slip speed is {motion.mean_slip:g} rad/s; the slip controller holds one above 0")
     loop = _Loop.about(motion, ticks, gains)
     multipliers = largest_first(loop.multipliers())
     stable = bool(abs(multipliers[0]) < 1.0)
@@ -101,17 +93,6 @@ def slip_loop(motion: Constant | Periodic, gains: Gains, rate: float,
                     loop.gain_margin() if stable else None, loop.phase_margin(response),
                     loop.largest_delay() if stable else None,
                     _smallest_slip(motion, ticks, gains) if stable else None)
-
-
-def actuator_response(pressure: Pressure, omegas: Floats) -> Complex:
-    """Return pressure at the plates over the command, exp(-i omega delay)/(1 + i omega T), for small commands."""
-    s = 1j * omegas
-    return np.asarray(np.exp(-s * pressure.delay) / (1.0 + s * pressure.time_constant))
-
-
-def motion_slip(motion: Constant | Periodic) -> float:
-    """Return the mean slip speed, rad/s."""
-    return motion.slip_speed if isinstance(motion, Constant) else motion.mean_slip
 
 
 @dataclass(frozen=True)
@@ -126,10 +107,10 @@ class _Loop:
     system: System
     maps: list[tuple[Floats, Floats]]
     ticks: int
-    gains: Gains
+    gains: tuple[float, float]
 
     @staticmethod
-    def about(motion: Constant | Periodic, ticks: int, gains: Gains) -> _Loop:
+    def about(motion: Constant | Periodic, ticks: int, gains: tuple[float, float]) -> _Loop:
         """Return the loop about a motion."""
         if isinstance(motion, Periodic):
             maps = [(part.by_state, part.by_input[:, 0]) for part in refined(motion, ticks).parts]
@@ -157,7 +138,7 @@ class _Loop:
         plates = whole[4 + past + late:]
         left = math.exp(-self.step / lag) if lag else 0.0
         share = lag / self.step * (1.0 - left)
-        proportional, rate = factor * self.gains.proportional, factor * self.gains.integral * self.step
+        proportional, rate = factor * self.gains[0], factor * self.gains[1] * self.step
         for by_state, by_pressure in self.maps:
             mean = (x[0] + slips.sum(0)) / self.ticks
             waiting = np.vstack([waiting, (proportional * mean + integral) / self.system.torque_per_pressure])
@@ -204,7 +185,7 @@ class _Loop:
         late = np.exp(-s * self.step)
         mean = (1.0 - late**self.ticks) / (1.0 - late) / self.ticks
         held = (1.0 - late) / (s * self.step)
-        law = self.gains.proportional + self.gains.integral * self.step * late / (1.0 - late)
+        law = self.gains[0] + self.gains[1] * self.step * late / (1.0 - late)
         loop = -response(omegas) * mean * held * law / self.system.torque_per_pressure
         with np.errstate(divide="ignore"):  # The mean over a cycle has zeros.
             gain, phase = np.log(np.abs(loop)), np.unwrap(np.angle(loop))
@@ -215,31 +196,32 @@ class _Loop:
         return float(margins[np.abs(margins).argmin()]) if len(margins) else None
 
 
-def _smallest_slip(motion: Constant | Periodic, ticks: int, gains: Gains) -> float:
+def _smallest_slip(motion: Constant | Periodic, ticks: int, gains: tuple[float, float]) -> float:
     """Return the mean slip speed down to which a loop remains stable, rad/s; 0 if it does down to LOWEST."""
-    at = motion_slip(motion)
+    at = motion.mean_slip
     least, high = LOWEST * at, (at, motion)
     low: float | None = None
     while low is None or high[0] - low > WITHIN * high[0]:
         slip = SLOWER * high[0] if low is None else 0.5 * (low + high[0])
         if slip < least:
             return 0.0
-        near = _slower(high[1], slip)
-        if near is not None and _Loop.about(near, ticks, gains).stable():
+        try:
+            near = _with_slip(high[1], slip)
+            stable = _Loop.about(near, ticks, gains).stable()
+        except (InputError, NumericalFailure):  # No motion of this slip speed repeats.
+            stable = False
+        if stable:
             high = slip, near
         else:
             low = slip
     return high[0]
 
 
-def _slower(motion: Constant | Periodic, slip: float) -> Constant | Periodic | None:
-    """Return the motion of another mean slip speed; None if none repeats."""
-    try:
-        if isinstance(motion, Periodic):
-            try:
-                return closed(motion.system, motion.period, motion.parts[0].state, slip)
-            except NumericalFailure:
-                pass
-        return operating_point(motion.system, slip)
-    except (InputError, NumericalFailure):
-        return None
+def _with_slip(motion: Constant | Periodic, slip: float) -> Constant | Periodic:
+    """Return the motion of another mean slip speed, near this one if there is one."""
+    if isinstance(motion, Periodic):
+        try:
+            return closed(motion.system, motion.period, motion.parts[0].state, slip)
+        except NumericalFailure:
+            pass
+    return operating_point(motion.system, slip)

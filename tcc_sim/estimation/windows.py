@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -62,20 +61,6 @@ def check_key(key: str) -> None:
         raise unknown_key(key, dict.fromkeys((CURVE, *FREE)))
 
 
-class Drive(NamedTuple):
-    """Input of the windows for values of the free keys.
-
-    terms : of the scene; measured inputs are 0 in them
-    held : (n, 2, 2) engine torque and saturation torque at the start and end of each sample's step, added to those of
-        `terms`, N m; None for none
-    by : (len(NUMBERS), P) derivatives of the numbers of the equations by the keys
-    """
-
-    terms: Terms
-    held: Floats | None
-    by: Floats
-
-
 @dataclass(frozen=True)
 class Model:
     """A driveline with free `keys`, driven by a measurement."""
@@ -84,8 +69,13 @@ class Model:
     keys: tuple[str, ...]
     measured: Measurement
 
-    def drive(self, values: Floats) -> Drive:
-        """Return its input for values of the keys; raise NumericalFailure if one is out of its range."""
+    def drive(self, values: Floats) -> tuple[Terms, Floats | None, Floats]:
+        """Return its input for values of the keys; raise NumericalFailure if one is out of its range.
+
+        These are the terms of the scene, where measured inputs are 0; engine torque and saturation torque, N m, at the
+        start and end of each sample's step, (n, 2, 2), that are added to them, or None; and derivatives of the numbers
+        of the equations by the keys, (len(NUMBERS), P).
+        """
         named = {k: float(v) for k, v in zip(self.keys, values) if k in SCENE_KEYS}
         curve = {k: float(v) for k, v in zip(self.keys, values) if k.startswith(CURVE)}
         offsets = {OFFSETS[k]: float(v) for k, v in zip(self.keys, values) if k in OFFSETS}
@@ -112,7 +102,7 @@ class Model:
             if key == KINETIC:   # It scales the load, also a measured one.
                 by[MEAN_LOAD:LOAD_AMPLITUDE + 1, i], by[LOG_LOAD, i] = 0.0, 1.0 / system.friction.kinetic_coefficient
         if not inputs and not offsets:
-            return Drive(terms, None, by)
+            return terms, None, by
         terms = holding(terms, *(0.0 if name in inputs else None for name in INPUTS))
         torque, pressure = (inputs.get(name, np.zeros(len(self.measured.t))) - offsets.get(name, 0.0)
                             for name in INPUTS)
@@ -120,7 +110,7 @@ class Model:
         begin = np.column_stack([torque, load])
         after = np.concatenate([begin[1:], begin[-1:]])
         ends = {"previous": (begin, begin), "linear": (begin, after), "next": (after, after)}
-        return Drive(terms, np.stack(ends[self.measured.hold or HOLDS[0]], axis=1), by)
+        return terms, np.stack(ends[self.measured.hold or HOLDS[0]], axis=1), by
 
     def within(self, values: Floats) -> Floats:
         """Return values with the numbers of a curve limited to their ranges."""
@@ -133,10 +123,10 @@ class Model:
         """Return the sub-steps per sample, with a reserve for slightly different values; raise NumericalFailure for too
         many.
         """
-        drive = self.drive(values)
-        held = 0.0 if drive.held is None else float(drive.held[..., 1].max())
+        terms, held, _ = self.drive(values)
+        most = 0.0 if held is None else float(held[..., 1].max())
         try:
-            return math.ceil(DEFAULTS.spare * substeps(drive.terms, self.measured.step, held))
+            return math.ceil(DEFAULTS.spare * substeps(terms, self.measured.step, most))
         except InputError as error:
             raise NumericalFailure(str(error)) from None
 
@@ -146,31 +136,22 @@ def of_constant(coefficient: float) -> dict[str, object]:
     return {STATIC: coefficient, KINETIC: coefficient, **dict.fromkeys(TABLE, ())}
 
 
-class Sensitivities(NamedTuple):
-    """All windows: states (m, W + 1, 3), derivatives by the start (m, W + 1, 3, 3) and the keys (m, W + 1, 3, P)."""
-
-    states: Floats
-    by_start: Floats
-    by_key: Floats
-
-
 def states_of(model: Model, starts: Floats, width: int, values: Floats, n: int) -> Floats:
     """Return the states of every window of `width` samples, (m, width + 1, 3), from its start, (m, 3), with n
     sub-steps.
     """
-    return _advanced(model, starts, width, model.drive(values)._replace(by=np.empty((len(NUMBERS), 0))), n)[0]
+    return sensitivities(model, starts, width, values, n, by_keys=False)[0]
 
 
-def sensitivities(model: Model, starts: Floats, width: int, values: Floats, n: int) -> Sensitivities:
-    """Return the states of every window with their derivatives."""
-    states, derivatives = _advanced(model, starts, width, model.drive(values), n)
-    return Sensitivities(states, derivatives[..., :3], derivatives[..., 3:])
+def sensitivities(model: Model, starts: Floats, width: int, values: Floats, n: int,
+                  by_keys: bool = True) -> tuple[Floats, Floats]:
+    """Return the states of every window, and their derivatives by its start and the keys, (m, width + 1, 3, 3 + P).
 
-
-def _advanced(model: Model, starts: Floats, width: int, drive: Drive, n: int) -> tuple[Floats, Floats]:
-    """Return the states of the windows and their derivatives; raise NumericalFailure if they are not finite."""
-    measured = model.measured
-    found = advance_windows(starts, float(measured.t[0]), measured.step, width, n, drive.terms, drive.held, drive.by)
+    Raise NumericalFailure if a state is not finite.
+    """
+    measured, (terms, held, by) = model.measured, model.drive(values)
+    found = advance_windows(starts, float(measured.t[0]), measured.step, width, n, terms, held,
+                            by if by_keys else np.empty((len(NUMBERS), 0)))
     if not np.isfinite(found[0]).all():
         raise NumericalFailure("the state is not finite")
     return found
