@@ -18,9 +18,10 @@ from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 
 MU_K, OMEGA, PSI = "friction.kinetic_coefficient", "engine.frequency", "pressure.phase"
-EQUAL = replace(System(), {"friction.law": "set_valued", MU_K: 0.3, "pressure.mean": 225e3, "pressure.amplitude": 0.0})
-DRY = replace(EQUAL, {MU_K: 0.255, OMEGA: 0.36 * EQUAL.natural_frequency})
-PULSATING = replace(EQUAL, {"pressure.amplitude": 170e3, "engine.mean_torque": 0.0, "engine.torque_amplitude": 400.0,
+ALIKE = replace(System(), {"friction.law": "set_valued", MU_K: 0.299, "pressure.mean": 225e3,
+                           "pressure.amplitude": 0.0})
+DRY = replace(ALIKE, {MU_K: 0.255, OMEGA: 0.36 * ALIKE.natural_frequency})
+PULSATING = replace(ALIKE, {"pressure.amplitude": 170e3, "engine.mean_torque": 0.0, "engine.torque_amplitude": 400.0,
                             PSI: 1.0})
 
 
@@ -87,12 +88,11 @@ def located_again(item, system, key, reach):
     return abs(np.polynomial.Polynomial.fit(offsets, margins, 2).roots()).min()
 
 
-SCENES = [(EQUAL, ContinuationPlan(OMEGA, 66.0, 67.0), ["grazing_sliding"]),
-          (EQUAL, ContinuationPlan(OMEGA, 62.5, 63.1), ["adding_sliding"]),
+SCENES = [(ALIKE, ContinuationPlan(OMEGA, 62.5, 63.1), ["adding_sliding", "grazing_sliding"]),
           (PULSATING, ContinuationPlan(PSI, 0.8, 2.6), ["switching_sliding", "adding_sliding", "crossing_sliding"])]
 
 
-@pytest.mark.parametrize(("system", "plan", "kinds"), SCENES, ids=["grazing", "adding", "arrivals"])
+@pytest.mark.parametrize(("system", "plan", "kinds"), SCENES, ids=["speeds", "arrivals"])
 def test_each_kind_is_found_where_scipys_motion_has_it(system, plan, kinds):
     found = continue_motions(system, plan).bifurcations
     assert [f.kind for f in found] == kinds
@@ -111,8 +111,8 @@ def test_the_adding_sliding_of_period_two_beside_its_fold():
 
 
 def test_a_change_for_two_reasons_has_the_kind_of_the_margin_that_vanishes():
-    map_ = DrivelineMap(EQUAL, (OMEGA,))
-    found = continue_motions(EQUAL, ContinuationPlan(OMEGA, 51.5, 54.0)).bifurcations
+    map_ = DrivelineMap(ALIKE, (OMEGA,))
+    found = continue_motions(ALIKE, ContinuationPlan(OMEGA, 51.5, 54.0)).bifurcations
     assert [f.kind for f in sorted(found, key=lambda f: f.value)] == ["grazing_sliding", "adding_sliding"]
     for item, name in zip(sorted(found, key=lambda f: f.value), ("grazing", "stick")):
         orbit = item.point.orbit
@@ -190,7 +190,7 @@ def test_a_branch_leaves_the_border_at_which_its_two_pieces_meet():
     """Both motions that meet at the grazing at 48.9755788 rad/s exist above it, with tangents that point alike: the
     walk stepped from one to the other beside the border, with its tangent back to it, and went back along itself.
     """
-    system = replace(EQUAL, {MU_K: 0.2789029457369511, OMEGA: 49.2})
+    system = replace(ALIKE, {MU_K: 0.2789029457369511, OMEGA: 49.2})
     branch, = continue_motions(system, ContinuationPlan(OMEGA, 46.4758, 60.0, period=1)).branches
     assert [branch.points[0].value, branch.points[-1].value] == [46.4758, 60.0]
     met = [(f.kind, round(f.value, 7)) for f in branch.bifurcations]

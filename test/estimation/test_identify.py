@@ -66,10 +66,10 @@ def test_how_an_input_holds_is_found(hold: str) -> None:
     (("actuation_pressure",), "kPa", 1e-3)])
 def test_wrong_units_are_said_before_anything_is_fitted(monkeypatch: pytest.MonkeyPatch, names: tuple[str, ...],
                                                         unit: str, factor: float) -> None:
-    data, _ = measured(7)
+    data, _ = measured(7, 0.3)
     pressure = FIG02.system.pressure
     wave = np.sin(FIG02.system.engine.frequency * data.t)
-    columns = {**data.channels, "plate_angle": moved()[1][:, 1]}
+    columns = {**data.channels, "plate_angle": moved(0.3)[1][:, 1]}
     inputs = {"actuation_pressure": pressure.mean + pressure.amplitude * wave}
     monkeypatch.setattr("tcc_sim.estimation.search.fit", None)
     for each in names:
@@ -80,7 +80,7 @@ def test_wrong_units_are_said_before_anything_is_fitted(monkeypatch: pytest.Monk
 
 
 def test_a_refused_fit_tries_no_more_starts_than_it_has_work_for() -> None:
-    data, noise = measured()
+    data, noise = measured(0, 0.3)
     wrong = FIG02.with_values({"engine.torque_amplitude": 200.0})
     tried = [identify(data, {"driveline.stiffness": 3100.0}, scene=wrong, noise=noise,
                       gates=Gates(starts=3, work=work)).starts for work in (1.0, 1e9)]
@@ -266,7 +266,7 @@ def test_a_start_that_leads_nowhere_is_followed_by_others(monkeypatch: pytest.Mo
 
 def test_the_command_writes_the_scene_that_it_found(tmp_path, capsys) -> None:
     pytest.importorskip("matplotlib")
-    t, states, _ = moved()
+    t, states, _ = moved(0.3)
     table, out = tmp_path / "data.csv", tmp_path / "mine.yaml"
     noise = 0.1 * np.random.default_rng(8).standard_normal((len(t), 2))
     np.savetxt(table, np.column_stack([t, states[:, [0, 2]] + noise]), delimiter=",", header="t,slip_speed,plate_speed",

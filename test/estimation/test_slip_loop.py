@@ -21,6 +21,7 @@ from tcc_sim.scene import load_scene
 TUNING = Tuning()
 LAW = SlipController(TUNING)
 GAINS = LAW.proportional, LAW.integral
+ACTUATED = {"pressure.time_constant": 0.03, "pressure.delay": 0.005}
 
 
 @pytest.fixture(scope="module")
@@ -74,6 +75,23 @@ def test_the_smallest_stable_slip_is_found_in_lock_step(loop: SlipLoop) -> None:
     assert not slower.controller.stable
     assert swing(Raised(target=1.1 * loop.smallest_stable_slip)) < 0.1
     assert swing(Raised(target=0.9 * loop.smallest_stable_slip)) > 0.4
+
+
+def test_an_actuator_costs_the_loop_margin_and_makes_it_unstable_where_lock_step_does(
+        loop: SlipLoop, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tcc_sim.estimation.slip_loop._smallest_slip", lambda *rest: None)
+    late, slow = (linearise(load_scene("controlled").with_values(keys), slip=TUNING.target, frequencies=[10.0],
+                            controller=GAINS).controller for keys in ({"pressure.delay": 0.005}, ACTUATED))
+    assert late.largest_delay == pytest.approx(loop.largest_delay - 0.005, abs=1.1e-3)
+    assert slow.gain_margin < 0.85 * loop.gain_margin
+    assert slow.phase_margin < loop.phase_margin - 0.3
+    grown = []
+    for factor in (0.93, 1.07):
+        run = tcc_sim.closed_loop(load_scene("controlled").with_values(ACTUATED), Raised(factor * slow.gain_margin),
+                                  3.0, at={1.5: {"engine.mean_torque": 203.0}})
+        mean = np.convolve(run.slip_speed, np.ones(42) / 42.0, "valid") - TUNING.target
+        grown.append(np.ptp(mean[2400:2900]) / np.ptp(mean[1900:2400]))
+    assert grown[0] < 1.0 < grown[1]
 
 
 def test_the_margins_are_those_of_the_loop_gain(loop: SlipLoop) -> None:
