@@ -2,6 +2,10 @@
 
 import os
 import signal
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
 
 # Small matrices gain nothing from threads, which wait for each other by counting: a third of the tests' processor time.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -19,3 +23,24 @@ def pytest_configure() -> None:
     for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
         if signal.getsignal(number) is signal.SIG_IGN:
             signal.signal(number, handler)
+
+
+@pytest.fixture
+def refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    """Function that runs a command in `tmp_path` which is refused by one line and status 2, prints nothing else and
+    writes no file; it returns that line.
+    """
+    from tcc_sim.cli import main
+
+    monkeypatch.chdir(tmp_path)
+
+    def run(*words: object) -> str:
+        before = sorted(tmp_path.rglob("*"))
+        assert main([str(word) for word in words]) == 2
+        out, err = capsys.readouterr()
+        assert (out, err.count("\n")) == ("", 1)
+        assert err.startswith("tcc-sim")
+        assert sorted(tmp_path.rglob("*")) == before
+        return err
+
+    return run

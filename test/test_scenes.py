@@ -1,15 +1,21 @@
 """Scene files: accepted ones, and the errors of wrong ones."""
 
+from __future__ import annotations
+
+import math
 import os
 import stat
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from tcc_sim.errors import InputError
-from tcc_sim.model.parameters import System
+from tcc_sim.model.parameters import DEFAULTS, QUANTITIES, System
 from tcc_sim.parameter_file import LARGEST_FILE
 from tcc_sim.scene import (
+    KNOWN_KEYS,
+    OPERATION_QUANTITIES,
     Operation,
     bundled_scenes,
     load_scene,
@@ -26,7 +32,7 @@ def refusal(text: str) -> str:
     with pytest.raises(InputError) as caught:
         parse_scene(text, "s")
     message = str(caught.value)
-    assert "\n" not in message
+    assert message.isprintable()
     return message
 
 
@@ -197,3 +203,82 @@ def test_changed_keys_are_checked_together() -> None:
     assert scene.operation.rate == 1000.0
     with pytest.raises(InputError, match=r"one twentieth to twenty times friction.static_coefficient"):
         scene.with_values({"friction.static_coefficient": 0.01})
+
+
+EVERY = {**QUANTITIES, **OPERATION_QUANTITIES}
+FIG02 = load_scene("fig02")
+NUMBERS = [key for key, quantity in EVERY.items() if quantity.low > -math.inf]
+LISTS = ("cpu_affinity", *(key for key, value in DEFAULTS.items() if value == ()))
+
+
+@pytest.mark.parametrize("key", NUMBERS)
+def test_every_number_beyond_its_range_is_named_with_the_range(key: str) -> None:
+    quantity = EVERY[key]
+    whole = key == "wait_for_subscribers"
+    below, above = (quantity.low - 1, quantity.high + 1) if whole else (
+        math.nextafter(quantity.low, -math.inf), math.nextafter(quantity.high, math.inf))
+    for value in (below, above, math.inf, -math.inf, math.nan, 1e308, -1e308):
+        shown = {math.inf: ".inf", -math.inf: "-.inf"}.get(value, ".nan" if value != value else repr(value))
+        message = refusal(body(f"{key}: [{shown}]" if key in LISTS else f"{key}: {shown}"))
+        assert key in message
+        assert "whole number" in message or f"{quantity.high:g}" in message, message
+
+
+def test_the_keys_that_are_no_numbers_are_few_and_known() -> None:
+    assert sorted(set(EVERY) - set(NUMBERS)) == [
+        "engine.fallback", "engine.source", "friction.law", "lock_memory", "pacing", "pressure.fallback",
+        "pressure.source", "publish_clock", "publish_diagnostics", "publish_scalars",
+        "publish_shaft_torque"]
+    assert sorted(EVERY) == sorted(KNOWN_KEYS)
+
+
+@pytest.mark.parametrize("key", KNOWN_KEYS)
+@pytest.mark.parametrize("value", ["word", "[[1.0]]", "{a: 1}", "", "2026-10-05", "[1.0, word]"])
+def test_every_key_of_a_wrong_type_is_named(key: str, value: str) -> None:
+    assert key.split(".")[-1] in refusal(body(f"{key}: {value}"))
+
+
+@pytest.mark.parametrize("key", KNOWN_KEYS)
+def test_every_key_may_be_missing_but_not_twice(key: str) -> None:
+    text = FIG02.text()
+    name = key.split(".")[-1]
+    group = f"    {key.split('.')[0]}:" if "." in key else "  ros__parameters:"
+    lines = text.splitlines(keepends=True)
+    start = next(n for n, line in enumerate(lines) if line.startswith(group))
+    found = [n for n, line in enumerate(lines) if n > start and line.strip().startswith(f"{name}:")]
+    if not found:
+        assert key in LISTS  # An empty list is not written.
+        return
+    line = lines[found[0]]
+    assert parse_scene(text.replace(group + "\n" + "".join(lines[start + 1:found[0] + 1]),
+                                    group + "\n" + "".join(lines[start + 1:found[0]])), "s")
+    assert "twice" in refusal("".join([*lines[:found[0]], line, *lines[found[0]:]]))
+
+
+BOMB = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
+    f"{chr(98 + n)}: &{chr(98 + n)} [{', '.join(['*' + chr(97 + n)] * 9)}]\n" for n in range(12))
+FILES = {
+    "empty": b"", "binary": bytes(range(256)) * 64, "zeros": bytes(4096), "alias_bomb": BOMB.encode(),
+    "tag": body("rate: !!python/object/apply:os.system [touch evil]").encode(),
+    "unknown": body("rat: 3").encode(),
+    "twice": (body("rate: 3") + "    rate: 4\n").encode(), "range": body("pressure.mean: -1").encode(),
+    "type": body("engine.frequency: fast").encode(), "other": b"a: 1\nb: [2\n",
+    "words": b"to whom it may concern\n"}
+
+
+@pytest.mark.parametrize("name", [*FILES, "hundred_megabytes", "missing", "directory"])
+@pytest.mark.parametrize("words", [
+    ["simulate", "{}", "--json", "out.json", "--out", "x.npz"], ["explain", "{}", "--json", "o"],
+    ["sweep", "{}", "--over", "pressure.mean=1e5:2e5:3", "--json", "o.json", "--out", "o.jsonl"],
+    ["demo", "--scene", "{}", "--out", "made"]])
+def test_a_file_that_is_no_scene_is_one_line_and_nothing_is_written(name: str, words: list[str], tmp_path: Path,
+                                                                    refused: Callable[..., str]) -> None:
+    file = tmp_path / f"{name}.yaml"
+    if name == "directory":
+        file.mkdir()
+    elif name == "hundred_megabytes":
+        file.touch()
+        os.truncate(file, 100_000_000)
+    elif name != "missing":
+        file.write_bytes(FILES[name])
+    assert f"{name}.yaml" in refused(*(word.format(file) for word in words))
