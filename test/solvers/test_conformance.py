@@ -1,4 +1,6 @@
-"""Conformance of every registered solver: one suite over the registry, so that a new row is tested."""
+"""Conformance of every registered solver: one suite over the registry, so that a new row is tested; and SciPy's methods
+and the classical one against closed forms and each other.
+"""
 
 from __future__ import annotations
 
@@ -10,19 +12,23 @@ import numpy as np
 import pytest
 from oracle import smoothed_states
 from piecewise import Piecewise
-from scipy.integrate import trapezoid
+from scipy.integrate import solve_ivp, trapezoid
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import SOLVERS, solve
+from tcc_sim.solvers.comparison.scipy_methods import jacobian, rates_of
+from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples
+from tcc_sim.solvers.terms import terms_of
 from tcc_sim.trajectory import State, Status, Trajectory
 
 START = State(5.0, 0.1, -5.0, 0.1)
 STICK_SLIP = {"pressure.mean": 225e3, "pressure.amplitude": 45e3, "pressure.frequency_ratio": 0.5,
               "friction.kinetic_coefficient": 0.24, "engine.frequency": 142.0, "friction.smoothing": 8.0,
+              "engine.mean_torque": 40.0, "engine.torque_amplitude": 900.0,
               "initial.slip_speed": START.slip_speed, "initial.plate_angle": START.plate_angle,
               "initial.plate_speed": START.plate_speed}
-"""Sticks and slips in both directions of the step; the smoothing keeps explicit methods affordable."""
+"""Sticks and slips in both directions; the smoothing keeps explicit methods affordable."""
 
 solvers = pytest.mark.parametrize("name", SOLVERS)
 
@@ -55,7 +61,7 @@ def system_for(name: str, **values: object) -> System:
 
 
 def run(name: str, system: System, factor: float = 1.0, **options: object) -> Trajectory:
-    return solve(system, solver=name, **tight(name, factor), **options).raise_for_status()  # type: ignore[arg-type]
+    return solve(system, solver=name, **tight(name, factor), **options).raise_for_status()
 
 
 @cache
@@ -71,12 +77,12 @@ def truth(law: str, cycles: int, per_cycle: int) -> np.ndarray:
 @solvers
 def test_it_agrees_with_an_independent_solution(name: str) -> None:
     system = system_for(name)
-    found = run(name, system, cycles=1, samples_per_cycle=40)
+    found = run(name, system, cycles=1, samples_per_cycle=40, flywheel_angle=True, loads_from=0)
     exact = truth(system.friction.law, 1, 40)
-    states = np.stack([found.slip_speed, found.plate_angle, found.plate_speed], axis=1)
-    error = np.abs(states - exact[:, :3]).max(axis=0) / np.abs(exact[:, :3]).max(axis=0)
+    states = np.stack([found.slip_speed, found.plate_angle, found.plate_speed, found.flywheel_angle], axis=1)
+    error = np.abs(states - exact).max(axis=0) / np.abs(exact).max(axis=0)
     assert error.max() <= accuracy(name)
-    assert {0, 1} <= set(found.state.tolist())
+    assert {-1, 0, 1} <= set(found.state.tolist())
 
 
 @solvers
@@ -87,22 +93,6 @@ def test_a_tighter_setting_is_nearer_the_truth(name: str) -> None:
     coarse, fine = (np.abs(np.array([r.slip_speed[-1], r.plate_angle[-1], r.plate_speed[-1]]) - exact) / size
                     for r in (run(name, system, factor, cycles=1) for factor in (loose(name), 1.0)))
     assert fine.max() <= max(0.25 * coarse.max(), 2e-9)
-
-
-@solvers
-def test_turning_every_sign_turns_the_motion(name: str) -> None:
-    values = {"engine.torque_amplitude": 0.0, "engine.harmonic_amplitudes": (600.0,)}
-    straight = run(name, system_for(name, **values, **{"engine.harmonic_phases": (0.3,)}), cycles=1,
-                   samples_per_cycle=9)
-    turned = run(name, system_for(name, **values, **{
-        "engine.harmonic_phases": (0.3 - math.pi,), "engine.mean_torque": -300.0, "initial.slip_speed": -5.0,
-        "initial.plate_angle": -0.1, "initial.plate_speed": 5.0}), cycles=1, samples_per_cycle=9)
-    scale = np.abs(straight.slip_speed).max()
-    assert np.abs(straight.slip_speed + turned.slip_speed).max() <= (accuracy(name) if compared(name) else 1e-8) * scale
-    assert straight.cycles is not None
-    assert turned.cycles is not None
-    assert straight.cycles.highest == pytest.approx(-turned.cycles.lowest, rel=max(1e-7, accuracy(name)))
-    np.testing.assert_array_equal(straight.transitions.after, -turned.transitions.after)
 
 
 @solvers
@@ -118,7 +108,7 @@ def test_engine_work_is_stored_or_lost(name: str) -> None:
 
 
 @solvers
-@pytest.mark.parametrize("part", [0.03, 1.0, 1.37])
+@pytest.mark.parametrize("part", [0.03, 1.37])
 def test_it_ends_exactly_where_it_was_asked_to(name: str, part: float) -> None:
     system = system_for(name)
     found = run(name, system, loose(name), duration=part * system.cycle, samples_per_cycle=7)
@@ -126,7 +116,6 @@ def test_it_ends_exactly_where_it_was_asked_to(name: str, part: float) -> None:
     assert found.t[0] == 0.0
     assert np.all(np.diff(found.t) > 0.0)
     assert len(found.cycles or ()) == int(part)
-    assert run(name, system, loose(name), cycles=1).t[-1] == system.cycle
 
 
 @solvers
@@ -147,8 +136,7 @@ def test_a_run_goes_on_from_any_cycle_boundary(name: str) -> None:
 def test_results_do_not_depend_on_the_samples_asked_for(name: str) -> None:
     system = system_for(name)
     bare, sampled = (run(name, system, cycles=1, samples_per_cycle=n) for n in (0, 37))
-    assert bare.cycles is not None
-    assert sampled.cycles is not None
+    assert bare.t[-1] == sampled.t[-1] == system.cycle
     for field in ("section", "highest", "lowest", "stick_time"):
         one, other = getattr(bare.cycles, field), getattr(sampled.cycles, field)
         if not compared(name):
@@ -176,3 +164,49 @@ def test_a_solve_takes_no_longer_than_it_says(name: str) -> None:
     began = time.perf_counter()
     found = run(name, system_for(name), loose(name), cycles=1)
     assert 0.0 < found.statistics.seconds <= time.perf_counter() - began
+
+
+FALLING = replace(System(), {"pressure.mean": 225e3, "pressure.amplitude": 5e4, "friction.kinetic_coefficient": 0.24,
+                             "engine.frequency": 142.0, "initial.slip_speed": 1.0})
+
+
+def test_blow_up_is_a_status() -> None:
+    system = replace(FALLING, {"friction.smoothing": 1e6, "driveline.plate_inertia": 1e-3, "driveline.damping": 100.0})
+    found = solve(system, cycles=30, solver="rk4", step=1e-3)
+    assert found.status is Status.NOT_FINITE
+    assert np.all(np.isfinite(found.slip_speed))
+
+
+def test_too_many_steps_are_refused() -> None:
+    system = replace(System(), {"engine.frequency": 1.0})
+    assert solve(system, cycles=1000, solver="rk4", step=1e-9).status is Status.REFUSED
+
+
+def test_jacobian_is_the_derivative_of_the_rates() -> None:
+    terms, y = terms_of(FALLING), np.array([0.013, 0.1, 3.0, 0.2])
+    found = jacobian(0.01, y, terms)
+    for k, step in enumerate(np.diag([1e-6, 1e-6, 1e-4, 1e-4])):
+        slope = (rates_of(0.01, y + step, terms) - rates_of(0.01, y - step, terms)) / (2.0 * step[k])
+        np.testing.assert_allclose(found[:, k], slope, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("rtol", [1e-3, 1e-6])
+def test_compiled_steps_of_rk45_are_those_of_scipy(rtol: float) -> None:
+    """The same number of steps to the same state, through slip and a stop: SciPy's RK45 on the same equations."""
+    system = replace(FALLING, {"friction.smoothing": 5.0})
+    found = solve(system, cycles=1, solver="rk45", rtol=rtol, samples_per_cycle=8)
+    terms, twist = terms_of(system), 550.0 / system.driveline.stiffness
+    sizes = np.array([1.0 / 5.0, twist, twist * system.natural_frequency])
+    scipy = solve_ivp(lambda t, y: rates_of(t, y, terms), (0.0, system.cycle), [1.0, 0.0, 0.0], rtol=rtol,
+                      atol=rtol * sizes, dense_output=True)
+    assert found.statistics.steps == len(scipy.t) - 1
+    states = np.array([found.slip_speed, found.plate_angle, found.plate_speed])
+    np.testing.assert_allclose(states, scipy.sol(found.t), rtol=1e-10, atol=1e-10)
+
+
+def test_cycles_are_those_of_dense_samples() -> None:
+    found = solve(FALLING, cycles=2, samples_per_cycle=4000, solver="lsoda", rtol=1e-9)
+    dense = cycles_from_samples(found.t, found.slip_speed, np.gradient(found.slip_speed, found.t), found.plate_angle,
+                                found.plate_speed, np.gradient(found.plate_speed, found.t), stick_speed=0.0,
+                                starts=cycle_starts(0, found.t[-1], found.cycle))
+    np.testing.assert_allclose(found.cycles.highest, dense.highest, rtol=1e-5)

@@ -46,7 +46,6 @@ for name in sys.argv[1:]:  # Each in a process that has solved nothing yet.
 def test_nothing_is_compiled_or_loaded_while_the_clock_runs():
     names = [n for n in SOLVERS if n not in ("radau", "bdf", "dop853")]
     ended = subprocess.run([sys.executable, "-c", PROGRAM, *names], capture_output=True, text=True, check=False,
-                           timeout=300,
-                           env={**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)})
+                           timeout=300, env={**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)})
     assert ended.returncode == 0, ended.stdout + ended.stderr
     assert ended.stdout.split() == names

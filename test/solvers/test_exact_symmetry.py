@@ -60,8 +60,6 @@ def test_turning_every_sign_turns_every_bit(engine: str, name: str, monkeypatch:
     for column in ("slip_speed", "plate_angle", "plate_speed"):
         np.testing.assert_array_equal(getattr(straight, column), -getattr(other, column), err_msg=column)
     one, two = straight.cycles, other.cycles
-    assert one is not None
-    assert two is not None
     np.testing.assert_array_equal(one.section, -two.section)
     np.testing.assert_array_equal(one.highest, -two.lowest)
     np.testing.assert_array_equal(one.lowest, -two.highest)

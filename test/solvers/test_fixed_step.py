@@ -30,8 +30,6 @@ def test_a_millisecond_tick_is_as_exact_as_promised(name: str, tolerance: float)
     system = replace(start, {"initial.slip_speed": min(start.initial.slip_speed, 20.0)}) if name != "slip" else start
     reference = solve(system, cycles=2, solver="radau", rtol=1e-8).raise_for_status()
     found = solve(system, cycles=2, solver="fixed_step").raise_for_status()
-    assert found.cycles is not None
-    assert reference.cycles is not None
     top = largest(reference.cycles.highest, reference.cycles.lowest)
     assert largest(found.cycles.highest - reference.cycles.highest) <= tolerance * top
     for column, size in enumerate((top, largest(reference.cycles.section[:, 1]),
@@ -161,7 +159,6 @@ def test_several_blocks_give_what_one_gives(monkeypatch: pytest.MonkeyPatch) -> 
 def test_samples_fall_on_section_points_and_on_the_end() -> None:
     system = load_scene("minimal").system
     run = solve(system, cycles=4, solver="fixed_step", samples_per_cycle=10)
-    assert run.cycles is not None
     assert run.t[-1] == 4 * system.cycle
     assert run.plate_angle[::10] == pytest.approx(run.cycles.section[:, 1], rel=1e-9)
 
@@ -173,11 +170,3 @@ def test_every_bundled_scene_runs() -> None:
             run = solve(system, cycles=3, solver="fixed_step")
             assert run.status is Status.DONE, name
             assert np.all(np.isfinite(run.slip_speed)), name
-
-
-def test_the_flywheel_angle_is_the_integral_of_its_speed() -> None:
-    system = load_scene("fig02").system
-    reference = solve(system, cycles=1, flywheel_angle=True, solver="radau", rtol=1e-8)
-    found = solve(system, cycles=1, solver="fixed_step", flywheel_angle=True)
-    assert found.final.flywheel_angle == pytest.approx(reference.final.flywheel_angle, rel=1e-5)
-    assert abs(found.final.flywheel_angle) > 1.0

@@ -39,7 +39,6 @@ def by_scipy(system: System, cycles: int) -> np.ndarray:
 def loads_by(system: System, cycles: int = LAST, first: int = 0, **settings: object) -> Loads:
     """The loads of a run."""
     found = solve(system, cycles=cycles, loads_from=first, **settings).raise_for_status().cycles
-    assert found is not None
     assert found.loads is not None
     return found.loads
 
@@ -63,14 +62,11 @@ def test_loads_are_those_of_scipy(name: str) -> None:
     ("fig02", {}), ("fig02", {"friction.law": "set_valued"}), ("fig02", {"friction.smoothing": 1e4}), ("chaos", {}),
     ("fig02", {"pressure.amplitude": 3e5}), ("fig02", {"pressure.amplitude": 3e5, "friction.law": "set_valued"}),
     ("fig02", {"driveline.damping": 20.0}), ("fig02", {"driveline.damping": 200.0, "friction.law": "set_valued"})])
-def test_the_engine_s_work_is_what_clutch_and_damper_turn_to_heat_and_what_is_stored(
-        scene: str, values: dict[str, object]) -> None:
+def test_the_engine_s_work_is_what_clutch_and_damper_turn_to_heat_and_what_is_stored(scene, values):
     """Work of the engine and dissipation in C23 by sums over samples, which converge fast on smooth integrands."""
     system = replace(load_scene(scene).system, values)
     d, per_cycle = system.driveline, 4000
     run = solve(system, cycles=LAST, samples_per_cycle=per_cycle, loads_from=FIRST, rtol=1e-10)
-    assert run.cycles is not None
-    assert run.cycles.loads is not None
     assert np.isnan(run.cycles.loads.energy[:FIRST]).all()
     flywheel = run.slip_speed + run.plate_speed
     net = (run.engine_torque * flywheel - d.damping * run.plate_speed**2)[per_cycle * FIRST:]
@@ -86,9 +82,7 @@ def test_power_and_breakaways_are_those_of_dense_samples() -> None:
     for law in ("smoothed", "set_valued"):
         system = replace(load_scene("fig02").system, {"friction.law": law})
         run = solve(system, cycles=LAST, samples_per_cycle=4000, loads_from=0)
-        assert run.cycles is not None
         loads = run.cycles.loads
-        assert loads is not None
         power = run.friction_torque * run.slip_speed
         for n in range(LAST):
             peak = power[4000 * n:4000 * n + 4001].max()
@@ -135,7 +129,6 @@ def test_samples_have_the_loads_of_the_steps(solver: str) -> None:
         found = cycles_of(type(run)(**{**run.__dict__, "cycles": None})).loads
     else:
         found = loads_by(system, solver=solver, **({"step": 1e-4} if solver == "fixed_step" else {"rtol": 1e-8}))
-    assert found is not None
     for name, rel in (("energy", 2e-4), ("peak_power", 1e-3), ("highest_shaft_torque", 1e-3)):
         assert getattr(found, name) == pytest.approx(getattr(exact, name), rel=rel)
     assert found.lowest_shaft_torque == pytest.approx(exact.lowest_shaft_torque, abs=0.5)
@@ -144,10 +137,7 @@ def test_samples_have_the_loads_of_the_steps(solver: str) -> None:
 
 def test_loads_follow_their_cycles() -> None:
     run = solve(load_scene("fig02"), cycles=8, loads_from=0).cycles
-    assert run is not None
-    assert run.loads is not None
     parts = concatenated([run[:3], run[3:]])
-    assert parts.loads is not None
     assert np.array_equal(parts.loads.energy, run.loads.energy)
     assert concatenated([run[:3], solve(load_scene("fig02"), cycles=8).cycles[3:]]).loads is None
 
@@ -163,7 +153,6 @@ def test_samples_have_the_extremes_of_their_own_cycle() -> None:
     rest = np.zeros_like(t)
     loads = cycles_from_samples(t, rest, rest, *plate(t), starts=starts, stick_speed=0.0,
                                 linear=(0.2, 0.02, 0.6, 3000.0)).loads
-    assert loads is not None
     for n in range(8):
         angle, speed, _ = plate(np.linspace(starts[n], starts[n + 1], 10001))
         shaft = 0.6 * speed + 3000.0 * angle
@@ -178,8 +167,6 @@ def test_samples_have_the_time_in_stick_of_the_set_valued_law(samples: int, miss
     for frequency in np.linspace(60.0, 190.0, 14):
         run = solve(replace(load_scene("fig02").system, {"friction.law": "set_valued", "engine.frequency": frequency}),
                     cycles=40, samples_per_cycle=samples, loads_from=0)
-        assert run.cycles is not None
-        assert run.cycles.loads is not None
         found = cycles_of(dataclasses.replace(run, cycles=None)).stick_time - run.cycles.stick_time
         off += float(found.sum()) * samples / run.cycle
         count += float(run.cycles.loads.breakaways.sum())

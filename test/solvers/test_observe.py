@@ -15,8 +15,7 @@ CYCLE = 2.0 * math.pi / W
 def sine_cycles(t, *, offset=0.4, stick_speed=0.1, first_cycle=0, cycle=CYCLE):
     return cycles_from_samples(
         t, offset + np.sin(W * t + 0.3), W * np.cos(W * t + 0.3), np.cos(2 * W * t), -2 * W * np.sin(2 * W * t),
-        -4 * W * W * np.cos(2 * W * t), starts=cycle_starts(first_cycle, t[-1], cycle),
-        stick_speed=stick_speed)
+        -4 * W * W * np.cos(2 * W * t), starts=cycle_starts(first_cycle, t[-1], cycle), stick_speed=stick_speed)
 
 
 @pytest.mark.parametrize("seed", [None, 1, 2])

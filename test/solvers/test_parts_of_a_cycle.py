@@ -22,7 +22,6 @@ def scene(name: str, law: str) -> System:
 
 def settled(system: System) -> np.ndarray:
     found = solve(system, cycles=30, rtol=1e-12).cycles
-    assert found is not None
     return found.section[-1]
 
 

@@ -37,10 +37,10 @@ class Run:
     """Output that `keep_step` stores of a run of steps."""
 
     def __init__(self, ends: list[float], unit: float = 0.1, *, motions: dict[int, Polynomial] = MOTIONS, mode: int = 0,
-                 per_cycle: int = PER_CYCLE, rooms: int = 40, angle: bool = True) -> None:
+                 per_cycle: int = PER_CYCLE, rooms: int = 40) -> None:
         self.output: Any = np.zeros(1, OUTPUT)[0]
         self.cycles, self.moves = np.zeros(CYCLES + 1, CYCLE), np.zeros(rooms, MOVE)
-        self.samples = np.full((CYCLES * per_cycle, 4 if angle else 3), np.nan)
+        self.samples = np.full((CYCLES * per_cycle, 4), np.nan)
         start = float(motions[SLIP](0.0))
         self.output["mode"], self.output["highest"], self.output["lowest"] = mode, start, start
         work: Any = np.zeros(1, WORK)[0]
@@ -56,8 +56,7 @@ class Run:
             cut = x if abs(cut - x) < 1e-12 else cut
             polynomial.to_bernstein(work["rows"], SLIP, degree, x, work["bernstein"])
             keep_step(work, degree, unit, x, cut, tau, begin, PERIOD, LAYER, self.output,
-                               Store(self.cycles, self.samples, per_cycle, self.moves),
-                               True if angle else None)
+                               Store(self.cycles, self.samples, per_cycle, self.moves), True)
             begin, tau = end, end - PERIOD * self.output["cycle"]
 
 
@@ -90,8 +89,7 @@ def test_samples_are_uniform_in_time_and_of_the_motion(ends: list[float]) -> Non
         assert run.samples[:, column] == pytest.approx(MOTIONS[row](t), abs=1e-11)
 
 
-def test_theta1_is_stored_only_where_it_is_asked_for_and_nothing_is_without_samples() -> None:
-    assert Run(EACH_CYCLE, angle=False).samples.shape == (CYCLES * PER_CYCLE, 3)
+def test_nothing_is_stored_without_samples() -> None:
     bare = Run(EACH_CYCLE, per_cycle=0)
     assert bare.output["samples"] == 0
     assert bare.cycles["highest"].tolist() == Run(EACH_CYCLE).cycles["highest"].tolist()

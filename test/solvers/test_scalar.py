@@ -18,8 +18,7 @@ logs = st.floats(0.0, 1.0)
 @settings(max_examples=400, deadline=None)
 @given(w=st.floats(-1e5, 1e5), size=logs, smoothing=logs, guess=st.floats(-1e5, 1e5), excess=logs,
        decay=st.one_of(st.just(0.0), st.floats(1e-3, 10.0)))
-def test_the_root_is_the_one_brentq_finds(w: float, size: float, smoothing: float, guess: float, excess: float,
-                                          decay: float) -> None:
+def test_the_root_is_the_one_brentq_finds(w, size, smoothing, guess, excess, decay):
     a, sigma = 10.0 ** (-6 + 9 * size), 10.0 ** (1 + 8 * smoothing)
     # The Stribeck slope is at least -alpha (r - 1): sub-steps keep a times it below 1/2, so that F increases.
     stribeck = None if decay == 0.0 else (min(3.0 * excess, 0.5 / (a * decay)), decay)
