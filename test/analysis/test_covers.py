@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from oracle import coefficient_and_slope, sliding_of
 from scipy.integrate import solve_ivp
 
 from tcc_sim.analysis.summary import summarise
@@ -28,11 +27,11 @@ FIGURES = "max_slip_speed", "min_slip_speed", "clutch_energy", "peak_power", "ma
 def by_scipy(scene: Scene, torque: Any, pressure: Any, breaks: list[float]) -> dict[str, float]:
     """The figures of a run whose torque and pressure are given per piece k: torque(k, t), pressure(k, t)."""
     system, points = scene.system, 40_000
-    d, f, start = system.driveline, system.friction, system.initial
-    (kinetic, pairs), area = sliding_of(f), system.clutch.area * system.clutch.radius
+    d, f, start, area = system.driveline, system.friction, system.initial, system.clutch.area * system.clutch.radius
 
-    def friction_torque(k: int, t: float, v: float) -> float:
-        return kinetic * area * pressure(k, t) * coefficient_and_slope(v, pairs, f.smoothing)[0]
+    def friction_torque(k: int, t: Any, v: Any) -> Any:
+        law = f.kinetic_coefficient + (f.static_coefficient - f.kinetic_coefficient) * np.exp(-f.decay * np.abs(v))
+        return law * area * pressure(k, t) * np.tanh(f.smoothing * v)
 
     def rates(t: float, y: Any, k: int) -> list[float]:
         tf = friction_torque(k, t, y[0])
@@ -41,13 +40,12 @@ def by_scipy(scene: Scene, torque: Any, pressure: Any, breaks: list[float]) -> d
 
     y, seen = np.array([start.slip_speed, start.plate_angle, start.plate_speed, 0.0]), []
     for k, (begin, end) in enumerate(pairwise(breaks)):
-        found = solve_ivp(rates, (begin, end), y, "Radau", dense_output=True, args=(k,), rtol=1e-9,
+        found = solve_ivp(rates, (begin, end), y, "LSODA", dense_output=True, args=(k,), rtol=1e-9,
                           atol=[1e-9, 1e-11, 1e-8, 1e-5])
         t = np.linspace(begin, end, points)
         rows = found.sol(t)
-        power = [friction_torque(k, u, v) * v for u, v in zip(t.tolist(), rows[0].tolist())]
-        shaft = d.damping * rows[2] + d.stiffness * rows[1]
-        seen.append([np.abs(rows[0]).max(), rows[0].min(), max(power), shaft.max(), shaft.min()])
+        power, shaft = friction_torque(k, t, rows[0]) * rows[0], d.damping * rows[2] + d.stiffness * rows[1]
+        seen.append([np.abs(rows[0]).max(), rows[0].min(), power.max(), shaft.max(), shaft.min()])
         y = found.y[:, -1]
     v, low, power, high, least = np.array(seen).T
     return dict(zip(FIGURES, (v.max(), low.min(), float(y[3]), power.max(), high.max(), least.min())))
@@ -63,23 +61,20 @@ def slow() -> tuple[Scene, dict[str, float]]:
     """Half a second of a first cycle that lasts 6.3 s."""
     scene = load_scene("fig02").with_values({"engine.frequency": 1.0})
     e, p = scene.system.engine, scene.system.pressure
-    return scene, by_scipy(scene, lambda _, t: e.mean_torque + e.torque_amplitude * math.sin(t),
-                           lambda _, t: p.mean + p.amplitude * math.sin(p.frequency_ratio * t + p.phase), [0.0, 0.5])
+    return scene, by_scipy(scene, lambda _, t: e.mean_torque + e.torque_amplitude * np.sin(t),
+                           lambda _, t: p.mean + p.amplitude * np.sin(p.frequency_ratio * t + p.phase), [0.0, 0.5])
 
 
-@pytest.mark.parametrize(("solver", "within"), [("auto", 1e-6), ("radau", 1e-6), ("rk45", 1e-6), ("dop853", 1e-6),
-                                                ("fixed_step", 1e-6)])
-def test_a_run_shorter_than_a_cycle(slow: Any, solver: str, within: float) -> None:
+@pytest.mark.parametrize("solver", ["auto", "radau", "rk45", "fixed_step"])
+def test_a_run_shorter_than_a_cycle(slow: Any, solver: str) -> None:
     found = simulate(slow[0], duration=0.5, solver=solver).summary
-    assert found is not None
-    agree(found, slow[1], within)
+    agree(found, slow[1], 1e-6)
     assert (found.cycles, found.covers, found.section) == (0, (0.0, 0.5), [])
     assert found.mean_power == found.clutch_energy / 0.5
 
 
 def test_samples_of_a_run_shorter_than_a_cycle(slow: Any) -> None:
     run = simulate(slow[0], duration=0.5, samples_per_cycle=20_000).trajectory
-
     agree(summarise(dataclasses.replace(run, cycles=None, rest=None)), slow[1], 1e-4)
 
 
@@ -101,11 +96,9 @@ def test_the_last_part_of_a_cycle_counts(capsys: Any, tmp_path: Path) -> None:
 
     expected = by_scipy(scene, torque, lambda *_: scene.system.pressure.mean, times)
     found = simulate(scene, duration=4.0).summary
-    assert found is not None
     agree(found, expected, 1e-5)
     assert (found.covers, found.breakaways) == ((0.0, 4.0), 3)
     later = simulate(scene, duration=4.0, discard=5).summary
-    assert later is not None
     assert later.covers == (pytest.approx(10.0 * math.pi / 150.0), 4.0)
     assert later.max_slip_speed == found.max_slip_speed
     words = ["simulate", "fig02", "--profile", "engine.frequency=0:150,1:150,1.2:1", "--profile",
@@ -117,8 +110,7 @@ def test_the_last_part_of_a_cycle_counts(capsys: Any, tmp_path: Path) -> None:
     assert "figures cover" not in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(("solver", "within"), [("auto", 1e-7), ("rk45", 1e-5), ("radau", 1e-5), ("rk4", 1e-5),
-                                                ("fixed_step", 1e-5)])
+@pytest.mark.parametrize(("solver", "within"), [("auto", 1e-7), ("radau", 1e-5), ("rk4", 1e-5), ("fixed_step", 1e-5)])
 def test_no_parabola_crosses_a_jump(solver: str, within: float, tmp_path: Path) -> None:
     """Torque and pressure step at times that are no ticks; power is largest just behind a step of the pressure."""
     t = [0.0, 0.0103, 0.0207, 0.0302, 0.0310]
@@ -129,14 +121,11 @@ def test_no_parabola_crosses_a_jump(solver: str, within: float, tmp_path: Path) 
     scene = driven_by(load_scene("fig02").with_values({"engine.frequency": 600.0}), table)
     expected = by_scipy(scene, lambda k, _: torque[k], lambda k, _: pressure[k], t)
     found = simulate(scene, duration=t[-1], solver=solver, step=1e-6 if solver == "rk4" else None).summary
-    assert found is not None
     agree(found, expected, within)
 
 
 def test_a_recording_with_steps_has_no_power_beyond_its_samples() -> None:
     """Every sample is the largest power, and a parabola across the steps between them lies above."""
-
-
     run = simulate("slip", cycles=2, samples_per_cycle=100).trajectory
     step = np.where(np.arange(len(run.t)) % 20 < 10, 1.0, 0.2)
     stepped = dataclasses.replace(run, cycles=None, rest=None, friction_torque=run.friction_torque * step,
@@ -150,14 +139,11 @@ def test_profiles_are_swept_to_their_last_point() -> None:
     found = sweep("runup", "friction.kinetic_coefficient", [load_scene("runup").system.friction.kinetic_coefficient],
                   rtol=1e-8)
     point = found.points[0]
-    assert alone is not None
-    assert point is not None
-    assert point.summary is not None
     assert point.summary.covers == alone.covers
     assert point.summary.clutch_energy == pytest.approx(alone.clutch_energy, rel=1e-6)
     shorter = sweep("runup", "friction.kinetic_coefficient", [0.2], duration=0.25)
     assert shorter.as_json()["duration"] == 0.25
-    assert shorter.records[0]["covers"] == [0.0, 0.25]  # type: ignore[index]
+    assert shorter.records[0]["covers"] == [0.0, 0.25]
 
 
 SETTLING = {"driveline.damping": 0.1233, "engine.frequency": 1161.858217}
@@ -188,10 +174,8 @@ def test_transients_are_counted_and_left_out_of_quantiles(capsys: Any) -> None:
 def test_auto_drops_half_of_what_never_settles() -> None:
     scene = load_scene("slip").with_values(SETTLING)
     found = simulate(scene, cycles=400, discard="auto").summary
-    assert found is not None
     assert (found.cycles, found.discarded, found.transient) == (400, 200, True)
     settled = simulate("slip", cycles=400, discard="auto", samples_per_cycle=10)
-    assert settled.summary is not None
     assert settled.summary.settled
     assert not settled.summary.transient
     assert len(settled.trajectory.t) == 10 * settled.summary.cycles + 1
@@ -200,5 +184,4 @@ def test_auto_drops_half_of_what_never_settles() -> None:
 
 def test_chaos_is_no_transient() -> None:
     found = simulate("chaos", cycles=400).summary
-    assert found is not None
     assert (found.period, found.settled, found.transient) == (0, False, False)

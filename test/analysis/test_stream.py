@@ -49,8 +49,7 @@ def test_batches_give_what_whole_arrays_give(kind):
     columns = recorded(np.arange(3000))
     stamps, v, angle, speed, engine, friction = columns
     whole = cycles_of(Trajectory(stamps * 1e-9, v, angle, speed, engine, friction, friction, np.zeros(3000, np.int8),
-                                 CYCLE,
-                                 "recording", SYSTEM))
+                                 CYCLE, "recording", SYSTEM))
     stream, pieces = fed(columns, sizes_like(kind))
     cycles, first, dropped = stream.runs[0].kept(0)
     assert (len(cycles), first, dropped, len(stream.runs)) == (len(whole), 0, 0, 1)

@@ -22,8 +22,7 @@ def trajectory_of(slip_speed, slip_acceleration, count, samples=400, start=0):
     t = np.arange(start * samples, (start + count) * samples + 1) * (CYCLE / samples)
     zero = np.zeros_like(t)
     return Trajectory(t, slip_speed(t), zero, zero, SYSTEM.driveline.flywheel_inertia * slip_acceleration(t),
-                      zero + 500.0,
-                      zero, np.zeros(len(t), np.int8), CYCLE, "by_hand", SYSTEM)
+                      zero + 500.0, zero, np.zeros(len(t), np.int8), CYCLE, "by_hand", SYSTEM)
 
 
 def part_of(whole, samples, first=0):
@@ -55,8 +54,7 @@ def test_coarse_samples_that_miss_the_cycle_ends_are_interpolated():
     v, a = sine(5.0, 20.0, 0.3)
     zero = np.zeros_like(t)
     coarse = Trajectory(t, v(t), zero, zero, SYSTEM.driveline.flywheel_inertia * a(t), zero, zero,
-                        np.zeros(len(t), np.int8),
-                        CYCLE, "by_hand", SYSTEM)
+                        np.zeros(len(t), np.int8), CYCLE, "by_hand", SYSTEM)
     found = summarise(coarse, 5, tolerance=1e-3)
     assert found.max_slip_speed == pytest.approx(25.0, abs=2e-3)
     assert found.min_slip_speed == pytest.approx(-15.0, abs=2e-3)
