@@ -46,8 +46,7 @@ def test_pure_stick_is_the_steady_motion_of_one_inertia(omega):
     both = d.flywheel_inertia + d.plate_inertia
     start = [float(angle(0.0)), float(angle.rate()(0.0))]
     run = solve_ivp(lambda t, y: [y[1], (engine(system, t) - d.damping * y[1] - d.stiffness * y[0]) / both], (0, t[-1]),
-                    start,
-                    t_eval=t, method="DOP853", rtol=1e-12, atol=1e-12)
+                    start, t_eval=t, method="DOP853", rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(angle(t), run.y[0], atol=1e-10)
     acceleration = angle.rate().rate()(t)
     np.testing.assert_allclose(torque(t), engine(system, t) - d.flywheel_inertia * acceleration, atol=1e-8)
@@ -135,8 +134,7 @@ def test_pure_slip_solves_12(damping, values, direction):
         return [(engine(system, t) - torque) / d.flywheel_inertia - plate, y[2], plate]
 
     run = solve_ivp(rates, (0, t[-1]), [s.slip_speed, s.plate_angle, s.plate_speed], t_eval=t, method="DOP853",
-                    rtol=1e-12,
-                    atol=1e-11)
+                    rtol=1e-12, atol=1e-11)
     found = pure_slip.pure_slip(system, direction)
     np.testing.assert_allclose(found.slip_speed(t), run.y[0], atol=1e-8)
     np.testing.assert_allclose(found.plate_angle(t), run.y[1], atol=1e-10)

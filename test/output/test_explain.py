@@ -23,8 +23,7 @@ def test_the_minimal_scene_leaves_out_what_it_does_not_have() -> None:
     found = explain(load_scene("minimal"))
     assert found["terms"]["held"] == ["engine torque sine", "smoothing tanh"]
     assert set(found["terms"]["left_out"]) == {"engine torque harmonics 2, 3, ...", "pressure sine",
-                                               "Stribeck exponential",
-                                               "pressure clamp", "profiles in time"}
+                                               "Stribeck exponential", "pressure clamp", "profiles in time"}
     kernel = found["kernel"]
     assert (kernel["stribeck"], kernel["pulsation"], kernel["harmonics"]) == ("left out",) * 3
     assert {"rclpy", "mcap", "matplotlib", "rerun"} <= set(found["modules"]["left_out"])
@@ -37,7 +36,6 @@ def test_arrays_that_a_kernel_is_given_are_told_by_their_size() -> None:
     """A profile has a row of eleven numbers for each of its two pieces; it was called an array of sines."""
     scene = load_scene("runup")
     pieces = scene.system.profile
-    assert pieces is not None
     assert pieces.shape == (2, 11)
     assert explain(scene)["kernel"]["profile"] == "array of 2 by 11 numbers"
 
@@ -71,8 +69,7 @@ def test_a_topic_is_there_where_its_switch_says_so(name: str, values: dict[str, 
 
 
 @pytest.mark.parametrize("noise", [0.0, 1.5e-6])
-def test_a_saving_is_given_where_it_can_be_measured(noise: float, tmp_path: Path, capsys: pytest.CaptureFixture[str],
-                                                    monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_saving_is_given_where_it_can_be_measured(noise, tmp_path, capsys, monkeypatch):
     """A tick of 1 us, and 2 us more for the exponential: on a clock without noise it is a saving of 2 us."""
     from tcc_sim.solvers import fixed_step
 
@@ -118,7 +115,6 @@ def test_the_command_prints_and_writes(tmp_path: Path, capsys: pytest.CaptureFix
 def test_pure_slip_is_shown_beside_the_ticks() -> None:
     system = load_scene("slip").system
     found = closed_forms(system)
-    assert found is not None
     slip = found["slip"]
     swing = 250.0 / (0.2 * 150.0)
     assert (slip["mean"], slip["amplitude"]) == pytest.approx((150.0 + swing, swing))
@@ -134,35 +130,30 @@ def test_pure_slip_is_shown_beside_the_ticks() -> None:
 
 def test_a_slow_engine_does_not_keep_slipping() -> None:
     found = closed_forms(load_scene("slip").with_values({"initial.slip_speed": 30.0}).system)
-    assert found is not None
     assert found["slip"]["margin"] > 0.0 > found["slip"]["least"]
     assert found["slip"]["tick_difference"] is None
     assert "does not last" in "\n".join(closed_form_lines(found))
     gripping = closed_forms(load_scene("slip").with_values({"pressure.mean": 130e3}).system)
-    assert gripping is not None
     assert gripping["slip"]["least"] is None
     assert "outweighs" in "\n".join(closed_form_lines(gripping))
 
 
 def test_stick_and_what_has_no_closed_form() -> None:
     found = closed_forms(load_scene("stick").system)
-    assert found is not None
     assert found["stick"]["sticks"] is True
     assert found["stick"]["mean"] == pytest.approx(0.1)
     falling = closed_forms(load_scene("fig02").system)
-    assert falling is not None
     assert falling["slip"] is None
     assert falling["stick"]["sticks"] is False
     assert "needs mu_k = mu_s" in "\n".join(closed_form_lines(falling))
     assert closed_forms(load_scene("commands").system) is None
     assert "topic" in closed_form_lines(None)[0]
     exact = closed_forms(load_scene("slip").with_values({"friction.law": "set_valued"}).system)
-    assert exact is not None
     assert exact["slip"]["pure_slip"] is True
     assert exact["slip"]["tick_difference"] is None
 
 
-def test_the_command_shows_them(capsys) -> None:  # type: ignore[no-untyped-def]
+def test_the_command_shows_them(capsys) -> None:
     assert main(["explain", "slip"]) == 0
     assert "pure slip (15): 158.333 rad/s" in capsys.readouterr().out
 
@@ -239,7 +230,6 @@ def test_an_actuator_costs_phase_at_the_slipping_mode_and_has_a_line(capsys: pyt
     omega = math.sqrt(3000.0 / 0.02)
     passed = np.exp(-0.005j * omega) / (1.0 + 0.03j * omega)
     found = estimates_of(scene.system).actuator
-    assert found is not None
     assert np.exp(1j * found.phase) * found.gain == pytest.approx(passed, rel=1e-12)
     assert (found.phase < -math.pi, found.largest_amplitude) == (True, pytest.approx(2e6 / omega))
     words = [word for key, value in keys.items() for word in ("--set", f"{key}={value}")]

@@ -84,7 +84,7 @@ def test_simulate_and_analyse(folder: Path) -> None:
                              "--damping", "--lyapunov", "--json", folder / "simulate.json", "--out",
                              folder / "run.mcap")
     assert valid("simulate", found)["command"] == command
-    assert found["scene"]["pressure.phase"] == 1.0  # type: ignore[index]
+    assert found["scene"]["pressure.phase"] == 1.0
     found, _ = written(folder, "analyse.json", "analyse", folder / "run.mcap", "--json", folder / "analyse.json",
                        "--damping", "--verify")
     assert valid("analyse", found)["scene"]["pressure.phase"] == 1.0
@@ -97,8 +97,7 @@ def test_a_run_shorter_than_a_cycle(folder: Path) -> None:
 
 def test_sweep_and_the_file_of_its_points(folder: Path) -> None:
     words = ("sweep", "minimal", "--over", "engine.frequency=100:120:3", "--cycles", 30, "--damping", "--out",
-             folder / "s.jsonl",
-             "--json", folder / "s.json")
+             folder / "s.jsonl", "--json", folder / "s.json")
     found, command = written(folder, "s.json", *words)
     valid("sweep", found)
     first, *points = map(json.loads, (folder / "s.jsonl").read_text().splitlines())
@@ -123,8 +122,7 @@ def test_a_grid(folder: Path) -> None:
 
 def test_continue(folder: Path) -> None:
     words = ("continue", "stick", "--set", "friction.law=set_valued", "--over", "engine.mean_torque=295:305", "--at",
-             301.5,
-             "--second", "pressure.mean=2.9e5:3.1e5", "--json", folder / "branches.json")
+             301.5, "--second", "pressure.mean=2.9e5:3.1e5", "--json", folder / "branches.json")
     found, command = written(folder, "branches.json", *words)
     assert valid("continue", found)["command"] == command
     assert (found["range"], found["complete"]) == ([295.0, 305.0], True)

@@ -54,7 +54,7 @@ def workers(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]
             process.wait()
 
 
-def test_a_killed_worker_loses_nothing(workers, tmp_path, on_point) -> None:  # type: ignore[no-untyped-def]
+def test_a_killed_worker_loses_nothing(workers, tmp_path, on_point) -> None:
     address, processes = workers
     system = replace(System(),
                      {"friction.law": "set_valued", "friction.kinetic_coefficient": 0.285, "pressure.mean": 225e3,
@@ -74,8 +74,7 @@ def test_a_killed_worker_loses_nothing(workers, tmp_path, on_point) -> None:  # 
     ("tcp://127.0.0.1:{port}", "no Dask scheduler answers"), ("127.0.0.1:{port}", "no Dask scheduler answers"),
     ("tcp://no-such-host.invalid:8786", "no Dask scheduler answers"), ("tcp://127.0.0.1", "must be an address"),
     ("tcp://127.0.0.1:99999", "must be an address"), ("", "must be an address"), ("tcp://a b:1", "must be an address")])
-def test_an_unreachable_scheduler_is_one_line_and_nothing_is_written(address: str, words: str, tmp_path, monkeypatch,
-                                                                     capsys) -> None:  # type: ignore[no-untyped-def]
+def test_an_unreachable_scheduler_is_one_line_and_nothing_is_written(address, words, tmp_path, monkeypatch, capsys):
     """Nothing listens at a port that was closed just now; `.invalid` never resolves (RFC 2606)."""
     with socket.socket() as closed:
         closed.bind(("127.0.0.1", 0))
@@ -87,8 +86,7 @@ def test_an_unreachable_scheduler_is_one_line_and_nothing_is_written(address: st
     monkeypatch.setattr(distributed, "Client", too_far)
     out = tmp_path / "out.jsonl"
     assert main(["sweep", "slip", "--over", "engine.torque_amplitude=1:2:2", "--dask", address.format(port=port),
-                 "--out",
-                 str(out)]) == 2
+                 "--out", str(out)]) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1
     assert words in said
@@ -113,8 +111,7 @@ def test_what_does_not_come_back_is_not_waited_for() -> None:
     assert in_time(time.monotonic() + 60.0, lambda: 3) == 3
 
 
-def test_a_scheduler_without_workers_is_said_and_one_that_dies_ends_the_sweep(  # type: ignore[no-untyped-def]
-        tmp_path, monkeypatch, on_point, capsys) -> None:
+def test_a_scheduler_without_workers_is_said_and_one_that_dies_ends_the_sweep(tmp_path, monkeypatch, on_point, capsys):
     file, out = tmp_path / "scheduler.json", tmp_path / "out.jsonl"
     quiet = ["--no-dashboard", "--scheduler-file", str(file)]
     processes = [started("dask_scheduler", "--host", "127.0.0.1", "--port", "0", *quiet)]

@@ -157,7 +157,6 @@ def test_the_growth_along_a_chaotic_motion_is_that_of_scipys_variational_equatio
     system = load_scene("chaos").system
     start = section_of(system, 100)
     growth, rough, run = tangent_growth(system, start, 100, 8)
-    assert run is not None
     vector, expected = FIRST, []
     for n in range(8):
         vector = tangent_map(system, run.section[n], 100 + n, 1, 1e-9)[1] @ vector
@@ -166,7 +165,6 @@ def test_the_growth_along_a_chaotic_motion_is_that_of_scipys_variational_equatio
     assert growth == pytest.approx(expected, abs=1e-3)
     assert np.abs(rough).max() < 1e-2
     again = solve(system, cycles=8, state=State(*start), start_cycle=100).cycles
-    assert again is not None
     assert np.array_equal(run.section, again.section)  # What else is asked of these cycles needs no second solve.
 
 
@@ -177,7 +175,6 @@ def test_the_interval_of_a_chaotic_motion_has_the_growth_of_the_distance_to_a_mo
     found = largest_lyapunov_exponent(system, start, cycles=2000, start_cycle=110)
     assert found.diagnosis == "chaotic"
     own = solve(system, cycles=2000, state=start, start_cycle=110).cycles
-    assert own is not None
     for n, (x, following) in enumerate(pairwise(own.section), 110):
         vector = 1e-7 / energy(system, vector) * vector
         vector = sections(system, (x + vector)[None], n, 1, 1e-10)[0, 1] - following
@@ -204,8 +201,6 @@ def test_diagnosis_looks_at_the_whole_interval() -> None:
 def told(values: dict[str, object], cycles: int = 150, **settings: object) -> tuple[str, int]:
     """Diagnosis of the scene chaos with other values, and the cycles that its exponent is of."""
     found = simulate(replace(load_scene("chaos").system, values), cycles=cycles, lyapunov=True, **settings)
-    assert found.lyapunov is not None
-    assert found.summary is not None
     assert found.summary.runaway == (found.lyapunov.diagnosis == "runaway")
     return found.lyapunov.diagnosis, found.lyapunov.cycles
 
@@ -229,7 +224,6 @@ def test_slip_under_a_load_of_a_golden_ratio_is_quasi_periodic() -> None:
                                 "pressure.amplitude": 20e3,
                                 "pressure.frequency_ratio": 0.5 * (1.0 + math.sqrt(5.0)), "initial.plate_angle": 0.18})
     found = simulate(golden, cycles=300, lyapunov=True)
-    assert found.lyapunov is not None
     assert found.lyapunov.diagnosis == "quasi-periodic"
     points = solve(golden, cycles=2000).cycles.section[100:]
     assert change_of_averages(points) < 1e-8

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import sys
 import threading
-from collections.abc import Callable
 from types import SimpleNamespace
 
 import pytest
@@ -40,8 +39,7 @@ def test_without_a_terminal_lines_come_even_when_no_part_finishes(monkeypatch: p
     ("point", 40, "tcc-sim: 2 of 40 points after 60 s: at 7"),
     ("branches", 5, "tcc-sim: 2 of 5 branches after 60 s: at 7"),
     (" states", None, "tcc-sim: 2 states after 60 s: at 7"), ("s", 90.5, "tcc-sim: 2 of 90 s after 60 s: at 7")])
-def test_a_line_counts_what_is_done(unit: str, total: float | None, line: str,
-                                    capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_line_counts_what_is_done(unit, total, line, capsys):
     with progress_bar(unit, total) as bar:
         assert isinstance(bar, ProgressLines)
         bar.set_postfix_str("at 7", refresh=False)
@@ -69,8 +67,7 @@ STEADY = tcc_sim.load_scene("controlled").with_values({"engine.torque_amplitude"
     (lambda **how: tcc_sim.continuation(tcc_sim.load_scene("stick").with_values({"friction.law": "set_valued"}),
                                         "engine.mean_torque", 299.0, 301.0, **how), "tcc-sim: 1 points")],
     ids=["scatter", "linearise", "identify", "continuation"])
-def test_functions_show_progress_where_asked(call: Callable[..., object], line: str, monkeypatch: pytest.MonkeyPatch,
-                                             capsys: pytest.CaptureFixture[str]) -> None:
+def test_functions_show_progress_where_asked(call, line, monkeypatch, capsys):
     def update(bar: ProgressLines, count: float = 1) -> None:
         bar.n += count
         bar.tell(0.0)
@@ -92,5 +89,5 @@ def test_a_notebook_shows_a_bar(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stderr", io.StringIO())
     with progress_bar("point", 2) as bar:
         bar.update(2)
-    assert "100%" in sys.stderr.getvalue()  # type: ignore[attr-defined]
-    assert "2/2" in sys.stderr.getvalue()  # type: ignore[attr-defined]
+    assert "100%" in sys.stderr.getvalue()
+    assert "2/2" in sys.stderr.getvalue()

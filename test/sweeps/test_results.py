@@ -24,7 +24,7 @@ SYSTEM = load_scene("fig02").system
 KINETIC = "friction.kinetic_coefficient"
 
 
-def test_the_command_gives_a_grid_row_by_row(tmp_path, capsys) -> None:  # type: ignore[no-untyped-def]
+def test_the_command_gives_a_grid_row_by_row(tmp_path, capsys) -> None:
     words = ["sweep", "fig02", "--over", f"{KINETIC}=0.24:0.28:3", "--over", "pressure.mean=2e5:3e5:2", "--cycles",
              "20", "--rtol", "1e-8"]
     assert main([*words, "--json", str(tmp_path / "grid.json"), "--out", str(tmp_path / "grid.jsonl")]) == 0
@@ -56,14 +56,14 @@ def test_the_command_gives_a_grid_row_by_row(tmp_path, capsys) -> None:  # type:
     ([f"{KINETIC}=0.2:0.3:2", "pressure.mean=1e5:2e5:2", "engine.frequency=1:2:2"], "3 times"),
     ([f"{KINETIC}=0.2:0.3:2000", "pressure.mean=1e5:2e5:2000"], "2000 by 2000"),
     ([f"{KINETIC}=0.2:0.3:2", "pressure.mean=-1:2e5:2"], "pressure.mean is -1 Pa")])
-def test_a_wrong_grid_is_one_line(over: list[str], words: str, capsys) -> None:  # type: ignore[no-untyped-def]
+def test_a_wrong_grid_is_one_line(over: list[str], words: str, capsys) -> None:
     assert main(["sweep", "fig02", *[w for o in over for w in ("--over", o)]]) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1
     assert words in said
 
 
-def test_every_extra_asked_for_has_its_columns(capsys) -> None:  # type: ignore[no-untyped-def]
+def test_every_extra_asked_for_has_its_columns(capsys) -> None:
     words = ["sweep", "fig02", "--over", f"{KINETIC}=0.24:0.28:2", "--cycles", "30"]
     assert main(words) == 0
     plain = capsys.readouterr().out
@@ -74,7 +74,6 @@ def test_every_extra_asked_for_has_its_columns(capsys) -> None:  # type: ignore[
         assert heading not in plain
     assert max(map(len, plain.splitlines())) <= 80
     found = sweep(SYSTEM, KINETIC, [0.24], Plan(cycles=30, damping=True, lyapunov=True)).records[0]
-    assert found is not None
     row = full.splitlines()[2].split()
     assert f"{found['equivalent_damping']:.4g}" in row
     assert f"{found['negative_slope_mean']:.4g}" in row
@@ -125,13 +124,11 @@ def test_a_point_comes_back_from_its_record_and_is_small() -> None:
     plan = Plan(cycles=150, damping=True, lyapunov=True, lyapunov_cycles=40, section_points=40)
     (found,) = sweep_curves([Curve(load_scene("chaos").system, KINETIC, (0.2,))], plan)
     point, record = found.points[0], found.records[0]
-    assert point is not None
     assert record is not None
     again = Point.from_record(json.loads(json.dumps(record)), found.curve.at(0))
     assert again.as_record() == record
     (plain,) = sweep_curves([Curve(load_scene("chaos").system, KINETIC, (0.2,))], Plan(cycles=150))
     point = plain.points[0]
-    assert point is not None
     assert point.summary is not None
     held = [point, point.section, point.end, point.end.state, vars(point.end.state), *vars(point.end.state).values(),
             point.summary, *(getattr(point.summary, item.name) for item in fields(point.summary))]
@@ -139,7 +136,7 @@ def test_a_point_comes_back_from_its_record_and_is_small() -> None:
     assert sum(map(sys.getsizeof, held)) < 3000
 
 
-def test_a_grid_goes_on_from_its_file_only_as_the_same_grid(tmp_path) -> None:  # type: ignore[no-untyped-def]
+def test_a_grid_goes_on_from_its_file_only_as_the_same_grid(tmp_path) -> None:
     out, plan = tmp_path / "grid.jsonl", Plan(cycles=5)
     curves = curves_of(SYSTEM, KINETIC, [0.24, 0.3], "pressure.mean", [2e5, 3e5])
     sweep_curves(curves, plan, out=out)

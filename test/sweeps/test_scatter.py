@@ -50,7 +50,7 @@ def test_each_sample_is_a_simulation_and_quantiles_are_numpys() -> None:
     assert found.columns()[AMPLITUDE].tolist() == values.tolist()
 
 
-def test_the_command_gives_quantiles_per_value(tmp_path, capsys) -> None:  # type: ignore[no-untyped-def]
+def test_the_command_gives_quantiles_per_value(tmp_path, capsys) -> None:
     over = ["--over", "engine.frequency=100,120,150.5"]
     assert main([*WORDS, *over, "--seed", "5", "--json", str(tmp_path / "a.json"), "--out",
                  str(tmp_path / "a.jsonl")]) == 0
@@ -72,7 +72,7 @@ def test_the_command_gives_quantiles_per_value(tmp_path, capsys) -> None:  # typ
 
 
 @pytest.mark.parametrize("over", [[], ["--over", "engine.frequency=100:150:3"]])
-def test_the_picture_shows_samples_or_bands(over: list[str], tmp_path) -> None:  # type: ignore[no-untyped-def]
+def test_the_picture_shows_samples_or_bands(over: list[str], tmp_path) -> None:
     pytest.importorskip("matplotlib")
     path = tmp_path / "a.svg"
     assert main([*WORDS, *over, "--json", str(tmp_path / "a.json"), "--plot", str(path)]) == 0
@@ -88,7 +88,7 @@ def test_the_picture_shows_samples_or_bands(over: list[str], tmp_path) -> None: 
     (["--over", f"{AMPLITUDE}=1:2:3", "--set", f"{AMPLITUDE}=3"], "itself varies"),
     (["--over", f"{AMPLITUDE}=-1:2:3:log"], "logarithm"), (["--over", f"{AMPLITUDE}=1:2:3:lin"], "must be KEY="),
     (["--over", f"{AMPLITUDE}=1,,2"], "must be KEY=")])
-def test_wrong_input_is_one_line(words: list[str], said: str, capsys) -> None:  # type: ignore[no-untyped-def]
+def test_wrong_input_is_one_line(words: list[str], said: str, capsys) -> None:
     assert main(["sweep", "slip", *words]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1

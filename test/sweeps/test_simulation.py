@@ -26,7 +26,7 @@ def untimed(values: dict[str, object]) -> dict[str, object]:
     return {k: v for k, v in values.items() if k not in ("elapsed_s", "scene")}
 
 
-def test_the_verb_a_sweep_and_python_give_the_same(tmp_path) -> None:  # type: ignore[no-untyped-def]
+def test_the_verb_a_sweep_and_python_give_the_same(tmp_path) -> None:
     path = tmp_path / "one.json"
     assert main(["simulate", "fig02", "--cycles", "60", "--discard", "20", "--rtol", "1e-8", "--damping", "--lyapunov",
                  "--json", str(path)]) == 0
@@ -52,7 +52,6 @@ def test_a_driveline_at_rest_has_period_one(law: str) -> None:
         found = simulate(load_scene("stick").with_values({
             "friction.law": law, "engine.mean_torque": torque, "engine.torque_amplitude": 0.0,
             "pressure.amplitude": 0.0, "driveline.damping": 60.0}))
-        assert found.summary is not None
         assert (found.summary.period, found.summary.settled, found.confirmed) == (1, True, True)
         assert found.summary.section[0][0] == pytest.approx(torque / 3000.0)
 
@@ -61,15 +60,12 @@ def test_a_decaying_spiral_near_a_resonance_has_the_period_of_its_limit() -> Non
     """The plate's free vibration turns by nearly a third of a turn a cycle while it dies out."""
     scene = load_scene("slip").with_values({"driveline.damping": 0.1233, "engine.frequency": 1161.858217})
     found = simulate(scene)
-    assert found.summary is not None
     assert (found.summary.period, found.summary.settled, found.confirmed) == (1, False, False)
     ((angle, _),) = found.summary.section
     late = simulate(scene, cycles=2000, discard=1900)
-    assert late.summary is not None
     assert (late.summary.period, late.summary.settled, late.confirmed) == (1, True, True)
     assert angle == pytest.approx(late.summary.section[0][0], rel=0.15)
     (record,) = sweep(scene.system, "engine.frequency", [1161.858217]).records
-    assert record is not None
     assert (record["period"], record["settled"], record["confirmed"]) == (1, False, False)
 
 
@@ -83,10 +79,8 @@ def test_motions_of_the_paper_that_settle_slowly_have_the_period_of_2000_cycles(
         "pressure.mean": 225e3, "pressure.amplitude": amplitude, "pressure.frequency_ratio": ratio,
         "friction.kinetic_coefficient": kinetic, "engine.frequency": frequency})
     late = simulate(scene, cycles=2000, discard=1800)
-    assert late.summary is not None
     assert (late.summary.period, late.confirmed) == (period, True)
     early = simulate(scene)
-    assert early.summary is not None
     assert early.summary.period in (0, period)
     assert not early.confirmed or early.summary.settled
 
@@ -97,7 +91,6 @@ def test_a_slow_alternation_is_not_taken_for_twice_the_period() -> None:
         "pressure.mean": 225e3, "pressure.amplitude": 56250.0, "friction.kinetic_coefficient": 0.225,
         "engine.frequency": 99.80380161380653})
     found = simulate(scene)
-    assert found.summary is not None
     assert found.summary.period in (0, 2)
     assert (found.summary.settled, found.confirmed) == (False, False)
 
@@ -111,7 +104,6 @@ def test_what_is_asked_for_is_there_and_nothing_else() -> None:
     sampled = simulate("fig02", cycles=20, samples_per_cycle=10, section_points=5)
     assert len(sampled.trajectory.t) == 201
     cycles = sampled.trajectory.cycles
-    assert cycles is not None
     assert sampled.angles.tolist() == cycles.section[-5:, 1].tolist()
     assert sampled.end == Start(State(*cycles.section[-1].tolist()), 20)
 
@@ -121,7 +113,6 @@ def test_a_start_sets_the_phase_and_goes_on_where_another_run_ended() -> None:
     first = simulate(system, cycles=31, discard=0)
     second = simulate(system, cycles=20, discard=0, start=first.end)
     whole = solve(system, cycles=51).cycles
-    assert whole is not None
     assert second.end.cycle == 51
     assert second.end.state.plate_angle == pytest.approx(whole.section[-1, 1], rel=1e-5)
 
@@ -134,14 +125,13 @@ def test_a_start_sets_the_phase_and_goes_on_where_another_run_ended() -> None:
     ({"section_points": -1}, "section_points is -1")])
 def test_wrong_input_is_refused(options: dict[str, object], words: str) -> None:
     with pytest.raises(InputError, match=words):
-        simulate("fig02", **options)  # type: ignore[arg-type]
+        simulate("fig02", **options)
     with pytest.raises(InputError, match="beside a plan"):
         simulate("fig02", Plan(), cycles=3)
 
 
 def test_whole_numbers_of_numpy_count_cycles() -> None:
-    found = simulate("slip", Plan(cycles=np.int64(9), discard=np.int64(4)))  # type: ignore[arg-type]
-    assert found.summary is not None
+    found = simulate("slip", Plan(cycles=np.int64(9), discard=np.int64(4)))
     assert (found.summary.cycles, found.summary.discarded) == (9, 4)
     assert json.loads(json.dumps({**found.as_json(), "cycles": found.summary.cycles}))["discarded"] == 4
 
@@ -162,7 +152,6 @@ def test_a_failure_is_a_status_and_can_be_raised() -> None:
 
 def test_less_than_a_cycle_has_extremes_and_no_period() -> None:
     found = simulate("slip", duration=1e-3, samples_per_cycle=200)
-    assert found.summary is not None
     assert (found.summary.cycles, found.summary.period, found.confirmed) == (0, 0, False)
     assert found.end.cycle == 0
 
@@ -175,18 +164,15 @@ def test_a_neighbour_takes_up_both_phases(cycles: int) -> None:
         found = sweep(scene.system, key, [value, value * (1.0 + 1e-12)],
                       Plan(cycles=cycles, discard=cycles - 1, direction="up"))
         whole = solve(scene.system, cycles=cycles + 2).cycles
-        assert whole is not None
         point = found.points[1]
-        assert point is not None
         assert point.end.state.plate_angle == pytest.approx(whole.section[cycles + cycles % 2, 1], abs=1e-6)
         first = simulate(replace(scene.system, {key: value * (1.0 + 1e-12)}), cycles=2, discard=0,
-                         start=handed_over(scene.system, found.points[0].end, scene.system))  # type: ignore[union-attr]
+                         start=handed_over(scene.system, found.points[0].end, scene.system))
         run = first.trajectory.cycles
-        assert run is not None
         assert run.section[1] == pytest.approx(whole.section[cycles + 1], abs=1e-5)
 
 
-def load_phase(system, cycle: int) -> float:  # type: ignore[no-untyped-def]
+def load_phase(system, cycle: int) -> float:
     """Of the pressure at the start of an engine cycle, in turns."""
     return (system.pressure.frequency_ratio * cycle + system.pressure.phase / (2.0 * math.pi)) % 1.0
 
@@ -195,8 +181,7 @@ def load_phase(system, cycle: int) -> float:  # type: ignore[no-untyped-def]
     (0.5, 0.5, 1e-12), (0.5, 2.0 / 3.0, 0.17), (0.7, 0.71, 0.005), (2.0, 0.5, 1e-12),
                                                           (math.sqrt(0.5), math.sqrt(0.5), 0.0),
     (math.sqrt(0.5), math.sqrt(0.7), 1e-3)])
-def test_the_load_goes_on_at_the_nearest_phase_where_its_own_ratio_is_swept(before: float, after: float,
-                                                                            largest: float) -> None:
+def test_the_load_goes_on_at_the_nearest_phase_where_its_own_ratio_is_swept(before, after, largest):
     system = load_scene("fig02").system
     old, new = (replace(system, {"pressure.frequency_ratio": x, "pressure.phase": 0.4}) for x in (before, after))
     for cycle in (7, 150, 401):
@@ -208,7 +193,7 @@ def test_the_load_goes_on_at_the_nearest_phase_where_its_own_ratio_is_swept(befo
                        replace(new, {"pressure.amplitude": 0.0})).cycle == 0
 
 
-def test_up_from_a_file_takes_up_the_phase_too(tmp_path) -> None:  # type: ignore[no-untyped-def]
+def test_up_from_a_file_takes_up_the_phase_too(tmp_path) -> None:
     system = replace(load_scene("fig02").system, {"pressure.frequency_ratio": math.sqrt(0.5)})
     plan, out = Plan(cycles=15, direction="up"), tmp_path / "up.jsonl"
     values = [140.0, 145.0, 150.0]
@@ -232,8 +217,6 @@ def test_what_further_cycles_leave_is_settled_and_not_confirmed(monkeypatch: pyt
     whole = simulate("stick", cycles=400, discard=380)
     monkeypatch.setattr(simulation, "stays", leaves)
     found = simulate("stick", cycles=400, discard=380)
-    assert whole.summary is not None
-    assert found.summary is not None
     assert (whole.summary.settled, whole.confirmed) == (True, True)
     assert (found.summary.settled, found.confirmed) == (True, False)
     ((end, start, count, period),) = asked

@@ -21,8 +21,7 @@ from tcc_sim.sweeps.sweep import Curve, Plan, solve_points, sweep, sweep_curves,
 
 KINETIC = "friction.kinetic_coefficient"
 PAPER = {"pressure.mean": 225e3, "pressure.amplitude": 0.0, "initial.slip_speed": 150.0,
-         "friction.static_coefficient": 0.3,
-         KINETIC: 0.3, "friction.law": "set_valued"}
+         "friction.static_coefficient": 0.3, KINETIC: 0.3, "friction.law": "set_valued"}
 
 
 def interrupt(count: int) -> None:
@@ -46,7 +45,6 @@ def test_every_point_is_what_a_single_solve_gives() -> None:
     found = sweep(system(0.2), KINETIC, values, Plan(cycles=60, discard=20))
     for value, record in zip(values, found.records):
         alone = summarise(solve(replace(system(0.2), {KINETIC: value}), cycles=60, rtol=DEFAULTS.rtol), 20)
-        assert record is not None
         assert record["max_slip_speed"] == alone.max_slip_speed
         assert [tuple(p) for p in record["section"]] == alone.section
         assert (record["period"], record["regime"], record["discarded"]) == (alone.period, alone.regime, 20)
@@ -77,8 +75,6 @@ def test_up_and_down_find_the_two_motions_that_coexist() -> None:
     up = sweep(system(0.36), KINETIC, np.linspace(0.74, 0.86, 7) * 0.3, Plan(cycles=150, direction="up"))
     down = sweep(system(0.36), KINETIC, np.linspace(0.86, 0.98, 7) * 0.3, Plan(cycles=150, direction="down"))
     high, low = up.records[-1], down.records[0]
-    assert high is not None
-    assert low is not None
     assert (low["period"], high["period"]) == (1, 2)
     assert high["max_slip_speed"] > 1.1 * low["max_slip_speed"]
     # SciPy agrees on both, from the final state that the sweep gives.
@@ -105,24 +101,20 @@ def test_a_failed_point_has_a_sentence_and_no_numbers() -> None:
 def test_auto_stops_when_the_section_has_settled() -> None:
     plan = Plan(cycles=2000, discard="auto")
     record = sweep(system(0.36), KINETIC, [0.3], plan).records[0]
-    assert record is not None
     assert record["cycles"] < 500
     assert record["settled"]
     assert 0 < record["discarded"] < record["cycles"]
     cycles = solve(system(0.36), cycles=1000).cycles
-    assert cycles is not None
     assert repeats_after(cycles[:10]) is None
     last = np.array(record["section"][0])
     assert last == pytest.approx(cycles.section[-1, [1, 0]], rel=1e-5, abs=1e-7)
     aperiodic = system(0.36, **{KINETIC: 0.64 * 0.3})
     never = sweep(aperiodic, KINETIC, [0.64 * 0.3], Plan(cycles=120, discard="auto")).records[0]
-    assert never is not None
     assert (never["period"], never["cycles"], never["discarded"]) == (0, 120, 60)
 
 
 @pytest.mark.parametrize("direction", ["cold", "down"])
-def test_an_interrupted_sweep_goes_on_from_its_file(tmp_path, on_point,  # type: ignore[no-untyped-def]
-                                                    direction: str) -> None:
+def test_an_interrupted_sweep_goes_on_from_its_file(tmp_path, on_point, direction):
     plan = Plan(cycles=30, direction=direction)
     values = [float(x) for x in np.linspace(0.26, 0.3, 9)]
     whole = sweep(system(0.36), KINETIC, values, plan)
@@ -147,8 +139,7 @@ def test_an_interrupted_sweep_goes_on_from_its_file(tmp_path, on_point,  # type:
     assert again.records == resumed.records
 
 
-def test_the_command_that_was_interrupted_goes_on_by_itself(  # type: ignore[no-untyped-def]
-        tmp_path, on_point, capsys) -> None:
+def test_the_command_that_was_interrupted_goes_on_by_itself(tmp_path, on_point, capsys):
     """Its own picture and JSON are not in its way."""
     words = ["sweep", "minimal", "--over", "initial.slip_speed=0:3:3", "--cycles",
                                                   "12", "--discard", "2", "--json", str(tmp_path / "s.json"), "--out",
@@ -162,7 +153,7 @@ def test_the_command_that_was_interrupted_goes_on_by_itself(  # type: ignore[no-
     assert sorted(path.name for path in tmp_path.iterdir()) == ["s.json", "s.jsonl"]
 
 
-def test_the_file_of_another_sweep_is_left_as_it_is(tmp_path) -> None:  # type: ignore[no-untyped-def]
+def test_the_file_of_another_sweep_is_left_as_it_is(tmp_path) -> None:
     out = tmp_path / "sweep.jsonl"
     sweep(system(0.2), KINETIC, [0.3], Plan(cycles=5), out=out)
     before = out.read_bytes()
@@ -175,7 +166,7 @@ def test_the_file_of_another_sweep_is_left_as_it_is(tmp_path) -> None:  # type: 
     assert out.read_text() == "notes\n"
 
 
-def test_the_command_writes_lists_in_value_order(tmp_path, capsys) -> None:  # type: ignore[no-untyped-def]
+def test_the_command_writes_lists_in_value_order(tmp_path, capsys) -> None:
     words = ["sweep", "slip", "--set", "friction.law=set_valued", "--over", "engine.torque_amplitude=10:40:4",
              "--cycles", "6"]
     assert main([*words, "--json", str(tmp_path / "a.json")]) == 0
@@ -196,8 +187,7 @@ def test_the_command_writes_lists_in_value_order(tmp_path, capsys) -> None:  # t
     *(["--over", "engine.torque_amplitude=10:40:3", option, value] for option, value in (
         ("--discard", "150"), ("--discard", "some"), ("--discard", "-1"), ("--jobs", "-1"), ("--jobs", "0"),
         ("--solver", "none"), ("--cycles", "0"), ("--rtol", "2")))])
-def test_wrong_input_is_one_line_and_status_2(words: list[str], tmp_path,
-                                              capsys) -> None:  # type: ignore[no-untyped-def]
+def test_wrong_input_is_one_line_and_status_2(words, tmp_path, capsys):
     out = tmp_path / "out.jsonl"
     assert main(["sweep", "fig02", *words, "--out", str(out)]) == 2
     assert capsys.readouterr().err.count("\n") == 1

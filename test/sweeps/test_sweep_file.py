@@ -72,8 +72,7 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize("name", HOSTILE)
-def test_a_damaged_or_hostile_line_is_one_line_and_the_file_stays(name: str, whole: list[bytes], tmp_path: Path,
-                                                                  capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_damaged_or_hostile_line_is_one_line_and_the_file_stays(name, whole, tmp_path, capsys):
     out, changed = tmp_path / "sweep.jsonl", HOSTILE[name](whole[2])
     assert changed != whole[2]
     out.write_bytes(b"".join([*whole[:2], changed, *whole[3:]]))
@@ -87,8 +86,7 @@ def test_a_damaged_or_hostile_line_is_one_line_and_the_file_stays(name: str, who
 
 @pytest.mark.parametrize("change", [lambda x: x.replace(b"fixed_step", b"fixed_stop"),
                                     lambda x: body_of(x).encode() + b"\n"])
-def test_a_damaged_first_line_is_said(change, whole: list[bytes], tmp_path: Path,  # type: ignore[no-untyped-def]
-                                      capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_damaged_first_line_is_said(change, whole, tmp_path, capsys):
     out = tmp_path / "sweep.jsonl"
     out.write_bytes(b"".join([change(whole[0]), *whole[1:]]))
     assert main([*WORDS, "--out", str(out)]) == 2
@@ -97,8 +95,7 @@ def test_a_damaged_first_line_is_said(change, whole: list[bytes], tmp_path: Path
 
 @pytest.mark.parametrize("kept", [lambda x: b"", lambda x: x[:1], lambda x: x[:40], lambda x: x[:x.index(b'"command"')],
                                   lambda x: x[:x.index(b'"--out"') + 20], lambda x: x[:-1]])
-def test_a_first_line_that_was_cut_short_is_written_again(kept, whole: list[bytes],  # type: ignore[no-untyped-def]
-                                                          tmp_path: Path) -> None:
+def test_a_first_line_that_was_cut_short_is_written_again(kept, whole, tmp_path):
     """Whatever the command was: that of `whole` names another file."""
     out = tmp_path / "sweep.jsonl"
     out.write_bytes(kept(whole[0]))
@@ -111,9 +108,7 @@ def test_a_first_line_that_was_cut_short_is_written_again(kept, whole: list[byte
 
 @pytest.mark.parametrize("change", [lambda x: x[:200].replace(b'"cycles": 6', b'"cycles": 7'), lambda x: b"{}",
                                     lambda x: x[:x.index(b'"scene"')].replace(b"40.0", b"41.0") + b'"scene": {'])
-def test_a_first_line_of_another_sweep_that_was_cut_short_stays(change, whole: list[bytes],
-                                                                # type: ignore[no-untyped-def]
-                                                                 tmp_path: Path) -> None:
+def test_a_first_line_of_another_sweep_that_was_cut_short_stays(change, whole, tmp_path):
     out, changed = tmp_path / "sweep.jsonl", change(whole[0])
     assert not whole[0].startswith(changed)
     out.write_bytes(changed)

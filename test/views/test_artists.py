@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -66,8 +65,7 @@ def test_cells_meet_half_way_between_their_centres() -> None:
     np.testing.assert_array_equal(sweeps.numbers([1, None, 2.5]), [1.0, np.nan, 2.5])
 
 
-def test_a_twin_shows_its_start_its_end_and_all_of_the_difference(monkeypatch: pytest.MonkeyPatch,
-                                                                  tmp_path: Path) -> None:
+def test_a_twin_shows_its_start_its_end_and_all_of_the_difference(monkeypatch, tmp_path):
     seen: list[Any] = []
     monkeypatch.setattr(style, "save", lambda drawn, path: seen.extend(drawn.axes) or path)
     t = np.arange(-10.0, 31.0)
@@ -91,7 +89,7 @@ def test_the_maxima_of_cycles_keep_the_scale_of_those_that_count() -> None:
     summary = SimpleNamespace(discarded=2, cycles=2, max_slip_speed=10.0)
     with style.figure() as drawn:
         axis = drawn.subplots()
-        overview.draw_cycle_maxima(axis, cycles, 7, summary)  # type: ignore[arg-type]
+        overview.draw_cycle_maxima(axis, cycles, 7, summary)
         dropped, kept, line = axis.lines
         assert dropped.get_label() == "dropped (1 off scale)"
         assert dropped.get_xydata().tolist() == [[7.0, 90.0], [8.0, 8.0]]
@@ -102,7 +100,7 @@ def test_the_maxima_of_cycles_keep_the_scale_of_those_that_count() -> None:
     uneven = replace(cycles, starts=np.array([0.0, 1.0, 2.0, 3.0, 5.0]))
     with style.figure() as drawn:
         axis = drawn.subplots()
-        overview.draw_cycle_maxima(axis, uneven, 7, summary)  # type: ignore[arg-type]
+        overview.draw_cycle_maxima(axis, uneven, 7, summary)
         assert axis.lines[1].get_xdata().tolist() == [2.0, 3.0]
         assert axis.get_xlabel() == "time (s)"
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -37,8 +36,7 @@ def test_the_control_of_a_run_has_its_means_and_its_pressures() -> None:
 
 
 @pytest.mark.parametrize("profile", [False, True])
-def test_the_picture_of_a_run_shows_pressures_and_cycle_means(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                                                              profile: bool) -> None:
+def test_the_picture_of_a_run_shows_pressures_and_cycle_means(tmp_path, monkeypatch, profile):
     pytest.importorskip("matplotlib")
     from tcc_sim.views import style
 
@@ -60,8 +58,7 @@ def test_the_picture_of_a_run_shows_pressures_and_cycle_means(tmp_path: Path, mo
     assert any(title.startswith("Cycle mean") for title in titles)
 
 
-def test_the_picture_of_a_recorded_manoeuvre_shows_pressure_target_and_cycle_means(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_picture_of_a_recorded_manoeuvre_shows_pressure_target_and_cycle_means(tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
     drawn = []
     for name in ("mean_slip_panel", "pressure_panel"):

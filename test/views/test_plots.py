@@ -146,8 +146,7 @@ def test_what_cannot_be_a_picture_is_refused_first(words, says, tmp_path, monkey
     ("distributed", ["sweep", "fig02", "--over", "engine.frequency=1:2:2", "--dask", "tcp://localhost:1", "--out",
                      "x"])])
 def test_a_missing_extra_is_said_before_anything_is_computed_or_written(missing, words, recording, tmp_path,
-                                                                        monkeypatch,
-                                                                        capsys):
+                                                                        monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sys.modules, missing, None)
     for module in ("tcc_sim.solvers", "tcc_sim.sweeps.sweep", "tcc_sim.replay.replay", "tcc_sim.paper.figures"):
@@ -251,7 +250,7 @@ def test_curves_are_not_joined_across_jumps() -> None:
     assert np.isfinite(sweeps.parted(x, np.clip(12.0 * (x - 0.4), 0.0, 3.0))[1]).all()
 
 
-def test_a_runaway_is_a_class_and_leaves_the_scale_to_the_others(tmp_path) -> None:  # type: ignore[no-untyped-def]
+def test_a_runaway_is_a_class_and_leaves_the_scale_to_the_others(tmp_path) -> None:
     found = sweeps.classes(["stick", "slip", None, "slip"], [False, True, None, False])
     assert {name: mine.tolist() for name, (_, mine) in found.items()} == {
         "stick": [True, False, False, False], "slip": [False, False, False, True],
@@ -265,7 +264,7 @@ def test_a_runaway_is_a_class_and_leaves_the_scale_to_the_others(tmp_path) -> No
         assert plots.plot(result, tmp_path / f"{name}.svg").read_text().count("runaway") >= 1
 
 
-def test_a_manoeuvre_is_drawn_from_its_beginning_to_its_end(drawn, tmp_path) -> None:  # type: ignore[no-untyped-def]
+def test_a_manoeuvre_is_drawn_from_its_beginning_to_its_end(drawn, tmp_path) -> None:
     found = simulate("apply")
     plots.plot(found, tmp_path / "it.png")
     torques, slip, shaft, heat = drawn["axes"]
@@ -278,7 +277,7 @@ def test_a_manoeuvre_is_drawn_from_its_beginning_to_its_end(drawn, tmp_path) -> 
     assert max(slip.lines[0].get_ydata()) == pytest.approx(found.summary.max_slip_speed, rel=1e-3)
 
 
-def test_an_axis_takes_the_main_curve_and_no_file_is_overwritten(tmp_path) -> None:  # type: ignore[no-untyped-def]
+def test_an_axis_takes_the_main_curve_and_no_file_is_overwritten(tmp_path) -> None:
     from matplotlib.figure import Figure
 
     run = solve(load_scene("minimal"), cycles=3, samples_per_cycle=50)

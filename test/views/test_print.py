@@ -44,8 +44,7 @@ def saved(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 @pytest.mark.parametrize("width", [style.COLUMN, style.PAGE])
 @pytest.mark.parametrize(("draw", "values"), [
     (branch_diagram.branch_diagram, BRANCHES), (estimation.bode, RESPONSE), (basin_map.draw_basins, PLANE)])
-def test_labels_lie_within_the_picture_and_axes_are_no_strips(draw: Any, values: Any, width: float, saved: list[Any],
-                                                              tmp_path: Path) -> None:
+def test_labels_lie_within_the_picture_and_axes_are_no_strips(draw, values, width, saved, tmp_path):
     """The column of `continue --switch` with every kind of bifurcation, and of `linearise`, had both faults."""
     draw(tmp_path / "a.png", values, 3 * "a long title of a scene ", width)
     drawn, = saved

@@ -195,8 +195,7 @@ def test_a_controllers_test_is_in_the_file_and_in_the_layout(tmp_path):
     assert "Actuation pressure (Pa)" not in rerun_tool("print", "-vvv", tmp_path / "plain.rrd").stdout
 
 
-def test_the_viewer_is_found_beside_python_and_one_that_does_not_start_is_one_line(
-        monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_viewer_is_found_beside_python_and_one_that_does_not_start_is_one_line(monkeypatch):
     """`.venv/bin/tcc-sim watch` in an environment that is not activated."""
     import rerun
 
