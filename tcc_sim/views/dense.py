@@ -35,8 +35,9 @@ def last_cycles(solved: Trajectory, count: int, samples: int = SAMPLES) -> Traje
         return solved
     first = max(len(cycles) - count, 0)
     begin = math.ceil(float(solved.t[0]) / solved.cycle - 1e-9)
-    return solve(solved.system, cycles=len(cycles) - first, start_cycle=begin + first, samples_per_cycle=samples,
-                 state=State.of(cycles.section[first]), flywheel_angle=False).raise_for_status()
+    found = solve(solved.system, cycles=len(cycles) - first, start_cycle=begin + first, samples_per_cycle=samples,
+                  state=State.of(cycles.section[first]), loads_from=0)
+    return found.raise_for_status()  # With the kernel of `simulate`.
 
 
 def between(recorded: Trajectory, samples: int = SAMPLES) -> Trajectory:
