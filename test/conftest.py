@@ -4,6 +4,7 @@ import os
 import signal
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -44,3 +45,14 @@ def refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capt
         return err
 
     return run
+
+
+@pytest.fixture
+def figures(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """Every figure that is saved, without the time of drawing its file, which is empty; skips without matplotlib."""
+    pytest.importorskip("matplotlib")
+    from tcc_sim.views import style
+
+    found: list[Any] = []
+    monkeypatch.setattr(style, "save", lambda drawn, path: found.append(drawn) or path.touch() or path)
+    return found

@@ -202,16 +202,10 @@ def test_a_run_up_passes_the_critical_frequency() -> None:
 
 
 @pytest.mark.parametrize("width", ["column", "page"])
-def test_the_friction_law_is_drawn(width: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_friction_law_is_drawn(width: str, tmp_path: Path, figures: list[Any]) -> None:
     """The table, its fit at its points, and the slope -alpha (mu_s - mu_k) A R Pm exp(-alpha v)."""
-    pytest.importorskip("matplotlib")
-    from tcc_sim.views import style
-
-    seen: list[Any] = []
-    plain = style.save
-    monkeypatch.setattr(style, "save", lambda drawn, path: seen.append(drawn.axes) or plain(drawn, path))
     assert main(["explain", "fig02", "--plot", str(tmp_path / "a.svg"), "--width", width]) == 0
-    law, near, slope = seen[0]
+    law, near, slope = figures[0].axes
     v, values = slope.lines[0].get_data()
     assert values == pytest.approx(-250.0 * np.exp(-2.0 * v))
     assert law.lines[0].get_ydata() == pytest.approx(0.24 + 0.06 * np.exp(-2.0 * v))
@@ -221,7 +215,7 @@ def test_the_friction_law_is_drawn(width: str, tmp_path: Path, monkeypatch: pyte
     table.write_text("/**:\n  ros__parameters:\n    friction:\n      slip_speeds: [0.0, 1.0, 2.0, 4.0]\n"
                      "      coefficients: [0.14, 0.12, 0.11, 0.105]\n")
     assert main(["explain", str(table), "--plot", str(tmp_path / "b.svg")]) == 0
-    assert seen[1][0].lines[2].get_xydata().tolist() == [[0.0, 0.14], [1.0, 0.12], [2.0, 0.11], [4.0, 0.105]]
+    assert figures[1].axes[0].lines[2].get_xydata().tolist() == [[0.0, 0.14], [1.0, 0.12], [2.0, 0.11], [4.0, 0.105]]
 
 
 def test_an_actuator_costs_phase_at_the_slipping_mode_and_has_a_line(capsys: pytest.CaptureFixture[str]) -> None:

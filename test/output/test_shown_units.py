@@ -16,6 +16,7 @@ from tcc_sim.views import style
 
 @pytest.fixture(autouse=True)
 def _rad_again():
+    show_in("rad", 1.0)
     yield
     show_in("rad", 1.0)
 
@@ -96,7 +97,7 @@ def test_a_sweep_prints_engine_speeds_of_the_crankshaft(capsys):
         assert other[2:] == one[2:]
 
 
-def test_a_four_cylinder_scene_comes_to_three_pictures_by_the_page_alone(tmp_path, monkeypatch):
+def test_a_four_cylinder_scene_comes_to_three_pictures_by_the_page_alone(tmp_path, monkeypatch, figures):
     """The scene and the commands are those of the page."""
     text = (Path(__file__).parents[2] / ".github" / "guide" / "manoeuvres.md").read_text()
     part = text[text.index("## In rpm and crank orders"):text.index("## Spectra of steady states")]

@@ -1,15 +1,23 @@
-"""Pictures are made, are not blank, and are the same bytes every time."""
+"""Pictures are made, are not blank, and are the same bytes every time; pictures and tables of runs under commands."""
 
 import math
 
 import numpy as np
 import pytest
+from driveline_bags import bag, ticked
 
+import tcc_sim
 from tcc_sim.analysis.summary import cycles_of, summarise
+from tcc_sim.cli import main
 from tcc_sim.model.parameters import System
+from tcc_sim.scene import load_scene
 from tcc_sim.trajectory import Trajectory
+
+pytest.importorskip("matplotlib", reason="matplotlib is not installed")
+from matplotlib.image import imread
+
 from tcc_sim.views import overview as pictures
-from tcc_sim.views import style
+from tcc_sim.views import style, whole_runs
 
 CYCLE = System().cycle
 
@@ -23,14 +31,7 @@ def trajectory_of(cycles=20, samples=100):
                       np.where(v > 0.1, 1, 0).astype(np.int8), CYCLE, "by_hand", System())
 
 
-@pytest.fixture(autouse=True)
-def _matplotlib():
-    pytest.importorskip("matplotlib")
-
-
 def pixels(path):
-    from matplotlib.image import imread
-
     return imread(path)[..., :3]
 
 
@@ -42,7 +43,6 @@ def overview(path):
 @pytest.fixture(scope="module")
 def drawn(tmp_path_factory):
     """The overview in a file."""
-    pytest.importorskip("matplotlib")
     return overview(tmp_path_factory.mktemp("pictures") / "overview.png")
 
 
@@ -68,13 +68,23 @@ def test_cycles_that_were_not_observed_leave_gaps(tmp_path):
 
 
 def test_long_names_of_rows_lie_within_the_picture(tmp_path):
-    from matplotlib.image import imread
-
     with style.figure(style.PAGE, 2.0) as drawn:
         axis = drawn.subplots()
         axis.set_yticks([0.0, 1.0], ["actuation_pressure.offset"] * 2)
         path = style.save(drawn, tmp_path / "rows.png")
-    assert (imread(path)[:, :4, :3] == 1.0).all()
+    assert (pixels(path)[:, :4] == 1.0).all()
+
+
+@pytest.mark.parametrize(("suffix", "starts"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")])
+def test_every_format_has_the_same_bytes_every_time(suffix, starts, tmp_path):
+    for name in "ab":
+        with style.figure(style.COLUMN, 2.0) as drawn:
+            drawn.add_subplot().plot([0.0, 2.0], [0.0, 1.0], clip_on=True, label=r"$\mu_k N R$")
+            drawn.axes[0].legend()
+            style.save(drawn, tmp_path / f"{name}.{suffix}")
+    one, two = ((tmp_path / f"{name}.{suffix}").read_bytes() for name in "ab")
+    assert one.startswith(starts)
+    assert one == two
 
 
 def test_both_files_of_a_figure(tmp_path):
@@ -93,3 +103,55 @@ def test_digits_that_the_layout_leaves_by_chance_are_in_no_file(tmp_path):
             write(drawn, tmp_path / "a.svg")
         places = drawn.axes[0].get_position(original=True).bounds
         assert places == tuple(round(x, 5) for x in places)
+
+
+def law(reading):
+    """A pressure that follows the slip speed."""
+    return min(max(9e4 + 800.0 * (reading.slip_speed - 20.0), 0.0), 4e5)
+
+
+def test_the_control_of_a_run_has_its_means_and_its_pressures():
+    run = tcc_sim.closed_loop("controlled", law, 0.5)
+    control, cycle = run.control, 2.0 * np.pi / 150.0
+    assert control.t == pytest.approx(cycle * np.arange(1, 12), abs=1e-9)
+    # The mean over a cycle by another rule: of a fine interpolation.
+    fine = np.linspace(3.0 * cycle, 4.0 * cycle, 20001)
+    assert control.mean_slip[3] == pytest.approx(np.interp(fine, run.t, run.slip_speed)[:-1].mean(), rel=1e-4)
+    assert control.command.values.tolist() == run.commands["actuation_pressure"][1:].tolist()
+    assert control.applied.t.tolist() == run.t[:-1].tolist()
+    assert not len(control.target.t)
+    columns = run.columns()
+    assert columns["applied_pressure"] is run.applied_pressure
+    assert columns["actuation_pressure"] is run.commands["actuation_pressure"]
+
+
+@pytest.mark.parametrize("profile", [False, True])
+def test_the_picture_of_a_run_shows_pressures_and_cycle_means(tmp_path, figures, profile):
+    scene = load_scene("controlled")
+    if profile:
+        scene = scene.with_values({"engine.mean_torque_times": [0.0, 0.3], "engine.mean_torque_values": [200.0, 250.0]})
+    run = tcc_sim.closed_loop(scene, law, 0.6)
+    assert tcc_sim.plot(run, tmp_path / "run.png").is_file()
+    titles = [axis.get_title(loc="left") for axis in figures[0].axes]
+    assert any(title.endswith(" Actuation pressure") for title in titles)
+    assert any(" Cycle mean" in title for title in titles)
+
+
+def test_the_picture_of_a_recorded_manoeuvre_shows_pressure_target_and_cycle_means(tmp_path, monkeypatch, figures):
+    drawn = []
+    for name in ("mean_slip_panel", "pressure_panel"):
+        kept = getattr(whole_runs, name)
+        monkeypatch.setattr(whole_runs, name, lambda axis, control, kept=kept: (kept(axis, control),
+                                                                               drawn.append((axis, control))))
+    scene = load_scene("controlled").with_values({"engine.mean_torque_times": [0.0, 0.3],
+                                                  "engine.mean_torque_values": [200.0, 250.0]})
+    rows = ticked(scene, 501, pressure=lambda tick: 8e4 + 1e4 * (tick // 100))
+    bag(tmp_path / "run", rows, scene, targets=[(0, 20.0), (250, 25.0)])
+    assert main(["analyse", str(tmp_path / "run"), "--plot", str(tmp_path / "run.png")]) == 0
+    (means, control), (pressures, _) = drawn
+    assert [line.get_label() for line in means.lines[:2]] == ["cycle mean", "target"]
+    assert control.target.values.tolist() == [20.0, 25.0]
+    assert control.target.t.tolist() == [0.0, 0.25]
+    assert pressures.lines[0].get_label() == "applied"
+    assert set(pressures.lines[0].get_ydata()) >= {80.0, 90.0, 100.0, 110.0, 120.0}
+    assert len(control.mean_slip) == int(0.5 // (2.0 * np.pi / 150.0))

@@ -19,31 +19,22 @@ from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 from tcc_sim.sweeps.simulation import simulate
 from tcc_sim.sweeps.sweep import Plan, sweep, sweep_grid
+
+pytest.importorskip("matplotlib", reason="matplotlib is not installed")
+from matplotlib.figure import Figure
+
 from tcc_sim.views import plots, style, sweeps
 from tcc_sim.views.overview import mean_slip_panel, overview, pressure_panel
 
 
-@pytest.fixture(autouse=True)
-def _matplotlib():
-    pytest.importorskip("matplotlib")
-
-
 @pytest.fixture
-def drawn(monkeypatch):
-    """Every figure as it is saved: (label, x, y) of its lines by the title of their panel."""
-    found = {}
-    plain = style.save
-
-    def look(figure, path):
-        for axis in figure.axes:
-            lines = [(line.get_label(), np.asarray(line.get_xdata()), np.asarray(line.get_ydata()))
-                     for line in axis.lines]
-            found[axis.get_title(loc="left") or axis.get_title()] = {"lines": lines, "axis": axis}
-        found["size"], found["axes"] = tuple(figure.get_size_inches()), figure.axes
-        return plain(figure, path)
-
-    monkeypatch.setattr(style, "save", look)
-    return found
+def drawn(figures):
+    """Function that gives (label, x, y) of the lines, and the axis, of each panel of the last picture by its title."""
+    def panels():
+        return {axis.get_title(loc="left") or axis.get_title(): {"axis": axis, "lines": [
+            (line.get_label(), np.asarray(line.get_xdata()), np.asarray(line.get_ydata())) for line in axis.lines]}
+            for axis in figures[-1].axes}
+    return panels
 
 
 @pytest.fixture(scope="module")
@@ -53,57 +44,47 @@ def recording(tmp_path_factory):
 
 def test_a_recording_is_drawn_as_a_curve(recording, tmp_path, drawn):
     assert main(["analyse", str(recording), "--plot", str(tmp_path / "run.png")]) == 0
-    (_, angle, _), _section = drawn["(c) Phase portrait"]["lines"]
+    (_, angle, _), _section = drawn()["(c) Phase portrait"]["lines"]
     assert len(angle) > 1000  # the ticks alone are 42 a cycle
-    names = [name for name, *_ in drawn["(a) Torques"]["lines"]]
+    names = [name for name, *_ in drawn()["(a) Torques"]["lines"]]
     assert names == ["engine", "friction", r"$\mu_k N R$", r"$\mu_s N R$"]
-    kinetic, static = (line[2] for line in drawn["(a) Torques"]["lines"][2:])
+    kinetic, static = (line[2] for line in drawn()["(a) Torques"]["lines"][2:])
     np.testing.assert_allclose(static, 0.3 / 0.24 * kinetic)
 
 
-@pytest.mark.parametrize(("suffix", "starts"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")])
-def test_simulate_draws_its_last_cycles_in_every_format_and_always_the_same(suffix, starts, tmp_path, drawn):
-    for name in "ab":
-        words = ["simulate", "minimal", "--cycles", "60", "--plot", str(tmp_path / f"{name}.{suffix}"), "--width",
-                 "column"]
-        assert main(words) == 0
-    one, two = ((tmp_path / f"{name}.{suffix}").read_bytes() for name in "ab")
-    assert one.startswith(starts)
-    assert one == two
-    assert drawn["size"][0] == style.COLUMN
-    assert [name for name, *_ in drawn["(a) Torques"]["lines"]] == ["engine", "friction", r"$\mu_k N R$"]  # mu_s = mu_k
-    (_, t, v) = drawn["(b) Slip speed"]["lines"][0]
+def test_simulate_draws_its_last_cycles(tmp_path, drawn, figures):
+    assert main(["simulate", "minimal", "--cycles", "60", "--plot", str(tmp_path / "a.png"), "--width", "column"]) == 0
+    assert figures[0].get_size_inches()[0] == style.COLUMN
+    names = [name for name, *_ in drawn()["(a) Torques"]["lines"]]
+    assert names == ["engine", "friction", r"$\mu_k N R$"]  # mu_s = mu_k
+    (_, t, v) = drawn()["(b) Slip speed"]["lines"][0]
     assert len(t) > 6 * 1000
-    last = solve(load_scene("minimal").system, cycles=60).cycles.highest[-6:]
+    last = solve(load_scene("minimal").system, cycles=60, loads_from=0).cycles.highest[-6:]
     assert np.abs(v).max() == pytest.approx(last.max(), rel=1e-4)
 
 
 def test_a_run_shorter_than_a_cycle_is_drawn(tmp_path, drawn):
     assert main(["simulate", "fig02", "--duration", "0.02", "--plot", str(tmp_path / "a.png")]) == 0
-    assert len(drawn["(b) Slip speed"]["lines"][0][1]) > 90
+    assert len(drawn()["(b) Slip speed"]["lines"][0][1]) > 90
 
 
 def test_a_run_of_samples_alone_has_its_cycles_worked_out(tmp_path, drawn):
     run = solve(load_scene("minimal"), cycles=5, samples_per_cycle=200)
     plots.plot(replace(run, cycles=None), tmp_path / "a.png")
-    shown = [point for _, *line in drawn["(d) Maxima"]["lines"][:-1] for point in zip(*line)]
+    shown = [point for _, *line in drawn()["(d) Maxima"]["lines"][:-1] for point in zip(*line)]
     assert sorted(number for number, _ in shown) == [0, 1, 2, 3, 4]
     assert sorted(y for _, y in shown) == pytest.approx(sorted(run.cycles.highest), rel=1e-3)
 
 
 def test_a_sweep_has_maxima_and_an_orbit_diagram(tmp_path, drawn):
-    words = ["sweep", "fig02", "--over", "engine.frequency=70:190:7", "--cycles", "100", "--json",
-             str(tmp_path / "s.json")]
-    assert main([*words, "--plot", str(tmp_path / "s.png")]) == 0
+    assert main(["sweep", "fig02", "--over", "engine.frequency=70:190:7", "--cycles", "100", "--json",
+                 str(tmp_path / "s.json"), "--plot", str(tmp_path / "s.png")]) == 0
     values = json.loads((tmp_path / "s.json").read_text())
-    shown = {x: y for name, xs, ys in drawn["(a) Maxima"]["lines"] if name in sweeps.REGIMES for x, y in zip(xs, ys)}
+    shown = {x: y for name, xs, ys in drawn()["(a) Maxima"]["lines"] if name in sweeps.REGIMES for x, y in zip(xs, ys)}
     assert shown == dict(zip(values["values"], values["max_slip_speed"]))
-    points = sorted((x, y) for _, xs, ys in drawn["(b) Orbit diagram"]["lines"] for x, y in zip(xs, ys))
+    points = sorted((x, y) for _, xs, ys in drawn()["(b) Orbit diagram"]["lines"] for x, y in zip(xs, ys))
     assert points == sorted((x, p[0]) for x, section in zip(values["values"], values["section"]) for p in section)
-    assert drawn["(c) Time in stick"]["axis"].get_xlabel() == r"engine frequency $\omega$ (rad/s)"
-    # The JSON read back gives the same picture as the result itself.
-    plots.plot(values, tmp_path / "t.png", title="fig02")
-    assert (tmp_path / "t.png").read_bytes() == (tmp_path / "s.png").read_bytes()
+    assert drawn()["(c) Time in stick"]["axis"].get_xlabel() == r"engine frequency $\omega$ (rad/s)"
 
 
 def test_two_keys_are_a_map_with_rows_of_the_second(tmp_path, drawn):
@@ -111,7 +92,7 @@ def test_two_keys_are_a_map_with_rows_of_the_second(tmp_path, drawn):
     values = sweep_grid(load_scene("fig02").system, "engine.frequency", x, "friction.kinetic_coefficient", y,
                         Plan(cycles=40)).as_json()
     plots.plot(values, tmp_path / "grid.png")
-    axis = drawn["(a) Maxima"]["axis"]
+    axis = drawn()["(a) Maxima"]["axis"]
     mesh = axis.collections[0]
     np.testing.assert_allclose(np.asarray(mesh.get_array()).reshape(2, 3), values["max_slip_speed"])
     assert (axis.get_xlabel(), axis.get_ylabel()) == (r"engine frequency $\omega$ (rad/s)",
@@ -119,7 +100,7 @@ def test_two_keys_are_a_map_with_rows_of_the_second(tmp_path, drawn):
     assert axis.get_xlim() == (60.0, 180.0)
     values["max_slip_speed"][0][1] = values["period"][0][1] = None  # a value that failed
     plots.plot(values, tmp_path / "failed.png", "column")
-    assert np.ma.count_masked(drawn["(a) Maxima"]["axis"].collections[0].get_array()) == 1
+    assert np.ma.count_masked(drawn()["(a) Maxima"]["axis"].collections[0].get_array()) == 1
 
 
 @pytest.mark.parametrize(("words", "says"), [
@@ -145,8 +126,7 @@ def test_what_cannot_be_a_picture_is_refused_first(words, says, tmp_path, monkey
     ("rerun", ["analyse", "RUN", "--spawn"]),
     ("distributed", ["sweep", "fig02", "--over", "engine.frequency=1:2:2", "--dask", "tcp://localhost:1", "--out",
                      "x"])])
-def test_a_missing_extra_is_said_before_anything_is_computed_or_written(missing, words, recording, tmp_path,
-                                                                        monkeypatch, capsys):
+def test_a_missing_extra_is_said_before_anything_is_computed(missing, words, recording, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sys.modules, missing, None)
     for module in ("tcc_sim.solvers", "tcc_sim.sweeps.sweep", "tcc_sim.replay.replay", "tcc_sim.paper.figures"):
@@ -177,23 +157,20 @@ def test_a_controllers_test_shows_target_pressures_and_events(tmp_path, drawn):
                       Steps(np.array([0.0, 0.51]), np.array([2e5, 3e5])),
                       (Event(0.3, "pressure falls back: no command for 0.5 s"), Event(0.7, "clutch.radius = 0.12")))
     for width in ("page", "column"):
-        overview(tmp_path / f"{width}.png", run, cycles_of(run), 0, summarise(run), "test", control=control,
-                 width=width)
-        lines = drawn["(c) Cycle mean"]["lines"]
+        overview(tmp_path / f"{width}.png", run, cycles_of(run), 0, summarise(run), "T", control=control, width=width)
+        lines = drawn()["(c) Cycle mean"]["lines"]
         assert [name for name, *_ in lines][:2] == ["cycle mean", "target"]
         assert [float(x[0]) for _, x, _ in lines[2:]] == [0.3, 0.7]
-        texts = [text.get_text() for text in drawn["(c) Cycle mean"]["axis"].texts]
+        texts = [text.get_text() for text in drawn()["(c) Cycle mean"]["axis"].texts]
         assert texts == ["pressure falls back: no command for 0.5 s", "clutch.radius = 0.12"]
-        pressures = drawn["(d) Actuation pressure"]["lines"]
+        pressures = drawn()["(d) Actuation pressure"]["lines"]
         assert [name for name, *_ in pressures][:2] == ["applied", "commanded"]
         assert pressures[1][2].max() == 300.0  # kPa
-        assert drawn["(d) Actuation pressure"]["axis"].get_xlim()[0] == 0.0
-        assert "target" in [name for name, *_ in drawn["(b) Slip speed"]["lines"]]
+        assert drawn()["(d) Actuation pressure"]["axis"].get_xlim()[0] == 0.0
+        assert "target" in [name for name, *_ in drawn()["(b) Slip speed"]["lines"]]
 
 
 def test_a_part_of_a_controllers_test_fills_its_panels_and_rounding_does_not():
-    from matplotlib.figure import Figure
-
     t = np.arange(20.0, 30.0)
     control = Control(t, 20.0 + 1e-3 * np.sin(t), applied=Steps(t, 9e4 + np.sin(t)), command=Steps(t, 9e4 + np.sin(t)))
     means, pressure = Figure().subplots(2, 1)
@@ -264,10 +241,10 @@ def test_a_runaway_is_a_class_and_leaves_the_scale_to_the_others(tmp_path) -> No
         assert plots.plot(result, tmp_path / f"{name}.svg").read_text().count("runaway") >= 1
 
 
-def test_a_manoeuvre_is_drawn_from_its_beginning_to_its_end(drawn, tmp_path) -> None:
+def test_a_manoeuvre_is_drawn_from_its_beginning_to_its_end(figures, tmp_path) -> None:
     found = simulate("apply")
     plots.plot(found, tmp_path / "it.png")
-    torques, slip, shaft, heat = drawn["axes"]
+    torques, slip, shaft, heat = figures[0].axes
     kinetic, static = (line.get_ydata() for line in torques.lines[2:])
     assert static == pytest.approx(load_scene("apply").system.friction_ratio * kinetic)
     t, warm = heat.lines[0].get_data()
@@ -278,8 +255,6 @@ def test_a_manoeuvre_is_drawn_from_its_beginning_to_its_end(drawn, tmp_path) -> 
 
 
 def test_an_axis_takes_the_main_curve_and_no_file_is_overwritten(tmp_path) -> None:
-    from matplotlib.figure import Figure
-
     run = solve(load_scene("minimal"), cycles=3, samples_per_cycle=50)
     ax = Figure().subplots()
     assert plots.plot(run, ax=ax) is ax
