@@ -1,9 +1,9 @@
-"""Kernels of many parts: order, number and place of calls make no difference to the numbers."""
+"""Kernels of many parts: order, number and place of calls make no difference to the numbers; numbers that change."""
 
 from __future__ import annotations
 
 import gc
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tcc_sim.compiling import compiled as compiled_module
 from tcc_sim.compiling import kernel_cache
+from tcc_sim.compiling.changing import Causes, Changing
 from tcc_sim.compiling.compiled import Call, Partial, compiled, fast, loaded
 from tcc_sim.compiling.kernel_cache import UnusableFile
 from tcc_sim.compiling.linked import PartLibrary, machine_code
@@ -248,3 +249,17 @@ def test_a_kernel_with_its_first_arguments_gives_what_the_kernel_gives(monkeypat
     assert (call(3.0, None), call(0.5, (20.0,)), call(1.0, None)) == (7.0, 22.5, 5.0)
     values[0] = 7.0
     assert (call(1.0, values), values[0]) == (17.0, 8.0)
+
+
+def test_numbers_that_change_are_differentiated_by_rule() -> None:
+    """Against differences with complex steps, by two causes; those that are left out of `Causes` change nothing."""
+    def quotient(x: Any, y: Any) -> Any:
+        return 3.0 * x / (y - 2.0 * x) - x * x + 1.0 / y - (-x) + (1.0 - y)
+
+    x, y, step = 0.7, 5.0, 1e-30
+    dx, dy = quotient(x + step * 1j, y).imag / step, quotient(x, y + step * 1j).imag / step
+    both = quotient(Changing(x, np.array([1.0, 0.0])), Changing(y, np.array([0.0, 1.0])))
+    assert both.value == quotient(x, y)
+    assert both.change == pytest.approx([dx, dy], rel=1e-14)
+    by_causes = quotient(Changing(x, Causes({4: 1.0})), Changing(y))
+    assert by_causes.change == {4: pytest.approx(dx, rel=1e-14)}

@@ -1,18 +1,26 @@
-"""The exact engine's events: at the times of closed forms, close together, and in the limit of sharp smoothing."""
+"""The exact engine: events at the times of closed forms, edges, overdamped plates, and extreme ranges."""
 
 import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from piecewise import Piecewise
+from scipy.integrate import solve_ivp, trapezoid
 from scipy.optimize import brentq
 
 from tcc_sim.model import pure_slip
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.polynomials.polynomial import variation
-from tcc_sim.solvers import solve
+from tcc_sim.scene import load_scene
+from tcc_sim.solvers import Status, solve
+from tcc_sim.solvers.event_driven.modes import mode_at_rest
+from tcc_sim.solvers.event_driven.setup import FAR_SHARE, bounds_of
 from tcc_sim.solvers.event_driven.step import monotone
+from tcc_sim.solvers.excitation import DRIVE
 from tcc_sim.solvers.series import COLUMNS, ROWS, SLIP
+from tcc_sim.solvers.terms import terms_of
 
 BASE = replace(System(), {"friction.law": "set_valued", "friction.kinetic_coefficient": 0.3, "pressure.mean": 225e3,
                           "pressure.amplitude": 0.0, "engine.frequency": 150.0, "initial.slip_speed": 10.0})
@@ -87,3 +95,231 @@ def test_what_is_called_monotone_is():
             rise = np.diff(np.polynomial.Polynomial(rows[SLIP, :9])(np.linspace(0.0, x, 500)))
             assert (rise > 0.0).all() or (rise < 0.0).all()
     assert 30 < found < 270
+
+
+FIG02 = replace(System(), {"friction.law": "set_valued"})
+
+
+@pytest.mark.parametrize("phase", [0.3, 0.5 * math.pi, 2.0, 3.0, 3.5, 5.0])
+def test_the_mode_at_the_start_is_that_of_the_load_there(phase):
+    """With a mean pressure of 0 the clutch starts loaded where sin(phase) > 0."""
+    system = replace(FIG02, {"pressure.mean": 0.0, "pressure.amplitude": 200e3, "pressure.phase": phase,
+                             "initial.slip_speed": 10.0})
+    run = solve(system, cycles=1)
+    states, _, _ = Piecewise(system).run(system.cycle, run.t, slices=60)
+    assert run.slip_speed[-1] == pytest.approx(states[-1, 0], abs=1e-8)
+    load = max(system.saturation_amplitude * math.sin(phase), 0.0)
+    law = 1.0 + (system.friction_ratio - 1.0) * math.exp(-20.0)
+    assert run.friction_torque[0] == pytest.approx(law * load, abs=1e-9)
+
+
+@pytest.mark.parametrize("phase", [0.0, math.pi])
+def test_a_load_of_nothing_at_the_start_goes_by_where_it_is_going(phase):
+    near = [replace(FIG02, {"pressure.mean": 0.0, "pressure.amplitude": 200e3, "pressure.phase": phase + shift,
+                            "initial.slip_speed": 10.0}) for shift in (-1e-9, 0.0, 1e-9)]
+    ends = [solve(system, cycles=1).slip_speed[-1] for system in near]
+    np.testing.assert_allclose(ends, ends[1], atol=1e-6)
+
+
+def test_a_run_that_ends_at_an_event_has_mode_and_torque_of_one_side():
+    system = replace(FIG02, {"initial.slip_speed": 5.0})
+    d = system.driveline
+    marks = [0.027585877613337938, *solve(system, duration=0.2).transitions.time.tolist()]
+    for mark in marks:
+        for end in (np.nextafter(mark, 0.0), mark, np.nextafter(mark, 1.0)):
+            run = solve(system, duration=float(end))
+            spring = d.damping * run.plate_speed[-1] + d.stiffness * run.plate_angle[-1]
+            held = (d.plate_inertia * run.engine_torque[-1] + d.flywheel_inertia * spring) / (0.2 + 0.02)
+            slipping = system.friction_ratio * run.saturation_torque[-1] * np.sign(run.state[-1])
+            assert abs(run.slip_speed[-1]) < 1e-9
+            assert run.friction_torque[-1] == pytest.approx(held if run.state[-1] == 0 else slipping, abs=1e-6)
+
+
+def overdamped(**keys):
+    return replace(FIG02, {"driveline.damping": 9794.0, "driveline.plate_inertia": 0.0016,
+                           **{k.replace("__", "."): v for k, v in keys.items()}})
+
+
+def test_an_overdamped_plate_with_a_falling_coefficient():
+    """Against SciPy's Radau on the slip equations, to where slip ends."""
+    system = overdamped(initial__slip_speed=5.0)
+    run = solve(system, cycles=2, samples_per_cycle=50).raise_for_status()
+    model = Piecewise(system)
+    stop = run.transitions.time[0]
+    found = solve_ivp(lambda t, y: model.rates(t, y, 1), (0.0, stop), [5.0, 0.0, 0.0, 0.0], method="Radau", rtol=1e-11,
+                      atol=1e-13, dense_output=True)
+    assert abs(found.y[0, -1]) < 1e-7
+    inside = run.t < stop
+    np.testing.assert_allclose(run.slip_speed[inside], found.sol(run.t[inside])[0], atol=1e-7)
+    np.testing.assert_allclose(run.plate_angle[inside], found.sol(run.t[inside])[1], atol=1e-9)
+    assert run.statistics.steps < 2000
+
+
+@pytest.mark.parametrize("kinetic", [0.3, 0.15])
+def test_an_overdamped_plate_that_sticks_and_slips_both_ways(kinetic):
+    """Against SciPy's DOP853 from event to event, with the law constant and falling in slip."""
+    system = overdamped(driveline__damping=40.0, driveline__plate_inertia=1e-3, engine__mean_torque=20.0,
+                        engine__torque_amplitude=1500.0, initial__slip_speed=5.0, friction__kinetic_coefficient=kinetic)
+    run = solve(system, cycles=3, samples_per_cycle=20).raise_for_status()
+    states, changes, _ = Piecewise(system, 1e-11, 1e-12).run(run.t[-1], run.t)
+    np.testing.assert_allclose(run.transitions.time, [change[0] for change in changes], atol=2e-9)
+    assert run.transitions.after.tolist() == [change[2] for change in changes]
+    assert set(run.transitions.after.tolist()) == {-1, 0, 1}
+    for found, expected in zip((run.slip_speed, run.plate_angle, run.plate_speed), states.T):
+        np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-7 * np.abs(expected).max())
+    assert run.statistics.steps < 150 * len(changes)
+
+
+def test_an_overdamped_plate_that_reverses_keeps_its_power_balance():
+    system = overdamped(engine__mean_torque=0.0, engine__torque_amplitude=1500.0, initial__slip_speed=0.0)
+    run = solve(system, cycles=2, samples_per_cycle=20_000)
+    assert run.status is Status.DONE
+    assert {-1, 0, 1} <= set(run.state.tolist())
+    d = system.driveline
+    flywheel = run.slip_speed + run.plate_speed
+    stored = 0.5 * (d.flywheel_inertia * flywheel**2 + d.plate_inertia * run.plate_speed**2
+                    + d.stiffness * run.plate_angle**2)
+    power = (run.engine_torque * flywheel - run.friction_torque * run.slip_speed - d.damping * run.plate_speed**2)
+    assert trapezoid(power, run.t) == pytest.approx(stored[-1] - stored[0], abs=1e-4 * np.abs(stored).max())
+
+
+@pytest.mark.parametrize(("ratio", "decay"), [(1.25, 2.0), (4.0, 0.05), (1.01, 300.0)])
+def test_beyond_the_far_speed_nothing_is_left_of_the_exponential(ratio, decay):
+    system = replace(FIG02, {"friction.kinetic_coefficient": 0.3 / ratio, "friction.decay": decay})
+    bounds = bounds_of(terms_of(system), system.cycle, 1e-8)
+    assert (ratio - 1.0) * math.exp(-decay * bounds.far) == pytest.approx(FAR_SHARE * 1e-8, rel=1e-6)
+
+
+@pytest.mark.parametrize("slip_speed", [0.0, 150.0])
+def test_a_damper_that_holds_the_plate_is_not_followed_at_its_own_rate(slip_speed):
+    """In stick and in slip the fast part dies down at 4e4 1/s and more; a cycle of 42 ms takes some ten steps."""
+    system = overdamped(initial__slip_speed=slip_speed, driveline__damping=1e4,
+                        pressure__mean=400e3 if slip_speed == 0.0 else 1e3, pressure__amplitude=1.0)
+    run = solve(system, cycles=10).raise_for_status()
+    assert len(run.transitions.time) == 0
+    assert run.statistics.steps < 10 * 60
+
+
+@pytest.mark.parametrize("speed", [-20.0, 0.0, 35.0])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_at_breakaway_the_rate_of_the_margin_decides(speed, sign):
+    """|lambda| = r Ts: it sticks if r Ts grows faster than |lambda| does as the stuck motion goes on."""
+    linear, ratio, drive = (0.2, 0.02, 0.6, 3000.0), 1.25, np.zeros(1, DRIVE)[0]
+    torque, torque_rate, angle = sign * 700.0, sign * 9000.0, sign * 0.2
+
+    def held(t):
+        """The interface torque after a time t in stick, to first order."""
+        acceleration = (torque - 0.6 * speed - 3000.0 * angle) / 0.22
+        spring = 0.6 * (speed + acceleration * t) + 3000.0 * (angle + speed * t)
+        return (0.02 * (torque + torque_rate * t) + 0.2 * spring) / 0.22
+
+    rate = (abs(held(1e-3)) - abs(held(0.0))) / 1e-3
+    drive["torque"], drive["torque_rate"], drive["load"] = torque, torque_rate, abs(held(0.0)) / ratio
+    for more, mode in ((0.5, 0), (-0.5, sign)):
+        drive["load_rate"] = (rate + more) / ratio
+        assert mode_at_rest(angle, speed, drive, ratio, 1e-9, linear) == mode
+
+
+def test_an_overdamped_plate_without_load_is_free_of_the_friction_law():
+    """Under the clamp the flywheel's speed grows by Te t/I1, and the plate stops, in fewer than 200 steps."""
+    system = overdamped(driveline__damping=0.6, driveline__plate_inertia=1e-6, engine__mean_torque=-300.0,
+                        engine__torque_amplitude=0.0, pressure__mean=0.0, pressure__amplitude=1e6,
+                        pressure__phase=math.pi, initial__slip_speed=-5.0)
+    run = solve(system, duration=0.2 * math.pi / (system.pressure.frequency_ratio * system.engine.frequency),
+                samples_per_cycle=40)
+    flywheel = run.slip_speed + run.plate_speed
+    np.testing.assert_allclose(flywheel, -5.0 - 300.0 / system.driveline.flywheel_inertia * run.t, rtol=1e-9)
+    assert run.statistics.steps < 200
+
+
+@pytest.mark.parametrize("scene", ["fig02", "minimal", "chaos"])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_slip_that_ends_has_zero_for_its_extreme(scene: str, sign: float) -> None:
+    """Between stick and slip of one sign the slip speed never turns round, not by a rounding either."""
+    system = load_scene(scene).system
+    system = replace(system, {"friction.law": "set_valued", "engine.mean_torque": sign * system.engine.mean_torque,
+                              "initial.slip_speed": 0.0, "initial.plate_angle": sign * 0.1})
+    if sign < 0.0:   # Half a cycle later the torque of one harmonic is the other's mirror image.
+        system = replace(system, {"pressure.phase": system.pressure.phase + np.pi})
+    cycles = solve(system, cycles=60).cycles
+    kept = cycles[10:]
+    least, most = (kept.lowest, kept.highest) if sign > 0.0 else (kept.highest, kept.lowest)
+    assert np.all(least == 0.0)
+    assert np.abs(most).max() > 10.0
+
+
+RESONANCES = [math.sqrt(3000.0 / 0.22), math.sqrt(3000.0 / 0.02)]
+EXTREMES = st.fixed_dictionaries({
+    "friction.kinetic_coefficient": st.sampled_from([0.3, 0.3, 0.285, 0.24, 0.15, 0.075]),
+    "friction.decay": st.sampled_from([0.0, 2.0, 1000.0]),
+    "pressure.mean": st.sampled_from([0.0, 1e-3, 1e4, 225e3, 1e6, 1e7]),
+    "engine.frequency": st.sampled_from([1.0, 10.0, 150.0, 1000.0, 5000.0, *RESONANCES]),
+    "driveline.damping": st.sampled_from([0.0, 0.6, 2.0 * math.sqrt(60.0), 40.0]),
+    "driveline.plate_inertia": st.sampled_from([0.02, 1e-4, 1e-6]),
+    "initial.slip_speed": st.sampled_from([0.0, 1e-12, -5.0, 150.0, 1e4]),
+    "engine.mean_torque": st.sampled_from([0.0, 300.0, -300.0]),
+    "engine.torque_amplitude": st.sampled_from([0.0, 1e-9, 250.0, 1000.0]),
+    "pressure.frequency_ratio": st.sampled_from([1.0, 0.5, 2.0 / 3.0, math.sqrt(2.0), 2.0]),
+    "pressure.phase": st.sampled_from([0.0, math.pi / 2, math.pi, 1.0]),
+})
+
+
+@settings(max_examples=150, deadline=None, derandomize=True)
+@given(EXTREMES, st.sampled_from([1e-9, 0.5, 0.999, 1.0, 1.0 + 1e-9, 1.5]))
+def test_ends_finite_and_within_the_law(values, share):
+    amplitude = min(share * max(values["pressure.mean"], 1e-6), 1e7)
+    values = {**values, "friction.law": "set_valued", "pressure.amplitude": amplitude}
+    system = replace(System(), values)
+    run = solve(system, cycles=2, samples_per_cycle=16)
+    assert run.status in (Status.DONE, Status.STEP_LIMIT)
+    for values in (run.slip_speed, run.plate_angle, run.plate_speed, run.friction_torque, run.cycles.section,
+                   run.cycles.highest):
+        assert np.all(np.isfinite(values))
+    limit = system.friction_ratio * run.saturation_torque
+    assert np.all(np.abs(run.friction_torque) <= limit + 1e-9 * (1.0 + limit.max()))
+    assert np.all(np.diff(run.transitions.time) >= 0.0)
+    stuck = run.cycles.stick_time
+    assert np.all((stuck >= 0.0) & (stuck <= system.cycle * (1 + 1e-12)))
+    for n in range(len(run.cycles)):
+        part = run.slip_speed[16 * n:16 * n + 17]
+        rounding = 1e-9 * np.abs(part).max()
+        assert run.cycles.lowest[n] - rounding <= part.min()
+        assert part.max() <= run.cycles.highest[n] + rounding
+
+
+@pytest.mark.parametrize("offset", [-1e-3, -1e-9, -1e-12, 0.0, 1e-12, 1e-9, 1e-6, 1e-3])
+def test_near_grazing_breakaway(offset):
+    """Without damping and from the steady stuck motion, |lambda| just reaches r Ts (1 - offset) once a cycle."""
+    gain = 3000.0 - 0.02 * 60.0**2, 3000.0 - 0.22 * 60.0**2
+    reach = 300.0 + 100.0 * gain[0] / gain[1]
+    system = replace(System(), {
+        "friction.law": "set_valued", "friction.kinetic_coefficient": 0.3,
+        "pressure.mean": reach * (1.0 - offset) / 0.0024,
+        "pressure.amplitude": 0.0, "engine.mean_torque": 300.0, "engine.torque_amplitude": 100.0,
+        "engine.frequency": 60.0,
+        "driveline.damping": 0.0, "initial.slip_speed": 0.0, "initial.plate_angle": 0.1,
+        "initial.plate_speed": 100.0 * 60.0 / gain[1]})
+    run = solve(system, cycles=3, samples_per_cycle=40)
+    assert run.status is Status.DONE
+    if offset < 0.0:
+        assert len(run.transitions.time) == 0
+    if offset >= 1e-9:
+        first = run.transitions.time[0] / system.cycle
+        assert first == pytest.approx(0.25 - math.acos(1.0 - offset * reach / (reach - 300.0)) / (2 * math.pi),
+                                      abs=1e-6)
+        assert np.count_nonzero(run.transitions.after == 1) == 3
+    if offset == 1e-3:
+        states, _, _ = Piecewise(system).run(3 * system.cycle, run.t, slices=120)
+        np.testing.assert_allclose(run.slip_speed, states[:, 0], atol=1e-6 * np.abs(states[:, 0]).max() + 1e-10)
+
+
+def test_chattering_ends_with_a_sentence(monkeypatch):
+    from tcc_sim.solvers.event_driven import solve as event_driven
+    limits_of = event_driven.bounds_of
+    monkeypatch.setattr(event_driven, "bounds_of", lambda *given: limits_of(*given)._replace(events=3))
+    system = replace(System(),
+                     {"friction.law": "set_valued", "engine.mean_torque": 0.0, "engine.torque_amplitude": 900.0})
+    run = solve(system, cycles=50)
+    assert run.status is Status.EVENT_LIMIT
+    assert "3 events" in run.detail
+    assert np.all(np.isfinite(run.slip_speed))

@@ -75,19 +75,3 @@ def test_the_command_gives_quantiles_per_value(tmp_path, capsys) -> None:
 def test_the_picture_shows_samples_or_bands(over: list[str], tmp_path, figures) -> None:
     assert main([*WORDS, *over, "--json", str(tmp_path / "a.json"), "--plot", str(tmp_path / "a.svg")]) == 0
     assert any(axis.lines or axis.collections for axis in figures[0].axes)
-
-
-@pytest.mark.parametrize(("words", "said"), [
-    (["--samples", "4"], "--scatter"), (["--scatter", f"{AMPLITUDE}=1:2"], "--samples"),
-    (["--scatter", f"{AMPLITUDE}=1", "--samples", "4"], "KEY=LOW:HIGH"),
-    (["--scatter", f"{AMPLITUDE}=1:2", "--samples", "1"], "samples is 1"),
-    (["--scatter", f"{AMPLITUDE}=1:2", "--samples", "4", "--over", f"{AMPLITUDE}=1:2:3"], "swept and scattered"),
-    (["--scatter", f"{AMPLITUDE}=1:2", "--samples", "4", "--set", f"{AMPLITUDE}=3"], "itself varies"),
-    (["--over", f"{AMPLITUDE}=1:2:3", "--set", f"{AMPLITUDE}=3"], "itself varies"),
-    (["--over", f"{AMPLITUDE}=-1:2:3:log"], "logarithm"), (["--over", f"{AMPLITUDE}=1:2:3:lin"], "must be KEY="),
-    (["--over", f"{AMPLITUDE}=1,,2"], "must be KEY=")])
-def test_wrong_input_is_one_line(words: list[str], said: str, capsys) -> None:
-    assert main(["sweep", "slip", *words]) == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
-    assert said in error

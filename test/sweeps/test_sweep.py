@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Iterable
 
 import numpy as np
@@ -14,10 +12,11 @@ from tcc_sim.analysis.summary import summarise
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError, SweepInterrupted
 from tcc_sim.model.parameters import System, replace
+from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
-from tcc_sim.sweeps.settings import DEFAULTS
-from tcc_sim.sweeps.steady_state import repeats_after
+from tcc_sim.sweeps.steady_state import Start, repeats_after, solve_to_steady_state
 from tcc_sim.sweeps.sweep import Curve, Plan, solve_points, sweep, sweep_curves, sweep_grid
+from tcc_sim.trajectory import State, Status
 
 KINETIC = "friction.kinetic_coefficient"
 PAPER = {"pressure.mean": 225e3, "pressure.amplitude": 0.0, "initial.slip_speed": 150.0,
@@ -38,17 +37,6 @@ def system(ratio: float, **values: object) -> System:
 def without_time(records: list[dict[str, object] | None]) -> list[dict[str, object]]:
     """Records less the one result that differs from run to run."""
     return [{k: v for k, v in r.items() if k != "elapsed_s"} for r in records if r is not None]
-
-
-def test_every_point_is_what_a_single_solve_gives() -> None:
-    values = [0.27, 0.28, 0.3]
-    found = sweep(system(0.2), KINETIC, values, Plan(cycles=60, discard=20))
-    for value, record in zip(values, found.records):
-        alone = summarise(solve(replace(system(0.2), {KINETIC: value}), cycles=60, rtol=DEFAULTS.rtol), 20)
-        assert record["max_slip_speed"] == alone.max_slip_speed
-        assert [tuple(p) for p in record["section"]] == alone.section
-        assert (record["period"], record["regime"], record["discarded"]) == (alone.period, alone.regime, 20)
-    assert found.values.tolist() == values
 
 
 @pytest.mark.parametrize("direction", ["cold", "up", "down"])
@@ -79,23 +67,9 @@ def test_up_and_down_find_the_two_motions_that_coexist() -> None:
     assert high["max_slip_speed"] > 1.1 * low["max_slip_speed"]
     # SciPy agrees on both, from the final state that the sweep gives.
     for record in (low, high):
-        from tcc_sim.trajectory import State
-
         smooth = replace(system(0.36), {KINETIC: 0.86 * 0.3, "friction.law": "smoothed", "friction.smoothing": 500.0})
         checked = summarise(solve(smooth, cycles=24, solver="lsoda", rtol=1e-8, state=State(*record["final"])), 16)
         assert checked.max_slip_speed == pytest.approx(record["max_slip_speed"], rel=0.03)
-
-
-def test_a_failed_point_has_a_sentence_and_no_numbers() -> None:
-    smooth = system(0.2, **{"friction.law": "smoothed", KINETIC: 0.24})
-    found = sweep(smooth, "pressure.mean", [2e5, 1e7], Plan(cycles=2, discard=0, solver="fixed_step", step=0.1))
-    assert math.isfinite(found.column("max_slip_speed")[0])
-    assert math.isnan(found.column("max_slip_speed")[1])
-    out = json.loads(json.dumps(found.as_json(), allow_nan=False))
-    assert out["max_slip_speed"][1] is None
-    assert out["status"] == ["reached the end", out["status"][1]]
-    assert out["status"][1].startswith("not started")
-    assert out["complete"]
 
 
 def test_auto_stops_when_the_section_has_settled() -> None:
@@ -166,31 +140,45 @@ def test_the_file_of_another_sweep_is_left_as_it_is(tmp_path) -> None:
     assert out.read_text() == "notes\n"
 
 
-def test_the_command_writes_lists_in_value_order(tmp_path, capsys) -> None:
-    words = ["sweep", "slip", "--set", "friction.law=set_valued", "--over", "engine.torque_amplitude=10:40:4",
-             "--cycles", "6"]
-    assert main([*words, "--json", str(tmp_path / "a.json")]) == 0
-    found = json.loads((tmp_path / "a.json").read_text())
-    assert found["over"] == "engine.torque_amplitude"
-    assert found["values"] == [10.0, 20.0, 30.0, 40.0]
-    assert len(found["max_slip_speed"]) == len(found["section"]) == len(found["regime"]) == 4
-    assert found["direction"] == "cold"
-    assert main(words) == 0
-    assert capsys.readouterr().out.count("slip") >= 4
+TORQUE = "engine.torque_amplitude"
 
 
-@pytest.mark.parametrize("words", [
-    *(["--over", over] for over in (
-        "engine.torque_amplitude=10:40", "engine.torque_amplitude=10:40:0", "engine.torque_amplitud=10:40:3",
-        "engine.torque_amplitude=10:40:-3", "engine.torque_amplitude=nan:40:3",
-        "friction.kinetic_coefficient=-0.1:0.5:3", "friction.law=1:2:2", "rate=100:200:2")),
-    *(["--over", "engine.torque_amplitude=10:40:3", option, value] for option, value in (
+def over(*ranges: str) -> list[str]:
+    """Words of a sweep over several ranges."""
+    return [word for each in ranges for word in ("--over", each)]
+
+
+def scattered(bounds: str, samples: int) -> list[str]:
+    """Words of a scatter of the torque's amplitude."""
+    return ["--scatter", f"{TORQUE}={bounds}", "--samples", str(samples)]
+
+
+@pytest.mark.parametrize(("words", "said"), [
+    *((over(each), said) for each, said in (
+        (f"{TORQUE}=10:40", "must be KEY="), (f"{TORQUE}=10:40:0", "has a count of 0"),
+        (f"{TORQUE}=10:40:-3", "has a count of -3"), ("engine.torque_amplitud=10:40:3", "did you mean"),
+        (f"{TORQUE}=nan:40:3", "nan"), (f"{KINETIC}=-0.1:0.5:3", "-0.1"), ("friction.law=1:2:2", "friction.law"),
+        ("rate=100:200:2", "rate"), (f"{TORQUE}=-1:2:3:log", "logarithm"), (f"{TORQUE}=1:2:3:lin", "must be KEY="),
+        (f"{TORQUE}=1,,2", "must be KEY="))),
+    *((over(*ranges), said) for ranges, said in (
+        ((f"{KINETIC}=0.2:0.3:2", f"{KINETIC}=0.2:0.3:2"), "swept twice"),
+        ((f"{KINETIC}=0.2:0.3:2", "pressure.mean=1e5:2e5:2", "engine.frequency=1:2:2"), "3 times"),
+        ((f"{KINETIC}=0.2:0.3:2000", "pressure.mean=1e5:2e5:2000"), "2000 by 2000"),
+        ((f"{KINETIC}=0.2:0.3:2", "pressure.mean=-1:2e5:2"), "pressure.mean is -1 Pa"))),
+    *(([*over(f"{TORQUE}=10:40:3"), option, value], option[2:]) for option, value in (
         ("--discard", "150"), ("--discard", "some"), ("--discard", "-1"), ("--jobs", "-1"), ("--jobs", "0"),
-        ("--solver", "none"), ("--cycles", "0"), ("--rtol", "2")))])
-def test_wrong_input_is_one_line_and_status_2(words, tmp_path, capsys):
+        ("--solver", "none"), ("--cycles", "0"), ("--rtol", "2"))),
+    ([*over(f"{TORQUE}=1:2:3"), "--set", f"{TORQUE}=3"], "itself varies"),
+    (["--samples", "4"], "--scatter"), (["--scatter", f"{TORQUE}=1:2"], "--samples"),
+    (scattered("1", 4), "KEY=LOW:HIGH"), (scattered("1:2", 1), "samples is 1"),
+    ([*scattered("1:2", 4), *over(f"{TORQUE}=1:2:3")], "swept and scattered"),
+    ([*scattered("1:2", 4), "--set", f"{TORQUE}=3"], "itself varies")])
+def test_wrong_input_is_one_line_and_status_2(words: list[str], said: str, tmp_path, capsys) -> None:
     out = tmp_path / "out.jsonl"
     assert main(["sweep", "fig02", *words, "--out", str(out)]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert said in error
     assert not out.exists()
 
 
@@ -216,3 +204,18 @@ def test_a_column_is_a_result_in_numbers() -> None:
     for name, words in (("max_slip", "did you mean max_slip_speed"), ("regime", "not a result in numbers")):
         with pytest.raises(InputError, match=words):
             found.column(name)
+
+
+FAST = replace(load_scene("slip").system, {"friction.law": "set_valued"})
+BEGIN = Start(State(150.0, 0.0, 0.0), 3)
+
+
+def test_a_motion_is_solved_until_its_section_repeats() -> None:
+    found = solve_to_steady_state(FAST, BEGIN, 4800)
+    section = found.cycles.section
+    assert np.abs(section[found.after:] - section[-1]).max() < 1e-5 * 170.0
+
+
+def test_a_motion_that_does_not_settle_is_given_up() -> None:
+    found = solve_to_steady_state(load_scene("chaos").system, BEGIN, 110)
+    assert (len(found.cycles), found.after, found.run.status) == (110, None, Status.DONE)

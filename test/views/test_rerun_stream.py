@@ -1,4 +1,6 @@
-"""Output to Rerun: a file that its own tool accepts, with every sample, written during the stream."""
+"""Output to Rerun: a file that its own tool accepts, with every sample, written during the stream; a layout."""
+
+from __future__ import annotations
 
 import os
 import re
@@ -17,6 +19,7 @@ from tcc_sim.errors import InputError, TccError
 from tcc_sim.trajectory import Cycles
 from tcc_sim.views import rerun_layout as layout
 from tcc_sim.views import rerun_stream
+from tcc_sim.views.recording_layout import JOINTS, VIEWS, write_layout
 from tcc_sim.views.rerun_layout import PhaseAxes
 from tcc_sim.views.rerun_stream import RerunStream
 
@@ -252,3 +255,23 @@ def test_a_viewer_that_hangs_up_is_named():
         url = f"rerun+http://127.0.0.1:{viewer.getsockname()[1]}/proxy"
         with pytest.raises(InputError, match="viewer did not take the run"), RerunStream("run", CYCLE, 3.0, url=url):
             viewer.shutdown(socket.SHUT_RDWR)
+
+
+def test_the_layout_has_every_signal_and_the_name_of_the_file(tmp_path: Path) -> None:
+    (tmp_path / "mine_0.mcap").write_bytes(b"")
+    path = write_layout(tmp_path)
+    assert path == tmp_path / "mine_0.rbl"
+    assert b"mine_0" in path.read_bytes()
+    text = printed(path)
+    for topics in (*VIEWS.values(), [JOINTS]):
+        for topic in topics:
+            assert topic in text, topic
+    for component in ("std_msgs.msg.Float64:message", "std_msgs.msg.Int8:message", "Measurements:values"):
+        assert component in text
+    with pytest.raises(InputError, match=r"mine_0\.rbl exists already and is not overwritten"):
+        write_layout(tmp_path / "mine_0.mcap")
+
+
+def test_a_directory_without_a_recording_gets_none(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="holds no MCAP file"):
+        write_layout(tmp_path)

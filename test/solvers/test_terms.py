@@ -1,6 +1,9 @@
-"""Derivatives of the equations' numbers by scene keys, against differences of the numbers themselves."""
+"""Numbers of the equations: derivatives by scene keys, and the cache of results of a system."""
+
+from __future__ import annotations
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -8,6 +11,7 @@ import pytest
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.solvers.key_derivatives import NUMBERS, OF_ITSELF, key_derivatives
+from tcc_sim.solvers.terms import RESULTS_KEPT, per_system
 
 SYSTEM = replace(System(), {"pressure.phase": 0.7, "pressure.amplitude": 4e4})
 KEYS = [*OF_ITSELF, "engine.frequency", "friction.static_coefficient", "friction.kinetic_coefficient", "clutch.area",
@@ -49,3 +53,35 @@ def test_several_keys_are_columns():
 def test_keys_without_a_derivative(key, words):
     with pytest.raises(InputError, match=words):
         key_derivatives(SYSTEM, [key])
+
+
+def test_a_result_is_worked_out_once_for_an_object_and_a_number():
+    asked = []
+
+    @per_system
+    def doubled(system, rtol):
+        asked.append((system, rtol))
+        return system.engine.frequency * 2.0 + rtol
+
+    one, equal = System(), System()
+    assert doubled(one, 1.0) == doubled(one, 1.0) == doubled(equal, 1.0)
+    assert doubled(one, 2.0) == doubled(one, 1.0) + 1.0
+    assert [(system is one, rtol) for system, rtol in asked] == [(True, 1.0), (False, 1.0), (True, 2.0)]
+
+
+def test_only_the_last_are_kept_and_threads_do_not_mix_them_up():
+    asked = []
+
+    @per_system
+    def frequency(system):
+        asked.append(system)
+        return system.engine.frequency
+
+    systems = [replace(System(), {"engine.frequency": 100.0 + k}) for k in range(3 * RESULTS_KEPT)]
+    with ThreadPoolExecutor(4) as executor:
+        assert list(executor.map(frequency, systems * 3)) == [system.engine.frequency for system in systems] * 3
+    before = len(asked)
+    assert frequency(systems[-1]) == systems[-1].engine.frequency
+    assert len(asked) == before
+    frequency(systems[0])
+    assert len(asked) == before + 1
