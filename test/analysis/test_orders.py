@@ -1,4 +1,4 @@
-"""Orders against closed forms: sines of known amplitude through a run-up, pure stick, slow ramps against a sweep."""
+"""Orders and spectra against closed forms: sines of known amplitude, pure stick, noise, slow ramps, period two."""
 
 import json
 import math
@@ -9,9 +9,12 @@ import pytest
 
 from tcc_sim.analysis.orders import orders_of
 from tcc_sim.analysis.settings import DEFAULTS
-from tcc_sim.analysis.signals import turns_at
+from tcc_sim.analysis.signals import Signals, turns_at
+from tcc_sim.analysis.spectra import spectrum_of
+from tcc_sim.cli import main
 from tcc_sim.errors import InputError
-from tcc_sim.model.parameters import replace
+from tcc_sim.model.parameters import System, replace
+from tcc_sim.output.samples import write_trajectory
 from tcc_sim.replay.given_inputs import driven_by
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
@@ -48,7 +51,7 @@ def test_amplitudes_are_those_of_sines_that_go_with_the_engine():
 
 def test_order_one_of_a_stuck_clutch_is_the_closed_form():
     scene = ramp("stick", 200.0, 210.0, 20.0)
-    found = orders_of(solve(scene, duration=20.0, samples_per_cycle=64))
+    found = orders_of(solve(scene, duration=20.0, samples_per_cycle=64, loads_from=0))
     d, omega = scene.system.driveline, found.frequency
     inertia = d.flywheel_inertia + d.plate_inertia
     spring = d.stiffness + 1j * omega * d.damping
@@ -60,7 +63,7 @@ def test_order_one_of_a_stuck_clutch_is_the_closed_form():
 
 def test_the_extremes_of_a_slow_ramp_are_those_of_constant_frequencies():
     scene = ramp("minimal", 80.0, 84.0, 40.0)
-    run = solve(scene, duration=40.0)
+    run = solve(scene, duration=40.0, loads_from=0)
     starts = scene.system.cycle_start(np.arange(len(run.cycles)))
     for frequency in (81.0, 82.0, 83.0):
         at = int(np.searchsorted(starts, (frequency - 80.0) * 10.0))
@@ -105,9 +108,6 @@ def test_commanded_torque_has_orders_where_its_cycles_are_known():
 
 
 def test_a_recording_has_the_orders_of_the_run_that_it_holds(tmp_path):
-    from tcc_sim.cli import main
-    from tcc_sim.output.samples import write_trajectory
-
     scene = ramp("minimal", 80.0, 160.0, 3.0)
     run = solve(scene, duration=3.0, samples_per_cycle=64, flywheel_angle=True, solver="fixed_step")
     write_trajectory(tmp_path / "run.mcap", run, scene.text())
@@ -124,9 +124,102 @@ def test_the_orders_are_those_of_the_torque_that_was_given(tmp_path):
     table = tmp_path / "second.csv"
     rows = np.column_stack([t, 300.0 + 20.0 * np.sin(2.0 * omega * t)])
     np.savetxt(table, rows, delimiter=",", header="t,engine_torque", comments="", fmt="%.17g")
-    found = orders_of(solve(driven_by(scene, table), duration=3.9, samples_per_cycle=64))
+    found = orders_of(solve(driven_by(scene, table), duration=3.9, samples_per_cycle=64, loads_from=0))
     assert found.torque_order.tolist() == [2.0]
     d = scene.system.driveline
     inertia, spring = d.flywheel_inertia + d.plate_inertia, d.stiffness + 2j * omega * d.damping
     exact = abs(spring / (spring - inertia * (2.0 * omega) ** 2))
     np.testing.assert_allclose(found.transmissibility[-3:, 0], exact, rtol=5e-3)
+
+
+def signals(slip, shaft, cycles, per_cycle=256):
+    """Signals of the default system, whose excitation has 150 rad/s, as functions of the phase in cycles."""
+    system = System()
+    turns = np.arange(cycles * per_cycle + 1) / per_cycle
+
+    def at(t):
+        u = t / system.cycle
+        return slip(u), shaft(u), np.zeros_like(t)
+
+    return Signals(system, turns, lambda u: u * system.cycle, at, None, None, turns * system.cycle, 0.0 * turns)
+
+
+def test_lines_are_the_amplitudes_of_sines_without_a_window():
+    found = spectrum_of(signals(lambda u: 3.0 + 2.0 * np.sin(2 * np.pi * u) + 0.5 * np.cos(np.pi * u),
+                                lambda u: 7.0 * np.sin(6.0 * np.pi * u + 0.4), 7), 2)
+    lines = dict(zip(found.order.tolist(), zip(found.slip_speed, found.shaft_torque)))
+    assert lines[0.0][0] == pytest.approx(3.0)
+    assert lines[1.0][0] == pytest.approx(2.0)
+    assert lines[0.5][0] == pytest.approx(0.5)
+    assert lines[3.0][1] == pytest.approx(7.0)
+    others = [slip for order, (slip, _) in lines.items() if order not in (0.0, 0.5, 1.0)]
+    assert max(others) < 1e-12
+    assert found.subharmonics.tolist() == [0.5]
+    assert found.window == "none: 3 whole periods of the motion"
+    np.testing.assert_allclose(found.frequency, 150.0 * found.order)
+
+
+def test_a_density_holds_the_power_of_the_signal():
+    """Parseval: the density over frequency in Hz integrates to the variance."""
+    draw = np.random.default_rng(3)
+    level = draw.standard_normal(256 * 512 + 1)
+    turns = np.arange(len(level)) / 256.0
+
+    def noise(u):
+        smooth = np.convolve(level, np.ones(64) / 64.0, mode="same")  # No power above the orders that are given.
+        return np.interp(u, turns, smooth)
+
+    found = spectrum_of(signals(noise, lambda u: 0.0 * u, 512), 0)
+    assert found.slip_speed is None
+    assert found.window == "Hann of 64 cycles, half of each shared with the next"
+    variance = float(np.var(noise(turns)))
+    power = float(np.trapezoid(found.slip_speed_density, found.frequency / (2.0 * math.pi)))
+    assert power == pytest.approx(variance, rel=0.05)
+
+
+def test_a_stuck_clutch_has_the_line_of_the_closed_form(tmp_path):
+    out = tmp_path / "stick.json"
+    assert main(["simulate", "stick", "--cycles", "300", "--spectrum", "--json", str(out)]) == 0
+    found = json.loads(out.read_text())
+    spectrum = found["spectrum"]
+    spring = 3000.0 + 1j * 50.0 * 0.6
+    exact = 250.0 * abs(spring / (spring - 0.22 * 50.0**2))
+    assert spectrum["order"][1] == 1.0
+    assert spectrum["shaft_torque"][1] == pytest.approx(exact, rel=1e-3)
+    assert spectrum["shaft_torque"][0] == pytest.approx(300.0, rel=1e-4)
+    assert max(spectrum["shaft_torque"][2:]) < 0.2
+    assert spectrum["period"] == 1
+    assert spectrum["subharmonics"] == []
+    assert found["units"]["spectrum.shaft_torque"] == "N m"
+
+
+def test_a_motion_of_period_two_has_half_orders_and_sections_with_three_states(tmp_path, figures):
+    out, picture, samples = tmp_path / "two.json", tmp_path / "two.png", tmp_path / "two.npz"
+    words = ["simulate", "fig02", "--cycles", "600", "--discard", "500", "--set", "initial.slip_speed=300"]
+    assert main([*words, "--spectrum", "--json", str(out), "--plot", str(picture), "--out", str(samples),
+                 "--samples", "4"]) == 0
+    found = json.loads(out.read_text())
+    assert found["spectrum"]["period"] == found["period"] == 2
+    assert {0.5, 1.5} <= set(found["spectrum"]["subharmonics"])
+    assert not any(float(order).is_integer() for order in found["spectrum"]["subharmonics"])
+    assert [state[:2] for state in found["section_states"]] == found["section"]
+    with np.load(samples) as arrays:
+        np.testing.assert_allclose(arrays["section_states"][-2:][np.argsort(arrays["section_states"][-2:, 0])],
+                                   sorted(found["section_states"]), rtol=1e-6)
+        np.testing.assert_allclose(arrays["section_states"][:, 2], arrays["plate_speed"][::4], atol=1e-6)
+
+
+def test_a_motion_without_a_period_has_densities(tmp_path, figures):
+    out = tmp_path / "chaos.json"
+    assert main(["simulate", "chaos", "--spectrum", "--json", str(out), "--plot", str(tmp_path / "chaos.png")]) == 0
+    spectrum = json.loads(out.read_text())["spectrum"]
+    assert spectrum["period"] == 0
+    assert "slip_speed" not in spectrum
+    assert len(spectrum["slip_speed_density"]) == len(spectrum["frequency"])
+
+
+def test_what_has_no_steady_state_is_refused(capsys):
+    assert main(["simulate", "runup", "--spectrum"]) == 2
+    assert "a spectrum needs a periodic excitation" in capsys.readouterr().err
+    with pytest.raises(InputError, match="a spectrum needs 16 whole cycles of the excitation, and there are 5"):
+        spectrum_of(signals(np.sin, np.sin, 5), 0)

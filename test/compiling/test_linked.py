@@ -14,7 +14,6 @@ from tcc_sim.compiling import kernel_cache
 from tcc_sim.compiling.changing import Causes, Changing
 from tcc_sim.compiling.compiled import Call, Partial, compiled, fast, loaded
 from tcc_sim.compiling.kernel_cache import UnusableFile
-from tcc_sim.compiling.linked import PartLibrary, machine_code
 from tcc_sim.compiling.unrolled import unrolled
 
 WEIGHTS = np.array([0.5, -0.25, 3.0])
@@ -95,45 +94,6 @@ def test_branches_without_an_argument_are_left_out_where_it_is_there():
         return out
 
     assert (kernel((1.0, 2.0), 1.0), kernel((1.0, 2.0), -1.0)) == (4.0, 1.0)
-
-
-def test_nobody_looks_for_unreachable_objects_while_compiling():
-    collects = []
-
-    def noted(coefficients):
-        collects.append(gc.isenabled())
-        coefficients[0,] = coefficients[0,] * 2.0
-
-    doubled = unrolled(noted)
-
-    @fast
-    def kernel(coefficients):
-        doubled(0, coefficients)
-
-    kernel.part.machine_code((np.array([1.5]),))
-    assert (collects, gc.isenabled()) == ([False], True)
-
-
-def test_nothing_has_an_address_but_the_kernel_with_all_its_parts(monkeypatch):
-    made = []
-    finalize = PartLibrary.finalize
-    monkeypatch.setattr(PartLibrary, "finalize", lambda self: (made.append(self), finalize(self)))
-
-    @fast
-    def part(x):
-        return x - 1.0
-
-    @fast
-    def kernel(x):
-        return part(x) * part(x)
-
-    entry = loaded(machine_code(kernel.part, (4.0,)), [4.0])
-    assert entry.run(entry.block((4.0,), [4.0])) == 9.0
-    assert len(made) == 2
-    for library in made:
-        names = [function.name for function in library.get_defined_functions()]
-        assert names
-        assert not any(library._codegen._engine.is_symbol_defined(name) for name in names)
 
 
 class Pair(NamedTuple):

@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -54,35 +53,22 @@ class SpeedEffort(NamedTuple):
     ladder: tuple[float, ...] = (1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7, 1e-7, 3e-8, 1e-8, 3e-9, 1e-9, 1e-10)
 
 
-@dataclass(frozen=True)
-class SpeedPoint:
-    """One of STRETCHES on a scene of Fig. 4: mu_k/mu_s and omega/omega_n."""
+class SpeedRow(NamedTuple):
+    """Speed of a solver in one of STRETCHES on a scene of Fig. 4, at one tolerance with its section error; without a
+    tolerance that is tight enough, the reason.
+    """
 
     kinetic_ratio: float
     frequency_ratio: float
     stretch: str
-
-
-@dataclass(frozen=True)
-class SpeedRow(SpeedPoint):
-    """Speed of a solver there at one tolerance, with its section error."""
-
     solver: str
-    setting: float
-    error: float
-    cycles_per_second: float
+    setting: float = math.nan
+    error: float = math.nan
+    cycles_per_second: float = math.nan
+    why: str = ""
 
 
-@dataclass(frozen=True)
-class SpeedOmitted(SpeedPoint):
-    """Reason why a solver has no row there."""
-
-    solver: str
-    why: str
-
-
-@dataclass(frozen=True)
-class WholeSweep:
+class WholeSweep(NamedTuple):
     """A sweep over Fig. 4 at the default tolerance; `busy` is the CPU time over that of all cores."""
 
     points: int
@@ -93,48 +79,37 @@ class WholeSweep:
     cycles_per_second_and_core: float
 
 
-@dataclass(frozen=True)
-class SweepSpeed:
-    """Results, for the engine at its default tolerance too; `error` is the largest allowed error."""
+class SweepSpeed(NamedTuple):
+    """Results, for the engine at its default tolerance too; `omitted` has the rows without a speed."""
 
-    error: float
-    horizon: int
-    cycles: int
-    rows: Sequence[SpeedRow]
-    omitted: Sequence[SpeedOmitted]
+    effort: SpeedEffort
+    rows: list[SpeedRow]
+    omitted: list[SpeedRow]
     sweep: WholeSweep
 
 
 def sweep_speed(effort: SpeedEffort, done: Callable[[int, int, str], None]) -> SweepSpeed:
-    """Measure.
-
-    Parameters
-    ----------
-    effort : how much
-    done : called with points done, points in all, and the name of the next
-    """
+    """Measure; `done` is called with points done, points in all, and the name of the next."""
     points = [(series, ratio, stretch) for series in FIGURES[4].series
               for ratio in effort.frequencies for stretch in STRETCHES]
-    rows, omitted = list[SpeedRow](), list[SpeedOmitted]()
+    rows, omitted = list[SpeedRow](), list[SpeedRow]()
     for count, (series, ratio, stretch) in enumerate(points):
         done(count, len(points) + 1, f"Fig. 4 at {ratio:g}, {stretch}")
         system = paper_system({**series.values, "engine.frequency": ratio * OMEGA_N})
-        kinetic = 1.0 / system.friction_ratio
         if stretch == "attractor":
             system = on_attractor(system)
         truth = reference(system, effort.horizon, "LSODA", 1e-12)
-        default = SOLVERS[ENGINE].default
-        for solver, ladder in ((ENGINE, effort.ladder), (ENGINE, (default,)), (PEER, effort.ladder)):
+        for solver, ladder in ((ENGINE, effort.ladder), (ENGINE, (SOLVERS[ENGINE].default,)), (PEER, effort.ladder)):
+            place = 1.0 / system.friction_ratio, ratio, stretch, solver
             try:
                 setting, error = loosest(system, solver, ladder, truth)
-                rows.append(SpeedRow(kinetic, ratio, stretch, solver, setting, error,
-                                     effort.cycles / _timed(system, solver, setting, effort)))
+                rows.append(SpeedRow(*place, setting, error, effort.cycles / _timed(system, solver, setting, effort)))
             except peers.Failed as failed:
-                omitted.append(SpeedOmitted(kinetic, ratio, stretch, solver, str(failed)))
+                omitted.append(SpeedRow(*place, why=str(failed)))
     done(len(points), len(points) + 1, "Fig. 4, whole sweep")
     whole = whole_sweep(effort)
     done(len(points) + 1, len(points) + 1, "")
-    return SweepSpeed(ERROR, effort.horizon, effort.cycles, rows, omitted, whole)
+    return SweepSpeed(effort, rows, omitted, whole)
 
 
 def on_attractor(system: System) -> System:
@@ -143,13 +118,7 @@ def on_attractor(system: System) -> System:
 
 
 def loosest(system: System, solver: str, ladder: tuple[float, ...], truth: Reference) -> tuple[float, float]:
-    """The first tolerance of the ladder with a section error below ERROR, and that error.
-
-    Raises
-    ------
-    Failed
-        No tolerance is tight enough.
-    """
+    """The first tolerance of the ladder with a section error below ERROR, and that error; raises Failed without one."""
     least = math.inf
     for setting in ladder:
         found = errors(*_run(system, solver, setting, len(truth.largest)), truth)[1]
@@ -188,36 +157,31 @@ def whole_sweep(effort: SpeedEffort) -> WholeSweep:
     return WholeSweep(effort.values * len(curves), cycles, width, wall, cpu / (wall * width), cycles / cpu)
 
 
-class SpeedComparison(NamedTuple):
-    """A scene's rows: the engine at its loosest tolerance and at its default one, and the peer."""
-
-    kinetic_ratio: float
-    frequency_ratio: float
-    loosest: SpeedRow | None
-    default: SpeedRow | None
-    peer: SpeedRow | None
-
-    @property
-    def ratio(self) -> float | None:
-        """Speed of the engine relative to the peer."""
-        if self.loosest is None or self.peer is None:
-            return None
-        return self.loosest.cycles_per_second / self.peer.cycles_per_second
+Scenes = list[tuple[SpeedRow | None, SpeedRow | None, SpeedRow | None]]
+"""For each scene the engine at its loosest tolerance and at its default one, and the peer."""
 
 
-def speed_rows(found: SweepSpeed, stretch: str) -> list[SpeedComparison]:
+def speed_rows(found: SweepSpeed, stretch: str) -> Scenes:
     """The scenes of one stretch."""
-    rows: dict[tuple[float, float], list[SpeedRow]] = {}
+    groups: dict[tuple[float, float], list[SpeedRow]] = {}
     for row in found.rows:
         if row.stretch == stretch:
-            rows.setdefault((row.kinetic_ratio, row.frequency_ratio), []).append(row)
-    out = []
-    for (kinetic, frequency), group in rows.items():
-        engine = [row for row in group if row.solver == ENGINE]
-        peer = [row for row in group if row.solver == PEER]
-        out.append(SpeedComparison(kinetic, frequency, engine[0] if engine else None, engine[-1] if engine else None,
-                            peer[0] if peer else None))
+            groups.setdefault(row[:2], []).append(row)
+    out: Scenes = []
+    for group in groups.values():
+        engine, peer = ([row for row in group if row.solver == name] for name in (ENGINE, PEER))
+        out.append((engine[0] if engine else None, engine[-1] if engine else None, peer[0] if peer else None))
     return out
+
+
+def speeds(table: Scenes, place: int) -> list[float]:
+    """The speeds in one column of a table."""
+    return [row[place].cycles_per_second for row in table if row[place]]
+
+
+def ratios(table: Scenes) -> list[float]:
+    """Speeds of the engine relative to the peer."""
+    return [loose.cycles_per_second / peer.cycles_per_second for loose, _, peer in table if loose and peer]
 
 
 def speed_summary(found: SweepSpeed) -> list[str]:
@@ -225,39 +189,37 @@ def speed_summary(found: SweepSpeed) -> list[str]:
     out = []
     for stretch in STRETCHES:
         table = speed_rows(found, stretch)
-        loose = [row.loosest.cycles_per_second for row in table if row.loosest]
-        default = [row.default.cycles_per_second for row in table if row.default]
-        ratios = [row.ratio for row in table if row.ratio is not None]
         where = "from the initial state" if stretch == "transient" else "on the attractor"
-        out.append(f"{where}: {_range(loose)} periods of excitation a second and core at a section error of at most "
-                   f"{found.error:g} on {len(table)} scenes of Fig. 4, {_range(default)} at the default tolerance")
-        if ratios:
-            peer = [row.peer.cycles_per_second for row in table if row.peer]
-            out[-1] += (f"; XPPAUT's CVODE {_range(peer)} at the same error: {min(ratios):.2g} to {max(ratios):.2g} "
-                        "times as long")
+        out.append(f"{where}: {_range(speeds(table, 0))} periods of excitation a second and core at a section error of "
+                   f"at most {ERROR:g} on {len(table)} scenes of Fig. 4, {_range(speeds(table, 1))} at the default "
+                   "tolerance")
+        if faster := ratios(table):
+            out[-1] += (f"; XPPAUT's CVODE {_range(speeds(table, 2))} at the same error: {min(faster):.2g} to "
+                        f"{max(faster):.2g} times as long")
     if not any(row.solver == PEER for row in found.rows):
         out.append(f"XPPAUT's CVODE did not take part: {next((row.why for row in found.omitted), 'not run')}")
     sweep = found.sweep
-    out.append(f"a sweep over Fig. 4, {sweep.points} points and {sweep.cycles} cycles: {sweep.seconds:.3g} s "
-               f"on {sweep.cores} cores, {100.0 * sweep.busy:.0f} % busy, "
-               f"{_round(sweep.cycles_per_second_and_core)} cycles a second and core with everything")
-    return out
+    return [*out, f"a sweep over Fig. 4, {sweep.points} points and {sweep.cycles} cycles: {sweep.seconds:.3g} s "
+                  f"on {sweep.cores} cores, {100.0 * sweep.busy:.0f} % busy, "
+                  f"{_round(sweep.cycles_per_second_and_core)} cycles a second and core with everything"]
 
 
 def speed_section(found: SweepSpeed) -> list[str]:
     """The page's section on cycles per second on the scenes of Fig. 4."""
     lines = ["## Engine cycles a second, on the scenes of Fig. 4", "",
-             f"Each program at its loosest tolerance with a section error of at most {found.error:g} over "
-             f"{found.horizon} cycles, from the initial state and from a state on the attractor; the time is that "
-             f"of {found.cycles} cycles from there, on one core.", ""]
+             f"Each program at its loosest tolerance with a section error of at most {ERROR:g} over "
+             f"{found.effort.horizon} cycles, from the initial state and from a state on the attractor; the time is "
+             f"that of {found.effort.cycles} cycles from there, on one core.", ""]
     for stretch in STRETCHES:
         head = (f"{stretch}: mu_k/mu_s", "omega/omega_n", "`smoothed`: cycles a second", "rtol", "error",
                 "at the default rtol", "error", "XPPAUT cvode: cycles a second", "toler", "error", "ratio")
-        lines += markdown_table(head, [(
-            f"{row.kinetic_ratio:.3g}", f"{row.frequency_ratio:g}", *_cells(row.loosest, True),
-            *_cells(row.default, False), *_cells(row.peer, True), "-" if row.ratio is None else f"{row.ratio:.2g}")
-            for row in speed_rows(found, stretch)], "---:")
-        lines.append("")
+        cells = []
+        for loose, default, peer in speed_rows(found, stretch):
+            one = loose or peer
+            cells.append((f"{one.kinetic_ratio:.3g}", f"{one.frequency_ratio:g}", *_cells(loose, True),
+                          *_cells(default, False), *_cells(peer, True),
+                          *([f"{x:.2g}" for x in ratios([(loose, default, peer)])] or ["-"])))
+        lines += [*markdown_table(head, cells, "---:"), ""]
     left_out = [f"{row.solver} at {row.kinetic_ratio:.3g}, {row.frequency_ratio:g}, {row.stretch}: "
                 f"{row.why}" for row in found.omitted]
     if left_out:

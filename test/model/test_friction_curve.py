@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -31,10 +32,15 @@ SHAPES = {  # coefficients, and the largest error that a fit may have
 }
 
 
+@cache
+def fit(shape):
+    """The fit of one of the SHAPES."""
+    return fit_curve(tuple(V), tuple(SHAPES[shape][0]))
+
+
 @pytest.mark.parametrize("shape", SHAPES)
 def test_a_fit_is_as_near_as_it_says(shape):
-    mu, allowed = SHAPES[shape]
-    curve = fit_curve(tuple(V), tuple(mu))
+    (mu, allowed), curve = SHAPES[shape], fit(shape)
     error = np.abs(curve.at(V) - mu) / mu.max()
     assert error.max() <= allowed
     assert curve.error == pytest.approx(error.max(), abs=1e-12)
@@ -47,8 +53,7 @@ def test_a_fit_is_as_near_as_it_says(shape):
 @pytest.mark.parametrize("shape", SHAPES)
 def test_beyond_the_table_friction_stays_near_the_last_coefficient(shape):
     """Within 20 % of the range of the coefficients, and one way."""
-    mu = SHAPES[shape][0]
-    curve = fit_curve(tuple(V), tuple(mu))
+    mu, curve = SHAPES[shape][0], fit(shape)
     near = 0.2 * np.ptp(mu) + curve.error * mu.max() + 1e-12
     for times in (1.0, 1.5, 3.0, 100.0):
         assert abs(curve.at(times * 60.0) - mu[-1]) <= near
@@ -61,9 +66,8 @@ def test_beyond_the_table_friction_stays_near_the_last_coefficient(shape):
     lambda x: np.log1p(20.0 * x) / np.log(21.0), lambda x: 1.25 * x / (x + 0.25), lambda x: x])
 def test_a_rising_table_sticks_as_one_without_slope_does(law, last, count):
     v = np.linspace(0.0, last, count)
-    curve = fit_curve(tuple(v), tuple(0.1 + 0.048 * law(v / last)))
-    assert abs(curve.constant - 0.148) <= 0.2 * 0.048 + 1e-12
     friction = Friction(slip_speeds=tuple(v), coefficients=tuple(0.1 + 0.048 * law(v / last)))
+    assert abs(friction.curve.constant - 0.148) <= 0.2 * 0.048 + 1e-12
     assert stick_speed(50.0, friction.stribeck) == math.atanh(0.99) / 50.0
 
 
@@ -76,10 +80,10 @@ def test_stick_ends_before_a_hump_and_at_the_peak_of_a_falling_table():
 
 
 def test_as_few_exponentials_are_taken_as_are_needed():
-    law = fit_curve(tuple(V), tuple(SHAPES["falling"][0]))
+    law = fit("falling")
     assert (law.constant, *law.amplitudes, *law.rates) == pytest.approx((0.24, 0.06, 2.0), rel=1e-6)
     for shape, count in (("constant", 0), ("rising", 1), ("dip", 2)):
-        assert len(fit_curve(tuple(V), tuple(SHAPES[shape][0])).rates) == count
+        assert len(fit(shape).rates) == count
 
 
 @pytest.mark.parametrize(("speeds", "coefficients", "sentence"), [

@@ -34,17 +34,6 @@ def test_every_field_has_a_meaning_and_a_unit_that_is_one(kind: str) -> None:
             assert "{" in part or set(words) <= factors, f"{name}: {entry.unit}"
 
 
-def test_every_verb_that_writes_json_has_a_kind() -> None:
-    folder = Path(cli.__file__).parent
-    writing = {verb for verb in cli.VERBS if "write_json" in (folder / f"{cli.module_of(verb)}.py").read_text()}
-    # demo writes what analyse does.
-    assert {"figure", "soak"} < writing - {"demo"} <= set(provenance.FORMATS)
-    for path in folder.glob("*.py"):
-        text = path.read_text()
-        assert "json.dump" not in text, f"{path.name} writes JSON that says nothing of itself"
-        assert text.count("write_json(") == text.count("document("), path.name
-
-
 def test_the_scene_comes_back_from_its_values() -> None:
     scene = load_scene("chaos").with_values({"engine.harmonic_amplitudes": [3.0, 1.0],
                                              "engine.harmonic_phases": [0.0, 0.5],
