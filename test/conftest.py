@@ -36,7 +36,7 @@ def refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capt
     monkeypatch.chdir(tmp_path)
 
     def run(*words: object) -> str:
-        before = sorted(tmp_path.rglob("*"))
+        before, _ = sorted(tmp_path.rglob("*")), capsys.readouterr()
         assert main([str(word) for word in words]) == 2
         out, err = capsys.readouterr()
         assert (out, err.count("\n")) == ("", 1)

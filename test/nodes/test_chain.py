@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -114,9 +115,8 @@ def test_demo_starts_a_controller_of_the_users_and_stopped_by_ctrl_c_keeps_what_
     (["--controller", sys.executable, "--scene", "fig02"], "scene fig02 takes no commands"),
 ])
 def test_a_controller_that_cannot_run_is_refused_before_anything_starts(words: list[str], sentence: str, tmp_path: Path,
-                                                                        capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["demo", "--out", str(tmp_path / "made"), *words]) == 2
-    assert sentence in capsys.readouterr().err
+                                                                        refused: Callable[..., str]) -> None:
+    assert sentence in refused("demo", "--out", tmp_path / "made", *words)
     assert not (tmp_path / "made").exists()
 
 

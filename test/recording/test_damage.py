@@ -111,7 +111,7 @@ def test_recovery_of_damage_is_a_bag_that_reads_without_damage(tmp_path, origina
             check(out, rows)
 
 
-def test_the_verb_recovers_beside_the_original_and_says_what_is_missing(tmp_path, original, capsys):
+def test_the_verb_recovers_beside_the_original_and_says_what_is_missing(tmp_path, original, capsys, refused):
     data, _ = original
     directory = tmp_path / "run"
     directory.mkdir()
@@ -124,10 +124,8 @@ def test_the_verb_recovers_beside_the_original_and_says_what_is_missing(tmp_path
     assert run.complete
     assert run.scene_text == SCENE
     assert 0 < sum(map(len, run.states())) < COUNT
-    assert main(["recover", str(directory)]) == 2
-    assert "exists already" in capsys.readouterr().err
-    assert main(["recover", str(tmp_path / "nothing")]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
+    assert "exists already" in refused("recover", directory)
+    refused("recover", tmp_path / "nothing")
 
 
 def test_a_recovery_that_fails_takes_its_bag_away_again(tmp_path, original, monkeypatch, capsys):
