@@ -16,12 +16,10 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 import rclpy
-from benches import stamp_of
+from controllers import DRAG, INERTIA, Slow, Vehicle
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import FluidPressure, JointState
-from std_msgs.msg import Float64
+from sensor_msgs.msg import JointState
 
 from tcc_sim.nodes import loop as loop_module
 from tcc_sim.nodes import loop_topics, recorder
@@ -29,39 +27,7 @@ from tcc_sim.replay.recorded import read
 from tcc_sim.replay.replay import replay
 from tcc_sim.topics import topic
 
-INERTIA, DRAG, PERIOD = 1.5, 2.0, 10
-
-
-class Slow(Node):
-    """Answers every tenth state."""
-
-    def __init__(self, context: Any) -> None:
-        super().__init__("slow", context=context)
-        self.publisher = self.create_publisher(FluidPressure, "actuation_pressure", 10)
-        self.create_subscription(JointState, "joint_states", self.on_state, 100)
-        self.states = 0
-
-    def on_state(self, state: JointState) -> None:
-        self.states += 1
-        if stamp_of(state) % (PERIOD * 1_000_000) == 0:
-            slip = state.velocity[0] - state.velocity[1]
-            command = FluidPressure(fluid_pressure=min(max(9e4 + 800.0 * (slip - 20.0), 0.0), 4e5))
-            command.header.stamp = state.header.stamp
-            self.publisher.publish(command)
-
-
-class Vehicle(Node):
-    """One inertia with a drag."""
-
-    def __init__(self, context: Any) -> None:
-        super().__init__("vehicle", context=context)
-        self.speed = 0.0
-        self.publisher = self.create_publisher(Float64, "output_speed", 100)
-        self.create_subscription(Float64, "shaft_torque", self.on_torque, 100)
-
-    def on_torque(self, torque: Float64) -> None:
-        self.speed += 1e-3 * (torque.data - DRAG * self.speed) / INERTIA
-        self.publisher.publish(Float64(data=self.speed))
+PERIOD = 10
 
 
 def test_a_vehicle_joins_lock_step_while_the_clock_runs_and_verifies_to_the_last_bit(
@@ -70,7 +36,7 @@ def test_a_vehicle_joins_lock_step_while_the_clock_runs_and_verifies_to_the_last
     monkeypatch.setattr(loop_module, "SETTLED", 0.02)
     recorded = recorder.Recorder(rclpy.create_node("recorder", context=bench.context, parameter_overrides=[
         Parameter("output", value=str(tmp_path / "run"))]))
-    slow = bench.add(Slow(bench.context))
+    slow = bench.add(Slow(PERIOD, bench.context))
     node = bench.started(scene="controlled", pacing="lockstep", command_period=PERIOD * 1e-3, command_timeout=0.0,
                  wait_for_subscribers=2, publish_shaft_torque=True, publish_diagnostics=False)
 

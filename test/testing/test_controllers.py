@@ -12,6 +12,7 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
+from controllers import DRAG, INERTIA, STEP, Slow, Vehicle, pressure_of
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import FluidPressure, JointState
@@ -43,26 +44,6 @@ class Timed(Node):
     def on_timer(self) -> None:
         self.times.append(self.get_clock().now().nanoseconds)
         self.publisher.publish(FluidPressure(fluid_pressure=pressure_of(self.slip)))
-
-
-def pressure_of(slip: float) -> float:
-    return min(max(9e4 + 800.0 * (slip - 20.0), 0.0), 4e5)
-
-
-class Slow(Node):
-    """Answers every tenth state, or all."""
-
-    def __init__(self, every: int = PERIOD) -> None:
-        super().__init__("slow")
-        self.every = every
-        self.publisher = self.create_publisher(FluidPressure, "actuation_pressure", 10)
-        self.create_subscription(JointState, "joint_states", self.on_state, 10)
-
-    def on_state(self, state: JointState) -> None:
-        if state.header.stamp.nanosec // 1_000_000 % self.every == 0:
-            command = FluidPressure(fluid_pressure=pressure_of(state.velocity[0] - state.velocity[1]))
-            command.header.stamp = state.header.stamp
-            self.publisher.publish(command)
 
 
 def law(reading: Reading) -> float:
@@ -151,24 +132,6 @@ def test_the_slip_speed_has_a_sensor_that_may_be_changed_between_runs(driveline:
 def test_a_wrong_sensor_is_refused(driveline: Any) -> None:
     with pytest.raises(InputError, match="slip has no sensor; sensors are of slip_speed, "):
         driveline("controlled").sensor("slip", noise=1.0)
-
-
-INERTIA, DRAG = 1.5, 2.0
-STEP = 1e-3
-
-
-class Vehicle(Node):
-    """One inertia with a drag: shaft_torque in, output_speed out, the speed for the next tick."""
-
-    def __init__(self) -> None:
-        super().__init__("vehicle")
-        self.speed = 0.0
-        self.publisher = self.create_publisher(Float64, "output_speed", 10)
-        self.create_subscription(Float64, "shaft_torque", self.on_torque, 10)
-
-    def on_torque(self, torque: Float64) -> None:
-        self.speed += STEP * (torque.data - DRAG * self.speed) / INERTIA
-        self.publisher.publish(Float64(data=self.speed))
 
 
 def test_a_vehicle_in_the_kit_moves_the_far_end_to_the_bits_of_closed_loop(driveline: Any) -> None:
