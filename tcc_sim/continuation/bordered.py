@@ -123,7 +123,12 @@ class MinimallyAugmented(Bordered):
         self.finest, self.bend = given.located, 0.0
         """Last Newton step of a solution, and by how much the segments' derivatives change along the null vector."""
         found = shooting.linearise(z)
-        self.start = np.append(z, angle_of(found.blocks)) if self.turning else z
+        self.start = z
+        if self.turning:  # The argument of the complex pair of multipliers nearest to the unit circle.
+            pairs = [m for m in multipliers_of(*found.blocks).tolist() if m.imag > 1e-9]
+            if not pairs:
+                raise ArithmeticError("there is no complex pair of multipliers")
+            self.start = np.append(z, np.angle(min(pairs, key=lambda m: abs(abs(m) - 1.0))))
         left, _, right = np.linalg.svd(cyclic(found.blocks, self.multiplier(self.start)))
         self.b, self.c = left[:, -1], right[-1]
 
@@ -163,7 +168,8 @@ class MinimallyAugmented(Bordered):
         z, mu = u[:self.unknowns], self.multiplier(u)
         found = self.shooting.linearise(z)
         v, w, g = self.null_vectors(found.blocks, mu)
-        gradient = -sum(factor * self._along(z, found, part, w, longer) for factor, part in _parts(v))
+        parts: list[tuple[complex, Floats]] = [(1.0, v.real), (1j, v.imag)] if self.turning else [(1.0, v)]
+        gradient = -sum(factor * self._along(z, found, part, w, longer) for factor, part in parts)
         if self.turning:
             gradient = np.append(gradient, 1j * mu * (w[-1] @ v[0]))
         rows = np.array([gradient.real, gradient.imag] if self.turning else [gradient])
@@ -245,17 +251,3 @@ def nearest_margins(shooting: Shooting, z: Floats) -> Margins:
                 slopes[size:] = found.slopes[n:] * shooting.widths(z)
                 out[name] = found._replace(slopes=slopes)
     return out
-
-
-def _parts(v: Vectors) -> list[tuple[complex, Floats]]:
-    """Real and imaginary part of a vector, each with its factor; only the real part of a real one."""
-    return [(1.0, v.real), (1j, v.imag)] if np.iscomplexobj(v) else [(1.0, v)]
-
-
-def angle_of(blocks: Floats) -> float:
-    """The argument of the complex pair of multipliers nearest to the unit circle, 0 to pi."""
-    m = multipliers_of(*blocks)
-    pairs = m[m.imag > 1e-9]
-    if not len(pairs):
-        raise ArithmeticError("there is no complex pair of multipliers")
-    return float(np.angle(pairs[np.argmin(np.abs(np.abs(pairs) - 1.0))]))

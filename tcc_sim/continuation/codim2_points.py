@@ -31,7 +31,7 @@ class AugmentedPoint(CurvePoint):
 
 @dataclass(frozen=True)
 class Special:
-    """A point of codimension two: its kind and both parameters, each with its error."""
+    """A point of codimension two: its kind and both parameters, each with its error, and the point of the curve."""
 
     kind: str = field(metadata=reported(
         "cusp, generalised_doubling, fold_flip, resonance_1_1 to 1_4, or the border that it meets"))
@@ -41,6 +41,14 @@ class Special:
     second_error: float = field(metadata=reported("error of `second`", "{second_over}"))
     located: bool = field(default=True, metadata=reported(
         "whether it was found; else a test has two signs, each larger than its noise, within the errors"))
+    point: AugmentedPoint = field(kw_only=True, repr=False)
+
+    @staticmethod
+    def of(kind: str, point: AugmentedPoint, error: NDArray[np.floating[Any]], located: bool = True) -> Special:
+        """The special point at a point with an error (P,) of the scaled parameters."""
+        wide = [abs(w.width(u)) for w, u in zip(point.equations.ranges, parameters(point, point.solution.z).tolist())]
+        return Special(kind, *parameter_values(point), *(width * float(e) for width, e in zip(wide, error)), located,
+                       point=point)
 
     def __str__(self) -> str:
         """In words."""
@@ -52,26 +60,6 @@ def with_error(value: float, error: float) -> str:
     """A number and its error, with no more digits than the error allows."""
     digits = max(0, min(12, 1 - int(np.floor(np.log10(max(error, 1e-12))))))
     return f"{value:.{digits}f} +- {error:.1g}"
-
-
-@dataclass(frozen=True)
-class SpecialPoint:
-    """A point of codimension two.
-
-    error : (P,) of the scaled parameters
-    located : whether its root was found; else it lies within `error` of the middle of the narrowest bracket
-    """
-
-    kind: str
-    point: AugmentedPoint
-    error: NDArray[np.floating[Any]]
-    located: bool = True
-
-    @property
-    def figures(self) -> Special:
-        """Both parameters with their errors."""
-        one, two = (abs(w.width(0.0)) * float(e) for w, e in zip(self.point.equations.ranges, self.error))
-        return Special(self.kind, *parameter_values(self.point), one, two, self.located)
 
 
 ENDING: dict[tuple[str, str], Callable[[AugmentedPoint], float]] = {
@@ -150,7 +138,7 @@ def measured(point: AugmentedPoint, test: Test) -> tuple[float, float, Floats]:
         return 0.0, math.inf, np.full(2, math.inf)
 
 
-def special_point(kind: str, a: AugmentedPoint, b: AugmentedPoint, test: Test) -> SpecialPoint:
+def special_point(kind: str, a: AugmentedPoint, b: AugmentedPoint, test: Test) -> Special:
     """The special point between two points at which a test has different signs: a root, or the narrowest bracket."""
     if a.equations is not b.equations:
         return midway(kind, a, b, False)
@@ -173,7 +161,7 @@ def special_point(kind: str, a: AugmentedPoint, b: AugmentedPoint, test: Test) -
         if error < 1.0 and abs(values[part]) <= settings.curve_jump * max(abs(values[0.0]), abs(values[1.0])):
             chord, tangent = b.solution.z - a.solution.z, root.solution.tangent
             along = np.abs(parameters(root, tangent)) * float(chord @ chord) / abs(float(chord @ tangent))
-            return SpecialPoint(kind, root, error * along + settings.resolved * step + settings.curve_exact)
+            return Special.of(kind, root, error * along + settings.resolved * step + settings.curve_exact)
     except (*FAILURES, KeyError):
         pass
     first = values.get(0.0, 0.0)
@@ -183,7 +171,7 @@ def special_point(kind: str, a: AugmentedPoint, b: AugmentedPoint, test: Test) -
 
 
 def singular_end(kind: str, points: Sequence[AugmentedPoint], distance: Callable[[AugmentedPoint], float],
-                 beyond: AugmentedPoint | None = None) -> SpecialPoint | None:
+                 beyond: AugmentedPoint | None = None) -> Special | None:
     """The special point in which a curve ends behind some `points`, where its equations are singular.
 
     These are the resonances 1:1 and 1:2 of Neimark-Sacker curves and generalised doublings of folds of doubled motions.
@@ -219,15 +207,15 @@ def singular_end(kind: str, points: Sequence[AugmentedPoint], distance: Callable
     z = last.solution.z.copy()
     parameters(last, z)[:] = at
     error = error + settings.resolved * last.equations.rounding
-    return SpecialPoint(kind, last.moved(last.solution._replace(z=z)), error)
+    return Special.of(kind, last.moved(last.solution._replace(z=z)), error)
 
 
-def midway(kind: str, a: AugmentedPoint, b: AugmentedPoint, is_located: bool) -> SpecialPoint:
+def midway(kind: str, a: AugmentedPoint, b: AugmentedPoint, is_located: bool) -> Special:
     """The special point in the middle between two points; its error is half of their distance."""
     z, way = b.solution.z.copy(), parameters(b, b.solution.z) - parameters(a, a.solution.z)
     parameters(b, z)[:] -= 0.5 * way
     error = 0.5 * np.abs(way) + b.equations.settings.curve_exact
-    return SpecialPoint(kind, b.moved(b.solution._replace(z=z)), error, is_located)
+    return Special.of(kind, b.moved(b.solution._replace(z=z)), error, is_located)
 
 
 def parameters(point: CurvePoint, vector: NDArray[np.floating[Any]]) -> Floats:
@@ -243,7 +231,7 @@ def parameter_values(point: CurvePoint) -> tuple[float, float]:
     return one, two
 
 
-def change_of_events(a: AugmentedPoint, b: AugmentedPoint) -> SpecialPoint:
+def change_of_events(a: AugmentedPoint, b: AugmentedPoint) -> Special:
     """The change of the event sequence between two points, by bisection."""
     equations = a.equations
     bracket, ends, parts = Bracket(a, b, False), [a, b], [0.0, 1.0]

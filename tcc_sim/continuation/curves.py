@@ -17,7 +17,6 @@ from tcc_sim.continuation.codim2_points import (
     ENDING,
     AugmentedPoint,
     Special,
-    SpecialPoint,
     change_of_events,
     events_of,
     measured,
@@ -60,7 +59,7 @@ class BifurcationCurve(Described):
         return [str(end) for end in self.ended]
 
 
-class CurveTrack(Continuation[AugmentedPoint, SpecialPoint]):
+class CurveTrack(Continuation[AugmentedPoint, Special]):
     """One direction of a curve of bifurcations in two parameters.
 
     A point of codimension two is listed where its test function has two signs, each of which is resolved: larger than
@@ -85,7 +84,7 @@ class CurveTrack(Continuation[AugmentedPoint, SpecialPoint]):
             most = max(most, float(np.abs(ahead).max()))
         return None if most <= self.settings.canard else self.end(StopReason.CANARD_CURVE, limit=self.settings.canard)
 
-    def special_between(self, new: AugmentedPoint) -> list[SpecialPoint]:
+    def special_between(self, new: AugmentedPoint) -> list[Special]:
         """The special points up to `new`, in order."""
         here = self.here
         if here.equations.shooting.map.piecewise and differ(events_of(here), events_of(new)):
@@ -95,9 +94,9 @@ class CurveTrack(Continuation[AugmentedPoint, SpecialPoint]):
         way = new.solution.z - here.solution.z
         return sorted(self._test(new), key=lambda s: float(way @ s.point.solution.z))
 
-    def _test(self, new: AugmentedPoint) -> list[SpecialPoint]:
+    def _test(self, new: AugmentedPoint) -> list[Special]:
         """Evaluate the tests at a point, and locate special points where their signs have changed."""
-        out: list[SpecialPoint] = []
+        out: list[Special] = []
         for name, value in values_of_tests(new).items():
             known = self.signs.setdefault(name, [])
             if not known or known[-1][1] * value > 0.0:
@@ -106,7 +105,7 @@ class CurveTrack(Continuation[AugmentedPoint, SpecialPoint]):
                 out += self._crossed(name, new)
         return out
 
-    def _crossed(self, name: str, new: AugmentedPoint) -> list[SpecialPoint]:
+    def _crossed(self, name: str, new: AugmentedPoint) -> list[Special]:
         """The special point between the last point at which a test is resolved and a new one with another sign."""
         def test(point: AugmentedPoint, longer: float) -> float:
             return values_of_tests(point, longer)[name]
@@ -128,8 +127,8 @@ class CurveTrack(Continuation[AugmentedPoint, SpecialPoint]):
         end = None if apart is None else singular_end(name, self.points, apart, new)
         return [end or special_point(name, last, new, test)]
 
-    def ended_by(self, new: AugmentedPoint, special: list[SpecialPoint],
-                 stop: End | None) -> tuple[AugmentedPoint, list[SpecialPoint], End | None]:
+    def ended_by(self, new: AugmentedPoint, special: list[Special],
+                 stop: End | None) -> tuple[AugmentedPoint, list[Special], End | None]:
         """The end of the curve in a special point, or at its first point."""
         equations = self.here.equations
         last = next((s for s in special if (equations.kind, s.kind) in ENDING), None)
@@ -138,20 +137,18 @@ class CurveTrack(Continuation[AugmentedPoint, SpecialPoint]):
             if turned_round(halves, equations.between_halves(new.solution.z), equations.settings.opposite):
                 last = singular_end("generalised_doubling", self.points, self._apart(), new)
                 special = [*special, *([] if last is None else [last])]
-        return super().ended_by(new, special, stop) if last is None else (last.point, special, self._ended_in(last))
+        if last is None:
+            return super().ended_by(new, special, stop)
+        return last.point, special, self.end(StopReason.SPECIAL, last.point, what=last.kind)
 
-    def _ended_in(self, special: SpecialPoint) -> End:
-        """The end at a special point."""
-        return replace(self.end(StopReason.SPECIAL, special.point), what=special.kind.replace("_", " "))
-
-    def lost(self) -> tuple[list[SpecialPoint], End]:
+    def lost(self) -> tuple[list[Special], End]:
         """The special point and the end where no step succeeds."""
         # Folds of doubled motions of amplitude a lie within a^2 of a generalised doubling, where they meet the
         # doublings of the halves, so that the equations are singular.
-        special = None
+        last = None
         if self.here.equations.doubled and (apart := self._apart())(self.here) <= self.settings.halves_met:
-            special = singular_end("generalised_doubling", self.points, apart)
-        return ([special], self._ended_in(special)) if special is not None else super().lost()
+            last = singular_end("generalised_doubling", self.points, apart)
+        return super().lost() if last is None else ([last], self.end(StopReason.SPECIAL, last.point, what=last.kind))
 
     def _apart(self) -> Callable[[AugmentedPoint], float]:
         """The distance between the halves of an orbit, along that of the last point."""
@@ -276,20 +273,20 @@ def border_curve(margin: Callable[[float, float], float], ranges: Ranges, value:
     """The curve of a margin that vanishes at (value, second), both ways; that point alone where it cannot be set up."""
     border, at = Border(margin, ranges), np.array([ranges[0].scaled(value), ranges[1].scaled(second)])
 
-    def begun(forward: bool) -> Continuation[CurvePoint, SpecialPoint]:
+    def begun(forward: bool) -> Continuation[CurvePoint, Special]:
         found = border.linearise(at)
         return Continuation(facing(CurvePoint(solution_at(at, found, null_direction(found)), border), forward))
 
     return _both_ways("stick_border", begun, End(StopReason.STEP, ranges[0].name, value, DEFAULTS.residual), second)
 
 
-def _both_ways(kind: str, begun: Callable[[bool], Continuation[Any, SpecialPoint]], lost: End,
+def _both_ways(kind: str, begun: Callable[[bool], Continuation[Any, Special]], lost: End,
                second: float) -> BifurcationCurve:
     """The curve through a point, both ways from it or once round.
 
     lost, second : the end where no way can be set up, and the second parameter there
     """
-    tracks: list[Continuation[Any, SpecialPoint]] = []
+    tracks: list[Continuation[Any, Special]] = []
     for forward in (True, False):
         try:
             tracks.append(begun(forward))
@@ -306,4 +303,4 @@ def _both_ways(kind: str, begun: Callable[[bool], Continuation[Any, SpecialPoint
     if behind is not ahead:
         points, special = behind.points[:0:-1] + points, [s for _, s in reversed(behind.special)] + special
     values, others = zip(*map(parameter_values, points))
-    return BifurcationCurve(kind, values, others, (behind.ended, ahead.ended), tuple(s.figures for s in special))
+    return BifurcationCurve(kind, values, others, (behind.ended, ahead.ended), tuple(special))

@@ -18,7 +18,6 @@ import numpy as np
 from tcc_sim.continuation.bracket import Bracket, P
 from tcc_sim.continuation.palc import (
     FLAT,
-    Corrected,
     Equations,
     Solution,
     beside,
@@ -109,12 +108,13 @@ class Continuation(Generic[P, S]):
         """Why the curve ended; an interruption while it is being followed."""
         return self.stop or self.end(StopReason.INTERRUPTED)
 
-    def end(self, reason: StopReason, point: P | None = None, limit: float = 0.0, number: int = -1) -> End:
+    def end(self, reason: StopReason, point: P | None = None, limit: float = 0.0, number: int = -1,
+            what: str = "") -> End:
         """An end at a point (the last one by default), named by the parameter of this number."""
         at = self.here if point is None else point
         spans, first = at.equations.ranges, at.equations.first_parameter
         span, scaled = spans[number], at.solution.z[first:first + len(spans)][number]
-        return End(reason, span.name, span.value(float(scaled)), limit)
+        return End(reason, span.name, span.value(float(scaled)), limit, what.replace("_", " "))
 
     def note(self, special: list[S]) -> None:
         """Add special points behind the last point."""
@@ -142,7 +142,9 @@ class Continuation(Generic[P, S]):
                     special, self.stop = self.lost()
                     self.note(special)
                 continue
-            inside = corner or edge is not None or self.within(new)
+            first = new.equations.first_parameter
+            inside = corner or edge is not None or all(
+                low <= new.solution.z[first + k] <= high for k, low, high in self.bounds)
             self.stop = self.unresolved(new) if inside and not corner else None
             if self.stop is not None:
                 return
@@ -204,7 +206,11 @@ class Continuation(Generic[P, S]):
                 astray = beside(here, new, len(slopes) > 0) < settings.turn
                 if found.distance <= settings.farthest * self.length and not (turned or jumped or astray
                                                                               or self.astray_beyond(new)):
-                    self.length, self.missed = self.length_after(found, most), found.distance
+                    # The corrector's distance grows as the third power of the length.
+                    ways = found.distance / settings.wanted, found.contraction / settings.contraction
+                    factor = float(max(*ways, 1e-9) ** (-1.0 / 3.0))
+                    self.length = min(self.length * min(max(factor, settings.shorter), most), settings.largest_step)
+                    self.missed = found.distance
                     return new
             self.length *= settings.shorter
             most, known = settings.longer_after_refused, known[:max(len(known) - 2, 2)]
@@ -214,12 +220,6 @@ class Continuation(Generic[P, S]):
     def first_equations(self) -> Equations | None:
         """Cheaper equations for the first step of the corrector where the predictor is far off."""
         return self.here.equations.coarse if self.missed > self.settings.missed else None
-
-    def length_after(self, found: Corrected, most: float) -> float:
-        """The next length after a step, `most` times it; the corrector's distance grows as its third power."""
-        ways = (found.distance / self.settings.wanted, found.contraction / self.settings.contraction)
-        factor = max(max(ways), 1e-9) ** (-1.0 / 3.0)
-        return min(self.length * min(max(float(factor), self.settings.shorter), most), self.settings.largest_step)
 
     def astray_beyond(self, new: Solution) -> bool:
         """Whether a step over a change of the event sequence has not reached a solution."""
@@ -262,11 +262,6 @@ class Continuation(Generic[P, S]):
                         return here.moved(new), number
                 self.length *= settings.shorter
         return None
-
-    def within(self, new: P) -> bool:
-        """Whether a point lies within the bounds."""
-        first = new.equations.first_parameter
-        return all(low <= new.solution.z[first + k] <= high for k, low, high in self.bounds)
 
     def passes_start(self, new: P) -> bool:
         """Whether the step to `new` passes the first point along its tangent."""

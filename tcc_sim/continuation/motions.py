@@ -257,7 +257,10 @@ def continue_motions(system: System, plan: ContinuationPlan, tick: Callable[[Con
     if plan.second is not None:
         _curves(system, plan, span, out)
     if plan.limit:
-        _limits(system, plan, span, out)
+        smoothed = DrivelineMap(system, (plan.over, "friction.smoothing"))
+        set_valued = DrivelineMap(replace(system, {"friction.law": "set_valued"}), (plan.over,))
+        for number, item in enumerate(out.bifurcations):
+            out.limits[number] = limit_of(item, smoothed, set_valued, span, system.friction.smoothing)
     out.complete = True
     return out
 
@@ -286,11 +289,3 @@ def _curves(system: System, plan: ContinuationPlan, span: ParameterRange, out: M
             out.curves.append(border_curve(margin, ranges, item.value, present))
         else:
             out.curves.append(bifurcation_curve(item, map_, ranges, present))
-
-
-def _limits(system: System, plan: ContinuationPlan, span: ParameterRange, out: Motions) -> None:
-    """The limit of every bifurcation as sigma goes to infinity."""
-    smoothed = DrivelineMap(system, (plan.over, "friction.smoothing"))
-    set_valued = DrivelineMap(replace(system, {"friction.law": "set_valued"}), (plan.over,))
-    for number, item in enumerate(out.bifurcations):
-        out.limits[number] = limit_of(item, smoothed, set_valued, span, system.friction.smoothing)

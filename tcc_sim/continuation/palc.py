@@ -115,7 +115,7 @@ def corrector(equations: Equations, guess: Floats, row: Floats, plane: tuple[Flo
         except FAILURES:
             return None
         step = solved[:, 0]
-        length, left = max_norm(step), max_norm(found.residual)
+        length, left = (float(np.maximum.reduce(np.abs(x))) for x in (step, found.residual))
         if not length < min(farthest, settings.correct_step):
             return None
         z = z + step
@@ -132,11 +132,6 @@ def corrector(equations: Equations, guess: Floats, row: Floats, plane: tuple[Flo
         # The step after one by the first equations corrects their error, so it may be longer.
         last, short, now = length, 1.0 if now is equations else math.inf, equations
     return None
-
-
-def max_norm(x: Floats) -> float:
-    """The largest size of a vector's components."""
-    return float(np.maximum.reduce(np.abs(x)))
 
 
 def over_border(here: Solution, new: Solution) -> bool:
