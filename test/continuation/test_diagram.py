@@ -1,4 +1,4 @@
-"""Sweeps of textbook maps: every motion on a branch, every jump with its cause, at values known by hand."""
+"""Sweeps of textbook maps: every motion on a branch, every jump and every end of a stable stretch with its cause."""
 
 import math
 from dataclasses import replace
@@ -11,7 +11,18 @@ from textbook_maps import Step, TextbookMap, logistic
 
 from tcc_sim.continuation.branch import Branch
 from tcc_sim.continuation.diagram import SWEPT, SettledMotion, amplitude_of, bifurcation_diagram, left_out, place_of
-from tcc_sim.continuation.loss_of_stability import APERIODIC, BASIN, NOT_FOLLOWED, STEEP, jumps_of, nearest_bifurcation
+from tcc_sim.continuation.loss_of_stability import (
+    APERIODIC,
+    BASIN,
+    NOT_FOLLOWED,
+    STEEP,
+    SegmentEnd,
+    StableSegment,
+    jumps_of,
+    nearest_bifurcation,
+    segment_of,
+    stable_segments,
+)
 from tcc_sim.continuation.shooting import ParameterRange
 
 FOLD = 2.0 / (3.0 * math.sqrt(3.0))
@@ -198,3 +209,50 @@ def test_a_bifurcation_is_near_by_its_value_and_its_size_together(value: float, 
     branch: Any = SimpleNamespace(points=[at(9.0, 9.0), at(0.0, 3.0), at(1.0, 5.0), at(2.0, 4.0), at(8.0, 9.0)],
                                   bifurcations=[far, here])
     assert nearest_bifurcation(branch, 2, 10.0, 100.0) is (here if near else None)
+
+
+def test_both_stretches_of_a_hysteresis_end_in_its_folds() -> None:
+    seen = lifted(np.linspace(-1.0, 1.0, 21), -1.3, hand_over=True)
+    found = stable_segments(bifurcation_diagram(Lifted(hysteresis, 1), ParameterRange(-1.0, 1.0, name="p"), seen), -1.0,
+                            1.0, 2.0)
+    lower, upper = sorted(found, key=lambda s: s.low.value)
+    assert (lower.low.value, lower.low.kind, lower.low.jumps) == (pytest.approx(-0.5), "", False)
+    assert (lower.high.kind, lower.high.jumps, lower.high.value) == ("fold", True, pytest.approx(0.5 * FOLD, abs=1e-9))
+    assert (upper.low.kind, upper.low.value) == ("fold", pytest.approx(-0.5 * FOLD, abs=1e-9))
+    assert upper.high.value == pytest.approx(0.5)
+    assert lower.high.residual < 1e-8
+    halves = [SettledMotion(0.5 * s.value, s.state, s.cycle, 1, s.amplitude) for s in seen]
+    on = [segment_of(s, found, 4.0) for s in halves]
+    assert {found[k].high.kind for k, s in zip(on, seen) if s.value < FOLD - 1e-6} == {"fold"}
+    assert {found[k].low.kind for k, s in zip(on, seen) if s.value > FOLD} == {"fold"}
+
+
+def test_a_doubling_jumps_unless_the_doubled_motion_goes_on_stably() -> None:
+    seen = swept(logistic, np.linspace(2.5, 3.4, 19), 0.3, 3000, False, period)
+    smooth = stable_segments(surveyed(logistic, seen, 2.5, 3.4), 2.5, 3.4)
+    one, two = sorted(smooth, key=lambda s: s.period)
+    assert (one.high.kind, one.high.jumps, one.high.value) == ("period_doubling", False, pytest.approx(3.0, abs=1e-8))
+    assert (two.period, two.low.kind, two.low.jumps) == (2, "period_doubling", False)
+    assert two.low.value == pytest.approx(3.0, abs=1e-8)
+    seen = swept(subcritical, np.linspace(-0.31, 0.09, 5), 1e-3, 4000, False, period)
+    end = stable_segments(surveyed(subcritical, seen, -0.31, 0.09), -0.31, 0.09)[0].high
+    assert (end.kind, end.jumps) == ("period_doubling", True)
+    assert "period doubling, residual" in str(end)
+
+
+def test_heights_end_with_the_stretch() -> None:
+    stretch = StableSegment(2, SegmentEnd(0.2), SegmentEnd(0.6, "fold", 1e-12, True), (0.2, 0.4, 0.6), (1.0, 3.0, 4.0))
+    assert stretch.amplitude(0.3) == pytest.approx(2.0)
+    assert math.isnan(stretch.amplitude(0.61))
+    assert segment_of(SettledMotion(0.3, np.zeros(1), 0, 2, 2.01), [stretch], 4.0) == 0
+    assert segment_of(SettledMotion(0.3, np.zeros(1), 0, 1, 2.0), [stretch], 4.0) is None
+    assert segment_of(SettledMotion(0.3, np.zeros(1), 0, 1, 2.0), [stretch], 4.0, base=2) == 0
+    assert segment_of(SettledMotion(0.3, np.zeros(1), 0, 2, 3.0), [stretch], 4.0) is None
+    assert str(stretch) == "period 2, stable from 0.2 (followed no further) to 0.6 (fold, residual 1e-12)"
+
+
+def test_a_stretch_that_was_followed_twice_or_is_next_to_nothing_is_left_out() -> None:
+    seen = swept(logistic, np.linspace(2.5, 2.9, 9), 0.3, 3000, False, period)
+    branches = surveyed(logistic, seen, 2.5, 2.9)
+    assert len(stable_segments([*branches, *branches], 2.5, 2.9)) == len(branches) == 1
+    assert stable_segments(branches, 2.5, 2.5 + 1e5) == []

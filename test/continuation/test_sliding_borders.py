@@ -11,8 +11,9 @@ from piecewise import Piecewise
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.motions import ContinuationPlan, continue_motions
 from tcc_sim.continuation.palc import corrector
+from tcc_sim.continuation.problem import Margin
 from tcc_sim.continuation.settings import Settings
-from tcc_sim.continuation.sliding import differ
+from tcc_sim.continuation.sliding import differ, kind_of_change, ring
 from tcc_sim.continuation.special_points import special_points_between
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
@@ -198,3 +199,27 @@ def test_a_branch_leaves_the_border_at_which_its_two_pieces_meet():
     (item,) = [f for f in branch.bifurcations if f.kind == "grazing_sliding" and f.value < 49.2]
     there = replace(system, {OMEGA: item.value})
     assert abs(margin_by_scipy(item.kind, there, item.point.orbit.section, 1, closes=1e-6)) < 1e-7
+
+
+def test_sequences_are_rings() -> None:
+    assert ring("S+S") == ring("+S") == ring("+S+")
+    assert not differ("S+S-S", "-S+S-")
+    assert differ("S+S", "S+S+S")
+    assert ring("") == ""
+    assert ring("S") == "S"
+
+
+@pytest.mark.parametrize(("before", "after", "kind"), [
+    ("S", "S+S", "stick_border"), ("S-S+S", "S", "stick_border"),
+    ("+", "+S+", "grazing_sliding"), ("S+S-", "S+S+S-", "adding_sliding"),
+    ("S+-S", "S+S-S", "crossing_sliding"), ("S+S", "S+-S", "switching_sliding"),
+    ("-", "-S-S-", "grazing_sliding"), ("+-", "+S-S", "crossing_sliding"),
+])
+def test_the_change_of_a_sequence_names_its_kind(before: str, after: str, kind: str) -> None:
+    assert kind_of_change(before, after, ({}, {})) == kind
+    assert kind_of_change(after, before, ({}, {})) == kind
+
+
+def test_the_smallest_margin_decides_where_several_events_change() -> None:
+    near = {name: Margin(size, np.zeros(2)) for name, size in (("grazing", 1e-9), ("arrival", 0.2), ("stick", 0.3))}
+    assert kind_of_change("+S-", "+S-S+S-S+-", (near, {})) == "grazing_sliding"
