@@ -12,7 +12,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from tcc_sim.continuation.palc import FLAT, Equations, Solution, corrector
+from tcc_sim.continuation.palc import FLAT, Equations, Solution, corrector, oriented
 from tcc_sim.continuation.problem import Floats
 from tcc_sim.continuation.settings import DEFAULTS
 from tcc_sim.errors import NumericalFailure
@@ -31,6 +31,10 @@ class CurvePoint(Described):
     def moved(self: P, solution: Solution, by_amplitude: bool = True) -> P:
         """The point of another solution of the same equations."""
         return replace(self, solution=solution, by_amplitude=by_amplitude)
+
+    def turned(self: P) -> P:
+        """The point with its tangent reversed."""
+        return replace(self, solution=oriented(self.solution, -self.solution.sign))
 
 
 P = TypeVar("P", bound=CurvePoint)

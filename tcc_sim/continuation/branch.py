@@ -24,7 +24,6 @@ from tcc_sim.continuation.special_points import (
     period_doubling_end,
     point_at,
     special_points_between,
-    turned,
 )
 from tcc_sim.result import Described, reported, reporting
 
@@ -237,7 +236,7 @@ def branch_through(first: ContinuationPoint, origin: BranchOrigin = START, numbe
     began : the end it starts at, where only one way is followed
     keep : takes the branch, also its part up to Ctrl-C
     """
-    tracks = [BranchTrack(start) for start in ((first, turned(first)) if both else (first,))]
+    tracks = [BranchTrack(start) for start in ((first, first.turned()) if both else (first,))]
     ahead, behind = tracks[0], tracks[-1]
     try:
         for track in tracks:
@@ -249,7 +248,7 @@ def branch_through(first: ContinuationPoint, origin: BranchOrigin = START, numbe
     finally:
         points, found = ahead.points, ahead.special
         if both:
-            nodes = [turned(s) for s in behind.points[:0:-1]]
+            nodes = [s.turned() for s in behind.points[:0:-1]]
             points = nodes + points
             found = [*((len(nodes) - 1 - after, f) for after, f in reversed(behind.special)),
                      *((len(nodes) + after, f) for after, f in found)]

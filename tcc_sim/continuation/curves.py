@@ -27,7 +27,7 @@ from tcc_sim.continuation.codim2_points import (
     values_of_tests,
 )
 from tcc_sim.continuation.follow import Bounds, Continuation, End, StopReason
-from tcc_sim.continuation.palc import corrector, null_direction, oriented, solution_at
+from tcc_sim.continuation.palc import corrector, null_direction, solution_at
 from tcc_sim.continuation.problem import FAILURES, Floats, ParameterMap
 from tcc_sim.continuation.settings import DEFAULTS, Settings
 from tcc_sim.continuation.shooting import Linearised, ParameterRange
@@ -218,7 +218,7 @@ def start_of_curve(equations: MinimallyAugmented) -> AugmentedPoint:
 def facing(point: P, forward: bool) -> P:
     """The point with the tangent along which the second parameter grows, or falls."""
     growing = float(parameters(point, point.solution.tangent)[1]) > 0.0
-    return point if growing == forward else point.moved(oriented(point.solution, -point.solution.sign))
+    return point if growing == forward else point.turned()
 
 
 class Border:

@@ -24,7 +24,7 @@ from tcc_sim.continuation.bordered import (
 )
 from tcc_sim.continuation.bracket import Bracket, CurvePoint, turned_round
 from tcc_sim.continuation.newton import Orbit, OrbitState, orbit_at
-from tcc_sim.continuation.palc import Solution, oriented, solution_at, tangent_of
+from tcc_sim.continuation.palc import Solution, solution_at, tangent_of
 from tcc_sim.continuation.problem import FAILURES, Margins
 from tcc_sim.continuation.settings import DEFAULTS
 from tcc_sim.continuation.shooting import Shooting
@@ -60,11 +60,6 @@ class ContinuationPoint(CurvePoint):
     def moved(self, solution: Solution, by_amplitude: bool = True) -> ContinuationPoint:
         """The point of another solution of the same equations."""
         return replace(point_at(self.equations, solution), by_amplitude=by_amplitude)
-
-
-def turned(point: ContinuationPoint) -> ContinuationPoint:
-    """The point with its tangent reversed."""
-    return replace(point, solution=oriented(point.solution, -point.solution.sign))
 
 
 @dataclass(frozen=True, repr=False)

@@ -177,12 +177,6 @@ def refuse_parts(free: Mapping[str, object], friction: Friction) -> None:
                              f"{CURVE} instead")
 
 
-def _law(friction: Friction, v: Floats) -> Floats:
-    """Return mu of a scene at slip speeds."""
-    shares, rates = np.array(exponentials(friction.stribeck)).reshape(-1, 2).T
-    return np.asarray(friction.kinetic * (1.0 + np.exp(-np.outer(v, rates)) @ shares))
-
-
 def _visited(v: Floats, speed: Floats, friction: Friction) -> NDArray[np.bool_]:
     """Return whether enough samples slip near each slip speed v (m,), for samples of `speed` (n,), rad/s."""
     slips = np.sort(speed[speed > math.atanh(0.99) / friction.smoothing])
@@ -224,5 +218,7 @@ def curve_of(keys: tuple[str, ...], values: Floats, covariance: Floats, slip: Fl
     width = math.sqrt(chi2.ppf(0.95, len(places)))
     out = np.full((3, len(v)), np.nan)
     out[:, visited] = mu[visited] + width * error * np.array([[0.0], [-1.0], [1.0]])
+    shares, rates = np.array(exponentials(friction.stribeck)).reshape(-1, 2).T
+    scene = np.asarray(friction.kinetic * (1.0 + np.exp(-np.outer(v, rates)) @ shares))
     return IdentifiedCurve(v, out[0], out[1], out[2], visited, constant, tuple(constant * numbers[:, 0]),
-                           tuple(numbers[:, 1]), _law(friction, v))
+                           tuple(numbers[:, 1]), scene)

@@ -104,11 +104,9 @@ def read_recording(path: Path) -> tuple[Measurement, Scene]:
         raise InputError(f"{path}: the scene changed while it ran; identification needs one scene")
     _check_still(path, states.output_speed)
     scene = parse_scene(recorded.scene_text, str(path))
-    inputs = {}
-    if scene.system.engine.source == "topic":
-        inputs["engine_torque"] = _held(states.engine_torque)
-    if scene.system.pressure.source == "topic" and states.applied_pressure is not None:
-        inputs["actuation_pressure"] = _held(states.applied_pressure)
+    applied = {"engine_torque": states.engine_torque if scene.system.engine.source == "topic" else None,
+               "actuation_pressure": states.applied_pressure if scene.system.pressure.source == "topic" else None}
+    inputs = {name: np.append(column[1:], column[-1]) for name, column in applied.items() if column is not None}
     channels = {"slip_speed": states.flywheel_speed - states.plate_speed, "plate_speed": states.plate_speed}
     return Measurement(states.stamp_ns.astype(np.float64) * 1e-9, channels, inputs, str(path), HOLDS[0]), scene
 
@@ -118,11 +116,6 @@ def _check_still(path: Path, speed: Floats | None) -> None:
     if speed is not None and np.nan_to_num(speed).any():
         raise InputError(f"{path}: the far end of the shaft moved (output_speed up to "
                          f"{np.nanmax(np.abs(speed)):.4g} rad/s); identification needs one at rest")
-
-
-def _held(applied: Floats) -> Floats:
-    """Return the values held from each sample on, from those applied up to it."""
-    return np.append(applied[1:], applied[-1])
 
 
 def noise_of(signal: Floats) -> float:

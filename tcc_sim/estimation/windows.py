@@ -80,7 +80,9 @@ class Model:
         curve = {k: float(v) for k, v in zip(self.keys, values) if k.startswith(CURVE)}
         offsets = {OFFSETS[k]: float(v) for k, v in zip(self.keys, values) if k in OFFSETS}
         try:
-            system = replace(self.system, named | (of_constant(curve[CONSTANT]) if curve else {}))
+            # Friction of a curve is its constant times a shape, which `terms` have.
+            alone = {STATIC: curve[CONSTANT], KINETIC: curve[CONSTANT], **dict.fromkeys(TABLE, ())} if curve else {}
+            system = replace(self.system, named | alone)
         except InputError as error:
             raise NumericalFailure(str(error)) from None
         inputs, by = self.measured.inputs, np.zeros((len(NUMBERS), len(self.keys)))
@@ -129,11 +131,6 @@ class Model:
             return math.ceil(DEFAULTS.spare * substeps(terms, self.measured.step, most))
         except InputError as error:
             raise NumericalFailure(str(error)) from None
-
-
-def of_constant(coefficient: float) -> dict[str, object]:
-    """Return scene values of a coefficient that does not depend on slip speed."""
-    return {STATIC: coefficient, KINETIC: coefficient, **dict.fromkeys(TABLE, ())}
 
 
 def states_of(model: Model, starts: Floats, width: int, values: Floats, n: int) -> Floats:

@@ -320,9 +320,10 @@ def test_an_axis_is_a_key_and_its_values(axis: object) -> None:
 
 def test_a_plane_may_be_given_by_keys_and_values() -> None:
     """The labels are those of the axes for any type of sequence."""
-    first, = basins("stick", [Axis("initial.slip_speed", (0.0, 50.0)), Axis("initial.plate_angle", (0.0, 0.1))], jobs=1)
+    axes = [Axis("initial.slip_speed", (0.0, 50.0)), Axis("initial.plate_angle", (0.0, 0.1))]
+    first, = basins(COEXISTENCE, axes, jobs=1)
     plane = [("initial.slip_speed", np.array([0, 50])), ("initial.plate_angle", [0.0, 0.1])]
-    second, = basins("stick", plane, jobs=1)  # type: ignore[arg-type]
+    second, = basins(COEXISTENCE, plane, jobs=1)  # type: ignore[arg-type]
     assert np.array_equal(first.labels, second.labels)
     assert second.plane == first.plane
     with pytest.raises(InputError, match="0 cells"):
