@@ -115,7 +115,7 @@ class MinimallyAugmented(Bordered):
         given = shooting.settings
         self.settings = replace(given, correct_tolerance=given.curve_tolerance, residual=given.curve_tolerance,
                                 regrowth=given.curve_regrowth, largest_step=min(given.largest_step, given.curve_step))
-        self.ranges, self.first_parameter, self.coarse = shooting.ranges, shooting.size, self
+        self.ranges, self.size, self.coarse = shooting.ranges, shooting.size, self
         self.outer = shooting.outer
         self.turning, self.unknowns = kind == "neimark_sacker", shooting.size + len(shooting.ranges)
         # The period of a fold may halve, in a generalised doubling.

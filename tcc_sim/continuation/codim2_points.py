@@ -220,7 +220,7 @@ def midway(kind: str, a: AugmentedPoint, b: AugmentedPoint, is_located: bool) ->
 
 def parameters(point: CurvePoint, vector: NDArray[np.floating[Any]]) -> Floats:
     """The two parameters in a vector of unknowns."""
-    first = point.equations.first_parameter
+    first = point.equations.size
     out: Any = vector[first:first + 2]
     return out  # type: ignore[no-any-return]
 

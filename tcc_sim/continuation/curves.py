@@ -226,7 +226,7 @@ class Border:
 
     rounding: ClassVar[float] = 1e-12
     settings: ClassVar[Settings] = DEFAULTS
-    first_parameter: ClassVar[int] = 0
+    size: ClassVar[int] = 0
 
     def __init__(self, margin: Callable[[float, float], float], ranges: Ranges) -> None:
         self.margin, self.ranges, self.coarse = margin, ranges, self

@@ -31,21 +31,18 @@ class DrivelineMap:
         A key that is no number, that only says where a solution starts, or that would make the excitation aperiodic.
     """
 
-    dimension = 3
-    amplitude_scale = 10.0
+    dimension, scales, amplitude_scale, divisible = 3, SCALES, 10.0, True
 
     def __init__(self, system: System, keys: Sequence[str], tolerance: float = SETTINGS.solver_tolerance) -> None:
         system.check_repeats("a map of the section")
         for key in keys:
             _check_key(system, key, keys)
         self.system, self.keys, self.tolerance = system, tuple(keys), tolerance
-        self.scales = SCALES
         self.piecewise = system.friction.law == "set_valued"
         self.forcing_period = common_cycles(system)
         if self.forcing_period == 0:
             raise InputError(f"pressure.frequency_ratio is {system.pressure.frequency_ratio:g}; periodic motions need "
                              "a ratio of whole numbers up to 1000")
-        self.divisible = True
         self._made: tuple[Values, System] | None = None
         self._prepared: tuple[Values, Prepared] | None = None
         self._last: tuple[Any, Image] | None = None

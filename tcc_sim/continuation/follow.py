@@ -112,7 +112,7 @@ class Continuation(Generic[P, S]):
             what: str = "") -> End:
         """An end at a point (the last one by default), named by the parameter of this number."""
         at = self.here if point is None else point
-        spans, first = at.equations.ranges, at.equations.first_parameter
+        spans, first = at.equations.ranges, at.equations.size
         span, scaled = spans[number], at.solution.z[first:first + len(spans)][number]
         return End(reason, span.name, span.value(float(scaled)), limit, what.replace("_", " "))
 
@@ -142,7 +142,7 @@ class Continuation(Generic[P, S]):
                     special, self.stop = self.lost()
                     self.note(special)
                 continue
-            first = new.equations.first_parameter
+            first = new.equations.size
             inside = corner or edge is not None or all(
                 low <= new.solution.z[first + k] <= high for k, low, high in self.bounds)
             self.stop = self.unresolved(new) if inside and not corner else None
@@ -240,7 +240,7 @@ class Continuation(Generic[P, S]):
         """
         here, settings, solution = self.here, self.settings, self.here.solution
         for number, low, high in self.bounds:
-            k = here.equations.first_parameter + number
+            k = here.equations.size + number
             slope = float(solution.tangent[k])
             bound = high if slope > 0.0 else low
             room = bound - float(solution.z[k])

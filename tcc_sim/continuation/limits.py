@@ -65,7 +65,7 @@ def limit_of(found: Bifurcation, smoothed: ParameterMap, set_valued: ParameterMa
         return Limit(None, why=f"of the smoothing: there is none beyond {most}")
     # Parameter, and state at phase 0 in natural sizes.
     places = np.array([[span.value(float(u[n])), *u[:smoothed.dimension]]
-                       for u, n in ((s.solution.z, s.equations.first_parameter) for s in trace)])
+                       for u, n in ((s.solution.z, s.equations.size) for s in trace)])
     extrapolated = _extrapolated(smoothness, places, settings)
     if extrapolated is None:
         return Limit(None, why=f"not found: the curve of the bifurcation was lost at {most}")
@@ -102,7 +102,7 @@ def _traced(found: Bifurcation, smoothed: ParameterMap, span: ParameterRange,
 
 def smoothness_at(point: AugmentedPoint) -> float:
     """The scene's smoothing factor over that of a point."""
-    return float(point.solution.z[point.equations.first_parameter + 1])
+    return float(point.solution.z[point.equations.size + 1])
 
 
 def _extrapolated(smoothness: Floats, places: Floats, settings: Settings) -> tuple[Floats, Floats] | None:

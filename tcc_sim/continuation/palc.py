@@ -38,8 +38,8 @@ class Equations(Protocol):
         """The free parameters."""
 
     @property
-    def first_parameter(self) -> int:
-        """Number of the unknown that is the first parameter."""
+    def size(self) -> int:
+        """Number of unknowns before the parameters."""
 
     def outer(self, vector: Floats) -> Floats:
         """The unknowns that do not depend on the segments: the first node, and those that are no nodes."""

@@ -100,13 +100,8 @@ class Shooting:
 
     @property
     def size(self) -> int:
-        """Number of equations."""
+        """Number of equations, and of unknowns before the parameters."""
         return len(self.segments) * self.map.dimension
-
-    @property
-    def first_parameter(self) -> int:
-        """Number of the unknown that is the first parameter."""
-        return self.size
 
     def outer(self, vector: Floats) -> Floats:
         """The unknowns of single shooting: the first node, and those that are no nodes."""
