@@ -46,9 +46,9 @@ class Special:
     @staticmethod
     def of(kind: str, point: AugmentedPoint, error: NDArray[np.floating[Any]], located: bool = True) -> Special:
         """The special point at a point with an error (P,) of the scaled parameters."""
-        wide = [abs(w.width(u)) for w, u in zip(point.equations.ranges, parameters(point, point.solution.z).tolist())]
-        return Special(kind, *parameter_values(point), *(width * float(e) for width, e in zip(wide, error)), located,
-                       point=point)
+        at = zip(point.equations.ranges, parameters(point, point.solution.z).tolist(), error)
+        one, two = (abs(w.width(u)) * float(e) for w, u, e in at)
+        return Special(kind, *parameter_values(point), one, two, located, point=point)
 
     def __str__(self) -> str:
         """In words."""
