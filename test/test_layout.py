@@ -48,7 +48,7 @@ HEAVY = ["numpy", "numba", "scipy", "yaml", "mcap", "zstandard", "lz4", "rclpy",
          "tqdm"]
 GROWING = ["analysis.stream.RunCycles", "benchmarks.precision_report.StudiedScene", "benchmarks.references.Law",
            "continuation.branch.Branch", "continuation.motions.Motions",
-           "paper.evidence.Evidence", "paper.stable_motions.StableMotions", "recording.contents.Contents",
+           "paper.branches_behind.StableMotions", "paper.evidence.Evidence", "recording.contents.Contents",
            "recording.mcap_file.FileSummary",
            "recording.records.RecordStream", "recording.stamps._Run", "recording.stamps.StampCounter"]
 """Dataclasses that are not frozen."""

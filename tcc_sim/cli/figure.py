@@ -107,7 +107,7 @@ def _write(number: int, stem: Path, options: FigureOptions, draw: Callable[[Figu
     write_json(stem.with_suffix(".json"), document("figure", data, figure_system(number, options), words))
     drawn = draw(data, stem)
     say(f"{stem.with_suffix('.png')}  {data.seconds:.1f} s", flush=True)
-    for curve in data.numbers.curves if data.kind in SWEPT else ():
+    for curve in data.curves if data.kind in SWEPT else ():
         for sentence in curve.behind.left_out if curve.behind is not None else ():
             say(f"  {plain(curve.label) or curve.direction}: {sentence}", flush=True)
     return drawn

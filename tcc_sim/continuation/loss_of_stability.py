@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -17,6 +17,7 @@ from tcc_sim.continuation.diagram import SettledMotion, amplitude_of, doubled, p
 from tcc_sim.continuation.follow import StopReason
 from tcc_sim.continuation.settings import DEFAULTS
 from tcc_sim.continuation.special_points import Bifurcation, ContinuationPoint
+from tcc_sim.result import reported
 
 BASIN, STEEP, APERIODIC, NOT_FOLLOWED = "basin_boundary", "steep", "aperiodic", "not_followed"
 """Causes that are no bifurcation of a branch: a motion goes on, and the start enters another basin; one motion that
@@ -29,14 +30,15 @@ class SegmentEnd:
     """End of a segment.
 
     value : of the parameter
-    kind, residual : of the bifurcation; empty at the end of the range, or where the branch could not be followed
+    kind, residual : of the bifurcation; None at the end of the range, or where the branch could not be followed
     jumps : whether a motion leaves the branch here: at a fold, and at a doubling whose doubled motions are unstable
     """
 
-    value: float
-    kind: str = ""
-    residual: float = 0.0
-    jumps: bool = False
+    value: float = field(metadata=reported("place on the axis"))
+    kind: str | None = field(default=None, metadata=reported(
+        "bifurcation; null where the motion was followed to there only"))
+    residual: float | None = field(default=None, metadata=reported("residual of the bifurcation"))
+    jumps: bool = field(default=False, metadata=reported("whether a motion that comes here goes elsewhere"))
 
     def __str__(self) -> str:
         """The end in words."""
@@ -48,9 +50,9 @@ class SegmentEnd:
 class StableSegment:
     """Stable motions of one branch, with a period in cycles, over an interval of the parameter; `values` ascend."""
 
-    period: int
-    low: SegmentEnd
-    high: SegmentEnd
+    period: int = field(metadata=reported("period of the motion", "periods of excitation"))
+    low: SegmentEnd = field(metadata=reported("lower end"))
+    high: SegmentEnd = field(metadata=reported("upper end"))
     values: tuple[float, ...]
     amplitudes: tuple[float, ...]
     branch: int = 0

@@ -15,11 +15,11 @@ import yaml
 from tcc_sim.errors import counted
 from tcc_sim.output.tables import escape, markdown_table, text
 from tcc_sim.paper import rules
+from tcc_sim.paper.branches_behind import StableMotions
 from tcc_sim.paper.claims_methods import MethodClaims
 from tcc_sim.paper.claims_stick import SlipClaims
 from tcc_sim.paper.evidence import LATER, T
 from tcc_sim.paper.rules import CONFIRMED, DEPENDS, NOT_CONFIRMED, Claim, Finding
-from tcc_sim.paper.stable_motions import StableMotions
 from tcc_sim.result import Described, json_of, reported, reporting
 
 

@@ -9,25 +9,14 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from tcc_sim.errors import counted
+from tcc_sim.paper import rules
+from tcc_sim.paper.branches_behind import WAYS, Motion
 from tcc_sim.paper.catalogue import SUPER_HARMONICS
 from tcc_sim.paper.evidence import T, with_kinetic
-from tcc_sim.paper.rules import (
-    AXIS,
-    FINER,
-    FRICTION_RATIOS,
-    LOW,
-    PARTED,
-    WIDE,
-    Measured,
-    Rules,
-    grow,
-    more_than_anywhere,
-    rows,
-)
-from tcc_sim.paper.stable_motions import WAYS, Motion
+from tcc_sim.paper.rules import AXIS, FINER, LOW, Measured, Rules, grow, rows
 from tcc_sim.trajectory import Floats
 
-FALLING = dict(zip(FRICTION_RATIOS[1:], rows(4)[1:]))
+FALLING = dict(zip(rules.FRICTION_RATIOS[1:], rows(4)[1:]))
 """Rows of mu_k < mu_s in Fig. 4, by mu_k/mu_s."""
 NAMED = {f"{m:.3f}": m for m in SUPER_HARMONICS}
 HIGHER_JUMPS = {"0.25": 0.25, "0.35": 0.35}
@@ -45,7 +34,7 @@ def about(place: float, width: float = T.near) -> Floats:
 
 def around(mark: float) -> Floats:
     """Return frequency ratios around a super-harmonic, wide enough for sweeps to reach the motions that end there."""
-    return np.round(np.linspace(mark - WIDE, mark + WIDE, 21), 6)
+    return np.round(np.linspace(mark - rules.WIDE, mark + rules.WIDE, 21), 6)
 
 
 def nearest(places: Sequence[float], mark: float) -> float | None:
@@ -62,7 +51,7 @@ class JumpClaims(Rules):
         def count(x: float) -> int:
             return sum(bool((np.abs(np.array(row) - x) <= self.limit("near")).any()) for row in places)
 
-        return more_than_anywhere(count, NAMED, "curves of nine near", values,
+        return rules.more_than_anywhere(count, NAMED, "curves of nine near", values,
                                   "near {} there are no more of them than near any ratio", motions)
 
     def jump_places(self, ratio: float) -> list[float]:
@@ -80,7 +69,7 @@ class JumpClaims(Rules):
     def peaks_of(self, way: str = "cold") -> dict[str, list[float]]:
         """Return the prominent maxima of Fig. 4 for every mu_k/mu_s, omega/omega_n."""
         return {f"{r:g}": self.prominent_maxima(FINER, values)
-                for r, values in zip(FRICTION_RATIOS, self.figure(4, way=way).maxima)}
+                for r, values in zip(rules.FRICTION_RATIOS, self.figure(4, way=way).maxima)}
 
     def super_harmonic_peaks(self) -> Measured:
         peaks = [self.peaks_of(way) for way in WAYS]
@@ -99,7 +88,7 @@ class JumpClaims(Rules):
                              if any(abs(x - end) <= self.limit("close") for end in met)])
                 left += met
             motions += [m for mark in SUPER_HARMONICS for m in self.motions(f"mu_k = {r:g} mu_s", row, around(mark))
-                        if any(end.jumps and end.value in left for end in (m.low, m.high))]
+                        if any(end.jumps and end.value in left for end in (m.stretch.low, m.stretch.high))]
         return self.curves_near_named(both, {
             "nearest end in a jump": {name: nearest(left, m) for name, m in NAMED.items()},
             "jumps from (13)": {f"{r:g}": self.jump_places(r) for r in FALLING}}, motions)
@@ -160,7 +149,8 @@ class JumpClaims(Rules):
         return Measured((whole, part), values, not ends, self.motions("psi = 0", row, near))
 
     def severity_follows_abruptness(self) -> Measured:
-        jumps = [(abs(size), self.beside(row, x, -PARTED, PARTED)) for _, row, x, size in self.figure(14).jumps()]
+        jumps = [(abs(size), self.beside(row, x, -rules.PARTED, rules.PARTED))
+                 for _, row, x, size in self.figure(14).jumps()]
         severity = [max(APERIODIC if m.period == 0 else float(m.period) for m in beside) for _, beside in jumps]
         sizes, largest = [size for size, _ in jumps], [max(m.largest for m in beside) for _, beside in jumps]
         abrupt, large = (float(spearmanr(severity, x).statistic) if len(set(severity)) > 1 and len(set(x)) > 1 else 0.0
@@ -174,7 +164,7 @@ class JumpClaims(Rules):
         row, = curve.rows.values()
         periods, jumps = curve.periods[0], [x for _, _, x, _ in curve.jumps()]
         motions = [m for place in jumps for m in self.motions("psi = pi", row, about(place, 0.01))]
-        met = [end for m in motions if m.from_start for end in (m.low, m.high) if end.kind]
+        met = [end for m in motions if m.from_start for end in (m.stretch.low, m.stretch.high) if end.kind]
         share = float((periods == 1).mean())
         smooth = share == 1.0 and not jumps
         return Measured((smooth, not met and share > 0.5),

@@ -11,14 +11,15 @@ from tcc_sim.analysis.damping import slope_of_friction
 from tcc_sim.analysis.periodicity import periodicity
 from tcc_sim.errors import NumericalFailure
 from tcc_sim.model import friction, harmonic_balance
+from tcc_sim.paper.branches_behind import SMOOTHING
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, paper_system
 from tcc_sim.paper.claims_periods import MISMATCHED, PeriodClaims, actuated
 from tcc_sim.paper.evidence import CYCLES, DISCARD, FREQUENCY, Values, rms_apart, two_digits, with_kinetic
 from tcc_sim.paper.rules import AXIS, Measured, denominator, grow, rows
-from tcc_sim.paper.stable_motions import SMOOTHING
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.comparison.runge_kutta import rk4_limit
 from tcc_sim.solvers.terms import terms_of
+from tcc_sim.sweeps.sweep import Sweep
 
 APART = 0.02
 """Root mean square difference, relative to the largest slip speed, of two different curves."""
@@ -207,9 +208,10 @@ class MethodClaims(PeriodClaims):
                         "Newton's method did not end, or the series is another motion")
 
     def fifty_suffice(self) -> Measured:
-        found = {str(n): [float(np.mean([p is not None and p.summary is not None and p.summary.settled
-                                         for p in sweep.points])) for sweep in self.curves(rows(n), AXIS)]
-                 for n in (4, 8, 10, 11, *range(13, 19))}
+        def settled(sweep: Sweep) -> float:
+            return float(np.mean([p is not None and p.summary is not None and p.summary.settled for p in sweep.points]))
+
+        found = {str(n): list(map(settled, self.curves(rows(n), AXIS))) for n in (4, 8, 10, 11, *range(13, 19))}
         parts = [x for row in found.values() for x in row]
         return Measured(parts, {"settled part, by figure and curve": found}, f"{100.0 * (1.0 - max(parts)):.0f} to "
                         f"{100.0 * (1.0 - min(parts)):.0f} % of the points of a curve have not settled by then")

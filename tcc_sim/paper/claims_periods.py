@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.continuation.loss_of_stability import StableSegment
+from tcc_sim.paper.branches_behind import WAYS
 from tcc_sim.paper.catalogue import OMEGA_N, PRESSURE, SECTION_CYCLES, STATIC
 from tcc_sim.paper.claims_jumps import HIGHER_JUMPS, JumpClaims
 from tcc_sim.paper.evidence import CYCLES, FREQUENCY, KINETIC, Values, share_where, with_kinetic
 from tcc_sim.paper.rules import AXIS, FINER, Measured, denominator, more_than_anywhere, rows
-from tcc_sim.paper.stable_motions import WAYS
 from tcc_sim.trajectory import Floats
 
 MISMATCHED = {"1/2": 0.5, "2/1": 2.0, "2/3": 2.0 / 3.0, "4/3": 4.0 / 3.0}

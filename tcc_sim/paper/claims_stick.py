@@ -10,10 +10,10 @@ import numpy as np
 
 from tcc_sim.model import pure_slip, pure_stick
 from tcc_sim.model.parameters import System, replace
+from tcc_sim.paper.branches_behind import Motion, ordered_shares
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, PRESSURE, paper_system, plain
 from tcc_sim.paper.evidence import FREQUENCY, Values, first_half, share_where, sticks, two_digits
 from tcc_sim.paper.rules import AXIS, FRICTION_RATIOS, HIGH, LOW, Measured, Rules, grow, place_of_change, rows
-from tcc_sim.paper.stable_motions import Motion, ordered_shares
 from tcc_sim.solvers import solve
 
 LAWS = ("smoothed", "set_valued")
@@ -212,7 +212,7 @@ class SlipClaims(Rules):
         self.stretches(list(different.values()), AXIS[HIGH])
         motions = [m for ratio, row in different.items()
                    for m in self.motions(f"omega_f = {ratio} omega", row, AXIS[HIGH])]
-        alone = any(end.jumps for m in motions for end in (m.low, m.high))
+        alone = any(end.jumps for m in motions for end in (m.stretch.low, m.stretch.high))
         return Measured([over["1.000"], *parts.values()],
                         {"above Tsp = 0, for omega_f/omega": over, "highest of its figure": parts},
                         ("" if alone else "no stable motion ends in a jump, so the start does not matter; ")

@@ -43,7 +43,7 @@ def draw(data: Figure, stem: Path, title: str = "", width: float = style.PAGE) -
     with style.figure(width, _height(data, wide) + more) as drawn:
         extra = [] if data.law == "smoothed" or data.kind in ("law", "solvers") else ["set-valued law"]
         if data.kind in ("map", "damping"):
-            directions = {curve.direction for curve in data.numbers.curves}
+            directions = {curve.direction for curve in data.curves}
             extra += [DIRECTIONS[d][0] for d in sorted(directions)] if directions != {"cold"} else []
         note = f" ({', '.join(extra)})" if extra else ""
         words = title or f"Fig. {data.figure}. {data.title}{note}"
@@ -61,11 +61,10 @@ def caption_of(data: Figure, width: float = style.PAGE) -> str:
     """Return the caption: parameters, and numbers of cycles and section points."""
     parts = data.caption.replace("\n", " ").split("; ")
     if data.kind in SWEPT:
-        found = data.numbers
-        most = max(len(points or ()) for curve in found.curves for points in curve.theta2)
-        parts += [f"{found.cycles} periods of excitation, the first {found.discarded} dropped",
+        most = max(len(points or ()) for curve in data.curves for points in curve.theta2)
+        parts += [f"{data.cycles} periods of excitation, the first {data.discarded} dropped",
                   rf"$\delta_2$ at $t = 2\pi n/\omega$ over the last {most}"]
-        if any(mark is panels.SETTLING for mark in panels.marks_met(found.curves)):
+        if any(mark is panels.SETTLING for mark in panels.marks_met(data.curves)):
             parts.append("grey: still settling to a period")
     if style.wide(width):
         return ";\n".join(_lines(parts, "; ", WIDEST))
@@ -120,7 +119,7 @@ def legend_of_marks(axis: Any, curves: Sequence[Labelled]) -> None:
 
 def _paint_map(drawn: Any, data: Figure) -> None:
     """Draw maxima and orbit diagrams of every curve in shared ranges, over the other curves or its branches, pale."""
-    curves, x = data.numbers.curves, data.numbers.x
+    curves, x = data.curves, data.x
     branched, wide, count = curves[0].behind is not None, style.wide(drawn.get_figwidth()), len(curves)
     if branched:
         top, beyond = panels.top_of(curves)
@@ -143,7 +142,7 @@ def _paint_map(drawn: Any, data: Figure) -> None:
         colour = style.CYCLE[k]
         if branched:
             _points(left, x, curve, colour)
-            panels.draw_branches(left, curve, data.numbers.unit, colour)
+            panels.draw_branches(left, curve, data.unit, colour)
         else:
             for other in curves:
                 left.plot(x, panels.bounded(other), color=style.GREY, linewidth=0.4, alpha=0.45, zorder=1)
@@ -165,9 +164,9 @@ def _paint_map(drawn: Any, data: Figure) -> None:
         axis.locator_params(axis="x", nbins=6 if named else 3)
     maxima[0].set_ylim(0.0, top)
     for curve, left in zip(curves, maxima if branched else ()):
-        panels.label_jumps(left, [curve], data.numbers.unit, [style.INK])
+        panels.label_jumps(left, [curve], data.unit, [style.INK])
     for axis in (maxima[-1], orbits[-1]):
-        axis.set_xlabel(panels.AXES[data.numbers.axis])
+        axis.set_xlabel(panels.AXES[data.axis])
     room = panels.room_above(curves[:1]) if branched else 6.0 if wide else 13.0
     titles = ("(a) maximum slip speed", "(b) orbit diagrams") if named else (f"(a) {MAXIMUM}", f"(b) {SECTION}")
     for axis, title in zip((maxima[0], orbits[0]), titles):
@@ -194,13 +193,13 @@ def _points(axis: Any, x: Sequence[float], curve: Labelled, colour: str) -> None
 
 def _paint_damping(drawn: Any, data: Figure) -> None:
     """Draw both readings of (21) above the maxima and the orbit diagram."""
-    curve, x = data.numbers.curves[0], np.array(data.numbers.x)
+    curve, x = data.curves[0], np.array(data.x)
     damping, maxima, orbit = drawn.subplots(3, 1, sharex=True, height_ratios=(1.2, 0.8, 1.0))
     weighted, negative = numbers(curve.equivalent_damping or []), numbers(curve.negative_slope_mean or [])
     damping.plot(x, weighted, color=style.GREEN, label=r"$C_f$ of (21) as printed")
     damping.plot(x, negative, color=style.BLUE, label=r"time mean of min($\partial T/\partial\dot\delta_1$, 0)")
-    damping.axhline(data.numbers.threshold, color=style.RED, linewidth=0.8, linestyle=(0, (4, 2)))
-    damping.annotate(r"$-C_{23}$", (1.005, data.numbers.threshold), xycoords=("axes fraction", "data"), color=style.RED,
+    damping.axhline(data.threshold, color=style.RED, linewidth=0.8, linestyle=(0, (4, 2)))
+    damping.annotate(r"$-C_{23}$", (1.005, data.threshold), xycoords=("axes fraction", "data"), color=style.RED,
                      va="center")
     damping.set_ylabel("damping (N m s/rad)")
     damping.set_ylim(top=2.6)
@@ -211,20 +210,20 @@ def _paint_damping(drawn: Any, data: Figure) -> None:
     close.locator_params(nbins=4)
     close.tick_params(labelsize=5.5)
     style.legend_above(damping)
-    draw_curve_maxima(maxima, data.numbers.x, curve, style.BLUE)
+    draw_curve_maxima(maxima, data.x, curve, style.BLUE)
     maxima.lines[0].set_label("_")
     legend_of_marks(maxima, [curve])
     style.legend_above(maxima)
     maxima.set_ylabel(MAXIMUM)
     maxima.set_ylim(bottom=0.0)
-    draw_orbit(orbit, data.numbers.x, curve, style.BLUE)
-    orbit.set(ylabel=SECTION, xlabel=panels.AXES[data.numbers.axis], xlim=(x[0], x[-1]))
+    draw_orbit(orbit, data.x, curve, style.BLUE)
+    orbit.set(ylabel=SECTION, xlabel=panels.AXES[data.axis], xlim=(x[0], x[-1]))
     style.panel_titles((damping, maxima, orbit), ["equivalent damping", "maximum slip speed", "orbit diagram"])
 
 
 def _paint_orbit(drawn: Any, data: Figure) -> None:
     """Draw one orbit diagram per direction, and one for both continued sweeps."""
-    curves, x = data.numbers.curves, data.numbers.x
+    curves, x = data.curves, data.x
     shown = [[c] for c in curves if c.direction == "cold"] + [[c for c in curves if c.direction != "cold"]]
     shown = [p for p in shown if p]
     branched = curves[0].behind is not None
@@ -250,17 +249,17 @@ def _paint_orbit(drawn: Any, data: Figure) -> None:
     for axis in axes[:-1]:
         axis.tick_params(labelbottom=False)
     titles = ["every value by itself" if p[0].direction == "cold" else "continued" for p in shown]
-    axes[-1].set_xlabel(panels.AXES[data.numbers.axis])
+    axes[-1].set_xlabel(panels.AXES[data.axis])
     axes[-1].set_xlim(x[0], x[-1])
     if branched:
         colours = [DIRECTIONS[c.direction][1] for c in curves]
         for curve, colour in zip(curves, colours):
             _points(axes[-1], x, curve, colour)
-        panels.draw_branches(axes[-1], curves[0], data.numbers.unit, style.INK)
+        panels.draw_branches(axes[-1], curves[0], data.unit, style.INK)
         top, beyond = panels.top_of(curves)
         axes[-1].set_ylim(0.0, top)
         axes[-1].set_ylabel(MAXIMUM)
-        panels.label_jumps(axes[-1], curves, data.numbers.unit, colours)
+        panels.label_jumps(axes[-1], curves, data.unit, colours)
         panels.legend_of(drawn.add_subplot(grid[-1]), curves[:1], curves, beyond)
         titles.append("branches behind both")
     style.panel_titles(axes, titles)
@@ -279,14 +278,12 @@ def shade_slipping_away(axis: Any, x: Sequence[float], data: Figure) -> None:
 
 def _height(data: Figure, wide: bool) -> float:
     """Return the height of the picture without its caption, inch."""
-    kind, numbers = data.kind, data.numbers
-    count = len(numbers.curves if numbers.panels is None else numbers.panels)
-    branched = kind in ("map", "orbit") and numbers.curves[0].behind is not None
-    if kind == "orbit":
-        return (3.0 if len({c.direction == "cold" for c in numbers.curves}) == 1 else 5.0) + 3.4 * branched
-    page, column, _ = KINDS["branched map" if branched else kind]
+    branched = data.kind in ("map", "orbit") and data.curves[0].behind is not None
+    if data.kind == "orbit":
+        return (3.0 if len({c.direction == "cold" for c in data.curves}) == 1 else 5.0) + 3.4 * branched
+    page, column, _ = KINDS["branched map" if branched else data.kind]
     base, each = page if wide else column
-    return base + each * count
+    return base + each * len(data.curves if data.panels is None else data.panels)
 
 
 Painter = Callable[[Any, Figure], None]
@@ -310,6 +307,5 @@ def draw_stored(path: Path, values: Record, title: str, width: float) -> Path:
         vars(part).update({name: np.nan for name in ("peak_slip_speed", "first_half")
                            if name in part and part[name] is None})
         vars(part)["behind"] = part if part.branches is not None else None
-    vars(values)["numbers"] = values
     draw(values, path, title, width)  # type: ignore[arg-type]
     return path

@@ -151,10 +151,6 @@ class Evidence:
         """Return the motions from (13) at some distances from a frequency ratio."""
         return [self.motion({**row, FREQUENCY: (ratio + d) * OMEGA_N}, lyapunov=lyapunov) for d in distances]
 
-    def maximum(self, row: Values, ratio: float) -> float:
-        """Return the largest slip speed at one frequency ratio; NaN if it could not be solved."""
-        return self.motion({**row, FREQUENCY: ratio * OMEGA_N}).largest
-
     def periods(self, sweep: Sweep) -> NDArray[np.int64]:
         """Return (n,) periods of the settled motions, as in `ColdStartMotion`."""
         return np.array([period_of(found) for found in self._settled_in(sweep)], dtype=np.int64)
@@ -219,7 +215,7 @@ class Evidence:
             first = abs(fb - fa)
             for _ in range(BISECTIONS):
                 middle = 0.5 * (a + b)
-                fm = self.maximum(row, middle)
+                fm = self.beside(row, middle, 0.0)[0].largest
                 if abs(fm - fa) >= abs(fb - fm):
                     b, fb = middle, fm
                 else:

@@ -117,9 +117,17 @@ class Labelled:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Numbers:
-    """All numbers of a figure: axis, curves and panels, or None."""
+class Figure(Described):
+    """Numbers of one figure with its title and caption; numbers that its kind lacks are None."""
 
+    figure: int = field(metadata=reported("number in the paper"))
+    kind: str = field(metadata=reported("kind of the figure, on which its other fields depend"))
+    title: str = field(metadata=reported("title in our words"))
+    caption: str = field(metadata=reported("caption in our words"))
+    law: str = field(metadata=reported("friction law"))
+    quick: bool = field(metadata=reported("whether it has a quarter of the values"))
+    parameters: Mapping[str, Any] = field(metadata=reported("scene keys that all of its curves share", "{*}"))
+    marks: Sequence[float] = field(metadata=reported("places on the axis that the text names"))
     over: Any = field(default=None, metadata=asked("scene key of the axis"))
     axis: Any = field(default=None, metadata=asked("name of the axis"))
     x: Any = field(default=None, metadata=asked("values on the axis"))
@@ -134,19 +142,4 @@ class Numbers:
     panels: Any = field(default=None, metadata=asked("time histories", of=(Labelled,)))
     steady: Any = field(default=None, metadata=asked("steady state of each law from (13)", of=(Labelled,)))
     steady_cycles: Any = field(default=None, metadata=asked("number of periods of excitation before a steady state"))
-
-
-@dataclass(frozen=True)
-class Figure(Described):
-    """Numbers of one figure with its title and caption."""
-
-    figure: int = field(metadata=reported("number in the paper"))
-    kind: str = field(metadata=reported("kind of the figure, on which its other fields depend"))
-    title: str = field(metadata=reported("title in our words"))
-    caption: str = field(metadata=reported("caption in our words"))
-    law: str = field(metadata=reported("friction law"))
-    quick: bool = field(metadata=reported("whether it has a quarter of the values"))
-    parameters: Mapping[str, Any] = field(metadata=reported("scene keys that all of its curves share", "{*}"))
-    marks: Sequence[float] = field(metadata=reported("places on the axis that the text names"))
-    numbers: Numbers = field(metadata=reported("the numbers of its kind", spread=True))
     seconds: float = field(metadata=reported("computing time", "s"))

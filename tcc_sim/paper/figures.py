@@ -14,21 +14,10 @@ from tcc_sim.errors import InputError
 from tcc_sim.model import friction
 from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.model.quantity import Value
+from tcc_sim.paper import catalogue
 from tcc_sim.paper import figure_results as results
 from tcc_sim.paper.branches_behind import motions_behind, motions_behind_each, orbit_behind
-from tcc_sim.paper.catalogue import (
-    BRANCHED,
-    FIGURES,
-    NORMALISED,
-    QUICK_SHARE,
-    SECTION_CYCLES,
-    STATIC,
-    SWEPT,
-    FigureOptions,
-    PaperFigure,
-    paper_system,
-    series_system,
-)
+from tcc_sim.paper.catalogue import FIGURES, SWEPT, FigureOptions, PaperFigure, paper_system, series_system
 from tcc_sim.paper.evidence import JUMP, first_half, rms_apart, steep, swept
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import terms_of
@@ -78,10 +67,12 @@ def figure_data(number: int, options: FigureOptions) -> results.Figure:
         raise InputError(f"figure {number} has no numbers; the figures are {min(FIGURES)} to {max(FIGURES)}")
     row = FIGURES[number]
     began = time.perf_counter()
-    common = {key: value for key, value in values_of(figure_system(number, options)) if key not in _varied(row)}
-    numbers = KINDS[row.kind](row, options)
-    return results.Figure(number, row.kind, row.title, row.caption, options.law, options.quick, common, row.marks,
-                          numbers, time.perf_counter() - began)
+    varied = {key for series in row.series for key in series.values} if len(row.series) > 1 else set()
+    varied |= {row.over} if row.kind in SWEPT else set()
+    common = {key: value for key, value in values_of(figure_system(number, options)) if key not in varied}
+    return results.Figure(figure=number, kind=row.kind, title=row.title, caption=row.caption, law=options.law,
+                          quick=options.quick, parameters=common, marks=row.marks, **KINDS[row.kind](row, options),
+                          seconds=time.perf_counter() - began)
 
 
 def figure_system(number: int, options: FigureOptions) -> System:
@@ -89,17 +80,11 @@ def figure_system(number: int, options: FigureOptions) -> System:
     return series_system(FIGURES[number].series[0], options)
 
 
-def _varied(row: PaperFigure) -> set[str]:
-    """Return the keys that differ between the curves or along them."""
-    keys = {key for series in row.series for key in series.values} if len(row.series) > 1 else set()
-    return keys | ({row.over} if row.kind in SWEPT else set())
-
-
-def _over_axis(row: PaperFigure, options: FigureOptions) -> results.Numbers:
+def _over_axis(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
     """Compute a map, Fig. 5, or Fig. 6, which is also continued up and down if the options have no direction."""
-    count = (row.count - 1) // QUICK_SHARE + 1 if options.quick else row.count
-    (name, unit), ratios = NORMALISED[row.over], np.linspace(*row.span, count)
-    values = np.minimum(ratios * unit, STATIC) if unit == STATIC else ratios * unit
+    count = (row.count - 1) // catalogue.QUICK_SHARE + 1 if options.quick else row.count
+    (name, unit), ratios = catalogue.NORMALISED[row.over], np.linspace(*row.span, count)
+    values = np.minimum(ratios * unit, catalogue.STATIC) if unit == catalogue.STATIC else ratios * unit
     wanted = [Curve(series_system(s, options), row.over, tuple(values.tolist())) for s in row.series]
     own = ("cold", "up", "down") if row.kind == "orbit" else ("cold",)
     plans = [Plan(cycles=100 if options.quick else 150, discard=50, direction=direction, section_points=SECTION_POINTS,
@@ -108,16 +93,16 @@ def _over_axis(row: PaperFigure, options: FigureOptions) -> results.Numbers:
     others = [coexisting(sweep, options.jobs) if row.kind == "map" and sweep.plan.direction == "cold" else None
               for sweep in sweeps]
     behind: Sequence[results.MotionsBehind | None] = [None] * len(sweeps)
-    if options.branches and row.kind in BRANCHED:
+    if options.branches and row.kind in catalogue.BRANCHED:
         behind = motions_behind(sweeps, options.progress) if row.kind == "orbit" else motions_behind_each(
             sweeps, options.jobs, options.progress)
     curves = [results.Labelled(label=series.label, values=series.values, direction=sweep.plan.direction,
                                coexisting=other, behind=found,
                                **{name: column for name, column in sweep.lists.items() if name in COLUMNS})
               for series, sweep, other, found in zip(row.series * len(plans), sweeps, others, behind)]
-    return results.Numbers(over=row.over, axis=name, x=ratios.tolist(), unit=unit, cycles=plans[0].most, discarded=50,
-                           threshold=-paper_system().driveline.damping if row.kind == "damping" else None,
-                           curves=curves)
+    return {"over": row.over, "axis": name, "x": ratios.tolist(), "unit": unit, "cycles": plans[0].most,
+            "discarded": 50, "threshold": -paper_system().driveline.damping if row.kind == "damping" else None,
+            "curves": curves}
 
 
 def coexisting(sweep: Sweep, jobs: int | None = None) -> list[results.Coexisting]:
@@ -160,7 +145,7 @@ def stands_out(values: np.ndarray, k: int, least: float) -> bool:
     return bool(left * right > 0.0 and min(abs(left), abs(right)) > least)
 
 
-def _law(row: PaperFigure, options: FigureOptions) -> results.Numbers:
+def _law(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
     """Compute Fig. 3: the smoothed law, also near 0, its slope, and the set-valued law."""
     curves = []
     v = np.linspace(-2.0, 2.0, 2001)
@@ -175,7 +160,7 @@ def _law(row: PaperFigure, options: FigureOptions) -> results.Numbers:
             label=series.label, values=series.values, coefficient=wide[0], slope=wide[1], near_coefficient=close[0],
             near_slope=close[1], near_set_valued=sliding, peak_slip_speed=peak, peak=height,
             static=1.0 + (terms.stribeck[0] if terms.stribeck else 0.0)))
-    return results.Numbers(slip_speed=v, near_slip_speed=near, curves=curves)
+    return {"slip_speed": v, "near_slip_speed": near, "curves": curves}
 
 
 def _run_in(system: System, more: int, cycles: int = RUN_IN, samples: int = SAMPLES) -> tuple[Trajectory, Trajectory]:
@@ -191,7 +176,7 @@ def _time(run: Trajectory) -> Floats:
     return found
 
 
-def _panels(row: PaperFigure, options: FigureOptions) -> results.Numbers:
+def _panels(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
     """Compute the time histories of Figs. 7, 9 and 12, with the sections of Fig. 7 and the orbits of Fig. 12."""
     cycles, columns = SHOWN[row.kind]
     panels = []
@@ -208,21 +193,21 @@ def _panels(row: PaperFigure, options: FigureOptions) -> results.Numbers:
                 system, before.final, RUN_IN, found.period, found.max_slip_speed) if options.branches else None}
         panels.append(results.Labelled(label=series.label, values=series.values, t=_time(after), **more,
                                        **{name: getattr(after, name) for name in columns}))
-    return results.Numbers(panels=panels)
+    return {"panels": panels}
 
 
 def _section(system: System, before: Trajectory, period: int, options: FigureOptions) -> dict[str, Any]:
     """Return the points of the section and, for a motion without period under law (7), the largest exponent."""
     if period:
         return {"section": before.solved_cycles.section[-period:, 1:]}
-    many = SECTION_CYCLES // (QUICK_SHARE if options.quick else 1)
+    many = catalogue.SECTION_CYCLES // (catalogue.QUICK_SHARE if options.quick else 1)
     further = solve(system, cycles=many, start_cycle=RUN_IN, state=before.final).raise_for_status()
     return {"section": further.solved_cycles.section[1:, 1:],
             "lyapunov": largest_lyapunov_exponent(system, before.final, cycles=many, start_cycle=RUN_IN)
             if options.law == "smoothed" else None}
 
 
-def _solvers(row: PaperFigure, options: FigureOptions) -> results.Numbers:
+def _solvers(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
     """Compute Fig. 2: cycles by each solver from the steady motion of law (7), and steady motions from (13)."""
     system = paper_system(row.series[0].values)
     begin = QUICK_STEADY_CYCLES if options.quick else STEADY_CYCLES
@@ -244,9 +229,9 @@ def _solvers(row: PaperFigure, options: FigureOptions) -> results.Numbers:
         curves.append(results.Labelled(
             solver=solver, label=label, status=run.status.value, seconds=seconds, t=_time(run),
             slip_speed=run.slip_speed, friction_torque=run.friction_torque, rms_difference=apart))
-    return results.Numbers(cycle=system.cycle, curves=curves, steady=steady, steady_cycles=begin)
+    return {"cycle": system.cycle, "curves": curves, "steady": steady, "steady_cycles": begin}
 
 
-KINDS: dict[str, Callable[[PaperFigure, FigureOptions], Any]] = {
+KINDS: dict[str, Callable[[PaperFigure, FigureOptions], dict[str, Any]]] = {
     **dict.fromkeys(SWEPT, _over_axis), **dict.fromkeys(SHOWN, _panels), "law": _law, "solvers": _solvers}
 """Function that computes each kind of figure."""

@@ -28,7 +28,7 @@ def paint_histories(drawn: Any, data: Figure) -> None:
 
     The sections lie in stick, where the slip speed is 0.
     """
-    panels = data.numbers.panels
+    panels = data.panels
     axes = _rows_of_three(drawn, len(panels))
     for letter, row, panel in zip("abc", axes, panels):
         speed, angle, section = row
@@ -86,7 +86,7 @@ def _diagnosis(panel: Labelled) -> str:
 
 def paint_delay(drawn: Any, data: Figure) -> None:
     """Draw Fig. 9: slip speed with positive slip shaded, and the engine torque above it."""
-    wide, panels = style.wide(drawn.get_figwidth()), data.numbers.panels
+    wide, panels = style.wide(drawn.get_figwidth()), data.panels
     grid = drawn.subplots(2, 2, sharex=True) if wide else drawn.subplots(len(panels), 1, sharex=True)
     for k, (axis, panel) in enumerate(zip(grid.ravel(), panels)):
         t, v = panel.t, panel.slip_speed
@@ -107,7 +107,7 @@ def paint_delay(drawn: Any, data: Figure) -> None:
 
 def paint_actuation(drawn: Any, data: Figure) -> None:
     """Draw Fig. 12: slip speed, engine and saturation torque, with the start of every engine cycle."""
-    panels = data.numbers.panels
+    panels = data.panels
     axes = drawn.subplots(len(panels), 1, sharex=True, sharey=True)
     for letter, axis, panel in zip("abc", axes, panels):
         t = panel.t
@@ -136,9 +136,8 @@ def orbit_words(panel: Labelled) -> str:
 def paint_solvers(drawn: Any, data: Figure) -> None:
     """Draw Fig. 2: slip speed by every solver from one state, their divergence, and steady motions from (13)."""
     whole, close, steady = drawn.subplots(3, 1)
-    numbers, wide = data.numbers, style.wide(drawn.get_figwidth())
-    period, first = numbers.cycle, numbers.curves[0]
-    for curve in numbers.curves:
+    wide, period, first = style.wide(drawn.get_figwidth()), data.cycle, data.curves[0]
+    for curve in data.curves:
         difference = curve.rms_difference
         label = curve.label + (f" ({difference:.1e})" if np.isfinite(difference) and curve.solver != "smoothed" else "")
         for axis in (whole, close):
@@ -154,20 +153,20 @@ def paint_solvers(drawn: Any, data: Figure) -> None:
     whole.legend(loc="lower right", bbox_to_anchor=(1.0, 1.02), ncols=3 if wide else 1, fontsize=6.8, title=words,
                  title_fontsize=6.8)
     style.panel_titles((whole, close, steady), [
-        "from one state", "leaving stick", f"steady state of each law from (13), after {numbers.steady_cycles} cycles"])
-    for row, look in zip(numbers.steady, LOOKS_OF_LAWS):
+        "from one state", "leaving stick", f"steady state of each law from (13), after {data.steady_cycles} cycles"])
+    for row, look in zip(data.steady, LOOKS_OF_LAWS):
         steady.plot(row.t, row.slip_speed, **look,
                     label=f"{row.label}: period {row.period}, {speed(row.max_slip_speed, 4)}")
-    steady.set(ylabel=SLIP, xlabel=CYCLES, xlim=(0.0, numbers.steady[0].t[-1]))
-    steady.set_ylim(top=(1.4 if wide else 1.9) * max(row.max_slip_speed for row in numbers.steady))
+    steady.set(ylabel=SLIP, xlabel=CYCLES, xlim=(0.0, data.steady[0].t[-1]))
+    steady.set_ylim(top=(1.4 if wide else 1.9) * max(row.max_slip_speed for row in data.steady))
     steady.legend(loc="upper center", ncols=3 if wide else 1, fontsize=6.5)
 
 
 def paint_law(drawn: Any, data: Figure) -> None:
     """Draw Fig. 3: law, zoom, slope."""
     wide, near, slope = drawn.subplots(1, 3) if style.wide(drawn.get_figwidth()) else drawn.subplots(3, 1)
-    v, close = data.numbers.slip_speed, data.numbers.near_slip_speed
-    for colour, curve in zip(style.CYCLE, data.numbers.curves):
+    v, close = data.slip_speed, data.near_slip_speed
+    for colour, curve in zip(style.CYCLE, data.curves):
         wide.plot(v, curve.coefficient, color=colour, label=curve.label)
         near.plot(close, curve.near_coefficient, color=colour)
         near.plot(close, curve.near_set_valued, color=colour, **SET_VALUED)

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from tcc_sim.paper.branches_behind import Motion, StableMotions
 from tcc_sim.paper.catalogue import FIGURES, plain
 from tcc_sim.paper.evidence import T, Values, share_where, sticks
-from tcc_sim.paper.stable_motions import Motion, StableMotions
 from tcc_sim.result import json_of, reported
 from tcc_sim.sweeps.sweep import Sweep
 from tcc_sim.trajectory import Floats

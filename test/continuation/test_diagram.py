@@ -216,7 +216,7 @@ def test_both_stretches_of_a_hysteresis_end_in_its_folds() -> None:
     found = stable_segments(bifurcation_diagram(Lifted(hysteresis, 1), ParameterRange(-1.0, 1.0, name="p"), seen), -1.0,
                             1.0, 2.0)
     lower, upper = sorted(found, key=lambda s: s.low.value)
-    assert (lower.low.value, lower.low.kind, lower.low.jumps) == (pytest.approx(-0.5), "", False)
+    assert (lower.low.value, lower.low.kind, lower.low.jumps) == (pytest.approx(-0.5), None, False)
     assert (lower.high.kind, lower.high.jumps, lower.high.value) == ("fold", True, pytest.approx(0.5 * FOLD, abs=1e-9))
     assert (upper.low.kind, upper.low.value) == ("fold", pytest.approx(-0.5 * FOLD, abs=1e-9))
     assert upper.high.value == pytest.approx(0.5)

@@ -125,7 +125,7 @@ def motions_page(branches: Figure, basins: Basins, beside: Sequence[str] = ()) -
 
 def _summary(branches: Figure, basins: Basins) -> list[str]:
     """Summary, a line for each part."""
-    curves = branches.numbers.curves
+    curves = branches.curves
     followed = behind(curves[:1])
     periods = sorted({b["period"] for b in followed.branches})
     causes = Counter(jump.cause for jump in behind(curves).jumps)
@@ -142,7 +142,7 @@ def _summary(branches: Figure, basins: Basins) -> list[str]:
 
 def _branches(data: Figure) -> list[str]:
     """Branches with their ends and bifurcations."""
-    found, unit = behind(data.numbers.curves[:1]), data.numbers.unit
+    found, unit = behind(data.curves[:1]), data.unit
     lines = ["| period | mu\\_k/mu\\_s | stable points | ends | bifurcations |", "| ---: | --- | ---: | --- | --- |"]
     for k, branch in enumerate(found.branches):
         ends = "; ".join(f"{ENDINGS.get(reason, LOST)}, {branch['value'][end] / unit:.6f}"
@@ -157,8 +157,8 @@ def _branches(data: Figure) -> list[str]:
 
 def _jumps(data: Figure) -> list[str]:
     """The jumps of the sweeps by cause and place, with the sweeps that have them."""
-    unit, places = data.numbers.unit, dict[tuple[str, str], list[str]]()
-    for swept in data.numbers.curves:
+    unit, places = data.unit, dict[tuple[str, str], list[str]]()
+    for swept in data.curves:
         for jump in behind([swept]).jumps:
             at = places.setdefault((jump.cause, f"{jump.value / unit:.6f}"), [])
             at += [WAYS[swept.direction]] * (WAYS[swept.direction] not in at)

@@ -15,7 +15,7 @@ from tcc_sim.model.parameters import System
 from tcc_sim.paper.catalogue import OMEGA_N, STATIC, paper_system
 from tcc_sim.paper.claims import CLAIMS, PaperEvidence
 from tcc_sim.paper.evidence import KINETIC, ColdStartMotion
-from tcc_sim.paper.figure_results import Figure, Labelled, Numbers
+from tcc_sim.paper.figure_results import Figure, Labelled
 from tcc_sim.sweeps.exponents import Lyapunov
 from tcc_sim.sweeps.results import Point
 from tcc_sim.sweeps.steady_state import Start
@@ -85,7 +85,7 @@ def stretch(low: float, high: float, period: int = 1, height: float = 10.0, begi
             ends: str = "") -> StableSegment:
     """A stable motion from `low` to `high` with the bifurcations at its ends; a kind with "jump " is a jump."""
     def end(value: float, kind: str) -> SegmentEnd:
-        return SegmentEnd(value, kind.removeprefix("jump "), 1e-12 if kind else 0.0, kind.startswith("jump"))
+        return SegmentEnd(value, kind.removeprefix("jump ") or None, 1e-12 if kind else None, kind.startswith("jump"))
 
     return StableSegment(period, end(low, begins), end(high, ends), (low, high), (height, height))
 
@@ -104,13 +104,14 @@ def figure_of(kind: str, numbers: Any, number: int = 4, law: str = "smoothed", t
               caption: str = "a caption") -> Figure:
     keys = {"engine.mean_torque": 300.0, "friction.static_coefficient": 0.3, "pressure.mean": 225e3,
             "clutch.area": 0.08, "clutch.radius": 0.1}
-    return Figure(number, kind, title, caption, law, True, keys, [0.3], numbers, 0.0)
+    return Figure(figure=number, kind=kind, title=title, caption=caption, law=law, quick=True, parameters=keys,
+                  marks=[0.3], seconds=0.0, **numbers)
 
 
-def curves_of(curves: Sequence[Labelled]) -> Numbers:
+def curves_of(curves: Sequence[Labelled]) -> dict[str, Any]:
     x = np.linspace(0.05, 0.5, 11).tolist()
-    return Numbers(over="engine.frequency", axis="omega/omega_n", x=x, unit=OMEGA_N, cycles=100, discarded=50,
-                   curves=curves)
+    return {"over": "engine.frequency", "axis": "omega/omega_n", "x": x, "unit": OMEGA_N, "cycles": 100,
+            "discarded": 50, "curves": curves}
 
 
 def law_of(row: Any) -> str:

@@ -15,10 +15,10 @@ from given import rows
 from tcc_sim.cli import main
 from tcc_sim.output.tables import escape, markdown_table
 from tcc_sim.paper import claims
+from tcc_sim.paper.branches_behind import StableMotions
 from tcc_sim.paper.catalogue import OMEGA_N, paper_system
 from tcc_sim.paper.evidence import Evidence, T, share_where
 from tcc_sim.paper.rules import CONFIRMED, DEPENDS, NOT_CONFIRMED, Claim, Finding, Measured, holds, shares
-from tcc_sim.paper.stable_motions import StableMotions
 from tcc_sim.result import json_of
 
 PAGE = Path(__file__).resolve().parents[2] / ".github" / "paper" / "claims.md"

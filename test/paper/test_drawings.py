@@ -9,7 +9,7 @@ import pytest
 from given import curve_of, curves_of, figure_of
 
 from tcc_sim.paper.catalogue import FIGURES
-from tcc_sim.paper.figure_results import Coexisting, Labelled, Numbers, Reached
+from tcc_sim.paper.figure_results import Coexisting, Labelled, Reached
 
 pytest.importorskip("matplotlib")
 
@@ -87,7 +87,7 @@ def test_the_panels_of_figure_7_share_ranges_and_show_the_plate_in_the_section()
                              slip_speed=np.array([0.0, size]), plate_angle=np.array([0.0, size]))
                     for size in (1.0, 4.0))
     with style.figure() as drawn:
-        histories.paint_histories(drawn, figure_of("histories", Numbers(panels=[small, large])))
+        histories.paint_histories(drawn, figure_of("histories", {"panels": [small, large]}))
         for column in range(3):
             one, other = drawn.axes[column::3]
             assert (one.get_xlim(), one.get_ylim()) == (other.get_xlim(), other.get_ylim())
@@ -104,11 +104,11 @@ def test_the_torques_of_figures_9_and_12_are_in_the_picture() -> None:
                      engine_torque=torque)
     late = Labelled(label="a", first_half=0.5, t=t, slip_speed=slip, engine_torque=torque, state=np.array([0, 1, 0]))
     with style.figure() as drawn:
-        histories.paint_actuation(drawn, figure_of("actuation", Numbers(panels=[panel] * 2)))
+        histories.paint_actuation(drawn, figure_of("actuation", {"panels": [panel] * 2}))
         lines = [line.get_ydata().tolist() for axis in drawn.axes for line in axis.lines]
         assert lines.count([3.0, 4.0, 5.0]) == lines.count([6.0, 7.0, 8.0]) == 2
     with style.figure() as drawn:
-        histories.paint_delay(drawn, figure_of("delay", Numbers(panels=[late] * 4)))
+        histories.paint_delay(drawn, figure_of("delay", {"panels": [late] * 4}))
         torques = [axis for axis in drawn.axes for line in axis.lines if line.get_ydata().tolist() == [3.0, 4.0, 5.0]]
         shaded = [axis for axis in drawn.axes if axis.collections]
         # Matplotlib draws axes of one order as they were made: first the shading, then the torque.

@@ -12,7 +12,7 @@ import pytest
 from given import curve_of, curves_of, figure_of
 
 from tcc_sim.paper import drawings, histories
-from tcc_sim.paper.figure_results import Labelled, Numbers
+from tcc_sim.paper.figure_results import Labelled
 from tcc_sim.sweeps.exponents import Lyapunov
 from tcc_sim.views import style
 
@@ -50,7 +50,7 @@ def test_time_histories_name_their_lowest_axes_and_mark_every_cycle() -> None:
     late = Labelled(label="a", first_half=0.25, t=t, slip_speed=slip, engine_torque=torque, state=np.array([0, 1, 0]))
     load = Labelled(label="a", period=2, t=t, slip_speed=slip, saturation_torque=torque + 3.0, engine_torque=torque)
     with style.figure() as drawn:
-        histories.paint_histories(drawn, figure_of("histories", Numbers(panels=[panel, panel, none])))
+        histories.paint_histories(drawn, figure_of("histories", {"panels": [panel, panel, none]}))
         assert texts(drawn.axes, "xlabel") == 6 * [""] + 2 * [histories.CYCLES] + [r"$\delta_2$ (rad)"]
         assert [axis.get_title(loc="right") for axis in drawn.axes[2::3]] == [
             "period 2", "period 2", r"chaotic, $\lambda_1 = 2.0 \pm 0.5$ s$^{-1}$"]
@@ -59,13 +59,13 @@ def test_time_histories_name_their_lowest_axes_and_mark_every_cycle() -> None:
         assert points.get_markersize() > wild.get_markersize()
         assert {axis.get_xlim() for axis in drawn.axes[:2]} == {(0.0, 3.0)}
     with style.figure() as drawn:
-        histories.paint_delay(drawn, figure_of("delay", Numbers(
-            panels=[late, late, late, replace(late, first_half=math.nan)])))
+        histories.paint_delay(drawn, figure_of("delay", {
+            "panels": [late, late, late, replace(late, first_half=math.nan)]}))
         assert texts(drawn.axes[:4], "xlabel") == ["", "", histories.CYCLES, histories.CYCLES]
         assert [axis.get_title(loc="right") for axis in drawn.axes[2:4]] == ["25 % in first half cycle",
                                                                             "no positive slip"]
     with style.figure() as drawn:
-        histories.paint_actuation(drawn, figure_of("actuation", Numbers(panels=[load] * 2)))
+        histories.paint_actuation(drawn, figure_of("actuation", {"panels": [load] * 2}))
         assert [axis.get_xticks().tolist() for axis in drawn.axes[:2]] == [[0, 1, 2, 3]] * 2
         assert texts(drawn.axes[:2], "xlabel") == ["", histories.CYCLES]
 
@@ -75,7 +75,7 @@ def test_slip_away_is_shaded_up_to_where_the_clutch_holds_the_mean_torque() -> N
     for x, ends in (([0.5, 1.0], [(0.5, 300.0 / 540.0)]), ([0.6, 1.0], []), ([0.1, 0.5], [])):
         with style.figure() as drawn:
             axis = drawn.subplots()
-            drawings.shade_slipping_away(axis, x, figure_of("orbit", None))
+            drawings.shade_slipping_away(axis, x, figure_of("orbit", {}))
             assert [(p.get_x(), p.get_x() + p.get_width()) for p in axis.patches] == [pytest.approx(e) for e in ends]
             assert axis.get_legend_handles_labels()[1] == ["$T_{sm} < T_m$"] * len(ends)
             assert not axis.texts
@@ -102,13 +102,13 @@ def column_numbers(kind: str) -> Any:
                                 "runaway": [True] + [False] * 10, "label": r"$\mu_k = 0.667\mu_s$",
                                 "equivalent_damping": [-0.1] * 11, "negative_slope_mean": [-0.2] * 11}
         directions = {"map": ["cold"] * 4, "orbit": ["cold", "up", "down"], "damping": ["cold"]}[kind]
-        return replace(curves_of([curve_of([900.0, *range(10)], direction=name, **more) for name in directions]),
-                       threshold=-0.6)
+        return {**curves_of([curve_of([900.0, *range(10)], direction=name, **more) for name in directions]),
+                "threshold": -0.6}
     t, slip = np.array([0.0, 1.5, 3.0]), np.array([0.0, 30.0, 0.0])
     panel = Labelled(label="$\\omega/\\omega_n = 0.36$", t=t, slip_speed=slip, plate_angle=t, section=[(0.1, 5.0)],
                      engine_torque=t, saturation_torque=t, state=np.array([0, 1, 0]), first_half=0.25, period=0,
                      lyapunov=Lyapunov(2.0, 1.5, 2.5, 0.95, 100, "chaotic"))
-    return Numbers(panels=[panel] * (4 if kind == "delay" else 3))
+    return {"panels": [panel] * (4 if kind == "delay" else 3)}
 
 
 @pytest.mark.parametrize("kind", ["map", "orbit", "damping", "histories", "delay", "actuation"])

@@ -161,17 +161,17 @@ def test_figure_2_shows_where_each_law_settles(tmp_path: Path) -> None:
     """From (13): the paper's smoothing in period one, a sharper one and the set-valued law in period two."""
     data = figure_data(2, FigureOptions(quick=True))
     assert as_written(2, data, tmp_path)["kind"] == "solvers"
-    assert [(s.period, s.settled) for s in data.numbers.steady] == [(1, True), (2, True), (2, True)]
+    assert [(s.period, s.settled) for s in data.steady] == [(1, True), (2, True), (2, True)]
     # The first by SciPy over a cycle; the others are the motion of Fig. 2 nearly and exactly without smoothing.
     system = paper_system(FIGURES[2].series[0].values)
     law = Law(system)
-    run = solve_ivp(lambda t, y: law.rates(t, y, 3), (0.0, system.cycle), data.numbers.steady[0].final, method="Radau",
+    run = solve_ivp(lambda t, y: law.rates(t, y, 3), (0.0, system.cycle), data.steady[0].final, method="Radau",
                     rtol=1e-9, atol=1e-10, max_step=system.cycle / 400)
-    assert data.numbers.steady[0].max_slip_speed == pytest.approx(float(np.abs(run.y[0]).max()), rel=1e-4)
-    sharper, exact = (s.max_slip_speed for s in data.numbers.steady[1:])
+    assert data.steady[0].max_slip_speed == pytest.approx(float(np.abs(run.y[0]).max()), rel=1e-4)
+    sharper, exact = (s.max_slip_speed for s in data.steady[1:])
     assert sharper == pytest.approx(exact, rel=2e-3)
     # The solvers start on this motion: the first curve closes after its cycle.
-    v = data.numbers.curves[0].slip_speed
+    v = data.curves[0].slip_speed
     assert v[0] == pytest.approx(v[-1], abs=1e-4)
     for symbol in ("T_m", "T_p", r"\psi", r"\Omega_e"):
         assert symbol in data.caption
@@ -200,11 +200,11 @@ def test_figures_share_the_curves_that_they_have_in_common() -> None:
     second = figure_data(11, options)
     assert (len(swept), len(options.kept)) == (3, 5)
     assert all(options.kept[curve] is found for curve, found in swept.items())
-    assert first.numbers.curves[1].max_slip_speed == second.numbers.curves[1].max_slip_speed
+    assert first.curves[1].max_slip_speed == second.curves[1].max_slip_speed
 
 
 def test_the_periods_of_figure_12_are_those_of_35() -> None:
-    assert [p.period for p in figure_data(12, FigureOptions()).numbers.panels] == [2, 3, 3]
+    assert [p.period for p in figure_data(12, FigureOptions()).panels] == [2, 3, 3]
 
 
 def test_the_first_half_cycle_counts_the_way_slipped() -> None:
@@ -232,5 +232,5 @@ def test_wrong_figures_are_refused_in_one_line(words: list[str], tmp_path: Path,
 
 def test_an_orbit_over_the_friction_ratio_goes_in_all_directions_unless_told() -> None:
     quick = figure_data(6, FigureOptions(quick=True, law="set_valued", direction="down"))
-    assert [c.direction for c in quick.numbers.curves] == ["down"]
-    assert np.isfinite([x for x in quick.numbers.curves[0].max_slip_speed if x is not None]).all()
+    assert [c.direction for c in quick.curves] == ["down"]
+    assert np.isfinite([x for x in quick.curves[0].max_slip_speed if x is not None]).all()

@@ -10,12 +10,12 @@ import pytest
 from given import Given, record, stretch
 from oracle import smoothed_states
 
+from tcc_sim.paper.branches_behind import HIGHEST, LOWEST, StableMotions, ordered_shares
 from tcc_sim.paper.catalogue import FIGURES, paper_system
 from tcc_sim.paper.claims import CLAIMS, Verdict, claims_page
 from tcc_sim.paper.claims_periods import AT_036, covered_down_to
 from tcc_sim.paper.evidence import KINETIC, with_kinetic
 from tcc_sim.paper.rules import Finding
-from tcc_sim.paper.stable_motions import HIGHEST, LOWEST, StableMotions, ordered_shares
 from tcc_sim.result import json_of
 from tcc_sim.solvers import solve
 
@@ -28,7 +28,7 @@ def test_both_motions_at_036_with_the_fold_and_where_the_start_leads() -> None:
     evidence = StableMotions(1e-9, 1)
     (found,) = evidence.stretches([AT_036], AXIS, over=KINETIC)
     one, two = sorted(found, key=lambda s: s.period)
-    assert (one.low.kind, one.high.kind, one.low.value, one.high.value) == ("", "", pytest.approx(0.865),
+    assert (one.low.kind, one.high.kind, one.low.value, one.high.value) == (None, None, pytest.approx(0.865),
                                                                           pytest.approx(0.93))
     assert (two.period, two.high.kind, two.high.jumps) == (2, "fold", True)
     assert two.high.value == pytest.approx(FOLD, abs=1e-8)

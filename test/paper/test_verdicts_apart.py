@@ -134,7 +134,7 @@ def test_a_motion_that_has_not_settled_goes_on() -> None:
     assert kept.motion(row).period == 2
     assert sweep.plan == kept.plan(row)
     assert (sweep.plan.damping, sweep.plan.lyapunov) == (False, False)
-    assert kept.maximum(row, 150.0 / OMEGA_N) == kept.motion(row).largest
+    assert kept.beside(row, 150.0 / OMEGA_N, 0.0)[0] == kept.motion(row)
 
 
 def test_a_transient_of_slip_is_stick_once_it_has_settled() -> None:
@@ -184,9 +184,6 @@ def test_the_critical_frequency_is_where_the_curves_cross(off: float, verdict: s
 def test_a_jump_keeps_its_change_on_a_narrow_interval_and_a_steep_rise_does_not() -> None:
     class Curve(Given):
         jumps = Evidence.jumps
-
-        def maximum(self, row: Any, ratio: float) -> float:
-            return self.at(row, ratio, "cold").summary.max_slip_speed
 
     def slip(row: Any, x: float, direction: str) -> Any:
         return record(10.0 if x < 0.23 else 25.0 + 500.0 * min(max(x - 0.26, 0.0), 0.04))
