@@ -50,14 +50,9 @@ def behind(curves: Sequence[Labelled]) -> MotionsBehind:
                             for item in fields(MotionsBehind)})
 
 
-def named_jumps(curves: Sequence[Labelled]) -> bool:
-    """Return whether `label_jumps` writes labels above the axes."""
-    return any(jump.cause not in UNNAMED + UNSEEN for jump in behind(curves).jumps)
-
-
 def room_above(curves: Sequence[Labelled]) -> float:
-    """Return the height above the axes for the labels of `label_jumps` and a title, points."""
-    return 64.0 if named_jumps(curves) else 6.0
+    """Return the height above the axes for the labels of `label_jumps`, if there are any, and a title, points."""
+    return 64.0 if any(jump.cause not in UNNAMED + UNSEEN for jump in behind(curves).jumps) else 6.0
 
 
 def label_jumps(axis: Any, curves: Sequence[Labelled], unit: float, colours: Sequence[str]) -> None:
@@ -97,8 +92,7 @@ def spread(places: Sequence[float], least: float, low: float, high: float) -> li
                           for k in range(n + 1)) for n in range(count)])
     if count * least <= high - low:
         moved = np.clip(moved, low, high - least * max(count - 1, 0))
-    found: list[float] = (moved + steps).tolist()
-    return found
+    return [float(x) for x in moved + steps]
 
 
 def top_of(curves: Sequence[Labelled]) -> tuple[float, int]:
@@ -128,10 +122,9 @@ def legend_of(axis: Any, curves: Sequence[Labelled], swept: Sequence[Labelled], 
         rows.append({"label": f"({counted(beyond, 'point')} beyond the axes)", "linestyle": "none"})
     rows += [{"label": name, "marker": marker, "markersize": 3.2, "markeredgewidth": 0.0, "linestyle": "none"}
              for marker, name in (MARKS[kind] for kind in dict.fromkeys(f["kind"] for f in followed.bifurcations))]
-    if named_jumps(swept):
-        rows.append({"label": "jump, with its cause", "linewidth": 0.5})
-    if any(jump.cause in UNNAMED for jump in behind(swept).jumps):
-        rows.append({"label": "jump off the branches", **OFF_BRANCHES})
+    causes = {jump.cause for jump in behind(swept).jumps}
+    rows += [{"label": "jump, with its cause", "linewidth": 0.5}] * bool(causes.difference(UNNAMED, UNSEEN))
+    rows += [{"label": "jump off the branches", **OFF_BRANCHES}] * bool(causes.intersection(UNNAMED))
     axis.set_axis_off()
     handles = [axis.plot([], [], **{"color": style.INK, **row})[0] for row in rows]
     columns = 4 if style.wide(axis.figure.get_figwidth()) else 2

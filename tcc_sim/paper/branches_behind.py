@@ -130,12 +130,7 @@ def still_higher(sweep: Sweep, seen: Sequence[SettledMotion]) -> int:
 
 def surveyed(curve: Curve, seen: Sequence[SettledMotion], progress: bool = False,
              settings: Settings = SWEPT) -> list[Branch]:
-    """Follow the branches through motions along a curve, over the range of its values.
-
-    Parameters
-    ----------
-    progress : show a count of points on a terminal
-    """
+    """Follow the branches through motions along a curve, over its values; `progress` shows a count on a terminal."""
     of = DrivelineMap(curve.system, (curve.key,))
     with point_bar(progress) as tick:
         return bifurcation_diagram(of, ParameterRange(min(curve.values), max(curve.values), name=curve.key), seen, tick,
@@ -143,13 +138,7 @@ def surveyed(curve: Curve, seen: Sequence[SettledMotion], progress: bool = False
 
 
 def motions_behind(sweeps: Sequence[Sweep], progress: bool = False) -> list[MotionsBehind]:
-    """Return branches, bifurcations and jumps behind each of several sweeps of one system.
-
-    Parameters
-    ----------
-    sweeps : over the same values of one key, in different directions
-    progress : show a count of points on a terminal
-    """
+    """Return branches, bifurcations and jumps behind sweeps of one system over the same values of one key."""
     found = [seen_in(sweep) for sweep in sweeps]
     branches = surveyed(sweeps[0].curve, [s for row in found for s in row], progress)
     base = common_cycles(sweeps[0].curve.system)
@@ -164,11 +153,9 @@ def motions_behind(sweeps: Sequence[Sweep], progress: bool = False) -> list[Moti
             number = next((k for k, f in enumerate(bifurcations) if f is jump.found), None)
             jumps.append(JumpBehind(jump.value, (jump.low, jump.high), (jump.before, jump.after),
                                     "stick_border" if ends_stick else jump.cause, number))
-        higher, sentences = still_higher(sweep, row), left_out(row, branches, base)
-        if higher:
-            sentences.append(f"{higher} of {len(row)} points show a transient that outlasts the cycles that are "
-                             "dropped")
-        out.append(MotionsBehind(followed, special, jumps, sentences))
+        higher = still_higher(sweep, row)
+        transient = f"{higher} of {len(row)} points show a transient that outlasts the cycles that are dropped"
+        out.append(MotionsBehind(followed, special, jumps, left_out(row, branches, base) + [transient] * bool(higher)))
     return out
 
 
@@ -310,20 +297,17 @@ class StableMotions(Evidence):
         return list(self.known[name])
 
 
-def ordered_shares(found: Sequence[Sequence[Sequence[float]]], curve: int, where: Any,
-                   limits: tuple[float, float] = (0.05, 0.1), *, worst: bool = False) -> tuple[float, float]:
-    """Return the fractions of the slipping places at which one curve is the lowest (`worst`: the highest), for every
-    choice of a motion on each curve and for some choice.
+def highest_shares(found: Sequence[Sequence[Sequence[float]]], where: Any, negligible: float = 0.05,
+                   slipping: float = 0.1) -> tuple[float, float]:
+    """Return the fractions of the slipping places at which the first curve is the highest, for every choice of a motion
+    on each curve and for some choice.
 
     Parameters
     ----------
     found : largest slip speeds of all stable motions, per curve and place
-    limits : negligible difference, rad/s, and largest slip speed above which a curve slips
+    negligible, slipping : negligible difference, rad/s, and largest slip speed above which a curve slips
     """
-    sign, holds = -1.0 if worst else 1.0, list[tuple[bool, bool, bool]]()
-    for row in zip(*found):
-        own, *others = ([sign * h for h in r] for r in (row[curve], *row[:curve], *row[curve + 1:]))
-        holds.append((max(own) <= min(map(min, others)) + limits[0], min(own) <= min(map(max, others)) + limits[0],
-                      max(map(max, row)) > limits[1]))
-    every, some, moving = np.array(holds, dtype=bool).T
+    every, some, moving = np.array([
+        (min(own) >= max(map(max, others)) - negligible, max(own) >= max(map(min, others)) - negligible,
+         max(map(max, (own, *others))) > slipping) for own, *others in zip(*found)], dtype=bool).T
     return share_where(every, where & moving), share_where(some, where & moving)

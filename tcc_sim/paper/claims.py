@@ -52,10 +52,11 @@ def claims_in(rows: Mapping[str, Mapping[str, Any]]) -> list[Claim]:
         words = {key: text.format_map(phrases) if isinstance(text, str) else text for key, text in row.items()}
         criterion, = (rule(words[key], *(words[option] for option in options if option in row))
                       for key, (rule, *options) in RULES.items() if key in row)
+        labels = {key: text.format_map(phrases) for key, text in row.get("values", {}).items()}
         kind: dict[str, Any] = dict.fromkeys(row.get("kind", ()), True)
         figure, where = row["at"]
         found.append(Claim(figure, where, row["claim"], criterion, methodcaller(measure, **given), name,
-                           why=row.get("why", ""), **kind))
+                           why=row.get("why", ""), labels=labels, **kind))
     return found
 
 
@@ -116,27 +117,17 @@ class ClaimsReport(Described):
     complete: bool = field(metadata=reported("whether every claim was judged"))
 
 
-class FindingFile:
-    """File of findings, from which an interrupted run continues; a changed criterion is judged again."""
-
-    def __init__(self, path: Path | None) -> None:
-        self.path, self.found = path, dict[str, Finding]()
-        if path is not None and path.exists():
-            names = {item.name for item in fields(Finding)}
-            for row in map(json.loads, path.read_text(encoding="utf-8").splitlines()):
-                self.found[row["name"]] = Finding(**{k: v for k, v in row["finding"].items() if k in names})
-
-    def judged(self, row: Claim, evidence: StableMotions) -> Finding:
-        """Return the stored finding, or judge and store it."""
-        apart = [f"{item.name} {x:g}, " for item in fields(T) if (x := getattr(evidence.thresholds, item.name))
-                 != item.default]
-        name = f"{row.name} at {evidence.pressure:g} Pa, {''.join(apart)}rtol {evidence.rtol:g}: {row.criterion.words}"
-        if name not in self.found:
-            found = self.found[name] = row(evidence)
-            if self.path is not None:
-                with self.path.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps({"name": name, "finding": json_of(vars(found))}) + "\n")
-        return self.found[name]
+def _judged(row: Claim, evidence: StableMotions, stored: dict[str, Finding], path: Path | None) -> Finding:
+    """Return the stored finding on a claim, or judge and store it; a changed criterion is judged again."""
+    apart = [f"{item.name} {x:g}, " for item in fields(T) if (x := getattr(evidence.thresholds, item.name))
+             != item.default]
+    name = f"{row.name} at {evidence.pressure:g} Pa, {''.join(apart)}rtol {evidence.rtol:g}: {row.criterion.words}"
+    if name not in stored:
+        stored[name] = row(evidence)
+        if path is not None:
+            with path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps({"name": name, "finding": json_of(vars(stored[name]))}) + "\n")
+    return stored[name]
 
 
 def judge(claims: Sequence[Claim] = (), *, pressures: Sequence[float] = PRESSURES, kept: Path | None = None,
@@ -159,13 +150,17 @@ def judge(claims: Sequence[Claim] = (), *, pressures: Sequence[float] = PRESSURE
     NumericalFailure
         A motion that a verdict needs could not be solved.
     """
-    first, before, out = pressures[0], FindingFile(kept), []
+    first, out, known = pressures[0], list[Verdict](), {item.name for item in fields(Finding)}
+    lines = kept.read_text(encoding="utf-8").splitlines() if kept is not None and kept.exists() else []
+    stored = {found["name"]: Finding(**{k: v for k, v in found["finding"].items() if k in known})
+              for found in map(json.loads, lines)}
     every = {p: [PaperEvidence(TOLERANCE, jobs, progress, p)] for p in pressures}
     every[first].append(PaperEvidence(TIGHTER, jobs, progress, first, known=every[first][0].known))
     for row in claims or CLAIMS:
-        findings = {p: [before.judged(row, evidence) for evidence in every[p]]
+        findings = {p: [_judged(row, evidence, stored, kept) for evidence in every[p]]
                     for p in (pressures[:1] if row.alone else pressures)}
-        varied = {name: [before.judged(row, every[first][0].varied(name, factor)).verdict for factor in (0.5, 2.0)]
+        varied = {name: [_judged(row, every[first][0].varied(name, factor), stored, kept).verdict
+                         for factor in (0.5, 2.0)]
                   for name in findings[first][0].thresholds} if thresholds else {}
         verdict = Verdict(row, findings[first][1], {p: [f.verdict for f in at] for p, at in findings.items()}, varied)
         out.append(verdict)

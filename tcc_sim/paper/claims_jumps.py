@@ -11,14 +11,15 @@ from scipy.stats import spearmanr
 from tcc_sim.errors import counted
 from tcc_sim.paper import rules
 from tcc_sim.paper.branches_behind import WAYS, Motion
-from tcc_sim.paper.catalogue import SUPER_HARMONICS
+from tcc_sim.paper.catalogue import FIGURES
 from tcc_sim.paper.evidence import T, with_kinetic
 from tcc_sim.paper.rules import AXIS, FINER, LOW, Measured, Rules, grow, rows
 from tcc_sim.trajectory import Floats
 
 FALLING = dict(zip(rules.FRICTION_RATIOS[1:], rows(4)[1:]))
 """Rows of mu_k < mu_s in Fig. 4, by mu_k/mu_s."""
-NAMED = {f"{m:.3f}": m for m in SUPER_HARMONICS}
+NAMED = {f"{m:.3f}": m for m in FIGURES[4].marks}
+"""omega/omega_n of the super-harmonic peaks that the paper names (0.167, 0.20, 0.25, 0.33)."""
 HIGHER_JUMPS = {"0.25": 0.25, "0.35": 0.35}
 """Frequency ratios near which the text of Fig. 18 states jumps and aperiodic motions."""
 LINKED, LOOSE = 0.5, 0.25
@@ -27,14 +28,9 @@ APERIODIC = 17.0
 """Rank of a motion without a period up to 16."""
 
 
-def about(place: float, width: float = T.near) -> Floats:
+def about(place: float, width: float = T.near, count: int = 15) -> Floats:
     """Return frequency ratios of branches around a ratio that the text names."""
-    return np.round(np.linspace(place - width, place + width, 15), 6)
-
-
-def around(mark: float) -> Floats:
-    """Return frequency ratios around a super-harmonic, wide enough for sweeps to reach the motions that end there."""
-    return np.round(np.linspace(mark - rules.WIDE, mark + rules.WIDE, 21), 6)
+    return np.round(np.linspace(place - width, place + width, count), 6)
 
 
 def nearest(places: Sequence[float], mark: float) -> float | None:
@@ -73,13 +69,14 @@ class JumpClaims(Rules):
 
     def super_harmonic_peaks(self) -> Measured:
         peaks = [self.peaks_of(way) for way in WAYS]
-        return self.curves_near_named([found[f"{r:g}"] for found in peaks for r in FALLING],
-                                 {"peaks from (13), upward, downward, for mu_k/mu_s": peaks})
+        return self.curves_near_named([found[f"{r:g}"] for found in peaks for r in FALLING], {"peaks": peaks})
 
     def super_harmonic_jumps(self) -> Measured:
         both, left, motions = list[list[float]](), list[float](), list[Motion]()
+        # Sweeps over so wide a range reach the motions that end there.
+        axes = [about(mark, rules.WIDE, 21) for mark in NAMED.values()]
         for r, row in FALLING.items():
-            ends = [end for mark in SUPER_HARMONICS for end in self.jump_ends(row, around(mark))]
+            ends = [end for axis in axes for end in self.jump_ends(row, axis)]
             for way in WAYS:
                 values = self.maxima([row], FINER, direction=way)[0]
                 steps = [0.5 * (FINER[k] + FINER[k + 1]) for k in self.steep(values)]
@@ -87,7 +84,7 @@ class JumpClaims(Rules):
                 both.append([x for x in self.prominent_maxima(FINER, values)
                              if any(abs(x - end) <= self.limit("close") for end in met)])
                 left += met
-            motions += [m for mark in SUPER_HARMONICS for m in self.motions(f"mu_k = {r:g} mu_s", row, around(mark))
+            motions += [m for axis in axes for m in self.motions(f"mu_k = {r:g} mu_s", row, axis)
                         if any(end.jumps and end.value in left for end in (m.stretch.low, m.stretch.high))]
         return self.curves_near_named(both, {
             "nearest end in a jump": {name: nearest(left, m) for name, m in NAMED.items()},
@@ -101,9 +98,7 @@ class JumpClaims(Rules):
                 x = nearest(peaks[f"{r:g}"], chain[-1])
                 chain += [x] if x is not None and abs(x - chain[-1]) <= self.limit("near") else []
         rising = [len(c) > len(FALLING) and c == sorted(c) and c[-1] > c[0] for c in chains]
-        return Measured((bool(rising) and all(rising), any(rising)),
-                        {"peaks followed from mu_k/mu_s = 1 to 0.83, 0.75, 0.667": chains,
-                         "all peaks for mu_k/mu_s": peaks},
+        return Measured((bool(rising) and all(rising), any(rising)), {"followed": chains, "peaks": peaks},
                         "" if all(rising) else f"{sum(rising)} of {counted(len(chains), 'peak')} shift up")
 
     def lost_at_peaks(self) -> Measured:
@@ -114,8 +109,7 @@ class JumpClaims(Rules):
             near += [bool((np.abs(row - x) <= close).any()) for x in self.jump_places(r)]
             covered.append(float((np.abs(FINER[FINER > 0.12, None] - row) <= close).any(axis=1).mean()))
         share = float(np.mean(near)) if near else 0.0
-        return Measured((share >= 0.75, share > max(covered)), {"jumps": len(near), "part of them at a peak": share,
-                        "part of the ratios from 0.12 on that are as near, for mu_k/mu_s = 0.83, 0.75, 0.667": covered},
+        return Measured((share >= 0.75, share > max(covered)), {"jumps": len(near), "share": share, "covered": covered},
                         0.75 > share > max(covered))
 
     def jump_doubles_period(self) -> Measured:
@@ -127,8 +121,7 @@ class JumpClaims(Rules):
         counts = [[len(self.prominent_maxima(AXIS[LOW], row[LOW])) for row in self.figure(n).maxima]
                   for n in (8, 14)]
         fewer = [name for name, a, b in zip(("0", "pi/2", "pi"), *counts) if b <= a]
-        return Measured((not fewer, len(fewer) < 3),
-                        {"peaks below 0.30 at mu_k = mu_s and 0.75 mu_s, psi = 0, pi/2, pi": counts},
+        return Measured((not fewer, len(fewer) < 3), {"peaks": counts},
                         f"psi = {', '.join(fewer)} has no more peaks" if fewer else "")
 
     def jump_to_chaos(self) -> Measured:
@@ -156,8 +149,7 @@ class JumpClaims(Rules):
         abrupt, large = (float(spearmanr(severity, x).statistic) if len(set(severity)) > 1 and len(set(x)) > 1 else 0.0
                          for x in (sizes, largest))
         return Measured((abrupt > LINKED and abrupt > large, abrupt > LOOSE),
-                        {"jumps": len(severity), "with the size of the jump": abrupt, "with the maximum": large},
-                        abrupt <= LINKED)
+                        {"jumps": len(severity), "abrupt": abrupt, "large": large}, abrupt <= LINKED)
 
     def phase_pi_is_smooth(self) -> Measured:
         curve = self.figure(14, [2])
@@ -168,22 +160,18 @@ class JumpClaims(Rules):
         share = float((periods == 1).mean())
         smooth = share == 1.0 and not jumps
         return Measured((smooth, not met and share > 0.5),
-                        {"part with period 1": share, "periods": np.unique(periods).tolist(),
-                         "jumps from (13)": [round(x, 4) for x in jumps],
-                         "bifurcations of the motions that (13) leads to": [[end.kind, end.value] for end in met]},
-                        not smooth, motions)
+                        {"share": share, "periods": np.unique(periods).tolist(), "jumps": [round(x, 4) for x in jumps],
+                         "met": [[end.kind, end.value] for end in met]}, not smooth, motions)
 
     def half_frequency_jumps(self) -> Measured:
         found = [len(self.steep(values)) for values in self.figure(16).maxima]
-        return Measured((found[0] > max(found[1:]), found[0] > min(found[1:])),
-                        {"changes for omega_f = 0.5 omega, omega, 2 omega": found})
+        return Measured((found[0] > max(found[1:]), found[0] > min(found[1:])), {"changes": found})
 
     def amplitude_enlarges_jumps(self) -> Measured:
         jumps = [max((abs(size) for x, size in self.jumps(row, AXIS)
                       if any(abs(x - mark) <= 2.0 * self.limit("near") for mark in HIGHER_JUMPS.values())), default=0.0)
                  for row in rows(18)]
-        return Measured((grow(jumps), jumps[-1] > jumps[0]),
-                        {"largest jump there for Tsp/Tsm = 0, 0.125, 0.25, 0.5 (rad/s)": jumps}, jumps[-1] < jumps[0])
+        return Measured((grow(jumps), jumps[-1] > jumps[0]), {"jumps": jumps}, jumps[-1] < jumps[0])
 
     def amplitude_jumps(self) -> Measured:
         curves = {f"Tsp/Tsm = {x:g}": row for x, row in zip((0.25, 0.5), rows(18)[2:])}
@@ -194,5 +182,4 @@ class JumpClaims(Rules):
             found[name] = [x for row in curves.values() for x in self.jump_ends(row, axis)
                            if abs(x - mark) <= self.limit("near")]
             motions += [m for curve, row in curves.items() for m in self.motions(curve, row, axis)]
-        return Measured([(bool(places), True) for places in found.values()],
-                        {"stable motions end in a jump near": found}, "", motions)
+        return Measured([(bool(places), True) for places in found.values()], {"ends": found}, motions=motions)

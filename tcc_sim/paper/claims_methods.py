@@ -88,11 +88,8 @@ class MethodClaims(PeriodClaims):
         means = [mean for _, mean, _ in paper.values()]
         close = max(differences.values()) < limit and max(means) - min(means) < limit * max(means)
         return Measured(
-            (close and alike, close),
-            {"over a cycle from law (7)'s state, rms": differences,
-             f"largest slip speed of cycles {DISCARD} to {CYCLES} from (13), least, mean, most (rad/s)": paper,
-             f"by how much the maxima of cycles {', '.join(map(str, WATCHED))} differ from the next (rad/s)": doubled,
-             "attractors: period, largest slip speed (rad/s)": {n: [list(a) for a in m] for n, m in motions.items()}},
+            (close and alike, close), {"differences": differences, "paper": paper, "doubled": doubled, "attractors": {
+                n: [list(a) for a in m] for n, m in motions.items()}},
             "over the paper's cycles they agree; the discontinuous solution doubles its period later, and " +
             ("the laws have the same motions" if alike else "at sigma = 50 s/rad a motion of period one is stable that "
              "is unstable at larger sigma"), self.motions("", FIG02, SHARPER, over=SMOOTHING))
@@ -105,14 +102,13 @@ class MethodClaims(PeriodClaims):
             found[name] = (periodicity(cycles).period, float(cycles.largest.max()))
         *smoothed, exact = ([motion] for motion in found.values())
         apart = [attractors_differ(exact, m, limit=self.limit("alike")) for m in smoothed]
-        return Measured((any(apart) and not apart[-1],), {"period, largest slip speed (rad/s)":
-                                                          {name: list(m) for name, m in found.items()}})
+        return Measured((any(apart) and not apart[-1],), {"found": {name: list(m) for name, m in found.items()}})
 
     def discontinuous_is_slow(self) -> Measured:
         exact, smoothed = (min(self.run(self.system({**FIG02, "friction.law": law}), CYCLES).statistics.seconds
                                for _ in range(5)) for law in ("set_valued", "smoothed"))
         slow = exact > SLOW * smoothed
-        return Measured((slow,), {f"more than {SLOW:g} times": slow}, not slow)
+        return Measured((slow,), {"slow": slow}, not slow)
 
     def classical_differs(self) -> Measured:
         differences = cycle_differences(tuple((f"rk4, step {h:g} s", "smoothed", h) for h in (1e-6, 2e-5, 5e-5, 1e-4)))
@@ -126,7 +122,7 @@ class MethodClaims(PeriodClaims):
                  for r, law in _laws_of_fig_3().items()}
         del parts["1"]
         found = list(parts.values())
-        return Measured((max(found) < 1.0 and found == sorted(found, reverse=True),), {"maximum / (mu_s/mu_k)": parts})
+        return Measured((max(found) < 1.0 and found == sorted(found, reverse=True),), {"parts": parts})
 
     def slope_turns_negative(self) -> Measured:
         v = np.linspace(1e-4, 1.0, 20001)
@@ -134,7 +130,7 @@ class MethodClaims(PeriodClaims):
                   for r, law in _laws_of_fig_3().items()}
         found = list(lowest.values())
         return Measured((found[0] >= 0.0 and found[1] < 0.0 and found == sorted(found, reverse=True),),
-                        {"least slope (s/rad)": lowest})
+                        {"lowest": lowest})
 
     def damping_crosses(self) -> Measured:
         sweep = self.curves([with_kinetic(0.667)], DAMPED, damping=True)[0]
@@ -145,13 +141,10 @@ class MethodClaims(PeriodClaims):
               for name, values in (("printed", printed), ("negative", negative))}
         hit = {name: sum(bool(len(changes)) and float(np.abs(DAMPED[changes] - x).min()) <= 0.005 for x in found)
                for name, found in at.items()}
-        values = {"Cf as printed, least and largest": [float(np.nanmin(printed)), float(np.nanmax(printed))],
-                  "mean of the negative slope at 0.12, 0.20, 0.25": [two_digits(np.interp(x, DAMPED, negative))
-                                                                     for x in READ_AT],
-                  "crossings as printed": at["printed"], "crossings of the mean negative slope": at["negative"],
-                  "of these with a change of period within 0.005": hit["negative"], "changes of period": len(changes),
-                  "part of the range with the mean negative slope below -0.6": float((negative < limit).mean()),
-                  "other weights at 0.12, 0.20, 0.25": self.other_readings()}
+        values = {"cf": [float(np.nanmin(printed)), float(np.nanmax(printed))],
+                  "read": [two_digits(np.interp(x, DAMPED, negative)) for x in READ_AT], **at,
+                  "hit": hit["negative"], "changes": len(changes), "below": float((negative < limit).mean()),
+                  "other": self.other_readings()}
         return Measured((bool(at["printed"]) and hit["printed"] == len(at["printed"]),), values, True)
 
     def other_readings(self) -> dict[str, list[float]]:
@@ -168,13 +161,13 @@ class MethodClaims(PeriodClaims):
         return out
 
     def damping_falls(self) -> Measured:
-        sweeps, name = self.curves(rows(4), DAMPED, damping=True), "(21) as printed"
-        readings = {name: np.array([s.column("equivalent_damping") for s in sweeps]),
-                    "time mean of the negative slope": np.array([s.column("negative_slope_mean") for s in sweeps])}
+        sweeps, printed = self.curves(rows(4), DAMPED, damping=True), "(21) as printed"
+        readings = {name: np.array([s.column(column) for s in sweeps]) for name, column in (
+            (printed, "equivalent_damping"), ("time mean of the negative slope", "negative_slope_mean"))}
         falls = {name: float((np.diff(found, axis=0) < 0.0).all(axis=0).mean()) for name, found in readings.items()}
         medians = {name: [float(np.nanmedian(row)) for row in found] for name, found in readings.items()}
-        return Measured((falls[name] >= self.most, grow(medians[name][::-1])),
-                        {"part where it falls": falls, "median for mu_k/mu_s = 1, 0.83, 0.75, 0.667": medians}, True)
+        return Measured((falls[printed] >= self.most, grow(medians[printed][::-1])),
+                        {"falls": falls, "medians": medians}, True)
 
     def balance_unsuitable(self) -> Measured:
         off = {name: x if isinstance(x, str) else x["rms difference of the corrected series"]

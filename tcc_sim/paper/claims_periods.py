@@ -12,7 +12,7 @@ from tcc_sim.continuation.loss_of_stability import StableSegment
 from tcc_sim.paper.branches_behind import WAYS
 from tcc_sim.paper.catalogue import OMEGA_N, PRESSURE, SECTION_CYCLES, STATIC
 from tcc_sim.paper.claims_jumps import HIGHER_JUMPS, JumpClaims
-from tcc_sim.paper.evidence import CYCLES, FREQUENCY, KINETIC, Values, share_where, with_kinetic
+from tcc_sim.paper.evidence import CYCLES, FREQUENCY, KINETIC, share_where, with_kinetic
 from tcc_sim.paper.rules import AXIS, FINER, Measured, denominator, more_than_anywhere, rows
 from tcc_sim.trajectory import Floats
 
@@ -58,8 +58,7 @@ class PeriodClaims(JumpClaims):
         along = self.slipping_periods((10, 11))
         return Measured([*((p, denominator(actuated(r))) for p, r in zip(single.values(), MISMATCHED.values())),
                          *((found, [n]) for n, found in along.values())],
-                        {"at 150 rad/s": single, "at the slipping ratios": {name: found for name, (_, found)
-                                                                            in along.items()}})
+                        {"at 150 rad/s": single, "along": {name: found for name, (_, found) in along.items()}})
 
     def period_is_denominator(self) -> Measured:
         found = {f"{m}/{n}": self.motion(actuated(m / n)).period for m, n in COPRIME}
@@ -84,15 +83,13 @@ class PeriodClaims(JumpClaims):
         falling, same = ({name: [p for p in periods if p > n and p % n == 0]
                           for name, (n, periods) in self.slipping_periods(numbers).items()}
                          for numbers in ((16, 17), (10, 11)))
-        return Measured((not any(falling.values()), not any(same.values())),
-                        {"multiples of N met at 0.75 mu_s": falling, "at mu_k = mu_s": same}, True)
+        return Measured((not any(falling.values()), not any(same.values())), {"falling": falling, "same": same}, True)
 
     def slope_is_the_cause(self) -> Measured:
         parts = {str(n): self.figure(n).off_period() for n in (8, 10, 11, 13, 14, 15, 16, 17, 18)}
         same, falling = ([x for n, found in parts.items() for x in found
                           if (rows(int(n))[0][KINETIC] == STATIC) is constant] for constant in (True, False))
-        return Measured((max(same) == 0.0 and min(falling) >= 0.1, max(same) < min(falling)),
-                        {"part off the period of (35), by figure and curve": parts})
+        return Measured((max(same) == 0.0 and min(falling) >= 0.1, max(same) < min(falling)), {"off": parts})
 
     def _long_runs(self) -> dict[float, Any]:
         """Return the last 64 of 650 cycles from (13) for 0.75 mu_s, by frequency ratio in steps of 0.009."""
@@ -104,15 +101,14 @@ class PeriodClaims(JumpClaims):
                    for x, cycles in self._long_runs().items()}
         apart = [[x, *pair] for x, pair in periods.items() if pair[0] != pair[1]]
         share = 1.0 - len(apart) / len(periods)
-        return Measured([share], {"part": share, "not at (ratio, periods)": apart})
+        return Measured([share], {"part": share, "apart": apart})
 
     def section_varies_less(self) -> Measured:
         sections = [cycles.section[-64:] for cycles in self._long_runs().values()]
         variation = np.array([s.std(axis=0) / np.abs(s).mean(axis=0) for s in sections if repeats(s[:, 1]) != 1])
         share = float((variation[:, 1] < variation[:, 0]).mean()) if len(variation) else 1.0
         median = np.median(variation[:, :2], axis=0).tolist() if len(variation) else []
-        return Measured([share], {"ratios": len(variation), "part of them": share,
-                                  "median variation of delta_1', delta_2": median}, share != 1.0)
+        return Measured([share], {"ratios": len(variation), "share": share, "median": median}, share != 1.0)
 
     def doubling_to_chaos(self) -> Measured:
         places = [x for x in self.jump_places(0.83) if abs(x - 0.20) <= self.limit("near")]
@@ -120,19 +116,17 @@ class PeriodClaims(JumpClaims):
         row = {FREQUENCY: place * OMEGA_N}
         found = self.periods(self.curves([row], FALLS, over=KINETIC)[0])
         none = FALLS[found == 0]
-        diagnoses = {f"{r:g}": self._diagnosis(with_kinetic(float(r), row)) for r in none[::-1][:6]}
+        diagnoses = dict[str, list[Any]]()
+        for r in none[::-1][:6]:
+            at = with_kinetic(float(r), row)
+            exponent = self.motion(at, lyapunov=True).lyapunov
+            if exponent is not None and exponent.diagnosis == "unresolved":
+                exponent = self.exponent(at, 650, LONG)
+            diagnoses[f"{r:g}"] = ["not solved"] if exponent is None else [
+                exponent.diagnosis, exponent.low, exponent.high]
         wild = any(name in ("chaotic", "quasi-periodic") for name, *_ in diagnoses.values())
         return Measured((int(found[-1]) == 2 and wild, len(none) > 0),
-                        {"omega/omega_n": place, "period at 0.83": int(found[-1]),
-                         "mu_k/mu_s without a period": none.tolist(),
-                         "diagnosis, exponent's interval (1/s)": diagnoses})
-
-    def _diagnosis(self, row: Values) -> list[Any]:
-        """Return the diagnosis of a motion and its exponent's interval, 1/s; of LONG cycles if fewer are undecided."""
-        found = self.motion(row, lyapunov=True).lyapunov
-        if found is not None and found.diagnosis == "unresolved":
-            found = self.exponent(row, 650, LONG)
-        return ["not solved"] if found is None else [found.diagnosis, found.low, found.high]
+                        {"omega/omega_n": place, "period": int(found[-1]), "none": none.tolist(), "found": diagnoses})
 
     def _periods_of_6(self, way: str) -> Any:
         """Return (n,) periods of a sweep of Fig. 6 over RATIOS."""
@@ -153,9 +147,7 @@ class PeriodClaims(JumpClaims):
                 if s.period == 2 and s.high.jumps]
         limit, falling = self.limit("near"), ends[WAYS.index("down")]
         near = any(abs(x - 0.92) <= limit for x in born)
-        return Measured((falling is not None and abs(falling - 0.92) <= limit, near),
-                        {"stable period two ends in a jump at mu_k/mu_s": born,
-                         "highest mu_k/mu_s with period 2 from (13), upward, downward": ends},
+        return Measured((falling is not None and abs(falling - 0.92) <= limit, near), {"born": born, "ends": ends},
                         near, self.motions("", AT_036, RATIOS, over=KINETIC))
 
     def aperiodic_from(self) -> Measured:
@@ -164,25 +156,22 @@ class PeriodClaims(JumpClaims):
         end = covered_down_to(self.stretches([AT_036], RATIOS, over=KINETIC)[0], 1.0)
         below = any(end - 0.05 <= x <= end for x in none)
         near = any(x is not None and abs(x - 0.7) <= 0.05 for x in highest)
-        return Measured((abs(end - 0.7) <= 0.05 and below, near),
-                        {"period one or two down to": end,
-                         "highest mu_k/mu_s without a period from (13), upward, downward": highest}, True)
+        return Measured((abs(end - 0.7) <= 0.05 and below, near), {"end": end, "highest": highest}, True)
 
     def three_motions(self) -> Measured:
         periods = {f"{r:g}": self.motion(with_kinetic(r, AT_036)).period for r in (0.94, 0.74, 0.64)}
         found = self.exponent(with_kinetic(0.64, AT_036), CYCLES, SECTION_CYCLES)  # As Fig. 7 shows it.
         same = list(periods.values()) == [1, 2, 0]
+        words = f"{found.exponent:.1f} +- {0.5 * (found.high - found.low):.1f}"
         return Measured((same and found.diagnosis == "chaotic", same),
-                        {"periods": periods, "exponent at 0.64, as in Fig. 7 (1/s)":
-                         f"{found.exponent:.1f} +- {0.5 * (found.high - found.low):.1f}", "diagnosis": found.diagnosis})
+                        {"periods": periods, "exponent": words, "diagnosis": found.diagnosis})
 
     def more_with_steeper_law(self) -> Measured:
         figures = {str(n): self.figure(n) for n in (14, 15)}
         parts = {n: curves.parts(curves.periods == 0) for n, curves in figures.items()}
         changes = {n: (np.diff(curves.periods) != 0).sum(axis=1).tolist() for n, curves in figures.items()}
         more = sum(parts["15"]) > sum(parts["14"])
-        return Measured((more and sum(changes["15"]) > sum(changes["14"]), more),
-                        {"aperiodic part for psi = 0, pi/2, pi": parts, "changes of period": changes})
+        return Measured((more and sum(changes["15"]) > sum(changes["14"]), more), {"parts": parts, "changes": changes})
 
     def half_frequency_aperiodic(self) -> Measured:
         cold, *others = (self.figure(16, [0], way) for way in WAYS)
@@ -190,10 +179,8 @@ class PeriodClaims(JumpClaims):
         none = [curve.periods[0] == 0 for curve in (cold, *others)]
         parts = [share_where(n, slipping) for n in none]
         return Measured((max(parts) >= self.most, max(parts) >= 0.5),
-                        {"aperiodic part from (13), upward, downward": parts,
-                         "some motion aperiodic": share_where(np.any(none, axis=0), slipping),
-                         "a stable periodic motion exists": share_where(self.periodic_at(row, AXIS), slipping)},
-                        max(parts) < self.most)
+                        {"parts": parts, "some": share_where(np.any(none, axis=0), slipping),
+                         "periodic": share_where(self.periodic_at(row, AXIS), slipping)}, max(parts) < self.most)
 
     def amplitude_aperiodic(self) -> Measured:
         none = (self.figure(18, [2, 3]).periods == 0).any(axis=0)

@@ -10,8 +10,8 @@ import numpy as np
 
 from tcc_sim.model import pure_slip, pure_stick
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.paper.branches_behind import Motion, ordered_shares
-from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, PRESSURE, paper_system, plain
+from tcc_sim.paper.branches_behind import Motion, highest_shares
+from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, paper_system, plain
 from tcc_sim.paper.evidence import FREQUENCY, Values, first_half, share_where, sticks, two_digits
 from tcc_sim.paper.rules import AXIS, FRICTION_RATIOS, HIGH, LOW, Measured, Rules, grow, place_of_change, rows
 from tcc_sim.solvers import solve
@@ -19,10 +19,7 @@ from tcc_sim.solvers import solve
 LAWS = ("smoothed", "set_valued")
 STICKING = np.round(np.arange(0.05, 0.2501, 0.001), 6)
 """Frequency ratios in the search for the end of pure stick, psi = 0."""
-STICKY: dict[str, Values] = {
-    "constant load": {}, **{f"Tsp/Tsm = 0.25, psi = {name}": {"pressure.amplitude": 0.25 * PRESSURE,
-                                                              "pressure.phase": psi}
-                            for name, psi in (("0", 0.0), ("pi/2", 0.5 * math.pi), ("pi", math.pi))}}
+STICKY = {"constant load": {}, **{f"Tsp/Tsm = 0.25, {plain(s.label)}": s.values for s in FIGURES[8].series}}
 """Loads for the comparison of stick with (10)."""
 SLIPS = 1e-3
 """Largest slip speed, rad/s, of a motion that starts in stick and counts as stick."""
@@ -51,21 +48,18 @@ class SlipClaims(Rules):
         lower = pure_stick.stick_limits(self.system(rows(number)[0]), 0.02 * OMEGA_N, 0.29 * OMEGA_N, 60).lower
         near = self.limit("near")
         return Measured([(low - near <= place <= high + near, True) for low, high in found.values()],
-                        {**{f"lowest slip and highest stick, {law}": x for law, x in found.items()},
-                         "end of stick by (10), whatever mu_k": None if lower is None else lower / OMEGA_N}, True)
+                        {**found, "lower": None if lower is None else lower / OMEGA_N}, True)
 
     def earlier_onset(self) -> Measured:
         found = {law: [self.stick_interval(n, law)[0] for n in (8, 14)] for law in LAWS}
-        return Measured([(falling < equal, True) for equal, falling in found.values()],
-                        {f"lowest slip at mu_k = mu_s and 0.75 mu_s, {law}": x for law, x in found.items()}, True)
+        return Measured([(falling < equal, True) for equal, falling in found.values()], found, True)
 
     def amplitude_makes_stick(self) -> Measured:
         curves, low = self.figure(18), AXIS <= 0.12
         stuck = [share_where(~slips, low) for slips in curves.slips]
         wild = [share_where(periods == 0, low) for periods in curves.periods]
         grows = stuck == sorted(stuck) and stuck[-1] == 1.0
-        return Measured((grows and max(wild[:2]) > 0.0, stuck[-1] > stuck[0]),
-                        {"pure stick for Tsp/Tsm = 0, 0.125, 0.25, 0.5": stuck, "no period up to 16": wild})
+        return Measured((grows and max(wild[:2]) > 0.0, stuck[-1] > stuck[0]), {"stuck": stuck, "wild": wild})
 
     def last_slips(self, law: str) -> dict[str, float]:
         """Return the highest slipping ratio from (13) for every mu_k/mu_s."""
@@ -77,15 +71,13 @@ class SlipClaims(Rules):
     def stick_transition(self) -> Measured:
         found = self.last_slips("smoothed")
         return Measured((abs(found["1"] - 0.4) <= self.limit("near") and len(set(found.values())) == len(found),),
-                        {"last slip from (13) for mu_k/mu_s": found})
+                        {"last": found})
 
     def transition_by_smoothing(self) -> Measured:
         values = {law: self.last_slips(law) for law in LAWS}
         smoothed, exact = (abs(row["0.667"] - row["1"]) for row in values.values())
         limit = pure_stick.constant_load_limits(self.system({}))[-1] / OMEGA_N
-        return Measured((exact < 0.5 * smoothed,),
-                        {"last slip from (13)": values, "end of pure stick by (10), any mu_k": limit},
-                        exact >= 0.5 * smoothed)
+        return Measured((exact < 0.5 * smoothed,), {"last": values, "limit": limit}, exact >= 0.5 * smoothed)
 
     def _slip_from_stick(self, row: Values, ratio: float, law: str) -> float:
         """Return the largest slip speed of 20 cycles from the state (8a) of stick at t = 0, rad/s."""
@@ -120,16 +112,15 @@ class SlipClaims(Rules):
     def smoothed_stick_creeps(self) -> Measured:
         ratio = pure_stick.constant_load_limits(self.system({}))[-1] / OMEGA_N + 0.02
         found = {law: self._slip_from_stick({}, ratio, law) for law in LAWS}
-        return Measured((found["smoothed"] > SLIPS > found["set_valued"],), {
-            "omega/omega_n": ratio, "largest slip speed (rad/s)": {name: two_digits(x) for name, x in found.items()}})
+        return Measured((found["smoothed"] > SLIPS > found["set_valued"],),
+                        {"omega/omega_n": ratio, "largest": {law: two_digits(x) for law, x in found.items()}})
 
     def positive_trend_slips(self) -> Measured:
         values, slipping = dict[str, Any](), []
         for name, speed in (("from (13)", 150.0), ("from rest", 0.0)):
             last = self.run(self.system({**GROWING, "initial.slip_speed": speed}), 2000).solved_cycles[-50:]
             slipping.append(float(last.stick_time.sum()) == 0.0)
-            values[f"{name}: least and largest slip speed of the last 50 cycles (rad/s)"] = [
-                float(last.lowest.min()), float(last.highest.max())]
+            values[name] = [float(last.lowest.min()), float(last.highest.max())]
         return Measured((all(slipping),), values, True)
 
     def pure_slip_guaranteed(self) -> Measured:
@@ -142,46 +133,40 @@ class SlipClaims(Rules):
         # The difference is rounding: its digits are those of a machine, so the page has its bound only.
         held = found.least_slip_speed > 0.0 and off < 1e-6
         return Measured((held and slowest <= 0.0, held),
-                        {"difference below 1e-6": off < 1e-6, "margin of (16) (rad/s)": found.margin,
-                         "least slip speed with the transient (rad/s)": found.least_slip_speed,
-                         "least Omega_e that slips for ever (rad/s)": slowest},
+                        {"same": off < 1e-6, "margin": found.margin, "least": found.least_slip_speed,
+                         "slowest": slowest},
                         f"(16), (18) leave out the transient: below Omega_e = {slowest:.3g} rad/s it ends the slip")
 
     def slope_exaggerates(self) -> Measured:
         curves = self.figure(4)
         mean = curves.means(curves.maxima[0] > self.limit("slipping"))
-        return Measured((grow(mean),), {"mean maxima for mu_k/mu_s = 1, 0.83, 0.75, 0.667 (rad/s)": mean,
-                                        "largest of all (rad/s)": curves.maxima.max(axis=1).tolist()})
+        return Measured((grow(mean),), {"mean": mean, "largest": curves.maxima.max(axis=1).tolist()})
 
     def slope_exaggerates_varying(self) -> Measured:
         found = [self.figure(n).means(LOW) for n in (8, 14)]
-        return Measured((all(map(grow, zip(*found))),),
-                        {"mean maxima at mu_k = mu_s and 0.75 mu_s, psi = 0, pi/2, pi (rad/s)": found})
+        return Measured((all(map(grow, zip(*found))),), {"mean": found})
 
     def phase_pi_is_worst(self) -> Measured:
         found = {str(n): self.figure(n).means(LOW) for n in (14, 15)}
         worst = [row[2] == max(row) for row in found.values()]
-        return Measured((all(worst), any(worst)), {"mean maxima for psi = 0, pi/2, pi (rad/s)": found})
+        return Measured((all(worst), any(worst)), {"mean": found})
 
     def amplitude_enlarges_slip(self) -> Measured:
         found = self.figure(18).means(HIGH)
-        return Measured((grow(found), found[-1] > found[0]),
-                        {"mean maxima from 0.31 to 0.45 for Tsp/Tsm = 0, 0.125, 0.25, 0.5 (rad/s)": found})
+        return Measured((grow(found), found[-1] > found[0]), {"mean": found})
 
     def phase_reversed(self) -> Measured:
         parts, motions = dict[str, Sequence[float]](), list[Motion]()
         figures = {str(n): self.figure(n) for n in (14, 15)}
         for n, curves in figures.items():
             self.stretches(list(curves.rows.values()), HIGHER)
-            parts[n] = ordered_shares([self.amplitudes(row, HIGHER) for row in curves.rows.values()], 0,
-                                      (HIGHER >= 0.31) & (HIGHER <= 0.45),
-                                      (self.limit("shows"), self.limit("slipping")), worst=True)
+            parts[n] = highest_shares([self.amplitudes(row, HIGHER) for row in curves.rows.values()],
+                                      (HIGHER >= 0.31) & (HIGHER <= 0.45), self.limit("shows"), self.limit("slipping"))
             for name, row in curves.rows.items():
                 motions += self.motions(f"Fig. {n}, {name}", row, HIGHER)
         always = min(every for every, _ in parts.values()) >= self.most
-        return Measured((always, max(some for _, some in parts.values()) >= 0.5),
-                        {"worst for every choice of motions, for some": parts,
-                         "from (13)": {n: curves.best(0, HIGH, -1.0) for n, curves in figures.items()}},
+        cold = {n: curves.best(0, HIGH, -1.0) for n, curves in figures.items()}
+        return Measured((always, max(some for _, some in parts.values()) >= 0.5), {"worst": parts, "from (13)": cold},
                         not always, motions)
 
     def delay(self) -> Measured:
@@ -203,8 +188,7 @@ class SlipClaims(Rules):
 
     def actuation_attenuates(self) -> Measured:
         below, parts = self._beside_constant(LOW, 1.0)
-        return Measured([*parts.values(), below["1.000"]],
-                        {"lowest of its figure": parts, "lower than Tsp = 0, for omega_f/omega": below})
+        return Measured([*parts.values(), below["1.000"]], {"lowest": parts, "below": below})
 
     def actuation_reversed(self) -> Measured:
         over, parts = self._beside_constant(HIGH, -1.0)
@@ -213,8 +197,7 @@ class SlipClaims(Rules):
         motions = [m for ratio, row in different.items()
                    for m in self.motions(f"omega_f = {ratio} omega", row, AXIS[HIGH])]
         alone = any(end.jumps for m in motions for end in (m.stretch.low, m.stretch.high))
-        return Measured([over["1.000"], *parts.values()],
-                        {"above Tsp = 0, for omega_f/omega": over, "highest of its figure": parts},
+        return Measured([over["1.000"], *parts.values()], {"over": over, "highest": parts},
                         ("" if alone else "no stable motion ends in a jump, so the start does not matter; ")
                         + "it attenuates no more than constant load, but is not the highest beside the other curves",
                         motions)
@@ -225,8 +208,7 @@ class SlipClaims(Rules):
         lowest, beaten = falling.best(1, LOW), falling.exceptions(1, LOW)
         more = all(map(grow, zip(*parts.values())))
         return Measured((more and lowest >= self.most, more or lowest >= self.most),
-                        {"part off the period of (35), omega_f = 2/3, 1, 4/3 omega": parts,
-                         "omega_f = omega best at low frequency": lowest, "not at": beaten}, bool(beaten))
+                        {"off": parts, "lowest": lowest, "not at": beaten}, bool(beaten))
 
     def critical_frequency(self) -> Measured:
         pairs = {}

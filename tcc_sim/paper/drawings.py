@@ -19,6 +19,8 @@ from tcc_sim.views.sweeps import numbers
 
 MAXIMUM = r"max $|\dot\delta_1|$ (rad/s)"
 SECTION = r"$\delta_2$ (rad)"
+WORD = re.compile(r"(?:\$[^$]*\$|[^\s$])+")
+"""A word of a caption; formulas stay whole."""
 WIDEST = 125
 """Characters of a caption's line over a page."""
 NARROW = 72
@@ -47,7 +49,7 @@ def draw(data: Figure, stem: Path, title: str = "", width: float = style.PAGE) -
             extra += [DIRECTIONS[d][0] for d in sorted(directions)] if directions != {"cold"} else []
         note = f" ({', '.join(extra)})" if extra else ""
         words = title or f"Fig. {data.figure}. {data.title}{note}"
-        drawn.suptitle(words if wide else "\n".join(_lines(_words(words), " ", 42)), x=0.01, ha="left",
+        drawn.suptitle(words if wide else "\n".join(_lines(WORD.findall(words), " ", 42)), x=0.01, ha="left",
                        fontsize=9.5 if wide else 8.5, fontweight="bold")
         KINDS[data.kind][-1](drawn, data)
         drawn.supxlabel(caption, x=0.01, ha="left", fontsize=7.0 if wide else 6.5, color=style.GREY)
@@ -68,12 +70,7 @@ def caption_of(data: Figure, width: float = style.PAGE) -> str:
             parts.append("grey: still settling to a period")
     if style.wide(width):
         return ";\n".join(_lines(parts, "; ", WIDEST))
-    return "\n".join(_lines(_words("; ".join(parts)), " ", NARROW))
-
-
-def _words(text: str) -> list[str]:
-    """Split a text into words; formulas stay whole."""
-    return re.findall(r"(?:\$[^$]*\$|[^\s$])+", text)
+    return "\n".join(_lines(WORD.findall("; ".join(parts)), " ", NARROW))
 
 
 def _lines(parts: Sequence[str], between: str, most: int) -> list[str]:
@@ -201,8 +198,7 @@ def _paint_damping(drawn: Any, data: Figure) -> None:
     damping.axhline(data.threshold, color=style.RED, linewidth=0.8, linestyle=(0, (4, 2)))
     damping.annotate(r"$-C_{23}$", (1.005, data.threshold), xycoords=("axes fraction", "data"), color=style.RED,
                      va="center")
-    damping.set_ylabel("damping (N m s/rad)")
-    damping.set_ylim(top=2.6)
+    damping.set(ylabel="damping (N m s/rad)", ylim=(None, 2.6))
     close = damping.inset_axes((0.66, 0.66, 0.33, 0.28))
     close.plot(x, 1e3 * weighted, color=style.GREEN, linewidth=0.8)
     close.set_xlim(x[0], x[-1])
@@ -214,8 +210,7 @@ def _paint_damping(drawn: Any, data: Figure) -> None:
     maxima.lines[0].set_label("_")
     legend_of_marks(maxima, [curve])
     style.legend_above(maxima)
-    maxima.set_ylabel(MAXIMUM)
-    maxima.set_ylim(bottom=0.0)
+    maxima.set(ylabel=MAXIMUM, ylim=(0.0, None))
     draw_orbit(orbit, data.x, curve, style.BLUE)
     orbit.set(ylabel=SECTION, xlabel=panels.AXES[data.axis], xlim=(x[0], x[-1]))
     style.panel_titles((damping, maxima, orbit), ["equivalent damping", "maximum slip speed", "orbit diagram"])
@@ -224,8 +219,8 @@ def _paint_damping(drawn: Any, data: Figure) -> None:
 def _paint_orbit(drawn: Any, data: Figure) -> None:
     """Draw one orbit diagram per direction, and one for both continued sweeps."""
     curves, x = data.curves, data.x
-    shown = [[c] for c in curves if c.direction == "cold"] + [[c for c in curves if c.direction != "cold"]]
-    shown = [p for p in shown if p]
+    cold, continued = ([c for c in curves if (c.direction == "cold") is alone] for alone in (True, False))
+    shown = [panel for panel in (cold, continued) if panel]
     branched = curves[0].behind is not None
     heights = [1.0] * len(shown) + ([1.4, 0.2] if branched else [])
     grid = drawn.add_gridspec(len(heights), 1, height_ratios=heights)
@@ -238,27 +233,25 @@ def _paint_orbit(drawn: Any, data: Figure) -> None:
         if panels.AWAY in panels.marks_met(panel):
             axis.plot([], [], label=panels.AWAY.name, **panels.AWAY.look("", 3.0))
         axis.set_ylabel(SECTION)
-    for axis in axes:
+    for k, axis in enumerate(axes):
         shade_slipping_away(axis, x, data)
-    for axis in axes[:len(shown)]:
-        style.legend_above(axis)
-    for axis in axes[1:]:
-        axis.sharex(axes[0])
-    for axis in axes[1:len(shown)]:
-        axis.sharey(axes[0])
+        if k < len(shown):
+            style.legend_above(axis)
+        if k:
+            axis.sharex(axes[0])
+        if 0 < k < len(shown):
+            axis.sharey(axes[0])
     for axis in axes[:-1]:
         axis.tick_params(labelbottom=False)
-    titles = ["every value by itself" if p[0].direction == "cold" else "continued" for p in shown]
-    axes[-1].set_xlabel(panels.AXES[data.axis])
-    axes[-1].set_xlim(x[0], x[-1])
+    titles = ["every value by itself" if panel is cold else "continued" for panel in shown]
+    axes[-1].set(xlabel=panels.AXES[data.axis], xlim=(x[0], x[-1]))
     if branched:
         colours = [DIRECTIONS[c.direction][1] for c in curves]
         for curve, colour in zip(curves, colours):
             _points(axes[-1], x, curve, colour)
         panels.draw_branches(axes[-1], curves[0], data.unit, style.INK)
         top, beyond = panels.top_of(curves)
-        axes[-1].set_ylim(0.0, top)
-        axes[-1].set_ylabel(MAXIMUM)
+        axes[-1].set(ylabel=MAXIMUM, ylim=(0.0, top))
         panels.label_jumps(axes[-1], curves, data.unit, colours)
         panels.legend_of(drawn.add_subplot(grid[-1]), curves[:1], curves, beyond)
         titles.append("branches behind both")
@@ -286,8 +279,7 @@ def _height(data: Figure, wide: bool) -> float:
     return base + each * len(data.curves if data.panels is None else data.panels)
 
 
-Painter = Callable[[Any, Figure], None]
-KINDS: dict[str, tuple[tuple[float, float], tuple[float, float], Painter]] = {
+KINDS: dict[str, tuple[tuple[float, float], tuple[float, float], Callable[[Any, Figure], None]]] = {
     "map": ((1.1, 1.05), (1.9, 1.05), _paint_map), "branched map": ((1.2, 1.9), (1.9, 3.2), _paint_map),
     "damping": ((5.4, 0.0), (5.4, 0.0), _paint_damping), "orbit": ((0.0, 0.0), (0.0, 0.0), _paint_orbit),
     "law": ((2.7, 0.0), (6.6, 0.0), histories.paint_law),

@@ -199,27 +199,20 @@ _TEXTS = yaml.safe_load(Path(__file__).with_name("errata.yaml").read_text(encodi
 ERRATA = tuple(Erratum(**{**row, "numbers": globals()[row["numbers"]] if "numbers" in row else dict})
                for row in _TEXTS["errata"])
 """Errata in the order of the paper."""
-RIGHT: str = _TEXTS["right"]
-"""Equations that are right as printed, by a new derivation."""
 OPEN: dict[str, str] = _TEXTS["open"]
 """Values that the paper leaves open, and those taken here."""
 
 
 def errata_page() -> str:
     """Return the page of the errata with their numbers, of the right equations, and of the values left open."""
-    lines = ["# The paper's errata", "",
-             f"{len(ERRATA)} places of the paper where another form is right, and {len(OPEN)} that it leaves open. "
-             "This page is generated:",
-             "`tcc-sim claims --errata FILE` writes it. Each place was derived again; the numbers are computed for "
-             "Table 1 with",
-             "mu_s N R = 540 N m unless stated. Ratios are omega/omega_n.", "",
+    lines = ["# The paper's errata", "", _TEXTS["page"].format(errata=len(ERRATA), open=len(OPEN)),
              *markdown_table(["where", "printed", "right", "in the code"], [
                  [escape(e.where), escape(e.printed), escape(e.right), f"`{e.code}`" if e.code else ""]
                  for e in ERRATA])]
     for e in ERRATA:
         lines += ["", f"## {escape(e.where)}: {escape(e.printed)}", "", f"{escape(e.why[0].upper() + e.why[1:])}."]
         lines += listed_numbers(e.numbers())
-    return "\n".join([*lines, "", "## Derived again and found as printed", "", f"{escape(RIGHT)}.", "",
+    return "\n".join([*lines, "", "## Derived again and found as printed", "", f"{escape(_TEXTS['right'])}.", "",
                       "## Left open by the paper", "",
                       *markdown_table(["what", "here"], [list(map(escape, pair)) for pair in OPEN.items()]),
                       *listed_numbers(engine_speeds())]) + "\n"

@@ -23,6 +23,7 @@ from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.sweeps.executors import workers
 from tcc_sim.sweeps.exponents import largest_lyapunov_exponent
+from tcc_sim.sweeps.results import Point
 from tcc_sim.sweeps.sweep import Curve, Plan, Sweep, handed_over, solve_point
 from tcc_sim.trajectory import Floats, State, Trajectory
 
@@ -32,13 +33,12 @@ SAMPLES = 1000
 """Samples per cycle in a time history."""
 RUN_IN = 150
 """Number of cycles before a time history."""
-SOLVER_CURVES: dict[str, tuple[str, str, Mapping[str, float]]] = {
+SOLVER_CURVES: dict[str, tuple[str, str, Mapping[str, Any]]] = {
     "smoothed": ("smoothed law, this package", "smoothed", {}),
-    "rk45": ("RK45", "smoothed", {"rtol": 1e-6}),
-    "bdf": ("Gear (BDF)", "smoothed", {"rtol": 1e-6}),
+    "rk45": ("RK45", "smoothed", {"rtol": 1e-6}), "bdf": ("Gear (BDF)", "smoothed", {"rtol": 1e-6}),
     "event_driven": ("discontinuous solution", "set_valued", {}),
-    "rk4": ("RK4, step 50 us", "smoothed", {"step": 5e-5}),
-}
+    "rk4": ("RK4, step 50 us", "smoothed", {"step": 5e-5})}
+"""Label, law and settings of the solvers of Fig. 2."""
 COLUMNS = ("max_slip_speed", "min_slip_speed", "period", "confirmed", "settled", "runaway", "stick_fraction", "regime",
            "theta2", "equivalent_damping", "negative_slope_mean", "status")
 """Columns of a sweep in the curve of a map."""
@@ -114,26 +114,22 @@ def coexisting(sweep: Sweep, jobs: int | None = None) -> list[results.Coexisting
     largest = sweep.column("max_slip_speed")
     periods = [0 if p is None or p.summary is None else p.summary.period for p in sweep.points]
     size = float(np.nanmax(largest))
-    pairs = [(here, there) for k in steep(largest) for here, there in ((int(k), int(k) + 1), (int(k) + 1, int(k)))
-             if periods[here] and periods[there]]
+    plan = dataclasses.replace(sweep.plan, section_points=0, damping=False, lyapunov=False)
 
-    def follow(pair: tuple[int, int]) -> results.Coexisting | None:
-        here, there = pair
-        neighbour = sweep.points[there]
-        assert neighbour is not None
-        plan = dataclasses.replace(sweep.plan, section_points=0, damping=False, lyapunov=False)
-        system = sweep.curve.at(here)
-        start = handed_over(sweep.curve.at(there), neighbour.end, system)
-        point = solve_point(system, sweep.curve.values[here], plan, start)
-        found = point.summary
+    def follow(here: int, neighbour: Point | None, there: int) -> results.Coexisting | None:
+        if neighbour is None or not (periods[here] and periods[there]):
+            return None
+        system, value = sweep.curve.at(here), sweep.curve.values[here]
+        found = solve_point(system, value, plan, handed_over(sweep.curve.at(there), neighbour.end, system)).summary
         if found is None or not found.period or abs(found.max_slip_speed - largest[here]) <= JUMP * size:
             return None
-        return results.Coexisting(here, sweep.curve.values[here], float(largest[here]), periods[here],
-                                  results.Reached(found.max_slip_speed, found.period),
-                                  stands_out(largest, here, JUMP * size))
+        return results.Coexisting(here, value, float(largest[here]), periods[here], results.Reached(
+            found.max_slip_speed, found.period), stands_out(largest, here, JUMP * size))
 
+    pairs = [(here, sweep.points[there], there) for k in steep(largest).tolist()
+             for here, there in ((k, k + 1), (k + 1, k))]
     with workers(jobs, None) as (threads, _):
-        rows = [row for row in threads.map(follow, pairs) if row is not None]
+        rows = [row for row in threads.map(follow, *zip(*pairs)) if row is not None] if pairs else []
     return sorted(rows, key=lambda row: row.index)
 
 
@@ -151,15 +147,14 @@ def _law(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
     v = np.linspace(-2.0, 2.0, 2001)
     near = np.linspace(0.0, 0.2, 801)
     for series in row.series:
-        terms = terms_of(paper_system(series.values))
-        assert terms.smoothing is not None
-        wide, close = (friction.smoothed_and_slope(x, terms.smoothing, terms.stribeck) for x in (v, near))
-        peak, height = friction.peak(terms.smoothing, terms.stribeck)
-        sliding = friction.sliding(near, 1.0, terms.stribeck) + 0.0 * near
+        system = paper_system(series.values)
+        law = system.friction.smoothing, terms_of(system).stribeck
+        wide, close = (friction.smoothed_and_slope(x, *law) for x in (v, near))
+        peak, height = friction.peak(*law)
         curves.append(results.Labelled(
             label=series.label, values=series.values, coefficient=wide[0], slope=wide[1], near_coefficient=close[0],
-            near_slope=close[1], near_set_valued=sliding, peak_slip_speed=peak, peak=height,
-            static=1.0 + (terms.stribeck[0] if terms.stribeck else 0.0)))
+            near_slope=close[1], near_set_valued=friction.sliding(near, 1.0, law[1]) + 0.0 * near,
+            peak_slip_speed=peak, peak=height, static=1.0 + (law[1][0] if law[1] else 0.0)))
     return {"slip_speed": v, "near_slip_speed": near, "curves": curves}
 
 
@@ -220,10 +215,10 @@ def _solvers(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
             max_slip_speed=found.max_slip_speed, t=_time(after), slip_speed=after.slip_speed))
     start = State(*steady[0].final)
     curves: list[results.Labelled] = []
-    for solver, (label, law, setting) in SOLVER_CURVES.items():
+    for solver, (label, law, how) in SOLVER_CURVES.items():
         begun = time.perf_counter()
         run = solve(replace(system, {"friction.law": law}), cycles=1 if options.quick else 2, samples_per_cycle=SAMPLES,
-                    start_cycle=begin, state=start, solver=solver, rtol=setting.get("rtol"), step=setting.get("step"))
+                    start_cycle=begin, state=start, solver=solver, **how)
         seconds, reference = time.perf_counter() - begun, curves[0].slip_speed if curves else run.slip_speed
         apart = np.nan if len(run.t) != len(reference) else rms_apart(run.slip_speed, reference)
         curves.append(results.Labelled(

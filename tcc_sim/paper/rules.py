@@ -122,6 +122,7 @@ class Claim:
     cheap : whether it takes less than about a second, so that every test run compares the page with it
     alone : whether it does not depend on the mean pressure of Figs. 4 to 18
     why : a reason, for measures that find one
+    labels : words of the page for the names of values
     """
 
     figure: str = field(metadata=reported("figure or equation of the paper"))
@@ -134,6 +135,7 @@ class Claim:
     fitted: bool = field(default=False, metadata=reported("whether its number chose the mean pressures"))
     alone: bool = False
     why: str = ""
+    labels: Mapping[str, str] = field(default_factory=dict)
 
     def __call__(self, evidence: StableMotions) -> Finding:
         """Compute and judge the claim."""
@@ -141,7 +143,8 @@ class Claim:
         found = self.measure(evidence)
         verdict = self.criterion.verdict(found.judged, evidence.limit)
         why = found.why if isinstance(found.why, str) else self.why * found.why
-        return Finding(found.values, verdict, why, json_of(found.motions), sorted(evidence.used))
+        values = {self.labels.get(name, name): value for name, value in found.values.items()}
+        return Finding(values, verdict, why, json_of(found.motions), sorted(evidence.used))
 
 
 def rows(number: int) -> list[Values]:
@@ -180,8 +183,7 @@ class Curves:
 
     def means(self, where: Any) -> list[float]:
         """Return the mean of every curve's maxima over some ratios, rad/s."""
-        found: list[float] = self.maxima[:, where].mean(axis=1).tolist()
-        return found
+        return [float(x) for x in self.maxima[:, where].mean(axis=1)]
 
     def best(self, curve: int, where: Any, sign: float = 1.0) -> float:
         """Return the part of the ratios at which a curve is the lowest (sign -1: the highest), if any slips."""
@@ -195,8 +197,7 @@ class Curves:
     def exceptions(self, curve: int, where: Any) -> list[float]:
         """Return the ratios at which a curve is not the lowest."""
         rest = np.delete(self.maxima, curve, axis=0).min(axis=0) + self.evidence.limit("shows")
-        found: list[float] = self.axis[where & (self.maxima[curve] > rest)].tolist()
-        return found
+        return [float(x) for x in self.axis[where & (self.maxima[curve] > rest)]]
 
     def jumps(self) -> list[tuple[str, Values, float, float]]:
         """Return label, row, ratio and size of every true jump from (13)."""
@@ -251,8 +252,7 @@ class Rules(StableMotions):
         share, mean = curves.best(0, where, sign), curves.means(where)
         most, on_average = share >= self.most, sign * mean[0] == min(sign * x for x in mean)
         return Measured((most, on_average), {
-            f"part at which it is the {word}": share, "mean maxima, in the order of the curves (rad/s)": mean,
-            **({"another curve is lower at": curves.exceptions(0, where)} if word == "lowest" else {})},
+            "share": share, "mean": mean, **({"beaten": curves.exceptions(0, where)} if word == "lowest" else {})},
             "" if most else f"it is the {word} in the mean, but not at every ratio" if on_average else
             f"another curve is the {word} in the mean")
 
@@ -261,22 +261,20 @@ class Rules(StableMotions):
         curves, where, sign = self.figure(number), BANDS[band], 1.0 if word == "fall" else -1.0
         share = share_where((sign * np.diff(curves.maxima, axis=0) <= self.limit("shows")).all(axis=0),
                             where & curves.any_slips())
-        return Measured([share], {"part in order": share,
-                                  "mean maxima, in the order of the curves (rad/s)": curves.means(where)})
+        return Measured([share], {"part in order": share, "mean": curves.means(where)})
 
     def no_jumps(self, number: int, chosen: Sequence[int] = ()) -> Measured:
         """Judge whether curves from (13) have no jump."""
         curves = self.figure(number, chosen)
         found = {name: [round(x, 4) for x, _ in self.jumps(row, curves.axis)] for name, row in curves.rows.items()}
-        return Measured((not any(found.values()),), {"jumps (omega/omega_n)": found})
+        return Measured((not any(found.values()),), {"jumps": found})
 
     def jumps_change_period(self, number: int, chosen: Sequence[int] = ()) -> Measured:
         """Judge at which part of the jumps from (13) the period changes."""
         found = {f"{name} at {x:.4f}": [m.period for m in self.beside(row, x, -PARTED, PARTED)]
                  for name, row, x, _ in self.figure(number, chosen).jumps()}
         share = float(np.mean([below != above for below, above in found.values()])) if found else 1.0
-        return Measured([share], {"jumps": len(found), "part of them": share, "periods below and above": found},
-                        share != 1.0)
+        return Measured([share], {"jumps": len(found), "share": share, "periods": found}, share != 1.0)
 
     def slipping_periods(self, numbers: Sequence[int]) -> dict[str, tuple[int, list[int]]]:
         """Return N of (35) and the periods at the slipping ratios, 0 for none, by curve."""

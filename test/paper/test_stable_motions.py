@@ -10,7 +10,7 @@ import pytest
 from given import Given, record, stretch
 from oracle import smoothed_states
 
-from tcc_sim.paper.branches_behind import HIGHEST, LOWEST, StableMotions, ordered_shares
+from tcc_sim.paper.branches_behind import HIGHEST, LOWEST, StableMotions, highest_shares
 from tcc_sim.paper.catalogue import FIGURES, paper_system
 from tcc_sim.paper.claims import CLAIMS, Verdict, claims_page
 from tcc_sim.paper.claims_periods import AT_036, covered_down_to
@@ -77,13 +77,11 @@ def test_the_jump_near_033_is_found_from_beyond_it() -> None:
 
 
 def test_the_order_of_curves_for_every_choice_of_motions() -> None:
-    low, high, two = [[1.0], [1.0]], [[2.0], [2.0]], [[0.5, 3.0], [1.5]]
-    everywhere = np.array([True, True])
-    assert ordered_shares([low, high], 0, everywhere) == (1.0, 1.0)
-    assert ordered_shares([low, two], 0, everywhere) == (0.5, 1.0)
-    assert ordered_shares([low, two], 0, everywhere, worst=True) == (0.0, 0.5)
-    assert ordered_shares([low, high], 1, everywhere, worst=True) == (1.0, 1.0)
-    assert ordered_shares([[[0.0]], [[0.0]]], 0, np.array([True])) == (1.0, 1.0)  # Nothing slips.
+    low, high, two, everywhere = [[1.0], [1.0]], [[2.0], [2.0]], [[0.5, 3.0], [1.5]], np.array([True, True])
+    assert highest_shares([low, two], everywhere) == (0.0, 0.5)
+    assert highest_shares([two, low], everywhere) == (0.5, 1.0)
+    assert highest_shares([high, low], everywhere) == (1.0, 1.0)
+    assert highest_shares([[[0.0]], [[0.0]]], np.array([True])) == (1.0, 1.0)  # Nothing slips.
 
 
 def test_motions_cover_a_range_without_a_gap() -> None:
