@@ -11,7 +11,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from child_output import without_compiling
+from interpreter import python, without_compiling
 
 from tcc_sim import __version__, cli
 from tcc_sim.cli.arguments import bounds_of_range, values_of_range
@@ -157,7 +157,7 @@ sys.modules["tcc_sim.cli.long"] = SimpleNamespace(add_arguments=lambda parser: N
 sys.argv = ["tcc-sim", "long"]
 sys.exit(cli.main())
 """
-    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
+    ended = python("-c", program)
     assert (ended.returncode, ended.stdout, ended.stderr) == (130, "as far as it came\n", "tcc-sim: interrupted\n")
 
 
@@ -167,8 +167,7 @@ def test_a_reader_that_goes_away_gets_no_traceback() -> None:
     os.close(reading)
     try:
         ended = subprocess.run([sys.executable, "-m", "tcc_sim", "scenes"], stdout=writing, stderr=subprocess.PIPE,
-                               text=True,
-                               env=environment, check=False)
+                               text=True, env=environment, check=False)
     finally:
         os.close(writing)
     assert (ended.returncode, ended.stderr) == (1, "")
@@ -190,10 +189,8 @@ def test_a_node_prints_to_a_closed_stream_as_well(words: str, status: int) -> No
 
 
 def test_a_name_that_the_terminal_cannot_show_is_escaped(tmp_path: Path) -> None:
-    environment = {**os.environ, "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "1"}
     words = ["fmu", "fig02", "--sources-only", "--out", str(tmp_path / "gr\u00fcn.fmu")]
-    ended = subprocess.run([sys.executable, "-m", "tcc_sim", *words], capture_output=True, env=environment, text=True,
-                           check=True)
+    ended = python("-m", "tcc_sim", *words, PYTHONIOENCODING="ascii", PYTHONUTF8="1")
     assert "gr\\xfcn.fmu: FMI 2.0" in ended.stdout
 
 
@@ -243,9 +240,8 @@ sys.argv = ["tcc-sim", "scenes"]
 @pytest.mark.parametrize("start", ["runpy.run_module('tcc_sim', run_name='__main__', alter_sys=True)",
                                    "from tcc_sim.__main__ import main; sys.exit(main())"])
 def test_ctrl_c_while_the_program_is_loaded_prints_nothing(start: str) -> None:
-    ended = subprocess.run([sys.executable, "-c", EARLY.format(start=start)], capture_output=True, check=False,
-                           env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})
-    assert (ended.returncode, ended.stdout, ended.stderr) == (-signal.SIGINT, b"", b"")
+    ended = python("-c", EARLY.format(start=start))
+    assert (ended.returncode, ended.stdout, ended.stderr) == (-signal.SIGINT, "", "")
 
 
 def test_ctrl_c_does_not_wait_for_the_compiler(tmp_path: Path) -> None:
@@ -258,7 +254,5 @@ def test_ctrl_c_does_not_wait_for_the_compiler(tmp_path: Path) -> None:
             "from tcc_sim.__main__ import main\n"
             "sys.argv = ['tcc-sim', 'figure', '2', '--quick', '--out', 'pictures']\n"
             "main()\n")
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=tmp_path,
-                           env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path),
-                                "NUMBA_CACHE_DIR": "", "XDG_CACHE_HOME": str(tmp_path / "empty")})
+    ended = python("-c", code, cwd=tmp_path, NUMBA_CACHE_DIR="", XDG_CACHE_HOME=str(tmp_path / "empty"))
     assert (ended.returncode, without_compiling(ended.stderr)) == (130, "tcc-sim: interrupted\n")

@@ -3,12 +3,11 @@
 import _thread
 import json
 import math
-import subprocess
-import sys
 import threading
 
 import numpy as np
 import pytest
+from interpreter import python
 
 from tcc_sim.cli import main
 
@@ -155,7 +154,7 @@ def test_a_solve_imports_nothing_that_it_does_not_need():
     unwanted = {"rclpy", "rerun", "mcap", "matplotlib", "scipy.integrate", "scipy.stats", "tqdm", "dask"}
     script = ("import sys; from tcc_sim.cli import main; main(['simulate', 'minimal', '--cycles', '4']);"
               f"print(sorted({unwanted} & set(sys.modules)))")
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=True)
+    done = python("-c", script)
     assert done.stdout.splitlines()[-1] == "[]"
 
 

@@ -16,22 +16,21 @@ from waiting import until_or_ended
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-from child_output import without_compiling
+from interpreter import environment, python, without_compiling
 
 import tcc_sim
 from tcc_sim.cli import main
+from tcc_sim.errors import TccError
 from tcc_sim.recording.reader import open_run
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 
-CHILD = {**{key: value for key, value in os.environ.items()
-            if key not in ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE")}, "PYTHONPATH": os.pathsep.join(sys.path)}
-"""Environment of commands, which take a domain of their own."""
 
-
-def command(*words: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-m", "tcc_sim", *words], cwd=folder, capture_output=True, text=True,
-                          timeout=300, check=False, env=CHILD)
+@pytest.fixture(autouse=True)
+def domain_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let commands take a domain."""
+    for name in ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE"):
+        monkeypatch.delenv(name, raising=False)
 
 
 def test_demo_records_analyses_and_draws(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -39,7 +38,8 @@ def test_demo_records_analyses_and_draws(tmp_path: Path, capsys: pytest.CaptureF
     pytest.importorskip("matplotlib")
     # At a pace that waits for the recorder: a busy machine loses messages in real time.
     (tmp_path / "minimal.yaml").write_text(load_scene("minimal").with_values({"real_time_factor": 0.0}).text())
-    ended = command("demo", "--scene", "minimal.yaml", "--duration", "0.5", "--out", "made", folder=tmp_path)
+    ended = python("-m", "tcc_sim", "demo", "--scene", "minimal.yaml", "--duration", "0.5", "--out", "made",
+                   cwd=tmp_path)
     assert ended.returncode == 0, ended.stderr
     assert without_compiling(ended.stderr) == ""
     made = tmp_path / "made"
@@ -85,17 +85,26 @@ with rclpy.init():
 
 def test_demo_starts_a_controller_of_the_users_and_stopped_by_ctrl_c_keeps_what_it_has(tmp_path: Path) -> None:
     (tmp_path / "own.py").write_text(OWN_CONTROLLER)
+    recording = tmp_path / "made" / "recording"
+
+    def enough() -> bool:
+        """Whether a command and 0.5 s of simulated time are on disk: then there are whole engine cycles to analyse."""
+        try:
+            found = tcc_sim.read(recording)
+        except TccError:
+            return False
+        return "actuation_pressure" in found.commands and found.runs[0].samples > 500
+
     process = subprocess.Popen(
         [sys.executable, "-m", "tcc_sim", "demo", "--controller", f"{sys.executable} own.py", "--duration", "600",
          "--out", "made"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        env={**CHILD, "PYTHONUNBUFFERED": "1"})
+        env=environment(PYTHONUNBUFFERED="1"))
     try:
         assert process.stdout is not None
         lines = [process.stdout.readline()]
         while "recording" not in lines[-1]:
             lines.append(process.stdout.readline())
-        # Half a second of simulated time is on disk: then there are whole engine cycles to analyse.
-        until_or_ended(lambda: any(p.stat().st_size > 60_000 for p in (tmp_path / "made").rglob("*.mcap")), process)
+        until_or_ended(enough, process)
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=120)
     finally:
@@ -105,7 +114,7 @@ def test_demo_starts_a_controller_of_the_users_and_stopped_by_ctrl_c_keeps_what_
     assert "stopped early" in out
     found = json.loads((tmp_path / "made" / "analysis.json").read_text())
     assert found["scene"]["pressure.source"] == "topic"
-    pressures = tcc_sim.read(tmp_path / "made" / "recording").commands["actuation_pressure"]
+    pressures = tcc_sim.read(recording).commands["actuation_pressure"]
     assert {float(value) for value in pressures.value} == {123456.0}
 
 
@@ -122,7 +131,7 @@ def test_a_controller_that_cannot_run_is_refused_before_anything_starts(words: l
 
 def test_demo_names_the_last_words_of_a_controller_that_ends(tmp_path: Path) -> None:
     (tmp_path / "own.py").write_text("raise SystemExit('no such sensor')")
-    ended = command("demo", "--controller", f"{sys.executable} own.py", "--out", "made", folder=tmp_path)
+    ended = python("-m", "tcc_sim", "demo", "--controller", f"{sys.executable} own.py", "--out", "made", cwd=tmp_path)
     assert ended.returncode == 1
     assert "own.py ended with status 1: no such sensor" in ended.stderr
 
@@ -132,7 +141,7 @@ def test_a_killed_command_leaves_no_node_behind(tmp_path: Path) -> None:
             "session = Session(Path('recording'), {'scene': 'minimal'})\n"
             "print(session.driveline.pid, session.recorder.pid, flush=True); sys.stdin.read()")
     process = subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path, stdin=subprocess.PIPE,
-                               stdout=subprocess.PIPE, text=True, env=CHILD)
+                               stdout=subprocess.PIPE, text=True, env=environment())
     assert process.stdout is not None
     nodes = [int(word) for word in process.stdout.readline().split()]
     assert len(nodes) == 2
@@ -145,7 +154,8 @@ def test_a_killed_command_leaves_no_node_behind(tmp_path: Path) -> None:
 
 
 def test_realtime_gives_every_figure(tmp_path: Path) -> None:
-    ended = command("realtime", "--rate", "500", "--duration", "1", "--json", "pacing.json", folder=tmp_path)
+    ended = python("-m", "tcc_sim", "realtime", "--rate", "500", "--duration", "1", "--json", "pacing.json",
+                   cwd=tmp_path)
     assert ended.returncode == 0, ended.stderr
     found = valid("realtime", json.loads((tmp_path / "pacing.json").read_text()))
     names = {"lateness_p50_s", "lateness_p99_s", "lateness_max_s", "cpu_fraction"}
@@ -160,7 +170,7 @@ def test_realtime_gives_every_figure(tmp_path: Path) -> None:
 
 
 def test_soak_counts_what_is_lost(tmp_path: Path) -> None:
-    ended = command("soak", "--rate", "500", "--duration", "2", "--json", "soak.json", folder=tmp_path)
+    ended = python("-m", "tcc_sim", "soak", "--rate", "500", "--duration", "2", "--json", "soak.json", cwd=tmp_path)
     assert ended.returncode == 0, ended.stderr
     found = valid("soak", json.loads((tmp_path / "soak.json").read_text()))
     assert found["lost_messages"] == 0

@@ -6,13 +6,12 @@ import json
 import os
 import signal
 import struct
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from interpreter import python
 from waiting import until
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
@@ -153,6 +152,5 @@ def test_ctrl_c_tears_nothing_away_from_what_must_be_saved() -> None:
             "    print(saved)\n"
             "    return 0\n"
             "sys.exit(run_node('saver', lambda: rclpy.create_node('saver'), body, []))\n")
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False,
-                           env={**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"})
+    ended = python("-c", code, ROS_AUTOMATIC_DISCOVERY_RANGE="OFF")
     assert (ended.returncode, ended.stdout, ended.stderr) == (0, "300000\n", "")

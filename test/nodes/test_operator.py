@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import os
-import re
 import signal
 import subprocess
 import sys
-from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from interpreter import environment, python, rerun_rows
 from waiting import until, until_or_ended
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
@@ -175,7 +174,7 @@ def test_wrong_words_are_one_line_and_status_2(control: Control, words: tuple[st
 def test_a_command_that_is_sent_again_and_again_says_so_until_it_is_interrupted(
         control: Control, driveline: NodeProcess) -> None:
     process = subprocess.Popen([sys.executable, "-m", "tcc_sim", "control", "torque", "310", "--rate", "20"], text=True,
-                               stdout=subprocess.PIPE, env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})
+                               stdout=subprocess.PIPE, env=environment())
     assert process.stdout is not None
     assert process.stdout.readline() == "sending engine_torque 310 N m 20 times a second; Ctrl-C ends it\n"
     process.send_signal(signal.SIGINT)
@@ -189,24 +188,13 @@ STATIC = 1
 def watching(folder: Path) -> subprocess.Popen[str]:
     """`tcc-sim watch` into live.rrd."""
     return subprocess.Popen([sys.executable, "-m", "tcc_sim", "watch", "--rrd", "live.rrd"], cwd=folder, text=True,
-                            stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-                            env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})
-
-
-def rows_in(file: Path) -> Counter[str]:
-    """Rows by entity in a Rerun file, complete or growing."""
-    printed = subprocess.run([sys.executable, "-m", "rerun", "rrd", "print", str(file)], text=True, capture_output=True,
-                             timeout=60, check=False, env={**os.environ, "HOME": str(file.parent)})
-    rows: Counter[str] = Counter()
-    for count, entity in re.findall(r"with (\d+) rows .*? - (/\S+) - data", printed.stdout):
-        rows[entity] += int(count)
-    return rows
+                            stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment())
 
 
 def await_rows(process: subprocess.Popen[str], file: Path, least: dict[str, int]) -> None:
     """Return when the file has at least these rows of each entity, however long that takes."""
     def grown() -> bool:
-        rows = rows_in(file)
+        rows = rerun_rows(file)
         return all(rows[entity] >= count for entity, count in least.items())
 
     while True:
@@ -234,7 +222,7 @@ def test_watch_writes_what_the_driveline_does_and_what_held_its_inputs_and_ends_
     # A watcher that misses states on a busy machine reports them.
     assert bool(missed) == ("missed " in said)
     assert "Traceback" not in said
-    assert rows_in(tmp_path / "live.rrd")["/slip/speed"] == shown + STATIC
+    assert rerun_rows(tmp_path / "live.rrd")["/slip/speed"] == shown + STATIC
 
 
 INTERRUPTED = """
@@ -258,11 +246,10 @@ sys.exit(cli.main(["watch", "--rrd", "live.rrd"]))
 def test_states_that_were_taken_are_shown_when_ctrl_c_comes_in_between(driveline: NodeProcess, control: Control,
                                                                        tmp_path: Path) -> None:
     pytest.importorskip("rerun")
-    ended = subprocess.run([sys.executable, "-c", INTERRUPTED], cwd=tmp_path, text=True, capture_output=True,
-                           timeout=60, check=False, env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})
+    ended = python("-c", INTERRUPTED, cwd=tmp_path)
     assert (ended.returncode, "Traceback" in ended.stderr) == (0, False)
     shown = int(ended.stdout.split()[0])
-    assert rows_in(tmp_path / "live.rrd")["/slip/speed"] == shown + STATIC > STATIC
+    assert rerun_rows(tmp_path / "live.rrd")["/slip/speed"] == shown + STATIC > STATIC
 
 
 @pytest.mark.parametrize("what", ["torque", "pressure"])

@@ -15,6 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from interpreter import environment, python
 from waiting import until_or_ended
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
@@ -29,10 +30,9 @@ COMPILES = 1.5
 
 
 def started(module: str, domain: str, folder: Path, *words: str, **more: str) -> subprocess.Popen[str]:
-    environment = {**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": domain, **more,
-                   "PYTHONPATH": os.pathsep.join(sys.path)}
-    return subprocess.Popen([sys.executable, "-m", f"tcc_sim.nodes.{module}", *words], env=environment, cwd=folder,
-                            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    return subprocess.Popen([sys.executable, "-m", f"tcc_sim.nodes.{module}", *words], cwd=folder, text=True,
+                            stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment(
+                                ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST", ROS_DOMAIN_ID=domain, **more))
 
 
 def taken(process: subprocess.Popen[str]) -> bool:
@@ -99,7 +99,7 @@ def test_a_node_under_nohup_outlives_its_terminal(ignored: bool) -> None:
     code = (f"import os, signal\n{before}\nfrom tcc_sim.nodes import signals\nsignals.take()\n"
             "os.kill(os.getpid(), signal.SIGHUP)\nif signal.getsignal(signal.SIGHUP) is signal.SIG_IGN: os._exit(7)\n"
             "signal.pause()\n")
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == (7 if ignored else 0)
+    assert python("-c", code).returncode == (7 if ignored else 0)
 
 
 ASKED = """
@@ -125,10 +125,8 @@ sys.argv += ["--ros-args", *{words!r}]
     ("slip_controller", [], "SIGHUP")])
 def test_a_signal_as_soon_as_a_node_ends_in_order_ends_it_so(module: str, words: list[str], number: str,
                                                              tmp_path: Path) -> None:
-    ended = subprocess.run([sys.executable, "-c", ASKED.format(module=module, words=words, number=number)],
-                           capture_output=True, text=True, timeout=60, check=False, cwd=tmp_path,
-                           env={**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF",
-                                "PYTHONPATH": os.pathsep.join(sys.path)})
+    ended = python("-c", ASKED.format(module=module, words=words, number=number), cwd=tmp_path,
+                   ROS_AUTOMATIC_DISCOVERY_RANGE="OFF")
     assert ended.returncode == 0, ended.stderr
     for sign in ("Traceback", "Exception", "Failed to publish"):
         assert sign not in ended.stderr
@@ -165,7 +163,7 @@ def test_the_entry_points_take_the_signals_before_they_load_anything_slow(comman
             "sys.meta_path.insert(0, Look())\n"
             f"sys.argv = ['{command}']\n"
             f"{command}()\n")
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    ended = python("-c", code)
     assert ended.returncode == 7, ended.stderr
     assert ended.stdout.split()[1:] == ["SIGINT", "SIGTERM", "SIGHUP"]
 

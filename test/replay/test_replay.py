@@ -3,12 +3,11 @@
 import math
 import os
 import re
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 from driveline_bags import bag, by_hand, ticked
+from interpreter import python, rerun_rows
 
 from tcc_sim.errors import InputError
 from tcc_sim.recording.reader import BYTES_A_STATE
@@ -163,23 +162,11 @@ def test_a_recording_without_scene_needs_one(tmp_path):
     is_slip(replay(path, scene="slip").summary)
 
 
-def rerun_rows(path):
-    """Rows by entity path, verified and counted by Rerun's own tool."""
-    for verb in ("verify", "print"):
-        done = subprocess.run([sys.executable, "-m", "rerun", "rrd", verb, str(path)], capture_output=True, text=True,
-                              timeout=120,
-                              check=True)
-    found = {}
-    for count, entity in re.findall(r"with (\d+) rows .*? - (/\S+) - data", done.stdout):
-        found[entity] = found.get(entity, 0) + int(count)
-    return found
-
-
-def test_everything_goes_to_rerun(tmp_path, monkeypatch):
+def test_everything_goes_to_rerun(tmp_path):
     pytest.importorskip("rerun")
-    monkeypatch.setenv("HOME", str(tmp_path))
     path = tmp_path / "run.rrd"
     replay(bag(tmp_path / "run", slip(2.0) + slip(1.0), "slip"), rrd=path)
+    assert python("-m", "rerun", "rrd", "verify", str(path), HOME=str(tmp_path)).returncode == 0
     rows, static = rerun_rows(path), 1
     assert rows["/slip/speed"] == 3002 + static
     assert rows["/cycles/largest"] == rows["/phase/section"] == 47 + 23 + static

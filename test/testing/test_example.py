@@ -6,15 +6,14 @@ its own.
 
 from __future__ import annotations
 
-import os
 import re
 import subprocess
-import sys
 import textwrap
 from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
+from interpreter import python
 
 from tcc_sim.plant.driveline import Reading
 
@@ -27,8 +26,7 @@ installed = pytest.mark.skipif(not [found for found in entry_points(group="pytes
 
 def outside(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """Run pytest in a folder that knows nothing of this project."""
-    return subprocess.run([sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *words], cwd=folder,
-                          env={**os.environ, "PYTHONPATH": str(EXAMPLE)}, capture_output=True, text=True, check=False)
+    return python("-m", "pytest", "-q", "-p", "no:cacheprovider", *words, cwd=folder, PYTHONPATH=str(EXAMPLE))
 
 
 def test_the_page_shows_the_files_of_the_example() -> None:
@@ -160,9 +158,7 @@ def test_a_node_of_the_pages_ends_by_a_signal_without_a_traceback(page: str, pla
     code = "from my_clutch.node import main; main()" if page == "testing" else textwrap.dedent(
         re.findall(r"python - <<'END'\n(.*?)\n    END", text, re.DOTALL)[0])
     script = INTERRUPTED.format(place=place, wait=wait, number=number, code=code)
-    ended = subprocess.run([sys.executable, "-c", script], check=False,
-                           capture_output=True, text=True, cwd=EXAMPLE, timeout=60,
-                           env={**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"})
+    ended = python("-c", script, cwd=EXAMPLE, PYTHONPATH="", ROS_AUTOMATIC_DISCOVERY_RANGE="OFF")
     assert (ended.returncode, ended.stderr) == (0, "")
 
 
