@@ -24,13 +24,14 @@ class TextbookMap:
 
     def evaluate(self, x: Floats, values: Values, first: int, cycles: int) -> Image:
         self.evaluations += 1
+        seen = self.observe(x, values, first, cycles)
         jacobian, by_parameter = np.eye(self.dimension), np.zeros((self.dimension, len(values)))
         for _ in range(cycles):
             x, a, b = self.step(x, values)
             jacobian, by_parameter = a @ jacobian, a @ by_parameter + b
         if not np.isfinite(x).all():
             raise ArithmeticError("not finite")
-        return Image(x, np.hstack([jacobian, by_parameter]))
+        return Image(x, np.hstack([jacobian, by_parameter]), seen)
 
     @property
     def coarse(self):

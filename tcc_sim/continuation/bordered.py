@@ -228,7 +228,7 @@ class VanishingMargin(Bordered):
     def linearise(self, z: Floats) -> Linearised:
         """The orbit's equations and the margin; ArithmeticError beyond the border."""
         found = self.shooting.linearise(z)
-        if self.left and found.seen is not None:
+        if self.left:
             self.events = self.events or found.seen.events
             if differ(found.seen.events, self.events):
                 raise ArithmeticError("the event sequence has changed")

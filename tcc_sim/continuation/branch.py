@@ -201,7 +201,7 @@ class BranchTrack(Continuation[ContinuationPoint, Bifurcation]):
                 found = shooting.linearise(here.solution.z + beside * here.solution.tangent)
                 along = oriented(solution_at(here.solution.z, found, null_direction(found)), here.solution.sign).tangent
                 z = here.solution.z + beside * along
-                events = shooting.map.observe(shooting.nodes(z)[0], shooting.values(z), 0, shooting.period).events
+                events = shooting.map.evaluate(shooting.nodes(z)[0], shooting.values(z), 0, shooting.period).seen.events
             except FAILURES:
                 continue
             new = None if events == here.orbit.seen.events else self._beyond(found, along, beside)

@@ -28,6 +28,11 @@ class AugmentedPoint(CurvePoint):
 
     equations: MinimallyAugmented
 
+    @property
+    def events(self) -> str:
+        """Event sequence of the motion."""
+        return self.solution.found.seen.events
+
 
 @dataclass(frozen=True)
 class Special:
@@ -240,14 +245,8 @@ def change_of_events(a: AugmentedPoint, b: AugmentedPoint) -> Special:
         point = bracket.at(middle)
         if point is None:
             break
-        side = int(differ(events_of(point), events_of(a)))
+        side = int(differ(point.events, a.events))
         ends[side], parts[side] = point, middle
     one, two = (nearest_margins(equations.shooting, s.solution.z[:equations.unknowns]) for s in ends)
-    kind = kind_of_change(events_of(ends[0]), events_of(ends[1]), (one, two))
+    kind = kind_of_change(ends[0].events, ends[1].events, (one, two))
     return midway(kind, ends[0], ends[1], True)
-
-
-def events_of(point: AugmentedPoint) -> str:
-    """The event sequence of the motion at a point."""
-    seen = point.solution.found.seen
-    return "" if seen is None else seen.events

@@ -18,7 +18,6 @@ from tcc_sim.continuation.codim2_points import (
     AugmentedPoint,
     Special,
     change_of_events,
-    events_of,
     measured,
     parameter_values,
     parameters,
@@ -87,7 +86,7 @@ class CurveTrack(Continuation[AugmentedPoint, Special]):
     def special_between(self, new: AugmentedPoint) -> list[Special]:
         """The special points up to `new`, in order."""
         here = self.here
-        if here.equations.shooting.map.piecewise and differ(events_of(here), events_of(new)):
+        if here.equations.shooting.map.piecewise and differ(here.events, new.events):
             self.signs.clear()
             self._test(new)
             return [change_of_events(here, new)]

@@ -17,7 +17,7 @@ from tcc_sim.model.parameters import DEFAULTS, System, replace, unknown_key, val
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.solvers.engine import GRADIENT, GROWS, SCALES, VALUE
 from tcc_sim.solvers.event_driven.margins import ARRIVAL, GRAZING, STUCK
-from tcc_sim.solvers.stroboscopic import Prepared, Stroboscopic
+from tcc_sim.solvers.stroboscopic import Prepared
 from tcc_sim.sweeps.steady_state import settled_from_start
 from tcc_sim.trajectory import Cycles
 
@@ -70,36 +70,23 @@ class DrivelineMap:
 
     def evaluate_each(self, states: Floats, values: Values, firsts: Sequence[float],
                       cycles: Sequence[float]) -> list[Image]:
-        """`evaluate` for several starts."""
-        return [Image(found.state, found.derivatives, self._seen(found, count), found.heights_derivatives)
-                for found, count in zip(self._each(states, values, firsts, cycles), cycles)]
-
-    def observe(self, x: Floats, values: Values, first: int, cycles: int) -> Observation:
-        """Largest |slip speed|, stick fraction and event sequence."""
-        return self._seen(self._each(x[None], values, [first], [cycles])[0], cycles)
+        """`evaluate` for several starts, with largest |slip speed|, stick fraction and event sequence."""
+        prepared, out = self._prepare(values), []
+        starts = np.array([self._settled(x) for x in states]) if self.piecewise else states
+        ends = [first + count for first, count in zip(firsts, cycles)]
+        for found, count in zip(prepared.each(starts, firsts, ends), cycles):
+            if not all(math.isfinite(number) for number in found.state.tolist()):
+                raise ArithmeticError("the state is not finite")
+            heights = found.heights.tolist()
+            seen = Observation(max(heights), found.stick_time / (count * prepared.period), found.events, tuple(heights))
+            out.append(Image(found.state, found.derivatives, seen, found.heights_derivatives))
+        return out
 
     def _prepare(self, values: Values) -> Prepared:
         """The system at these values, ready to be evaluated at many states."""
         if self._prepared is None or self._prepared[0] != values:
             self._prepared = values, Prepared(self.system_at(values), self.keys, self.tolerance)
         return self._prepared[1]
-
-    def _each(self, states: Floats, values: Values, firsts: Sequence[float],
-              cycles: Sequence[float]) -> Sequence[Stroboscopic]:
-        """Motions from several starts."""
-        ends = [first + count for first, count in zip(firsts, cycles)]
-        starts = np.array([self._settled(x) for x in states]) if self.piecewise else states
-        found = self._prepare(values).each(starts, firsts, ends)
-        if not all(math.isfinite(number) for part in found for number in part.state.tolist()):
-            raise ArithmeticError("the state is not finite")
-        return found
-
-    def _seen(self, found: Stroboscopic, cycles: float) -> Observation:
-        """Observation of a motion."""
-        assert self._prepared is not None
-        heights = found.heights.tolist()
-        return Observation(max(heights), found.stick_time / (cycles * self._prepared[1].period), found.events,
-                           tuple(heights))
 
     def settled(self, values: Values, most: int) -> tuple[Cycles, int]:
         """`settled_from_start` of the scene."""

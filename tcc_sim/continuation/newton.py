@@ -122,9 +122,7 @@ def largest_first(multipliers: NDArray[Any]) -> NDArray[np.complex128]:
 
 def orbit_at(shooting: Shooting, z: Floats, found: Linearised) -> Orbit:
     """The orbit of a solution `z` with its linearisation."""
-    nodes, values = shooting.nodes(z), shooting.values(z)
-    seen = found.seen if found.seen is not None else shooting.map.observe(nodes[0], values, 0, shooting.period)
-    return Orbit(shooting.period, values, nodes, multipliers_of(*found.blocks), seen,
+    return Orbit(shooting.period, shooting.values(z), shooting.nodes(z), multipliers_of(*found.blocks), found.seen,
                  float(np.abs(found.residual).max()))
 
 

@@ -136,8 +136,7 @@ def corrector(equations: Equations, guess: Floats, row: Floats, plane: tuple[Flo
 
 def over_border(here: Solution, new: Solution) -> bool:
     """Whether the event sequence differs between two solutions."""
-    before, after = here.found.seen, new.found.seen
-    return before is not None and after is not None and before.events != after.events
+    return here.found.seen.events != new.found.seen.events
 
 
 def oriented(solution: Solution, sign: float) -> Solution:

@@ -31,18 +31,22 @@ class Observation(NamedTuple):
     amplitudes: tuple[float, ...] = ()
 
 
+UNSEEN = Observation(0.0, 0.0, "")
+"""Observation where there is nothing to observe."""
+
+
 class Image(NamedTuple):
     """Image of a state after some cycles, with derivatives.
 
     value : (n,) state after them
     derivatives : (n, n + P) with respect to the state before them, and to the free parameters
-    seen : observation, if the map has it
-    amplitude_gradient : (N, n + P) derivatives of the N observed amplitudes, likewise
+    seen : observation of these cycles
+    amplitude_gradient : (N, n + P) derivatives of the N observed amplitudes, likewise, if the map has them
     """
 
     value: Floats
     derivatives: Floats
-    seen: Observation | None = None
+    seen: Observation = UNSEEN
     amplitude_gradient: Floats | None = None
 
     @property
@@ -83,7 +87,7 @@ class ParameterMap(Protocol):
     divisible : whether `first` and `cycles` of `evaluate` may be parts of cycles
     coarse : cheaper and nearly the same map, for guesses; or the map itself
 
-    `evaluate` and `observe` raise ArithmeticError where the system cannot be solved and ValueError outside its range.
+    `evaluate` raises ArithmeticError where the system cannot be solved and ValueError outside its range.
     """
 
     dimension: int
@@ -103,9 +107,6 @@ class ParameterMap(Protocol):
     def evaluate_each(self, states: Floats, values: Values, firsts: Sequence[float],
                       cycles: Sequence[float]) -> list[Image]:
         """`evaluate` for several states (m, n), each with its start and its length."""
-
-    def observe(self, x: Floats, values: Values, first: int, cycles: int) -> Observation:
-        """Observation of these cycles."""
 
     def margins(self, x: Floats, values: Values, first: float, cycles: float) -> Margins:
         """Distances of these cycles from another event sequence."""

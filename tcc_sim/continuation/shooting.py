@@ -17,7 +17,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.continuation.problem import Floats, Image, Observation, ParameterMap, Values
+from tcc_sim.continuation.problem import UNSEEN, Floats, Image, Observation, ParameterMap, Values
 from tcc_sim.continuation.settings import DEFAULTS, Settings
 from tcc_sim.errors import InputError
 
@@ -53,14 +53,14 @@ class Linearised(NamedTuple):
 
     residual, jacobian : (d,), (d, d + P)
     blocks : (m, n, n) derivatives of the segments' ends by their starts
-    seen : observation over the period, if the map has it
+    seen : observation over the period
     amplitudes, amplitude_gradient : (N,) the largest sizes of the motion, and (N, d + P) their derivatives
     """
 
     residual: Floats
     jacobian: Floats
     blocks: Floats = np.empty((0, 0, 0))
-    seen: Observation | None = None
+    seen: Observation = UNSEEN
     amplitudes: Floats = np.empty(0)
     amplitude_gradient: Floats = np.empty((0, 0))
 
@@ -141,16 +141,16 @@ class Shooting:
             jacobian[blocks_at], jacobian[:, size:] = blocks, parts[..., n:].reshape(size, -1)
         jacobian[ends_at] -= 1.0
         residual = ((ends - following) / scales).ravel()
-        seen = [image.seen for image in images if image.seen is not None and image.amplitude_gradient is not None]
-        if len(seen) < count:
-            return Linearised(residual, jacobian, blocks)
-        return Linearised(residual, jacobian, blocks, joined_observation(seen, self.segments),
-                          np.array([h for part in seen for h in part.amplitudes]) / self.map.amplitude_scale,
-                          self._gradient(images, sizes / self.map.amplitude_scale))
+        seen, scale = joined_observation([image.seen for image in images], self.segments), self.map.amplitude_scale
+        gradients = [image.amplitude_gradient for image in images if image.amplitude_gradient is not None]
+        if len(gradients) < count:
+            return Linearised(residual, jacobian, blocks, seen)
+        return Linearised(residual, jacobian, blocks, seen, np.array(seen.amplitudes) / scale,
+                          self._joined(gradients, sizes / scale))
 
-    def _gradient(self, images: Sequence[Image], sizes: Floats) -> Floats:
+    def _joined(self, gradients: Sequence[Floats], sizes: Floats) -> Floats:
         """(N, d + P) derivatives of the amplitudes of all segments by nodes and parameters of these sizes."""
-        parts = [image.amplitude_gradient * sizes for image in images if image.amplitude_gradient is not None]
+        parts = [gradient * sizes for gradient in gradients]
         if len(parts) == 1:
             return parts[0]
         n, size, row = self.map.dimension, self.size, 0
@@ -195,7 +195,7 @@ class Shooting:
         block = whole.jacobian * scales / scales[:, None]
         if not self.map.divisible or length <= 1.5 * self.settings.finest:
             return [(length, x, block)], whole.value
-        steady = not self.settings.thorough or whole.seen is None or len(whole.seen.events) < 2
+        steady = not self.settings.thorough or len(whole.seen.events) < 2
         if length <= 1.0 / parts and steady and float(np.abs(block).max()) < self.settings.growth**0.5:
             return [(length, x, block)], whole.value
         out: list[tuple[float, Floats, Floats]] = []

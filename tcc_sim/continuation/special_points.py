@@ -185,7 +185,7 @@ def sliding_bifurcation(
                 break
             # The corrector's observation is from before its last step.
             seen = point.shooting.linearise(point.solution.z).seen
-            point = point if seen is None else replace(point, orbit=replace(point.orbit, seen=seen))
+            point = replace(point, orbit=replace(point.orbit, seen=seen))
             if differ(point.orbit.seen.events, bracket.a.orbit.seen.events):
                 high, right = middle, point
             else:

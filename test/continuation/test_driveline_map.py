@@ -162,7 +162,7 @@ def test_the_gradient_of_the_amplitudes_is_that_of_differences(law: str) -> None
     shooting = Shooting.single(of, 1, ParameterRange(100.0, 200.0, name="engine.frequency"))
     z = shooting.unknowns(np.array([[10.0, 0.1, 5.0]]), (150.0,))
     found = shooting.linearise(z)
-    largest = of.observe(shooting.nodes(z)[0], (150.0,), 0, 1).largest
+    largest = of.evaluate(shooting.nodes(z)[0], (150.0,), 0, 1).seen.largest
     assert float(found.amplitudes.max()) * of.amplitude_scale == pytest.approx(largest, rel=1e-6)
     for k, step in enumerate(np.eye(len(z)) * 1e-5):
         ahead, behind = (shooting.linearise(z + sign * step).amplitudes for sign in (1.0, -1.0))

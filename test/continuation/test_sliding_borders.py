@@ -74,7 +74,7 @@ def orbit_beside(found, key, offset):
     got = corrector(exact, guess, row)
     assert got is not None, (key, offset)
     x, values = shooting.nodes(got.z)[0], shooting.values(got.z)
-    return x, values[0], shooting.map.observe(x, values, 0, shooting.period).events
+    return x, values[0], shooting.map.evaluate(x, values, 0, shooting.period).seen.events
 
 
 def located_again(item, system, key, reach):
