@@ -130,14 +130,6 @@ def test_double_roots_end():
         assert x == math.inf or x == pytest.approx(at, abs=5e-3)
 
 
-def test_a_dip_to_zero_between_two_positive_ends():
-    a = product([0.25 - 1e-9, -1.0, 1.0], [1.0, 0.3, 0.7])
-    assert exact(a, 0.0) > 0.2
-    assert exact(a, 1.0) > 0.2
-    assert first(a) == pytest.approx(0.5 - math.sqrt(1e-9), abs=1e-11)
-    assert first([-x for x in a], sign=-1.0) == pytest.approx(0.5 - math.sqrt(1e-9), abs=1e-11)
-
-
 def test_roots_at_the_ends():
     assert first(product([1.0, -1.0], [2.0, 1.0])) in (pytest.approx(1.0, abs=1e-14), math.inf)
     assert first([1.0 - 1e-9, -1.0]) == pytest.approx(1.0 - 1e-9, abs=1e-15)

@@ -79,7 +79,7 @@ def correct(work, rung, v):
     stages.eliminate(0, work.change, rung.coupling, work.grip, work.slope, work.measure)
 
 
-@pytest.mark.parametrize("stribeck", [None, STRIBECK])
+@pytest.mark.parametrize("stribeck", [None, STRIBECK, (*STRIBECK, 0.1, 0.5, -0.05, 0.1)])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_the_law_at_all_nodes_is_the_law(stribeck, sign):
     work = np.zeros(1, WORK)[0]

@@ -72,18 +72,6 @@ def test_two_events_close_together_are_both_found():
         assert len(run.transitions.time) == len(changes), amplitude
 
 
-def test_the_smoothed_law_converges_to_it_as_one_over_sigma():
-    system = system_of(**{"initial.slip_speed": 5.0})
-    exact = solve(system, duration=0.1, samples_per_cycle=40)
-    errors = []
-    for sigma in (1e3, 1e4, 1e5):
-        smoothed = replace(system, {"friction.law": "smoothed", "friction.smoothing": sigma})
-        run = solve(smoothed, duration=0.1, samples_per_cycle=40, solver="lsoda", rtol=1e-10)
-        errors.append(np.abs(run.slip_speed - exact.slip_speed).max())
-    ratios = np.array(errors[:-1]) / errors[1:]
-    assert np.all((ratios > 7.0) & (ratios < 14.0)), ratios
-
-
 def test_what_is_called_monotone_is():
     random, found = np.random.default_rng(2), 0
     for _ in range(300):

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from differences import apart
-from oracle import smoothed_states
+from oracle import coefficient_and_slope, sliding_of, smoothed_states
 from piecewise import Piecewise
 
 from tcc_sim import cli
@@ -148,6 +148,15 @@ def test_a_table_of_the_law_with_one_exponential_is_that_law() -> None:
     own = terms_of(replace(System(), {"friction.slip_speeds": speeds, "friction.coefficients": table}))
     assert own.stribeck == pytest.approx(terms_of(System()).stribeck, rel=1e-8)
     assert own.mean_load == pytest.approx(terms_of(System()).mean_load, rel=1e-9)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_the_law_and_its_slope_have_every_exponential(shape: str) -> None:
+    system = scene(shape, 1)
+    pairs, v = sliding_of(system.friction)[1], [-40.0, -0.3, 1e-3, 2.0, 55.0]
+    found = friction.smoothed_and_slope(np.array(v), 50.0, terms_of(system).stribeck)
+    np.testing.assert_allclose(np.transpose(found), [coefficient_and_slope(x, pairs, 50.0) for x in v], rtol=1e-12)
+    assert friction.smoothed_coefficient(np.array(v), 50.0, terms_of(system).stribeck) == pytest.approx(found[0])
 
 
 @pytest.mark.parametrize("shape", SHAPES)

@@ -78,6 +78,7 @@ def expand(order, rows, unit, sign, pulsation, stribeck, excess, sigma, tanh, se
 
 CASES = {"sliding": (None, None, None, None, None), "falling": ((0.25, 2.0), 0.22, None, None, None),
          "layer": ((0.25, 2.0), 0.22, 50.0, 0.98, 1.0 - 0.98**2),
+         "three exponentials": ((0.25, 2.0, 0.1, 0.5, -0.05, 0.1), 0.22, 50.0, 0.98, 1.0 - 0.98**2),
          "layer without stribeck": (None, None, 50.0, 0.98, 1.0 - 0.98**2)}
 
 
@@ -103,9 +104,10 @@ def test_motion_solves_the_equations(name, pulsation):
     load = np.polynomial.Polynomial(start[LOAD, :3])(x) if pulsation else start[LOAD, 0]
     law = np.tanh(sigma * v(x)) if sigma else 1.0
     if stribeck:
-        law = law * (1.0 + excess * np.exp(-stribeck[1] * (v(x) - v(0.0))))
+        shares = [excess, *(c * math.exp(-a * v(0.0)) for c, a in zip(stribeck[2::2], stribeck[3::2]))]
+        law = law * (1.0 + sum(c * np.exp(-a * (v(x) - v(0.0))) for c, a in zip(shares, stribeck[1::2])))
     plate = (law * load - LINEAR[2] * speed(x) - LINEAR[3] * angle(x)) / LINEAR[1]
-    np.testing.assert_allclose(speed.deriv()(x) / unit, plate, rtol=1e-10)
+    np.testing.assert_allclose(speed.deriv()(x) / unit, plate, rtol=1e-9)
     np.testing.assert_allclose(v.deriv()(x) / unit, (engine - law * load) / LINEAR[0] - plate, rtol=1e-10)
     np.testing.assert_allclose(angle.deriv()(x) / unit, speed(x), rtol=1e-10)
 
