@@ -108,7 +108,7 @@ def test_motion_solves_the_equations(name, pulsation):
         law = law * (1.0 + sum(c * np.exp(-a * (v(x) - v(0.0))) for c, a in zip(shares, stribeck[1::2])))
     plate = (law * load - LINEAR[2] * speed(x) - LINEAR[3] * angle(x)) / LINEAR[1]
     np.testing.assert_allclose(speed.deriv()(x) / unit, plate, rtol=1e-9)
-    np.testing.assert_allclose(v.deriv()(x) / unit, (engine - law * load) / LINEAR[0] - plate, rtol=1e-10)
+    np.testing.assert_allclose(v.deriv()(x) / unit, (engine - law * load) / LINEAR[0] - plate, rtol=1e-9)
     np.testing.assert_allclose(angle.deriv()(x) / unit, speed(x), rtol=1e-10)
 
 
