@@ -121,3 +121,11 @@ def paths_in(value: Any, names: set[str], path: str = "") -> set[str]:
 def pixels(picture: Path) -> int:
     """Width of a PNG."""
     return int.from_bytes(picture.read_bytes()[16:20], "big")
+
+
+def same_pictures(figures: list[Any], width: float) -> list[Any]:
+    """The lines of the first picture, after checks that the last one has the same and that all have one width."""
+    first, *_, last = ([line.get_xydata() for axis in drawn.axes for line in axis.lines] for drawn in figures)
+    np.testing.assert_equal(last, first)
+    assert {float(drawn.get_size_inches()[0]) for drawn in figures} == {width}
+    return first

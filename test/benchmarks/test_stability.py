@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from documents import pixels, valid
+from documents import same_pictures, valid
 from scipy.optimize import minimize_scalar
 
 from tcc_sim.benchmarks import extremes, stability, worst_cases
@@ -17,6 +17,7 @@ from tcc_sim.model.parameters import QUANTITIES, System, replace
 from tcc_sim.result import json_of
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.comparison.runge_kutta import rk4_limit
+from tcc_sim.views import style
 
 KEYS = {"solver", "step", "status", "finite", "bounded", "error", "iterations_max", "power_residual"}
 FREE = {"pressure.mean": 0.0, "pressure.amplitude": 0.0, "driveline.damping": 0.0}
@@ -144,12 +145,12 @@ def test_the_largest_errors_have_their_reasons():
 def tiny(monkeypatch):
     """A report of three scenes and charts of four cells."""
     monkeypatch.setattr(stability, "QUICK_COUNT", 3)
-    for table, kept in ((stability.OVER, slice(4)), (stability.METHODS, slice(-4, None))):
+    for table, kept in ((stability.OVER, slice(1, 5)), (stability.METHODS, slice(-4, None))):
         for name, values in tuple(table.items()):
             monkeypatch.setitem(table, name, values[kept])
 
 
-def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys):
+def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys, figures):
     folder = tmp_path / "out"
     assert main(["stability", "--quick", "--width", "column", "--out", str(folder)]) == 0
     found = valid("stability", json.loads((folder / "stability.json").read_text()))
@@ -161,11 +162,10 @@ def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys):
     assert all(total["not_finite"] == total["not_bounded"] == 0 for total in found["summary"].values())
     assert len(found["charts"]) == 3 * len(stability.METHODS) - 1
     assert {c["method"] for c in found["charts"]} >= {"smoothed", "event_driven"}
-    assert (folder / "stability.svg").exists()
-    again = tmp_path / "again.png"
-    assert main(["plot", str(folder / "stability.json"), "--plot", str(again), "--width", "column"]) == 0
-    assert pixels(again) == 700
-    assert again.read_bytes() == (folder / "stability.png").read_bytes()
+    assert {"stability.png", "stability.svg"} <= {path.name for path in folder.iterdir()}
+    words = ["plot", str(folder / "stability.json"), "--plot", str(tmp_path / "again.png"), "--width", "column"]
+    assert main(words) == 0
+    assert len(same_pictures(figures, style.COLUMN)) > 4
     text = (folder / "stability.md").read_text()
     assert text.splitlines()[2] == "This page is generated: `tcc-sim stability --quick` writes it."
     assert text.count(" failed and ") == 3
