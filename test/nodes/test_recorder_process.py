@@ -115,7 +115,7 @@ def test_a_recorder_killed_again_and_again_leaves_what_can_be_analysed_and_recov
         output = tmp_path / f"run{n}"
         recorder = start("recorder", output=output)
         # Kill at a random time.
-        least = draw.randint(500, 1000)
+        least = draw.randint(300, 600)
         until(lambda output=output, least=least: readable(output) > least)
         before = readable(output)
         recorder.kill()
@@ -156,10 +156,10 @@ def test_a_driveline_ends_after_a_busy_recorder_has_received_everything(process_
                 command.publish(cdr.fluid_pressure(heard[-1], 1e5))
         return len(heard) == count
 
-    until(lambda: answer(100))
+    until(lambda: answer(100), step=list)
     recorder.send_signal(signal.SIGSTOP)
     command.publish(cdr.fluid_pressure(heard[-1], 1e5))
-    until(lambda: answer(400))
+    until(lambda: answer(400), step=list)
     driveline.send_signal(signal.SIGINT)
     driveline.await_line("waits until subscribers have received the last messages of /")
     recorder.send_signal(signal.SIGCONT)
