@@ -14,11 +14,8 @@ from tcc_sim.views import style
 from tcc_sim.views.branch_diagram import MARKS, UNSTABLE, stable_and_unstable
 from tcc_sim.views.sweeps import numbers
 
-CAUSES = {"basin_boundary": "basin", "steep": "steep", "aperiodic": "no period", "not_followed": "not followed",
-          "stick_border": "stick border", "period_doubling": "doubling", "neimark_sacker": "torus",
-          "branch_point": "branch point", "grazing_sliding": "grazing", "crossing_sliding": "crossing",
-          "switching_sliding": "switching", "adding_sliding": "adding"}
-"""Labels of jumps by cause."""
+CAUSES = {"basin_boundary": "basin", "period_doubling": "doubling", "neimark_sacker": "torus"}
+"""Labels of jumps whose cause has a longer name."""
 UNNAMED = ("aperiodic", "not_followed")
 """Causes without a label in drawings, because there may be dozens; JSON and pages name them."""
 UNSEEN = ("steep",)
@@ -69,7 +66,8 @@ def label_jumps(axis: Any, curves: Sequence[Labelled], unit: float, colours: Seq
                 axis.axvline(x, color=colour, alpha=0.6, zorder=1.4, **OFF_BRANCHES)
             elif cause not in UNSEEN:
                 axis.axvline(x, color=colour, linewidth=0.5, alpha=0.7, zorder=1.5)
-                named.setdefault((CAUSES.get(cause, cause.replace("_", " ")), f"{x:.4f}"), (x, colour))
+                name = CAUSES.get(cause, cause.removesuffix("_sliding").replace("_", " "))
+                named.setdefault((name, f"{x:.4f}"), (x, colour))
     labels = sorted((x, f"{name} {value}", colour) for (name, value), (x, colour) in named.items())
     least = NARROWEST if style.wide(axis.figure.get_figwidth()) else 1.4 * NARROWEST
     places = spread([x for x, _, _ in labels], least * (high - low), low, high)
@@ -106,20 +104,13 @@ def top_of(curves: Sequence[Labelled]) -> tuple[float, int]:
 
 
 def legend_of(axis: Any, curves: Sequence[Labelled], swept: Sequence[Labelled], beyond: int) -> None:
-    """Draw the legend of the lines and marks in axes of its own, with the number of points beyond the panels.
-
-    Parameters
-    ----------
-    curves : curves with branches in the picture
-    swept : curves with points and jumps in the picture
-    """
+    """Draw the legend in axes of its own: lines of branches, marks of `swept` curves, number of points beyond."""
     followed = behind(curves)
     rows: list[dict[str, Any]] = [{"label": "stable (thicker: longer period)"}]
-    if not all(all(b["stable"]) for b in followed.branches):
-        rows.append({"label": "unstable", "linewidth": 0.7, "linestyle": UNSTABLE})
+    whole = all(all(b["stable"]) for b in followed.branches)
+    rows += [{"label": "unstable", "linewidth": 0.7, "linestyle": UNSTABLE}] * (not whole)
     rows += [{"label": mark.name, **mark.look(style.INK, 2.4)} for mark in marks_met(swept)]
-    if beyond:
-        rows.append({"label": f"({counted(beyond, 'point')} beyond the axes)", "linestyle": "none"})
+    rows += [{"label": f"({counted(beyond, 'point')} beyond the axes)", "linestyle": "none"}] * bool(beyond)
     rows += [{"label": name, "marker": marker, "markersize": 3.2, "markeredgewidth": 0.0, "linestyle": "none"}
              for marker, name in (MARKS[kind] for kind in dict.fromkeys(f["kind"] for f in followed.bifurcations))]
     causes = {jump.cause for jump in behind(swept).jumps}

@@ -19,16 +19,9 @@ from tcc_sim.analysis.summary import summarise_cycles
 from tcc_sim.basins.attractors import find_attractors
 from tcc_sim.basins.compute import halton
 from tcc_sim.basins.driveline import DrivelineMotion
+from tcc_sim.continuation import diagram
 from tcc_sim.continuation.branch import Branch
-from tcc_sim.continuation.diagram import (
-    SWEPT,
-    SettledMotion,
-    amplitude_of,
-    bifurcation_diagram,
-    left_out,
-    point_of,
-    state_at_phase_0,
-)
+from tcc_sim.continuation.diagram import SWEPT, SettledMotion, point_of
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.loss_of_stability import StableSegment, jumps_of, segment_of, stable_segments
 from tcc_sim.continuation.newton import shifts
@@ -115,7 +108,7 @@ def approached(curve: Curve, late: SettledMotion, settled: bool) -> SettledMotio
     if point is not None:
         of, orbit = point.shooting.map, point.orbit
         points = np.array(shifts(of, orbit.section, orbit.values, orbit.period))
-        if np.abs((points - state_at_phase_0(of, late)) / of.scales).max(axis=1).min() < NEAR:
+        if np.abs((points - diagram.state_at_phase_0(of, late)) / of.scales).max(axis=1).min() < NEAR:
             return replace(goal, amplitude=orbit.seen.largest) if orbit.stable else replace(late, period=0)
     return late if settled else replace(late, period=0)
 
@@ -131,10 +124,9 @@ def still_higher(sweep: Sweep, seen: Sequence[SettledMotion]) -> int:
 def surveyed(curve: Curve, seen: Sequence[SettledMotion], progress: bool = False,
              settings: Settings = SWEPT) -> list[Branch]:
     """Follow the branches through motions along a curve, over its values; `progress` shows a count on a terminal."""
-    of = DrivelineMap(curve.system, (curve.key,))
+    span = ParameterRange(min(curve.values), max(curve.values), name=curve.key)
     with point_bar(progress) as tick:
-        return bifurcation_diagram(of, ParameterRange(min(curve.values), max(curve.values), name=curve.key), seen, tick,
-                                   settings)
+        return diagram.bifurcation_diagram(DrivelineMap(curve.system, (curve.key,)), span, seen, tick, settings)
 
 
 def motions_behind(sweeps: Sequence[Sweep], progress: bool = False) -> list[MotionsBehind]:
@@ -153,9 +145,11 @@ def motions_behind(sweeps: Sequence[Sweep], progress: bool = False) -> list[Moti
             number = next((k for k, f in enumerate(bifurcations) if f is jump.found), None)
             jumps.append(JumpBehind(jump.value, (jump.low, jump.high), (jump.before, jump.after),
                                     "stick_border" if ends_stick else jump.cause, number))
-        higher = still_higher(sweep, row)
-        transient = f"{higher} of {len(row)} points show a transient that outlasts the cycles that are dropped"
-        out.append(MotionsBehind(followed, special, jumps, left_out(row, branches, base) + [transient] * bool(higher)))
+        sentences = diagram.left_out(row, branches, base)
+        if higher := still_higher(sweep, row):
+            sentences.append(f"{higher} of {len(row)} points show a transient that outlasts the cycles that are "
+                             "dropped")
+        out.append(MotionsBehind(followed, special, jumps, sentences))
     return out
 
 
@@ -164,8 +158,7 @@ def motions_behind_each(sweeps: Sequence[Sweep], jobs: int | None = None,
     """Return `motions_behind` for sweeps of different systems, each in a process."""
     if processes_for(len(sweeps), jobs) < 2:
         return [motions_behind([sweep], progress)[0] for sweep in sweeps]
-    tasks = [[sweep] for sweep in sweeps]
-    return [found for found, in each_in_a_process(motions_behind, tasks, jobs, "curve", progress)]
+    return [found for found, in each_in_a_process(motions_behind, [[s] for s in sweeps], jobs, "curve", progress)]
 
 
 def creeps(found: Bifurcation, system: System) -> bool:
@@ -178,12 +171,11 @@ def creeps(found: Bifurcation, system: System) -> bool:
 
 def orbit_behind(system: System, final: State, cycle: int, period: int, largest: float) -> dict[str, Any] | None:
     """Return the periodic orbit at a settled motion with the names of `continue --json`; None without a period."""
-    omega = system.engine.frequency
-    of = DrivelineMap(system, ("engine.frequency",))
-    state = np.array(final.numbers)
     if not period:
         return None
-    point = point_of(of, ParameterRange(0.5 * omega, 1.5 * omega), SettledMotion(omega, state, cycle, period, largest))
+    omega = system.engine.frequency
+    point = point_of(DrivelineMap(system, (FREQUENCY,)), ParameterRange(0.5 * omega, 1.5 * omega),
+                     SettledMotion(omega, np.array(final.numbers), cycle, period, largest))
     return None if point is None else {"period": point.orbit.period, **point.orbit.figures.as_json()}
 
 
@@ -248,7 +240,7 @@ class StableMotions(Evidence):
         among = self.stretches([row], axis, over=over)[0]
         sweep = self.curves([row], axis, over=over)[0]
         unit, seen = NORMALISED[over][1], seen_in(sweep)
-        base, size = common_cycles(sweep.curve.system), amplitude_of(seen)
+        base, size = common_cycles(sweep.curve.system), diagram.amplitude_of(seen)
         at = {s.value: segment_of(replace(s, value=s.value / unit), among, size, base) for s in seen}
         return [at.get(value) for value in sweep.curve.values]
 
@@ -300,12 +292,7 @@ class StableMotions(Evidence):
 def highest_shares(found: Sequence[Sequence[Sequence[float]]], where: Any, negligible: float = 0.05,
                    slipping: float = 0.1) -> tuple[float, float]:
     """Return the fractions of the slipping places at which the first curve is the highest, for every choice of a motion
-    on each curve and for some choice.
-
-    Parameters
-    ----------
-    found : largest slip speeds of all stable motions, per curve and place
-    negligible, slipping : negligible difference, rad/s, and largest slip speed above which a curve slips
+    on each curve and for some choice, from the largest slip speeds of all stable motions, per curve and place, rad/s.
     """
     every, some, moving = np.array([
         (min(own) >= max(map(max, others)) - negligible, max(own) >= max(map(min, others)) - negligible,

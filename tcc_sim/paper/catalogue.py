@@ -1,8 +1,7 @@
-"""Figures 2 to 18 of the paper as data: kind, axis, curves and options of each.
+"""Figures 2 to 18 of the paper from figures.yaml: kind, axis, curves and options of each.
 
 The friction torque of Sections 5 and 6 keeps N(t) while mu_k changes, so mu_s N R = 540 N m (Pm = 225 kPa) in Figs. 4
-to 18; the paper does not print the pressure, and of those tried this one agrees with most of its text. Fig. 2 states
-its own. Amplitudes are ratios Tsp/Tsm = Pp/Pm.
+to 18; the paper does not print the pressure, and of those tried this one agrees with most of its text.
 """
 
 from __future__ import annotations
@@ -35,8 +34,6 @@ SWEPT = ("map", "damping", "orbit")
 """Kinds of figures with a sweep, which has a direction."""
 BRANCHED = ("map", "orbit", "actuation")
 """Kinds of figures with points on branches, or with histories of periodic orbits."""
-BOTH_LAWS = ("law", "solvers")
-"""Kinds of figures that show the smoothed and the set-valued law."""
 SECTION_FIVE: Mapping[str, Value]
 SECTION_FIVE, _FIGURES = yaml.safe_load_all(Path(__file__).with_name("figures.yaml").read_text(encoding="utf-8"))
 """Table 1 with a constant pressure, and the initial state (13); the figures."""
@@ -95,10 +92,7 @@ RATIOS: dict[str, tuple[str, float]] = {
 
 def plain(label: str) -> str:
     """Return a label without mathematical typesetting."""
-    label = re.sub(r"\\frac\{(\d+)\}\{(\d+)\}", r"\1/\2 ", label)
-    for sign in ("$", "\\", "{", "}"):
-        label = label.replace(sign, "")
-    return label
+    return re.sub(r"[$\\{}]", "", re.sub(r"\\frac\{(\d+)\}\{(\d+)\}", r"\1/\2 ", label))
 
 
 def _figure(number: int, row: Mapping[str, Any]) -> PaperFigure:
@@ -144,7 +138,7 @@ def check_options(number: int, options: FigureOptions) -> None:
     kind = FIGURES[number].kind
     if options.direction is not None and kind not in SWEPT:
         raise InputError(f"direction is {options.direction}; Fig. {number} has no sweep")
-    if options.law != "smoothed" and kind in BOTH_LAWS:
+    if options.law != "smoothed" and kind in ("law", "solvers"):
         raise InputError(f"law is {options.law}; Fig. {number} shows both laws")
     if options.branches and kind not in BRANCHED:
         numbers = ", ".join(str(n) for n, row in FIGURES.items() if row.kind in BRANCHED)

@@ -53,8 +53,7 @@ def claims_in(rows: Mapping[str, Mapping[str, Any]]) -> list[Claim]:
         criterion, = (rule(words[key], *(words[option] for option in options if option in row))
                       for key, (rule, *options) in RULES.items() if key in row)
         labels = {key: text.format_map(phrases) for key, text in row.get("values", {}).items()}
-        kind: dict[str, Any] = dict.fromkeys(row.get("kind", ()), True)
-        figure, where = row["at"]
+        (figure, where), kind = row["at"], dict.fromkeys(row.get("kind", ()), True)
         found.append(Claim(figure, where, row["claim"], criterion, methodcaller(measure, **given), name,
                            why=row.get("why", ""), labels=labels, **kind))
     return found
@@ -181,8 +180,7 @@ def claims_page(verdicts: Sequence[Verdict], *, complete: bool = True) -> str:
         lines += ["", "## Thresholds halved and doubled", "", f"The verdicts that change, at {places[0]} kPa.", "",
                   *markdown_table(["threshold", "meaning", "value", "halved", "doubled"],
                                   [threshold_row(verdicts, item) for item in fields(T)])]
-    if not complete:
-        lines += ["", "**Interrupted: not every claim was judged.**"]
+    lines += ["", "**Interrupted: not every claim was judged.**"] * (not complete)
     for v in found:
         lines += ["", *claim_section(v)]
     return "\n".join(lines) + "\n"

@@ -12,7 +12,7 @@ from tcc_sim.errors import counted
 from tcc_sim.paper import rules
 from tcc_sim.paper.branches_behind import WAYS, Motion
 from tcc_sim.paper.catalogue import FIGURES
-from tcc_sim.paper.evidence import T, with_kinetic
+from tcc_sim.paper.evidence import T, steep, with_kinetic
 from tcc_sim.paper.rules import AXIS, FINER, LOW, Measured, Rules, grow, rows
 from tcc_sim.trajectory import Floats
 
@@ -79,7 +79,7 @@ class JumpClaims(Rules):
             ends = [end for axis in axes for end in self.jump_ends(row, axis)]
             for way in WAYS:
                 values = self.maxima([row], FINER, direction=way)[0]
-                steps = [0.5 * (FINER[k] + FINER[k + 1]) for k in self.steep(values)]
+                steps = [0.5 * (FINER[k] + FINER[k + 1]) for k in steep(values, self.limit("jump"))]
                 met = [x for x in ends if any(abs(x - step) <= self.limit("ends") for step in steps)]
                 both.append([x for x in self.prominent_maxima(FINER, values)
                              if any(abs(x - end) <= self.limit("close") for end in met)])
@@ -125,9 +125,9 @@ class JumpClaims(Rules):
                         f"psi = {', '.join(fewer)} has no more peaks" if fewer else "")
 
     def jump_to_chaos(self) -> Measured:
-        row, near = rows(14)[0], about(0.35)
+        row, near, jump = rows(14)[0], about(0.35), self.limit("jump")
         ends = [x for x in self.jump_ends(row, near) if abs(x - 0.35) <= self.limit("near")]
-        rises = [float(0.5 * (AXIS[k] + AXIS[k + 1])) for k in self.steep(self.maxima([row], AXIS)[0])]
+        rises = [float(0.5 * (AXIS[k] + AXIS[k + 1])) for k in steep(self.maxima([row], AXIS)[0], jump)]
         values: dict[str, Any] = {"stable motions end in a jump at": ends, "steep rises": rises}
         whole, part = False, False
         for x in ends or [x for x in rises if abs(x - 0.35) <= self.limit("near")]:
@@ -164,7 +164,7 @@ class JumpClaims(Rules):
                          "met": [[end.kind, end.value] for end in met]}, not smooth, motions)
 
     def half_frequency_jumps(self) -> Measured:
-        found = [len(self.steep(values)) for values in self.figure(16).maxima]
+        found = [len(steep(values, self.limit("jump"))) for values in self.figure(16).maxima]
         return Measured((found[0] > max(found[1:]), found[0] > min(found[1:])), {"changes": found})
 
     def amplitude_enlarges_jumps(self) -> Measured:

@@ -44,8 +44,6 @@ READ_AT = (0.12, 0.20, 0.25)
 def cycle_differences(chosen: tuple[tuple[str, str, float | None], ...]) -> dict[str, float]:
     """Return root mean square differences from the smoothed engine over one cycle of Fig. 2, relative to the maximum.
 
-    Parameters
-    ----------
     chosen : solver with optional words after a comma, friction law, and step, s
     """
     system = paper_system(FIG02)

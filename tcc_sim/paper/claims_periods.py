@@ -42,12 +42,9 @@ def repeats(series: Floats) -> int:
 def covered_down_to(stretches: Sequence[StableSegment], start: float) -> float:
     """Return the value down to which stable motions of period one or two exist without a gap, from `start` on."""
     at, gap = start, 1e-6
-    while True:
-        reach = min((s.low.value for s in stretches if s.period <= 2 and s.low.value < at - gap <= s.high.value),
-                    default=at)
-        if reach == at:
-            return at
-        at = reach
+    while lower := [s.low.value for s in stretches if s.period <= 2 and s.low.value < at - gap <= s.high.value]:
+        at = min(lower)
+    return at
 
 
 class PeriodClaims(JumpClaims):

@@ -118,10 +118,8 @@ def _paint_map(drawn: Any, data: Figure) -> None:
     """Draw maxima and orbit diagrams of every curve in shared ranges, over the other curves or its branches, pale."""
     curves, x = data.curves, data.x
     branched, wide, count = curves[0].behind is not None, style.wide(drawn.get_figwidth()), len(curves)
-    if branched:
-        top, beyond = panels.top_of(curves)
-    else:
-        top, beyond = 1.06 * max(float(np.nanmax(panels.bounded(curve), initial=1e-6)) for curve in curves), 0
+    top, beyond = panels.top_of(curves) if branched else (
+        1.06 * max(float(np.nanmax(panels.bounded(curve), initial=1e-6)) for curve in curves), 0)
     if branched and not wide:  # Causes of jumps need the whole width: the orbit diagram is below its maxima.
         grid = drawn.add_gridspec(2 * count + 1, 1, height_ratios=[1.4, 1.0] * count + [0.8])
         cells = [[grid[2 * k + side, 0] for k in range(count)] for side in range(2)]

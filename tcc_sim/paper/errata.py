@@ -178,14 +178,7 @@ def engine_speeds() -> Mapping[str, Mapping[str, float | None]]:
 
 @dataclass(frozen=True)
 class Erratum:
-    """Erratum of the paper.
-
-    where : equation, figure or section
-    printed, right : printed and right form, in words and formulas of plain text
-    why : short derivation
-    code : module of this package with the right form; empty if none has it
-    numbers : function that computes values that show the difference
-    """
+    """Erratum of the paper with the fields of errata.yaml; `numbers` computes values that show the difference."""
 
     where: str
     printed: str

@@ -64,11 +64,8 @@ Values = Mapping[str, Value]
 
 @dataclass(frozen=True)
 class ColdStartMotion:
-    """One motion from the initial state (13).
-
-    period : period of the settled motion, 0 for none up to 16, RUNAWAY or FAILED
-    largest : largest |slip speed| after the dropped cycles, rad/s; NaN for a failure
-    lyapunov : largest Lyapunov exponent, if requested
+    """One motion from the initial state (13): period of the settled motion (0 for none up to 16, RUNAWAY or FAILED),
+    largest |slip speed| after the dropped cycles, rad/s (NaN for a failure), and exponent, if requested.
     """
 
     period: int
@@ -107,10 +104,6 @@ class Evidence:
     def most(self) -> float:
         """Fraction of the cases in which a statement must hold."""
         return 1.0 - self.limit("missing")
-
-    def steep(self, values: Floats) -> NDArray[np.int64]:
-        """Return the indices at which neighbours differ as at a jump or a steep rise."""
-        return steep(values, self.limit("jump"))
 
     def system(self, row: Values) -> System:
         """Return the system of a row, at this mean pressure unless the row states another."""
@@ -210,16 +203,13 @@ class Evidence:
         values = self.maxima([row], axis)[0]
         size = float(np.nanmax(values))
         found = []
-        for k in self.steep(values):
+        for k in steep(values, self.limit("jump")):
             a, b, fa, fb = float(axis[k]), float(axis[k + 1]), float(values[k]), float(values[k + 1])
             first = abs(fb - fa)
             for _ in range(BISECTIONS):
                 middle = 0.5 * (a + b)
                 fm = self.beside(row, middle, 0.0)[0].largest
-                if abs(fm - fa) >= abs(fb - fm):
-                    b, fb = middle, fm
-                else:
-                    a, fa = middle, fm
+                a, fa, b, fb = (a, fa, middle, fm) if abs(fm - fa) >= abs(fb - fm) else (middle, fm, b, fb)
             if abs(fb - fa) > 0.5 * first and abs(fb - fa) > self.limit("jump") * size:
                 found.append((0.5 * (a + b), fb - fa))
         return found

@@ -25,7 +25,7 @@ from tcc_sim.sweeps.executors import workers
 from tcc_sim.sweeps.exponents import largest_lyapunov_exponent
 from tcc_sim.sweeps.results import Point
 from tcc_sim.sweeps.sweep import Curve, Plan, Sweep, handed_over, solve_point
-from tcc_sim.trajectory import Floats, State, Trajectory
+from tcc_sim.trajectory import State, Trajectory
 
 SECTION_POINTS = 40
 """Number of section points at every value of an orbit diagram."""
@@ -165,12 +165,6 @@ def _run_in(system: System, more: int, cycles: int = RUN_IN, samples: int = SAMP
                          state=before.final).raise_for_status()
 
 
-def _time(run: Trajectory) -> Floats:
-    """Return the time in engine cycles from the first sample on."""
-    found: Floats = (run.t - run.t[0]) / run.cycle
-    return found
-
-
 def _panels(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
     """Compute the time histories of Figs. 7, 9 and 12, with the sections of Fig. 7 and the orbits of Fig. 12."""
     cycles, columns = SHOWN[row.kind]
@@ -186,8 +180,9 @@ def _panels(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
         else:
             more = {"period": found.period, "orbit": orbit_behind(
                 system, before.final, RUN_IN, found.period, found.max_slip_speed) if options.branches else None}
-        panels.append(results.Labelled(label=series.label, values=series.values, t=_time(after), **more,
-                                       **{name: getattr(after, name) for name in columns}))
+        shown = {name: getattr(after, name) for name in columns}
+        panels.append(results.Labelled(label=series.label, values=series.values,
+                                       t=(after.t - after.t[0]) / after.cycle, **shown, **more))
     return {"panels": panels}
 
 
@@ -212,7 +207,7 @@ def _solvers(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
         found = summarise(before, begin - 100)
         steady.append(results.Labelled(
             label=label, values=values, period=found.period, settled=found.settled, final=before.final.numbers,
-            max_slip_speed=found.max_slip_speed, t=_time(after), slip_speed=after.slip_speed))
+            max_slip_speed=found.max_slip_speed, t=(after.t - after.t[0]) / after.cycle, slip_speed=after.slip_speed))
     start = State(*steady[0].final)
     curves: list[results.Labelled] = []
     for solver, (label, law, how) in SOLVER_CURVES.items():
@@ -222,7 +217,7 @@ def _solvers(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
         seconds, reference = time.perf_counter() - begun, curves[0].slip_speed if curves else run.slip_speed
         apart = np.nan if len(run.t) != len(reference) else rms_apart(run.slip_speed, reference)
         curves.append(results.Labelled(
-            solver=solver, label=label, status=run.status.value, seconds=seconds, t=_time(run),
+            solver=solver, label=label, status=run.status.value, seconds=seconds, t=(run.t - run.t[0]) / run.cycle,
             slip_speed=run.slip_speed, friction_torque=run.friction_torque, rms_difference=apart))
     return {"cycle": system.cycle, "curves": curves, "steady": steady, "steady_cycles": begin}
 

@@ -121,8 +121,7 @@ class Claim:
     name : name of the claim in claims.yaml, tests and files
     cheap : whether it takes less than about a second, so that every test run compares the page with it
     alone : whether it does not depend on the mean pressure of Figs. 4 to 18
-    why : a reason, for measures that find one
-    labels : words of the page for the names of values
+    why, labels : a reason, for measures that find one, and words of the page for the names of values
     """
 
     figure: str = field(metadata=reported("figure or equation of the paper"))
