@@ -18,7 +18,7 @@ from tcc_sim import cli
 from tcc_sim.errors import InputError
 from tcc_sim.scene import KNOWN_KEYS, Scene, bundled_scenes, load_scene, parse_assignments, parse_scene
 
-FUZZ = settings(derandomize=True, database=None, deadline=None, max_examples=80,
+FUZZ = settings(derandomize=True, database=None, deadline=None, max_examples=50,
                 suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 """The same examples every time; what longer searches found stands beside the tests as an example of its own."""
 VALID = [path.read_text() for path in bundled_scenes().values()]
