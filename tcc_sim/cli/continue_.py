@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Follow the branches, write the files, and print branches and bifurcations."""
-    from tcc_sim.continuation.initial_orbits import seeds_in
+    from tcc_sim.continuation.driveline import seeds_in
     from tcc_sim.continuation.motions import ContinuationPlan, Motions, check, continue_motions
     from tcc_sim.output.files import read_json
     from tcc_sim.sweeps.progress import point_bar

@@ -19,9 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.continuation.newton import multipliers_of
-from tcc_sim.continuation.problem import FAILURES, Floats, Margin, Margins
+from tcc_sim.continuation.problem import FAILURES, MARGINS, Floats, Margin, Margins, differ
 from tcc_sim.continuation.shooting import Linearised, Shooting, layout
-from tcc_sim.continuation.sliding import MARGINS, differ
 
 Vectors = NDArray[Any]
 """Real or complex, (m, n): one for every segment."""

@@ -14,10 +14,9 @@ from tcc_sim.continuation.bracket import Bracket, CurvePoint
 from tcc_sim.continuation.follow import Continuation, End, StopReason
 from tcc_sim.continuation.newton import Orbit, OrbitFigures, newton, shifts
 from tcc_sim.continuation.palc import corrector, null_direction, oriented, solution_at, tangent_of
-from tcc_sim.continuation.problem import FAILURES, Floats
+from tcc_sim.continuation.problem import FAILURES, Floats, differ
 from tcc_sim.continuation.settings import DEFAULTS
 from tcc_sim.continuation.shooting import Linearised, Shooting
-from tcc_sim.continuation.sliding import differ
 from tcc_sim.continuation.special_points import (
     Bifurcation,
     ContinuationPoint,

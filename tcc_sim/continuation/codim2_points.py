@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from tcc_sim.continuation.bordered import MinimallyAugmented, cyclic, nearest_margins
 from tcc_sim.continuation.bracket import Bracket, CurvePoint, chandrupatla
 from tcc_sim.continuation.newton import multipliers_of
-from tcc_sim.continuation.problem import FAILURES, Floats
-from tcc_sim.continuation.sliding import differ, kind_of_change
+from tcc_sim.continuation.problem import FAILURES, Floats, differ, kind_of_change
 from tcc_sim.result import reported
 
 

@@ -27,10 +27,9 @@ from tcc_sim.continuation.codim2_points import (
 )
 from tcc_sim.continuation.follow import Bounds, Continuation, End, StopReason
 from tcc_sim.continuation.palc import corrector, null_direction, solution_at
-from tcc_sim.continuation.problem import FAILURES, Floats, ParameterMap
+from tcc_sim.continuation.problem import FAILURES, Floats, ParameterMap, differ
 from tcc_sim.continuation.settings import DEFAULTS, Settings
 from tcc_sim.continuation.shooting import Linearised, ParameterRange
-from tcc_sim.continuation.sliding import differ
 from tcc_sim.continuation.special_points import Bifurcation
 from tcc_sim.result import Described, reported, reporting
 

@@ -10,8 +10,7 @@ from typing import Any
 from tcc_sim.continuation.branch import Branch, branch_through, first_point, orbits_at
 from tcc_sim.continuation.curves import KINDS, BifurcationCurve, bifurcation_curve, border_curve
 from tcc_sim.continuation.diagram import switch
-from tcc_sim.continuation.driveline import DrivelineMap
-from tcc_sim.continuation.initial_orbits import Seed, refuse_family, seeded, start_orbit
+from tcc_sim.continuation.driveline import DrivelineMap, Seed, refuse_family, seeded, start_orbit
 from tcc_sim.continuation.limits import Limit, limit_of
 from tcc_sim.continuation.newton import OrbitFigures
 from tcc_sim.continuation.settings import DEFAULTS

@@ -98,7 +98,7 @@ class Settings:
     halves_met: float = 1e-2
     halves_reach: float = 0.1  # largest distance of the doubling from the orbit whose halves are alike
 
-    # Changes of the event sequence (`sliding.py`, `special_points.py`, `bordered.py`, `branch.py`).
+    # Changes of the event sequence (`problem.py`, `special_points.py`, `bordered.py`, `branch.py`).
     most_borders: int = 6  # most changes in one step
     corner_step: float = 1e-10  # smallest step beyond a corner
     beside: tuple[float, ...] = (1e-8, 1e-7, 1e-6, 1e-5)  # distances at which the other side of a corner is tried
@@ -113,7 +113,7 @@ class Settings:
     border_astray: float = 10.0  # distance, in lengths of the bracket, beyond which another border has been found
     repeats: int = 8  # most changes of one kind at once (a symmetric motion has pairs of them)
 
-    # Bifurcation diagrams, first motions, and the motions on a branch (`diagram.py`, `initial_orbits.py`, `motions.py`,
+    # Bifurcation diagrams, first motions, and the motions on a branch (`diagram.py`, `driveline.py`, `motions.py`,
     # `loss_of_stability.py`, `branch.py`).
     # Distances from a doubling at which its branch is tried; beside a canard, where the map bends within 1e-5, only the
     # smallest ones lie on it.

@@ -25,10 +25,9 @@ from tcc_sim.continuation.bordered import (
 from tcc_sim.continuation.bracket import Bracket, CurvePoint, turned_round
 from tcc_sim.continuation.newton import Orbit, OrbitState, orbit_at
 from tcc_sim.continuation.palc import Solution, solution_at, tangent_of
-from tcc_sim.continuation.problem import FAILURES, Margins
+from tcc_sim.continuation.problem import FAILURES, MARGINS, Margins, differ, kind_of_change, margin_residual, ring
 from tcc_sim.continuation.settings import DEFAULTS
 from tcc_sim.continuation.shooting import Shooting
-from tcc_sim.continuation.sliding import MARGINS, differ, kind_of_change, margin_residual, ring
 from tcc_sim.result import Described, reported, reporting
 
 SMOOTH = ("fold", "period_doubling", "neimark_sacker", "branch_point")

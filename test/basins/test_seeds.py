@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from tcc_sim.cli import main
-from tcc_sim.continuation.initial_orbits import Seed, seeds_in
+from tcc_sim.continuation.driveline import Seed, seeds_in
 from tcc_sim.continuation.motions import ContinuationPlan, continue_motions
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.scene import load_scene

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from tcc_sim.continuation.branch import branch_through, first_point
-from tcc_sim.continuation.driveline import DrivelineMap
+from tcc_sim.continuation.driveline import DrivelineMap, start_orbit
 from tcc_sim.continuation.follow import StopReason
-from tcc_sim.continuation.initial_orbits import start_orbit
 from tcc_sim.continuation.limits import limit_of
 from tcc_sim.continuation.motions import ContinuationPlan, Motions, check, continue_motions
 from tcc_sim.continuation.newton import newton, orbit_at

@@ -11,9 +11,8 @@ from piecewise import Piecewise
 from tcc_sim.continuation.driveline import DrivelineMap
 from tcc_sim.continuation.motions import ContinuationPlan, continue_motions
 from tcc_sim.continuation.palc import corrector
-from tcc_sim.continuation.problem import Margin
+from tcc_sim.continuation.problem import Margin, differ, kind_of_change, ring
 from tcc_sim.continuation.settings import Settings
-from tcc_sim.continuation.sliding import differ, kind_of_change, ring
 from tcc_sim.continuation.special_points import special_points_between
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene

@@ -24,7 +24,7 @@ import numpy as np
 
 from tcc_sim.benchmarks.peers import repeated
 from tcc_sim.continuation.branch import branch_through, first_point
-from tcc_sim.continuation.initial_orbits import start_orbit
+from tcc_sim.continuation.driveline import start_orbit
 from tcc_sim.continuation.motions import ContinuationPlan, check
 from tcc_sim.continuation.settings import Settings
 from tcc_sim.continuation.shooting import ParameterRange
