@@ -118,12 +118,10 @@ def test_a_point_comes_back_from_its_record_and_is_small() -> None:
     plan = Plan(cycles=150, damping=True, lyapunov=True, lyapunov_cycles=40, section_points=40)
     (found,) = sweep_curves([Curve(load_scene("chaos").system, KINETIC, (0.2,))], plan)
     point, record = found.points[0], found.records[0]
-    assert record is not None
     again = Point.from_record(json.loads(json.dumps(record)), found.curve.at(0))
     assert again.as_record() == record
     (plain,) = sweep_curves([Curve(load_scene("chaos").system, KINETIC, (0.2,))], Plan(cycles=150))
     point = plain.points[0]
-    assert point.summary is not None
     held = [point, point.section, point.end, point.end.state, vars(point.end.state), *vars(point.end.state).values(),
             point.summary, *(getattr(point.summary, item.name) for item in fields(point.summary))]
     assert len(point.section) == 100

@@ -38,7 +38,6 @@ def test_the_verb_a_sweep_and_python_give_the_same(tmp_path) -> None:
     assert untimed(json.loads(json.dumps(simulate("fig02", cycles=60, discard=20, rtol=1e-8, damping=True,
                                                   lyapunov=True).as_json()))) == alone
     (record,) = sweep(scene.system, "engine.frequency", [scene.system.engine.frequency], PLAN).records
-    assert record is not None
     point = untimed(json.loads(json.dumps(record)))
     assert alone.keys() - point.keys() == {"section_states", "plan"}  # Those of a sweep would be long, and the same.
     for key in alone.keys() & point.keys():
