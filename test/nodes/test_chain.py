@@ -170,7 +170,7 @@ def test_realtime_gives_every_figure(tmp_path: Path) -> None:
 
 
 def test_soak_counts_what_is_lost(tmp_path: Path) -> None:
-    ended = python("-m", "tcc_sim", "soak", "--rate", "500", "--duration", "2", "--json", "soak.json", cwd=tmp_path)
+    ended = python("-m", "tcc_sim", "soak", "--rate", "500", "--duration", "3", "--json", "soak.json", cwd=tmp_path)
     assert ended.returncode == 0, ended.stderr
     found = valid("soak", json.loads((tmp_path / "soak.json").read_text()))
     assert found["lost_messages"] == 0
