@@ -53,9 +53,9 @@ def claims_in(rows: Mapping[str, Mapping[str, Any]]) -> list[Claim]:
         criterion, = (rule(words[key], *(words[option] for option in options if option in row))
                       for key, (rule, *options) in RULES.items() if key in row)
         labels = {key: text.format_map(phrases) for key, text in row.get("values", {}).items()}
-        (figure, where), kind = row["at"], dict.fromkeys(row.get("kind", ()), True)
+        figure, where, *kind = row["at"]
         found.append(Claim(figure, where, row["claim"], criterion, methodcaller(measure, **given), name,
-                           why=row.get("why", ""), labels=labels, **kind))
+                           why=row.get("why", ""), labels=labels, **dict.fromkeys(kind, True)))
     return found
 
 

@@ -275,6 +275,7 @@ def test_verdict_and_numbers_follow_what_a_claim_is_given(name: str, case: tuple
     given, verdict, *numbers = case
     found = rows[name](given)
     assert found.verdict == verdict
+    assert set(rows[name].labels.values()) - {"another curve is lower at"} <= set(found.values)
     for words, expected in (numbers[0] if numbers else {}).items():
         (key,) = [key for key in found.values if key.startswith(words)][:1]
         assert leaves(found.values[key]) == pytest.approx(expected, abs=1e-9), key

@@ -108,6 +108,7 @@ def test_verdicts_on_given_runs_and_curves(name: str, given: Given, verdict: str
     found = rows[name](given)
     assert found.verdict == verdict
     assert found.values.get("ratios", 51) == 51
+    assert set(rows[name].labels.values()) <= set(found.values)
 
 
 @pytest.mark.parametrize(("differences", "along", "period", "largest", "verdict"), [
