@@ -113,12 +113,7 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
     began = time.perf_counter()
     settings, gates = settings or FitSettings(), gates or Gates()
     measured, scene = given(measured, None if scene is None else as_scene(scene))
-    starts = _starts(scene, free, measured)
-    if likelihood is not None and likelihood not in starts:
-        raise InputError(f"likelihood is {likelihood}; it must be one of the free keys")
-    if scene.system.friction.law != "smoothed":
-        raise InputError(f"friction.law is {scene.system.friction.law}; parameters are identified with smoothed, whose "
-                         "limit for a large friction.smoothing it is")
+    starts = _starts(scene, free, measured, likelihood)
     levels, begin = _noise(measured, noise), np.array(list(starts.values()))
     models = [Model(scene.system, tuple(starts), replace(measured, hold=each)) for each in _holds(measured, hold)]
     check_units(models[0], begin, settings)
@@ -183,8 +178,9 @@ def given(measured: Measurement | str | Path, scene: Scene | None = None) -> tup
     return measured, scene
 
 
-def _starts(scene: Scene, free: Mapping[str, float | None] | Sequence[str], measured: Measurement) -> dict[str, float]:
-    """Return the start of every free key, checked."""
+def _starts(scene: Scene, free: Mapping[str, float | None] | Sequence[str], measured: Measurement,
+            likelihood: str | None) -> dict[str, float]:
+    """Return the start of every free key; raise InputError for wrong keys and starts, and for the set-valued law."""
     asked = dict(free) if isinstance(free, Mapping) else dict.fromkeys([free] if isinstance(free, str) else free)
     if not asked:
         raise InputError("no key is free; name at least one")
@@ -206,6 +202,11 @@ def _starts(scene: Scene, free: Mapping[str, float | None] | Sequence[str], meas
     if STATIC in out:
         out[STATIC] = on_its_side(out[STATIC], float(kinetic), DEFAULTS.least_ratio)  # type: ignore[arg-type]
     scene.with_values({k: out[k] for k in asked if k not in OFFSETS})
+    if likelihood is not None and likelihood not in out:
+        raise InputError(f"likelihood is {likelihood}; it must be one of the free keys")
+    if scene.system.friction.law != "smoothed":
+        raise InputError(f"friction.law is {scene.system.friction.law}; parameters are identified with smoothed, whose "
+                         "limit for a large friction.smoothing it is")
     return out
 
 
