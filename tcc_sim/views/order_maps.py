@@ -24,6 +24,8 @@ HELD = 1e-3
 LINES = 5
 """Number of decades in a spectrum."""
 QUANTITIES = {"slip_speed": ("Slip speed", "rad/s"), "shaft_torque": ("Shaft torque", "N m")}
+SHORT = {"slip_speed": "Slip", "shaft_torque": "Torque"}
+"""Names in the titles of narrow panels."""
 
 
 def plot_orders(path: Path, found: Orders, title: str = "", width: float = style.PAGE) -> Path:
@@ -65,29 +67,28 @@ def plot_comparison(path: Path, found: OrderComparison, title: str = "", width: 
     """Draw the maps of a measured and a simulated run with their difference, and the cuts of both."""
     names = [name for name in QUANTITIES if np.isfinite(getattr(found.measured, name)).any()]
     along, over = _along(found.measured)
-    with style.figure(width, 0.42 * width * len(names) + 0.36 * width, title) as drawn:
-        grid = drawn.add_gridspec(len(names) + 1, 6)
-        axes, titles = [], []
-        for row, name in enumerate(names):
-            word, unit = QUANTITIES[name]
-            runs = found.measured, found.simulated
+    wide, count = style.wide(width), len(names)
+    with style.figure(width, width * ((0.42 * count + 0.36) if wide else 2.2 * count), title) as drawn:
+        if wide:
+            maps, cuts = drawn.add_gridspec(2, 1, height_ratios=(count, 1.0))
+            places = [*maps.subgridspec(count, 3), *cuts.subgridspec(1, count)]
+        else:
+            places = list(drawn.add_gridspec(4 * count, 1))
+        axes = [drawn.add_subplot(place) for place in places]
+        titles = []
+        for name, panels in zip(names, zip(*[iter(axes)] * 3)):
+            runs, unit = (found.measured, found.simulated), f"dB re 1 {QUANTITIES[name][1]}"
             top = max(_top(getattr(run, name), run) for run in runs)
-            for column, (run, which) in enumerate(zip(runs, ("measured", "simulated"))):
-                axis = drawn.add_subplot(grid[row, 2 * column:2 * column + 2])
-                _map(axis, run, getattr(run, name), f"dB re 1 {unit}" if column else "", top)
-                axes.append(axis)
-                titles.append(f"{word}, {which}")
-            axis = drawn.add_subplot(grid[row, 4:])
-            _difference(axis, found, name, top)
-            axes.append(axis)
-            titles.append("simulated less measured")
-            for axis in axes[-2:]:
+            for axis, run, scale in zip(panels, runs, ("" if wide else unit, unit)):
+                _map(axis, run, getattr(run, name), scale, top)
+            _difference(panels[2], found, name, top)
+            for axis in panels[1:] if wide else ():
                 axis.set_ylabel("")
-        for column, name in enumerate(names):
-            axis = drawn.add_subplot(grid[len(names), 6 // len(names) * column:6 // len(names) * (column + 1)])
+            word = SHORT[name] if wide else QUANTITIES[name][0]
+            titles += [f"{word}, {which}" for which in ("measured", "simulated", "difference")]
+        for axis, name in zip(axes[3 * count:], names):
             _cuts(axis, found.measured, name, " measured", linewidth=2.4, alpha=0.45)
             _cuts(axis, found.simulated, name, "", linewidth=0.9)
-            axes.append(axis)
             titles.append("Wide: measured, thin: simulated")
             handles, labels = axis.get_legend_handles_labels()
             axis.legend(handles[len(handles) // 2:], labels[len(labels) // 2:], ncols=2)
@@ -110,8 +111,9 @@ def draw_slip_difference(axis: Any, found: OrderComparison) -> None:
 
 def plot_spectrum(path: Path, found: Spectrum, title: str = "", width: float = style.PAGE) -> Path:
     """Draw the spectra of slip speed and shaft torque over the crank order."""
-    with style.figure(width, 0.42 * width, title) as drawn:
-        axes = drawn.subplots(1, 2)
+    wide = style.wide(width)
+    with style.figure(width, (0.42 if wide else 1.4) * width, title) as drawn:
+        axes = drawn.subplots(1, 2) if wide else drawn.subplots(2, 1)
         spectrum_panels(axes, found)
         style.panel_titles(axes, ["Spectrum of the slip speed", "Spectrum of the shaft torque"])
         return style.save(drawn, path)
@@ -240,6 +242,6 @@ def _difference(axis: Any, found: OrderComparison, name: str, top: float) -> Non
     apart = np.ma.masked_where(np.maximum(one, other) < top - SHOWN, other - one)
     image = axis.pcolormesh(along, found.measured.order[shown], apart, cmap="RdBu_r", vmin=-DIFFERENCE, vmax=DIFFERENCE,
                             shading="nearest", rasterized=True)
-    axis.figure.colorbar(image, ax=axis, label="dB", pad=0.015, aspect=28)
+    axis.figure.colorbar(image, ax=axis, label="simulated less measured, dB", pad=0.015, aspect=28)
     axis.grid(False)
     axis.set(xlabel=over, ylabel="order", ylim=(0.25 * found.measured.per_revolution, float(found.measured.order[-1])))

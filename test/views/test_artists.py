@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,11 +14,13 @@ import numpy as np
 import pytest
 
 from tcc_sim.analysis.control import Event
+from tcc_sim.analysis.orders import Judder, OrderComparison, Orders
+from tcc_sim.analysis.spectra import Spectrum
 from tcc_sim.cli import main
 from tcc_sim.trajectory import Cycles
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed")
-from tcc_sim.views import basin_map, branch_diagram, estimation, overview, style, sweeps, whole_runs
+from tcc_sim.views import basin_map, branch_diagram, estimation, order_maps, overview, style, sweeps, whole_runs
 from tcc_sim.views.branch_diagram import stable_and_unstable
 
 ORBIT = {"number": 0, "period": 1, "max_slip_speed": 20.0, "section": [[0.1, 5.0]], "section_states": [[0.1, 5.0, 9.0]],
@@ -33,6 +36,12 @@ BRANCHES = {"over": "friction.kinetic_coefficient", "branches": [BRANCH], "bifur
 RESPONSE = {"input": "actuation_pressure", "output": "friction_torque", "kind": "periodic", "checked": [],
             "operating_point": {"mean_slip": 20.0}, "frequencies": [1.0, 10.0], "gain": [1e-3, 1e-4],
             "phase": [0.0, 3.0]}
+
+WINDOWS = np.linspace(0.0, 1.0, 6)
+ORDERS = Orders(WINDOWS, 80.0 + 100.0 * WINDOWS, np.arange(0.0, 10.1, 0.1), np.ones((6, 101)), np.ones((6, 101)),
+                np.ones(1), np.ones((6, 1)), Judder(*np.ones((3, 6))), WINDOWS, (116.8, 387.3))
+LINES = np.arange(0.0, 10.0)
+SPECTRUM = Spectrum(100.0 * LINES, LINES, "none", 1, np.empty(0), 0.1**LINES, 0.1**LINES, None, None)
 
 
 @pytest.fixture
@@ -52,9 +61,10 @@ def saved(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
 @pytest.mark.parametrize("width", [style.COLUMN, style.PAGE])
 @pytest.mark.parametrize(("draw", "values"), [
-    (branch_diagram.branch_diagram, BRANCHES), (estimation.bode, RESPONSE), (basin_map.draw_basins, PLANE)])
+    (branch_diagram.branch_diagram, BRANCHES), (estimation.bode, RESPONSE), (basin_map.draw_basins, PLANE),
+    (order_maps.plot_comparison, OrderComparison(ORDERS, ORDERS)), (order_maps.plot_spectrum, SPECTRUM)])
 def test_labels_lie_within_the_picture_and_axes_are_no_strips(draw, values, width, saved, tmp_path):
-    """The column of `continue --switch` with every kind of bifurcation, and of `linearise`, had both faults."""
+    """The columns of `continue --switch`, `linearise` and `simulate --inputs --orders` had such faults."""
     draw(tmp_path / "a.png", values, 3 * "a long title of a scene ", width)
     drawn, = saved
     assert drawn.get_figwidth() == width
@@ -63,9 +73,12 @@ def test_labels_lie_within_the_picture_and_axes_are_no_strips(draw, values, widt
     assert inside.y0 >= -0.01
     assert inside.x1 <= whole.width / drawn.dpi + 0.01
     assert inside.y1 <= whole.height / drawn.dpi + 0.01
-    for axis in drawn.axes:
+    panels = [axis for axis in drawn.axes if axis.get_label() != "<colorbar>"]
+    for axis in panels:
         box = axis.get_window_extent()
-        assert min(box.width, box.height) / drawn.dpi > 1.2
+        assert min(box.width, box.height) / drawn.dpi > 1.1
+    for one, other in combinations([axis.get_tightbbox().padded(-2.0) for axis in panels], 2):
+        assert not one.overlaps(other)
 
 
 def test_fonts_of_a_pdf_are_truetype(tmp_path: Path) -> None:
