@@ -131,7 +131,10 @@ def test_figure_9_has_the_torque_above_the_shading_and_the_share_of_slip() -> No
 
 
 def test_figure_12_has_both_torques_and_a_tick_for_every_cycle() -> None:
-    with painted("actuation", PANEL, PANEL) as drawn:
+    followed = replace(PANEL, orbit={"stable": True, "multipliers": [[0.3, 0.4], [0.3, -0.4], [0.0, 0.0]]})
+    with painted("actuation", PANEL, followed) as drawn:
+        assert told(drawn, "title", loc="right")[:2] == [
+            "period 2", "period 2, stable: largest Floquet multiplier 0.5"]
         assert [ticks.tolist() for ticks in told(drawn, "xticks")[:2]] == [[0, 1, 2, 3]] * 2
         assert told(drawn, "xlabel")[:2] == ["", CYCLES]
         assert lines_in(drawn).count([3.0, 4.0, 5.0]) == lines_in(drawn).count([6.0, 7.0, 8.0]) == 2
@@ -190,8 +193,10 @@ def column_numbers(kind: str) -> Any:
     return {"panels": [CHAOTIC] * (4 if kind == "delay" else 3)}
 
 
-@pytest.mark.parametrize("kind", ["map", "orbit", "damping", "histories", "delay", "actuation"])
-def test_a_picture_in_a_column_has_no_strips_and_nothing_cut(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("kind", "height"), [("map", 6.1), ("orbit", 5.0), ("damping", 5.4), ("histories", 7.5),
+                                              ("delay", 6.5), ("actuation", 4.8)])
+def test_a_picture_in_a_column_has_no_strips_and_nothing_cut(kind: str, height: float,
+                                                             monkeypatch: pytest.MonkeyPatch) -> None:
     found: list[Any] = []
     monkeypatch.setattr(style, "save_both", lambda drawn, stem: found.append(drawn))
     caption = r"constant load, $\mu_s N_m R = 540$ N m; dotted: $\omega/\omega_n = 1/6, 1/5, 1/4, 1/3$"
@@ -201,6 +206,8 @@ def test_a_picture_in_a_column_has_no_strips_and_nothing_cut(kind: str, monkeypa
         drawn, = found
         drawn.draw_without_rendering()
         assert drawn.get_figwidth() == style.COLUMN
+        caption_lines = drawings.caption_of(data, style.COLUMN).count("\n") + 1
+        assert drawn.get_figheight() == pytest.approx(height + 0.15 * caption_lines)
         assert drawn.get_suptitle().replace("\n", " ") == (
             "a title that is far too long for one line of a narrow column")
         page = drawn.bbox

@@ -19,7 +19,6 @@ from tcc_sim.paper.branches_behind import creeps, motions_behind, motions_behind
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, FigureOptions, paper_system, plain
 from tcc_sim.paper.drawings import draw
 from tcc_sim.paper.figure_results import Figure, JumpBehind, Labelled, MotionsBehind
-from tcc_sim.paper.histories import orbit_words
 from tcc_sim.sweeps.sweep import Curve, Plan, sweep_curves
 from tcc_sim.views.plots import plot
 
@@ -56,12 +55,6 @@ def test_the_end_of_stick_is_told_by_its_creep() -> None:
     assert not creeps(at(5.0), system)
     assert not creeps(at(0.08, "grazing_sliding"), system)
     assert not creeps(at(0.08), paper_system({"friction.law": "set_valued"}))
-
-
-def test_a_panel_says_what_its_orbit_is() -> None:
-    assert orbit_words(Labelled(label="a")) == ""
-    orbit = {"stable": True, "multipliers": [[0.3, 0.4], [0.3, -0.4], [0.0, 0.0]]}
-    assert orbit_words(Labelled(label="a", orbit=orbit)) == ", stable: largest Floquet multiplier 0.5"
 
 
 def test_labels_are_moved_apart_in_order() -> None:

@@ -160,12 +160,14 @@ def test_the_numbers_of_every_kind_are_what_the_schema_says(number: int, kind: s
     if kind == "orbit":
         assert found["axis"] == "mu_k/mu_s"
         assert all(len(curve["theta2"]) == len(found["x"]) for curve in found["curves"])
+        assert [curve["direction"] for curve in found["curves"]] == ["cold", "up", "down"]
 
 
 def test_figure_2_shows_where_each_law_settles(tmp_path: Path) -> None:
     """From (13): the paper's smoothing in period one, a sharper one and the set-valued law in period two."""
     data = figure_data(2, FigureOptions(quick=True))
     assert as_written(2, data, tmp_path)["kind"] == "solvers"
+    assert main(["plot", str(tmp_path / "fig02.json"), "--plot", str(tmp_path / "fig02.png")]) == 0
     assert [(s.period, s.settled) for s in data.steady] == [(1, True), (2, True), (2, True)]
     # The first by SciPy over a cycle; the others are the motion of Fig. 2 nearly and exactly without smoothing.
     system = paper_system(FIGURES[2].series[0].values)

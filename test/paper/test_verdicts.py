@@ -48,6 +48,12 @@ def thirds(row: Any, x: float, direction: str) -> Any:
     return record(30.0 if 0.2 < x < 0.3 else 20.0)
 
 
+def between(row: Any, x: float, direction: str) -> Any:
+    """The curve of psi = 0 between those of pi/2 and pi."""
+    turn = row["pressure.phase"] / math.pi
+    return record(10.0 + turn * (4.0 * turn - 3.0))
+
+
 def at_phase(value: float, there: int, other: int) -> Callable[..., Any]:
     return period_at(lambda row, x: there if phase_is(row, value) else other)
 
@@ -71,7 +77,7 @@ CASES: dict[str, list[tuple[Any, ...]]] = {
     "lost_at_peaks": [(Given(sharp(0.0), lambda row: [0.203]), YES),
         (Given(sharp(0.0), lambda row: [0.203, 0.3]), PART, {"jumps": [6], "part of them": [0.5],
          "part of the ratios": [7 / 127] * 3}),
-        (Given(sharp(0.0), lambda row: [0.3]), NO)],
+        (Given(sharp(0.0), lambda row: [0.215]), NO)],
     "jump_is_bifurcation": [(Given(period_at(lambda row, x: 1 + (x > 0.2)), lambda row: [0.2]), YES),
         (Given(period_at(lambda row, x: 1 + (x > 0.2)), lambda row: [0.2, 0.3]), PART, {"jumps": [6],
          "part of them": [0.5], "periods below and above": [1, 2, 2, 2] * 3}),
@@ -116,6 +122,7 @@ CASES: dict[str, list[tuple[Any, ...]]] = {
         (Given(period_at(lambda row, x: 1)), NO)],
     "phase_attenuates": [(Given(lowest("pressure.phase", 0.0)), YES),
         (Given(lowest("pressure.phase", 0.0, place=0.2)), PART), (Given(lowest("pressure.phase", 0.0, low=-1.0)), NO),
+        (Given(between), NO),
         (Given(lowest("pressure.phase", 0.0, place=0.27)), PART, {"part at which it is the lowest": [44 / 49],
          "mean maxima": [10.0 + (5 - 44) / 49, 10.0, 10.0],
          "another curve is lower at": [0.27, 0.275, 0.28, 0.285, 0.29]})],
