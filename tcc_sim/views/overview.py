@@ -25,8 +25,6 @@ HISTORY_CYCLES = 6
 """Engine cycles shown in the time histories."""
 VARYING = 1e-3
 """Smallest relative difference between lengths of cycles for which maxima are drawn over time."""
-NARROWEST = 0.02
-"""Smallest span of an axis, relative to its largest value; a narrower one shows rounding errors."""
 ORBIT_CYCLES = 12
 """Engine cycles drawn in the phase portrait of a motion without period."""
 FLAT = 0.02
@@ -174,16 +172,9 @@ def _phase_portrait(axis: Any, tail: Trajectory, summary: Summary) -> None:
                   label=f"section, period {summary.period}" if summary.period else "section, no period found")
     axis.set(xlabel="plate angle (rad)", ylabel=f"{'plate' if flat else 'slip'} speed (rad/s)")
     axis.margins(0.06)
-    axis.set_xlim(_widened(axis.get_xlim()))
+    axis.set_xlim(style.widened(axis.get_xlim()))
     axis.locator_params(axis="x", nbins=6)
     style.legend_above(axis)
-
-
-def _widened(limits: tuple[float, float]) -> tuple[float, float]:
-    """Return the limits of an axis, at least NARROWEST apart."""
-    low, high = limits
-    missing = max(NARROWEST * max(abs(low), abs(high)) - (high - low), 0.0)
-    return low - 0.5 * missing, high + 0.5 * missing
 
 
 def draw_cycle_maxima(axis: Any, cycles: Cycles, first_cycle: int, summary: Summary) -> None:
@@ -219,7 +210,7 @@ def mean_slip_panel(axis: Any, control: Control) -> None:
         held = control.target.until(_end(control))
         axis.step(held.t, held.values, where="post", color=style.RED, linewidth=0.9, linestyle=(0, (4, 2)),
                   label="target")
-    axis.set(ylabel="slip speed (rad/s)", ylim=_widened(axis.get_ylim()))
+    axis.set(ylabel="slip speed (rad/s)", ylim=style.widened(axis.get_ylim()))
     axis.tick_params(labelbottom=False)
     mark_events(axis, control.events, _end(control))
     style.legend_above(axis)
@@ -234,7 +225,7 @@ def pressure_panel(axis: Any, control: Control) -> None:
             held = steps.until(end)
             axis.step(held.t, 1e-3 * held.values, where="post", color=colour, linewidth=width, label=name)
     mark_events(axis, control.events, end, labelled=False)
-    axis.set(ylabel="pressure (kPa)", xlabel="time (s)", ylim=_widened(axis.get_ylim()))
+    axis.set(ylabel="pressure (kPa)", xlabel="time (s)", ylim=style.widened(axis.get_ylim()))
     begin = min([float(steps.t[0]) for steps in (control.command, control.applied) if len(steps.t)], default=0.0)
     if end > begin:
         axis.set_xlim(begin, end)

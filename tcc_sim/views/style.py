@@ -39,6 +39,9 @@ MANY = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, YELLOW, "#7A4B00", "#5B2A86", "#F
         "#B3DE69", "#FB9A99", "#1B4F72", "#C7B299")
 """A colour for every period up to 16, in maps."""
 
+NARROWEST = 0.02
+"""Smallest span of an axis, relative to its largest value; a narrower one shows rounding errors."""
+
 _SETTINGS: dict[str, Any] = {
     "font.family": "DejaVu Sans", "font.size": 8.0, "axes.titlesize": 8.5, "axes.labelsize": 8.0,
     "xtick.labelsize": 7.5,
@@ -161,6 +164,13 @@ def _rescale(axis: Any, factor: float) -> None:
     else:
         axis.set_major_locator(Round(nbins=6, steps=[1, 2, 2.5, 5, 10]))
         axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x * factor:.6g}"))
+
+
+def widened(limits: tuple[float, float]) -> tuple[float, float]:
+    """Return the limits of an axis, at least NARROWEST apart."""
+    low, high = limits
+    missing = max(NARROWEST * max(abs(low), abs(high)) - (high - low), 0.0)
+    return low - 0.5 * missing, high + 0.5 * missing
 
 
 def label_of(key: str) -> str:

@@ -111,6 +111,7 @@ def _orbit(axis: Any, x: Floats, values: Mapping[str, Any]) -> None:
     style.legend_above(axis)
     axis.set_ylabel("plate angle (rad)\nat " + r"$t = 2\pi n/\omega$")
     axis.margins(y=0.1)
+    axis.set_ylim(style.widened(axis.get_ylim()))  # A motion that stays the same is no diagram of rounding.
 
 
 def draw_grid(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:

@@ -81,6 +81,15 @@ def test_labels_lie_within_the_picture_and_axes_are_no_strips(draw, values, widt
         assert not one.overlaps(other)
 
 
+def test_an_orbit_that_stays_the_same_is_not_drawn_as_rounding(saved: list[Any], tmp_path: Path) -> None:
+    values = {"over": "engine.frequency", "values": [1.0, 2.0], "max_slip_speed": [1.0, 1.0], "regime": ["slip"] * 2,
+              "period": [1, 1], "section": [[[0.1, 0.0]], [[0.1 + 1e-13, 0.0]]], "stick_fraction": [0.0, 0.0],
+              "transient": [False] * 2, "runaway": [False] * 2}
+    sweeps.draw_sweep(tmp_path / "a.png", values)
+    low, high = saved[0].axes[1].get_ylim()
+    assert high - low > 1e-3
+
+
 def test_fonts_of_a_pdf_are_truetype(tmp_path: Path) -> None:
     estimation.bode(tmp_path / "a.pdf", RESPONSE)
     data = (tmp_path / "a.pdf").read_bytes()
