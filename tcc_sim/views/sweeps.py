@@ -77,7 +77,7 @@ def draw_maxima(axis: Any, found: Any) -> None:
         axis.plot(x[wrong], np.zeros(int(wrong.sum())), linestyle="none", marker="x", color=style.RED, label="failed",
                   clip_on=False)
     style.legend_above(axis)
-    axis.set_ylim(-0.03 * top, 1.13 * top if away.any() else None)
+    axis.set_ylim(-0.03 * top, (1.13 if away.any() else 1.05) * top)
 
 
 def draw_open(axis: Any, x: Floats, y: Floats, which: Bools, size: float) -> None:
