@@ -101,6 +101,14 @@ def test_orders_are_those_of_the_crankshaft(tmp_path, monkeypatch, columns, sour
     np.testing.assert_allclose(found["frequency"], speed, rtol=1e-2)
 
 
+def test_orders_of_the_slip_speed_need_no_plate_angle(tmp_path, columns):
+    path = table(tmp_path / "run.csv", columns, "tacho", "plate_angle", "plate_speed")
+    assert main(["analyse", path, "--orders", "--json", str(tmp_path / "found.json")]) == 0
+    found = json.loads((tmp_path / "found.json").read_text())["orders"]
+    assert np.isfinite(found["slip_speed"]).all()
+    assert {value for row in found["shaft_torque"] for value in row} == {None}
+
+
 @pytest.mark.parametrize(("left_out", "words", "message"), [
     (("engine_speed", "tacho", "engine_torque"), ["--orders"], "orders need one of the columns engine_speed, tacho"),
     (("slip_speed",), ["--orders"], "there is no column slip_speed"),
