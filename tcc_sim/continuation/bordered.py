@@ -45,7 +45,7 @@ class Bordered:
     def solved(self, u: Floats, reach: float = np.inf) -> tuple[Floats, Linearised, float] | None:
         """The solution near `u`, the linearisation beside it, and its error (last step, or residual of the scalar).
 
-        None where Newton's method fails or goes further than `reach`.
+        The method returns None if Newton's method fails or goes further than `reach`.
         """
         settings, size, start = self.shooting.settings, self.shooting.size, u
         try:

@@ -29,11 +29,10 @@ from tcc_sim.solvers.key_derivatives import NUMBERS
 from tcc_sim.solvers.law_changes import (
     FRICTION,
     NARROW,
-    NUMBERS_OF_ALL,
-    NUMBERS_OF_LAW,
     OF_SLIP,
     WIDE,
     law_along,
+    numbers_of,
 )
 from tcc_sim.solvers.series import (
     ANGLE,
@@ -69,8 +68,9 @@ OF_ENGINE, OF_LOAD = range(2)
 ALONG, ALONG_ALL = (np.dtype([("sines", np.float64, (2, COLUMNS)), ("mubar", np.float64, COLUMNS),
                               ("law", np.float64, (COLUMNS, width)), ("at_nodes", np.float64, (width, NODES)),
                               ("shaped", np.int64)]) for width in (NARROW, WIDE))
-"""Numbers that all lanes share over a step: coefficients of `expand_sines` and of `law_changes.law_along`; mubar and
-its derivatives at the nodes, a row for each column of `law`; whether another number of the law than c_1 changes.
+"""Numbers that all lanes share over a step: coefficients of `expand_sines` and of `law_changes.law_along`;
+derivatives of mubar by its numbers at the nodes, a row for each column of `law`; whether another number of the law than
+c_1 changes.
 ALONG_ALL has columns for the later exponentials: kernels without them do not pay.
 """
 
@@ -149,7 +149,7 @@ def changed_motion(rows: Any, changes: Any, now: Any, by: Any, sines: Any, coeff
             change = product(slope, slip, k)
             if by is not None:
                 change = change + product(mubar, [0.0 if p.change is None else p.change for p in load], k)
-                for cause, number in (NUMBERS_OF_ALL if law.shape[-1] > NARROW else NUMBERS_OF_LAW).items():
+                for cause, number in numbers_of(stribeck, law.shape[-1]).items():
                     change = change + by.row(number) * law[k, cause]
             friction = Changing(law[k, FRICTION], change)
         else:

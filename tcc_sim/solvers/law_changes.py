@@ -25,8 +25,8 @@ from tcc_sim.solvers.series import (
 
 FRICTION, OF_SLIP, OF_EXCESS, OF_DECAY, OF_SMOOTHING, OF_LATER = range(6)
 """Columns of `law`: Ts mubar, and its derivatives by v, c_1, a_1, sigma; the first of those by c_2, a_2, c_3, a_3."""
-NUMBERS_OF_LAW = {OF_EXCESS: EXCESS_RATIO, OF_DECAY: DECAY, OF_SMOOTHING: SMOOTHING}
-NUMBERS_OF_ALL = {**NUMBERS_OF_LAW, **{OF_LATER + j: number for j, number in enumerate(LATER)}}
+NUMBERS_OF_ALL = {OF_EXCESS: EXCESS_RATIO, OF_DECAY: DECAY, OF_SMOOTHING: SMOOTHING,
+                  **{OF_LATER + j: number for j, number in enumerate(LATER)}}
 COLUMNS_OF_PAIRS = (OF_EXCESS, OF_DECAY), (OF_LATER, OF_LATER + 1), (OF_LATER + 2, OF_LATER + 3)
 """Columns of amplitude and rate of each exponential."""
 NARROW, WIDE = 8, 16

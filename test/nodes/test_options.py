@@ -1,4 +1,4 @@
-"""What starts nodes, without ROS: the table of their parameters, the launch file, child processes and domains.
+"""Start of nodes, without ROS: the table of their parameters, the launch file, child processes and domains.
 
 `launch` has no wheel, so a stand-in records its calls.
 """

@@ -96,7 +96,8 @@ def carry_collocation(tangent: Any, place: Place, level: int, loaded: bool, limi
     """Fill the derivatives of the slip speed at the nodes of a collocation step."""
     rung, law = tables.rungs[level], tangent.along.at_nodes
     law_at_nodes(place, limits.sigma, stribeck, work)
-    law_by_numbers(0, law, work.slip, place.sign, limits.sigma, stribeck)
+    if tangent.groups[0].forced != 0:  # Keys fill the lanes from the fourth of the first group on.
+        law_by_numbers(0, law, work.slip, place.sign, limits.sigma, stribeck)
     from_angle, from_speed = tables.sources[level, FROM_ANGLE].balance, tables.sources[level, FROM_SPEED].balance
     for i in range(tangent.groups.shape[0]):
         group = tangent.groups[i]
