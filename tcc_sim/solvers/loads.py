@@ -39,19 +39,18 @@ MOVES = 16
 """Most moves of the closer places; fourteen take them from one end of their range to the other."""
 
 
-def room_for_loads(problem: Problem) -> NDArray[Any] | None:
-    """Return records of LOADS for the cycles of a run and the rest behind them; None without loads."""
-    if problem.loads_from is None:
-        return None
+def room_for_loads(problem: Problem) -> NDArray[Any]:
+    """Return records of LOADS for the cycles of a run and the rest behind them."""
     out = np.zeros(problem.whole_cycles + 2, LOADS)
     out["highest_shaft_torque"], out["lowest_shaft_torque"] = -math.inf, math.inf
-    out["wanted"][problem.loads_from:] = 1.0
+    if problem.loads_from is not None:
+        out["wanted"][problem.loads_from:] = 1.0
     return out
 
 
-def loads_of(records: NDArray[Any] | None, problem: Problem, first: int, end: int) -> Loads | None:
-    """Return the loads of the cycles `first` to `end` of a run, from their records."""
-    if records is None or problem.loads_from is None:
+def loads_of(records: NDArray[Any], problem: Problem, first: int, end: int) -> Loads | None:
+    """Return the loads of the cycles `first` to `end` of a run, from their records; None if none are wanted."""
+    if problem.loads_from is None:
         return None
     columns = records[first:end].view(np.float64).reshape(end - first, LOADS.itemsize // 8)[:, :-1].T.copy()
     columns[:, :max(problem.loads_from - first, 0)] = math.nan

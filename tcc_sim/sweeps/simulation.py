@@ -309,7 +309,7 @@ def _confirmed(system: System, plan: Plan, kept: Cycles, summary: Summary, end: 
     count = max(10, 2 * summary.period)
     if repeats_finely(kept, summary.period, 5 * count // 2):
         return True
-    further = _solve(system, plan, end, cycles=count, loads_from=count)  # The same kernel, with nothing worked out.
+    further = _solve(system, plan, end, cycles=count)
     if further.status is not Status.DONE or further.cycles is None:
         return False
     return stays(kept, further.cycles, summary.period)

@@ -36,8 +36,8 @@ def last_cycles(solved: Trajectory, count: int, samples: int = SAMPLES) -> Traje
     first = max(len(cycles) - count, 0)
     begin = math.ceil(float(solved.t[0]) / solved.cycle - 1e-9)
     found = solve(solved.system, cycles=len(cycles) - first, start_cycle=begin + first, samples_per_cycle=samples,
-                  state=State.of(cycles.section[first]), loads_from=0)
-    return found.raise_for_status()  # With the kernel of `simulate`.
+                  state=State.of(cycles.section[first]))
+    return found.raise_for_status()
 
 
 def between(recorded: Trajectory, samples: int = SAMPLES) -> Trajectory:

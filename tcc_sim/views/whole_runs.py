@@ -85,8 +85,8 @@ def _sampled(run: Trajectory) -> Trajectory:
     if run.system is None or run.t[0] != 0.0 or len(run.t) >= ENOUGH * length / run.cycle:
         return run
     first = State.of((run.slip_speed[0], run.plate_angle[0], run.plate_speed[0]))
-    found = solve(run.system, duration=length, samples_per_cycle=SAMPLES, state=first, loads_from=0)
-    return found.raise_for_status()  # With the kernel of `simulate`.
+    found = solve(run.system, duration=length, samples_per_cycle=SAMPLES, state=first)
+    return found.raise_for_status()
 
 
 def draw_twin(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:

@@ -51,7 +51,7 @@ def test_amplitudes_are_those_of_sines_that_go_with_the_engine():
 
 def test_order_one_of_a_stuck_clutch_is_the_closed_form():
     scene = ramp("stick", 200.0, 210.0, 20.0)
-    found = orders_of(solve(scene, duration=20.0, samples_per_cycle=64, loads_from=0))
+    found = orders_of(solve(scene, duration=20.0, samples_per_cycle=64))
     d, omega = scene.system.driveline, found.frequency
     inertia = d.flywheel_inertia + d.plate_inertia
     spring = d.stiffness + 1j * omega * d.damping
@@ -63,7 +63,7 @@ def test_order_one_of_a_stuck_clutch_is_the_closed_form():
 
 def test_the_extremes_of_a_slow_ramp_are_those_of_constant_frequencies():
     scene = ramp("minimal", 80.0, 84.0, 40.0)
-    run = solve(scene, duration=40.0, loads_from=0)
+    run = solve(scene, duration=40.0)
     starts = scene.system.cycle_start(np.arange(len(run.cycles)))
     for frequency in (81.0, 82.0, 83.0):
         at = int(np.searchsorted(starts, (frequency - 80.0) * 10.0))
@@ -124,7 +124,7 @@ def test_the_orders_are_those_of_the_torque_that_was_given(tmp_path):
     table = tmp_path / "second.csv"
     rows = np.column_stack([t, 300.0 + 20.0 * np.sin(2.0 * omega * t)])
     np.savetxt(table, rows, delimiter=",", header="t,engine_torque", comments="", fmt="%.17g")
-    found = orders_of(solve(driven_by(scene, table), duration=3.9, samples_per_cycle=64, loads_from=0))
+    found = orders_of(solve(driven_by(scene, table), duration=3.9, samples_per_cycle=64))
     assert found.torque_order.tolist() == [2.0]
     d = scene.system.driveline
     inertia, spring = d.flywheel_inertia + d.plate_inertia, d.stiffness + 2j * omega * d.damping

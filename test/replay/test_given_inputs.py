@@ -60,7 +60,7 @@ def test_a_table_gives_what_the_plant_gives_that_holds_its_values(tmp_path):
 
 def test_a_recording_gives_itself_again_and_another_clutch_something_else(tmp_path):
     scene = load_scene("fig02").with_values({"pressure.amplitude": 1e-3})  # Small, so that holding it is exact enough.
-    run = solve(scene, cycles=6, samples_per_cycle=200, flywheel_angle=True, loads_from=0)
+    run = solve(scene, cycles=6, samples_per_cycle=200, flywheel_angle=True)
     write_trajectory(tmp_path / "run.mcap", run, scene.text())
     again = solve(driven_by(scene, tmp_path / "run.mcap"), duration=float(run.t[-1]) * 0.999).final
     same = solve(scene, duration=float(run.t[-1]) * 0.999).final

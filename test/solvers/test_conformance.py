@@ -78,7 +78,7 @@ def truth(law: str, cycles: int, per_cycle: int) -> np.ndarray:
 @solvers
 def test_it_agrees_with_an_independent_solution(name: str) -> None:
     system = system_for(name)
-    found = run(name, system, cycles=1, samples_per_cycle=40, flywheel_angle=True, loads_from=0)
+    found = run(name, system, cycles=1, samples_per_cycle=40, flywheel_angle=True)
     exact = truth(system.friction.law, 1, 40)
     states = np.stack([found.slip_speed, found.plate_angle, found.plate_speed, found.flywheel_angle], axis=1)
     error = np.abs(states - exact).max(axis=0) / np.abs(exact).max(axis=0)
@@ -122,9 +122,9 @@ def test_it_ends_exactly_where_it_was_asked_to(name: str, part: float) -> None:
 @solvers
 def test_a_run_goes_on_from_any_cycle_boundary(name: str) -> None:
     system = system_for(name)
-    whole = run(name, system, cycles=2, flywheel_angle=True, loads_from=0)
-    first = run(name, system, cycles=1, flywheel_angle=True, loads_from=0)
-    rest = run(name, system, cycles=1, start_cycle=1, state=first.final, flywheel_angle=True, loads_from=0)
+    whole = run(name, system, cycles=2, flywheel_angle=True)
+    first = run(name, system, cycles=1, flywheel_angle=True)
+    rest = run(name, system, cycles=1, start_cycle=1, state=first.final, flywheel_angle=True)
     assert rest.t[0] == system.cycle
     for one, other in ((rest.final.slip_speed, whole.final.slip_speed),
                        (rest.final.plate_angle, whole.final.plate_angle),

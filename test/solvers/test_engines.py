@@ -25,23 +25,19 @@ from tcc_sim.trajectory import State, Trajectory
 
 
 class Engine(NamedTuple):
-    """An engine's law, its tolerance, its largest differences from the independent solution, of samples and section
-    relative to each signal's size, and whether loads are asked for: the kernels are those of other tests then.
+    """An engine's law, its tolerance, and its largest differences from the independent solution, of samples and section
+    relative to each signal's size.
     """
 
     law: str
     rtol: float | None
     near: float
-    loads_from: int | None
 
     def system(self, values=None, **more):
         return replace(BASE, {"friction.law": self.law, **(values or {}), **more})
 
-    def solve(self, system, **settings):
-        return solve(system, **{"loads_from": self.loads_from, **settings})
 
-
-ENGINES = {"smoothed": Engine("smoothed", 1e-11, 2e-9, 0), "event_driven": Engine("set_valued", None, 1e-10, None)}
+ENGINES = {"smoothed": Engine("smoothed", 1e-11, 2e-9), "event_driven": Engine("set_valued", None, 1e-10)}
 EVENT = 1e-10
 """Largest difference of an event's time, s."""
 BASE = replace(System(), {"friction.kinetic_coefficient": 0.3, "pressure.mean": 225e3, "pressure.amplitude": 0.0,
@@ -96,7 +92,7 @@ def truth(system, cycles, per_cycle):
 def test_agrees_with_scipy(name, scene):
     engine, cycles, per_cycle = ENGINES[name], {"smoothed": 2, "event_driven": 5}[name], 40
     system = engine.system({**SCENES, **SHARP}[scene])
-    run = engine.solve(system, cycles=cycles, samples_per_cycle=per_cycle, rtol=engine.rtol)
+    run = solve(system, cycles=cycles, samples_per_cycle=per_cycle, rtol=engine.rtol)
     assert (run.status, run.solver) == (Status.DONE, name)
     states, changes, stuck = truth(system, cycles, per_cycle)
     scale = np.abs(states).max(axis=0) + 1e-3
@@ -116,7 +112,7 @@ def test_agrees_with_scipy(name, scene):
 @both
 def test_samples_cycles_and_torques_are_of_one_motion(name, scene):
     system = ENGINES[name].system(SCENES[scene])
-    run = ENGINES[name].solve(system, cycles=3, samples_per_cycle=3000).raise_for_status()
+    run = solve(system, cycles=3, samples_per_cycle=3000).raise_for_status()
     d, f = system.driveline, system.friction
     law = run.saturation_torque * (1 + (system.friction_ratio - 1) * np.exp(-f.decay * np.abs(run.slip_speed)))
     if f.law == "smoothed":
@@ -148,7 +144,7 @@ def test_samples_cycles_and_torques_are_of_one_motion(name, scene):
 @both
 def test_default_tolerance_is_good_to_a_millionth(name, scene):
     system = ENGINES[name].system({**SCENES, **SHARP}[scene], **{"initial.slip_speed": 150.0})
-    coarse, fine = (ENGINES[name].solve(system, cycles=40, rtol=rtol).cycles for rtol in (None, 1e-11))
+    coarse, fine = (solve(system, cycles=40, rtol=rtol).cycles for rtol in (None, 1e-11))
     assert np.all(np.abs(coarse.section - fine.section) <= 1e-6 * np.abs(fine.section).max(axis=0))
     assert np.all(np.abs(coarse.highest - fine.highest) <= 1e-6 * np.abs(fine.highest).max())
 
@@ -157,10 +153,10 @@ def test_default_tolerance_is_good_to_a_millionth(name, scene):
     ("smoothed", "smoothed.solve", "STEPS_AT_FIRST"), ("event_driven", "event_driven.solve", "STEP_MAXIMUM")])
 def test_a_run_that_ends_early_keeps_its_samples_up_to_its_end(monkeypatch, name, module, limit):
     system = ENGINES[name].system(FIG02, **{"initial.slip_speed": 5.0})
-    whole = ENGINES[name].solve(system, cycles=3, samples_per_cycle=100)
+    whole = solve(system, cycles=3, samples_per_cycle=100)
     fewest = 60 - 4 * steps_allowed(terms_of(system), system.cycle) if name == "smoothed" else 8
     monkeypatch.setattr(import_module(f"tcc_sim.solvers.{module}"), limit, fewest)
-    cut = ENGINES[name].solve(system, cycles=3, samples_per_cycle=100)
+    cut = solve(system, cycles=3, samples_per_cycle=100)
     assert cut.status is Status.STEP_LIMIT
     assert 0.0 < cut.t[-1] < whole.t[-1]
     count = len(cut.t) - 1
@@ -194,7 +190,7 @@ def test_no_transition_is_lost_where_there_are_more_than_one_call_has_room_for(m
 @both
 def test_a_start_many_cycles_later_is_the_same_motion(name):
     system = ENGINES[name].system(SCENES["pressure at 3/2"])
-    early, late = (ENGINES[name].solve(system, cycles=6, start_cycle=first, rtol=1e-11) for first in (0, 9_000_000))
+    early, late = (solve(system, cycles=6, start_cycle=first, rtol=1e-11) for first in (0, 9_000_000))
     np.testing.assert_allclose(late.cycles.section, early.cycles.section, atol=1e-10)
     np.testing.assert_allclose(late.transitions.time - late.t[0], early.transitions.time, atol=1e-8)
 
@@ -206,7 +202,7 @@ def test_pure_slip_closed_form(name, damping):
     system = ENGINES[name].system({
         "initial.slip_speed": 150.0, "pressure.mean": 100e3, "pressure.amplitude": 60e3, "pressure.phase": 0.4,
         "pressure.frequency_ratio": 0.75, "driveline.damping": damping, "initial.plate_speed": 3.0})
-    run = ENGINES[name].solve(system, cycles=12, samples_per_cycle=50, rtol=1e-13)
+    run = solve(system, cycles=12, samples_per_cycle=50, rtol=1e-13)
     exact = pure_slip.pure_slip(system)
     np.testing.assert_array_equal(run.state, 1)
     np.testing.assert_allclose(run.slip_speed, exact.slip_speed(run.t), rtol=1e-12)
@@ -222,7 +218,7 @@ def test_pure_stick_closed_form(name):
     """To rounding under the set-valued law; the smoothed one creeps at about 1/sigma."""
     system = ENGINES[name].system({"engine.torque_amplitude": 100.0, "engine.frequency": 60.0, "pressure.mean": 300e3,
                                    "initial.slip_speed": 0.0, "friction.smoothing": 1e6})
-    run = ENGINES[name].solve(system, cycles=400, samples_per_cycle=12)
+    run = solve(system, cycles=400, samples_per_cycle=12)
     angle, creep = pure_stick.plate_angle(system), 0.0 if name == "event_driven" else 1e-6
     late = slice(390 * 12, None)
     assert pure_stick.stick_margin(system).sticks
@@ -244,7 +240,7 @@ def test_terms_too_small_to_be_felt_give_the_motion_without_them(name, values):
     terms = terms_of(general)
     assert None not in (terms.pulsation, terms.stribeck)
     assert terms.harmonics is not None
-    own, other = (ENGINES[name].solve(s, cycles=4, rtol=1e-11).cycles.section
+    own, other = (solve(s, cycles=4, rtol=1e-11).cycles.section
                   for s in (ENGINES[name].system(values), general))
     np.testing.assert_allclose(other, own, rtol=1e-8, atol=1e-8)
 

@@ -205,9 +205,8 @@ def test_a_loose_tolerance_does_not_step_through_the_layer(name):
 @pytest.mark.parametrize("sigma", [50.0, 1e3, 1e4, 1e6])
 def test_static_friction_that_does_not_decay_is_kinetic_friction_as_large(sigma):
     values = {**FIG02, "friction.smoothing": sigma, "friction.decay": 0.0}
-    found = smoothed.solve(problem(values, 40, loads_from=0)).raise_for_status()
-    same = smoothed.solve(problem({**values, "friction.kinetic_coefficient": 0.3, "friction.decay": 2.0}, 40,
-                                  loads_from=0))
+    found = smoothed.solve(problem(values, 40)).raise_for_status()
+    same = smoothed.solve(problem({**values, "friction.kinetic_coefficient": 0.3, "friction.decay": 2.0}, 40))
     assert found.cycles.section == pytest.approx(same.cycles.section, rel=1e-4, abs=1e-6)
     assert found.statistics.steps < 1.5 * same.statistics.steps
 

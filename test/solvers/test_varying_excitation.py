@@ -63,7 +63,7 @@ def truth(system: System) -> np.ndarray:
 
 def error(name, system, **setting):
     """Largest difference of a final state from the truth, relative to the size of the motion."""
-    run = solve(system, solver=name, duration=END, loads_from=0, **setting).raise_for_status()
+    run = solve(system, solver=name, duration=END, **setting).raise_for_status()
     found = np.array([run.final.slip_speed, run.final.plate_angle, run.final.plate_speed])
     return float((np.abs(found - truth(system)[:3]) / [10.0, 0.1, 10.0]).max())
 
@@ -86,7 +86,7 @@ def test_amplitudes_that_vary_change_the_motion():
 
 
 def test_samples_have_the_torque_of_the_amplitudes_that_vary():
-    run = solve(SWELLING, solver="smoothed", duration=END, samples_per_cycle=50, loads_from=0)
+    run = solve(SWELLING, solver="smoothed", duration=END, samples_per_cycle=50)
     phase, e = SWELLING.cycles_until, SWELLING.engine
     for k in range(0, len(run.t), 17):
         t = float(run.t[k])
@@ -123,7 +123,7 @@ def test_a_constant_profile_is_the_constant():
     plain = replace(System(), {"engine.frequency": 140.0})
     constant = replace(plain, {"engine.frequency_times": [0.0], "engine.frequency_values": [140.0]})
     for name in ("fixed_step", "smoothed"):
-        one, other = (solve(s, solver=name, cycles=5, samples_per_cycle=8, loads_from=0) for s in (plain, constant))
+        one, other = (solve(s, solver=name, cycles=5, samples_per_cycle=8) for s in (plain, constant))
         np.testing.assert_allclose(other.t, one.t, rtol=1e-13)
         np.testing.assert_allclose(other.slip_speed, one.slip_speed, rtol=1e-7, atol=1e-7)
         np.testing.assert_allclose(other.cycles.section, one.cycles.section, rtol=1e-7, atol=1e-7)
@@ -131,7 +131,7 @@ def test_a_constant_profile_is_the_constant():
 
 def test_solvers_that_cannot_say_who_can():
     stiff = replace(STICK_SLIP, {"friction.law": "set_valued"})
-    assert solve(STICK_SLIP, duration=END, loads_from=0).solver == "smoothed"
+    assert solve(STICK_SLIP, duration=END).solver == "smoothed"
     able = [name for name, entry in SOLVERS.items() if entry.profiles]
     with pytest.raises(InputError, match=f"event_driven does not solve engine.frequency_times.*{', '.join(able)}"):
         solve(stiff, duration=END)
@@ -140,7 +140,7 @@ def test_solvers_that_cannot_say_who_can():
 @pytest.mark.parametrize("slips", [False, True])
 def test_cycles_and_samples_of_the_fast_engine_are_those_of_lsoda(slips):
     system = SLIP if slips else STICK_SLIP
-    one, other = (solve(system, solver=name, duration=END, samples_per_cycle=16, rtol=rtol, loads_from=0)
+    one, other = (solve(system, solver=name, duration=END, samples_per_cycle=16, rtol=rtol)
                   for name, rtol in (("smoothed", 1e-9), ("lsoda", 1e-11)))
     np.testing.assert_array_equal(one.t, other.t)
     np.testing.assert_allclose(one.slip_speed, other.slip_speed, atol=2e-6)
@@ -153,14 +153,14 @@ def test_cycles_and_samples_of_the_fast_engine_are_those_of_lsoda(slips):
 def test_a_clamp_that_sets_in_and_ends_while_everything_varies():
     clamped = replace(STICK_SLIP, {"pressure.amplitude": 3e5, "pressure.frequency_ratio": 2.3, "pressure.mean_values":
                                    [0.0, 240e3, 100e3]})
-    one, other = (solve(clamped, solver=name, duration=END, rtol=rtol, loads_from=0).final
+    one, other = (solve(clamped, solver=name, duration=END, rtol=rtol).final
                   for name, rtol in (("smoothed", 1e-9), ("lsoda", 1e-11)))
     assert one.slip_speed == pytest.approx(other.slip_speed, abs=1e-4)
     assert one.plate_angle == pytest.approx(other.plate_angle, abs=1e-6)
 
 
 def test_transitions_tell_their_time():
-    run = solve(STICK_SLIP, duration=END, rtol=1e-9, samples_per_cycle=4000, loads_from=0)
+    run = solve(STICK_SLIP, duration=END, rtol=1e-9, samples_per_cycle=4000)
     assert len(run.transitions.time) > 4
     state = run.state[np.searchsorted(run.t, run.transitions.time) + 1]
     np.testing.assert_array_equal(state, run.transitions.after)
