@@ -136,7 +136,7 @@ def test_the_quick_start_is_one_line_each() -> None:
     assert blocks[0].count("\n") == 1
     assert blocks[0].endswith("tcc-sim demo\n")
     assert blocks[1].count("\n") == 1
-    assert "pytest -n 2" in blocks[1]
+    assert "pytest -n 3" in blocks[1]
 
 
 @pytest.mark.parametrize("page", [README, *sorted((ROOT / ".github").glob("*/*.md"))], ids=lambda page: page.stem)
