@@ -98,8 +98,8 @@ def followed(command: Floats, actuator: Pressure, end: float) -> Floats:
 
 def _lines(t: Floats, values: Floats, hold: str) -> Floats | None:
     """Return the finite values as lines; None without any."""
-    if hold == "next":
-        t, values = t[:-1], values[1:]
+    if hold == "next":  # The first row holds until its time.
+        t, values = (np.append(0.0, t[:-1]), values) if t[0] > 0.0 else (t[:-1], values[1:])
     finite = np.isfinite(values)
     t, values = t[finite], values[finite]
     if hold == "smooth":

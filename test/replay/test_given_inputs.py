@@ -155,6 +155,10 @@ def test_a_table_holds_as_it_was_told(tmp_path, hold, torque):
     path = table(tmp_path / "in.csv", t=[0.0, 0.1, 0.2], engine_torque=[200.0, 250.0, 300.0])
     driven = driven_by(load_scene("commands"), path, hold)
     assert float(torques_at(terms_of(driven.system), np.array([0.15]))[0][0]) == pytest.approx(torque)
+    path = table(tmp_path / "late.csv", t=[0.04, 0.1, 0.2], engine_torque=[200.0, 250.0, 300.0])
+    driven = driven_by(load_scene("commands"), path, hold)
+    found = torques_at(terms_of(driven.system), np.array([0.02, 0.039, 0.15]))[0]
+    assert found == pytest.approx(np.array([200.0, 200.0, torque]))
 
 
 def test_a_table_that_looks_smooth_is_hinted_at_and_one_of_steps_is_not(tmp_path, capsys):
