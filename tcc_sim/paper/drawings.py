@@ -50,7 +50,7 @@ def draw(data: Figure, stem: Path, title: str = "", width: float = style.PAGE) -
         note = f" ({', '.join(extra)})" if extra else ""
         words = title or f"Fig. {data.figure}. {data.title}{note}"
         drawn.suptitle(words if wide else "\n".join(_lines(WORD.findall(words), " ", 42)), x=0.01, ha="left",
-                       fontsize=9.5 if wide else 8.5, fontweight="bold")
+                       fontsize=9.5 if wide else 8.5, fontweight="bold", parse_math=not title)
         KINDS[data.kind][-1](drawn, data)
         drawn.supxlabel(caption, x=0.01, ha="left", fontsize=7.0 if wide else 6.5, color=style.GREY)
         for axis in drawn.axes:

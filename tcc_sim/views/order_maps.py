@@ -46,7 +46,7 @@ def plot_orders(path: Path, found: Orders, title: str = "", width: float = style
         _cuts(cuts, found, "shaft_torque" if known else "slip_speed")
         judder.plot(along, found.judder.peak, color=style.BLUE, label="peak")
         judder.plot(along, found.judder.rms, color=style.BLUE, ls=":", label="rms")
-        judder.set(ylabel="slip about its\ncycle mean (rad/s)", ylim=(0.0, None))
+        judder.set(ylabel="slip about its\ncycle mean (rad/s)", xlabel=name, ylim=(0.0, None))
         judder.legend()
         if np.isfinite(found.heat).any():
             heat.plot(along, found.heat * 1e-3, color=style.ORANGE)
@@ -58,8 +58,8 @@ def plot_orders(path: Path, found: Orders, title: str = "", width: float = style
         for axis in axes:
             axis.set_xlim(float(along.min()), float(along.max()))
         for axis in axes[:2] + axes[3:4] if wide else axes[:4]:
-            axis.set_xlabel("")
             axis.tick_params(labelbottom=False)
+            axis.xaxis.label.set_visible(False)  # With its text the ticks are those of the panels below.
         return style.save(drawn, path)
 
 
@@ -183,6 +183,11 @@ def _along(found: Orders) -> tuple[Floats, str]:
     return (found.frequency, "engine frequency (rad/s)") if rises else (found.time, "time (s)")
 
 
+def _order_label(found: Orders) -> str:
+    """Return the label of an axis over orders."""
+    return "crank order" if found.per_revolution != 1.0 else "order"
+
+
 def _top(amplitude: Floats, found: Orders) -> float:
     """Return the upper end of the colour scale of a map, dB."""
     from tcc_sim.analysis.orders import level
@@ -215,7 +220,7 @@ def _map(axis: Any, found: Orders, amplitude: Floats, unit: str, top: float | No
         axis.plot(along, np.where((order <= highest) & (order >= lowest), order, np.nan), color="white", lw=0.9,
                   ls=(0, (4, 2)))
         _name_mode(axis, along, order, f"{name}, {speed(omega, 4)}", (lowest, highest), found.per_revolution)
-    axis.set(xlabel=over, ylabel="crank order" if found.per_revolution != 1.0 else "order", ylim=(lowest, highest))
+    axis.set(xlabel=over, ylabel=_order_label(found), ylim=(lowest, highest))
 
 
 def _name_mode(axis: Any, along: Floats, order: Floats, text: str, within: tuple[float, float], each: float) -> None:
@@ -244,4 +249,5 @@ def _difference(axis: Any, found: OrderComparison, name: str, top: float) -> Non
                             shading="nearest", rasterized=True)
     axis.figure.colorbar(image, ax=axis, label="simulated less measured, dB", pad=0.015, aspect=28)
     axis.grid(False)
-    axis.set(xlabel=over, ylabel="order", ylim=(0.25 * found.measured.per_revolution, float(found.measured.order[-1])))
+    axis.set(xlabel=over, ylabel=_order_label(found.measured),
+             ylim=(0.25 * found.measured.per_revolution, float(found.measured.order[-1])))

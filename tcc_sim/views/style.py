@@ -86,7 +86,7 @@ def figure(width: float = PAGE, height: float = 4.0, title: str = "") -> Iterato
         if title:
             # A bold letter of ten points is about 0.085 inch wide.
             drawn.suptitle(textwrap.fill(title, max(int(width / 0.085), 20)), x=0.01, ha="left", fontsize=10.0,
-                           fontweight="bold")
+                           fontweight="bold", parse_math=False)  # It has names of files.
         yield drawn
 
 

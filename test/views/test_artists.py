@@ -132,9 +132,9 @@ def test_cells_that_have_not_settled_are_hatched(saved: list[Any], tmp_path: Pat
 
 
 def test_a_title_is_over_the_picture_and_a_legend_beside_no_panel_title(saved: list[Any], tmp_path: Path) -> None:
-    words = ["simulate", "minimal", "--cycles", "60", "--width", "column", "--title", "Mine", "--plot"]
+    words = ["simulate", "minimal", "--cycles", "60", "--width", "column", "--title", "Mine $x_{$", "--plot"]
     assert main([*words, str(tmp_path / "a.svg")]) == 0
-    assert saved[0]._suptitle.get_text() == "Mine"
+    assert saved[0]._suptitle.get_text() == "Mine $x_{$"  # No formula.
     sweep = json.loads(json.dumps({
         "over": "engine.frequency", "values": [1.0, 2.0], "max_slip_speed": [1.0, 2.0], "regime": ["stick", "slip"],
         "period": [1, 0], "section": [[[0.1, 0.0]], [[0.1, 0.0]]], "stick_fraction": [0.5, 0.5],
