@@ -30,27 +30,28 @@ from tcc_sim.continuation.palc import (
 )
 from tcc_sim.continuation.problem import FAILURES, Floats
 from tcc_sim.continuation.settings import Settings
+from tcc_sim.result import KEY_UNITS
 
 
 class StopReason(Enum):
     """Why a curve ends: a sentence with the parameter's `name` and `value`, a `limit`, and a special point `what`."""
 
-    RANGE = "{name} reached {value:.9g}, the end of the range"
-    CLOSED = "closed: back at its first point, {name} = {value:.9g}"
-    DOUBLING = "ended in a period doubling of motions of a shorter period at {name} = {value:.9g}"
-    BEGAN = "began in the period doubling at {name} = {value:.9g}"
-    CANARD = ("ended at {name} = {value:.9g}: beyond it a multiplier is above {limit:g}, a canard, which double "
+    RANGE = "{name} reached {value}, the end of the range"
+    CLOSED = "closed: back at its first point, {name} = {value}"
+    DOUBLING = "ended in a period doubling of motions of a shorter period at {name} = {value}"
+    BEGAN = "began in the period doubling at {name} = {value}"
+    CANARD = ("ended at {name} = {value}: beyond it a multiplier is above {limit:g}, a canard, which double "
               "precision does not resolve")
-    CANARD_CURVE = ("ended at {name} = {value:.9g}: beyond it a disturbance grows by more than {limit:g} along a part "
+    CANARD_CURVE = ("ended at {name} = {value}: beyond it a disturbance grows by more than {limit:g} along a part "
                     "of the motion, a canard, which double precision does not resolve")
-    FAMILY = ("met a family of motions with a multiplier of exactly 1 at {name} = {value:.9g}: no branch can be "
+    FAMILY = ("met a family of motions with a multiplier of exactly 1 at {name} = {value}: no branch can be "
               "followed through it")
-    POINTS = "stopped after {limit:g} points at {name} = {value:.9g}"
-    TRIES = "given up after {limit:g} steps tried at {name} = {value:.9g}: no progress"
-    STEP = ("no further point was found beyond {name} = {value:.9g}: no step, however short, met a residual of "
+    POINTS = "stopped after {limit:g} points at {name} = {value}"
+    TRIES = "given up after {limit:g} steps tried at {name} = {value}: no progress"
+    STEP = ("no further point was found beyond {name} = {value}: no step, however short, met a residual of "
             "{limit:g}")
-    SPECIAL = "ended in a {what} at {name} = {value:.9g}"
-    INTERRUPTED = "interrupted at {name} = {value:.9g}"
+    SPECIAL = "ended in a {what} at {name} = {value}"
+    INTERRUPTED = "interrupted at {name} = {value}"
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,8 @@ class End:
 
     def __str__(self) -> str:
         """The sentence."""
-        return self.reason.value.format(name=self.name, value=self.value, limit=self.limit, what=self.what)
+        value = f"{self.value:.9g} {KEY_UNITS.get(self.name, '')}".rstrip()
+        return self.reason.value.format(name=self.name, value=value, limit=self.limit, what=self.what)
 
 
 S = TypeVar("S")
