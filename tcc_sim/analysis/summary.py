@@ -127,7 +127,8 @@ class Summary(Result):
         "largest |slip speed| over the kept cycles", "rad/s", scatters=True))
     min_slip_speed: float = field(metadata=reported("smallest slip speed, signed", "rad/s", scatters=True))
     period: int = field(metadata=reported(
-        "period of the motion; 0 if none up to 16 is found", "periods of excitation", scatters=True))
+        "period of the motion; 0 if none is found up to 16, and up to a third of the kept ones",
+        "periods of excitation", scatters=True))
     section: list[tuple[float, float]] = field(metadata=reported(
         "plate angle and slip speed at t = 2 pi n/omega over the last whole period, in order and from an n that is a "
         "multiple of the period; over all kept cycles if the period is 0", "rad, rad/s"))

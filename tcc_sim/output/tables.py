@@ -128,8 +128,11 @@ def summary_rows(summary: Summary, advice: str) -> list[tuple[str, str]]:
         period += (", settled" if summary.settled else
                    f", still converging: the section changes by {summary.section_change:.1e}, relative, per period")
     else:
-        period = f"none up to {DEFAULTS.maximum_period} periods of excitation" + (
-            f"; the motion has not settled: {advice}" if summary.transient else "")
+        kept = summary.cycles - summary.discarded
+        most = min(DEFAULTS.maximum_period, (kept + 1) // 3)  # As in `analysis.periodicity`.
+        period = f"none up to {counted(most, 'period')} of excitation" if most else "none: too few were solved"
+        period += ", a third of those kept" if 0 < most < DEFAULTS.maximum_period else ""
+        period += f"; the motion has not settled: {advice}" if summary.transient else ""
     out = [("largest |slip speed|", speed(summary.max_slip_speed, 9)),
            ("smallest slip speed", speed(summary.min_slip_speed, 9)),
            ("regime", f"{summary.regime}, in stick for {100.0 * summary.stick_fraction:.2f} % of the time")]
@@ -225,8 +228,15 @@ def _cell(columns: Mapping[str, Any], name: str, k: int, factor: float) -> str:
 def unsettled_lines(sweeps: Sequence[Sweep], mark: str = "") -> list[str]:
     """Return a line with the number of motions that have not settled, and the remedy; no line if all have settled."""
     count, values = sum(s.not_settled for s in sweeps), sum(len(s.points) for s in sweeps)
-    return [f"{mark}{count} of {counted(values, 'point')} {'has' if count == 1 else 'have'} not settled; raise --cycles"
-            ] if count else []
+    return [f"{mark}{count} of {counted(values, 'point')} {'has' if count == 1 else 'have'} not settled; "
+            f"{_remedy(sweeps)}"] if count else []
+
+
+def _remedy(sweeps: Sequence[Sweep]) -> str:
+    """Return the cause or the remedy of motions of a sweep that have not settled."""
+    if sweeps[0].curve.system.varying:
+        return "their inputs vary in time"
+    return "raise --cycles" if sweeps[0].plan.duration is None else "raise --duration"
 
 
 def quantile_lines(found: Scattered) -> list[str]:
@@ -239,7 +249,8 @@ def quantile_lines(found: Scattered) -> list[str]:
     left_out = found.left_out
     if any(left_out.values()):
         lines.append(f"quantiles leave out {counted(left_out['runaway'], 'result')} that ran away and "
-                     f"{left_out['not_settled']} that have not settled; raise --cycles, or give --every-sample")
+                     f"{left_out['not_settled']} that have not settled; {_remedy(found.sweeps)}, or give "
+                     "--every-sample")
     units = units_of_columns(Summary, QUANTILES)
     for name in QUANTILES:
         unit, factor = shown_unit(units.get(name, ""))

@@ -108,6 +108,15 @@ def test_the_table_names_units(capsys):
         assert words in out
 
 
+@pytest.mark.parametrize(("cycles", "none"), [
+    (100, "none up to 16 periods of excitation\n"),
+    (12, "none up to 2 periods of excitation, a third of those kept; the motion has not settled"),
+    (1, "none: too few were solved; the motion has not settled")])
+def test_no_period_is_denied_beyond_a_third_of_the_kept_cycles(capsys, cycles, none):
+    assert main(["simulate", "chaos", "--cycles", str(cycles), "--discard", str(cycles // 2)]) == 0
+    assert f"  {none}" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(("arguments", "words"), [
     (["nowhere"], "there is no scene"),
     (["fig02", "--set", "friction.smothing=3"], "did you mean friction.smoothing"),

@@ -6,6 +6,7 @@ import json
 import math
 import sys
 from dataclasses import fields
+from dataclasses import replace as with_fields
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from tcc_sim.analysis.summary import summarise
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import replace
-from tcc_sim.output.tables import sweep_lines
+from tcc_sim.output.tables import sweep_lines, unsettled_lines
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 from tcc_sim.sweeps.results import Point
@@ -78,9 +79,14 @@ def test_a_motion_without_period_reads_none_and_one_that_settles_has_a_star() ->
     lines = sweep_lines(sweep(chaos, KINETIC, [chaos.friction.kinetic_coefficient], Plan(cycles=100)))
     assert lines[2].split()[2] == "none"
     spiral = replace(load_scene("slip").system, {"driveline.damping": 0.1233})
-    lines = sweep_lines(sweep(spiral, "engine.frequency", [1161.858217]))
-    assert lines[2].split()[2] == "1*"
-    assert lines[-1] == "* 1 of 1 point has not settled; raise --cycles"
+    found = sweep(spiral, "engine.frequency", [1161.858217])
+    lines = sweep_lines(found)
+    assert (lines[2].split()[2], lines[-1]) == ("1*", *unsettled_lines([found], "* "))
+    varied = with_fields(found, curve=with_fields(
+        found.curve, key="engine.mean_torque", system=load_scene("runup").system))
+    for one, remedy in ((found, "raise --cycles"), (with_fields(found, plan=Plan(duration=1.0)), "raise --duration"),
+                        (varied, "their inputs vary in time")):
+        assert unsettled_lines([one], "* ") == [f"* 1 of 1 point has not settled; {remedy}"]
 
 
 def test_columns_have_a_line_per_value_and_say_what_is_missing() -> None:
