@@ -171,16 +171,26 @@ def measured_phase(columns: Mapping[str, Floats], order: float = 1.0, pulses: in
     return turns, lambda at: np.interp(at, turns, times)
 
 
-def _phase_of(run: Trajectory, system: System) -> Phase:
-    """Return the scene's phase or, for a commanded torque, that found in it, with a constant frequency per period."""
-    if system.engine.source != "topic":
-        return turns_at(system, run.t), system.cycle_start
+def found_phase(run: Trajectory) -> Phase:
+    """Return the phase of the excitation found in a run's torque, with a constant frequency in each period.
+
+    Raises
+    ------
+    InputError
+        No periods were found.
+    """
     starts = run.cycles.starts if run.cycles is not None else None
     if starts is None or len(starts) < 2 or not np.isfinite(starts).all():
-        raise InputError("the torque was commanded, and its periods of excitation are not known: there are no orders")
+        raise InputError("the torque was commanded, and its periods of excitation are not known: there are no orders "
+                         "and no spectrum")
     numbers = np.arange(len(starts), dtype=np.float64)
     within = run.t[(run.t >= starts[0]) & (run.t <= starts[-1])]
     return np.interp(within, starts, numbers), lambda turns: np.interp(turns, numbers, starts)
+
+
+def _phase_of(run: Trajectory, system: System) -> Phase:
+    """Return the scene's phase or, for a commanded torque, that found in it."""
+    return found_phase(run) if system.engine.source == "topic" else (turns_at(system, run.t), system.cycle_start)
 
 
 def _driven(system: System) -> Floats:

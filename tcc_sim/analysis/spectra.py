@@ -24,7 +24,8 @@ class Spectrum(Result):
 
     frequency: Floats = field(metadata=reported("angular frequency of each line, (N,)", "rad/s"))
     order: Floats = field(metadata=reported("crank order of each line, (N,)"))
-    window: str = field(metadata=reported("window in time, and the cycles of the excitation in it"))
+    window: str = field(metadata=reported(
+        "window in time, the cycles of the excitation in it, and the time that it covers"))
     period: int = field(metadata=reported("period of the motion in cycles of the excitation, 0 where it has none"))
     subharmonics: Floats = field(metadata=reported(
         "crank orders between the multiples of the excitation's whose slip speed or shaft torque is above a thousandth "
@@ -50,12 +51,13 @@ class Spectrum(Result):
                 **{name: found for name, found in values.items() if found is not None}}
 
 
-def spectrum_of(signals: Signals, period: int) -> Spectrum:
+def spectrum_of(signals: Signals, period: int, last: int | None = None) -> Spectrum:
     """Return the spectrum of the end of a run.
 
     Parameters
     ----------
     period : of the motion in cycles of the excitation; 0 for none
+    last : number of cycles at the end that are transformed; None for all
 
     Raises
     ------
@@ -63,14 +65,16 @@ def spectrum_of(signals: Signals, period: int) -> Spectrum:
         Fewer cycles than a period, or than `Settings.spectrum_least` without a period.
     """
     whole = math.floor(float(signals.turns[-1] - signals.turns[0]) + 1e-9)
+    per_cycle = min(DEFAULTS.spectrum_points, 2 ** math.floor(math.log2(len(signals.turns) / max(whole, 1))))
+    whole = whole if last is None else min(whole, last)
     needed = period or DEFAULTS.spectrum_least
     if whole < needed:
         raise InputError(f"a spectrum needs {needed} whole cycles of the excitation, and there are {whole}")
-    per_cycle = min(DEFAULTS.spectrum_points, 2 ** math.floor(math.log2(len(signals.turns) / whole)))
     highest = min(float(DEFAULTS.highest_order), 0.25 * per_cycle)
     cycles = whole // period * period if period else whole
     begin = float(signals.turns[-1]) - cycles
     at = signals.when(begin + np.arange(cycles * per_cycle + 1) / per_cycle)
+    covers = f"{at[0]:.6g} to {at[-1]:.6g} s"
     omega = 2.0 * math.pi * cycles / float(at[-1] - at[0])
     values = signals.at(at[:-1])[:2]
     each = signals.system.engine.order
@@ -78,7 +82,7 @@ def spectrum_of(signals: Signals, period: int) -> Spectrum:
         lines = math.floor(highest * period) + 1
         order = np.arange(lines) / period
         slip, shaft = (_lines(x, cycles // period, lines) for x in values)
-        window = f"none: {counted(cycles // period, 'whole period')} of the motion"
+        window = f"none: {counted(cycles // period, 'whole period')} of the motion, {covers}"
         return Spectrum(order * omega, each * order, window, period,
                         each * order[np.logical_or(*(_between(order, period, x) for x in (slip, shaft)))], slip, shaft,
                         None, None)
@@ -86,8 +90,8 @@ def spectrum_of(signals: Signals, period: int) -> Spectrum:
     lines = math.floor(highest * length) + 1
     order = np.arange(lines) / length
     slip, shaft = (_density(x, length * per_cycle, lines, per_cycle * omega / (2.0 * math.pi)) for x in values)
-    return Spectrum(order * omega, each * order, f"Hann of {length} cycles, half of each shared with the next", 0,
-                    np.empty(0), None, None, slip, shaft)
+    return Spectrum(order * omega, each * order, f"Hann of {length} cycles, half of each shared with the next, "
+                    f"{covers}", 0, np.empty(0), None, None, slip, shaft)
 
 
 def _lines(values: Floats, periods: int, count: int) -> Floats:

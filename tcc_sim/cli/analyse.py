@@ -92,17 +92,20 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out is not None or arguments.orders or arguments.spectrum or whole:
         samples = recording.trajectory(found.run, arguments.start, arguments.end)
         drawn = samples if whole else found
+    if arguments.orders or arguments.spectrum:
+        from tcc_sim.analysis.signals import run_signals
+
+        signals = run_signals(samples, found.timing.phase_of(samples))
     if arguments.orders:
         from tcc_sim.analysis.orders import orders_of
 
-        drawn = orders = orders_of(samples)
+        drawn = orders = orders_of(signals)
         found = replace(found, orders=orders)
         lines += order_lines(orders)
     if arguments.spectrum:
-        from tcc_sim.analysis.signals import run_signals
         from tcc_sim.analysis.spectra import spectrum_of
 
-        spectrum = spectrum_of(run_signals(samples), found.summary.period)
+        spectrum = spectrum_of(signals, found.summary.period, found.unbroken)
         found = replace(found, spectrum=spectrum)
         drawn = drawn if arguments.orders else found
         lines += spectrum_lines(spectrum)

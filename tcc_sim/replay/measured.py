@@ -9,8 +9,10 @@ import numpy as np
 
 from tcc_sim.analysis.orders import Orders, orders_of
 from tcc_sim.analysis.periodicity import periodicity
+from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.analysis.signals import Signals, measured_phase, measured_signals
 from tcc_sim.analysis.spectra import Spectrum, spectrum_of
+from tcc_sim.analysis.summary import default_discard
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
 from tcc_sim.model.parameters import replace as changed
@@ -72,7 +74,13 @@ def analyse_table(path: Path, system: System, *, orders: bool, spectrum: bool, p
     columns = measured_columns(path, start, end)
     signals, t = measured_signals(columns, system, pulses, str(path)), columns[TIME]
     return MeasuredRun(len(t), float(t[-1] - t[0]), orders_of(signals) if orders else None,
-                       spectrum_of(signals, _period(signals)) if spectrum else None)
+                       _spectrum(signals) if spectrum else None)
+
+
+def _spectrum(signals: Signals) -> Spectrum:
+    """Return the spectrum without the cycles that a summary drops by default, as far as enough of them are left."""
+    whole, period = int(signals.turns[-1] - signals.turns[0]), _period(signals)
+    return spectrum_of(signals, period, max(whole - default_discard(whole), period or DEFAULTS.spectrum_least))
 
 
 def at_measured_speed(scene: Scene, path: Path, pulses: int = 1) -> tuple[Scene, Signals | None]:

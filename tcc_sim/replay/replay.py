@@ -114,12 +114,13 @@ def draw_again(path: Path, values: Record, title: str, width: float) -> Path:
     """Draw what `analyse --plot` draws; raise InputError or RecordingError if the recording no longer exists."""
     from tcc_sim.views import style
     from tcc_sim.views.plots import plot
-    from tcc_sim.views.stored import arguments_in
+    from tcc_sim.views.stored import arguments_in, spectrum_in
 
     given = arguments_in(vars(values))
     recording = Recording(given.recording, given.scene, given.joints)
     found: Any = replay(recording, discard=given.discard, frequency=given.frequency,
                         window=Window(given.run, given.start, given.end))
+    found = replace(found, spectrum=spectrum_in(vars(values)))
     if found.scene.system.profile is not None:
         found = recording.trajectory(found.run, given.start, given.end)
     drawn: Path = plot(found, path, "page" if style.wide(width) else "column", title=title, force=True)

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from tcc_sim.analysis.control import Control
 from tcc_sim.analysis.damping import Damping
 from tcc_sim.analysis.orders import Orders
@@ -137,6 +139,13 @@ class Replay(Result):
     def frequency_source(self) -> str:
         """Source of the frequency: given, scene, found, or none."""
         return self.timing.source
+
+    @property
+    def unbroken(self) -> int:
+        """Number of kept engine cycles at the end of the run without a gap before or between them."""
+        broken = np.flatnonzero(np.isnan(self.cycles.highest))
+        after = len(self.cycles) - (int(broken[-1]) + 1 if len(broken) else 0)
+        return min(after, self.summary.cycles - self.summary.discarded)
 
     def lines(self) -> list[str]:
         """Return the result as lines for a terminal."""

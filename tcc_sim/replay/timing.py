@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tcc_sim.analysis.engine_clock import EngineClock, Uniform, clock_of_scene
+from tcc_sim.analysis.signals import Phase, found_phase
 from tcc_sim.analysis.torque_phase import PhaseTracker, clock_of
 from tcc_sim.errors import InputError
 from tcc_sim.recording.columns import JointStates
@@ -18,6 +19,7 @@ from tcc_sim.replay.timeline import Timeline
 from tcc_sim.result import reported, reporting
 from tcc_sim.scene import Scene, load_scene, parse_scene
 from tcc_sim.shown_units import speed
+from tcc_sim.trajectory import Trajectory
 
 SOURCES = {"given": "as given", "scene": "from the scene", "found": "found in the recorded engine torque"}
 SLICE, TICKS = 0.1, 20
@@ -62,6 +64,13 @@ class Timing:
         if not self.clock.told:
             return math.nan
         return self.low if self.low == self.high else 2.0 * math.pi / self.clock.cycle
+
+    def phase_of(self, run: Trajectory) -> Phase | None:
+        """Return the phase of a run by the given frequency or that found in its torque; None for the scene's."""
+        if self.source == "given":
+            each = self.clock.cycle
+            return run.t / each, lambda turns: turns * each
+        return found_phase(run) if self.source == "found" else None
 
     def sentence(self) -> str:
         """Return the frequency as text."""
@@ -158,6 +167,8 @@ def pace_of(line: Timeline) -> float:
     for states in line.runs:
         starts = line.starts[(line.starts > states.index) & (line.starts < states.index + len(states))] - states.index
         ends = np.append(starts, len(states)) - 1
+        if np.array_equal(states.log_ns[ends], states.stamp_ns[ends]):  # `simulate --out` has no other times.
+            continue
         stamps, received = np.diff(states.stamp_ns[ends]), np.diff(states.log_ns[ends])
         simulated += int(stamps[received >= 0].sum())
         real += int(received[received >= 0].sum())

@@ -158,6 +158,8 @@ def revived(values: Mapping[str, Any]) -> Any:
         return OrderComparison(_orders(values["measured_orders"]), _orders(values["orders"]))
     if "orders" in values:
         return _orders(values["orders"])
+    if _of_table(values):
+        return spectrum_in(values)
     if kind == "simulate":
         return _simulation(values)
     if kind == "explain":
@@ -183,7 +185,7 @@ def drawer_of(kind: str) -> Callable[..., Path]:
 def missing_data(values: Mapping[str, Any]) -> str:
     """Return what a JSON lacks for its picture and the replacement, in words; empty if it lacks nothing."""
     kind = kind_of(values)
-    if "orders" in values or "arrays" in values:
+    if "orders" in values or "arrays" in values or _of_table(values):
         return ""
     if kind == "simulate":
         return "has no samples: the scene is solved again"
@@ -195,6 +197,11 @@ def missing_data(values: Mapping[str, Any]) -> str:
     if kind == "basins" and "over" not in values:
         return "has no cells: the attractors are drawn without them; basins ... --out FILE.npz keeps them"
     return ""
+
+
+def _of_table(values: Mapping[str, Any]) -> bool:
+    """Return whether a JSON is that of `analyse` of a table, which has no messages."""
+    return kind_of(values) == "analyse" and "messages" not in values
 
 
 def _measured(values: Mapping[str, Any]) -> bool:
@@ -217,6 +224,12 @@ def _identification(values: Mapping[str, Any]) -> Any:
 def scene_in(values: Mapping[str, Any]) -> Scene:
     """Return the scene in a JSON."""
     return Scene(title_of(values), System(), Operation()).with_values(values["scene"])
+
+
+def spectrum_in(values: Mapping[str, Any]) -> Spectrum | None:
+    """Return the spectrum in a JSON, or None."""
+    found: Spectrum | None = _of(Spectrum, values["spectrum"]) if "spectrum" in values else None
+    return found
 
 
 def _orders(values: Mapping[str, Any]) -> Orders:
@@ -248,5 +261,4 @@ def _simulation(values: Mapping[str, Any]) -> Any:
         raise InputError(f"{inputs}, which has the inputs, does not exist; tcc-sim plot FILE.npz draws the samples "
                          "that simulate ... --out FILE.npz wrote")
     twin = _later("tcc_sim.replay.given_inputs", "twin_of")(inputs, run) if there else None
-    spectrum = _of(Spectrum, values["spectrum"]) if "spectrum" in values else None
-    return twin or SimpleNamespace(trajectory=run, summary=Record(values), spectrum=spectrum)
+    return twin or SimpleNamespace(trajectory=run, summary=Record(values), spectrum=spectrum_in(values))

@@ -155,7 +155,7 @@ def test_lines_are_the_amplitudes_of_sines_without_a_window():
     others = [slip for order, (slip, _) in lines.items() if order not in (0.0, 0.5, 1.0)]
     assert max(others) < 1e-12
     assert found.subharmonics.tolist() == [0.5]
-    assert found.window == "none: 3 whole periods of the motion"
+    assert found.window == "none: 3 whole periods of the motion, 0.0418879 to 0.293215 s"
     np.testing.assert_allclose(found.frequency, 150.0 * found.order)
 
 
@@ -171,7 +171,7 @@ def test_a_density_holds_the_power_of_the_signal():
 
     found = spectrum_of(signals(noise, lambda u: 0.0 * u, 512), 0)
     assert found.slip_speed is None
-    assert found.window == "Hann of 64 cycles, half of each shared with the next"
+    assert found.window == "Hann of 64 cycles, half of each shared with the next, 0 to 21.4466 s"
     variance = float(np.var(noise(turns)))
     power = float(np.trapezoid(found.slip_speed_density, found.frequency / (2.0 * math.pi)))
     assert power == pytest.approx(variance, rel=0.05)

@@ -88,6 +88,32 @@ def test_a_recorded_manoeuvre_has_the_period_that_simulate_gives_it(capsys, tmp_
     assert [recorded[key] for key in told] == [solved[key] for key in told]
 
 
+@pytest.mark.parametrize(("words", "order", "discarded"), [
+    ([], 1.0, 23), (["--discard", "30"], 1.0, 30), (["--frequency", "75"], 2.0, 11)])
+def test_a_spectrum_covers_the_kept_cycles_at_the_frequency_of_the_figures(tmp_path, capsys, words, order, discarded):
+    """The slip speed swings three times as far in the first 0.9 s; a table of the run drops its first half too."""
+    scene, t = load_scene("slip"), np.arange(2001) * 1e-3
+    zero, swing = np.zeros_like(t), SWING * np.where(t < 0.9, 3.0, 1.0)
+    run = Trajectory(t, 150.0 - swing * np.cos(150.0 * t), zero + 0.1, zero, 300.0 + 250.0 * np.sin(150.0 * t),
+                     zero + 300.0, zero + 300.0, zero.astype(np.int8) + 1, 2.0 * math.pi / 150.0, "by_hand",
+                     scene.system)
+    write_trajectory(tmp_path / "run.mcap", run, scene.text())
+    table, json_ = tmp_path / "run.csv", tmp_path / "found.json"
+    assert main(["analyse", str(tmp_path / "run.mcap"), *words, "--spectrum", "--orders", "--out", str(table), "--json",
+                 str(json_)]) == 0
+    assert "of real time" not in capsys.readouterr().out  # The file has simulation time alone.
+    found = json.loads(json_.read_text())
+    assert (found["discarded"], found["real_time_factor"]) == (discarded, None)
+    assert found["orders"]["frequency"][0] == pytest.approx(150.0 / order)
+    spectra = [found["spectrum"]]
+    if not words:
+        assert main(["analyse", str(table), "--spectrum", "--json", str(json_), "--force"]) == 0
+        spectra.append(json.loads(json_.read_text())["spectrum"])
+    for spectrum in spectra:
+        assert spectrum["slip_speed"][spectrum["order"].index(order)] == pytest.approx(SWING, rel=1e-3)
+        assert float(spectrum["window"].split()[-4]) > 0.9
+
+
 def test_the_table_and_the_files(capsys, recording, tmp_path):
     assert main(["analyse", str(recording), "--json", str(tmp_path / "a.json"), "--frequency", "75"]) == 0
     out = capsys.readouterr().out

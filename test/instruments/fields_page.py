@@ -17,6 +17,7 @@ from tcc_sim.output.provenance import HEAD
 from tcc_sim.output.tables import escape, markdown_table
 from tcc_sim.paper.claims import ClaimsReport
 from tcc_sim.paper.figure_results import Figure
+from tcc_sim.replay.measured import MeasuredRun
 from tcc_sim.replay.result import Replay
 from tcc_sim.result import Reported
 from tcc_sim.sweeps.results import Grid, Point, Sweep
@@ -27,6 +28,7 @@ PAGE = Path(__file__).resolve().parent.parent.parent / ".github" / "guide" / "fi
 KINDS: dict[str, tuple[str, tuple[type, ...]]] = {
     "simulate": ("tcc-sim simulate --json", (Simulation,)),
     "analyse": ("tcc-sim analyse --json, and analysis.json of tcc-sim demo", (Replay,)),
+    "table": ("tcc-sim analyse FILE.csv --json", (MeasuredRun,)),
     "sweep": ("tcc-sim sweep --json: of one key, of two keys (`second_over`), or of samples (`scatter`)",
               (Sweep, Grid, Scattered)),
     "continue": ("tcc-sim continue --json", (Motions,)),

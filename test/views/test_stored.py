@@ -68,15 +68,31 @@ def test_a_result_redrawn_equals_its_picture(words, npz, figures, tmp_path, caps
 def test_a_recordings_json_names_it(figures: list[Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """It is read again while it is there; afterwards the samples of a .npz serve."""
     recording = bag(tmp_path / "run", ticked(load_scene("fig02"), 1500), "fig02")
-    words = ["analyse", str(recording), "--discard", "5", "--plot", str(tmp_path / "a.png"), "--json",
+    words = ["analyse", str(recording), "--discard", "5", "--spectrum", "--plot", str(tmp_path / "a.png"), "--json",
              str(tmp_path / "a.json"), "--out", str(tmp_path / "a.npz")]
     assert main(words) == 0
+    alone = tmp_path / "alone" / "a.json"
+    alone.parent.mkdir()
+    (tmp_path / "a.json").rename(alone)
+    (tmp_path / "a.npz").rename(tmp_path / "c.npz")
     capsys.readouterr()
-    assert main(["plot", str(tmp_path / "a.json"), "--plot", str(tmp_path / "b.png")]) == 0
+    assert main(["plot", str(alone), "--plot", str(tmp_path / "b.png")]) == 0
     same(figures[0], figures[1])
     recording.rename(tmp_path / "elsewhere")
-    assert main(["plot", str(tmp_path / "a.npz"), "--plot", str(tmp_path / "c.png")]) == 0
+    assert main(["plot", str(tmp_path / "c.npz"), "--plot", str(tmp_path / "c.png")]) == 0
     assert len(figures) == 3
+
+
+def test_a_spectrum_of_a_table_is_drawn_from_its_json(figures: list[Any], tmp_path: Path) -> None:
+    t = np.linspace(0.0, 1.2, 2401)
+    columns = t, 300.0 + 250.0 * np.sin(150.0 * t), 10.0 + np.sin(150.0 * t)
+    np.savetxt(tmp_path / "a.csv", np.stack(columns, axis=1), delimiter=",", header="t,engine_torque,slip_speed",
+               comments="")
+    words = ["analyse", str(tmp_path / "a.csv"), "--spectrum", "--json", str(tmp_path / "a.json")]
+    assert main([*words, "--plot", str(tmp_path / "a.png")]) == 0
+    (tmp_path / "a.csv").unlink()
+    assert main(["plot", str(tmp_path / "a.json"), "--plot", str(tmp_path / "b.png")]) == 0
+    same(figures[0], figures[1])
 
 
 def test_a_json_without_cells_draws_the_attractors_and_says_so(figures, tmp_path, capsys):
