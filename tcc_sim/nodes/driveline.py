@@ -116,7 +116,9 @@ class DrivelineNode(Node):
             raise self.loop.failure
 
     def _look_for_vehicle(self) -> None:
-        """Subscribe to output_speed once its first message is there; its kernels are compiled beside the clock."""
+        """Subscribe to output_speed once its first message is there, until its last publisher has gone; its kernels are
+        compiled beside the clock.
+        """
         loop = self.loop
         if self._vehicle is None and loop.clock_started.is_set() and loop.vehicle_waits:
             compiling, _ = begun(loop.plant.warm_up_far_end, name="far end's compiler")
@@ -127,6 +129,9 @@ class DrivelineNode(Node):
             far_end.poll(0, math.inf)
             if far_end.received + far_end.refused:
                 loop.request(lambda: self._attach(far_end), timeout=2.0 * LONGEST_QUIET)
+        elif (left := loop.far_end) is not None and not self.count_publishers(FAR_END) and loop.request(loop.detach):
+            self._vehicle = None
+            self.destroy_subscription(left.subscription)
 
     def _attach(self, far_end: CommandedInput) -> None:
         """Take output_speed from now on; called in the loop."""

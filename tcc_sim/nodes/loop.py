@@ -28,10 +28,8 @@ from tcc_sim.recording.announcements import source_text
 from tcc_sim.scene import Scene
 from tcc_sim.topics import FAR_END, topic
 
-SETTLED = 0.3
-"""Real time without a new subscription after which the subscribers count as complete, s."""
-LOOK = 0.02
-"""Real time between two checks for subscribers, and between two attempts to send to a slow reader, s."""
+SETTLED, LOOK = 0.3, 0.02
+"""Real time without a new subscription that completes the subscribers, and between checks or attempts to send, s."""
 LOCKSTEP_LOOK, LOCKSTEP_REST, LOCKSTEP_EAGER = 2e-5, 1e-3, 0.05
 """Real time between two checks for a command in lock-step, s: at first, and after LOCKSTEP_EAGER seconds of waiting."""
 
@@ -129,13 +127,19 @@ class RealTimeLoop:
 
     def attach(self, far_end: CommandedInput) -> None:
         """Apply output_speed from the next tick on, and publish output_state."""
-        if self.far_end is None:
-            self.far_end = far_end
-            self.commands.append(far_end)
-            self.plant.stepper.move_far_end(0.0)
-            self.outputs.add("output_state", cdr.output_state)
-            if self.outputs.patient or not self.clock_started.is_set():
-                self.outputs.meet("output_state")
+        self.far_end = far_end
+        self.commands.append(far_end)
+        self.plant.stepper.move_far_end(0.0)
+        if self.outputs.add("output_state", cdr.output_state) and (
+                self.outputs.patient or not self.clock_started.is_set()):
+            self.outputs.meet("output_state")
+
+    def detach(self) -> None:
+        """Let the shaft's far end stand still from the next tick on; output_state continues."""
+        self.commands = [command for command in self.commands if command is not self.far_end]
+        self._unanswered = self._unanswered and [c for c in self._unanswered if c is not self.far_end]
+        self.far_end = None
+        self.plant.move_far_end(None)
 
     def meet(self) -> None:
         """Subscribe to output_speed if it has a publisher, after compiling and connecting; publish /clock if due."""
@@ -201,10 +205,10 @@ class RealTimeLoop:
 
     def use(self, scene: Scene) -> None:
         """Apply changed parameters together from the next tick on; raise InputError if they cannot be computed."""
-        before, after = self.scene.operation, scene.operation
         self.plant.use(scene)
-        if after.real_time_factor != before.real_time_factor:
-            self.pacer.period_ns = tick_time_of(after.rate, after.real_time_factor) * 1e9
+        period = tick_time_of(scene.operation.rate, scene.operation.real_time_factor) * 1e9
+        if period != self.pacer.period_ns:
+            self.pacer.period_ns = period
             self.pacer.anchor()
 
     def _run(self) -> None:
@@ -291,8 +295,10 @@ class RealTimeLoop:
     def _tick(self) -> None:
         """Step with the current commands and publish."""
         if self.commands:
-            self.plant.hold(_value(self.engine_command), _value(self.pressure_command))
-            self.plant.move_far_end(_value(self.far_end))
+            torque, pressure, speed = (None if command is None else command.value for command in (
+                self.engine_command, self.pressure_command, self.far_end))
+            self.plant.hold(torque, pressure)
+            self.plant.move_far_end(speed)
         self._unanswered = None
         self._publish(self.plant.advance())
 
@@ -322,8 +328,3 @@ class RealTimeLoop:
                 break
             self._rest(LOOK)
         return not self._stopping
-
-
-def _value(command: CommandedInput | None) -> float | None:
-    """Return the value of a command, None if the scene's own input applies."""
-    return None if command is None else command.value

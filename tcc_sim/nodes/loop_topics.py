@@ -174,11 +174,14 @@ class Outputs:
             if topic(name).wanted(scene.value):
                 self._create(name, profile)
 
-    def add(self, name: str, encode: Callable[..., bytes] | None = None) -> None:
-        """Create the publisher of a topic with a message for every tick from now on."""
+    def add(self, name: str, encode: Callable[..., bytes] | None = None) -> bool:
+        """Create the publisher of a topic with a message for every tick from now on; return False if it exists."""
+        if name in self._publishers:
+            return False
         row = topic(name)
         values = itemgetter(*map(Reading._fields.index, ("stamp_ns", *row.fields)))
         self._every_tick.append((self._create(name, self._states), encode or cdr.ENCODERS[row.type], values))
+        return True
 
     def state(self, reading: Reading) -> None:
         """Send the messages of a tick."""

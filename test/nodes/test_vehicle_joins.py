@@ -1,5 +1,5 @@
-"""A vehicle that attaches to a driveline node in lock-step while its clock runs, beside a controller that answers every
-command_period.
+"""A vehicle that attaches to a driveline node in lock-step while its clock runs and leaves it again, beside a controller
+that answers every command_period.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from tcc_sim.topics import topic
 PERIOD = 10
 
 
-def test_a_vehicle_joins_lock_step_while_the_clock_runs_and_verifies_to_the_last_bit(
+def test_a_vehicle_joins_and_leaves_lock_step_while_the_clock_runs_and_verifies_to_the_last_bit(
         bench: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
     monkeypatch.setattr(loop_topics, "QUIET", 1.0)
     monkeypatch.setattr(loop_module, "SETTLED", 0.02)
@@ -64,10 +64,18 @@ def test_a_vehicle_joins_lock_step_while_the_clock_runs_and_verifies_to_the_last
     bench.until(lambda: heard(0) and node.loop.far_end is not None)
     joined = slow.states
     bench.until(lambda: heard(joined + 300))
+    far_end, pressure = node.loop.far_end, node.loop.pressure_command
+    done.set()
+    driving.join()
+    apart.remove_node(vehicle)
+    bench.nodes.remove(vehicle)
+    vehicle.destroy_node()
+    bench.until(lambda: heard(0) and node.loop.far_end is None)
+    left = node.loop.plant.stepper.tick
+    bench.until(lambda: heard(left + 100))
     node.loop.stop()
     bench.until(lambda: heard(node.loop.plant.stepper.tick))
     recorded.drain()
-    far_end, pressure = node.loop.far_end, node.loop.pressure_command
     assert (far_end.timeouts, far_end.refused, pressure.timeouts, pressure.refused) == (0, 0, 0, 0)
     recorded.close()
     found = replay(tmp_path / "run", discard=0, verify=True)
@@ -79,6 +87,7 @@ def test_a_vehicle_joins_lock_step_while_the_clock_runs_and_verifies_to_the_last
     d = run.system.driveline
     twist, twisting = run.shaft_twist
     torque = d.damping * twisting + d.stiffness * twist
+    assert not run.output_speed[-90:].any()
     moved = np.flatnonzero(run.output_speed)
     assert moved[0] > 100
     assert len(moved) > 250
