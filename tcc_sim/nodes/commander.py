@@ -20,12 +20,15 @@ from std_msgs.msg import Float64
 from tcc_sim.messages import cdr
 from tcc_sim.nodes import signals
 from tcc_sim.nodes.children import SENDING
-from tcc_sim.nodes.middleware import COMMANDS
+from tcc_sim.nodes.middleware import COMMANDS, await_peer
 from tcc_sim.nodes.options import CommanderOptions
 from tcc_sim.nodes.pacing import Pacer
 from tcc_sim.nodes.parameters import declared
 from tcc_sim.nodes.process import log, run_node
 from tcc_sim.scene import load_scene
+
+MET_WITHIN = 10.0
+"""Longest real time to connect to a driveline before the first command, s; Fast DDS may take 3 s."""
 
 
 def main(args: list[str] | None = None) -> int:
@@ -40,6 +43,7 @@ def send(node: Node) -> int:
     engine, pressure = system.engine, system.pressure
     torques = node.create_publisher(Float64, "engine_torque", COMMANDS)
     pressures = node.create_publisher(FluidPressure, "actuation_pressure", COMMANDS)
+    await_peer(lambda: torques.get_subscription_count() and pressures.get_subscription_count(), MET_WITHIN)
     signals.end_in_order()
     log(node, SENDING)
     pacer = Pacer(1.0 / rate)

@@ -128,10 +128,10 @@ def poll(subscription: Subscription[Any], most: int = MOST_TAKEN) -> list[tuple[
         return list(islice(iter(taker(subscription), None), most))
 
 
-def await_peer(met: Callable[[], object]) -> None:
-    """Wait until `met()` is true, at most MEETING."""
+def await_peer(met: Callable[[], object], limit: float = MEETING) -> None:
+    """Wait until `met()` is true, at most `limit` seconds."""
     since = time.monotonic()
-    while not met() and time.monotonic() - since < MEETING:
+    while not met() and time.monotonic() - since < limit:
         time.sleep(LOOK)
 
 
