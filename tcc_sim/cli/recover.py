@@ -33,7 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
     if len(found.messages) > TOPICS_SHOWN:
         say(f"  and {counted(len(found.messages) - TOPICS_SHOWN, 'more topic')}")
     for sentence in found.missing:
-        say(f"  missing: {one_line(sentence)}")
+        say(f"  note: {one_line(sentence)}")
     if not found.missing:
         say("  nothing is missing; the original was complete" if found.complete else "  nothing is missing")
     return 0

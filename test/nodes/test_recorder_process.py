@@ -128,7 +128,7 @@ def test_a_recorder_killed_again_and_again_leaves_what_can_be_analysed_and_recov
         assert found["messages"] >= before
         assert found["verified"]
         assert main(["recover", str(output)]) == 0
-        assert "missing: the recording was cut short" in capsys.readouterr().out
+        assert "note: the recording was cut short" in capsys.readouterr().out
         recovered = tmp_path / f"run{n}_recovered"
         with rosbag2.Reader(recovered) as reader:
             assert sum(1 for _ in reader.messages()) == reader.message_count

@@ -119,7 +119,7 @@ def test_the_verb_recovers_beside_the_original_and_says_what_is_missing(tmp_path
     assert main(["recover", str(directory)]) == 0
     output = capsys.readouterr().out
     assert f"into {directory}_recovered" in output
-    assert "missing: the recording was cut short" in output
+    assert "note: the recording was cut short" in output
     run = open_run(tmp_path / "run_recovered")
     assert run.complete
     assert run.scene_text == SCENE
