@@ -14,6 +14,7 @@ from tcc_sim.analysis.control import Control, CycleMeans, Steps, Tracking, joine
 from tcc_sim.analysis.engine_clock import Uniform, clock_of_scene
 from tcc_sim.errors import InputError, counted
 from tcc_sim.model.parameters import QUANTITIES
+from tcc_sim.model.quantity import apart
 from tcc_sim.plant.driveline import Plant, Reading
 from tcc_sim.plant.sensors import Sensor, Sensors
 from tcc_sim.scene import SceneLike, as_scene, meaning_of
@@ -42,8 +43,8 @@ def check_command(name: str, value: float, admit: Callable[[float], None] = lamb
     """
     meant = _RANGES[name]
     if not meant.low <= value <= meant.high:
-        raise InputError(f"{name} command of {value:g} {meant.unit} refused; it must be {meant.low:g} to "
-                         f"{meant.high:g}")
+        raise InputError(f"{name} command of {apart(value, meant.low, meant.high)} {meant.unit} refused; it must be "
+                         f"{meant.interval()}")
     try:
         admit(value)
     except InputError as error:

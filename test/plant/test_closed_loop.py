@@ -9,6 +9,7 @@ import pytest
 
 import tcc_sim
 from tcc_sim.errors import InputError
+from tcc_sim.plant.closed_loop import check_command
 from tcc_sim.plant.driveline import Reading
 from tcc_sim.solvers.fixed_step import Stepper
 
@@ -76,7 +77,9 @@ def test_what_the_node_refuses_is_refused_counted_and_said_and_the_value_before_
     assert run.applied_pressure.tolist() == [225e3, 1e5, 2e5, 2e5, 2e5, 2e5, 3e5]
     assert run.refused == 5
     assert repr(run).endswith("5 commands refused>")
-    with pytest.warns(UserWarning, match=r"engine_torque command of nan N m refused; it must be -100000 to 100000"):
+    with pytest.raises(InputError, match=r"engine_torque command of 100000\.01 N m refused"):
+        check_command("engine_torque", 100000.01)
+    with pytest.warns(UserWarning, match=r"engine_torque command of nan N m refused; it must be -100000 to 100000 N m"):
         tcc_sim.closed_loop(scene, lambda _: (math.nan, None), 0.1, rate=10.0)
 
 
