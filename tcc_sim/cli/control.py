@@ -43,11 +43,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Send the request to the driveline and print its answer."""
+    from tcc_sim.model.elements import list_of
     from tcc_sim.nodes.children import require_ros
     from tcc_sim.scene import meaning_of, parse_assignments
 
     values = parse_assignments(arguments.assignments) if arguments.action == "set" else {}
-    meanings = {key: meaning_of(key) for key in (arguments.keys if arguments.action == "get" else ())}
+    keys = arguments.keys if arguments.action == "get" else []
+    units = {key: meaning_of(key).unit for key in (*keys, *map(list_of, keys))}
     require_ros()
     from tcc_sim.nodes.operator import operator
 
@@ -57,9 +59,8 @@ def run(arguments: argparse.Namespace) -> int:
         elif arguments.action == "set":
             say(ask.change(values))
         elif arguments.action == "get":
-            for key, value in ask.values(list(meanings)).items():
-                shown = list(value) if hasattr(value, "__iter__") and not isinstance(value, str) else value
-                say(f"{key} {shown}{f' {meanings[key].unit}' if meanings[key].unit else ''}")
+            for key, value in ask.values(keys).items():
+                say(f"{key} {value}{f' {units[key]}' if units[key] else ''}")
         else:
             tell = partial(say, flush=True)  # Standard output may be a pipe.
             try:

@@ -23,6 +23,18 @@ def list_of(key: str) -> str:
     return key if found is None else found[1] + (found[3] or "")
 
 
+def index_of(key: str, whole: Any) -> int:
+    """Return the index of the number that `key` names in its list; InputError if the list has no such number."""
+    name, _, number = key.partition("[")
+    place = int(number.partition("]")[0])
+    if not isinstance(whole, Sequence) or isinstance(whole, str):
+        raise InputError(f"{key}: {name} is not a list")
+    if not 1 <= place <= len(whole):
+        has = f"has {len(whole)} values, [1] to [{len(whole)}]" if whole else "is empty"
+        raise InputError(f"{name}[{place}] does not exist: {name} {has}; give the whole list first")
+    return place - 1
+
+
 def with_whole_lists(values: Mapping[str, object], value_of: Callable[[str], Any]) -> Mapping[str, object]:
     """Return scene values with single numbers of lists replaced by the whole lists.
 
@@ -43,18 +55,14 @@ def with_whole_lists(values: Mapping[str, object], value_of: Callable[[str], Any
         found = _ELEMENT.fullmatch(key)
         if found is None:
             continue
-        whole, place, part = found[1], int(found[2]), found[3]
-        now = out.get(whole, value_of(whole))
-        if not isinstance(now, Sequence) or isinstance(now, str):
-            raise InputError(f"{key}: {whole} is not a list")
-        if not 1 <= place <= len(now):
-            has = f"has {len(now)} values, [1] to [{len(now)}]" if now else "is empty"
-            raise InputError(f"{whole}[{place}] does not exist: {whole} {has}; give the whole list first")
+        whole, part = found[1], found[3]
+        now: Any = out.get(whole, value_of(whole))
+        place = index_of(key, now)
         if part is not None:
-            profiles[whole][place - 1][part] = value
+            profiles[whole][place][part] = value
             continue
         try:
-            out[whole] = [*now[:place - 1], number_of(value), *now[place:]]
+            out[whole] = [*now[:place], number_of(value), *now[place + 1:]]
         except TypeError:
             raise InputError(f"{key} is {value!r}; it must be a number") from None
     for whole, found_profiles in profiles.items():

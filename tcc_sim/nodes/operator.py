@@ -24,10 +24,12 @@ from std_srvs.srv import SetBool, Trigger
 
 from tcc_sim.errors import InputError, TccError, counted
 from tcc_sim.messages import cdr
-from tcc_sim.model.parameters import QUANTITIES
+from tcc_sim.model.elements import index_of, list_of, with_whole_lists
+from tcc_sim.model.parameters import QUANTITIES, coerce
 from tcc_sim.nodes.middleware import COMMANDS, DIAGNOSTICS, message_class, poll, subscribe
+from tcc_sim.nodes.parameters import without_arrays
 from tcc_sim.nodes.process import Spinner, node_of_command
-from tcc_sim.scene import meaning_of
+from tcc_sim.scene import Operation, meaning_of
 from tcc_sim.topics import FLUID_PRESSURE, topic
 
 FOUND_WITHIN = 4.0
@@ -87,17 +89,28 @@ class Operator:
             if not meaning_of(key).live:
                 raise InputError(f"{key} cannot change while the driveline runs: start it again with --ros-args -p "
                                  f"{key}:={value}, or with a parameter file")
-        request = SetParametersAtomically.Request(parameters=[Parameter(key, value=_typed(value)).to_parameter_msg()
-                                                              for key, value in values.items()])
+        request = SetParametersAtomically.Request(parameters=[
+            _parameter(key, value).to_parameter_msg() for key, value in with_whole_lists(values, self._value).items()])
         result = self._call(SetParametersAtomically, "set_parameters_atomically", request).result
         if not result.successful:
             raise InputError(result.reason or "the driveline refused the change without a reason")
         return ", ".join(f"{key} {value}" for key, value in values.items()) + self._namesakes()
 
     def values(self, keys: Sequence[str]) -> dict[str, Any]:
-        """Return the values of parameters; raise TccError if no driveline answers."""
-        found = self._call(GetParameters, "get_parameters", GetParameters.Request(names=list(keys))).values
-        return {key: rclpy.parameter.parameter_value_to_python(value) for key, value in zip(keys, found)}
+        """Return the values of parameters, and of single numbers of lists.
+
+        Raises
+        ------
+        InputError
+            A list has no such number.
+        TccError
+            No driveline answers.
+        """
+        names = list(map(list_of, keys))
+        found = self._call(GetParameters, "get_parameters", GetParameters.Request(names=names)).values
+        whole = [without_arrays(rclpy.parameter.parameter_value_to_python(value)) for value in found]
+        return {key if key.endswith("]") else name: value[index_of(key, value)] if key.endswith("]") else value
+                for key, name, value in zip(keys, names, whole)}
 
     def command(self, what: str, value: float, rate: float = 0.0, tell: Callable[[str], Any] = str) -> str:
         """Send a command, once or `rate` times a second until interrupted, and return its effect as text.
@@ -180,7 +193,7 @@ class Operator:
         def listen(message: Log) -> None:
             sent = message.stamp.sec * 1_000_000_000 + message.stamp.nanosec
             if sent >= began and message.msg.startswith(f"{name} command") and message.name == logger:
-                heard.append(message.msg)
+                heard.append(message.msg.rpartition(" (")[0])  # Without the log's count.
 
         self._node.create_subscription(Log, "/rosout", listen,
                                        QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL))
@@ -278,14 +291,13 @@ def all_met(count: Callable[[], tuple[int, int]], clock: Callable[[], float] = t
     return complete
 
 
-def _typed(value: object) -> object:
-    """Return a YAML value with strings such as 1e3 and lists of integers converted to floats."""
-    try:
-        if isinstance(value, list):
-            return [float(x) for x in value]
-        return float(value) if isinstance(value, str) else value
-    except (TypeError, ValueError):
-        return value
+def _parameter(key: str, value: object) -> Parameter[Any]:
+    """Return a live parameter with its YAML value as a float or list of floats; InputError if the value is wrong."""
+    if key not in QUANTITIES:
+        return Parameter(key, value=getattr(Operation(**{key: value}), key))  # type: ignore[arg-type]
+    checked = coerce(key, value)
+    return (Parameter(key, Parameter.Type.DOUBLE_ARRAY, list(checked)) if isinstance(checked, tuple) else
+            Parameter(key, value=checked))
 
 
 @contextmanager

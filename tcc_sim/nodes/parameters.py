@@ -40,7 +40,7 @@ def declare(node: Node, scene: Scene | None = None) -> Scene:
     otherwise = DEFAULT_SCENE if {"engine.source", "pressure.source"} & given.keys() else NODE_SCENE
     base = scene or load_scene(str(given.pop("scene", otherwise)))
     warn_of_unknown(node, ("scene", *KNOWN_KEYS))
-    scene = base.with_values({name: _plain(value) for name, value in given.items() if name in MEANINGS})
+    scene = base.with_values({name: without_arrays(value) for name, value in given.items() if name in MEANINGS})
     if scene.system != base.system:
         scene = dataclasses.replace(scene, name=f"{base.name} with overrides",
                                     description=f"{base.description}, with overrides")
@@ -54,7 +54,7 @@ def declare(node: Node, scene: Scene | None = None) -> Scene:
     return scene
 
 
-def _plain(value: Any) -> Any:
+def without_arrays(value: Any) -> Any:
     """Return a parameter's value for a scene; ROS 2 has no type for an empty list."""
     return [] if value is None else value.tolist() if hasattr(value, "tolist") else value
 
@@ -104,8 +104,8 @@ def _declare(node: Node, name: str, value: Any, meaning: Quantity) -> None:
     descriptor = ParameterDescriptor(
         description=meaning.described, read_only=not meaning.live,
         additional_constraints="" if isinstance(value, bool) else meaning.interval(),
-        # A live number also accepts an integer, as in scene files.
-        dynamic_typing=number and meaning.live)
+        # A live number also accepts an integer, as in scene files; ROS 2 gives an empty list another type.
+        dynamic_typing=meaning.live)
     if number:
         descriptor.floating_point_range = [FloatingPointRange(from_value=meaning.low, to_value=meaning.high, step=0.0)]
     elif isinstance(value, int) and not isinstance(value, bool):
@@ -127,7 +127,7 @@ def changed(scene: Scene, parameters: list[Parameter]) -> Scene:
     """
     if any(p.name == TEXT and p.value != scene.text() for p in parameters):
         raise InputError(f"{TEXT} follows the scene and cannot be set; set the keys of the scene instead")
-    values = {p.name: _plain(p.value) for p in parameters if p.name in KNOWN_KEYS}
+    values = {p.name: without_arrays(p.value) for p in parameters if p.name in KNOWN_KEYS}
     after = scene.with_values(values)
     if (after.operation.real_time_factor == 0.0) != (scene.operation.real_time_factor == 0.0):
         raise InputError(f"real_time_factor is {after.operation.real_time_factor:g}; a running node cannot change to "

@@ -67,6 +67,20 @@ def test_it_does_what_the_ros2_commands_do_and_refusals_are_the_nodes_own(contro
     status, _, said = control("set", "friction.static_coefficient=0.01")
     assert (status, said) == (2, "tcc-sim: friction.kinetic_coefficient is 0.24; it must be 0.0005 to 0.2, one "
                                  "twentieth to twenty times friction.static_coefficient\n")
+    for words, reason in {
+            ("set", "pressure.mean=.nan"): "pressure.mean is nan Pa; it must be 0 to 1e+07 Pa",
+            ("set", "real_time_factor=-1.5"): "real_time_factor is -1.5; it must be 0 to 1000",
+            ("set", "friction.coefficients=x"):
+                "friction.coefficients is 'x'; it must be a list of numbers, each above 0 to 2",
+            ("set", "friction.coefficients[2]=0.1"):
+                "friction.coefficients[2] does not exist: friction.coefficients is empty; give the whole list first",
+            ("get", "rate", "engine.harmonic_phases[1]"):
+                "engine.harmonic_phases[1] does not exist: engine.harmonic_phases is empty; give the whole list first",
+            ("set", "friction.slip_speeds=[0,5,50]", "friction.coefficients=[0.12,0.125,0.126]"):
+                "friction.slip_speeds: a running driveline can change a friction table, but cannot add or remove one; "
+                "restart the driveline",
+            ("torque", "inf"): "engine_torque command of inf N m refused; it must be -100000 to 100000 N m"}.items():
+        assert control(*words) == (2, "", f"tcc-sim: {reason}\n")
     status, _, said = control("set", "driveline.stiffness=3")
     assert (status, said) == (2, "tcc-sim: driveline.stiffness cannot change while the driveline runs: start it again "
                                  "with --ros-args -p driveline.stiffness:=3, or with a parameter file\n")

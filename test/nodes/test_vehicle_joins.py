@@ -1,5 +1,5 @@
-"""A vehicle that attaches to a driveline node in lock-step while its clock runs and leaves it again, beside a controller
-that answers every command_period.
+"""A vehicle that joins a driveline node in lock-step while its clock runs and leaves it, beside a controller that
+answers every command_period.
 """
 
 from __future__ import annotations
