@@ -133,8 +133,12 @@ class Samples:
 
 
 def changes_of(values: Mapping[str, object] | None, more: Mapping[str, object]) -> dict[str, object]:
-    """Return scene keys with their values; keys of `more` have __ in place of the dot."""
-    return {**(values or {}), **{key.replace("__", "."): value for key, value in more.items()}}
+    """Return live scene keys with their values; keys of `more` have __ in place of the dot."""
+    changes = {**(values or {}), **{key.replace("__", "."): value for key, value in more.items()}}
+    for key in changes:
+        if not meaning_of(key).live:
+            raise InputError(f"{key} cannot change while the driveline runs")
+    return changes
 
 
 class TimedChanges:
@@ -161,9 +165,7 @@ class TimedChanges:
         InputError
             The time is not a whole number of ticks or has passed, or a key does not exist or cannot change in a run.
         """
-        for key in changes:
-            if not meaning_of(key).live:
-                raise InputError(f"{key} cannot change while the driveline runs")
+        changes = changes_of(changes, {})
         if not 0.0 <= t * self._rate < 1e15 or (t * self._rate + 1e-6) % 1.0 > 2e-6:
             raise InputError(f"a change at {t:g} s is not possible; it must be a whole number of ticks of "
                              f"{1.0 / self._rate:g} s")

@@ -105,6 +105,7 @@ class Rig:
         ControllerFailed
             A node under test died, hangs, or does not answer.
         """
+        self._check_open()
         if (seconds is None) == (ticks is None):
             raise InputError("give either seconds or ticks")
         wanted = (seconds or 0.0) * self._node.scene.operation.rate if ticks is None else ticks
@@ -122,6 +123,7 @@ class Rig:
         InputError
             The driveline refuses the changes; the message is the driveline's.
         """
+        self._check_open()
         changes = changes_of(values, more)
         self._plant.warm_up()
         if self._plant.needs_general(self._node.scene.with_values(changes)):
@@ -165,6 +167,7 @@ class Rig:
 
     def pause(self, seconds: float = PAUSE) -> None:
         """Execute callbacks of the nodes under test for `seconds` of real time while simulation time is stopped."""
+        self._check_open()
         end = time.monotonic() + seconds
 
         def spin() -> None:
@@ -185,6 +188,11 @@ class Rig:
         self._requests.shutdown()
         for node in [*self._under_test.nodes, self._node]:
             node.destroy_node()
+
+    def _check_open(self) -> None:
+        """Raise InputError after `close`, which starting another driveline in the same test calls too."""
+        if self._closed:
+            raise InputError("this driveline is closed: by close(), or because the test has started another one")
 
     def _run(self, count: int, target: float | None) -> LockstepRun:
         """Run the ticks, in the worker's thread."""

@@ -80,6 +80,8 @@ def test_runs_go_on_where_the_one_before_ended_with_changed_parameters_and_a_tar
     plant.change({"engine.mean_torque": 300.0})
     with pytest.raises(InputError, match=r"engine.mean_torque is 1e\+06 N m; it must be -100000 to 100000 N m"):
         plant.change(engine__mean_torque=1e6)
+    with pytest.raises(InputError, match=r"driveline.stiffness cannot change while the driveline runs"):
+        plant.change({"driveline.stiffness": 1e4})
     second = plant.run(seconds=0.5, target=30.0)
     assert (first.t[0], first.t[-1], second.t[0], second.t[-1]) == (0.0, 0.2, 0.2, 0.7)
     assert first.slip_speed[-1] == second.slip_speed[0]
@@ -202,6 +204,9 @@ def test_close_destroys_the_driveline_and_the_nodes_under_test(driveline: Any) -
     assert {"driveline", "my_controller"} <= set(seen.get_node_names())
     plant.close()
     assert not {"driveline", "my_controller"} & set(seen.get_node_names())
+    for use in (lambda: plant.run(ticks=1), lambda: plant.change({"engine.mean_torque": 300.0}), plant.pause):
+        with pytest.raises(InputError, match=r"this driveline is closed: by close\(\), or because the test has"):
+            use()
     seen.destroy_node()
 
 
