@@ -174,7 +174,7 @@ def given(measured: Measurement | str | Path, scene: Scene | None = None) -> tup
             measured, own = read_recording(path)
             scene = scene or own
     if scene is None:
-        raise InputError("a table has no scene; give one (--scene)")
+        raise InputError("no scene is given for the table; give one (--scene)")
     return measured, scene
 
 
