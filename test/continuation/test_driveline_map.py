@@ -172,6 +172,8 @@ def test_the_gradient_of_the_amplitudes_is_that_of_differences(law: str) -> None
     ("friction.law", {}, "one number"), ("initial.slip_speed", {}, "do not depend"),
     ("friction.smoothing", {"friction.law": "set_valued"}, "no effect"),
     ("pressure.frequency_ratio", {}, "not periodic"),
+    ("engine.order", {}, "has no effect"),
+    ("pressure.delay", {}, "has no effect"),
     ("pressure.frequency_ratio", {"pressure.amplitude": 0.0}, "no effect"),
     ("pressure.phase", {"pressure.amplitude": 0.0}, "no effect where pressure.amplitude is 0"),
     ("friction.decay", {"friction.kinetic_coefficient": 0.3}, "no effect where friction.kinetic"),
