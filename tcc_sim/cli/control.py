@@ -19,6 +19,8 @@ ACTIONS = {
     "torque": "send an engine torque command, N m",
     "pressure": "send an actuation pressure command, Pa",
 }
+NAMES = "scene", "scene_text"
+"""Parameters of the node beside the scene's keys."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -49,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     values = parse_assignments(arguments.assignments) if arguments.action == "set" else {}
     keys = arguments.keys if arguments.action == "get" else []
-    units = {key: meaning_of(key).unit for key in (*keys, *map(list_of, keys))}
+    units = {key: "" if key in NAMES else meaning_of(key).unit for key in (*keys, *map(list_of, keys))}
     require_ros()
     from tcc_sim.nodes.operator import operator
 

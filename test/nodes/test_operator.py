@@ -84,9 +84,9 @@ def test_it_does_what_the_ros2_commands_do_and_refusals_are_the_nodes_own(contro
     status, _, said = control("set", "driveline.stiffness=3")
     assert (status, said) == (2, "tcc-sim: driveline.stiffness cannot change while the driveline runs: start it again "
                                  "with --ros-args -p driveline.stiffness:=3, or with a parameter file\n")
-    assert control("get", "engine.mean_torque", "rate", "friction.law", "engine.harmonic_amplitudes") == (
-        0, "engine.mean_torque 250.0 N m\nrate 50.0 Hz\nfriction.law smoothed\nengine.harmonic_amplitudes [] N m\n",
-        "")
+    assert control("get", "scene", "engine.mean_torque", "rate", "friction.law", "engine.harmonic_amplitudes") == (
+        0, "scene commands\nengine.mean_torque 250.0 N m\nrate 50.0 Hz\nfriction.law smoothed\n"
+           "engine.harmonic_amplitudes [] N m\n", "")
     status, out, _ = control("torque", "-50")
     assert (status, out) == (0, "engine_torque -50 N m, held until the next command\n")
     status, out, _ = control("pressure", "1.2")
