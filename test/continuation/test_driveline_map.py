@@ -117,9 +117,8 @@ def test_period_one_through_pure_creep_has_a_doubling_and_a_fold() -> None:
     system = coexistence("smoothed", 0.83)
     unit = system.natural_frequency
     found = continue_motions(system, ContinuationPlan("engine.frequency", 0.4 * unit, 0.45 * unit, period=1))
-    assert tuple(map(str,
-                     found.branches[0].ended)) == (f"engine.frequency reached {0.4 * unit:.9g}, the end of the range",
-                                       f"engine.frequency reached {0.45 * unit:.9g}, the end of the range")
+    assert tuple(map(str, found.branches[0].ended)) == tuple(
+        f"engine.frequency reached {share * unit:.9g} rad/s, the end of the range" for share in (0.4, 0.45))
     at = {f.kind: f.value / unit for f in found.bifurcations if f.value < 0.43 * unit}
     assert at.keys() == {"period_doubling", "fold"}
     assert at["fold"] == pytest.approx(at["period_doubling"], abs=1e-7)  # A canard has all multipliers within that.

@@ -125,8 +125,8 @@ def test_every_border_of_a_folded_branch_is_met_with_its_margin() -> None:
                               "friction.kinetic_coefficient": 0.27, "engine.frequency": 63.5})
     found = continue_motions(system, ContinuationPlan("engine.frequency", 60.0, 63.5, period=1))
     # Both ends are met, whichever way along the branch is the first.
-    assert sorted(map(str, found.branches[0].ended)) == ["engine.frequency reached 60, the end of the range",
-                                                         "engine.frequency reached 63.5, the end of the range"]
+    assert sorted(map(str, found.branches[0].ended)) == ["engine.frequency reached 60 rad/s, the end of the range",
+                                                         "engine.frequency reached 63.5 rad/s, the end of the range"]
     grazing = [f for f in found.bifurcations if f.kind == "grazing_sliding"]
     assert len(grazing) == 4
     for item in grazing:  # Some are so unstable that an orbit beside them closes to 1e-7 only.
