@@ -30,6 +30,11 @@ class Periodicity:
     change: float
 
 
+def longest_tried(points: int, maximum: int = DEFAULTS.maximum_period) -> int:
+    """Return the longest period that so many section points can show, periods of excitation."""
+    return min(maximum, points // 3)
+
+
 def periodicity(cycles: Cycles, tolerance: float = DEFAULTS.tolerance,
                 maximum: int = DEFAULTS.maximum_period) -> Periodicity:
     """Return the smallest number of engine cycles after which the section repeats.
@@ -50,7 +55,7 @@ def periodicity(cycles: Cycles, tolerance: float = DEFAULTS.tolerance,
     """
     first = _after_gap(cycles)
     points = _scaled(cycles, first)
-    most = min(maximum, len(points) // 3) if not first or enough_after_a_gap(cycles) else 0
+    most = longest_tried(len(points), maximum) if not first or enough_after_a_gap(cycles) else 0
     if len(points) < 2 or most < 1:
         return Periodicity(0, False, _largest(points[-1] - points[-2]) if len(points) > 1 else math.nan)
     changes = np.abs(points[-1] - points[-1 - most:-1][::-1]).max(axis=1)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from tcc_sim.analysis.periodicity import longest_tried
 from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.analysis.summary import Summary, runaway_cause
 from tcc_sim.errors import counted
@@ -128,8 +129,7 @@ def summary_rows(summary: Summary, advice: str) -> list[tuple[str, str]]:
         period += (", settled" if summary.settled else
                    f", still converging: the section changes by {summary.section_change:.1e}, relative, per period")
     else:
-        kept = summary.cycles - summary.discarded
-        most = min(DEFAULTS.maximum_period, (kept + 1) // 3)  # As in `analysis.periodicity`.
+        most = longest_tried(summary.cycles - summary.discarded + 1)
         period = f"none up to {counted(most, 'period')} of excitation" if most else "none: too few were solved"
         period += ", a third of those kept" if 0 < most < DEFAULTS.maximum_period else ""
         period += f"; the motion has not settled: {advice}" if summary.transient else ""
