@@ -19,8 +19,6 @@ ACTIONS = {
     "torque": "send an engine torque command, N m",
     "pressure": "send an actuation pressure command, Pa",
 }
-NAMES = "scene", "scene_text"
-"""Parameters of the node beside the scene's keys."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -47,11 +45,12 @@ def run(arguments: argparse.Namespace) -> int:
     """Send the request to the driveline and print its answer."""
     from tcc_sim.model.elements import list_of
     from tcc_sim.nodes.children import require_ros
+    from tcc_sim.nodes.options import SCENE, TEXT
     from tcc_sim.scene import meaning_of, parse_assignments
 
     values = parse_assignments(arguments.assignments) if arguments.action == "set" else {}
     keys = arguments.keys if arguments.action == "get" else []
-    units = {key: "" if key in NAMES else meaning_of(key).unit for key in (*keys, *map(list_of, keys))}
+    units = {key: "" if key in (SCENE, TEXT) else meaning_of(key).unit for key in (*keys, *map(list_of, keys))}
     require_ros()
     from tcc_sim.nodes.operator import operator
 

@@ -35,6 +35,7 @@ from tcc_sim.nodes.children import CLOCK_STARTED
 from tcc_sim.nodes.loop import Outcome, RealTimeLoop
 from tcc_sim.nodes.loop_topics import LONGEST_QUIET, CommandedInput
 from tcc_sim.nodes.middleware import DIAGNOSTICS, time_of
+from tcc_sim.nodes.options import TEXT
 from tcc_sim.nodes.process import Spinner, Throttle, deliver, log, run_node, warn
 from tcc_sim.nodes.waiting import Waiting
 from tcc_sim.recording.announcements import holding_from
@@ -176,8 +177,8 @@ class DrivelineNode(Node):
     def _after_set_parameters(self, changes: list[Parameter]) -> None:
         """Update scene_text after a change."""
         text = self.scene.text()
-        if text != self.get_parameter(parameters.TEXT).value:
-            self.set_parameters([Parameter(parameters.TEXT, value=text)])
+        if text != self.get_parameter(TEXT).value:
+            self.set_parameters([Parameter(TEXT, value=text)])
 
     def _take(self, scene: Scene, text: str) -> None:
         """Apply `scene` from the next tick on, and publish it before that tick's state; called in the loop."""

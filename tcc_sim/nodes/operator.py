@@ -109,8 +109,13 @@ class Operator:
         names = list(map(list_of, keys))
         found = self._call(GetParameters, "get_parameters", GetParameters.Request(names=names)).values
         whole = [without_arrays(rclpy.parameter.parameter_value_to_python(value)) for value in found]
-        return {key if key.endswith("]") else name: value[index_of(key, value)] if key.endswith("]") else value
-                for key, name, value in zip(keys, names, whole)}
+        out: dict[str, Any] = {}
+        for key, name, value in zip(keys, names, whole):
+            if key.endswith("]"):
+                out[key] = value[index_of(key, value)]
+            else:
+                out[name] = value
+        return out
 
     def command(self, what: str, value: float, rate: float = 0.0, tell: Callable[[str], Any] = str) -> str:
         """Send a command, once or `rate` times a second until interrupted, and return its effect as text.

@@ -12,6 +12,11 @@ from tcc_sim.plant.slip_control import Tuning
 from tcc_sim.scene import Operation
 from tcc_sim.topics import TOPICS
 
+SCENE, TEXT = "scene", "scene_text"
+"""Parameters of the driveline beside the scene's keys: the scene at the start, and the current scene as text, which the
+node updates after every change, so it cannot be read-only.
+"""
+
 
 @dataclass(frozen=True)
 class RecorderOptions(Options):

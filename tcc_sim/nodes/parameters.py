@@ -13,12 +13,11 @@ from rclpy.parameter import Parameter
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import unknown_key
 from tcc_sim.model.quantity import Options, Quantity
+from tcc_sim.nodes.options import SCENE, TEXT
 from tcc_sim.nodes.process import warn
 from tcc_sim.scene import DEFAULT_SCENE, KNOWN_KEYS, MEANINGS, NODE_SCENE, OPERATION_QUANTITIES, Scene, load_scene
 
 Given = TypeVar("Given", bound=Options)
-TEXT = "scene_text"
-"""Parameter with the current scene as text; the node updates it after every change, so it cannot be read-only."""
 BUILT_IN = ("use_sim_time", "start_type_description_service")
 
 
@@ -38,14 +37,14 @@ def declare(node: Node, scene: Scene | None = None) -> Scene:
         raise InputError("friction.table works only in a scene file, with -p scene:=FILE; in a parameter file set "
                          "friction.slip_speeds and friction.coefficients")
     otherwise = DEFAULT_SCENE if {"engine.source", "pressure.source"} & given.keys() else NODE_SCENE
-    base = scene or load_scene(str(given.pop("scene", otherwise)))
-    warn_of_unknown(node, ("scene", *KNOWN_KEYS))
+    base = scene or load_scene(str(given.pop(SCENE, otherwise)))
+    warn_of_unknown(node, (SCENE, *KNOWN_KEYS))
     scene = base.with_values({name: without_arrays(value) for name, value in given.items() if name in MEANINGS})
     if scene.system != base.system:
         scene = dataclasses.replace(scene, name=f"{base.name} with overrides",
                                     description=f"{base.description}, with overrides")
     text = ParameterDescriptor(read_only=True, description="the bundled scene or file that this node started from")
-    node.declare_parameter("scene", base.name, text)
+    node.declare_parameter(SCENE, base.name, text)
     for name, value in scene.values().items():
         _declare(node, name, value, MEANINGS[name])
     text = ParameterDescriptor(description="the scene with every override and change, as a parameter file; it cannot "
