@@ -125,7 +125,7 @@ def save(drawn: Any, path: Path) -> Path:
     check_suffix(path, SUFFIXES)
     convert_axes(drawn)
     if drawn.get_layout_engine() is not None:
-        drawn.draw_without_rendering()
+        drawn.get_layout_engine().execute(drawn)
         drawn.set_layout_engine("none")
         _round_places(drawn)
     drawn.savefig(path, metadata=SUFFIXES[path.suffix])
