@@ -27,7 +27,7 @@ def read_parameters(text: str) -> dict[str, object]:
 
     try:
         depth = 0
-        for event in yaml.parse(text, Loader=yaml.SafeLoader):
+        for event in yaml.parse(text, Loader=_safe_loader()):
             depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
             line = event.start_mark.line + 1 if event.start_mark is not None else 0
             if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None):
@@ -69,12 +69,17 @@ def _flatten(tree: dict[str, Any], prefix: str = "", depth: int = 0) -> dict[str
     return out
 
 
+def _safe_loader() -> Any:
+    """Return the SafeLoader of libyaml, which ROS 2 reads parameters with; PyYAML may have been built without it."""
+    import yaml
+
+    return getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
 @cache
 def _unique_loader() -> Any:
     """Return a SafeLoader that refuses duplicate keys, made when the first file is read."""
-    import yaml
-
-    class UniqueLoader(yaml.SafeLoader):
+    class UniqueLoader(_safe_loader()):  # type: ignore[misc]
         """SafeLoader that refuses duplicate keys."""
 
         def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
