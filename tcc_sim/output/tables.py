@@ -60,6 +60,7 @@ def simulation_lines(name: str, found: Simulation) -> list[str]:
         pairs += covers_row(found.summary, 0.0, float(run.t[-1]))
         if found.summary.runaway and run.system is not None:
             pairs.append(("runaway", runaway_cause(run.system)))
+    pairs += [("doubtful", warning) for warning in found.warnings or []]
     if found.damping is not None:
         pairs.append(damping_row(found.damping))
     if found.lyapunov is not None:

@@ -29,7 +29,7 @@ from tcc_sim.analysis.summary import (
 )
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
-from tcc_sim.result import Result, reported
+from tcc_sim.result import Result, reported, reporting
 from tcc_sim.scene import Scene, system_of
 from tcc_sim.solvers import check_duration, check_setting, choose, solve
 from tcc_sim.sweeps.exponents import Lyapunov, largest_lyapunov_exponent
@@ -183,6 +183,13 @@ class Simulation(Result):
         """How the solver ended, in a sentence."""
         run = self.trajectory
         return f"{run.status.value}; {run.detail}" if run.detail else run.status.value
+
+    @property
+    @reporting("sentences on the scene and the solver, where there are some", asked_for=True)
+    def warnings(self) -> list[str] | None:
+        """Doubts about the solution; None if there are none."""
+        run = self.trajectory
+        return [f"{run.solver}: {run.detail}"] if run.status is Status.DONE and run.detail else None
 
     def raise_for_status(self) -> Simulation:
         """Return this simulation; raise InputError for a refused case, NumericalFailure for an early stop."""

@@ -17,10 +17,12 @@ from scipy.integrate import solve_ivp, trapezoid
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
+from tcc_sim.scene import load_scene
 from tcc_sim.solvers import SOLVERS, solve
 from tcc_sim.solvers.comparison.scipy_methods import jacobian, rates_of
 from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples
 from tcc_sim.solvers.terms import terms_of
+from tcc_sim.sweeps.simulation import simulate
 from tcc_sim.trajectory import State, Status, Trajectory
 
 START = State(5.0, 0.1, -5.0, 0.1)
@@ -176,6 +178,21 @@ def test_blow_up_is_a_status() -> None:
     found = solve(system, cycles=30, solver="rk4", step=1e-3)
     assert found.status is Status.NOT_FINITE
     assert np.all(np.isfinite(found.slip_speed))
+
+
+def test_a_step_of_rk4_that_lets_stick_ring_is_doubtful() -> None:
+    scene = load_scene("minimal").with_values({"initial.slip_speed": 0.0})
+    limit = 2.785 / (scene.system.inverse_inertia * scene.system.saturation_mean * scene.system.friction.smoothing)
+
+    def warned(step: float, **change: float) -> list[str] | None:
+        keys = {key.replace("__", "."): value for key, value in change.items()}
+        return simulate(scene.with_values(keys), cycles=2, discard=1, solver="rk4", step=step).warnings
+
+    assert warned(1.01 * limit) == [
+        f"rk4: the step of {1.01 * limit:g} s is above {limit:.3g} s, the largest one that is stable in stick"]
+    assert warned(0.99 * limit) is None
+    assert warned(50.0 * limit, engine__mean_torque=800.0, engine__torque_amplitude=0.0,
+                  initial__slip_speed=50.0) is None
 
 
 def test_too_many_steps_are_refused() -> None:

@@ -56,7 +56,8 @@ def rk4_limit(system: System) -> float:
 def rk4(problem: Problem) -> Trajectory:
     """Solve by classical Runge-Kutta (Kutta 1901) with equal steps of at most `problem.step` between the samples.
 
-    Too large a step blows up: the run ends with Status.NOT_FINITE at the last finite sample.
+    Too large a step blows up, and the run ends with Status.NOT_FINITE at the last finite sample; or stick rings, and
+    the run's `detail` says so.
     """
     terms = terms_of(problem.system)
     step = SOLVERS["rk4"].default if problem.step is None else problem.step
@@ -96,7 +97,11 @@ def rk4(problem: Problem) -> Trajectory:
     wanted = np.isin(times, samples)
     wanted[-1] = True
     whole, rest = split_cycles(concatenated(found), problem.whole_cycles) if found else (None, None)
-    return assemble(problem, "rk4", times[wanted], states[wanted], cycles=whole, rest=rest, status=status,
+    stuck = any(part is not None and part.stick_time.any() for part in (whole, rest))
+    limit = rk4_limit(problem.system) if stuck and status is Status.DONE else math.inf
+    return assemble(problem, "rk4", times[wanted], states[wanted], cycles=whole, rest=rest, status=status, detail=(
+                    f"the step of {step:g} s is above {limit:.3g} s, the largest one that is stable in stick"
+                    if step > limit else ""),
                     statistics=Statistics(steps=steps, seconds=time.perf_counter() - began))
 
 
