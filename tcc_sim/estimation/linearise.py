@@ -149,7 +149,7 @@ def linearise(scene: SceneLike, *, input: str = "actuation_pressure", output: st
     check : number of the frequencies at which the response is also simulated
     controller : proportional (N m s/rad) and integral gain (N m/rad) of the package's slip controller, whose loop is
         judged: slip speed by actuation pressure, with a command at the scene's rate
-    progress : show simulated points on a terminal or in a notebook, elsewhere a line a minute
+    progress : show tried slip speeds and simulated points on a terminal or in a notebook, elsewhere a line a minute
 
     Raises
     ------
@@ -193,7 +193,7 @@ def linearise(scene: SceneLike, *, input: str = "actuation_pressure", output: st
     found = about(asked, input, output)
     if controller is not None:
         found = dataclasses.replace(found, controller=slip_loop(
-            motion, controller, scene.operation.rate, lambda omegas: about(omegas).response))
+            motion, controller, scene.operation.rate, lambda omegas: about(omegas).response, progress))
     if check == 0:
         return found
     places = np.unique(np.round(np.linspace(0, len(asked) - 1, check)).astype(int)).tolist()

@@ -24,6 +24,7 @@ from tcc_sim.estimation.constant_motion import matrices_of
 from tcc_sim.estimation.operating_point import Constant, Periodic, closed, operating_point, refined
 from tcc_sim.model.parameters import System
 from tcc_sim.result import Described, reported
+from tcc_sim.sweeps.progress import progress_bar
 from tcc_sim.trajectory import Floats
 
 Complex = NDArray[np.complex128]
@@ -60,12 +61,13 @@ class SlipLoop(Described):
 
 
 def slip_loop(motion: Constant | Periodic, gains: tuple[float, float], rate: float,
-              response: Callable[[Floats], Complex]) -> SlipLoop:
+              response: Callable[[Floats], Complex], progress: bool = False) -> SlipLoop:
     """Judge the closed loop of a slip controller with these gains about a motion in slip.
 
     gains : proportional, N m per rad/s of the mean slip speed, and integral, N m per rad of its integral
     rate : ticks per second of the controller, Hz
     response : slip speed over actuation pressure at frequencies, rad/s
+    progress : show the tried slip speeds on a terminal or in a notebook, elsewhere a line a minute
 
     Raises
     ------
@@ -92,7 +94,7 @@ def slip_loop(motion: Constant | Periodic, gains: tuple[float, float], rate: flo
     return SlipLoop(*gains, loop.step, stable, multipliers[np.abs(multipliers) > 1e-6],
                     loop.gain_margin() if stable else None, loop.phase_margin(response),
                     loop.largest_delay() if stable else None,
-                    _smallest_slip(motion, ticks, gains) if stable else None)
+                    _smallest_slip(motion, ticks, gains, progress) if stable else None)
 
 
 @dataclass(frozen=True)
@@ -196,24 +198,26 @@ class _Loop:
         return float(margins[np.abs(margins).argmin()]) if len(margins) else None
 
 
-def _smallest_slip(motion: Constant | Periodic, ticks: int, gains: tuple[float, float]) -> float:
+def _smallest_slip(motion: Constant | Periodic, ticks: int, gains: tuple[float, float], progress: bool) -> float:
     """Return the mean slip speed down to which a loop remains stable, rad/s; 0 if it does down to LOWEST."""
     at = motion.mean_slip
     least, high = LOWEST * at, (at, motion)
     low: float | None = None
-    while low is None or high[0] - low > WITHIN * high[0]:
-        slip = SLOWER * high[0] if low is None else 0.5 * (low + high[0])
-        if slip < least:
-            return 0.0
-        try:
-            near = _with_slip(high[1], slip)
-            stable = _Loop.about(near, ticks, gains).stable()
-        except (InputError, NumericalFailure):  # No motion of this slip speed repeats.
-            stable = False
-        if stable:
-            high = slip, near
-        else:
-            low = slip
+    with progress_bar("slip speed", shown=progress, leave=False) as bar:
+        while low is None or high[0] - low > WITHIN * high[0]:
+            slip = SLOWER * high[0] if low is None else 0.5 * (low + high[0])
+            if slip < least:
+                return 0.0
+            bar.update()
+            try:
+                near = _with_slip(high[1], slip)
+                stable = _Loop.about(near, ticks, gains).stable()
+            except (InputError, NumericalFailure):  # No motion of this slip speed repeats.
+                stable = False
+            if stable:
+                high = slip, near
+            else:
+                low = slip
     return high[0]
 
 
