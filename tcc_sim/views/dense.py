@@ -55,7 +55,7 @@ def between(recorded: Trajectory, samples: int = SAMPLES) -> Trajectory:
     if system is None or len(t) < 3:
         return recorded
     tick = float(np.median(steps))
-    points = max(math.ceil(samples * tick / recorded.cycle), 1)
+    points = max(math.ceil(samples * tick / recorded.cycle - 1e-9), 1)  # A solved tail has exactly as many.
     if points == 1:
         return recorded
     share = np.arange(1, points + 1) / points
