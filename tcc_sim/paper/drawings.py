@@ -53,9 +53,6 @@ def draw(data: Figure, stem: Path, title: str = "", width: float = style.PAGE) -
                        fontsize=9.5 if wide else 8.5, fontweight="bold", parse_math=not title)
         KINDS[data.kind][-1](drawn, data)
         drawn.supxlabel(caption, x=0.01, ha="left", fontsize=7.0 if wide else 6.5, color=style.GREY)
-        for axis in drawn.axes:
-            # Tick labels in mathematical typesetting look the same and take ten times as long.
-            axis.ticklabel_format(useMathText=False)
         style.save_both(drawn, stem)
 
 

@@ -125,9 +125,7 @@ def save(drawn: Any, path: Path) -> Path:
     check_suffix(path, SUFFIXES)
     convert_axes(drawn)
     if drawn.get_layout_engine() is not None:
-        drawn.get_layout_engine().execute(drawn)
-        drawn.set_layout_engine("none")
-        _round_places(drawn)
+        _lay_out(drawn)
     drawn.savefig(path, metadata=SUFFIXES[path.suffix])
     return path
 
@@ -179,18 +177,39 @@ def label_of(key: str) -> str:
     return key if meant is None else f"{meant.label or key}{meant.unit and f' ({meant.unit})'}"
 
 
-def _round_places(drawn: Any) -> None:
-    """Round the positions of the axes, whose last digits the layout engine leaves different every time."""
+def _lay_out(drawn: Any) -> None:
+    """Place the axes of a figure for good; with a layout engine, every file would be drawn twice. The positions are
+    rounded, since the engine leaves their last digits different every time.
+    """
+    _keep_numbers_plain(drawn)
+    drawn.get_layout_engine().execute(drawn)
+    drawn.set_layout_engine(None)
     for axis in drawn.axes:
         axis.set_position([round(x, 5) for x in axis.get_position(original=True).bounds])
 
 
+def _keep_numbers_plain(drawn: Any) -> None:
+    """Write the numbers at ticks as plain text: in mathematical typesetting they look the same and take ten times as
+    long. A power of ten beside the axis stays typeset.
+    """
+    from matplotlib.ticker import ScalarFormatter
+
+    class Plain(ScalarFormatter):
+        """Numbers without mathematical typesetting."""
+
+        def __call__(self, x: float, pos: int | None = None) -> str:
+            """Return the text of a tick."""
+            return super().__call__(x, pos).removeprefix(r"$\mathdefault{").removesuffix("}$")
+
+    for axes in drawn.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            if type(axis.get_major_formatter()) is ScalarFormatter:
+                axis.set_major_formatter(Plain())
+
+
 def save_both(drawn: Any, stem: Path) -> tuple[Path, Path]:
     """Write `stem`.png and `stem`.svg with one layout, or one file if `stem` has the suffix of a picture."""
-    # With a layout engine, each file would be drawn twice.
-    drawn.get_layout_engine().execute(drawn)
-    drawn.set_layout_engine(None)
-    _round_places(drawn)
+    _lay_out(drawn)
     if stem.suffix in SUFFIXES:
         return stem, save(drawn, stem)
     raster = save(drawn, stem.with_name(stem.name + ".png"))

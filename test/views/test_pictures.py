@@ -99,10 +99,14 @@ def test_digits_that_the_layout_leaves_by_chance_are_in_no_file(tmp_path):
     """An SVG names what it cuts by all digits of its place."""
     for write in (style.save, style.save_both):
         with style.figure(style.COLUMN, 2.0) as drawn:
-            drawn.add_subplot().plot([0, 1], [0, 1])
+            drawn.add_subplot().plot([0, 1], [0, 1e7])
             write(drawn, tmp_path / "a.svg")
-        places = drawn.axes[0].get_position(original=True).bounds
+        axis = drawn.axes[0]
+        places = axis.get_position(original=True).bounds
         assert places == tuple(round(x, 5) for x in places)
+        # Typeset numbers would take most of a picture's time.
+        assert {"0.0", "1.0"} <= {label.get_text() for label in axis.get_xticklabels()}
+        assert axis.yaxis.get_offset_text().get_text() == r"$\times\mathdefault{10^{7}}\mathdefault{}$"
 
 
 def law(reading):
