@@ -25,6 +25,8 @@ CUTS = (1.0, 2.0, 3.0, 4.0)
 """Orders of the excitation that are drawn and listed individually."""
 LEAST = 1e-12
 """Lower limit of amplitudes in levels."""
+GAP = 1.5
+"""Distance of neighbouring samples that is a gap, in time and in periods relative to their medians."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ class Judder:
 class Orders(Result):
     """Orders in windows of 16 periods of the excitation along a run; W windows, N orders, K of the engine torque."""
 
-    time: Floats = field(metadata=reported("middle of each window, (W,)", "s"))
+    time: Floats = field(metadata=reported("middle of each window without a gap between samples, (W,)", "s"))
     frequency: Floats = field(metadata=reported("frequency of the excitation there, (W,)", "rad/s"))
     order: Floats = field(metadata=reported(
         "crank orders: multiples of the excitation's frequency times engine.order, (N,)"))
@@ -72,9 +74,9 @@ class Orders(Result):
         """Crank orders of the first multiples of the excitation, as far as they exist."""
         return [self.per_revolution * order for order in CUTS if self.per_revolution * order <= self.order[-1]]
 
-    def first(self, windows: int, orders: int) -> Orders:
-        """Return the first windows and orders."""
-        w, n = slice(windows), slice(orders)
+    def part(self, w: NDArray[np.int64], orders: int) -> Orders:
+        """Return the windows of these numbers, and the first orders."""
+        n = slice(orders)
         judder = Judder(self.judder.rms[w], self.judder.peak[w], self.judder.breakaways[w])
         return replace(self, time=self.time[w], frequency=self.frequency[w], order=self.order[n], heat=self.heat[w],
                        slip_speed=self.slip_speed[w, n], shaft_torque=self.shaft_torque[w, n], judder=judder,
@@ -87,7 +89,7 @@ class Orders(Result):
 
 
 def orders_of(run: Trajectory | Signals) -> Orders:
-    """Return the orders of a run from its samples.
+    """Return the orders of a run from its samples; windows with a gap between samples are left out.
 
     Parameters
     ----------
@@ -97,7 +99,7 @@ def orders_of(run: Trajectory | Signals) -> Orders:
     Raises
     ------
     InputError
-        Fewer than `Settings.window` periods, too few samples, or no system.
+        Fewer than `Settings.window` periods, too few samples, no window without a gap, or no system.
     """
     signals = run if isinstance(run, Signals) else run_signals(run)
     turns, system = signals.turns, signals.system
@@ -114,6 +116,9 @@ def orders_of(run: Trajectory | Signals) -> Orders:
     v, shaft, torque = signals.at(at)
     length = DEFAULTS.window * per_cycle
     starts = np.arange(0, count - length, DEFAULTS.hop * per_cycle)
+    starts = starts[~_with_gap(signals, (begin + starts) / per_cycle)]
+    if not len(starts):
+        raise InputError(f"every window of {DEFAULTS.window} periods of the excitation has a gap between samples")
     highest = min(float(DEFAULTS.highest_order), 0.25 * len(turns) / whole)
     order = np.arange(math.floor(highest * DEFAULTS.window) + 1) / DEFAULTS.window
     spectra = [_amplitudes(x, starts, length, len(order)) for x in (v, shaft, torque)]
@@ -171,8 +176,19 @@ def compared(measured: Signals, run: Trajectory) -> OrderComparison:
     found = orders_of(replace(measured, turns=measured.turns[inside], t=measured.t[inside],
                               heat=measured.heat[inside]))
     own = orders_of(run_signals(run, (measured.turns, measured.when)))
-    count, orders = min(len(found.time), len(own.time)), min(len(found.order), len(own.order))
-    return OrderComparison(found.first(count, orders), own.first(count, orders))
+    _, *both = np.intersect1d(np.rint(1e6 * found.time), np.rint(1e6 * own.time), return_indices=True)
+    if not len(both[0]):
+        raise InputError("no window of the measurement is one of the run")
+    orders = min(len(found.order), len(own.order))
+    return OrderComparison(found.part(both[0], orders), own.part(both[1], orders))
+
+
+def _with_gap(signals: Signals, begins: Floats) -> NDArray[np.bool_]:
+    """Return whether each window, from its first period of the excitation on, has a gap between samples."""
+    turns, t = signals.turns, signals.when(signals.turns)
+    wide = [np.diff(x) > GAP * np.median(np.diff(x)) for x in (turns, t)]
+    gaps = np.flatnonzero(wide[0] & wide[1])
+    return np.asarray(((turns[gaps] < begins[:, None] + DEFAULTS.window) & (turns[gaps + 1] > begins[:, None])).any(1))
 
 
 def level(amplitude: Floats) -> Floats:

@@ -9,7 +9,7 @@ import pytest
 
 from tcc_sim.analysis.orders import orders_of
 from tcc_sim.analysis.settings import DEFAULTS
-from tcc_sim.analysis.signals import Signals, turns_at
+from tcc_sim.analysis.signals import Signals, run_signals, turns_at
 from tcc_sim.analysis.spectra import spectrum_of
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError
@@ -92,6 +92,27 @@ def test_what_is_too_short_or_too_coarse_is_refused():
     assert orders_of(solve(load_scene("slip"), cycles=20, samples_per_cycle=10)).cuts == [1.0, 2.0]
     with pytest.raises(InputError, match="orders need 8 samples in a period of the excitation, and there are 4"):
         orders_of(solve(load_scene("slip"), cycles=40, samples_per_cycle=4))
+
+
+def test_windows_over_a_gap_between_samples_are_left_out():
+    """Also where samples are equal steps of the phase, or of time while the frequency doubles."""
+    run = solve(ramp("minimal", 80.0, 160.0, 3.0), duration=3.0, samples_per_cycle=64, solver="fixed_step")
+    even = np.linspace(0.0, 2.99, 3000)
+
+    def within(signals, kept):
+        return with_fields(signals, **{name: getattr(signals, name)[kept] for name in ("turns", "t", "heat")})
+
+    for signals in (run_signals(run), with_fields(run_signals(run), turns=turns_at(run.system, even), t=even,
+                                                  heat=np.zeros(3000))):
+        whole, (low, high) = orders_of(signals), turns_at(run.system, np.array([1.5, 1.51]))
+        found = orders_of(within(signals, np.abs(signals.t - 1.505) > 0.005))
+        middle, half = turns_at(run.system, whole.time), 0.5 * DEFAULTS.window
+        near = (middle + half > low) & (middle - half < high)
+        assert found.time.tolist() == whole.time[~near].tolist()
+        assert 0 < near.sum() < len(near) - 1
+    short = within(signals, (signals.t < 0.45) | ((signals.t > 0.5) & (signals.t < 1.35)))
+    with pytest.raises(InputError, match="every window of 16 periods of the excitation has a gap between samples"):
+        orders_of(short)
 
 
 def test_commanded_torque_has_orders_where_its_cycles_are_known():
