@@ -31,7 +31,7 @@ def without_compiling(said: str) -> str:
 
 def rerun_rows(file: Path) -> Counter[str]:
     """Rows by entity in a Rerun file, complete or growing."""
-    printed = python("-m", "rerun", "rrd", "print", str(file), HOME=str(file.parent))
+    printed = python("-m", "rerun_cli", "rrd", "print", str(file), HOME=str(file.parent))
     rows: Counter[str] = Counter()
     for count, entity in re.findall(r"with (\d+) rows .*? - (/\S+) - data", printed.stdout):
         rows[entity] += int(count)

@@ -6,34 +6,60 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+import threading
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
-from interpreter import environment, python, rerun_rows
-from waiting import until, until_or_ended
+from interpreter import environment, rerun_rows
+from waiting import until_or_ended
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+import rclpy
+from rclpy.context import Context
+from sensor_msgs.msg import FluidPressure, JointState
+from std_msgs.msg import Float64
 
 import tcc_sim
 from tcc_sim.cli import main
 from tcc_sim.errors import RecordingError
-from tcc_sim.nodes.children import CLOCK_STARTED, SENDING, NodeProcess
+from tcc_sim.messages import cdr
+from tcc_sim.nodes.children import CLOCK_STARTED, NodeProcess
+from tcc_sim.nodes.middleware import COMMANDS
+from tcc_sim.nodes.operator import COMMANDS_OF, SETTLED, Operator, all_met
 from tcc_sim.recording.reader import open_run
 from tcc_sim.topics import topic
+from tcc_sim.views.rerun_layout import SIGNALS
 
 Control = Callable[..., tuple[int, str, str]]
 
 
-@pytest.fixture
-def control(domain: str, discovery: Callable[[str], str], monkeypatch: pytest.MonkeyPatch,
-            capsys: pytest.CaptureFixture[str]) -> Control:
-    """Function that runs `tcc-sim control` and returns status, output and messages."""
-    monkeypatch.setenv("FASTDDS_DEFAULT_PROFILES_FILE", discovery(""))
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
+@pytest.fixture(scope="module")
+def domain_of_module(domain: str, discovery: Callable[[str], str]) -> Iterator[Mapping[str, str]]:
+    """Environment of this module's processes, which the test process has too."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in (("FASTDDS_DEFAULT_PROFILES_FILE", discovery("")), ("ROS_DOMAIN_ID", domain),
+                            ("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")):
+            patch.setenv(name, value)
+        yield os.environ
 
+
+@pytest.fixture(scope="module")
+def context(domain_of_module: Mapping[str, str]) -> Iterator[Context]:
+    """A context in that domain, whose participant knows the driveline after its first call."""
+    context = Context()
+    rclpy.init(context=context, args=[])
+    yield context
+    context.try_shutdown()
+
+
+@pytest.fixture
+def control(domain_of_module: Mapping[str, str], capsys: pytest.CaptureFixture[str]) -> Control:
+    """Function that runs `tcc-sim control` and returns status, output and messages."""
     def run(*words: str) -> tuple[int, str, str]:
         status = main(["control", *words])
         said = capsys.readouterr()
@@ -42,29 +68,44 @@ def control(domain: str, discovery: Callable[[str], str], monkeypatch: pytest.Mo
     return run
 
 
+@pytest.fixture
+def quick(control: Control, context: Context, monkeypatch: pytest.MonkeyPatch) -> Control:
+    """The same without the time to find other nodes."""
+    @contextmanager
+    def known(name: str, namespace: str) -> Iterator[Any]:
+        node = rclpy.create_node(name, context=context, namespace=namespace, enable_rosout=False)
+        try:
+            yield node
+        finally:
+            node.destroy_node()
+
+    monkeypatch.setattr("tcc_sim.nodes.operator.node_of_command", known)
+    monkeypatch.setattr("tcc_sim.nodes.operator.NAMED_WITHIN", 0.0)
+    monkeypatch.setattr("tcc_sim.nodes.operator.SETTLED", 0.02)
+    return control
+
+
 @pytest.fixture(scope="module")
-def driveline(domain: str, discovery: Callable[[str], str]) -> Iterator[NodeProcess]:
+def driveline(domain_of_module: Mapping[str, str]) -> Iterator[NodeProcess]:
     """The driveline of all tests, which holds the last commands; ten states in a period of excitation."""
     node = NodeProcess("driveline", {"scene": "commands", "rate": 50.0, "engine.frequency": 30.0,
-                                     "command_timeout": 0.0}, {
-        **os.environ, "FASTDDS_DEFAULT_PROFILES_FILE": discovery(""), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "ROS_DOMAIN_ID": domain})
+                                     "command_timeout": 0.0}, dict(domain_of_module))
     node.await_line(CLOCK_STARTED)
     yield node
     assert node.stop() == 0
 
 
-def test_it_does_what_the_ros2_commands_do_and_refusals_are_the_nodes_own(control: Control,
+def test_it_does_what_the_ros2_commands_do_and_refusals_are_the_nodes_own(quick: Control,
                                                                           driveline: NodeProcess) -> None:
-    status, _, said = control("step")
+    status, _, said = quick("step")
     assert (status, said) == (1, "tcc-sim: the driveline refuses: not paused\n")
-    assert control("pause") == (0, "paused\n", "")
-    assert control("reset") == (0, "at the initial state, simulation time 0\n", "")
-    assert control("step") == (0, "at tick 1\n", "")
-    assert control("resume") == (0, "running\n", "")
-    assert control("set", "engine.mean_torque=2.5e2", "pressure.phase=1") == (
+    assert quick("pause") == (0, "paused\n", "")
+    assert quick("reset") == (0, "at the initial state, simulation time 0\n", "")
+    assert quick("step") == (0, "at tick 1\n", "")
+    assert quick("resume") == (0, "running\n", "")
+    assert quick("set", "engine.mean_torque=2.5e2", "pressure.phase=1") == (
         0, "engine.mean_torque 2.5e2, pressure.phase 1\n", "")
-    status, _, said = control("set", "friction.static_coefficient=0.01")
+    status, _, said = quick("set", "friction.static_coefficient=0.01")
     assert (status, said) == (2, "tcc-sim: friction.kinetic_coefficient is 0.24; it must be 0.0005 to 0.2, one "
                                  "twentieth to twenty times friction.static_coefficient\n")
     for words, reason in {
@@ -80,29 +121,29 @@ def test_it_does_what_the_ros2_commands_do_and_refusals_are_the_nodes_own(contro
                 "friction.slip_speeds: a running driveline can change a friction table, but cannot add or remove one; "
                 "restart the driveline",
             ("torque", "inf"): "engine_torque command of inf N m refused; it must be -100000 to 100000 N m"}.items():
-        assert control(*words) == (2, "", f"tcc-sim: {reason}\n")
-    status, _, said = control("set", "driveline.stiffness=3")
+        assert quick(*words) == (2, "", f"tcc-sim: {reason}\n")
+    status, _, said = quick("set", "driveline.stiffness=3")
     assert (status, said) == (2, "tcc-sim: driveline.stiffness cannot change while the driveline runs: start it again "
                                  "with --ros-args -p driveline.stiffness:=3, or with a parameter file\n")
-    assert control("get", "scene", "engine.mean_torque", "rate", "friction.law", "engine.harmonic_amplitudes") == (
+    assert quick("get", "scene", "engine.mean_torque", "rate", "friction.law", "engine.harmonic_amplitudes") == (
         0, "scene commands\nengine.mean_torque 250.0 N m\nrate 50.0 Hz\nfriction.law smoothed\n"
            "engine.harmonic_amplitudes [] N m\n", "")
-    status, out, _ = control("torque", "-50")
+    status, out, _ = quick("torque", "-50")
     assert (status, out) == (0, "engine_torque -50 N m, held until the next command\n")
-    status, out, _ = control("pressure", "1.2")
+    status, out, _ = quick("pressure", "1.2")
     assert (status, out) == (0, "actuation_pressure 1.2 Pa, held until the next command; the unit is Pa: 1.2 bar "
                                 "would be 120000\n")
-    status, _, said = control("pressure", "1e7")
+    status, _, said = quick("pressure", "1e7")
     assert status == 2
     assert said.startswith("tcc-sim: actuation_pressure command of 1e+07 Pa refused: a ")
     assert "sub-steps" in said
     assert said.count("\n") == 1
     driveline.check()
-    control("pause")
-    status, out, _ = control("torque", "-60")
+    quick("pause")
+    status, out, _ = quick("torque", "-60")
     assert (status, out) == (0, "engine_torque -60 N m, held until the next command, once the driveline goes on: it is "
                                 "paused\n")
-    assert control("resume") == (0, "running\n", "")
+    assert quick("resume") == (0, "running\n", "")
 
 
 class Told:
@@ -120,25 +161,20 @@ class Told:
     ([(1, 4, "paused"), (2, 4, "paused")], "refused")])
 def test_a_command_is_judged_by_what_the_driveline_counts_and_not_by_the_time_that_it_takes(
         after: list[tuple[int, int, str]], word: str) -> None:
-    from tcc_sim.nodes.operator import Operator
-
     assert Operator._counted("engine_torque", Told((1, 4, "slip"), *after).statuses, 1) == word
 
 
-def test_other_publishers_and_other_drivelines_are_named(control: Control, driveline: NodeProcess,
-                                                         start: Callable[..., NodeProcess]) -> None:
-    sender = start("commander", rate=20.0)
-    sender.await_line(SENDING)
-    status, out, _ = control("torque", "310")
+def test_other_publishers_and_other_drivelines_are_named(quick: Control, driveline: NodeProcess,
+                                                         context: Context) -> None:
+    other = rclpy.create_node("driveline", context=context, start_parameter_services=False)
+    other.create_publisher(Float64, "engine_torque", COMMANDS)
+    status, out, _ = quick("torque", "310")
     assert status == 0
-    assert "; 1 other publisher on /engine_torque: the newest command counts" in out
-    assert sender.stop() == 0
-    other = start("driveline", scene="minimal")
-    other.await_line(CLOCK_STARTED)
-    until(lambda: control("pause") == (
-        0, "paused; 2 nodes have the name /driveline and received this: give them namespaces\n", ""))
-    assert other.stop() == 0
-    until(lambda: control("resume") == (0, "running\n", ""))
+    assert "; 1 other publisher on /engine_torque: the newest command counts; 2 nodes have the name /drivel" in out
+    assert quick("pause") == (
+        0, "paused; 2 nodes have the name /driveline and received this: give them namespaces\n", "")
+    other.destroy_node()
+    assert quick("resume") == (0, "running\n", "")
 
 
 def recorded(bag: Path) -> int:
@@ -149,26 +185,25 @@ def recorded(bag: Path) -> int:
         return 0
 
 
-def test_single_commands_are_in_the_recording(control: Control, driveline: NodeProcess, tmp_path: Path,
+def test_a_single_command_is_in_the_recording(control: Control, driveline: NodeProcess, tmp_path: Path,
                                               monkeypatch: pytest.MonkeyPatch) -> None:
     """Also with the slow discovery of Fast DDS's own settings."""
     monkeypatch.delenv("FASTDDS_DEFAULT_PROFILES_FILE")
     recorder = NodeProcess("recorder", {"output": str(tmp_path / "run")}, dict(os.environ))
     try:
         until_or_ended(lambda: recorded(tmp_path / "run") > 0, recorder)
-        assert control("torque", "310")[0] == 0
         assert control("pressure", "230000")[0] == 0
     finally:
         assert recorder.stop() == 0
     found = tcc_sim.read(tmp_path / "run")
     assert {name: command.value.tolist() for name, command in found.commands.items()} == {
-        "engine_torque": [310.0], "actuation_pressure": [230000.0]}
+        "actuation_pressure": [230000.0]}
 
 
-def test_what_a_scene_does_not_take_is_said(control: Control, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_a_scene_does_not_take_is_said(quick: Control, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tcc_sim.nodes.operator.Operator.values", lambda self, keys: dict.fromkeys(keys, "harmonic"))
-    assert control("torque", "100") == (2, "", "tcc-sim: engine_torque: the driveline takes this input from its scene "
-                                               "(engine.source: harmonic)\n")
+    assert quick("torque", "100") == (2, "", "tcc-sim: engine_torque: the driveline takes this input from its scene "
+                                             "(engine.source: harmonic)\n")
 
 
 def test_without_a_node_it_says_so(control: Control, domain: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -198,82 +233,58 @@ STATIC = 1
 """Rows of an entity that say how it looks."""
 
 
-def watching(folder: Path) -> subprocess.Popen[str]:
-    """`tcc-sim watch` into live.rrd."""
-    return subprocess.Popen([sys.executable, "-m", "tcc_sim", "watch", "--rrd", "live.rrd"], cwd=folder, text=True,
-                            stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment())
-
-
-def await_rows(process: subprocess.Popen[str], file: Path, least: dict[str, int]) -> None:
-    """Return when the file has at least these rows of each entity, however long that takes."""
-    def grown() -> bool:
-        rows = rerun_rows(file)
-        return all(rows[entity] >= count for entity, count in least.items())
-
-    while True:
-        size = file.stat().st_size + 50_000
-        if grown():
-            return
-        until_or_ended(lambda size=size: file.stat().st_size > size, process)
-
-
-def test_watch_writes_what_the_driveline_does_and_what_held_its_inputs_and_ends_by_ctrl_c(
-        driveline: NodeProcess, control: Control, tmp_path: Path) -> None:
+def test_watch_shows_what_the_driveline_does_and_what_held_its_inputs_to_the_state_before_ctrl_c(
+        quick: Control, driveline: NodeProcess, context: Context, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+        capsys: pytest.CaptureFixture[str]) -> None:
+    """Ctrl-C comes between taking the last states and showing them."""
     pytest.importorskip("rerun")
-    control("reset")  # To the scene's own pressure, which pulsates.
-    process = watching(tmp_path)
-    assert process.stderr is not None
-    assert process.stderr.readline().startswith("watching /driveline: ")
-    await_rows(process, tmp_path / "live.rrd", {"/pressure/applied": STATIC + 10, "/cycles/largest": STATIC + 1})
-    for words in (("torque", "310"), ("pressure", "2.1e5")):
-        assert control(*words)[0] == 0
-    await_rows(process, tmp_path / "live.rrd", {"/control/mean": STATIC + 1, "/events": 2, "/slip/speed": 50})
-    process.send_signal(signal.SIGINT)
-    out, said = process.communicate(timeout=60)
-    assert process.returncode == 0
-    shown, missed = (int(word) for word in out.split() if word.isdigit())
+    from tcc_sim.views.rerun_stream import RerunStream
+
+    quick("reset")  # To the scene's own pressure, which pulsates.
+    commander = rclpy.create_node("commander", context=context)
+    sends = [(commander.create_publisher(Float64, "engine_torque", COMMANDS), Float64(data=310.0)),
+             (commander.create_publisher(FluidPressure, "actuation_pressure", COMMANDS),
+              FluidPressure(fluid_pressure=2.1e5))]
+    samples, control, rows, given = RerunStream.samples, RerunStream.control, Counter[str](), []
+
+    def shown(stream: RerunStream, stamps: Any, *columns: Any, **run: Any) -> None:
+        rows["/slip/speed"] += len(stamps)
+        if not sends and not rows["interrupts"] and "fallback" not in given[-1]:
+            rows["interrupts"] += 1
+            os.kill(os.getpid(), signal.SIGINT)
+        elif rows["/control/mean"] and all(publisher.get_subscription_count() == 2 for publisher, _ in sends):
+            for publisher, message in sends:
+                publisher.publish(message)
+            sends.clear()
+        samples(stream, stamps, *columns, **run)
+
+    def beside(stream: RerunStream, signals: Any, events: Any) -> None:
+        rows.update({f"/{SIGNALS[name]}": len(stamps) for name, (stamps, _) in signals.items()})
+        given.extend(event.text for event in events)
+        control(stream, signals, events)
+
+    monkeypatch.setattr(RerunStream, "samples", shown)
+    monkeypatch.setattr(RerunStream, "control", beside)
+    monkeypatch.setattr("tcc_sim.nodes.watcher.FILE_PERIOD", 0.1)
+    monkeypatch.setattr("tcc_sim.nodes.process._INTERRUPTED", threading.Event())
+    assert main(["watch", "--rrd", str(tmp_path / "live.rrd")]) == 0
+    commander.destroy_node()
+    out, said = capsys.readouterr()
+    states, missed = (int(word) for word in out.split() if word.isdigit())
+    assert states == rows["/slip/speed"]
     # A watcher that misses states on a busy machine reports them.
     assert bool(missed) == ("missed " in said)
-    assert "Traceback" not in said
-    assert rerun_rows(tmp_path / "live.rrd")["/slip/speed"] == shown + STATIC
-
-
-INTERRUPTED = """
-import os, signal, sys
-from tcc_sim import cli
-from tcc_sim.views.rerun_stream import RerunStream
-
-send = RerunStream.samples
-
-def interrupted(self, *samples, **run):
-    RerunStream.samples = send
-    os.kill(os.getpid(), signal.SIGINT)
-    send(self, *samples, **run)
-
-RerunStream.samples = interrupted
-sys.exit(cli.main(["watch", "--rrd", "live.rrd"]))
-"""
-"""`tcc-sim watch` that is interrupted between taking its first states and showing them."""
-
-
-def test_states_that_were_taken_are_shown_when_ctrl_c_comes_in_between(driveline: NodeProcess, control: Control,
-                                                                       tmp_path: Path) -> None:
-    pytest.importorskip("rerun")
-    ended = python("-c", INTERRUPTED, cwd=tmp_path)
-    assert (ended.returncode, "Traceback" in ended.stderr) == (0, False)
-    shown = int(ended.stdout.split()[0])
-    assert rerun_rows(tmp_path / "live.rrd")["/slip/speed"] == shown + STATIC > STATIC
+    assert said.startswith("watching /driveline: ")
+    assert rows.pop("interrupts") == 1
+    rows["/events"], found = len(given), rerun_rows(tmp_path / "live.rrd")
+    assert {entity: found[entity] - STATIC * (entity != "/events") for entity in rows} == rows
+    assert rows.keys() >= {"/torque/engine_command", "/pressure/command", "/pressure/applied", "/control/mean"}
+    assert found["/cycles/largest"] > STATIC
 
 
 @pytest.mark.parametrize("what", ["torque", "pressure"])
 def test_states_of_another_robot_say_nothing_of_a_command(bench: Any, what: str) -> None:
     """Topics of these names are common; the newest message may be another robot's."""
-    import rclpy
-    from sensor_msgs.msg import FluidPressure, JointState
-
-    from tcc_sim.messages import cdr
-    from tcc_sim.nodes.operator import COMMANDS_OF, Operator
-
     other: Any
     if what == "torque":
         name, kind, mine, other = "joint_states", JointState, cdr.joint_state(
@@ -294,8 +305,6 @@ def test_states_of_another_robot_say_nothing_of_a_command(bench: Any, what: str)
 
 
 def test_a_command_waits_until_all_who_listen_are_connected_and_nobody_more_comes() -> None:
-    from tcc_sim.nodes.operator import SETTLED, all_met
-
     times = iter([0.0, 0.0, 0.0, 0.9, 0.95, 0.95, 0.94 + SETTLED, 0.96 + SETTLED, 0.97 + SETTLED, 0.97 + SETTLED])
     counts = iter([(1, 1), (1, 1), (2, 2), (2, 2), (2, 2), (2, 3), (3, 3)])
     complete = all_met(lambda: next(counts), lambda: next(times))
