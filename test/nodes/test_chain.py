@@ -8,11 +8,12 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 from documents import valid
-from waiting import until_or_ended
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
@@ -21,43 +22,18 @@ from interpreter import environment, python, without_compiling
 import tcc_sim
 from tcc_sim.cli import main
 from tcc_sim.errors import TccError
+from tcc_sim.nodes.children import Session
 from tcc_sim.recording.reader import open_run
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 
 
 @pytest.fixture(autouse=True)
-def domain_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let commands take a domain."""
+def domain_of_its_own(monkeypatch: pytest.MonkeyPatch, discovery: Callable[[str], str]) -> None:
+    """Let commands take a domain, with quick discovery."""
+    monkeypatch.setenv("FASTDDS_DEFAULT_PROFILES_FILE", discovery(""))
     for name in ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE"):
         monkeypatch.delenv(name, raising=False)
-
-
-def test_demo_records_analyses_and_draws(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    pytest.importorskip("rerun")
-    pytest.importorskip("matplotlib")
-    # At a pace that waits for the recorder: a busy machine loses messages in real time.
-    (tmp_path / "minimal.yaml").write_text(load_scene("minimal").with_values({"real_time_factor": 0.0}).text())
-    ended = python("-m", "tcc_sim", "demo", "--scene", "minimal.yaml", "--duration", "0.5", "--out", "made",
-                   cwd=tmp_path)
-    assert ended.returncode == 0, ended.stderr
-    assert without_compiling(ended.stderr) == ""
-    made = tmp_path / "made"
-    assert sorted(p.name for p in made.iterdir()) == ["analysis.json", "overview.png", "recording", "run.rrd"]
-    found = valid("analyse", json.loads((made / "analysis.json").read_text()))
-    assert (found["lost_messages"], found["complete"], found["gaps"]) == (0, True, 0)
-    assert found["messages"] > 300
-    # The settled cycles are those of the scene, solved by SciPy.
-    first = found["discarded"]
-    reference = solve(load_scene("minimal").system, cycles=first + 5, solver="lsoda", rtol=1e-9).raise_for_status()
-    assert reference.cycles is not None
-    assert found["max_slip_speed"] == pytest.approx(reference.cycles.highest[first:].max(), rel=1e-3)
-    assert (made / "overview.png").stat().st_size > 50_000
-    assert main(["analyse", str(made / "recording"), "--verify", "--json", str(tmp_path / "verified.json")]) == 0
-    verified = json.loads((tmp_path / "verified.json").read_text())
-    assert (verified["verified"], verified["largest_difference"]) == (True, 0.0)
-    assert main(["demo", "--out", str(made)]) == 2
-    assert capsys.readouterr().err == f"tcc-sim: {made} exists; name a directory that does not\n"
 
 
 OWN_CONTROLLER = """
@@ -83,39 +59,50 @@ with rclpy.init():
 """
 
 
-def test_demo_starts_a_controller_of_the_users_and_stopped_by_ctrl_c_keeps_what_it_has(tmp_path: Path) -> None:
-    (tmp_path / "own.py").write_text(OWN_CONTROLLER)
-    recording = tmp_path / "made" / "recording"
+def test_demo_records_a_controller_of_the_users_in_lock_step_until_ctrl_c_analyses_and_draws(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, figures: list[Any],
+        capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("rerun")
+    monkeypatch.chdir(tmp_path)
+    Path("own.py").write_text(OWN_CONTROLLER)
+    Path("controlled.yaml").write_text(load_scene("controlled").with_values({"pacing": "lockstep", "real_time_factor": 0.0}).text())
+    made = tmp_path / "made"
+    watch = Session.watch
 
-    def enough() -> bool:
-        """Whether a command and 0.5 s of simulated time are on disk: then there are whole engine cycles to analyse."""
-        try:
-            found = tcc_sim.read(recording)
-            return "actuation_pressure" in found.commands and found.runs[0].samples > 500
-        except TccError:
-            return False
+    def watched(session: Session, seconds: float) -> None:
+        """Press Ctrl-C once 0.5 s of simulated time are recorded: then there are whole engine cycles to analyse."""
+        with suppress(TccError):
+            if tcc_sim.read(made / "recording").runs[0].samples > 500:
+                signal.raise_signal(signal.SIGINT)
+        watch(session, seconds)
 
-    process = subprocess.Popen(
-        [sys.executable, "-m", "tcc_sim", "demo", "--controller", f"{sys.executable} own.py", "--duration", "600",
-         "--out", "made"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        env=environment(PYTHONUNBUFFERED="1"))
-    try:
-        assert process.stdout is not None
-        lines = [process.stdout.readline()]
-        while "recording" not in lines[-1]:
-            lines.append(process.stdout.readline())
-        until_or_ended(enough, process)
-        process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=120)
-    finally:
-        process.kill()
-    assert process.returncode == 0, err
-    assert "controller: " in "".join(lines)
+    monkeypatch.setattr(Session, "watch", watched)
+    assert main(["demo", "--controller", f"{sys.executable} own.py", "--scene", "controlled.yaml", "--duration", "600",
+                 "--out", "made"]) == 0
+    out, err = capsys.readouterr()
+    assert without_compiling(err) == ""
+    assert "controller: " in out
     assert "stopped early" in out
-    found = json.loads((tmp_path / "made" / "analysis.json").read_text())
-    assert found["scene"]["pressure.source"] == "topic"
-    pressures = tcc_sim.read(recording).commands["actuation_pressure"]
-    assert {float(value) for value in pressures.value} == {123456.0}
+    assert sorted(p.name for p in made.iterdir()) == ["analysis.json", "overview.png", "recording", "run.rrd"]
+    assert len(figures) == 1
+    found = valid("analyse", json.loads((made / "analysis.json").read_text()))
+    assert (found["lost_messages"], found["complete"], found["gaps"]) == (0, True, 0)
+    assert found["messages"] > 500
+    recording = tcc_sim.read(made / "recording")
+    assert set(recording.commands["actuation_pressure"].value.tolist()) == {123456.0}
+    # The settled cycles are those of the scene with this pressure, solved by SciPy.
+    first = found["discarded"]
+    held = load_scene("controlled").with_values({"pressure.source": "harmonic", "pressure.mean": 123456.0,
+                                                 "pressure.amplitude": 0.0})
+    reference = solve(held.system, cycles=first + 3, solver="lsoda", rtol=1e-6).raise_for_status()
+    assert reference.cycles is not None
+    assert found["max_slip_speed"] == pytest.approx(reference.cycles.highest[first:].max(), rel=1e-3)
+    assert main(["analyse", str(made / "recording"), "--verify", "--json", "verified.json"]) == 0
+    verified = json.loads(Path("verified.json").read_text())
+    assert (verified["verified"], verified["largest_difference"]) == (True, 0.0)
+    capsys.readouterr()
+    assert main(["demo", "--out", str(made)]) == 2
+    assert capsys.readouterr().err == f"tcc-sim: {made} exists; name a directory that does not\n"
 
 
 @pytest.mark.parametrize(("words", "sentence"), [
@@ -129,11 +116,12 @@ def test_a_controller_that_cannot_run_is_refused_before_anything_starts(words: l
     assert not (tmp_path / "made").exists()
 
 
-def test_demo_names_the_last_words_of_a_controller_that_ends(tmp_path: Path) -> None:
-    (tmp_path / "own.py").write_text("raise SystemExit('no such sensor')")
-    ended = python("-m", "tcc_sim", "demo", "--controller", f"{sys.executable} own.py", "--out", "made", cwd=tmp_path)
-    assert ended.returncode == 1
-    assert "own.py ended with status 1: no such sensor" in ended.stderr
+def test_demo_names_the_last_words_of_a_controller_that_ends(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("own.py").write_text("raise SystemExit('no such sensor')")
+    assert main(["demo", "--controller", f"{sys.executable} own.py", "--out", "made"]) == 1
+    assert "own.py ended with status 1: no such sensor" in capsys.readouterr().err
 
 
 def test_a_killed_command_leaves_no_node_behind(tmp_path: Path) -> None:
@@ -154,7 +142,7 @@ def test_a_killed_command_leaves_no_node_behind(tmp_path: Path) -> None:
 
 
 def test_realtime_gives_every_figure(tmp_path: Path) -> None:
-    ended = python("-m", "tcc_sim", "realtime", "--rate", "500", "--duration", "1", "--json", "pacing.json",
+    ended = python("-m", "tcc_sim", "realtime", "--rate", "500", "--duration", "0.5", "--json", "pacing.json",
                    cwd=tmp_path)
     assert ended.returncode == 0, ended.stderr
     found = valid("realtime", json.loads((tmp_path / "pacing.json").read_text()))
@@ -170,8 +158,7 @@ def test_realtime_gives_every_figure(tmp_path: Path) -> None:
 
 
 def test_soak_counts_what_is_lost(tmp_path: Path) -> None:
-    ended = python("-m", "tcc_sim", "soak", "--rate", "500", "--duration", "3", "--json", "soak.json", cwd=tmp_path)
-    assert ended.returncode == 0, ended.stderr
+    assert main(["soak", "--rate", "200", "--duration", "2", "--json", str(tmp_path / "soak.json")]) == 0
     found = valid("soak", json.loads((tmp_path / "soak.json").read_text()))
     assert found["lost_messages"] == 0
     assert found["complete"]
