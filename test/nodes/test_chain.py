@@ -65,7 +65,8 @@ def test_demo_records_a_controller_of_the_users_in_lock_step_until_ctrl_c_analys
     pytest.importorskip("rerun")
     monkeypatch.chdir(tmp_path)
     Path("own.py").write_text(OWN_CONTROLLER)
-    Path("controlled.yaml").write_text(load_scene("controlled").with_values({"pacing": "lockstep", "real_time_factor": 0.0}).text())
+    scene = load_scene("controlled").with_values({"pacing": "lockstep", "real_time_factor": 0.0})
+    Path("controlled.yaml").write_text(scene.text())
     made = tmp_path / "made"
     watch = Session.watch
 
@@ -92,8 +93,7 @@ def test_demo_records_a_controller_of_the_users_in_lock_step_until_ctrl_c_analys
     assert set(recording.commands["actuation_pressure"].value.tolist()) == {123456.0}
     # The settled cycles are those of the scene with this pressure, solved by SciPy.
     first = found["discarded"]
-    held = load_scene("controlled").with_values({"pressure.source": "harmonic", "pressure.mean": 123456.0,
-                                                 "pressure.amplitude": 0.0})
+    held = scene.with_values({"pressure.source": "harmonic", "pressure.mean": 123456.0, "pressure.amplitude": 0.0})
     reference = solve(held.system, cycles=first + 3, solver="lsoda", rtol=1e-6).raise_for_status()
     assert reference.cycles is not None
     assert found["max_slip_speed"] == pytest.approx(reference.cycles.highest[first:].max(), rel=1e-3)
