@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from functools import cache
+from typing import Any
 
 import numpy as np
-from scipy.integrate import solve_ivp
+from scipy.integrate import odeint
 from scipy.signal import lfilter
 
 from tcc_sim.estimation.measurement import Measurement
@@ -20,32 +21,42 @@ BEGAN, ONCE = 1.0, Gates(starts=1)
 
 
 @cache
-def moved(seconds: float = 0.5, rate: float = 1000.0, held: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def moved(seconds: float = 0.3, rate: float = 1000.0, held: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times, states (n, 3) and engine torque of scene fig02 from `BEGAN` on, by SciPy on equations (1) to (7).
 
-    held : the torque is that of the sample before
+    held : from `BEGAN` on the torque is that of the sample before
     """
     system = FIG02.system
     engine, pressure = system.engine, system.pressure
     ratio = 0.3 / 0.24
 
+    mean, amplitude, omega, sin, load = engine.mean_torque, engine.torque_amplitude, engine.frequency, math.sin, 0.00192
+
     def torque(t: float) -> float:
-        t = math.floor(t * rate * (1.0 + 1e-12)) / rate if held else t
-        return engine.mean_torque + engine.torque_amplitude * math.sin(engine.frequency * t)
+        return mean + amplitude * sin(omega * t)
 
-    def rates(t: float, x: np.ndarray) -> list[float]:
-        load = 0.24 * 0.08 * 0.1 * (pressure.mean + pressure.amplitude * math.sin(engine.frequency * t))
-        friction = (1.0 + (ratio - 1.0) * math.exp(-2.0 * abs(x[0]))) * math.tanh(50.0 * x[0]) * load
-        plate = (friction - 0.6 * x[2] - 3000.0 * x[1]) / 0.02
-        return [(torque(t) - friction) / 0.2 - plate, x[2], plate]
+    def rates(t: float, x: np.ndarray, constant: float | None = None) -> list[float]:
+        v, angle, speed, te = float(x[0]), float(x[1]), float(x[2]), torque(t) if constant is None else constant
+        friction = (1.0 + (ratio - 1.0) * math.exp(-2.0 * abs(v))) * math.tanh(50.0 * v) * load * (
+            pressure.mean + pressure.amplitude * sin(omega * t))
+        plate = (friction - 0.6 * speed - 3000.0 * angle) / 0.02
+        return [(te - friction) / 0.2 - plate, speed, plate]
 
+    def follow(x: Any, times: Any, *constant: float) -> np.ndarray:
+        return odeint(rates, x, times, constant, tfirst=True, rtol=1e-9, atol=1e-10, mxstep=100_000)[1:]
+
+    mean, amplitude, omega, sin, load = engine.mean_torque, engine.torque_amplitude, engine.frequency, math.sin, 0.00192
     t = BEGAN + np.arange(round(seconds * rate)) / rate
-    step = 1.0 / rate if held else math.inf
-    run = solve_ivp(rates, (0.0, t[-1]), [150.0, 0.0, 0.0], "LSODA", t, rtol=1e-9, atol=1e-10, max_step=step)
-    return t, run.y.T, np.array([torque(x) for x in t])
+    torques = np.array([torque(x) for x in t])
+    if not held:
+        return t, follow([150.0, 0.0, 0.0], np.append(0.0, t)), torques
+    states = follow([150.0, 0.0, 0.0], [0.0, BEGAN])
+    for n, constant in enumerate(torques[:-1]):
+        states = np.vstack([states, follow(states[-1], t[n:n + 2], constant)])
+    return t, states, torques
 
 
-def measured(seed: int = 0, seconds: float = 0.5, colour: float = 0.0) -> tuple[Measurement, dict[str, float]]:
+def measured(seed: int = 0, seconds: float = 0.3, colour: float = 0.0) -> tuple[Measurement, dict[str, float]]:
     """Slip and plate speed with noise of 1 % of their spread, and the latter; `colour` correlates samples."""
     t, states, _ = moved(seconds)
     noise = 0.01 * states.std(axis=0)

@@ -6,7 +6,7 @@ Slow and plain; nothing of the package's solvers or model is used. Its fellow fo
 import math
 
 import numpy as np
-from scipy.integrate import solve_ivp
+from scipy.integrate import odeint, solve_ivp
 
 
 def sliding_of(friction):
@@ -29,59 +29,65 @@ def coefficient_and_slope(v, pairs, sigma):
 def equations(system):
     """(1) to (7): the derivatives of (v, theta2, theta2', theta1) at a time, and their Jacobian."""
     e, pr, f, d = system.engine, system.pressure, system.friction, system.driveline
-    i1, i2 = d.flywheel_inertia, d.plate_inertia
+    i1, i2, damping, stiffness, sigma, omega = (d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness,
+                                                f.smoothing, e.frequency)
     kinetic, pairs = sliding_of(f)
-    per_pressure = kinetic * system.clutch.area * system.clutch.radius
+    area = kinetic * system.clutch.area * system.clutch.radius
+    mean, amplitude, fast, shift = area * pr.mean, area * pr.amplitude, pr.frequency_ratio * omega, pr.phase
+    sines = [(e.torque_amplitude, omega, 0.0), *((a, n * omega, phase) for n, (a, phase) in enumerate(
+        zip(e.harmonic_amplitudes, e.harmonic_phases), 2))]
+    constant, exp, tanh, sin = e.mean_torque, math.exp, math.tanh, math.sin
 
     def load(t):
-        phase = pr.frequency_ratio * e.frequency * t + pr.phase
-        return per_pressure * max(pr.mean + pr.amplitude * math.sin(phase), 0.0)
+        return max(mean + amplitude * sin(fast * t + shift), 0.0)
 
     def rates(t, y):
-        te = e.mean_torque + e.torque_amplitude * math.sin(e.frequency * t)
-        for n, (a, phase) in enumerate(zip(e.harmonic_amplitudes, e.harmonic_phases), 2):
-            te += a * math.sin(n * e.frequency * t + phase)
-        tf = coefficient_and_slope(y[0], pairs, f.smoothing)[0] * load(t)
-        plate = (tf - d.damping * y[2] - d.stiffness * y[1]) / i2
-        return [(te - tf) / i1 - plate, y[2], plate, y[0] + y[2]]
+        v, angle, speed, te, law = y[0], y[1], y[2], constant, 1.0
+        for a, w, phase in sines:
+            te += a * sin(w * t + phase)
+        for c, rate in pairs:
+            law += c * exp(-rate * abs(v))
+        tf = law * tanh(sigma * v) * load(t)
+        plate = (tf - damping * speed - stiffness * angle) / i2
+        return [(te - tf) / i1 - plate, speed, plate, v + speed]
 
     def jacobian(t, y):
-        g = coefficient_and_slope(y[0], pairs, f.smoothing)[1] * load(t)
-        return np.array([[-g / i1 - g / i2, d.stiffness / i2, d.damping / i2, 0.0], [0.0, 0.0, 1.0, 0.0],
-                         [g / i2, -d.stiffness / i2, -d.damping / i2, 0.0], [1.0, 0.0, 1.0, 0.0]])
+        g = coefficient_and_slope(y[0], pairs, sigma)[1] * load(t)
+        return [[-g / i1 - g / i2, stiffness / i2, damping / i2, 0.0], [0.0, 0.0, 1.0, 0.0],
+                [g / i2, -stiffness / i2, -damping / i2, 0.0], [1.0, 0.0, 1.0, 0.0]]
 
     return rates, jacobian
 
 
-def smoothed_run(system, state, cycles, per_cycle, rtol=1e-12, first=0, stick_speed=None):
-    """As `Piecewise.run` for states at `per_cycle` samples a cycle, (n, 4): with the transitions [(t, before, after)]
-    through a stick speed and the stick time where that is given. Restarted at every cycle.
-    """
+def smoothed_states(system, state, cycles, per_cycle, rtol=1e-12):
+    """States at `per_cycle` samples a cycle, (n, 4), restarted at every cycle."""
     rates, jacobian = equations(system)
-    edges = [] if stick_speed is None else [lambda t, y: y[0] - stick_speed, lambda t, y: y[0] + stick_speed]
-    y = np.array(state, dtype=float)
-    rows, changes = [y[:, None]], []
-    for n in range(first, first + cycles):
+    rows = [np.array(state, dtype=float)[None]]
+    for n in range(cycles):
         t = (n + np.arange(per_cycle + 1) / per_cycle) * system.cycle
-        found = solve_ivp(rates, (t[0], t[-1]), y, "LSODA", t, rtol=rtol, jac=jacobian, events=edges or None,
-                          atol=np.array([1.0 / max(1.0, system.friction.smoothing / 50.0), 1e-2, 1.0, 0.1]) * rtol)
-        y = found.y[:, -1]
-        rows.append(found.y[:, 1:])
-        for side, times, states in zip((1, -1), found.t_events or (), found.y_events or ()):
-            changes += [(float(u), *((0, side) if rates(u, x)[0] * side > 0.0 else (side, 0)))
-                        for u, x in zip(times, states)]
-    stuck = 0.0
-    if edges:
-        changes.sort()
-        marks = [first * system.cycle, *(u for u, _, _ in changes), (first + cycles) * system.cycle]
-        modes = [0 if abs(state[0]) <= stick_speed else 1, *(after for _, _, after in changes)]
-        stuck = sum(b - a for a, b, mode in zip(marks, marks[1:], modes) if mode == 0)
-    return np.hstack(rows).T, changes, stuck
+        rows.append(odeint(rates, rows[-1][-1], t, Dfun=jacobian, tfirst=True, rtol=rtol, mxstep=100_000,
+                           atol=scales(system) * rtol)[1:])
+    return np.vstack(rows)
 
 
-def smoothed_states(*question, **settings):
-    """The states of `smoothed_run`."""
-    return smoothed_run(*question, **settings)[0]
+def scales(system):
+    """Magnitudes below which errors of the state are absolute."""
+    return np.array([1.0 / max(1.0, system.friction.smoothing / 50.0), 1e-2, 1.0, 0.1])
+
+
+def smoothed_run(system, state, cycles, per_cycle, stick_speed):
+    """As `Piecewise.run`, with the transitions through a stick speed."""
+    rates, jacobian = equations(system)
+    edges = [lambda t, y: y[0] - stick_speed, lambda t, y: y[0] + stick_speed]
+    found = solve_ivp(rates, (0.0, cycles * system.cycle), state, "LSODA", rtol=1e-12, jac=jacobian, events=edges,
+                      atol=scales(system) * 1e-12, dense_output=False)
+    changes = sorted((float(u), *((0, side) if rates(u, x)[0] * side > 0.0 else (side, 0)))
+                     for side, times, states in zip((1, -1), found.t_events, found.y_events)
+                     for u, x in zip(times, states))
+    marks = [0.0, *(u for u, _, _ in changes), cycles * system.cycle]
+    modes = [0 if abs(state[0]) <= stick_speed else 1, *(after for _, _, after in changes)]
+    stuck = sum(b - a for a, b, mode in zip(marks, marks[1:], modes) if mode == 0)
+    return smoothed_states(system, state, cycles, per_cycle), changes, stuck
 
 
 def tangent_map(system, x, start, cycles, rtol=1e-11, by=None):
@@ -90,23 +96,30 @@ def tangent_map(system, x, start, cycles, rtol=1e-11, by=None):
     """
     rates, jacobian = equations(system)
     cycle, columns = system.cycle, 3 if by is None else 4
-    moved = {} if by is None else {k: (equations(by(k))[0], by(k).cycle) for k in (-2.0, -1.0, 1.0, 2.0)}
+    moved = [] if by is None else [(k, equations(by(n))[0], by(n).cycle / 12.0)
+                                   for n, k in ((-2.0, 1.0), (-1.0, -8.0), (1.0, 8.0), (2.0, -1.0))]
 
     def right(phase, z):  # By the phase in cycles, in which a frequency that varies leaves the sines where they are.
-        y, tangent = np.append(z[:3], 0.0), z[3:].reshape(3, columns)
-        out = jacobian(phase * cycle, y)[:3, :3] @ tangent * cycle
+        y, (a, _, b, _) = z[:3].tolist(), jacobian(phase * cycle, z)
+        out, tangent = [cycle * rate for rate in rates(phase * cycle, y)[:3]], z[3:].tolist()
+        first, second, third = tangent[:columns], tangent[columns:2 * columns], tangent[2 * columns:]
+        extra = [[0.0] * columns for _ in range(3)]
         if moved:
-            a, b, c, d = (of[1] * np.array(of[0](phase * of[1], y)[:3]) for of in moved.values())
-            out[:, 3] += (a - 8.0 * b + 8.0 * c - d) / 12.0
-        return np.concatenate([np.array(rates(phase * cycle, y)[:3]) * cycle, out.ravel()])
+            for k, of, length in moved:
+                for row, rate in zip(extra, of(phase * length * 12.0, y)):
+                    row[3] += k * length * rate
+        out += [cycle * (a[0] * p + a[1] * q + a[2] * r) + s for p, q, r, s in zip(first, second, third, extra[0])]
+        out += [cycle * r + s for r, s in zip(third, extra[1])]
+        out += [cycle * (b[0] * p + b[1] * q + b[2] * r) + s for p, q, r, s in zip(first, second, third, extra[2])]
+        return out
 
     def steering(phase, z):  # What is left out of it only steers LSODA's Newton iteration.
-        a = jacobian(phase * cycle, np.append(z[:3], 0.0))[:3, :3] * cycle
+        a = np.array(jacobian(phase * cycle, z))[:3, :3] * cycle
         out = np.zeros((len(z), len(z)))
         out[:3, :3], out[3:, 3:] = a, np.kron(a, np.eye(columns))
         return out
 
     initial = np.concatenate([x, np.eye(3, columns).ravel()])
-    found = solve_ivp(right, (start, start + cycles), initial, method="LSODA", rtol=rtol, atol=1e-2 * rtol,
-                      jac=steering)
-    return found.y[:3, -1], found.y[3:, -1].reshape(3, columns)
+    end = odeint(right, initial, [start, start + cycles], Dfun=steering, tfirst=True, rtol=rtol, atol=1e-2 * rtol,
+                 mxstep=100_000)[-1]
+    return end[:3], end[3:].reshape(3, columns)

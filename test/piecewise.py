@@ -11,43 +11,46 @@ from scipy.integrate import solve_ivp
 
 
 class Piecewise:
-    def __init__(self, system, rtol=1e-13, atol=1e-13):
+    def __init__(self, system, rtol=1e-12, atol=1e-13):
         self.s, self.rtol, self.atol = system, rtol, atol
-        d = system.driveline
+        d, e, p = system.driveline, system.engine, system.pressure
         self.i1, self.i2, self.c, self.k = d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness
         self.kinetic, self.pairs = sliding_of(system.friction)
         self.ratio = 1.0 + sum(c for c, _ in self.pairs)
+        self.sines = [(e.torque_amplitude, e.frequency, 0.0), *((a, n * e.frequency, phase) for n, (a, phase) in
+                                                                enumerate(zip(e.harmonic_amplitudes,
+                                                                              e.harmonic_phases), 2))]
+        self.mean = e.mean_torque
+        self.pressure = (system.torque_per_pressure * p.mean, system.torque_per_pressure * p.amplitude,
+                         p.frequency_ratio * e.frequency, p.phase)
 
     def engine(self, t):
-        e = self.s.engine
-        out = e.mean_torque + e.torque_amplitude * math.sin(e.frequency * t)
-        for n, (a, p) in enumerate(zip(e.harmonic_amplitudes, e.harmonic_phases), 2):
-            out += a * math.sin(n * e.frequency * t + p)
+        out = self.mean
+        for a, w, phase in self.sines:
+            out += a * math.sin(w * t + phase)
         return out
 
     def load(self, t):
-        p = self.s.pressure
-        return self.s.torque_per_pressure * (p.mean + p.amplitude
-                                             * math.sin(p.frequency_ratio * self.s.engine.frequency * t
-                                                                             + p.phase))
+        mean, amplitude, fast, phase = self.pressure
+        return mean + amplitude * math.sin(fast * t + phase)
 
     def need(self, t, y):
-        spring = self.c * y[2] + self.k * y[1]
-        return (self.i2 * self.engine(t) + self.i1 * spring) / (self.i1 + self.i2)
-
-    def friction(self, t, y, mode):
-        if mode == 0:
-            return self.need(t, y)
-        if mode == 2:
-            return 0.0
-        law = 1.0 + sum(c * math.exp(-a * max(mode * y[0], 0.0)) for c, a in self.pairs)
-        return mode * self.load(t) * law
+        return (self.i2 * self.engine(t) + self.i1 * (self.c * y[2] + self.k * y[1])) / (self.i1 + self.i2)
 
     def rates(self, t, y, mode):
-        torque = self.friction(t, y, mode)
-        plate = (torque - self.c * y[2] - self.k * y[1]) / self.i2
-        slip = 0.0 if mode == 0 else (self.engine(t) - torque) / self.i1 - plate
-        return [slip, y[2], plate, y[0] + y[2]]
+        v, angle, speed = float(y[0]), float(y[1]), float(y[2])
+        spring, engine = self.c * speed + self.k * angle, self.engine(t)
+        if mode == 0:
+            plate = (engine - spring) / (self.i1 + self.i2)
+            return [0.0, speed, plate, v + speed]
+        torque = 0.0
+        if mode != 2:
+            law = 1.0
+            for c, a in self.pairs:
+                law += c * math.exp(-a * max(mode * v, 0.0))
+            torque = mode * self.load(t) * law
+        plate = (torque - spring) / self.i2
+        return [(engine - torque) / self.i1 - plate, speed, plate, v + speed]
 
     def rest_mode(self, t, y):
         need, limit = self.need(t, y), self.ratio * self.load(t)
@@ -56,16 +59,14 @@ class Piecewise:
         return 1 if need > 0 else -1
 
     def run(self, end, times, slices=200):
-        """States at `times` (n, 4), transitions [(t, before, after)], and stick time; [0, end] in short slices."""
+        """States at `times` (n, 4), transitions [(t, before, after)], and stick time; steps of end/slices at most."""
         i = self.s.initial
         y = np.array([i.slip_speed, i.plate_angle, i.plate_speed, i.plate_angle])
-        t, out, changes, stuck = 0.0, np.empty((len(times), 4)), [], 0.0
+        t, out, changes, stuck, dense = 0.0, np.empty((len(times), 4)), [], 0.0, len(times) > 0
         mode = 2 if self.load(0.0) <= 0 else int(np.sign(y[0])) or self.rest_mode(0.0, y)
         departed = 0.0
         while t < end:
-            goal = min(end, t + end / slices)
-
-            run = self.piece(t, goal, y, mode, departed)
+            run = self.piece(t, end, y, mode, departed, dense, end / slices)
             new = run.t[-1]
             inside = (times >= t) & (times <= new)
             if inside.any():
@@ -87,7 +88,7 @@ class Piecewise:
                 changes.append((t, before, mode))
         return out, changes, stuck
 
-    def piece(self, start, goal, y, mode, departed):
+    def piece(self, start, goal, y, mode, departed, dense, longest):
         def crossing(t, y):
             if mode == 0:
                 return self.ratio * self.load(t) - abs(self.need(t, y))
@@ -99,5 +100,4 @@ class Piecewise:
         crossing.terminal = clamp.terminal = True
         crossing.direction, clamp.direction = -1, 1
         return solve_ivp(lambda t, y: self.rates(t, y, mode), (start, goal), y, method="DOP853", rtol=self.rtol,
-                         atol=self.atol,
-                         events=[crossing, clamp], dense_output=True)
+                         atol=self.atol, max_step=longest, events=[crossing, clamp], dense_output=dense)

@@ -27,8 +27,8 @@ class Integrated(Piecewise):
         slope = 0.0 if mode == 0 else -self.load(t) * 2.0 * (self.ratio - 1.0) * math.exp(-2.0 * v)
         return [*super().rates(t, y[:4], mode), slope * v * v, v * v, slope]
 
-    def piece(self, start, goal, y, mode, departed):
-        run = super().piece(start, goal, y if len(y) == 7 else np.append(y, np.zeros(3)), mode, departed)
+    def piece(self, start, goal, y, *rest):
+        run = super().piece(start, goal, y if len(y) == 7 else np.append(y, np.zeros(3)), *rest)
         self.integrals = run.y[4:, -1]
         return run
 

@@ -56,7 +56,7 @@ def test_noise_and_what_is_none_are_told_apart() -> None:
         assert (probability < 1e-4) != clean
 
 
-MISFITS = {"the scale of slip_speed": ({"scale": 1.01}, {}, 0.01, 0.001),
+MISFITS = {"the scale of slip_speed": ({"scale": 1.01}, {}, 0.01, 0.002),
            "the offset of slip_speed": ({"offset": 0.15}, {}, 0.15, 0.02),
            "the delay of plate_speed": ({"late": 3e-4}, {}, 3e-4, 5e-5),
            "driveline.flywheel_inertia": ({}, {"driveline.flywheel_inertia": 0.206}, -0.006, 0.001)}
