@@ -208,20 +208,19 @@ def piece_of(terms: Terms, begin: float, end: float) -> Terms:
     return terms._replace(profile=terms.profile[k:k + 1], far=None if terms.far is None else terms.far[k:k + 1])
 
 
-def _means(terms: Terms, column: int, mean: float) -> Floats:
-    """Return the values of a column of the profile, or the one constant mean."""
-    return np.array([mean]) if terms.profile is None else np.asarray(terms.profile[:, column])
+def _largest(terms: Terms, column: int, mean: float, sign: float = 1.0) -> float:
+    """Return the largest value of a column of the profile times `sign`, or that of the one constant mean."""
+    return sign * mean if terms.profile is None else float((sign * terms.profile[:, column]).max())
 
 
 def peak_load(terms: Terms) -> float:
     """Return the largest saturation torque, N m."""
-    mean = float(_means(terms, of.LOAD, terms.mean_load).max())
-    return mean + (abs(terms.pulsation[0]) if terms.pulsation is not None else 0.0)
+    return _largest(terms, of.LOAD, terms.mean_load) + (abs(terms.pulsation[0]) if terms.pulsation is not None else 0.0)
 
 
 def least_mean_load(terms: Terms) -> float:
     """Return the smallest saturation torque without its sine, N m."""
-    return float(_means(terms, of.LOAD, terms.mean_load).min())
+    return -_largest(terms, of.LOAD, terms.mean_load, -1.0)
 
 
 def held_and_left_out(terms: Terms) -> tuple[list[str], list[str]]:
@@ -245,17 +244,17 @@ def excitation_frequency(terms: Terms) -> float:
         found.append(float(terms.harmonics[:, 0].max()))
     if terms.profile is not None:
         found += terms.profile[0, of.SWELLS::of.SWELL].tolist()
-    return max(found) * float(_means(terms, of.FREQUENCY, 1.0).max())
+    return max(found) * _largest(terms, of.FREQUENCY, 1.0)
 
 
 def load_frequency(terms: Terms) -> float:
     """Return the largest angular frequency of the load, rad/s; 0 where it is constant."""
-    return (0.0 if terms.pulsation is None else terms.pulsation[1]) * float(_means(terms, of.FREQUENCY, 1.0).max())
+    return (0.0 if terms.pulsation is None else terms.pulsation[1]) * _largest(terms, of.FREQUENCY, 1.0)
 
 
 def largest_mean_torque(terms: Terms) -> float:
     """Return the largest size of the mean engine torque, N m."""
-    return float(np.abs(_means(terms, of.TORQUE, terms.mean_torque)).max())
+    return max(_largest(terms, of.TORQUE, terms.mean_torque, sign) for sign in (1.0, -1.0))
 
 
 def torque_swing(terms: Terms) -> float:

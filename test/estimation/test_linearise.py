@@ -90,12 +90,12 @@ def test_slip_without_slope_is_the_integrator_behind_the_plate() -> None:
     assert found.mean_slip == pytest.approx(30.0, abs=1e-6)
 
 
-@pytest.mark.parametrize(("engine", "amplitude", "highest"), [(2.0, 5.0, 1162.0), (150.0, 120.0, 1e5)])
+@pytest.mark.parametrize(("engine", "amplitude", "highest"), [(5.0, 12.0, 400.0), (150.0, 120.0, 2e4)])
 def test_a_response_is_within_one_percent_or_refused(engine: float, amplitude: float, highest: float) -> None:
-    """Slip alone, as above: 22 % off at 387 rad/s for an engine at 2 rad/s, and a factor of 17 at 1e5 rad/s."""
+    """Slip alone, as above: coarse parts were 22 % off at 387 rad/s for an engine at 2 rad/s."""
     scene = CONTROLLED.with_values({"friction.kinetic_coefficient": 0.3, "engine.frequency": engine,
                                     "engine.torque_amplitude": amplitude})
-    omegas = np.geomspace(3.0, highest, 7)
+    omegas = np.geomspace(3.0, highest, 4)
     found, s = linearise(scene, slip=30.0, frequencies=omegas), 1j * omegas
     exact = -0.3 * 0.08 * 0.1 * (1.0 / (0.2 * s) + s / (0.02 * s**2 + 0.6 * s + 3000.0))
     assert np.abs(found.response / exact - 1.0).max() < 0.01
@@ -139,7 +139,7 @@ def test_a_set_valued_motion_that_sticks_is_found_and_its_section_differentiated
 
 
 @pytest.mark.parametrize(("slip", "frequencies"), [
-    (20.0, [60.0, 387.0]), (6.0, [12.0, 60.0, 74.0, 75.0, 226.0, 387.0])])
+    (20.0, [387.0]), (6.0, [75.0, 226.0])])
 def test_periodic_motions_answer_as_simulated_ones(slip: float, frequencies: list[float]) -> None:
     """In slip, and with stick in every cycle, where a linear model about the mean is 20 dB and 80 degrees off; also at
     multiples of half the engine frequency and beside them, where side bands of a sine meet the answer to it.
@@ -152,8 +152,8 @@ def test_periodic_motions_answer_as_simulated_ones(slip: float, frequencies: lis
 
 def test_a_lag_and_a_delay_of_the_actuator_cost_the_phase_of_their_closed_form() -> None:
     """And that of a simulated response; the engine's torque does not pass the actuator."""
-    acted, omegas = CONTROLLED.with_values({"pressure.time_constant": 0.03, "pressure.delay": 0.005}), [12.0, 60.0]
-    plain, found = (linearise(scene, slip=20.0, frequencies=omegas, check=2 * (scene is acted))
+    acted, omegas = CONTROLLED.with_values({"pressure.time_constant": 0.03, "pressure.delay": 0.005}), [60.0]
+    plain, found = (linearise(scene, slip=20.0, frequencies=omegas, check=int(scene is acted))
                     for scene in (CONTROLLED, acted))
     np.testing.assert_allclose(found.gain / plain.gain, 1.0 / np.hypot(1.0, 0.03 * found.frequencies), rtol=1e-12)
     late = np.arctan(0.03 * found.frequencies) + 0.005 * found.frequencies
@@ -170,22 +170,22 @@ def test_means_of_cubics_over_the_parts_of_a_cycle_are_exact() -> None:
     assert simpson(DEFAULTS.parts) @ np.linspace(0.0, 1.0, DEFAULTS.parts + 1) ** 3 == pytest.approx(0.25, rel=1e-12)
 
 
-@pytest.mark.parametrize("inputs", INPUTS)
-def test_outputs_balance_where_slip_ends_within_a_part(inputs: str) -> None:
+def test_outputs_balance_where_slip_ends_within_a_part() -> None:
     """(2a): I1 d/dt (v + theta2') = Te - Tf, with theta2 from the shaft's torque, at every frequency and for means."""
     motion = operating_point(CONTROLLED.system, 2.0)
-    omegas, d, torque = np.array([4.0, 25.0, 110.0, 226.0, 350.0]), motion.system.driveline, inputs == "engine_torque"
-    slip, friction, shaft = (harmonic_transfer(motion, inputs, output, omegas) for output in OUTPUTS)
-    s = 1j * omegas
-    balanced = (torque - friction) / (d.flywheel_inertia * s) - s * shaft / (d.stiffness + d.damping * s)
-    assert slip == pytest.approx(balanced, rel=1e-3)
-    a, b, column = motion.carried.by_state[-1], motion.carried.by_input[-1], list(INPUTS).index(inputs)
+    omegas, d = np.array([4.0, 110.0, 226.0, 350.0]), motion.system.driveline
+    s, carried = 1j * omegas, motion.carried
     by_state, by_input = mean_rows(motion)
-    steady = (by_state @ np.linalg.solve(np.eye(3) - a, b) + by_input)[:, column]
-    slow = [harmonic_transfer(motion, inputs, output, np.array([1e-4]))[0].real
-            for output in ("slip_speed", "shaft_torque")]
-    assert [steady[0], d.stiffness * steady[1]] == pytest.approx(slow, rel=1e-4)
-    assert abs(steady[2]) < 1e-9 * abs(steady[0])
+    for column, inputs in enumerate(INPUTS):
+        slip, friction, shaft = (harmonic_transfer(motion, inputs, output, omegas) for output in OUTPUTS)
+        balanced = ((inputs == "engine_torque") - friction) / (d.flywheel_inertia * s)
+        assert slip == pytest.approx(balanced - s * shaft / (d.stiffness + d.damping * s), rel=1e-3)
+        start = np.linalg.solve(np.eye(3) - carried.by_state[-1], carried.by_input[-1])
+        steady = (by_state @ start + by_input)[:, column]
+        slow = [harmonic_transfer(motion, inputs, output, np.array([1e-4]))[0].real
+                for output in ("slip_speed", "shaft_torque")]
+        assert [steady[0], d.stiffness * steady[1]] == pytest.approx(slow, rel=1e-4)
+        assert abs(steady[2]) < 1e-9 * abs(steady[0])
 
 
 def test_a_simulated_response_is_that_of_an_independent_integrator() -> None:
@@ -226,10 +226,9 @@ def test_what_cannot_be_linearised_is_refused_in_one_sentence() -> None:
         linearise(CONTROLLED.with_values(CONSTANT | {"friction.law": "set_valued"}), slip=5.0, check=1)
 
 
-def test_the_command_writes_what_control_tools_take(tmp_path, capsys) -> None:
-    pytest.importorskip("matplotlib")
+def test_the_command_writes_what_control_tools_take(tmp_path, capsys, figures) -> None:
     names = {suffix: tmp_path / f"found{suffix}" for suffix in (".json", ".npz", ".png")}
-    words = ["linearise", "controlled", "--slip", "20", "--frequencies", "20:300:5", "--check", "1", "--json",
+    words = ["linearise", "controlled", "--slip", "20", "--frequencies", "200:300:3", "--check", "1", "--json",
              str(names[".json"]), "--out", str(names[".npz"]), "--plot", str(names[".png"])]
     assert cli.main(words) == 0
     assert "periodic motion of 1 period of excitation" in capsys.readouterr().out
@@ -237,7 +236,7 @@ def test_the_command_writes_what_control_tools_take(tmp_path, capsys) -> None:
     with np.load(names[".npz"]) as arrays:
         model = StateSpace(arrays["A"], arrays["B"], arrays["C"], arrays["D"], dt=float(arrays["dt"]))
         assert model.A.tolist() == found["A"]
-    assert found["frequencies"][0] == pytest.approx(20.0)
+    assert found["frequencies"][0] == pytest.approx(200.0)
     assert len(found["checked"]) == 1
     assert cli.main(words) == 2
     assert cli.main(["linearise", "controlled", "--frequencies", "2:0:5"]) == 2

@@ -46,7 +46,7 @@ class Raised:
         return self.commands[max(0, len(self.commands) - 1 - self.late)]
 
 
-def swing(law: Raised, seconds: float = 10.0) -> float:
+def swing(law: Raised, seconds: float = 5.0) -> float:
     """Peak to peak of the cycle means at the end in lock-step, rad/s."""
     run = tcc_sim.closed_loop("controlled", law, seconds)
     means = CycleMean(TUNING.cycle_steps)
@@ -57,14 +57,14 @@ def test_the_gain_margin_is_found_in_lock_step(loop: SlipLoop) -> None:
     assert loop.stable
     assert loop.gain_margin is not None
     assert 2.5 < loop.gain_margin < 4.0
-    assert swing(Raised(0.93 * loop.gain_margin)) < 0.1
-    assert swing(Raised(1.07 * loop.gain_margin)) > 1.0
+    assert swing(Raised(0.9 * loop.gain_margin)) < 0.1
+    assert swing(Raised(1.1 * loop.gain_margin)) > 1.0
 
 
 def test_the_largest_delay_is_found_in_lock_step(loop: SlipLoop) -> None:
     assert loop.largest_delay is not None
     ticks = loop.largest_delay / 1e-3
-    assert swing(Raised(late=round(0.93 * ticks))) < 1.0
+    assert swing(Raised(late=round(0.93 * ticks)), 10.0) < 1.0
     assert swing(Raised(late=round(1.07 * ticks))) > 3.0
 
 
