@@ -48,66 +48,76 @@ class Reference:
     size: Floats
 
 
-@dataclass
 class Law:
-    """Equations (1), (2) of one system with its friction law, as plain functions of time and state."""
+    """Equations (1), (2) of one system with its friction law, as plain functions of time and state.
 
-    system: System
-    left: float = math.inf
-    """Number of further allowed evaluations of `rates`."""
+    left : number of further allowed evaluations of `rates`
+    """
+
+    def __init__(self, system: System, left: float = math.inf) -> None:
+        self.system, self.left = system, left
+        d, e, p, f = system.driveline, system.engine, system.pressure, system.friction
+        self._driveline = d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness
+        self._torque = e.mean_torque, e.torque_amplitude, e.frequency
+        self._harmonics = [(a, n * e.frequency, phase) for n, (a, phase) in enumerate(
+            zip(e.harmonic_amplitudes, e.harmonic_phases), 2)]
+        self._load = system.torque_per_pressure, p.mean, p.amplitude, p.frequency_ratio * e.frequency, p.phase
+        self._friction = system.friction_ratio - 1.0, f.decay, f.smoothing
 
     def engine(self, t: float) -> float:
         """Return Te(t), N m."""
-        e = self.system.engine
-        out = e.mean_torque + e.torque_amplitude * math.sin(e.frequency * t)
-        for n, (amplitude, phase) in enumerate(zip(e.harmonic_amplitudes, e.harmonic_phases), 2):
-            out += amplitude * math.sin(n * e.frequency * t + phase)
+        mean, amplitude, frequency = self._torque
+        out = mean + amplitude * math.sin(frequency * t)
+        for amplitude, frequency, phase in self._harmonics:
+            out += amplitude * math.sin(frequency * t + phase)
         return out
 
     def load(self, t: float) -> float:
         """Return Ts(t) before the clamp at 0, N m."""
-        p = self.system.pressure
-        pulsation = p.amplitude * math.sin(p.frequency_ratio * self.system.engine.frequency * t + p.phase)
-        return self.system.torque_per_pressure * (p.mean + pulsation)
+        per_pressure, mean, amplitude, frequency, phase = self._load
+        return per_pressure * (mean + amplitude * math.sin(frequency * t + phase))
 
     def need(self, t: float, y: Any) -> float:
         """Return the friction torque at which v' = 0, N m."""
-        d = self.system.driveline
-        spring: float = d.damping * y[2] + d.stiffness * y[1]
-        return (d.plate_inertia * self.engine(t) + d.flywheel_inertia * spring) / (d.flywheel_inertia + d.plate_inertia)
+        i1, i2, damping, stiffness = self._driveline
+        spring: float = damping * y[2] + stiffness * y[1]
+        return (i2 * self.engine(t) + i1 * spring) / (i1 + i2)
 
-    def coefficient(self, v: float, mode: int) -> tuple[float, float]:
-        """Return mubar and its slope: law (7) for mode 3, the slip branch of (6) for mode +1 and -1."""
-        f = self.system.friction
-        excess = self.system.friction_ratio - 1.0
+    def slope(self, v: float, mode: int) -> float:
+        """Return the slope of `coefficient`."""
+        excess, decay, smoothing = self._friction
         if mode != 3:
-            falling = excess * math.exp(-f.decay * max(mode * v, 0.0))
-            return mode * (1.0 + falling), -f.decay * falling
-        falling = excess * math.exp(-f.decay * abs(v))
-        step = math.tanh(f.smoothing * v)
-        rise = f.smoothing * (1.0 - step) * (1.0 + step)
-        return (1.0 + falling) * step, rise * (1.0 + falling) - math.copysign(f.decay * falling * step, v) * (v != 0.0)
+            return -decay * (excess * math.exp(-decay * max(mode * v, 0.0)))
+        falling = excess * math.exp(-decay * abs(v))
+        step = math.tanh(smoothing * v)
+        rise = smoothing * (1.0 - step) * (1.0 + step)
+        return rise * (1.0 + falling) - math.copysign(decay * falling * step, v) * (v != 0.0)
 
-    def friction(self, t: float, y: Any, mode: int) -> float:
-        """Return Tf, N m."""
-        if mode == 0:
-            return self.need(t, y)
-        return 0.0 if mode == 2 else max(self.load(t), 0.0) * self.coefficient(y[0], mode)[0]
+    def coefficient(self, v: float, mode: int) -> float:
+        """Return mubar: law (7) for mode 3, the slip branch of (6) for mode +1 and -1."""
+        excess, decay, smoothing = self._friction
+        if mode != 3:
+            return mode * (1.0 + excess * math.exp(-decay * max(mode * v, 0.0)))
+        return (1.0 + excess * math.exp(-decay * abs(v))) * math.tanh(smoothing * v)
 
     def rates(self, t: float, y: Any, mode: int) -> list[float]:
         """Return the derivative of (v, theta2, omega2)."""
-        d = self.system.driveline
         self.left -= 1
         if self.left < 0:
             raise Unfinished(f"more than {EVALUATIONS} evaluations")
-        torque = self.friction(t, y, mode)
-        plate = (torque - d.damping * y[2] - d.stiffness * y[1]) / d.plate_inertia
-        return [0.0 if mode == 0 else (self.engine(t) - torque) / d.flywheel_inertia - plate, y[2], plate]
+        i1, i2, damping, stiffness = self._driveline
+        v, angle, speed = map(float, y)
+        if mode == 0:
+            torque = self.need(t, (v, angle, speed))
+        else:
+            torque = 0.0 if mode == 2 else max(self.load(t), 0.0) * self.coefficient(v, mode)
+        plate = (torque - damping * speed - stiffness * angle) / i2
+        return [0.0 if mode == 0 else (self.engine(t) - torque) / i1 - plate, speed, plate]
 
     def jacobian(self, t: float, y: Any, mode: int) -> Floats:
         """Return the derivative of `rates` with respect to the state."""
         d = self.system.driveline
-        slope = 0.0 if mode in (0, 2) else max(self.load(t), 0.0) * self.coefficient(y[0], mode)[1]
+        slope = 0.0 if mode in (0, 2) else max(self.load(t), 0.0) * self.slope(y[0], mode)
         back: Floats = np.array([slope, -d.stiffness, -d.damping])
         if mode == 0:
             share = d.flywheel_inertia / (d.flywheel_inertia + d.plate_inertia) - 1.0
