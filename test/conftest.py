@@ -49,10 +49,11 @@ def refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capt
 
 @pytest.fixture
 def figures(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """Every figure that is saved, without the time of drawing its file, which is empty; skips without matplotlib."""
+    """Every figure that is saved, neither laid out nor drawn into its file, which stays empty; needs matplotlib."""
     pytest.importorskip("matplotlib")
     from tcc_sim.views import style
 
     found: list[Any] = []
     monkeypatch.setattr(style, "save", lambda drawn, path: found.append(drawn) or path.touch() or path)
+    monkeypatch.setattr(style, "_lay_out", lambda drawn: None)
     return found

@@ -46,7 +46,7 @@ MEASURING = "cli.measuring"
 
 HEAVY = ["numpy", "numba", "scipy", "yaml", "mcap", "zstandard", "lz4", "rclpy", "rerun", "matplotlib", "distributed",
          "tqdm"]
-GROWING = ["analysis.stream.RunCycles", "benchmarks.precision_report.StudiedScene", "benchmarks.references.Law",
+GROWING = ["analysis.stream.RunCycles", "benchmarks.precision_report.StudiedScene",
            "continuation.branch.Branch", "continuation.motions.Motions",
            "paper.branches_behind.StableMotions", "paper.evidence.Evidence", "recording.contents.Contents",
            "recording.mcap_file.FileSummary",

@@ -200,7 +200,7 @@ def test_the_steady_error_is_that_of_the_last_cycles():
     assert precision.steady_error(section, largest, 4.0) == pytest.approx(0.5)
 
 
-def test_an_interrupted_study_writes_what_is_complete(tiny, tmp_path, capsys, monkeypatch):
+def test_an_interrupted_study_writes_what_is_complete(tiny, tmp_path, capsys, monkeypatch, figures):
     def interrupted(system, *how):
         if system.friction.law == "set_valued":
             raise KeyboardInterrupt

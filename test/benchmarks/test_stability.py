@@ -60,12 +60,8 @@ def test_the_power_balance_and_the_energy_bound_notice_what_is_wrong():
 
 
 CASES = [{}, {"friction.kinetic_coefficient": 0.075, "friction.smoothing": 1e9},
-         {"share": 1.5, "pressure.phase": math.pi},
-         {"pressure.mean": 0.0}, {"pressure.mean": 1e7}, {"driveline.plate_inertia": 5e-4, "initial.slip_speed": 0.0},
-         {"engine.frequency": 5000.0, "initial.slip_speed": 1e4}, extremes.grazing()[2], extremes.command_steps()[3],
-         {"driveline.damping": 50.0, "friction.decay": 50.0, "friction.smoothing": 10.0},
-         {"driveline.stiffness": 1e5, "driveline.flywheel_inertia": 10.0, "pressure.frequency_ratio": math.sqrt(2.0)},
-         {"tick": 5e-3}]
+         {"share": 1.5, "pressure.phase": math.pi}, {"pressure.mean": 0.0},
+         {"engine.frequency": 5000.0, "initial.slip_speed": 1e4}, extremes.grazing()[2], {"tick": 5e-3}]
 
 
 @pytest.mark.parametrize("keys", CASES, ids=lambda keys: ",".join(keys) or "base")
@@ -143,9 +139,9 @@ def test_the_largest_errors_have_their_reasons():
 
 @pytest.fixture
 def tiny(monkeypatch):
-    """A report of three scenes and charts of four cells."""
+    """A report of three scenes and charts of two cells."""
     monkeypatch.setattr(stability, "QUICK_COUNT", 3)
-    for table, kept in ((stability.OVER, slice(1, 5)), (stability.METHODS, slice(-4, None))):
+    for table, kept in ((stability.OVER, slice(1, 3)), (stability.METHODS, slice(-4, None))):
         for name, values in tuple(table.items()):
             monkeypatch.setitem(table, name, values[kept])
 
