@@ -46,7 +46,7 @@ def least_dip(size, within):
 def margin_by_scipy(kind, system, x, cycles, closes=1e-9):
     """The margin that vanishes at this kind of border, of the periodic motion through x; the motion must close."""
     start = dict(zip(("initial.slip_speed", "initial.plate_angle", "initial.plate_speed"), map(float, x)))
-    plant, end = Piecewise(replace(system, start)), cycles * system.cycle
+    plant, end = Piecewise(replace(system, start), rtol=1e-13), cycles * system.cycle
     times = np.linspace(0.0, end, 4000 * cycles + 1)
     states, changes, _ = plant.run(end, times, slices=25 * cycles)
     np.testing.assert_allclose(states[-1, :3], x, rtol=closes, atol=closes)
@@ -135,7 +135,7 @@ def test_every_border_of_a_folded_branch_is_met_with_its_margin() -> None:
     assert max(f.residual for f in found.bifurcations) < 1e-8
 
 
-@pytest.mark.parametrize(("start", "multiplier"), [(57.456, -815.0), (57.42, 1.5), (57.40, 0.85), (57.46445, -815.0)])
+@pytest.mark.parametrize(("start", "multiplier"), [(57.40, 0.85), (57.46445, -815.0)])
 def test_a_branch_turns_at_a_border_beyond_which_it_has_no_motion(start, multiplier):
     """At the grazing at 57.4644614 rad/s two unstable motions meet, both on the same side of it: Newton's method goes
     to and fro between the two sides beyond, and what it nearly solves there was taken for a motion, from which the
