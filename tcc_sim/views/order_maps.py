@@ -24,6 +24,7 @@ HELD = 1e-3
 LINES = 5
 """Number of decades in a spectrum."""
 QUANTITIES = {"slip_speed": ("Slip speed", "rad/s"), "shaft_torque": ("Shaft torque", "N m")}
+ORDER = "crank order"
 SHORT = {"slip_speed": "Slip", "shaft_torque": "Torque"}
 """Names in the titles of narrow panels."""
 
@@ -154,7 +155,7 @@ def _spectrum(axis: Any, found: Spectrum, name: str) -> None:
         unit = f"({unit})" if "/" in unit or " " in unit else unit
         axis.set(ylabel=f"density ({unit}$^2$/Hz)")
     axis.set(yscale="log", ylim=(top * 10.0**-(LINES if values is not None else 2 * LINES), 3.0 * top),
-             xlabel="order", xlim=(0.0, float(order[-1])))
+             xlabel=ORDER, xlim=(0.0, float(order[-1])))
     each = float(found.frequency[-1] / found.order[-1])
     above = axis.secondary_xaxis("top", functions=(lambda x: x * each, lambda x: x / each))
     above.set_xlabel("frequency (rad/s)")
@@ -181,11 +182,6 @@ def _along(found: Orders) -> tuple[Floats, str]:
     least = HELD * float(found.frequency.mean()) / max(len(steps), 1)
     rises = len(steps) > 0 and bool(np.all(steps > least) or np.all(steps < -least))
     return (found.frequency, "engine frequency (rad/s)") if rises else (found.time, "time (s)")
-
-
-def _order_label(found: Orders) -> str:
-    """Return the label of an axis over orders."""
-    return "crank order" if found.per_revolution != 1.0 else "order"
 
 
 def _top(amplitude: Floats, found: Orders) -> float:
@@ -220,7 +216,7 @@ def _map(axis: Any, found: Orders, amplitude: Floats, unit: str, top: float | No
         axis.plot(along, np.where((order <= highest) & (order >= lowest), order, np.nan), color="white", lw=0.9,
                   ls=(0, (4, 2)))
         _name_mode(axis, along, order, f"{name}, {speed(omega, 4)}", (lowest, highest), found.per_revolution)
-    axis.set(xlabel=over, ylabel=_order_label(found), ylim=(lowest, highest))
+    axis.set(xlabel=over, ylabel=ORDER, ylim=(lowest, highest))
 
 
 def _name_mode(axis: Any, along: Floats, order: Floats, text: str, within: tuple[float, float], each: float) -> None:
@@ -249,5 +245,5 @@ def _difference(axis: Any, found: OrderComparison, name: str, top: float) -> Non
                             shading="nearest", rasterized=True)
     axis.figure.colorbar(image, ax=axis, label="simulated less measured, dB", pad=0.015, aspect=28)
     axis.grid(False)
-    axis.set(xlabel=over, ylabel=_order_label(found.measured),
+    axis.set(xlabel=over, ylabel=ORDER,
              ylim=(0.25 * found.measured.per_revolution, float(found.measured.order[-1])))
