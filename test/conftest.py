@@ -49,11 +49,20 @@ def refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capt
 
 @pytest.fixture
 def figures(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """Every figure that is saved, neither laid out nor drawn into its file, which stays empty; needs matplotlib."""
+    """Every figure that is saved, in its units but neither laid out nor drawn; its file is empty. Skips without
+    matplotlib.
+    """
     pytest.importorskip("matplotlib")
     from tcc_sim.views import style
 
     found: list[Any] = []
-    monkeypatch.setattr(style, "save", lambda drawn, path: found.append(drawn) or path.touch() or path)
-    monkeypatch.setattr(style, "_lay_out", lambda drawn: None)
+
+    def save(drawn: Any, path: Path) -> Path:
+        style.convert_axes(drawn)
+        found.append(drawn)
+        path.touch()
+        return path
+
+    monkeypatch.setattr(style, "save", save)
+    monkeypatch.setattr(style, "lay_out", lambda drawn: None)
     return found

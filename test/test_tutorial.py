@@ -19,7 +19,7 @@ from tcc_sim.scene import load_scene
 
 PAGE = Path(__file__).resolve().parent.parent / ".github" / "guide" / "tutorial.md"
 STEP = re.compile(r"^```(python|text) ?(\S*)\n(.*?)^```|^    (\S[^\n]*)\n", re.DOTALL | re.MULTILINE)
-RECORDED, PACED = "--scene controlled --duration 3", "--scene paced.yaml --duration 2"
+RECORDED, PACED = "--scene controlled --duration 3", "--scene paced.yaml --duration 1"
 """Options of the page, and those of the test: in lock-step, so that a busy machine makes no late commands."""
 NOT_RUN = ("tcc-sim demo --scene rig.yaml",)
 """Commands that need a quiet machine: a node against the clock."""

@@ -125,7 +125,7 @@ def save(drawn: Any, path: Path) -> Path:
     check_suffix(path, SUFFIXES)
     convert_axes(drawn)
     if drawn.get_layout_engine() is not None:
-        _lay_out(drawn)
+        lay_out(drawn)
     drawn.savefig(path, metadata=SUFFIXES[path.suffix])
     return path
 
@@ -177,7 +177,7 @@ def label_of(key: str) -> str:
     return key if meant is None else f"{meant.label or key}{meant.unit and f' ({meant.unit})'}"
 
 
-def _lay_out(drawn: Any) -> None:
+def lay_out(drawn: Any) -> None:
     """Place the axes of a figure for good; with a layout engine, every file would be drawn twice. The positions are
     rounded, since the engine leaves their last digits different every time.
     """
@@ -209,7 +209,7 @@ def _keep_numbers_plain(drawn: Any) -> None:
 
 def save_both(drawn: Any, stem: Path) -> tuple[Path, Path]:
     """Write `stem`.png and `stem`.svg with one layout, or one file if `stem` has the suffix of a picture."""
-    _lay_out(drawn)
+    lay_out(drawn)
     if stem.suffix in SUFFIXES:
         return stem, save(drawn, stem)
     raster = save(drawn, stem.with_name(stem.name + ".png"))

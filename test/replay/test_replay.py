@@ -166,7 +166,7 @@ def test_everything_goes_to_rerun(tmp_path):
     pytest.importorskip("rerun")
     path = tmp_path / "run.rrd"
     replay(bag(tmp_path / "run", slip(2.0) + slip(1.0), "slip"), rrd=path)
-    assert python("-m", "rerun", "rrd", "verify", str(path), HOME=str(tmp_path)).returncode == 0
+    assert python("-m", "rerun_cli", "rrd", "verify", str(path), HOME=str(tmp_path)).returncode == 0
     rows, static = rerun_rows(path), 1
     assert rows["/slip/speed"] == 3002 + static
     assert rows["/cycles/largest"] == rows["/phase/section"] == 47 + 23 + static

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import socket
-import subprocess
 import sys
 import threading
 from pathlib import Path
@@ -13,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from full_disk import full_disk
+from interpreter import python, rerun_rows
 
 from tcc_sim.analysis.control import Event
 from tcc_sim.errors import InputError, TccError
@@ -34,8 +34,7 @@ def _home(tmp_path_factory, monkeypatch):
 
 
 def rerun_tool(*arguments):
-    return subprocess.run([sys.executable, "-m", "rerun", "rrd", *map(str, arguments)], capture_output=True, text=True,
-                          timeout=120, check=False)
+    return python("-m", "rerun_cli", "rrd", *map(str, arguments))
 
 
 def batch(first, count):
@@ -46,14 +45,6 @@ def batch(first, count):
 
 def cycles_of(count):
     return Cycles(np.ones((count + 1, 3)), np.full(count, 20.0), np.full(count, -20.0), np.zeros(count))
-
-
-def rows(path):
-    """Rows by entity path, counted by Rerun itself."""
-    found = {}
-    for count, entity in re.findall(r"with (\d+) rows .*? - (/\S+) - data", rerun_tool("print", path).stdout):
-        found[entity] = found.get(entity, 0) + int(count)
-    return found
 
 
 def test_the_file_is_accepted_and_holds_every_sample(tmp_path):
@@ -67,7 +58,7 @@ def test_the_file_is_accepted_and_holds_every_sample(tmp_path):
         stream.text("# Summary")
     checked = rerun_tool("verify", path)
     assert checked.returncode == 0, checked.stderr
-    found = rows(path)
+    found = rerun_rows(path)
     static = 1
     for entity in ("/torque/engine", "/torque/friction", "/slip/speed", "/plate/angle", "/plate_speed/speed"):
         assert found[entity] == 1500 + static
@@ -178,7 +169,7 @@ def test_a_controllers_test_is_in_the_file_and_in_the_layout(tmp_path):
                         "engine_torque": (at[1:], np.array([310.0]))},
                        [Event(0.25, "pressure falls back: no command for 0.5 s")])
         stream.samples(*batch(0, 500), new_run=True)
-    found, every = rows(path), printed(path)
+    found, every = rerun_rows(path), printed(path)
     static = 1
     expected = {"/control/mean": 2, "/control/target": 2, "/pressure/applied": 2, "/pressure/command": 1,
                 "/torque/engine_command": 1, "/event/mark": 2}
