@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import time
+from dataclasses import astuple
 from functools import cache
 
 import numpy as np
@@ -102,7 +103,7 @@ def test_a_tighter_setting_is_nearer_the_truth(name: str) -> None:
 def test_engine_work_is_stored_or_lost(name: str) -> None:
     system = system_for(name)
     d = system.driveline
-    found = run(name, system, cycles=1, samples_per_cycle=40_000)
+    found = run(name, system, cycles=1, samples_per_cycle=10_000)
     v, w = found.slip_speed, found.plate_speed
     power = found.engine_torque * (v + w) - found.friction_torque * v - d.damping * w**2
     energy = 0.5 * (d.flywheel_inertia * (v + w)**2 + d.plate_inertia * w**2 + d.stiffness * found.plate_angle**2)
@@ -114,7 +115,9 @@ def test_engine_work_is_stored_or_lost(name: str) -> None:
 @pytest.mark.parametrize("part", [0.03, 1.37])
 def test_it_ends_exactly_where_it_was_asked_to(name: str, part: float) -> None:
     system = system_for(name)
+    began = time.perf_counter()
     found = run(name, system, loose(name), duration=part * system.cycle, samples_per_cycle=7)
+    assert 0.0 < found.statistics.seconds <= time.perf_counter() - began
     assert found.t[-1] == part * system.cycle
     assert found.t[0] == 0.0
     assert np.all(np.diff(found.t) > 0.0)
@@ -124,15 +127,11 @@ def test_it_ends_exactly_where_it_was_asked_to(name: str, part: float) -> None:
 @solvers
 def test_a_run_goes_on_from_any_cycle_boundary(name: str) -> None:
     system = system_for(name)
-    whole = run(name, system, cycles=2, flywheel_angle=True)
-    first = run(name, system, cycles=1, flywheel_angle=True)
-    rest = run(name, system, cycles=1, start_cycle=1, state=first.final, flywheel_angle=True)
+    whole = run(name, system, cycles=2, samples_per_cycle=1, flywheel_angle=True)
+    states = np.transpose([whole.slip_speed, whole.plate_angle, whole.plate_speed, whole.flywheel_angle])
+    rest = run(name, system, cycles=1, start_cycle=1, state=State(*states[1]), flywheel_angle=True)
     assert rest.t[0] == system.cycle
-    for one, other in ((rest.final.slip_speed, whole.final.slip_speed),
-                       (rest.final.plate_angle, whole.final.plate_angle),
-                       (rest.final.plate_speed, whole.final.plate_speed),
-                       (rest.final.flywheel_angle, whole.final.flywheel_angle)):
-        assert one == pytest.approx(other, rel=accuracy(name), abs=1e-6)
+    assert astuple(rest.final) == pytest.approx(states[2], rel=accuracy(name), abs=1e-6)
 
 
 @solvers
@@ -160,13 +159,6 @@ def test_a_start_that_is_no_state_is_refused(name: str, state: State) -> None:
 def test_a_start_beyond_all_bounds_ends_with_a_status(name: str) -> None:
     found = solve(system_for(name), cycles=1, solver=name, state=State(1e300, 0.0, -1e300))
     assert found.status is not Status.DONE or np.all(np.isfinite(found.slip_speed))
-
-
-@solvers
-def test_a_solve_takes_no_longer_than_it_says(name: str) -> None:
-    began = time.perf_counter()
-    found = run(name, system_for(name), loose(name), cycles=1)
-    assert 0.0 < found.statistics.seconds <= time.perf_counter() - began
 
 
 FALLING = replace(System(), {"pressure.mean": 225e3, "pressure.amplitude": 5e4, "friction.kinetic_coefficient": 0.24,

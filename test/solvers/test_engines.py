@@ -51,16 +51,12 @@ SCENES = {
     "clamped pressure": {"pressure.amplitude": 300e3},
     "heavy damping": {"driveline.damping": 40.0, "engine.torque_amplitude": 500.0},
     "critical damping": {"driveline.damping": 2.0 * math.sqrt(60.0), "engine.torque_amplitude": 500.0},
-    "no damping": {"driveline.damping": 0.0},
-    "r = 1.25": {"friction.kinetic_coefficient": 0.24},
     "fig02": FIG02,
     "harmonics, pressure at 2/3": {**FIG02, "engine.harmonic_amplitudes": (80.0, 40.0),
                                    "engine.harmonic_phases": (0.3, 1.0), "pressure.frequency_ratio": 2.0 / 3.0},
-    "r = 2, pressure": {**FIG02, "friction.kinetic_coefficient": 0.15},
     "r = 2, reversals": {"friction.kinetic_coefficient": 0.15, "pressure.mean": 300e3, "engine.torque_amplitude": 700.0,
                          "engine.mean_torque": 0.0},
     "r = 1.5, clamped": {"friction.kinetic_coefficient": 0.2, "pressure.amplitude": 250e3, "engine.mean_torque": 100.0},
-    "r = 0.7, pressure": {**FIG02, "friction.kinetic_coefficient": 0.43},
     "r = 0.4, slow, reversals": {"friction.kinetic_coefficient": 0.75, "friction.decay": 0.2, "pressure.mean": 1e5,
                                  "engine.torque_amplitude": 700.0, "engine.mean_torque": 0.0},
     "r = 1.5, constant law": {"friction.kinetic_coefficient": 0.2, "friction.decay": 0.0},
@@ -90,7 +86,7 @@ def truth(system, cycles, per_cycle):
 @pytest.mark.parametrize(("name", "scene"), [(name, scene) for name in ENGINES for scene in SCENES]
                          + [("smoothed", scene) for scene in SHARP])
 def test_agrees_with_scipy(name, scene):
-    engine, cycles, per_cycle = ENGINES[name], {"smoothed": 2, "event_driven": 5}[name], 40
+    engine, cycles, per_cycle = ENGINES[name], {"smoothed": 1, "event_driven": 3}[name], 40
     system = engine.system({**SCENES, **SHARP}[scene])
     run = solve(system, cycles=cycles, samples_per_cycle=per_cycle, rtol=engine.rtol)
     assert (run.status, run.solver) == (Status.DONE, name)
@@ -255,7 +251,7 @@ TURNED: dict[str, dict[str, Any]] = {
                            "engine.harmonic_amplitudes": (80.0, 40.0), "engine.harmonic_phases": (0.3, 1.0)},
     "overdamped": {**LOADED, "driveline.damping": 9794.0, "driveline.plate_inertia": 0.0016, "engine.mean_torque": 40.3,
                    "engine.torque_amplitude": 900.7},
-    "light plate": {**LOADED, "driveline.plate_inertia": 1e-4, "driveline.damping": 10.0},
+    "light plate": {**LOADED, "driveline.plate_inertia": 4e-4, "driveline.damping": 10.0},
 }
 LAWS = {"smoothed": ("smoothed", "smoothed.solve"), "event_driven": ("set_valued", "event_driven.solve"),
         "fixed_step": ("smoothed", "fixed_step_solve")}
@@ -276,7 +272,7 @@ def test_turning_every_sign_turns_every_bit(engine: str, name: str, monkeypatch:
 
     def run(state: State) -> Trajectory:
         system = replace(System(), {**TURNED[name], "friction.law": law})  # What follows from a system is kept with it.
-        cycles = 1 if engine == "fixed_step" else 3  # A light plate takes 6000 sub-steps a tick.
+        cycles = 1 if engine == "fixed_step" else 3  # A light plate takes 1500 sub-steps a tick.
         found: Trajectory = module.solve(Problem(system, state, cycles=cycles, samples_per_cycle=50))
         return found.raise_for_status()
 

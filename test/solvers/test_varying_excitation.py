@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from oracle import coefficient_and_slope
-from scipy.integrate import solve_ivp
+from scipy.integrate import odeint
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
@@ -33,31 +33,34 @@ END = 0.13
 
 @cache
 def truth(system: System) -> np.ndarray:
-    """Final slip speed, plate angle, plate speed and phase, by DOP853 at 1e-12, restarted at every point."""
+    """Final slip speed, plate angle, plate speed and phase, by LSODA at 1e-13, restarted at every point: between two
+    of them every profile is a line.
+    """
     e, p, f, d = system.engine, system.pressure, system.friction, system.driveline
-    ratio = f.static_coefficient / f.kinetic_coefficient
+    pairs = [(f.static_coefficient / f.kinetic_coefficient - 1.0, f.decay)]
     per_pressure = f.kinetic_coefficient * system.clutch.area * system.clutch.radius
-
-    def rates(t, y):
-        v, angle, speed, phase = y
-        first, higher = e.torque_amplitude, e.harmonic_amplitudes
-        if e.torque_amplitude_times:
-            first = np.interp(t, e.torque_amplitude_times, e.torque_amplitude_values)
-            higher = [np.interp(t, e.harmonic_amplitudes_times, e.harmonic_amplitudes_values[k::2]) for k in (0, 1)]
-        te = np.interp(t, e.mean_torque_times, e.mean_torque_values) + first * math.sin(phase)
-        for n, (a, shift) in enumerate(zip(higher, e.harmonic_phases), 2):
-            te += a * math.sin(n * phase + shift)
-        load = np.interp(t, p.mean_times, p.mean_values) + p.amplitude * math.sin(p.frequency_ratio * phase + p.phase)
-        tf = coefficient_and_slope(v, [(ratio - 1.0, f.decay)], f.smoothing)[0] * per_pressure * max(load, 0.0)
-        plate = (tf - d.damping * speed - d.stiffness * angle) / d.plate_inertia
-        return [(te - tf) / d.flywheel_inertia - plate, speed, plate,
-                np.interp(t, e.frequency_times, e.frequency_values)]
-
-    points = sorted({0.0, END, *e.frequency_times, *e.mean_torque_times, *p.mean_times, *e.torque_amplitude_times,
-                     *e.harmonic_amplitudes_times})
+    profiles = [(e.frequency_times, e.frequency_values), (e.mean_torque_times, e.mean_torque_values),
+                (p.mean_times, p.mean_values),
+                (e.torque_amplitude_times or (0.0,), e.torque_amplitude_values or (e.torque_amplitude,)),
+                *((e.harmonic_amplitudes_times or (0.0,), (e.harmonic_amplitudes_values or e.harmonic_amplitudes)[k::2])
+                  for k in (0, 1))]
+    points = sorted({0.0, END, *itertools.chain(*(times for times, _ in profiles))})
     y = np.array([system.initial.slip_speed, 0.0, 0.0, 0.0])
     for begin, end in itertools.pairwise(points):
-        y = solve_ivp(rates, (begin, end), y, "DOP853", rtol=1e-12, atol=[1e-11, 1e-13, 1e-10, 1e-12]).y[:, -1]
+        lines = [np.interp([begin, end], *profile).tolist() for profile in profiles]
+
+        def rates(t, y, begin=begin, end=end, lines=lines):
+            v, angle, speed, phase = map(float, y)
+            share = (t - begin) / (end - begin)
+            frequency, te, load, *amplitudes = [a + share * (b - a) for a, b in lines]
+            for n, (a, shift) in enumerate(zip(amplitudes, (0.0, *e.harmonic_phases)), 1):
+                te += a * math.sin(n * phase + shift)
+            load += p.amplitude * math.sin(p.frequency_ratio * phase + p.phase)
+            tf = coefficient_and_slope(v, pairs, f.smoothing)[0] * per_pressure * max(load, 0.0)
+            plate = (tf - d.damping * speed - d.stiffness * angle) / d.plate_inertia
+            return [(te - tf) / d.flywheel_inertia - plate, speed, plate, frequency]
+
+        y = odeint(rates, y, [begin, end], tfirst=True, rtol=1e-13, atol=[1e-12, 1e-14, 1e-11, 1e-13], mxstep=9999)[-1]
     return y
 
 
@@ -76,7 +79,7 @@ COMPARED = [("lsoda", {"rtol": 1e-10}, 1e-6), ("bdf", {"rtol": 1e-7}, 1e-4), ("r
 
 @pytest.mark.parametrize(("system", "name", "setting", "allowed"), [
     *((STICK_SLIP, *row) for row in BY_ENGINES + COMPARED),
-    *((SWELLING, *row) for row in [*BY_ENGINES, ("radau", {"rtol": 1e-9}, 1e-6)])])
+    *((SWELLING, *row) for row in [*BY_ENGINES, ("radau", {"rtol": 1e-7}, 1e-4)])])
 def test_final_states_through_all_profiles(system, name, setting, allowed):
     assert error(name, system, **setting) < allowed
 
@@ -141,7 +144,7 @@ def test_solvers_that_cannot_say_who_can():
 def test_cycles_and_samples_of_the_fast_engine_are_those_of_lsoda(slips):
     system = SLIP if slips else STICK_SLIP
     one, other = (solve(system, solver=name, duration=END, samples_per_cycle=16, rtol=rtol)
-                  for name, rtol in (("smoothed", 1e-9), ("lsoda", 1e-11)))
+                  for name, rtol in (("smoothed", 1e-9), ("lsoda", 1e-10)))
     np.testing.assert_array_equal(one.t, other.t)
     np.testing.assert_allclose(one.slip_speed, other.slip_speed, atol=2e-6)
     np.testing.assert_allclose(one.engine_torque, other.engine_torque, rtol=1e-12)
@@ -154,7 +157,7 @@ def test_a_clamp_that_sets_in_and_ends_while_everything_varies():
     clamped = replace(STICK_SLIP, {"pressure.amplitude": 3e5, "pressure.frequency_ratio": 2.3, "pressure.mean_values":
                                    [0.0, 240e3, 100e3]})
     one, other = (solve(clamped, solver=name, duration=END, rtol=rtol).final
-                  for name, rtol in (("smoothed", 1e-9), ("lsoda", 1e-11)))
+                  for name, rtol in (("smoothed", 1e-9), ("lsoda", 1e-9)))
     assert one.slip_speed == pytest.approx(other.slip_speed, abs=1e-4)
     assert one.plate_angle == pytest.approx(other.plate_angle, abs=1e-6)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import time
 import warnings
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.integrate import BDF, DOP853, LSODA, RK45, Radau
 
-from tcc_sim.compiling.compiled import compiled, smoothed_and_slope
+from tcc_sim.compiling.compiled import Call, compiled, smoothed_and_slope
 from tcc_sim.solvers import SOLVERS
 from tcc_sim.solvers.comparison.runge_kutta import GOES_ON, march, rates
 from tcc_sim.solvers.per_cycle import cycles_of_states
@@ -84,9 +85,10 @@ def _solve(problem: Problem, name: str) -> Trajectory:
     samples, ends = problem.sample_times(), problem.cycle_starts()
     marks = np.union1d(samples, np.minimum(ends, samples[-1]))
     spacing = min(problem.system.cycle, 2.0 * np.pi / problem.system.natural_frequency) / POINTS
-    rates_of(problem.start, y0, terms)
+    begin, end = problem.breaks()[:2]
+    _solver(name, piece_of(terms, begin, end), begin, end, y0, options)  # Compile what it calls.
     if method is RK45:
-        march(piece_of(terms, *problem.breaks()[:2]), 0.0, 0.0, y0, 0.0, 0.0, y0, y0[:0], 0.0, 0.0)  # Compile it.
+        march(piece_of(terms, begin, end), 0.0, 0.0, y0, 0.0, 0.0, y0, y0[:0], 0.0, 0.0)  # Compile it.
     began = time.perf_counter()
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
@@ -112,8 +114,23 @@ rk45, dop853, radau, bdf, lsoda = (partial(_solve, name=name) for name in METHOD
 def _solver(name: str, terms: Terms, begin: float, end: float, y: Floats, options: dict[str, Any]) -> Any:
     """Return SciPy's solver for a time within which the excitation has no corner."""
     if name in ("radau", "bdf", "lsoda"):
-        options = {**options, "jac": lambda t, y: jacobian(t, y, terms)}
-    return METHODS[name](lambda t, y: rates_of(t, y, terms), begin, y, end, **options)
+        options = {**options, "jac": _repeated(_jacobian, terms, y, np.zeros((len(y), len(y))))}
+    return METHODS[name](_repeated(rates, terms, y, np.empty_like(y)), begin, y, end, **options)
+
+
+def _repeated(kernel: Callable[..., object], terms: Terms, y: Floats, out: Floats) -> Callable[[float, Floats], Floats]:
+    """Return a function of time and state that gives a copy of what a kernel fills `out` with; one thread may use it.
+    """
+    state, call = y.copy(), Call(kernel, 0, "d")
+    call.use(0.0, state, terms, out)
+
+    def found(t: float, y: Floats) -> Floats:
+        state[:] = y
+        call(t)
+        copy: Floats = out.copy()
+        return copy
+
+    return found
 
 
 def _compiled_through(solver_of: Any, problem: Problem, y: Floats, marks: Floats,
