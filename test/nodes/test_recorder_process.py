@@ -1,12 +1,9 @@
 """The recorder as a process: its end by a signal, a kill or a full disk, and the files that remain."""
 
 import hashlib
-import json
-import random
 import signal
 import subprocess
 import sys
-from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -14,11 +11,13 @@ import pytest
 pytest.importorskip("rclpy")
 
 import rclpy
+from full_disk import full_disk
 from rclpy.context import Context
 from rclpy.duration import Duration
 from test_recorder import TICK, joint_state, publisher_of
 from waiting import until
 
+import tcc_sim
 from tcc_sim.cli import main
 from tcc_sim.errors import RecordingError
 from tcc_sim.messages import cdr
@@ -98,47 +97,6 @@ def test_a_signal_ends_it_with_a_complete_bag_and_status_0(process):
     assert (output / "metadata.yaml").exists()
 
 
-@pytest.fixture
-def driveline(start):
-    """A driveline process at 1 kHz on a separate domain."""
-    node = start("driveline", scene="minimal", publish_diagnostics=False)
-    node.await_line(CLOCK_STARTED)
-    return node
-
-
-def test_a_recorder_killed_again_and_again_leaves_what_can_be_analysed_and_recovered(driveline, start, tmp_path,
-                                                                                     capsys):
-    """Each recording has its scene too, although the driveline still knows readers that died."""
-    rosbag2 = pytest.importorskip("rosbags.rosbag2")
-    draw = random.Random(11)
-    for n in range(2):
-        output = tmp_path / f"run{n}"
-        recorder = start("recorder", output=output)
-        # Kill at a random time.
-        least = draw.randint(300, 600)
-        until(lambda output=output, least=least: readable(output) > least)
-        before = readable(output)
-        recorder.kill()
-        (mcap,) = output.iterdir()
-        digest = hashlib.sha256(mcap.read_bytes()).digest()
-        assert main(["analyse", str(output), "--json", str(tmp_path / "run.json"), "--verify"]) == 0
-        found = json.loads((tmp_path / "run.json").read_text())
-        (tmp_path / "run.json").unlink()
-        assert not found["complete"]
-        assert found["messages"] >= before
-        assert found["verified"]
-        assert main(["recover", str(output)]) == 0
-        assert "note: the recording was cut short" in capsys.readouterr().out
-        recovered = tmp_path / f"run{n}_recovered"
-        with rosbag2.Reader(recovered) as reader:
-            assert sum(1 for _ in reader.messages()) == reader.message_count
-            assert next(c.msgcount for c in reader.connections if c.topic == "/joint_states") == found["messages"]
-        assert open_run(recovered).complete
-        assert ([path.name for path in output.iterdir()],
-                hashlib.sha256(mcap.read_bytes()).digest()) == ([mcap.name], digest)
-    driveline.check()
-
-
 def test_a_driveline_ends_after_a_busy_recorder_has_received_everything(process_context, start, tmp_path):
     """A stopped recorder first loses messages beyond the 512 that Fast DDS queues for a process."""
     controller = rclpy.create_node("controller", context=process_context)
@@ -171,83 +129,61 @@ def test_a_driveline_ends_after_a_busy_recorder_has_received_everything(process_
     assert run.warnings == []
 
 
-@pytest.fixture
-def small_disk(tmp_path):
-    """A folder on a disk of 400 kB."""
-    folder = tmp_path / "disk"
-    folder.mkdir()
-    with suppress(OSError):
-        if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=400k", "tmpfs", str(folder)], capture_output=True,
-                          check=False).returncode == 0:
-            yield folder
-            subprocess.run(["umount", "-l", str(folder)], check=True)
-            return
-    pytest.skip("only root may mount a small disk")
-
-
-def ended_by_itself(recorder, output, reason):
-    """Check that the recorder ended with status 1 and this line, and left its data."""
-    assert recorder.wait() == 1
-    # On a busy machine the recorder may warn of silence.
-    assert [line for line in recorder.lines if not line.startswith(("[INFO]", "[WARN]"))] == [
-        f"recorder: {next(output.iterdir())} cannot be written: {reason}; the data written so far stays readable"]
-    assert readable(output) > 100
-
-
-def test_a_file_size_limit_ends_the_recorder_with_one_line_and_the_driveline_goes_on(driveline, start, tmp_path):
+def test_recorders_that_end_one_after_the_other_leave_what_can_be_analysed_and_recovered(start, tmp_path, capsys):
+    """By a kill, at a limit on the size of files, which ends as a full disk does, and in order. Each recording has its
+    scene too, although the driveline still knows readers that died.
+    """
+    rosbag2 = pytest.importorskip("rosbags.rosbag2")
     resource = pytest.importorskip("resource")
-    output = tmp_path / "run"
-    recorder = start("recorder", output=output)
-    until(lambda: readable(output) > 100)
-    size = next(output.iterdir()).stat().st_size + 20_000
-    resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (size, size))
-    ended_by_itself(recorder, output, "File too large")
-    # The driveline serves the next one.
-    second = start("recorder", output=tmp_path / "second")
-    until(lambda: readable(tmp_path / "second") > 100)
-    assert second.stop() == driveline.stop() == 0
-    run = open_run(tmp_path / "second")
-    list(run.states())
-    assert run.complete
-    assert len(run.scenes) >= 1
-
-
-def test_a_full_disk_ends_the_recorder_with_one_line_and_can_be_recovered_to_another(driveline, start, small_disk,
-                                                                                     tmp_path, capsys):
-    recorder = start("recorder", output=small_disk / "run")
-    ended_by_itself(recorder, small_disk / "run", "No space left on device")
+    driveline = start("driveline", scene="minimal", publish_diagnostics=False)
+    driveline.await_line(CLOCK_STARTED)
+    seen, files = {}, {}
+    for name in ("full", "killed", "stopped"):
+        recorder = start("recorder", output=tmp_path / name)
+        until(lambda name=name: readable(tmp_path / name) > 100)
+        files[name], = (tmp_path / name).iterdir()
+        seen[name] = readable(tmp_path / name)
+        if name == "killed":
+            recorder.kill()
+        elif name == "full":
+            size = files[name].stat().st_size + 20_000
+            resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (size, size))
+            assert recorder.wait() == 1
+            # On a busy machine the recorder may warn of silence.
+            assert [line for line in recorder.lines if not line.startswith(("[INFO]", "[WARN]"))] == [
+                f"recorder: {files[name]} cannot be written: File too large; the data written so far stays readable"]
+    assert recorder.stop() == 0
     driveline.check()
-    # The full disk has no room for it.
-    assert main(["recover", str(small_disk / "run")]) == 1
+    driveline.kill()
+    assert open_run(tmp_path / "stopped").scene_text is not None
+    for name in ("full", "killed"):
+        output, digest = tmp_path / name, hashlib.sha256(files[name].read_bytes()).digest()
+        found = tcc_sim.analyse(output, verify=True)
+        assert (found.complete, found.verification.verified) == (False, True)
+        assert found.messages >= seen[name]
+        recovered = tmp_path / f"{name}_saved"
+        assert main(["recover", str(output), "--out", str(recovered)]) == 0
+        assert "note: the recording was cut short" in capsys.readouterr().out
+        with rosbag2.Reader(recovered) as reader:
+            assert sum(1 for _ in reader.messages()) == reader.message_count
+            assert next(c.msgcount for c in reader.connections if c.topic == "/joint_states") == found.messages
+        assert open_run(recovered).complete
+        assert ([path.name for path in output.iterdir()],
+                hashlib.sha256(files[name].read_bytes()).digest()) == ([files[name].name], digest)
+    with full_disk(20_000):  # A full disk has no room for the recovered bag.
+        assert main(["recover", str(output), "--out", str(tmp_path / "none")]) == 1
     assert capsys.readouterr().err.count("\n") == 1
-    assert main(["recover", str(small_disk / "run"), "--out", str(tmp_path / "saved")]) == 0
-    assert open_run(tmp_path / "saved").complete
 
 
-@pytest.mark.parametrize("done", ["renamed", "part"])
-def test_a_directory_that_is_no_more_its_own_ends_it_with_one_line_and_what_it_wrote_is_whole(done, process):
+def test_a_directory_that_is_no_more_its_own_ends_it_with_one_line_and_what_it_wrote_is_whole(process):
     child, publisher, output = process
-    known = send_until_known(publisher, output)
-    if done == "part":
-        (output / "run_1.mcap").touch()
-    else:
-        output.rename(output.parent / "moved")
-    # States after the first second begin the next part.
-    numbers = iter(range(known, 10**9))
-
-    def send():
-        with suppress(RuntimeError):
-            publisher.publish(joint_state(next(numbers)))
-            publisher.wait_for_all_acked(Duration(seconds=0.1))
-
-    until(lambda: child.poll() is not None, step=send)
-    _, err = child.communicate()
+    send_until_known(publisher, output)
+    kept = output.rename(output.parent / "moved")
+    _, err = child.communicate(timeout=120)
     assert child.returncode == 1
     said = [line for line in err.splitlines() if "INFO" not in line and "WARN" not in line]
-    assert said == [(f"recorder: {output}/run_1.mcap exists already and is not overwritten" if done == "part" else
-                     f"recorder: {output} was renamed or removed while it was recorded to")
-                    + "; the data written so far stays readable"]
-    kept = output if done == "part" else output.parent / "moved"
+    assert said == [f"recorder: {output} was renamed or removed while it was recorded to; the data written so far "
+                    "stays readable"]
     assert open_run(kept / "run_0.mcap").complete
     assert readable(kept / "run_0.mcap") > 0
     assert (kept / "metadata.yaml").exists()

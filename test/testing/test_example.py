@@ -146,7 +146,7 @@ place, number = "{place}", signal.{number}
 
 
 @pytest.mark.parametrize(("page", "place", "number"), [
-    ("testing", "conversion", "SIGINT"), ("testing", "wait set", "SIGTERM"), ("nodes", "callback", "SIGINT"),
+    ("testing", "conversion", "SIGINT"), ("testing", "wait set", "SIGINT"), ("nodes", "callback", "SIGTERM"),
     ("nodes", "wait set", "SIGINT")])
 def test_a_node_of_the_pages_ends_by_a_signal_without_a_traceback(page: str, place: str, number: str) -> None:
     """Also where the context ends between two calls of rclpy, or within one that would swallow a KeyboardInterrupt."""
