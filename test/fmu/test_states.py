@@ -70,15 +70,16 @@ def test_the_points_of_a_profile_are_fixed_parameters_that_are_checked_together(
                                        "increase")
 
 
-@pytest.mark.parametrize("version", [2, 3])
-def test_a_start_elsewhere_shifts_the_time_and_fixed_values_hold_from_the_start(version: int) -> None:
-    driven = Driven(written("fig02", version, 5e-4))
+@pytest.mark.parametrize(("version", "step"), [(2, None), (3, 5e-4)])
+def test_a_start_elsewhere_shifts_the_time_and_fixed_values_hold_from_the_start(version: int,
+                                                                                step: float | None) -> None:
+    driven = Driven(written("fig02", version, step))
     driven.put({"driveline.stiffness": 2500.0, "initial.slip_speed": 120.0})
     driven.begin(start=3.0)
     assert driven.get("slip_speed") == [120.0]
     driven.go(250)
     stepper = Stepper(load_scene("fig02").with_values({
-        "driveline.stiffness": 2500.0, "initial.slip_speed": 120.0}).system, 5e-4)
+        "driveline.stiffness": 2500.0, "initial.slip_speed": 120.0}).system, driven.step)
     for _ in range(250):
         stepper.advance()
     assert driven.get("slip_speed") == [stepper.state[0]]
@@ -87,9 +88,8 @@ def test_a_start_elsewhere_shifts_the_time_and_fixed_values_hold_from_the_start(
     assert not driven.said
 
 
-@pytest.mark.parametrize("version", [2, 3])
-@pytest.mark.parametrize("start", [0.0, 1e5, 1.7e9])
-def test_times_that_an_importer_adds_up_are_followed(version: int, start: float) -> None:
+@pytest.mark.parametrize(("start", "version"), [(0.0, 2), (1.7e9, 2), (1.7e9, 3)])
+def test_times_that_an_importer_adds_up_are_followed(start: float, version: int) -> None:
     """At 1.7e9 s neighbouring times are 2.4e-7 s apart, and a sum of milliseconds drifts by 7e-8 s each time."""
     driven = Driven(written("fig02", version)).begin(start)
     for _ in range(1000):
@@ -115,7 +115,7 @@ def test_a_step_that_would_run_for_ever_is_refused(version: int) -> None:
         with pytest.raises(FMICallException):
             driven.slave.doStep(0.0, length)
         assert driven.said[-1][0] == DISCARD
-    driven.go(10_000)
+    driven.go(2000)
     assert driven.get("plate_speed")[0] != 0.0
 
 
