@@ -36,16 +36,16 @@ class Iterated:
 
     def __init__(self, step, dimension, bound=1e6, value=None):
         self.map, self.bound = TextbookMap(step, dimension), bound
-        self.value = value or (lambda x: step(x, ())[0])
+        self.value = value or (lambda x: step(np.array(x), ())[0].tolist())
 
     def sections(self, starts, first, cycles, orbits=None):
         out = np.full((len(starts), cycles + 1, np.shape(starts)[1]), np.nan)
         for row, x in zip(out, starts):
-            row[0] = x
-            for k in range(cycles):
-                if np.abs(row[k]).max() > self.bound:
+            row[0], point = x, list(map(float, x))
+            for k in range(1, cycles + 1):
+                if max(map(abs, point)) > self.bound:
                     break
-                row[k + 1] = self.value(row[k])
+                row[k] = point = self.value(point)
         return out
 
     def runs_away(self, points):
@@ -75,17 +75,22 @@ def henon_chaos(x, p):
                                                                            [0.3, 0.0]]), np.zeros((2, 0))
 
 
+def henon_value(x):
+    """The value of `henon_chaos`."""
+    return 1.0 - 1.4 * x[0] * x[0] + x[1], 0.3 * x[0]
+
+
 def test_newtons_method_for_cube_roots_has_three_attractors_and_the_labels_of_iteration():
     of = Iterated(newton_for_cube_roots, 2)
-    found = find_attractors(of, 4.0 * halton(30, 2) - 2.0)
+    found = find_attractors(of, 4.0 * halton(12, 2) - 2.0)
     roots = np.array([1.0, np.exp(2j * np.pi / 3), np.exp(-2j * np.pi / 3)])
     ours = np.array([complex(*a.section[0]) for a in found])
     assert sorted(np.abs(roots[:, None] - ours[None]).argmin(axis=0)) == [0, 1, 2]
     assert all(a.period == 1 and abs(a.multipliers[0]) < 1e-8 for a in found)
     mapper = ProximityMapper(found, of.map.scales, 1)
-    cells = 4.0 * halton(300, 2) - 2.0
+    cells = 4.0 * halton(60, 2) - 2.0
     for cell, k in zip(cells, labelled(of, mapper, cells, DEFAULTS.cycles)[0]):
-        assert abs(complex(*section_points(of, cell, 0, 200)[-1]) - ours[k]) < 1e-9
+        assert abs(complex(*section_points(of, cell, 0, 100)[-1]) - ours[k]) < 1e-9
 
 
 def test_two_fixed_points_and_what_runs_away():
@@ -102,10 +107,10 @@ def test_two_fixed_points_and_what_runs_away():
 
 
 def test_a_strange_attractor_is_one_cloud():
-    of = Iterated(henon_chaos, 2, bound=1e9)
-    found = find_attractors(of, [np.array(x) for x in ((0.1, 0.1), (-0.3, 0.2), (0.5, 0.0))])
+    of = Iterated(henon_chaos, 2, bound=1e9, value=henon_value)
+    found = find_attractors(of, [np.array(x) for x in ((0.1, 0.1), (-0.3, 0.2))])
     assert [(a.period, a.multipliers) for a in found] == [(0, None)]
-    wide = Iterated(henon_chaos, 2, bound=1e9)
+    wide = Iterated(henon_chaos, 2, bound=1e9, value=henon_value)
     wide.map.scales = 7.0 * of.map.scales  # Points of the cloud lie as near to each other in any unit.
     assert len(found[0].section) == len(find_attractors(wide, [np.array([0.1, 0.1])])[0].section) < 2 * DEFAULTS.cloud
     mapper = ProximityMapper(found, of.map.scales, 1)
@@ -121,19 +126,19 @@ def beside_a_resonance(x, p):
     a, b = x.tolist()
     square = a * a + b * b
     slope = TURN @ (np.eye(2) - 0.5 / square * np.array([[a * a, a * b], [a * b, b * b]])) / square**0.25
-    return np.array(turned(x)), slope, NOTHING
+    return np.array(turned((a, b))), slope, NOTHING
 
 
 def turned(x):
     """The value of `beside_a_resonance`."""
-    a, b = x.tolist()
+    a, b = x
     root = (a * a + b * b) ** 0.25
     return (C * a - S * b) / root, (S * a + C * b) / root
 
 
 def test_a_quasi_periodic_attractor_is_listed_once_from_wherever_it_is_begun():
     of = Iterated(beside_a_resonance, 2, value=turned)
-    found = find_attractors(of, [1.1 * np.array([np.cos(a), np.sin(a)]) for a in (0.0, 0.15, 0.4)])
+    found = find_attractors(of, [1.1 * np.array([np.cos(a), np.sin(a)]) for a in (0.0, 0.15)])
     assert [a.period for a in found] == [0]
     angles = np.sort(np.arctan2(*found[0].section.T))
     assert np.diff(angles).max() < 0.05
@@ -159,7 +164,8 @@ def test_a_capture_radius_is_validated_where_motions_return_within_600_cycles(mu
 
 
 def test_a_chaotic_transient_is_no_attractor():
-    of = Iterated(leaking, 1)
+    of = Iterated(leaking, 1, value=lambda x: [
+        4.0000004 * x[0] * (1.0 - x[0]) if 0.0 <= x[0] <= 1.0 else 3.0 + 0.5 * (x[0] - 3.0)])
     seeds = [np.array([x]) for x in (0.11, 0.23, 0.37, 0.41)]
     (found,) = find_attractors(of, seeds)
     assert (found.period, found.section[0, 0]) == (1, pytest.approx(3.0))
@@ -228,12 +234,12 @@ def test_basins_end_where_they_do_for_motions_solved_finely(law):
     system = replace(COEXISTENCE, {"friction.law": law})
     coarse, fine = DrivelineMotion(system, DEFAULTS.rtol_cells), DrivelineMotion(system, 1e-10)
     mapper = ProximityMapper(find_attractors(fine, [[0.0, 0.0, 0.0], [60.0, 0.1, 0.0]]), fine.map.scales, 1)
-    v, angle = np.meshgrid(np.linspace(0.0, 120.0, 9), np.linspace(-0.1, 0.3, 7))
+    v, angle = np.meshgrid(np.linspace(0.0, 120.0, 9), np.linspace(-0.1, 0.3, 4))
     cells = np.stack([v, angle, np.zeros_like(v)], axis=-1)
     labels = labelled(fine, mapper, cells.reshape(-1, 3), 100)[0].reshape(v.shape)
     rows, columns = np.nonzero(labels[:, 1:] != labels[:, :-1])
     low, high = cells[rows, columns], cells[rows, columns + 1]
-    assert len(rows) > 9
+    assert len(rows) > 4
     width, before = high - low, labels[rows, columns]
     for _ in range(14):
         middle = 0.5 * (low + high)

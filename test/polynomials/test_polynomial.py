@@ -73,7 +73,7 @@ def test_values_and_slopes():
             assert polynomial.variation(c, 1, degree, x) >= abs(found[0] - a[0]) - 1e-15 * size
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(3))
 def test_the_first_crossing_of_random_polynomials(seed):
     """It is a root, and in long arithmetic the polynomial is above the level on a grid and between its roots before."""
     random = np.random.default_rng(seed)
@@ -102,7 +102,7 @@ def test_the_first_crossing_of_random_polynomials(seed):
 @pytest.mark.parametrize("depth", [1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12])
 def test_near_grazing_dips_are_found_and_near_misses_are_not(depth):
     random = np.random.default_rng(5)
-    for _ in range(60):
+    for _ in range(25):
         at = random.uniform(0.1, 0.9)
         others = positive(random, int(random.integers(2, 20)))
         for sign in (1.0, -1.0):
@@ -120,7 +120,7 @@ def test_near_grazing_dips_are_found_and_near_misses_are_not(depth):
 def test_double_roots_end():
     """A double root is a graze: no crossing, or one at the root; never somewhere else, and never without end."""
     random = np.random.default_rng(6)
-    for _ in range(200):
+    for _ in range(60):
         at = random.choice([0.5, 0.25, random.uniform(0.0, 1.0)])
         a = product([at * at, -2.0 * at, 1.0], *positive(random, int(random.integers(0, 26))))
         x = first(a)
@@ -162,7 +162,7 @@ def test_after_the_first_row_is_there_other_levels_cost_no_conversion():
         assert found == first(a, level, sign, accuracy=1e-15)
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(3))
 def test_extremes(seed):
     random = np.random.default_rng(100 + seed)
     for _ in range(60):
@@ -250,7 +250,7 @@ def test_nothing_is_written_beyond_the_workspace(degree):
     assert memory[0, degree] == pytest.approx(degree + 1.0)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_from_a_start_at_the_level_the_next_fall_is_the_first_root(seed):
     """x times factors with known roots: it rises from its start, exactly at the level or within the accuracy of it."""
     random = np.random.default_rng(seed)

@@ -1,4 +1,4 @@
-"""The same sweep on a real Dask scheduler with two worker processes, one of which is killed half way."""
+"""Sweeps on a real Dask scheduler with worker processes that are killed, and addresses where none answers."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -34,38 +33,41 @@ def started(*words: str) -> subprocess.Popen[bytes]:
                             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
 
 
-@pytest.fixture
-def workers(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
-    """Address of a scheduler with two worker processes, and these."""
-    file = tmp_path / "scheduler.json"
+def test_a_cluster_without_workers_and_one_whose_processes_die(tmp_path, monkeypatch, on_point, capsys):
+    """One line says that there is nobody to work; a killed worker loses nothing; a dead scheduler ends the sweep, which
+    can be resumed.
+    """
+    file, out = tmp_path / "scheduler.json", tmp_path / "out.jsonl"
     quiet = ["--no-dashboard", "--scheduler-file", str(file)]
-    scheduler = started("dask_scheduler", "--host", "127.0.0.1", "--port", "0", *quiet)
-    processes = [started("dask_worker", "--nworkers", "1", "--nthreads", "1", "--no-nanny", "--local-directory",
-                         str(tmp_path / str(k)), *quiet) for k in range(2)]
+    command = ["sweep", "chaos", "--over", "engine.frequency=100:160:40", "--cycles", "1000", "--out", str(out)]
+    processes = [started("dask_scheduler", "--host", "127.0.0.1", "--port", "0", *quiet)]
     try:
         with distributed.Client(scheduler_file=str(file), timeout=120, set_as_default=False) as client:
-            client.wait_for_workers(2, timeout=120)
             address = client.scheduler.address
-        yield address, processes
+            assert main([*command, "--dask", address]) == 2
+            assert "has no workers" in capsys.readouterr().err
+            processes += [started("dask_worker", "--nworkers", "1", "--nthreads", "1", "--no-nanny",
+                                  "--local-directory", str(tmp_path / str(k)), *quiet) for k in range(2)]
+            client.wait_for_workers(2, timeout=120)
+        system = replace(System(), {"friction.law": "set_valued", "friction.kinetic_coefficient": 0.285,
+                                    "pressure.mean": 225e3, "pressure.amplitude": 0.0})
+        values = [float(x) for x in np.linspace(40.0, 160.0, 48)]
+        on_point(lambda count: processes[1].kill() if count == 12 else None)
+        far = sweep(system, "engine.frequency", values, Plan(cycles=100), dask=address, out=tmp_path / "far.jsonl")
+        assert processes[1].wait(120) == -signal.SIGKILL
+        near = sweep(system, "engine.frequency", values, Plan(cycles=100))
+        for one, other in zip(far.records, near.records):
+            assert {**one, "elapsed_s": 0.0} == {**other, "elapsed_s": 0.0}
+        monkeypatch.setattr("tcc_sim.sweeps.executors.DEFAULTS", Settings(patience=0.5))
+        on_point(lambda count: processes[0].kill())
+        assert main([*command, "--dask", address]) == 1
+        assert "resumes from" in capsys.readouterr().err
+        assert len(out.read_text().splitlines()) > 1
     finally:
-        for process in (*processes, scheduler):
+        for process in processes:
             with suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)
             process.wait()
-
-
-def test_a_killed_worker_loses_nothing(workers, tmp_path, on_point) -> None:
-    address, processes = workers
-    system = replace(System(),
-                     {"friction.law": "set_valued", "friction.kinetic_coefficient": 0.285, "pressure.mean": 225e3,
-                      "pressure.amplitude": 0.0})
-    values = [float(x) for x in np.linspace(40.0, 160.0, 96)]
-    on_point(lambda count: processes[0].kill() if count == 24 else None)
-    far = sweep(system, "engine.frequency", values, Plan(cycles=400), dask=address, out=tmp_path / "far.jsonl")
-    assert processes[0].wait(120) == -signal.SIGKILL
-    near = sweep(system, "engine.frequency", values, Plan(cycles=400))
-    for one, other in zip(far.records, near.records):
-        assert {**one, "elapsed_s": 0.0} == {**other, "elapsed_s": 0.0}
 
 
 @pytest.mark.parametrize(("address", "words"), [
@@ -107,29 +109,3 @@ def test_what_does_not_come_back_is_not_waited_for() -> None:
         in_time(time.monotonic() + 0.01, never.wait)
     never.set()
     assert in_time(time.monotonic() + 60.0, lambda: 3) == 3
-
-
-def test_a_scheduler_without_workers_is_said_and_one_that_dies_ends_the_sweep(tmp_path, monkeypatch, on_point, capsys):
-    file, out = tmp_path / "scheduler.json", tmp_path / "out.jsonl"
-    quiet = ["--no-dashboard", "--scheduler-file", str(file)]
-    processes = [started("dask_scheduler", "--host", "127.0.0.1", "--port", "0", *quiet)]
-    command = ["sweep", "chaos", "--over", "engine.frequency=100:160:40", "--cycles", "1000", "--out", str(out)]
-    try:
-        with distributed.Client(scheduler_file=str(file), timeout=120, set_as_default=False) as client:
-            address = client.scheduler.address
-            assert main([*command, "--dask", address]) == 2
-            assert "has no workers" in capsys.readouterr().err
-            processes.append(started("dask_worker", "--nworkers", "1", "--nthreads", "1", "--no-nanny",
-                                     "--local-directory", str(tmp_path / "w"), *quiet))
-            client.wait_for_workers(1, timeout=120)
-        monkeypatch.setattr("tcc_sim.sweeps.executors.DEFAULTS", Settings(patience=0.5))
-        on_point(lambda count: processes[0].kill())
-        assert main([*command, "--dask", address]) == 1
-        said = capsys.readouterr().err
-        assert "resumes from" in said
-        assert len(out.read_text().splitlines()) > 1
-    finally:
-        for process in processes:
-            with suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGKILL)
-            process.wait()
