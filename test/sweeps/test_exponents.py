@@ -172,9 +172,9 @@ def test_the_interval_of_a_chaotic_motion_has_the_growth_of_the_distance_to_a_mo
     """Brought back to 1e-7 at the end of every cycle."""
     system, vector, growth = load_scene("chaos").system, FIRST, []
     start = State(*section_of(system, 110))
-    found = largest_lyapunov_exponent(system, start, cycles=2000, start_cycle=110)
+    found = largest_lyapunov_exponent(system, start, cycles=800, start_cycle=110)
     assert found.diagnosis == "chaotic"
-    own = solve(system, cycles=2000, state=start, start_cycle=110).cycles
+    own = solve(system, cycles=800, state=start, start_cycle=110).cycles
     for n, (x, following) in enumerate(pairwise(own.section), 110):
         vector = 1e-7 / energy(system, vector) * vector
         vector = sections(system, (x + vector)[None], n, 1, 1e-10)[0, 1] - following
