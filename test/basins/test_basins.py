@@ -178,7 +178,8 @@ def test_two_consecutive_points_of_an_orbit_must_follow_each_other():
     orbit = Attractor(2, np.array([[0.0], [1.0]]), np.array([0, 0]), np.array([0.5 + 0j]), 1.0, 0.1)
     mapper = ProximityMapper([orbit], np.ones(1), 1)
     assert found_by(mapper, [5.0, 0.01, 1.02, 0.0], 0) == (0, 1)
-    assert [found_by(mapper, points, 0)[0] for points in ([0.01, 0.02, 0.03], [0.01], [0.01, np.nan, np.nan])] == [-1] * 3
+    for points in ([0.01, 0.02, 0.03], [0.01], [0.01, np.nan, np.nan]):
+        assert found_by(mapper, points, 0)[0] == -1
     both = mapper.find(np.array([[[0.0], [1.0]], [[0.0], [0.0]]]), 0)
     assert both[0].tolist() == [0, -1]
     phased = ProximityMapper([Attractor(2, orbit.section, np.array([0, 1]), orbit.multipliers, 1.0, 0.1)], np.ones(1),
