@@ -204,7 +204,7 @@ def test_a_picture_in_a_column_has_no_strips_and_nothing_cut(kind: str, height: 
         data = figure_of(kind, column_numbers(kind), caption=caption)
         drawings.draw(data, Path("none"), "a title that is far too long for one line of a narrow column", style.COLUMN)
         drawn, = found
-        drawn.draw_without_rendering()
+        style.lay_out(drawn)
         assert drawn.get_figwidth() == style.COLUMN
         caption_lines = drawings.caption_of(data, style.COLUMN).count("\n") + 1
         assert drawn.get_figheight() == pytest.approx(height + 0.15 * caption_lines)

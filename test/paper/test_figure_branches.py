@@ -10,16 +10,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from documents import same_pictures
 from given import curve_of, curves_of, figure_of
 
 from tcc_sim.output.provenance import document
-from tcc_sim.paper import figures
+from tcc_sim.paper import figures as figure_numbers
 from tcc_sim.paper.branch_panels import spread, top_of
 from tcc_sim.paper.branches_behind import creeps, motions_behind, motions_behind_each
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, FigureOptions, paper_system, plain
 from tcc_sim.paper.drawings import draw
 from tcc_sim.paper.figure_results import Figure, JumpBehind, Labelled, MotionsBehind
 from tcc_sim.sweeps.sweep import Curve, Plan, sweep_curves
+from tcc_sim.views import style
 from tcc_sim.views.plots import plot
 
 
@@ -89,14 +91,13 @@ def given_figure(number: int, kind: str, curves: list[Labelled]) -> Figure:
 @pytest.mark.parametrize("data", [given_figure(4, "map", [given_curve(), given_curve(jumps=[])]),
                                   given_figure(6, "orbit", [given_curve(), given_curve(direction="up")])],
                          ids=["map", "orbit"])
-def test_given_branches_are_drawn(data: Figure, tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib")
+def test_given_branches_are_drawn(data: Figure, figures: list[Any], tmp_path: Path) -> None:
     draw(data, tmp_path / "drawn")
     assert {p.suffix for p in tmp_path.iterdir()} == {".png", ".svg"}
     # Their JSON gives the same picture.
     stored = json.loads(json.dumps(document("figure", data, paper_system(), [])))
     plot(stored, tmp_path / "again.png")
-    assert (tmp_path / "again.png").read_bytes() == (tmp_path / "drawn.png").read_bytes()
+    assert same_pictures(figures, style.PAGE)
 
 
 def test_points_far_above_the_branches_are_counted_and_not_shown() -> None:
@@ -109,7 +110,7 @@ def test_labels_are_said_without_their_typesetting() -> None:
 
 
 def test_all_figures_leave_branches_out_where_there_are_none(monkeypatch) -> None:  # type: ignore[no-untyped-def]
-    for kind in figures.KINDS:
-        monkeypatch.setitem(figures.KINDS, kind, lambda row, options: curves_of([]))
+    for kind in figure_numbers.KINDS:
+        monkeypatch.setitem(figure_numbers.KINDS, kind, lambda row, options: curves_of([]))
     for number in FIGURES:
-        assert figures.figure_data(number, FigureOptions(quick=True, branches=True)).figure == number
+        assert figure_numbers.figure_data(number, FigureOptions(quick=True, branches=True)).figure == number

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from documents import pixels, valid
+from documents import same_pictures, valid
 from scipy.integrate import solve_ivp
 
 from tcc_sim.benchmarks.references import Law
@@ -20,13 +20,13 @@ from tcc_sim.model.parameters import System
 from tcc_sim.model.pure_stick import stick_margin
 from tcc_sim.output.files import write_json
 from tcc_sim.output.provenance import document
-from tcc_sim.paper import figures
 from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, STATIC, FigureOptions, paper_system
 from tcc_sim.paper.evidence import first_half
 from tcc_sim.paper.figure_results import Figure
-from tcc_sim.paper.figures import coexisting, figure_data, stands_out
+from tcc_sim.paper.figures import coexisting, figure_data, figure_system, stands_out
 from tcc_sim.solvers import solve
 from tcc_sim.sweeps.sweep import Curve, Plan, sweep_curves
+from tcc_sim.views import style
 
 
 def test_every_figure_from_2_to_18_has_a_row() -> None:
@@ -93,7 +93,7 @@ def test_sections_five_and_six_keep_the_normal_load() -> None:
     assert FIGURES[8].marks == (pytest.approx(math.sqrt(3000.0 / 0.22) / OMEGA_N),)
 
 
-def test_a_map_has_a_curve_per_series_and_enough_section_points(tmp_path) -> None:  # type: ignore[no-untyped-def]
+def test_a_map_has_a_curve_per_series_and_enough_section_points(figures: list[Any], tmp_path: Path) -> None:
     words = ["figure", "13", "--quick", "--law", "set_valued", "--out", str(tmp_path)]
     assert main(words) == 0
     data = valid("figure", json.loads((tmp_path / "fig13.json").read_text()))
@@ -110,16 +110,12 @@ def test_a_map_has_a_curve_per_series_and_enough_section_points(tmp_path) -> Non
             angle = 0.1 + 250.0 * (1.0 / (3000.0 - 0.22 * omega**2 + 0.6j * omega)).imag
             assert curve["theta2"][-1][-1] == pytest.approx(angle, abs=2e-4)
     assert sum(c["regime"][-1] == "stick" for c in data["curves"]) >= 1
-    before = (tmp_path / "fig13.png").read_bytes()
-    assert before.startswith(b"\x89PNG")
-    assert (tmp_path / "fig13.svg").read_text().lstrip().startswith("<?xml")
-    assert main(words) == 2
-    assert main([*words, "--force"]) == 0
-    assert (tmp_path / "fig13.png").read_bytes() == before
+    assert sorted(p.suffix for p in tmp_path.iterdir()) == [".json", ".png", ".svg"]
 
 
 @pytest.mark.parametrize(("number", "periods"), [(9, None), (12, [2, 3, 3])])
-def test_figures_without_a_sweep_are_drawn(number: int, periods: list[int] | None, tmp_path: Path) -> None:
+def test_figures_without_a_sweep_are_drawn(number: int, periods: list[int] | None, figures: list[Any],
+                                           tmp_path: Path) -> None:
     """The periods of Fig. 12 are those of (35)."""
     assert main(["figure", str(number), "--out", str(tmp_path)]) == 0
     assert sorted(p.suffix for p in tmp_path.iterdir()) == [".json", ".png", ".svg"]
@@ -128,14 +124,18 @@ def test_figures_without_a_sweep_are_drawn(number: int, periods: list[int] | Non
     assert periods is None or [panel["period"] for panel in found["panels"]] == periods
 
 
-def test_a_figure_in_a_column_has_its_title_and_is_redrawn_so(tmp_path: Path,
+def test_a_figure_in_a_column_has_its_title_and_is_redrawn_so(figures: list[Any], tmp_path: Path,
                                                               capsys: pytest.CaptureFixture[str]) -> None:
     words = ["--width", "column", "--title", "Friction"]
     assert main(["figure", "3", *words, "--out", str(tmp_path)]) == 0
-    assert pixels(tmp_path / "fig03.png") == 700
     assert valid("figure", json.loads((tmp_path / "fig03.json").read_text()))["figure"] == 3
     assert main(["plot", str(tmp_path / "fig03.json"), "--plot", str(tmp_path / "a.png"), "--width", "column"]) == 0
-    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "fig03.png").read_bytes()
+    same_pictures(figures, style.COLUMN)
+    assert {drawn.get_suptitle() for drawn in figures} == {"Friction"}
+    (tmp_path / "fig03.png").write_text("mine")
+    assert main(["figure", "3", "--out", str(tmp_path)]) == 2
+    assert (tmp_path / "fig03.png").read_text() == "mine"
+    assert main(["figure", "3", "--out", str(tmp_path), "--force"]) == 0
     capsys.readouterr()
     assert main(["figure", "all", *words, "--out", str(tmp_path / "all")]) == 2
     assert "--title is for one figure" in capsys.readouterr().err
@@ -144,13 +144,13 @@ def test_a_figure_in_a_column_has_its_title_and_is_redrawn_so(tmp_path: Path,
 def as_written(number: int, data: Figure, folder: Path) -> dict[str, Any]:
     """Return the numbers in a figure's file after a check against the schema."""
     file = folder / f"fig{number:02d}.json"
-    write_json(file, document("figure", data, figures.figure_system(number, FigureOptions(quick=True)),
+    write_json(file, document("figure", data, figure_system(number, FigureOptions(quick=True)),
                               ["figure", str(number)]))
     return valid("figure", json.loads(file.read_text()))
 
 
 @pytest.mark.parametrize(("number", "kind"), [(5, "damping"), (6, "orbit"), (7, "histories")])
-def test_the_numbers_of_every_kind_are_what_the_schema_says(number: int, kind: str, tmp_path: Path,
+def test_the_numbers_of_every_kind_are_what_the_schema_says(number: int, kind: str, figures: list[Any], tmp_path: Path,
                                                             monkeypatch: pytest.MonkeyPatch) -> None:
     """With few values, since the schema does not count them; other tests draw and check the other kinds."""
     monkeypatch.setitem(FIGURES, number, replace(FIGURES[number], count=16))
@@ -163,7 +163,7 @@ def test_the_numbers_of_every_kind_are_what_the_schema_says(number: int, kind: s
         assert [curve["direction"] for curve in found["curves"]] == ["cold", "up", "down"]
 
 
-def test_figure_2_shows_where_each_law_settles(tmp_path: Path) -> None:
+def test_figure_2_shows_where_each_law_settles(figures: list[Any], tmp_path: Path) -> None:
     """From (13): the paper's smoothing in period one, a sharper one and the set-valued law in period two."""
     data = figure_data(2, FigureOptions(quick=True))
     assert as_written(2, data, tmp_path)["kind"] == "solvers"
