@@ -118,10 +118,6 @@ def paths_in(value: Any, names: set[str], path: str = "") -> set[str]:
     return found
 
 
-def pixels(picture: Path) -> int:
-    """Width of a PNG."""
-    return int.from_bytes(picture.read_bytes()[16:20], "big")
-
 
 def same_pictures(figures: list[Any], width: float) -> list[Any]:
     """The lines of the first picture, after checks that the last one has the same and that all have one width."""

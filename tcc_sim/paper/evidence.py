@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -136,7 +137,7 @@ class Evidence:
         if (system, lyapunov) not in self._motions:
             point = solve_point(system, 0.0, self.plan(row, lyapunov=lyapunov))
             largest = math.nan if point.summary is None else point.summary.max_slip_speed
-            self._motions[system, lyapunov] = ColdStartMotion(period_of(self._settle(system, point)), largest,
+            self._motions[system, lyapunov] = ColdStartMotion(period_of(self._settle(lambda: system, point)), largest,
                                                               point.lyapunov)
         return self._motions[system, lyapunov]
 
@@ -163,13 +164,14 @@ class Evidence:
         if name not in self._settled:
             with workers(self.jobs, None) as (threads, _):
                 self._settled[name] = list(threads.map(
-                    self._settle, map(sweep.curve.at, range(len(sweep.points))), sweep.points))
+                    self._settle, (partial(sweep.curve.at, k) for k in range(len(sweep.points))), sweep.points))
         return self._settled[name]
 
-    def _settle(self, system: System, point: Point | None) -> Summary | None:
+    def _settle(self, system_of: Callable[[], System], point: Point | None) -> Summary | None:
         """Return the motion of a point, from further cycles if its section does not repeat yet; None if it failed."""
         if point is None or point.summary is None or point.summary.settled or point.summary.runaway:
             return None if point is None else point.summary
+        system = system_of()
         found = later(system, point.end, self._rtol(system))
         return None if found is None else found[0]
 

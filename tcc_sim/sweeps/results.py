@@ -61,6 +61,14 @@ class Point:
         return {"value": self.value, **json_of(self), "final": list(self.end.state.numbers),
                 "final_cycle": self.end.cycle}
 
+    def number(self, name: str) -> float:
+        """Return a result in numbers by its name in JSON; NaN for one that is missing or not finite."""
+        damping = dict(zip(names_in(Damping), ("weighted", "negative_mean")))
+        part = (self if name == "confirmed" else self.damping if name in damping else
+                self.lyapunov if name.startswith("lyapunov_") else self.summary)
+        value = getattr(part, damping.get(name, name.removeprefix("lyapunov_")), None)
+        return float(value) if value is not None and math.isfinite(value) else math.nan
+
     @staticmethod
     def from_record(record: Mapping[str, Any], system: System) -> Point:
         """Return the point of a record by `as_record`; raise KeyError, TypeError or ValueError for any other record."""
@@ -171,7 +179,7 @@ class Sweep(Result):
         numbers = [known for known, none in COLUMNS.items() if not isinstance(none, str)]
         if name not in numbers:
             raise unknown_key(name, numbers, "a result in numbers")
-        return np.array([np.nan if r.get(name) is None else float(r[name]) for r in self._flat()])
+        return np.array([np.nan if p is None else p.number(name) for p in self.points])
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """Return the key's values and all results but the section, (n,) each; missing ones are NaN, -1 or empty."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -23,8 +24,10 @@ from tcc_sim.sweeps.sweep import Curve, Plan, Sweep
 from tcc_sim.trajectory import State
 
 rows = {claim.name: claim for claim in CLAIMS}
+curve_along = cache(Curve)
 
 
+@cache
 def record(slip: float = 10.0, period: int = 1, regime: str = "stick-slip", *, settled: bool = True,
            equivalent_damping: float = 0.0, negative_slope_mean: float = 0.0) -> Point:
     """A point of a sweep."""
@@ -51,7 +54,7 @@ class Given(PaperEvidence):
     def curves(self, rows, axis, *, over="engine.frequency", direction="cold", **how):  # type: ignore
         unit = OMEGA_N if over == "engine.frequency" else STATIC
         keys = tuple(min(float(x) * unit, STATIC) if unit == STATIC else float(x) * unit for x in axis)
-        return [Sweep(Curve(paper_system(row), over, keys), Plan(direction=direction),
+        return [Sweep(curve_along(paper_system(row), over, keys), Plan(direction=direction),
                       [self.at(row, float(x), direction) for x in axis], 0.0) for row in rows]
 
     def run(self, system, cycles, **how):  # type: ignore
