@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import is_dataclass
-from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
@@ -116,7 +115,6 @@ def paths_in(value: Any, names: set[str], path: str = "") -> set[str]:
         else:
             found |= {f"{path}{key}", *paths_in(each, names, f"{path}{key}.")}
     return found
-
 
 
 def same_pictures(figures: list[Any], width: float) -> list[Any]:
