@@ -31,13 +31,13 @@ def largest_error(found, phase):
 
 @pytest.mark.parametrize("frequency", [3.3, 41.234567, 150.0, 1000.0, 2900.0])
 def test_a_sine_is_found_to_many_digits(frequency):
-    found = phase_of(lambda t: 300.0 + 250.0 * np.sin(frequency * t + 0.4))
+    found = phase_of(lambda t: 300.0 + 250.0 * np.sin(frequency * t + 0.4), seconds=10.0)
     assert found.low == found.high == pytest.approx(frequency, rel=1e-7)
     assert largest_error(found, lambda t: frequency * t + 0.4) < 1e-5
     assert found.known == pytest.approx(1.0, abs=1e-9)
     # The phase at t = 0 is that of cycle 0, which began before the first sample.
     assert found.numbers[0] == 1
-    assert len(found.starts) in {int((frequency * 19.999 + 0.4) / TURN), int((frequency * 19.999 + 0.4) / TURN) + 1}
+    assert len(found.starts) in {int((frequency * 9.999 + 0.4) / TURN), int((frequency * 9.999 + 0.4) / TURN) + 1}
 
 
 def test_a_small_torque_is_found_as_a_large_one_is():
@@ -76,8 +76,8 @@ def test_gaps_do_not_break_the_phase_and_have_no_cycles():
     assert not ((found.starts > 6.0) & (found.starts < 6.7)).any()
 
 
-@pytest.mark.parametrize("rate", [0.1, -0.1, 0.05, 0.01])
-@pytest.mark.parametrize("frequency", [60.0, 150.0, 600.0])
+@pytest.mark.parametrize(("frequency", "rate"), [
+    (60.0, 0.1), (60.0, -0.1), (600.0, 0.1), (600.0, -0.1), (150.0, 0.05), (150.0, 0.01)])
 def test_a_frequency_that_drifts_by_up_to_ten_per_cent_a_second_is_followed(frequency, rate):
     def phase(t):
         return frequency / rate * np.expm1(rate * t)
