@@ -252,7 +252,7 @@ def test_ctrl_c_does_not_wait_for_the_compiler(tmp_path: Path) -> None:
             "    threading.Event().wait()\n"
             "linked.machine_code = compiler\n"
             "from tcc_sim.__main__ import main\n"
-            "sys.argv = ['tcc-sim', 'figure', '2', '--quick', '--out', 'pictures']\n"
+            "sys.argv = ['tcc-sim', 'simulate', 'minimal']\n"
             "main()\n")
     ended = python("-c", code, cwd=tmp_path, NUMBA_CACHE_DIR="", XDG_CACHE_HOME=str(tmp_path / "empty"))
     assert (ended.returncode, without_compiling(ended.stderr)) == (130, "tcc-sim: interrupted\n")

@@ -100,16 +100,16 @@ def test_a_doubtful_fit_of_the_friction_table_is_in_its_text(name: str, monkeypa
 
 
 @pytest.mark.parametrize("name", RESULTS)
-def test_it_is_drawn_and_no_file_is_overwritten(name: str, tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib")
+def test_it_is_drawn_and_no_file_is_overwritten(name: str, figures: list[Any], tmp_path: Path) -> None:
     from matplotlib.figure import Figure
 
     path = tmp_path / "it.png"
     assert tcc_sim.plot(result(name), path, width="column", title="a title") == path
-    before = path.read_bytes()
+    assert all(axis.has_data() for axis in figures[0].axes)
+    path.write_text("mine")
     with pytest.raises(InputError, match="not overwritten"):
         tcc_sim.plot(result(name), path)
-    assert path.read_bytes() == before
+    assert path.read_text() == "mine"
     axis = Figure().subplots()
     assert tcc_sim.plot(result(name), ax=axis, title="a title") is axis
     assert axis.has_data()
