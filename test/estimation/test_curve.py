@@ -95,7 +95,8 @@ def test_single_coefficients_of_a_table_are_refused() -> None:
         identify(measured("dip", 1), ["friction.kinetic_coefficient"], scene=scene)
 
 
-def test_the_command_writes_curve_scene_and_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_writes_curve_scene_and_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str],
+                                                    figures) -> None:
     data = measured("rising", 4)
     rows = "\n".join(",".join(map(repr, row)) for row in zip(
         data.t.tolist(), *(data.channels[name].tolist() for name in ("slip_speed", "plate_speed"))))
@@ -116,4 +117,4 @@ def test_the_command_writes_curve_scene_and_picture(tmp_path: Path, capsys: pyte
     own = load_scene(tmp_path / "own.yaml").system.friction
     assert own.curve is not None
     assert own.curve.at(50.0) == pytest.approx(float(LAWS["rising"](50.0)), rel=5e-3)
-    assert (tmp_path / "found.png").stat().st_size > 10000
+    assert len(figures[0].axes) == 5

@@ -11,6 +11,7 @@ from scipy.integrate import odeint
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
+from tcc_sim.scene import load_scene
 from tcc_sim.solvers import SOLVERS, solve
 from tcc_sim.sweeps.simulation import simulate
 
@@ -79,7 +80,7 @@ COMPARED = [("lsoda", {"rtol": 1e-10}, 1e-6), ("bdf", {"rtol": 1e-7}, 1e-4), ("r
 
 @pytest.mark.parametrize(("system", "name", "setting", "allowed"), [
     *((STICK_SLIP, *row) for row in BY_ENGINES + COMPARED),
-    *((SWELLING, *row) for row in [*BY_ENGINES, ("radau", {"rtol": 1e-7}, 1e-4)])])
+    *((SWELLING, *row) for row in BY_ENGINES)])
 def test_final_states_through_all_profiles(system, name, setting, allowed):
     assert error(name, system, **setting) < allowed
 
@@ -170,11 +171,11 @@ def test_transitions_tell_their_time():
 
 
 def test_a_run_up_has_cycles_of_its_own_length_and_no_period():
-    found = simulate("runup")
-    assert found.trajectory.t[-1] == 20.0
-    assert found.summary.cycles == int(330.0 * 20.0 / (2.0 * math.pi))
+    found = simulate("runup", duration=6.0)
+    assert found.trajectory.t[-1] == 6.0
+    assert found.summary.cycles == int(load_scene("runup").system.cycles_until(6.0))
     assert (found.summary.period, found.summary.discarded) == (0, 0)
-    fixed = simulate("runup", solver="fixed_step").summary
+    fixed = simulate("runup", solver="fixed_step", duration=6.0).summary
     assert found.summary.breakaways == fixed.breakaways > 50
     assert found.summary.clutch_energy == pytest.approx(fixed.clutch_energy, rel=1e-5)
 
