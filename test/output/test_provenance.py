@@ -137,8 +137,5 @@ def test_basins_and_the_file_of_their_rows(more: tuple[str, ...], folder: Path) 
     assert provenance.format_of("basin_rows") == compute.FORMAT
 
 
-def test_explain_and_a_figure(folder: Path) -> None:
-    pytest.importorskip("matplotlib")
+def test_explain(folder: Path) -> None:
     valid("explain", written(folder, "explain.json", "explain", "minimal", "--json", folder / "explain.json")[0])
-    found, command = written(folder, "fig03.json", "figure", 3, "--out", folder)
-    assert valid("figure", found)["command"] == command
