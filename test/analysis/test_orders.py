@@ -73,11 +73,12 @@ def test_the_extremes_of_a_slow_ramp_are_those_of_constant_frequencies():
 
 
 def test_judder_of_a_run_up_ends_where_breakaways_do():
-    found = simulate("runup", samples_per_cycle=64)
+    scene = ramp("runup", 60.0, 600.0, 8.0).with_values({"friction.kinetic_coefficient": 0.24})
+    found = simulate(scene, duration=8.0, samples_per_cycle=64)
     orders = orders_of(found.trajectory)
     moves = found.trajectory.transitions
     last = float(moves.time[moves.before == 0][-1])
-    ticked = solve(load_scene("runup"), duration=20.0, samples_per_cycle=64, solver="fixed_step")
+    ticked = solve(scene, duration=8.0, samples_per_cycle=64, solver="fixed_step")
     leaves = (ticked.state[:-1] == 0) & (ticked.state[1:] != 0)
     assert last == pytest.approx(ticked.t[1:][leaves][-1], abs=2e-3)
     assert orders.judder.breakaways[orders.time > last + 1.0].max() == 0.0
@@ -141,7 +142,7 @@ def test_a_recording_has_the_orders_of_the_run_that_it_holds(tmp_path):
 def test_the_orders_are_those_of_the_torque_that_was_given(tmp_path):
     """A table drives the second order alone, of a stuck clutch: the closed form at twice the engine's frequency."""
     scene = load_scene("stick").with_values(HARDLY)
-    omega, t = scene.system.engine.frequency, np.arange(0.0, 4.0, 2e-4)
+    omega, t = scene.system.engine.frequency, np.arange(0.0, 4.0, 5e-4)
     table = tmp_path / "second.csv"
     rows = np.column_stack([t, 300.0 + 20.0 * np.sin(2.0 * omega * t)])
     np.savetxt(table, rows, delimiter=",", header="t,engine_torque", comments="", fmt="%.17g")

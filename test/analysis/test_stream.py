@@ -46,14 +46,14 @@ def sizes_like(kind):
 
 @pytest.mark.parametrize("kind", ["ones", "random", "large"])
 def test_batches_give_what_whole_arrays_give(kind):
-    columns = recorded(np.arange(3000))
+    columns = recorded(np.arange(1000))
     stamps, v, angle, speed, engine, friction = columns
-    whole = cycles_of(Trajectory(stamps * 1e-9, v, angle, speed, engine, friction, friction, np.zeros(3000, np.int8),
+    whole = cycles_of(Trajectory(stamps * 1e-9, v, angle, speed, engine, friction, friction, np.zeros(1000, np.int8),
                                  CYCLE, "recording", SYSTEM))
     stream, pieces = fed(columns, sizes_like(kind))
     cycles, first, dropped = stream.runs[0].kept(0)
     assert (len(cycles), first, dropped, len(stream.runs)) == (len(whole), 0, 0, 1)
-    assert sum(len(p.cycles) for p in pieces) == len(whole) == 71
+    assert sum(len(p.cycles) for p in pieces) == len(whole) == 23
     for name in ("section", "highest", "lowest", "stick_time"):
         np.testing.assert_allclose(getattr(cycles, name), getattr(whole, name), rtol=1e-12, atol=1e-12)
 
@@ -70,7 +70,7 @@ def test_the_summary_knows_the_motion():
 
 
 def test_memory_is_that_of_a_cycle():
-    stream, _ = fed(recorded(np.arange(20_000)), sizes_like("random"))
+    stream, _ = fed(recorded(np.arange(4000)), sizes_like("random"))
     assert sum(part.shape[1] for part in stream._waiting) <= math.ceil(CYCLE * 1e9 / STEP) + 1
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import pickle
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,6 +15,7 @@ from documents import same_pictures
 from given import curve_of, curves_of, figure_of
 
 from tcc_sim.output.provenance import document
+from tcc_sim.paper import branches_behind
 from tcc_sim.paper import figures as figure_numbers
 from tcc_sim.paper.branch_panels import spread, top_of
 from tcc_sim.paper.branches_behind import creeps, motions_behind, motions_behind_each
@@ -40,7 +42,14 @@ def test_pure_stick_under_the_set_valued_law_lies_on_one_branch_without_a_jump()
         assert [math.hypot(*m) for m in multipliers] == pytest.approx([size, size, 0.0], abs=1e-7)
 
 
-def test_curves_followed_in_processes_are_those_followed_one_by_one() -> None:
+def copied(value: Any) -> Any:
+    """What a process receives of a value."""
+    return pickle.loads(pickle.dumps(value))  # noqa: S301
+
+
+def test_curves_followed_in_processes_are_those_followed_one_by_one(monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    monkeypatch.setattr(branches_behind, "each_in_a_process", lambda work, parts, *how: [
+        copied(copied(work)(copied(part))) for part in parts])
     curves = [Curve(paper_system({"friction.kinetic_coefficient": ratio * 0.3, "initial.slip_speed": 0.0}),
                     "engine.frequency", (0.47 * OMEGA_N, 0.49 * OMEGA_N)) for ratio in (0.9, 0.95)]
     sweeps = sweep_curves(curves, Plan(cycles=100, discard=50))
