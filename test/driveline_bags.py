@@ -106,19 +106,22 @@ def bag(directory, rows, scene, *, said=(), cut=False, lost=0, clock=None, publi
     writer = BagWriter(directory, scene.text() if scene is not None else None, **options)
     channel = cache(lambda name, kind, who="": writer.channel(name, kind, publisher=who))
     pressed, at_end = not math.isnan(rows[-1][-1]), {row[0]: row for row in ends}
-    joints, applied = {}, {}
+    joints, applied, owner = {}, {}, 0
+    spoken = {row for row, *_ in (*said, *targets, *sources)}
     for first, who in publishers or [(0, "")]:
         joints[first] = writer.channel("/joint_states", JOINT_STATE, publisher=who)
         applied[first] = writer.channel("/applied_pressure", FLUID_PRESSURE, publisher=who) if pressed else 0
     for number, (stamp, *columns, pressure) in enumerate(rows):
-        log, owner = clock(number), max(first for first in joints if first <= number)
-        for text in (text for row, text in said if row == number):
-            writer.describe(text, log_ns=log - TICK // 2)
-        for value in (value for row, value in targets if row == number):
-            writer.write(channel("/target_slip_speed", FLOAT64), log - TICK // 2, log - TICK // 2, cdr.float64(value))
-        for since, text, *first in (rest for row, *rest in sources if row == number):
-            sent = clock(first[0]) if first else log
-            writer.write(channel("/input_source", HEADER), log - 1, sent - 1, cdr.header(since, text))
+        log, owner = clock(number), number if number in joints else owner
+        if number in spoken:
+            for text in (text for row, text in said if row == number):
+                writer.describe(text, log_ns=log - TICK // 2)
+            for value in (value for row, value in targets if row == number):
+                writer.write(channel("/target_slip_speed", FLOAT64), log - TICK // 2, log - TICK // 2,
+                             cdr.float64(value))
+            for since, text, *first in (rest for row, *rest in sources if row == number):
+                sent = clock(first[0]) if first else log
+                writer.write(channel("/input_source", HEADER), log - 1, sent - 1, cdr.header(since, text))
         writer.write(joints[owner], received(number) if received else log, log, cdr.joint_state(stamp, *columns),
                      number)
         if pressed:

@@ -70,17 +70,17 @@ def test_any_damage_ends_with_a_result_or_one_line(tmp_path, original):
     data, rows = original
     draw = random.Random(20)
     outcomes = []
-    for _ in range(200):
+    for _ in range(80):
         path = tmp_path / "x.mcap"
         path.write_bytes(damaged(data, draw))
         outcomes.append(check(path, rows))
-    assert outcomes.count("read") > 150
+    assert outcomes.count("read") > 60
 
 
 def test_a_scene_with_a_changed_digit_is_not_believed(tmp_path, original):
     data, _ = original
     place = data.index(SCENE.encode())
-    for n in range(len(SCENE)):
+    for n in range(0, len(SCENE), 3):
         changed = bytearray(data)
         changed[place + n] ^= 1
         (tmp_path / "x.mcap").write_bytes(changed)
@@ -93,7 +93,7 @@ def test_recovery_of_damage_is_a_bag_that_reads_without_damage(tmp_path, origina
     data, rows = original
     rosbag2 = pytest.importorskip("rosbags.rosbag2")
     draw = random.Random(21)
-    for n in range(25):
+    for n in range(10):
         path, out = tmp_path / f"{n}.mcap", tmp_path / f"{n}_recovered"
         content = damaged(damaged(data, draw), draw)
         path.write_bytes(content)

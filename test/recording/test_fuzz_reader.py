@@ -16,7 +16,7 @@ from tcc_sim.recording.reader import open_run
 from tcc_sim.recording.recovery import recover
 
 MAGIC = b"\x89MCAP0\r\n"
-FUZZ = settings(derandomize=True, database=None, deadline=None, max_examples=120,
+FUZZ = settings(derandomize=True, database=None, deadline=None, max_examples=50,
                 suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 """The same examples every time; what longer searches found stands beside the tests as an example of its own."""
 NUMBERS = st.sampled_from([0, 1, 2, 7, 8, 9, 255, 65535, 1 << 20, (1 << 31) - 1, 1 << 31, (1 << 32) - 1, 1 << 62,

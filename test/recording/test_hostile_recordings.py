@@ -20,8 +20,7 @@ from tcc_sim.cli import main
 from tcc_sim.errors import LONGEST_SENTENCE, InputError, RecordingError
 from tcc_sim.messages import cdr
 from tcc_sim.parameter_file import LARGEST_FILE
-from tcc_sim.recording import records
-from tcc_sim.recording.contents import MOST_TOPICS
+from tcc_sim.recording import contents, records
 from tcc_sim.recording.mcap_file import RECOVERY_RECORD, RESULT_RECORD, SCENE_RECORD, McapFile, digest
 from tcc_sim.recording.reader import open_run
 from tcc_sim.recording.recovery import recover
@@ -108,8 +107,10 @@ def test_a_chunk_of_nothing_but_records_is_left_out(tmp_path: Path) -> None:
     assert peak < MEMORY
 
 
-def test_chunks_that_unpack_to_too_much_together_are_left_out(tmp_path: Path) -> None:
-    full = chunk(message(9, 0) * 70_000)
+def test_chunks_that_unpack_to_too_much_together_are_left_out(tmp_path: Path,
+                                                                  monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(records, "SMALLEST_EXPANSION", 1 << 20)
+    full = chunk(message(9, 0) * 7000)
     path = written(tmp_path / "x.mcap", schema(), channel(1), chunk(message(1, TICK)), *[full] * 20)
     limit = records.SMALLEST_EXPANSION + records.LARGEST_EXPANSION * path.stat().st_size
     said, peak = cost(path)
@@ -118,12 +119,14 @@ def test_chunks_that_unpack_to_too_much_together_are_left_out(tmp_path: Path) ->
     assert peak < MEMORY
 
 
-def test_more_topics_than_any_recording_has_are_passed_over(tmp_path: Path) -> None:
-    many = b"".join(channel(n, f"/{n}/joint_states") for n in range(15_000))
-    small = [chunk(message(n, TICK)) for n in range(300)]
+def test_more_topics_than_any_recording_has_are_passed_over(tmp_path: Path,
+                                                                monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(contents, "MOST_TOPICS", 100)
+    many = b"".join(channel(n, f"/{n}/joint_states") for n in range(150))
+    small = [chunk(message(n, TICK)) for n in range(100)]
     run = open_run(written(tmp_path / "x.mcap", chunk(schema() + many), *small))
     list(run.states())
-    assert len(run.topics) == MOST_TOPICS
+    assert len(run.topics) == 100
 
 
 def test_extreme_stamps_are_a_sentence_and_no_memory(tmp_path: Path, refused: Callable[..., str]) -> None:
@@ -157,12 +160,12 @@ def test_work_that_a_scene_asks_for_grows_with_the_file_only(tmp_path: Path, mon
 
 
 def test_bad_metadata_is_counted_and_not_listed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    bad = metadata(SCENE_RECORD, {"scene": "x"}) * 20_000
+    bad = metadata(SCENE_RECORD, {"scene": "x"}) * 2000
     path = written(tmp_path / "x.mcap", scene(), bad, schema(), channel(1), chunk(b"".join(
         message(1, n * TICK) for n in range(300))))
     assert main(["analyse", str(path)]) == 0
     out = capsys.readouterr().out
-    assert "20000 records that describe the recording are damaged and were ignored" in out
+    assert "2000 records that describe the recording are damaged and were ignored" in out
     assert len(out) < 4000
 
 
@@ -175,9 +178,9 @@ def test_damaged_places_are_named_up_to_a_number(tmp_path: Path) -> None:
     assert f"{500 - records.MOST_SENTENCES} more places damaged" in run.warnings
 
 
-VALUES = [[], [1, 2], 3, "text", None, 1.5, True, {"a": [1]}, {"lost": [1]}, {"lost": {"/x": "many"}},
-          {"lost": {"/x": 1e999}}, {"lost": {"/x": 10**30}}, {"solver": 5}, {"solver": ["x"]}, "[" * 5000, "NaN", "{",
-          '{"lost": NaN}', "9" * 5000, {"messages": {"/x": []}, "missing_stamps": 3, "unsent": {"/x": -1}}]
+VALUES = [[], 3, "text", None, {"a": [1]}, {"lost": [1]}, {"lost": {"/x": "many"}},
+          {"lost": {"/x": 1e999}}, {"lost": {"/x": 10**30}}, {"solver": 5}, "[" * 5000, "NaN", "9" * 5000,
+          {"messages": {"/x": []}, "missing_stamps": 3, "unsent": {"/x": -1}}]
 
 
 @pytest.mark.parametrize("value", VALUES, ids=lambda value: str(value)[:20])

@@ -21,8 +21,8 @@ def stepping(*steps):
 
 
 def beside(first, second):
-    """Each of the first with two of the second, in turn."""
-    return [(one, second[(n + m) % len(second)]) for n, one in enumerate(first) for m in range(2)]
+    """Each of the first with one of the second, in turn."""
+    return [(one, second[n % len(second)]) for n, one in enumerate(first)]
 
 
 def verified(tmp_path, resets, clock, changes=CHANGES, ticks=400):

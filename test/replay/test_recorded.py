@@ -59,14 +59,14 @@ def test_a_recording_has_runs_segments_and_every_sample(recorded, rows):
     assert second.system.engine.mean_torque == 250.0
 
 
-def test_a_stretch_of_it_is_analysed_and_drawn_as_a_solution_is(recorded, tmp_path):
-    pytest.importorskip("matplotlib")
+def test_a_stretch_of_it_is_analysed_and_drawn_as_a_solution_is(recorded, tmp_path, figures):
     run = tcc_sim.read(recorded).trajectory(1, 0.5, 1.5)
     assert (run.t[0], run.t[-1], len(run.t)) == (0.5, 1.5, 1001)
     assert summarise(run, 3).cycles == len(run.cycles) == int(1.5 * 150 / (2 * math.pi)) - math.ceil(75 / (2 * math.pi))
     starts = run.cycles.starts
     assert starts[:2] == pytest.approx(np.array([12, 13]) * 2.0 * math.pi / 150.0, rel=1e-12)
-    assert plot(run, tmp_path / "run.png").stat().st_size > 10_000
+    plot(run, tmp_path / "run.png")
+    assert len(figures) == 1
 
 
 @pytest.mark.parametrize(("window", "words"), [
@@ -88,11 +88,11 @@ def test_commands_are_columns(tmp_path):
 
 def test_cycles_of_a_commanded_torque_are_its_own_in_every_window(tmp_path):
     scene = load_scene("commands").with_values({"engine.frequency": 99.0})
-    path = bag(tmp_path / "run", ticked(scene, 4000, torque=lambda k: 300.0 + 250.0 * math.sin(0.15 * k),
+    path = bag(tmp_path / "run", ticked(scene, 2000, torque=lambda k: 300.0 + 250.0 * math.sin(0.15 * k),
                                         pressure=lambda k: 260e3), scene)
-    run = tcc_sim.read(path).trajectory(0, 1.0, 3.0)
+    run = tcc_sim.read(path).trajectory(0, 0.5, 1.5)
     assert np.diff(run.cycles.starts) == pytest.approx(2.0 * math.pi / 150.0, rel=1e-5)
-    constant = bag(tmp_path / "constant", ticked(scene, 2000, torque=lambda k: 300.0, pressure=lambda k: 260e3), scene)
+    constant = bag(tmp_path / "constant", ticked(scene, 1000, torque=lambda k: 300.0, pressure=lambda k: 260e3), scene)
     assert len(tcc_sim.read(constant).trajectory().cycles) == 0
 
 

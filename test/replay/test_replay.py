@@ -108,7 +108,7 @@ def test_the_longest_of_several_runs_counts(tmp_path):
     assert found.trajectory.slip_speed.min() > 100.0
 
 
-def test_the_end_of_the_run_is_kept_for_a_picture(tmp_path):
+def test_the_end_of_the_run_is_kept_for_a_picture(tmp_path, figures):
     found = replay(bag(tmp_path / "run", slip(3.0), "slip"))
     end, cycle = found.trajectory, 2.0 * math.pi / OMEGA
     assert end.t[-1] == 3.0
@@ -118,9 +118,8 @@ def test_the_end_of_the_run_is_kept_for_a_picture(tmp_path):
     assert np.all(end.state == 1)
     assert (len(found.cycles), found.first_cycle) == (71, 0)
     pictures = pytest.importorskip("tcc_sim.views.overview")
-    pytest.importorskip("matplotlib")
-    assert pictures.overview(tmp_path / "o.png", end, found.cycles, found.first_cycle,
-                             found.summary).stat().st_size > 10_000
+    pictures.overview(tmp_path / "o.png", end, found.cycles, found.first_cycle, found.summary)
+    assert len(figures) == 1
 
 
 def test_the_frequency_of_a_commanded_torque_is_found_or_given(tmp_path):
@@ -220,8 +219,7 @@ def settling():
     return ticked(load_scene("fig02"), 8280)
 
 
-@pytest.mark.parametrize(("gap", "period"), [((0, 0), 1), ((4000, 4030), 1), ((7800, 7830), 0), ((7900, 7930), 0),
-                                             ((8000, 8030), 0)])
+@pytest.mark.parametrize(("gap", "period"), [((0, 0), 1), ((4000, 4030), 1), ((7800, 7830), 0)])
 def test_a_gap_is_not_taken_for_a_period(tmp_path, settling, gap, period):
     rows = settling[:gap[0]] + settling[gap[1]:]
     found = replay(bag(tmp_path / "run", rows, load_scene("fig02")))
@@ -232,14 +230,14 @@ def test_a_gap_is_not_taken_for_a_period(tmp_path, settling, gap, period):
 
 @pytest.fixture(scope="module")
 def run_up():
-    """A commanded run-up from 100 to 200 rad/s in 10 s; the scene states another frequency."""
+    """A commanded run-up from 100 to 200 rad/s in 5 s; the scene states another frequency."""
     scene = load_scene("commands").with_values({"engine.frequency": 150.0, "friction.kinetic_coefficient": 0.27})
 
     def torque(k):
         t = k * 1e-3
-        return 300.0 + 250.0 * math.sin(100.0 * t + 5.0 * t * t)
+        return 300.0 + 250.0 * math.sin(100.0 * t + 10.0 * t * t)
 
-    return scene, ticked(scene, 10_000, torque=torque, pressure=lambda k: 260e3)
+    return scene, ticked(scene, 5000, torque=torque, pressure=lambda k: 260e3)
 
 
 def test_a_commanded_run_up_is_analysed_at_its_own_frequency(tmp_path, run_up):
@@ -249,10 +247,10 @@ def test_a_commanded_run_up_is_analysed_at_its_own_frequency(tmp_path, run_up):
     assert values["frequency_source"] == "found"
     assert values["frequency_range"] == pytest.approx([100.0, 200.0], rel=0.02)
     starts = found.cycles.starts
-    turns = (100.0 * starts + 5.0 * starts * starts) / (2.0 * math.pi)
+    turns = (100.0 * starts + 10.0 * starts * starts) / (2.0 * math.pi)
     # The torque of a tick is held from the tick before.
     assert np.abs(turns - np.rint(turns)).max() < 0.02
-    assert len(found.cycles) == pytest.approx(1500.0 / (2.0 * math.pi), abs=3)
+    assert len(found.cycles) == pytest.approx(750.0 / (2.0 * math.pi), abs=3)
     v = np.array([row[3] - row[4] for row in rows])
     late = v[round(float(starts[10]) * 1000):]
     assert values["max_slip_speed"] == pytest.approx(np.abs(late).max(), rel=0.02)
@@ -262,9 +260,8 @@ def test_a_commanded_run_up_is_analysed_at_its_own_frequency(tmp_path, run_up):
     assert re.search(r"frequency +1\d\d[.\d]* to \d+[.\d]* rad/s, found", text)
 
 
-def test_a_run_whose_torque_tells_no_cycles_is_read_all_the_same(tmp_path, run_up):
+def test_a_run_whose_torque_tells_no_cycles_is_read_all_the_same(tmp_path, run_up, figures):
     """A torque that jumps at random gives extremes and stick, a picture, and one line."""
-    pytest.importorskip("matplotlib")
     scene, _ = run_up
     random = np.random.default_rng(4).uniform(0.0, 600.0, 200)
     rows = ticked(scene, 3000, torque=lambda k: float(random[k // 15]), pressure=lambda k: 260e3)
@@ -277,4 +274,5 @@ def test_a_run_whose_torque_tells_no_cycles_is_read_all_the_same(tmp_path, run_u
     assert "frequency" in "\n".join(found.lines())
     from tcc_sim.views.plots import plot
 
-    assert plot(found, tmp_path / "o.png").stat().st_size > 10_000
+    plot(found, tmp_path / "o.png")
+    assert len(figures) == 1
