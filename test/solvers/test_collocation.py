@@ -7,7 +7,6 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from tcc_sim.compiling.compiled import compiled
-from tcc_sim.model import friction
 from tcc_sim.solvers import collocation as tables
 from tcc_sim.solvers import stages
 from tcc_sim.solvers.stages import LAYER, WORK, Place
@@ -77,17 +76,6 @@ def correct(work, rung, v):
     stages.evaluate_residual(0, rung.coupling, work.slip, work.law, work.slope, work.grip, work.balance, rung.start, v,
                              work.change, work.measure)
     stages.eliminate(0, work.change, rung.coupling, work.grip, work.slope, work.measure)
-
-
-@pytest.mark.parametrize("stribeck", [None, STRIBECK, (*STRIBECK, 0.1, 0.5, -0.05, 0.1)])
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_the_law_at_all_nodes_is_the_law(stribeck, sign):
-    work = np.zeros(1, WORK)[0]
-    work["slip"] = sign * np.concatenate([[0.0], np.logspace(-12, 2, tables.NODES - 1)])
-    law(work, sign, 50.0, stribeck)
-    expected, slope = friction.smoothed_and_slope(work["slip"], 50.0, stribeck)
-    np.testing.assert_allclose(work["law"], expected, rtol=1e-14, atol=1e-16)
-    np.testing.assert_allclose(work["slope"][1:], slope[1:], rtol=1e-11, atol=1e-13)
 
 
 def test_the_correction_solves_newtons_equations():

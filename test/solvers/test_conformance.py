@@ -137,7 +137,7 @@ def test_a_run_goes_on_from_any_cycle_boundary(name: str) -> None:
 @solvers
 def test_results_do_not_depend_on_the_samples_asked_for(name: str) -> None:
     system = system_for(name)
-    bare, sampled = (run(name, system, cycles=1, samples_per_cycle=n) for n in (0, 37))
+    bare, sampled = (run(name, system, 4.0, cycles=1, samples_per_cycle=n) for n in (0, 37))
     assert bare.t[-1] == sampled.t[-1] == system.cycle
     for field in ("section", "highest", "lowest", "stick_time"):
         one, other = getattr(bare.cycles, field), getattr(sampled.cycles, field)

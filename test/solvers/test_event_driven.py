@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from piecewise import Piecewise
-from scipy.integrate import solve_ivp, trapezoid
+from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from tcc_sim.model import pure_slip
@@ -156,19 +156,6 @@ def test_an_overdamped_plate_that_sticks_and_slips_both_ways(kinetic):
     for found, expected in zip((run.slip_speed, run.plate_angle, run.plate_speed), states.T):
         np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-7 * np.abs(expected).max())
     assert run.statistics.steps < 150 * len(changes)
-
-
-def test_an_overdamped_plate_that_reverses_keeps_its_power_balance():
-    system = overdamped(engine__mean_torque=0.0, engine__torque_amplitude=1500.0, initial__slip_speed=0.0)
-    run = solve(system, cycles=2, samples_per_cycle=20_000)
-    assert run.status is Status.DONE
-    assert {-1, 0, 1} <= set(run.state.tolist())
-    d = system.driveline
-    flywheel = run.slip_speed + run.plate_speed
-    stored = 0.5 * (d.flywheel_inertia * flywheel**2 + d.plate_inertia * run.plate_speed**2
-                    + d.stiffness * run.plate_angle**2)
-    power = (run.engine_torque * flywheel - run.friction_torque * run.slip_speed - d.damping * run.plate_speed**2)
-    assert trapezoid(power, run.t) == pytest.approx(stored[-1] - stored[0], abs=1e-4 * np.abs(stored).max())
 
 
 @pytest.mark.parametrize(("ratio", "decay"), [(1.25, 2.0), (4.0, 0.05), (1.01, 300.0)])

