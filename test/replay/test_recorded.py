@@ -151,21 +151,20 @@ def test_a_table_carries_units_and_scene(recorded, monkeypatch):
 FOUND = {"friction.kinetic_coefficient": 0.25, "driveline.stiffness": 3150.0}
 
 
-def test_a_recording_becomes_a_scene_that_follows_it(tmp_path: Path, capsys) -> None:
+def test_a_recording_becomes_a_scene_that_follows_it(tmp_path: Path, capsys, figures) -> None:
     """A driveline that differs from its scene, under commands of torque and pressure."""
-    pytest.importorskip("matplotlib")
     scene = load_scene("commands")
     rows = ticked(scene.with_values(FOUND), 401, torque=lambda k: 250.0 + 200.0 * math.sin(0.14 * k),
                   pressure=lambda k: 2.2e5 + 3e4 * math.sin(0.01 * k))
-    run, mine, drawn = str(bag(tmp_path / "run", rows, scene)), tmp_path / "mine.yaml", tmp_path / "twin.png"
+    run, mine = str(bag(tmp_path / "run", rows, scene)), tmp_path / "mine.yaml"
     words = [word for key in FOUND for word in ("--free", key)]
     assert cli.main(["identify", run, *words, "--out", str(mine)]) == 0
     system = load_scene(str(mine)).system
     assert system.driveline.stiffness == pytest.approx(3150.0, rel=1e-4)
     assert system.friction.kinetic_coefficient == pytest.approx(0.25, rel=1e-4)
-    assert cli.main(["simulate", str(mine), "--inputs", run, "--plot", str(drawn)]) == 0
+    assert cli.main(["simulate", str(mine), "--inputs", run, "--plot", str(tmp_path / "twin.png")]) == 0
     assert "slip speed beside run: " in capsys.readouterr().out
-    assert drawn.stat().st_size > 10_000
+    assert len(figures) == 1
 
 
 def test_the_difference_is_that_of_the_two_speeds(tmp_path: Path) -> None:

@@ -55,12 +55,12 @@ def test_timers_of_simulation_time_fire_at_their_times_and_give_the_same_bits_ea
     for _ in range(2):
         plant = driveline("controlled")
         node = plant.add(Timed())
-        runs.append(plant.run(seconds=0.5))
+        runs.append(plant.run(seconds=0.25))
         assert node.times == [k * 10_000_000 for k in range(1, len(node.times) + 1)]
-        assert len(node.times) in (49, 50)
+        assert len(node.times) in (24, 25)
     held = runs[0].commands["actuation_pressure"][1:]
     assert np.isnan(held[:PERIOD]).all()
-    assert np.flatnonzero(np.diff(held[PERIOD:])).tolist() == [k * PERIOD - 1 for k in range(1, 49)]
+    assert np.flatnonzero(np.diff(held[PERIOD:])).tolist() == [k * PERIOD - 1 for k in range(1, 24)]
     assert runs[0].slip_speed.tobytes() == runs[1].slip_speed.tobytes()
     assert runs[0].missed == 0
 
@@ -174,7 +174,7 @@ def test_the_slip_controller_follows_a_profile_of_its_target(driveline: Any) -> 
     plant = driveline("controlled")
     plant.add(SlipControllerNode(parameter_overrides=[Parameter("target_times", value=times),
                                                       Parameter("target_values", value=values)]))
-    run = plant.run(seconds=1.5)
+    run = plant.run(seconds=1.0)
     # 30 is asked for with the state of 0.501 s; the target is seen with the state after that.
     assert run.target == (30.0, 502)
     assert run.tracking.rms_error < 2.5
@@ -184,7 +184,7 @@ def test_the_slip_controller_follows_a_profile_of_its_target(driveline: Any) -> 
         law.target = law.tuning.target_at(reading.stamp_ns * 1e-9)
         return law.update(reading.flywheel_speed - reading.plate_speed, reading.engine_torque)
 
-    assert run.slip_speed.tobytes() == tcc_sim.closed_loop("controlled", answer, 1.5).slip_speed.tobytes()
+    assert run.slip_speed.tobytes() == tcc_sim.closed_loop("controlled", answer, 1.0).slip_speed.tobytes()
 
 
 def test_a_target_profile_is_checked_as_those_of_scenes() -> None:
