@@ -52,13 +52,14 @@ def test_a_cluster_without_workers_and_one_whose_processes_die(tmp_path, monkeyp
         system = replace(System(), {"friction.law": "set_valued", "friction.kinetic_coefficient": 0.285,
                                     "pressure.mean": 225e3, "pressure.amplitude": 0.0})
         values = [float(x) for x in np.linspace(40.0, 160.0, 48)]
+        monkeypatch.setattr("tcc_sim.sweeps.executors.DEFAULTS", Settings(look=0.01))  # Workers are asked for at once.
         on_point(lambda count: processes[1].kill() if count == 12 else None)
         far = sweep(system, "engine.frequency", values, Plan(cycles=100), dask=address, out=tmp_path / "far.jsonl")
         assert processes[1].wait(120) == -signal.SIGKILL
         near = sweep(system, "engine.frequency", values, Plan(cycles=100))
         for one, other in zip(far.records, near.records):
             assert {**one, "elapsed_s": 0.0} == {**other, "elapsed_s": 0.0}
-        monkeypatch.setattr("tcc_sim.sweeps.executors.DEFAULTS", Settings(patience=0.5))
+        monkeypatch.setattr("tcc_sim.sweeps.executors.DEFAULTS", Settings(look=0.01, patience=0.5))
         on_point(lambda count: processes[0].kill())
         assert main([*command, "--dask", address]) == 1
         assert "resumes from" in capsys.readouterr().err
