@@ -8,7 +8,7 @@ import subprocess
 import sys
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -39,26 +39,20 @@ Control = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture(scope="module")
-def domain_of_module(domain: str, discovery: Callable[[str], str]) -> Iterator[Mapping[str, str]]:
-    """Environment of this module's processes, which the test process has too."""
+def context(domain: str, discovery: Callable[[str], str]) -> Iterator[Context]:
+    """A context in the domain of this module's processes, whose environment the test process has too."""
     with pytest.MonkeyPatch.context() as patch:
         for name, value in (("FASTDDS_DEFAULT_PROFILES_FILE", discovery("")), ("ROS_DOMAIN_ID", domain),
                             ("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")):
             patch.setenv(name, value)
-        yield os.environ
-
-
-@pytest.fixture(scope="module")
-def context(domain_of_module: Mapping[str, str]) -> Iterator[Context]:
-    """A context in that domain, whose participant knows the driveline after its first call."""
-    context = Context()
-    rclpy.init(context=context, args=[])
-    yield context
-    context.try_shutdown()
+        context = Context()
+        rclpy.init(context=context, args=[])
+        yield context
+        context.try_shutdown()
 
 
 @pytest.fixture
-def control(domain_of_module: Mapping[str, str], capsys: pytest.CaptureFixture[str]) -> Control:
+def control(context: Context, capsys: pytest.CaptureFixture[str]) -> Control:
     """Function that runs `tcc-sim control` and returns status, output and messages."""
     def run(*words: str) -> tuple[int, str, str]:
         status = main(["control", *words])
@@ -86,10 +80,10 @@ def quick(control: Control, context: Context, monkeypatch: pytest.MonkeyPatch) -
 
 
 @pytest.fixture(scope="module")
-def driveline(domain_of_module: Mapping[str, str]) -> Iterator[NodeProcess]:
+def driveline(context: Context) -> Iterator[NodeProcess]:
     """The driveline of all tests, which holds the last commands; ten states in a period of excitation."""
     node = NodeProcess("driveline", {"scene": "commands", "rate": 50.0, "engine.frequency": 30.0,
-                                     "command_timeout": 0.0}, dict(domain_of_module))
+                                     "command_timeout": 0.0}, dict(os.environ))
     node.await_line(CLOCK_STARTED)
     yield node
     assert node.stop() == 0
@@ -146,14 +140,6 @@ def test_it_does_what_the_ros2_commands_do_and_refusals_are_the_nodes_own(quick:
     assert quick("resume") == (0, "running\n", "")
 
 
-class Told:
-    """Statuses that a driveline on a busy machine sends to an operator."""
-
-    def __init__(self, *refused_received_regime: tuple[int, int, str]) -> None:
-        self.statuses = [{"engine_torque refused": str(refused), "engine_torque received": str(received),
-                          "regime": regime} for refused, received, regime in refused_received_regime]
-
-
 @pytest.mark.parametrize(("after", "word"), [
     ([], ""), ([(1, 4, "slip")], ""), ([(2, 4, "slip")], "refused"),
     ([(1, 4, "slip")] * 20 + [(1, 5, "slip")], "applied"),
@@ -161,7 +147,9 @@ class Told:
     ([(1, 4, "paused"), (2, 4, "paused")], "refused")])
 def test_a_command_is_judged_by_what_the_driveline_counts_and_not_by_the_time_that_it_takes(
         after: list[tuple[int, int, str]], word: str) -> None:
-    assert Operator._counted("engine_torque", Told((1, 4, "slip"), *after).statuses, 1) == word
+    statuses = [{"engine_torque refused": str(refused), "engine_torque received": str(received), "regime": regime}
+                for refused, received, regime in ((1, 4, "slip"), *after)]
+    assert Operator._counted("engine_torque", statuses, 1) == word
 
 
 def test_other_publishers_and_other_drivelines_are_named(quick: Control, driveline: NodeProcess,
