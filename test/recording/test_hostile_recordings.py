@@ -178,6 +178,13 @@ def test_damaged_places_are_named_up_to_a_number(tmp_path: Path) -> None:
     assert f"{500 - records.MOST_SENTENCES} more places damaged" in run.warnings
 
 
+def test_messages_without_a_checksum_are_read_with_a_warning(tmp_path: Path) -> None:
+    data = chunk(message(1, TICK))
+    run = open_run(written(tmp_path / "x.mcap", schema(), channel(1), data[:33] + bytes(4) + data[37:]))
+    assert sum(map(len, run.states())) == 1
+    assert "some messages have no checksum: damage in them would go unnoticed" in run.warnings
+
+
 VALUES = [[], 3, "text", None, {"a": [1]}, {"lost": [1]}, {"lost": {"/x": "many"}},
           {"lost": {"/x": 1e999}}, {"lost": {"/x": 10**30}}, {"solver": 5}, "[" * 5000, "NaN", "9" * 5000,
           {"messages": {"/x": []}, "missing_stamps": 3, "unsent": {"/x": -1}}]
