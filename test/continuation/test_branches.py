@@ -25,7 +25,6 @@ def branch_of(step: Step, dimension: int, low: float, high: float, value: float,
     shooting = Shooting.single(TextbookMap(step, dimension), period, ParameterRange(low, high, name="p"),
                                settings=settings)
     z = find_orbit(shooting, (value,), [np.array(guess)])
-    assert z is not None
     return branch_through(first_point(shooting, z))
 
 
@@ -44,7 +43,6 @@ def test_a_corrector_is_given_up_at_the_first_step_that_is_too_long() -> None:
     assert corrector(shooting, guess, row, farthest=0.03) is None
     assert of.evaluations == 1
     found = corrector(shooting, guess, row, farthest=0.04)
-    assert found is not None
     assert found.z[0] == pytest.approx(2.0 / 3.0, abs=1e-15)
 
 
@@ -142,7 +140,6 @@ def test_a_branch_that_comes_back_some_cycles_later_is_met_in_its_own_direction(
     branch = branch_of(henon, 2, 0.37, 0.9, 0.6, [1.0, -0.1], 2)
     here, there = branch.points[2:4]
     middle = Bracket(here, there).at(0.5)
-    assert middle is not None
     shifted, tangent = BranchTrack(middle).starts[1]
     z, ways = middle.solution.z, []
     for point in (here, there):
@@ -230,7 +227,6 @@ def test_a_bifurcation_takes_few_evaluations() -> None:
     of = TextbookMap(henon, 2)
     shooting = Shooting.single(of, 1, ParameterRange(-1.0, 1.5))
     z = find_orbit(shooting, (0.1,), [np.array([0.1, 0.1])])
-    assert z is not None
     counts = []
     for detect in (True, False):
         of.evaluations = 0

@@ -40,7 +40,6 @@ def followed(system: System, over: str, span: ParameterRange, section: np.ndarra
     """The branch over one key through an orbit near a section point."""
     shooting = Shooting.single(DrivelineMap(system, (over,)), period, span)
     z = newton(shooting, shooting.unknowns(section[None], (getattr(*_place(system, over)),)))
-    assert z is not None
     return branch_through(first_point(dataclasses.replace(shooting, settings=Settings(max_points=60)), z), both=both)
 
 
@@ -113,7 +112,6 @@ def test_a_curve_passes_the_bifurcations_found_anew_at_its_ends(system: System, 
     for value, second in ((curve.values[k], curve.second[k]) for k in (0, -1)):
         (again,) = continue_motions(replace(at, {key: second}), dataclasses.replace(plan, second=None)).bifurcations
         assert again.value == pytest.approx(value, abs=1e-8 * max(value, 1.0))
-
 
 
 def test_at_a_neimark_sacker_bifurcation_motions_nearby_cease_to_come_back(system: System) -> None:

@@ -146,7 +146,6 @@ def test_a_branch_passes_a_node_at_the_onset_of_slip() -> None:
     x = np.array([0.0, 0.0634500, 19.3206])
     ends = [map_.evaluate(x, (value,), 0.0, part).value for part in (0.25, 0.53515625)]
     z = newton(shooting, shooting.unknowns(np.array([x, *ends]), (value,)))
-    assert z is not None
     branch = branch_through(first_point(shooting, z), both=False)
     assert str(branch.ended[1]).startswith("stopped after 60 points")
     assert max(s.value for s in branch.points) > 61.09

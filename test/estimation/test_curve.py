@@ -51,7 +51,6 @@ def test_the_law_is_within_the_band_that_is_given(law: str) -> None:
     found = identify(measured(law, 3), ["friction.curve"], scene=FIG02)
     assert found.accepted, found.why
     curve = found.curve
-    assert curve is not None
     seen = curve.visited
     truth = LAWS[law](curve.slip_speeds)
     inside = (curve.low <= truth) & (truth <= curve.high)
@@ -61,7 +60,6 @@ def test_the_law_is_within_the_band_that_is_given(law: str) -> None:
     assert np.isnan(curve.coefficient[~seen]).all()
     assert not seen[-5:].any()
     again = found.scene.system.friction.curve
-    assert again is not None
     np.testing.assert_allclose(again.at(curve.slip_speeds[seen]), curve.coefficient[seen], rtol=2e-3)
 
 
@@ -115,6 +113,5 @@ def test_the_command_writes_curve_scene_and_picture(tmp_path: Path, capsys: pyte
     assert len(found["curve"]["rates"]) == 1
     assert found["curve"]["visited"].count(False) == found["curve"]["coefficient"].count(None) > 0
     own = load_scene(tmp_path / "own.yaml").system.friction
-    assert own.curve is not None
     assert own.curve.at(50.0) == pytest.approx(float(LAWS["rising"](50.0)), rel=5e-3)
     assert len(figures[0].axes) == 5

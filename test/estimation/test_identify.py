@@ -205,7 +205,6 @@ def test_a_profile_is_what_fits_with_the_key_held_come_to() -> None:
     data, noise = measured(1)
     free = {"driveline.stiffness": 3010.0, "driveline.damping": 0.61}
     found = identify(data, free, scene=FIG02, noise=noise, likelihood="driveline.stiffness", gates=ONCE)
-    assert found.likelihood is not None
     values, excess = found.likelihood.values, found.likelihood.excess
     samples = sum(map(len, found.residuals.values()))
     for k in (1, 8):

@@ -27,9 +27,7 @@ ACTUATED = {"pressure.time_constant": 0.03, "pressure.delay": 0.005}
 @pytest.fixture(scope="module")
 def loop() -> SlipLoop:
     """The package's controller about its target."""
-    found = linearise("controlled", slip=TUNING.target, frequencies=[10.0], controller=GAINS).controller
-    assert found is not None
-    return found
+    return linearise("controlled", slip=TUNING.target, frequencies=[10.0], controller=GAINS).controller
 
 
 class Raised:
@@ -55,23 +53,19 @@ def swing(law: Raised, seconds: float = 5.0) -> float:
 
 def test_the_gain_margin_is_found_in_lock_step(loop: SlipLoop) -> None:
     assert loop.stable
-    assert loop.gain_margin is not None
     assert 2.5 < loop.gain_margin < 4.0
     assert swing(Raised(0.9 * loop.gain_margin)) < 0.1
     assert swing(Raised(1.1 * loop.gain_margin)) > 1.0
 
 
 def test_the_largest_delay_is_found_in_lock_step(loop: SlipLoop) -> None:
-    assert loop.largest_delay is not None
     ticks = loop.largest_delay / 1e-3
     assert swing(Raised(late=round(0.93 * ticks)), 10.0) < 1.0
     assert swing(Raised(late=round(1.07 * ticks))) > 3.0
 
 
 def test_the_smallest_stable_slip_is_found_in_lock_step(loop: SlipLoop) -> None:
-    assert loop.smallest_stable_slip is not None
     slower = linearise("controlled", slip=0.985 * loop.smallest_stable_slip, frequencies=[10.0], controller=GAINS)
-    assert slower.controller is not None
     assert not slower.controller.stable
     assert swing(Raised(target=1.1 * loop.smallest_stable_slip)) < 0.1
     assert swing(Raised(target=0.9 * loop.smallest_stable_slip)) > 0.4
@@ -125,7 +119,6 @@ def test_constant_slip_without_slope_is_an_integrator_with_known_multipliers() -
         "engine.torque_amplitude": 0.0, "friction.kinetic_coefficient": 0.3, "driveline.stiffness": 1e8,
         "driveline.plate_inertia": 1e-3, "driveline.damping": 1e3, "rate": 4.0 * 150.0 / (2.0 * math.pi)})
     found = linearise(scene, slip=20.0, frequencies=[10.0], controller=(3.0, 11.25)).controller
-    assert found is not None
     h = found.step
     assert h == pytest.approx(2.0 * math.pi / 600.0)
     # v+ = v - h/I1 (KP m + c), c+ = c + KI h m, m = (v + v1 + v2 + v3)/4.
@@ -141,7 +134,6 @@ def test_constant_slip_without_slope_is_an_integrator_with_known_multipliers() -
 
 def test_an_unstable_loop_has_no_margins() -> None:
     found = linearise("controlled", slip=20.0, frequencies=[10.0], controller=(12.0, 45.0)).controller
-    assert found is not None
     assert not found.stable
     assert (found.gain_margin, found.largest_delay, found.smallest_stable_slip) == (None, None, None)
     assert abs(found.multipliers[0]) > 1.0
