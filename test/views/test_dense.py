@@ -110,7 +110,8 @@ def test_the_last_cycles_of_a_solve_again_with_samples(law):
     assert dense.t[0] == pytest.approx(37 * system.cycle)
     assert dense.t[-1] == pytest.approx(run.t[-1])
     assert len(dense.t) == 3 * SAMPLES + 1
-    assert between(dense) is dense
+    rounded = replace(dense, t=dense.t * (1.0 + 1e-11))
+    assert between(rounded) is rounded
     assert dense.slip_speed.max() == pytest.approx(run.cycles.highest[-3:].max(), rel=1e-5)
     assert dense.final.plate_angle == pytest.approx(run.final.plate_angle, abs=1e-6)
     whole = solve(system, duration=0.5 * system.cycle, samples_per_cycle=100)
