@@ -14,7 +14,7 @@ import yaml
 from tcc_sim.model.groups import TABULATED
 from tcc_sim.model.parameters import DEFAULTS, QUANTITIES
 from tcc_sim.model.quantity import PROFILES
-from tcc_sim.scene import Operation, bundled_scenes, load_scene, parse_scene
+from tcc_sim.scene import Operation, load_scene, parse_scene
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "tcc_sim"
@@ -159,13 +159,6 @@ def test_what_is_measured_is_for_one_module_of_verbs_only(part: str) -> None:
         assert own == MEASURING or not imported.startswith("tcc_sim.benchmarks"), place
 
 
-def test_the_registry_of_solvers_names_modules_of_the_solvers() -> None:
-    from tcc_sim.solvers import SOLVERS
-
-    for entry in SOLVERS.values():
-        assert (PACKAGE / "solvers" / (entry.module.replace(".", "/") + ".py")).is_file()
-
-
 def loaded_by(statement: str) -> set[str]:
     """Heavy packages that a fresh interpreter has loaded after a statement."""
     code = f"import sys; before = set(sys.modules); {statement}; print(*set(sys.modules) - before)"
@@ -265,10 +258,6 @@ def test_a_bundled_scene_is_complete_and_comes_back_from_its_own_text(path: Path
         # ROS 2 gives a parameter the type that the file shows, and a double must not look like an integer.
         for each in value if isinstance(value, tuple) else (value,):
             assert isinstance(each, (float, str, bool)) or isinstance(getattr(holder, name), int), f"{key}: {value}"
-
-
-def test_the_scenes_that_others_rely_on_are_there() -> None:
-    assert {"fig02", "commands", "minimal", "slip", "stick", "chaos"} <= set(bundled_scenes())
 
 
 def test_installed_files_and_versions_agree() -> None:

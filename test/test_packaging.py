@@ -100,7 +100,3 @@ def test_every_requirement_has_a_floor_that_can_be_tested():
     extras = PROJECT["optional-dependencies"]
     for requirement in [*PROJECT["dependencies"], *extras["view"], *extras["cluster"], *extras["table"]]:
         assert re.fullmatch(r"[A-Za-z0-9_.-]+>=[0-9.]+(,<[0-9.]+)?", requirement), requirement
-
-
-def test_the_package_has_one_version():
-    assert f"<version>{__version__}</version>" in (ROOT / "package.xml").read_text()

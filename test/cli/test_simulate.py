@@ -92,14 +92,6 @@ def test_the_defaults_are_150_cycles_and_50_dropped(capsys):
     assert (found["cycles"], found["discarded"]) == (9, 3)
 
 
-def test_a_run_shorter_than_a_cycle_has_no_section(capsys):
-    found = values_of(capsys, "slip", "--duration", 0.001)
-    assert found["cycles"] == 0
-    assert found["period"] == 0
-    assert found["section"] == []
-    assert main(["simulate", "slip", "--duration", "0.001"]) == 0
-
-
 def test_the_table_names_units(capsys):
     assert main(["simulate", "slip", "--cycles", "20", "--lyapunov"]) == 0
     out = capsys.readouterr().out

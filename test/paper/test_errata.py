@@ -91,14 +91,6 @@ def test_8_9_and_29_by_hand() -> None:
     assert sorted(above, reverse=True) == above
 
 
-def test_33_is_right_as_printed() -> None:
-    t, v, n, period = np.linspace(0.0, 7.0, 50), 3, 2, 5
-    a, b = t / period, n * t / v
-    more, less = (n / v + 1 / period) * t, (n / v - 1 / period) * t
-    np.testing.assert_allclose(np.sin(a) * np.cos(b), 0.5 * (np.sin(more) - np.sin(less)), atol=1e-14)
-    np.testing.assert_allclose(np.sin(a) * np.sin(b), 0.5 * (np.cos(less) - np.cos(more)), atol=1e-14)
-
-
 def least_slip(speed: float) -> float:
     """Least slip speed, rad/s, under (14) from this one on, if friction did not change sign with it."""
     system = paper_system({**claims_stick.PURE_SLIP, "initial.slip_speed": speed})
