@@ -48,7 +48,7 @@ def scene(shape: str, seed: int, **changes: object) -> System:
         "pressure.phase": float(draw.uniform(0.0, 6.0)), "driveline.damping": float(draw.uniform(0.5, 3.0)), **changes})
 
 
-@pytest.mark.parametrize(("shape", "seed"), [("dip", 0), ("dip", 1)])
+@pytest.mark.parametrize(("shape", "seed"), [("dip", 0), ("falling", 0)])  # Two exponentials, and three.
 def test_the_smoothed_motion_is_that_of_lsoda(shape: str, seed: int) -> None:
     system = scene(shape, seed)
     found, i = solve(system, cycles=3, samples_per_cycle=8, rtol=1e-12), system.initial
