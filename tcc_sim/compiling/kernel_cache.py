@@ -11,6 +11,7 @@ without it.
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import multiprocessing
 import os
@@ -19,8 +20,8 @@ import stat
 import sys
 import tempfile
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from enum import Enum
 from functools import cache
 from pathlib import Path
@@ -40,6 +41,8 @@ ANNOUNCED_FROM = 1.0
 DAY = 86400.0
 UNUSED_AFTER = 30.0 * DAY
 """Time, s, after which an unused file is removed; kernels of another version are never used again."""
+WAITED, LOOK = 60.0, 0.05
+"""Longest time to wait for another process that compiles the same kernel, and time between two looks, s."""
 _CHECKSUM = hashlib.sha256().digest_size
 announced: set[str] = set()
 """Kinds of messages that were printed."""
@@ -216,28 +219,64 @@ def _content(path: Path) -> bytes:
 def load_or_build(name: str, size: int, make: Callable[[], bytes], load: Callable[[bytes], Loaded]) -> Loaded:
     """Load the stored kernel of this name, or make and store it; `size` is the bytecode to compile, bytes."""
     place = directory()
-    if place is not None:
-        path = place / name
-        try:
-            out = load(_content(path))
-            if time.time() - path.stat().st_mtime > DAY:
-                os.utime(path)
+    if place is None:
+        announce(size, "in every process, since they cannot be kept")
+        return load(make())
+    path = place / name
+    if (out := _stored(path, load)) is not None:
+        return out
+    announce(size, "once")
+    with _alone(place / f"tmp.{name}"):
+        if (out := _stored(path, load)) is not None:  # Another process has made it meanwhile.
             return out
-        except FileNotFoundError:
-            pass
-        except Exception as error:
-            print_once("damage", f"a kernel is compiled anew, since the cache is of no use: {_reason(error)}")
-            with suppress(OSError):
-                path.unlink()
-    announce(size, "once" if place is not None else "in every process, since they cannot be kept")
-    content = make()
-    if place is not None:
+        content = make()
         remove_unused(place, time.time())
         try:
             _write(path, content + hashlib.sha256(content).digest())
         except OSError as error:
             print_once("cache", f"compiled kernels are not kept: {_reason(error)}")
-    return load(content)
+        return load(content)
+
+
+def _stored(path: Path, load: Callable[[bytes], Loaded]) -> Loaded | None:
+    """Return the stored kernel; None, after a line on standard error, if its file is of no use, which is removed."""
+    try:
+        out = load(_content(path))
+        if time.time() - path.stat().st_mtime > DAY:
+            os.utime(path)
+        return out
+    except FileNotFoundError:
+        pass
+    except Exception as error:
+        print_once("damage", f"a kernel is compiled anew, since the cache is of no use: {_reason(error)}")
+        with suppress(OSError):
+            path.unlink()
+    return None
+
+
+@contextmanager
+def _alone(path: Path) -> Iterator[None]:
+    """Hold a file's lock, for which other processes that want the same kernel wait, at most WAITED."""
+    try:
+        descriptor = os.open(path, os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+    except OSError:
+        yield
+        return
+    end = time.monotonic() + WAITED
+    try:
+        while time.monotonic() < end:
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                time.sleep(LOOK)
+            except OSError:  # The file system has no locks.
+                break
+        yield
+    finally:
+        os.close(descriptor)
+        with suppress(OSError):
+            path.unlink()
 
 
 def announce(size: int, how_often: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import signal
 import stat
@@ -10,6 +11,7 @@ import sys
 import time
 from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from full_disk import full_disk
@@ -267,12 +269,34 @@ def test_two_processes_keep_one_kernel_at_once(cache, tmp_path):
     assert len(list(cache.iterdir())) == 1
 
 
+def test_a_kernel_that_another_process_compiles_is_awaited_for_a_while(cache, tmp_path, monkeypatch):
+    modules(tmp_path, name="awaited")(3.0)
+    (made,) = cache.iterdir()
+    content = made.read_bytes()
+
+    def slept(_):
+        made.write_bytes(content)
+        made.chmod(0o600)
+        fcntl.flock(lock, fcntl.LOCK_UN)
+
+    monkeypatch.setattr(kernel_cache, "time", SimpleNamespace(**{**vars(time), "sleep": slept}))
+    for limit, found in ((60.0, 1), (0.0, 0)):
+        monkeypatch.setattr(kernel_cache, "WAITED", limit)
+        made.unlink()
+        with open(cache / f"tmp.{made.name}", "w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            kernel = modules(tmp_path, name="awaited")
+            assert (kernel(3.0), hits(kernel)) == (7.0, found)
+        assert list(cache.iterdir()) == [made]
+
+
 def test_a_process_killed_while_it_writes_leaves_nothing_that_is_loaded(cache, tmp_path):
     modules(tmp_path, name="killed")
     process = alone(tmp_path, "killed_caller", killed=True)
     process.communicate()
     assert process.returncode == -signal.SIGKILL
-    (left,) = cache.iterdir()
+    left, lock = sorted(cache.iterdir(), key=lambda path: path.name.startswith("tmp."))
+    assert lock.name.startswith("tmp.")
     kernel = modules(tmp_path, name="killed")
     assert (kernel(3.0), hits(kernel)) == (7.0, 0)
     made_in = left.stat().st_mtime
