@@ -113,7 +113,8 @@ def test_a_wrong_value_is_named_with_key_value_unit_and_range(line: str, words: 
     (body("rate: !!float 3"), "line 3: YAML tags"), (body("rate: !!python/name:os.system x"), "line 3: YAML tags"),
     ("/**: [\n", "not valid YAML"), (body("rate: 'a"), "not valid YAML"), ("\t: 1\n", "not valid YAML"),
     ("a: 1\n---\nb: 2\n", "not valid YAML"), ("\x00\x01", "not valid YAML"),
-    ("[" * 3000, "nested more than 20 deep"), ("[" * 3000 + "]" * 3000, "nested more than 20 deep"),
+    ("[" * 300, "nested more than 20 deep"), ("[" * 300 + "]" * 300, "nested more than 20 deep"),
+    ("[" * 3000, "nest"), ("[" * 60_000, "nest"),  # Newer libyaml has a limit of its own.
     (body("rate: 2026-13-45"), "not valid YAML"),
     (body("rate: 2026-10-05"), "it must be"),
     (body("a: {b: {c: {d: {e: {f: 1}}}}}"), "is not a scene key"),
