@@ -208,19 +208,23 @@ def piece_of(terms: Terms, begin: float, end: float) -> Terms:
     return terms._replace(profile=terms.profile[k:k + 1], far=None if terms.far is None else terms.far[k:k + 1])
 
 
-def _largest(terms: Terms, column: int, mean: float, sign: float = 1.0) -> float:
-    """Return the largest value of a column of the profile times `sign`, or that of the one constant mean."""
-    return sign * mean if terms.profile is None else float((sign * terms.profile[:, column]).max())
+def _range(terms: Terms, column: int, mean: float) -> tuple[float, float]:
+    """Return the smallest and the largest value of a column of the profile; both are the mean without a profile."""
+    if terms.profile is None:
+        return mean, mean
+    values = terms.profile[:, column]
+    return float(values.min()), float(values.max())
 
 
 def peak_load(terms: Terms) -> float:
     """Return the largest saturation torque, N m."""
-    return _largest(terms, of.LOAD, terms.mean_load) + (abs(terms.pulsation[0]) if terms.pulsation is not None else 0.0)
+    swing = abs(terms.pulsation[0]) if terms.pulsation is not None else 0.0
+    return _range(terms, of.LOAD, terms.mean_load)[1] + swing
 
 
 def least_mean_load(terms: Terms) -> float:
     """Return the smallest saturation torque without its sine, N m."""
-    return -_largest(terms, of.LOAD, terms.mean_load, -1.0)
+    return _range(terms, of.LOAD, terms.mean_load)[0]
 
 
 def held_and_left_out(terms: Terms) -> tuple[list[str], list[str]]:
@@ -244,17 +248,17 @@ def excitation_frequency(terms: Terms) -> float:
         found.append(float(terms.harmonics[:, 0].max()))
     if terms.profile is not None:
         found += terms.profile[0, of.SWELLS::of.SWELL].tolist()
-    return max(found) * _largest(terms, of.FREQUENCY, 1.0)
+    return max(found) * _range(terms, of.FREQUENCY, 1.0)[1]
 
 
 def load_frequency(terms: Terms) -> float:
     """Return the largest angular frequency of the load, rad/s; 0 where it is constant."""
-    return (0.0 if terms.pulsation is None else terms.pulsation[1]) * _largest(terms, of.FREQUENCY, 1.0)
+    return (0.0 if terms.pulsation is None else terms.pulsation[1]) * _range(terms, of.FREQUENCY, 1.0)[1]
 
 
 def largest_mean_torque(terms: Terms) -> float:
     """Return the largest size of the mean engine torque, N m."""
-    return max(_largest(terms, of.TORQUE, terms.mean_torque, sign) for sign in (1.0, -1.0))
+    return max(map(abs, _range(terms, of.TORQUE, terms.mean_torque)))
 
 
 def torque_swing(terms: Terms) -> float:
