@@ -14,7 +14,7 @@ from tcc_sim.analysis.damping import Damping
 from tcc_sim.analysis.summary import Summary
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace, unknown_key
-from tcc_sim.result import Result, as_lists, json_of, names_in, reported, reporting
+from tcc_sim.result import Result, as_lists, json_of, names_in, reported, reported_of, reporting
 from tcc_sim.sweeps.exponents import Lyapunov
 from tcc_sim.sweeps.settings import DEFAULTS
 from tcc_sim.sweeps.simulation import CONFIRMED, Plan
@@ -63,7 +63,7 @@ class Point:
 
     def number(self, name: str) -> float:
         """Return a result in numbers by its name in JSON; NaN for one that is missing or not finite."""
-        damping = dict(zip(names_in(Damping), ("weighted", "negative_mean")))
+        damping = {entry.name: attribute for attribute, entry in reported_of(Damping).items()}
         part = (self if name == "confirmed" else self.damping if name in damping else
                 self.lyapunov if name.startswith("lyapunov_") else self.summary)
         value = getattr(part, damping.get(name, name.removeprefix("lyapunov_")), None)
