@@ -168,7 +168,7 @@ def _ripple(run: Trajectory, cycles: Cycles, means: Floats) -> float:
 class CycleMeans:
     """Means over whole engine cycles by the trapezoidal rule, of samples in batches; none without known cycles.
 
-    A gap of more than one and a half steps between batches leaves the cycles in it without a mean.
+    A gap (`Settings.gap`) between batches leaves the cycles in it without a mean.
     """
 
     def __init__(self, clock: EngineClock) -> None:
@@ -186,7 +186,7 @@ class CycleMeans:
         -------
         for each stretch of completed cycles, the number of the first, and ends (s) and means, (m,) arrays
         """
-        if len(self._t) and len(t) > 1 and t[0] - self._t[-1] > 1.5 * float(np.median(np.diff(t))):
+        if len(self._t) and len(t) > 1 and t[0] - self._t[-1] > DEFAULTS.gap * float(np.median(np.diff(t))):
             self.restart()
         t, v = np.concatenate([self._t, t]), np.concatenate([self._v, v])
         if not self._clock.told or (t[-1] - t[0]) / self._clock.cycle > len(t):

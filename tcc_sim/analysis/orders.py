@@ -25,8 +25,6 @@ CUTS = (1.0, 2.0, 3.0, 4.0)
 """Orders of the excitation that are drawn and listed individually."""
 LEAST = 1e-12
 """Lower limit of amplitudes in levels."""
-GAP = 1.5
-"""Distance of neighbouring samples that is a gap, in time and in periods relative to their medians."""
 
 
 @dataclass(frozen=True)
@@ -184,9 +182,12 @@ def compared(measured: Signals, run: Trajectory) -> OrderComparison:
 
 
 def _with_gap(signals: Signals, begins: Floats) -> NDArray[np.bool_]:
-    """Return whether each window, from its first period of the excitation on, has a gap between samples."""
+    """Return whether each window, from its first period of the excitation on, has a gap between samples.
+
+    In a run-up of equal steps of time those of the phase grow, and the other way round: a gap is wide in both.
+    """
     turns, t = signals.turns, signals.when(signals.turns)
-    wide = [np.diff(x) > GAP * np.median(np.diff(x)) for x in (turns, t)]
+    wide = [np.diff(x) > DEFAULTS.gap * np.median(np.diff(x)) for x in (turns, t)]
     gaps = np.flatnonzero(wide[0] & wide[1])
     return np.asarray(((turns[gaps] < begins[:, None] + DEFAULTS.window) & (turns[gaps + 1] > begins[:, None])).any(1))
 

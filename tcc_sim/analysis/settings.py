@@ -32,6 +32,7 @@ class Settings:
     shrinking: float = quantity(0.02, "least shrinking over the run, relative to the remaining difference")
     ended: float = quantity(0.01, "a fall of a difference has ended if it varies by less than this part of its last "
                             "third's fall while the period repeats")
+    gap: float = quantity(1.5, "distance of neighbouring samples that is a gap, relative to the median one")
     after_a_gap: int = quantity(16, "least length without a gap before a period is stated after one: that of the "
                                 "longest", "periods of excitation")
     growth: float = quantity(2.0, "growth of a difference from a third of the run to the next, twice, that shows a "

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from tcc_sim.analysis.settings import DEFAULTS as ANALYSIS
 from tcc_sim.errors import InputError
 from tcc_sim.model import equations, friction
 from tcc_sim.model.parameters import System
@@ -59,7 +60,7 @@ def between(recorded: Trajectory, samples: int = SAMPLES) -> Trajectory:
     if points == 1:
         return recorded
     share = np.arange(1, points + 1) / points
-    whole = steps < 1.5 * tick
+    whole = steps < ANALYSIS.gap * tick
     times = t[:-1, None] + share * steps[:, None]
     terms = terms_of(system)
     known = np.stack([recorded.slip_speed, recorded.plate_angle, recorded.plate_speed], axis=1)
