@@ -60,17 +60,30 @@ def figures(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """Every figure that is saved, in its units but neither laid out nor drawn; its file is empty. Skips without
     matplotlib.
     """
+    found = _saved(monkeypatch, "convert_axes")
+    monkeypatch.setattr("tcc_sim.views.style.lay_out", lambda drawn: None)
+    return found
+
+
+@pytest.fixture
+def laid_out(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """Every figure that is saved, laid out but not drawn; its file is empty. Skips without matplotlib."""
+    return _saved(monkeypatch, "lay_out")
+
+
+def _saved(monkeypatch: pytest.MonkeyPatch, prepare: str) -> list[Any]:
+    """Return a list that collects the figures to be saved, each after a function of `style`."""
     pytest.importorskip("matplotlib")
     from tcc_sim.views import style
 
     found: list[Any] = []
+    prepared = getattr(style, prepare)
 
     def save(drawn: Any, path: Path) -> Path:
-        style.convert_axes(drawn)
+        prepared(drawn)
         found.append(drawn)
         path.touch()
         return path
 
     monkeypatch.setattr(style, "save", save)
-    monkeypatch.setattr(style, "lay_out", lambda drawn: None)
     return found

@@ -44,30 +44,15 @@ LINES = np.arange(0.0, 10.0)
 SPECTRUM = Spectrum(100.0 * LINES, LINES, "none", 1, np.empty(0), 0.1**LINES, 0.1**LINES, None, None)
 
 
-@pytest.fixture
-def saved(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """Every figure that is saved, laid out but not drawn."""
-    found: list[Any] = []
-
-    def save(drawn: Any, path: Path) -> Path:
-        style.lay_out(drawn)
-        found.append(drawn)
-        path.touch()
-        return path
-
-    monkeypatch.setattr(style, "save", save)
-    return found
-
-
 @pytest.mark.parametrize(("draw", "values", "width"), [
     (branch_diagram.branch_diagram, BRANCHES, style.COLUMN), (estimation.bode, RESPONSE, style.COLUMN),
     (basin_map.draw_basins, PLANE, style.COLUMN), (order_maps.plot_spectrum, SPECTRUM, style.COLUMN),
     (order_maps.plot_comparison, OrderComparison(ORDERS, ORDERS), style.COLUMN),
     (order_maps.plot_comparison, OrderComparison(ORDERS, ORDERS), style.PAGE)])
-def test_labels_lie_within_the_picture_and_axes_are_no_strips(draw, values, width, saved, tmp_path):
+def test_labels_lie_within_the_picture_and_axes_are_no_strips(draw, values, width, laid_out, tmp_path):
     """The columns of `continue --switch`, `linearise` and `simulate --inputs --orders` had such faults."""
     draw(tmp_path / "a.png", values, 3 * "a long title of a scene ", width)
-    drawn, = saved
+    drawn, = laid_out
     assert drawn.get_figwidth() == width
     whole, inside = drawn.bbox, drawn.get_tightbbox()
     assert inside.x0 >= -0.01
@@ -125,17 +110,17 @@ def test_cells_that_have_not_settled_are_hatched(figures: list[Any], tmp_path: P
     assert "1 of 2 have not settled" in figures[0]._supxlabel.get_text()
 
 
-def test_a_title_is_over_the_picture_and_a_legend_beside_no_panel_title(saved: list[Any], tmp_path: Path) -> None:
+def test_a_title_is_over_the_picture_and_a_legend_beside_no_panel_title(laid_out: list[Any], tmp_path: Path) -> None:
     words = ["simulate", "minimal", "--cycles", "60", "--width", "column", "--title", "Mine $x_{$", "--plot"]
     assert main([*words, str(tmp_path / "a.svg")]) == 0
-    assert saved[0]._suptitle.get_text() == "Mine $x_{$"  # No formula.
+    assert laid_out[0]._suptitle.get_text() == "Mine $x_{$"  # No formula.
     sweep = json.loads(json.dumps({
         "over": "engine.frequency", "values": [1.0, 2.0], "max_slip_speed": [1.0, 2.0], "regime": ["stick", "slip"],
         "period": [1, 0], "section": [[[0.1, 0.0]], [[0.1, 0.0]]], "stick_fraction": [0.5, 0.5],
         "transient": [False, True], "runaway": [False, False]}))
     for width in (style.COLUMN, style.PAGE):
         sweeps.draw_sweep(tmp_path / f"{width}.png", sweep, width=width)
-        drawn = saved[-1]
+        drawn = laid_out[-1]
         for axis in drawn.axes:
             if axis.get_legend() is not None:
                 title, legend = axis._left_title.get_window_extent(), axis.get_legend().get_window_extent()
