@@ -27,10 +27,22 @@ def test_the_grid_is_large_different_and_reaches_the_ends_of_the_ranges():
     found = extremes.extreme_cases(420)
     assert len({repr(sorted(keys.items())) for keys in found}) == 420
     systems = [replace(System(), extremes.scene_keys(keys)) for keys in found]
+    assert max(s.friction_ratio for s in systems) == pytest.approx(4.0)
+    assert max(s.friction.smoothing for s in systems) == 1e9
     assert {0.0, 1e7} <= {s.pressure.mean for s in systems}
     assert any(s.pressure.amplitude >= s.pressure.mean > 0.0 for s in systems)
-    assert (min(s.friction.smoothing for s in systems), max(s.friction.smoothing for s in systems)) == (1.0, 1e9)
-    assert {1e-6, 100.0} <= {s.driveline.plate_inertia for s in systems}
+    assert min(s.driveline.plate_inertia for s in systems) == 1e-6
+    assert {1.0, 5000.0} <= {s.engine.frequency for s in systems}
+    assert {0.0, 1e4} <= {s.initial.slip_speed for s in systems}
+    assert any(s.driveline.damping == 0.0 for s in systems)
+    assert max(s.driveline.damping for s in systems) == 1e3 > 2.0 * math.sqrt(3000.0 * 0.02)
+    assert {0.0, 1000.0} <= {s.friction.decay for s in systems}
+    assert {1e-4, 1e3} <= {s.driveline.flywheel_inertia for s in systems}
+    assert {1.0, 1e8} <= {s.driveline.stiffness for s in systems}
+    assert max(s.driveline.plate_inertia for s in systems) == 100.0
+    assert min(s.friction.smoothing for s in systems) == 1.0
+    assert {1e-3, 100.0, math.sqrt(2.0)} <= {s.pressure.frequency_ratio for s in systems}
+    assert max(keys.get("cycles", 0) for keys in found) == extremes.MANY
     assert max(keys.get("tick", 0.0) for keys in found) == 1.0
     assert all(any(extremes.case_of(keys).items() <= case.items() for case in found)
                for keys in extremes.command_steps())
