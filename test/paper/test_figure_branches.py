@@ -43,7 +43,7 @@ def test_pure_stick_under_the_set_valued_law_lies_on_one_branch_without_a_jump()
 
 
 def copied(value: Any) -> Any:
-    """What a process receives of a value."""
+    """Return a value as another process receives it."""
     return pickle.loads(pickle.dumps(value))  # noqa: S301
 
 
