@@ -25,7 +25,7 @@ from tcc_sim.benchmarks.references import Floats, error_scales
 from tcc_sim.fmu.export import compiler
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import solve
-from tcc_sim.solvers.comparison.scipy_methods import jacobian, rates_of
+from tcc_sim.solvers.comparison.scipy_methods import jacobian_of, rates_of
 from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples
 from tcc_sim.solvers.problem import rates_along
 from tcc_sim.solvers.terms import terms_of
@@ -89,10 +89,11 @@ def bare_lsoda(system: System, cycles: int, rtol: float, repeats: int) -> PeerRu
     terms, y = terms_of(system), np.array(State.at_start(system).numbers)
     atol = np.asarray(rtol * error_scales(system))
     ends, times = _times(system, cycles, 1), _times(system, cycles, FINE)
+    rates, jacobian = rates_of(terms, len(y)), jacobian_of(terms, len(y))
 
     def solve(dense: bool) -> Any:
-        return solve_ivp(lambda t, y: rates_of(t, y, terms), (0.0, float(ends[-1])), y, method="LSODA", t_eval=ends,
-                         rtol=rtol, atol=atol, jac=lambda t, y: jacobian(t, y, terms), dense_output=dense)
+        return solve_ivp(rates, (0.0, float(ends[-1])), y, method="LSODA", t_eval=ends, rtol=rtol, atol=atol,
+                         jac=jacobian, dense_output=dense)
 
     used, _ = repeated(lambda: solve(False), repeats)
     run = solve(True)
@@ -155,11 +156,11 @@ def cvode_program() -> str:
 
 def python_loop(system: System) -> dict[str, float]:
     """Return the times of a step of `dop853` and of its twelve evaluations of the compiled equations, s."""
-    terms, state = terms_of(system), np.array(State.at_start(system).numbers)
-    rates_of(0.0, state, terms)
+    state = np.array(State.at_start(system).numbers)
+    rates = rates_of(terms_of(system), len(state))
     used, run = repeated(lambda: solve(system, duration=1e-3 * system.cycle, solver="dop853"), 5)
-    rates, _ = repeated(lambda: [rates_of(0.0, state, terms) for _ in range(1200)], 5)
-    return {"step": min(used) / max(run.statistics.steps, 1), "rates": min(rates) / 100.0}
+    evaluations, _ = repeated(lambda: [rates(0.0, state) for _ in range(1200)], 5)
+    return {"step": min(used) / max(run.statistics.steps, 1), "rates": min(evaluations) / 100.0}
 
 
 def _times(system: System, cycles: int, per_cycle: int) -> Floats:

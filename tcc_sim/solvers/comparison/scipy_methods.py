@@ -28,23 +28,38 @@ POINTS = 256
 """Least number of points per engine cycle or natural period, the shorter; at most 64 per step."""
 
 
-def rates_of(t: float, y: Floats, terms: Terms) -> Floats:
-    """Return y' of (1), (2) with the smoothed law; y is (slip speed, plate angle, plate speed[, flywheel angle])."""
-    out = np.empty_like(y)
-    rates(t, y, terms, out)
-    return out
+def rates_of(terms: Terms, size: int) -> Callable[[float, Floats], Floats]:
+    """Return a function of t and y that returns y' of (1), (2) with the smoothed law; one thread may use it.
+
+    Parameters
+    ----------
+    size : length of y: slip speed, plate angle, plate speed, and with 4 the flywheel's angle
+    """
+    return _repeated(rates, terms, np.empty(size))
 
 
-def jacobian(t: float, y: Floats, terms: Terms) -> Floats:
-    """Return the derivative of `rates_of` by y."""
-    out = np.zeros((len(y), len(y)))
-    _jacobian(t, y, terms, out)
-    return out
+def jacobian_of(terms: Terms, size: int) -> Callable[[float, Floats], Floats]:
+    """Return a function of t and y that returns the derivative of `rates_of` by y; one thread may use it."""
+    return _repeated(_jacobian, terms, np.zeros((size, size)))
+
+
+def _repeated(kernel: Callable[..., object], terms: Terms, out: Floats) -> Callable[[float, Floats], Floats]:
+    """Return a function of time and state that gives a copy of what a kernel fills `out` with."""
+    state, call = np.empty(len(out)), Call(kernel, 0, "d")
+    call.use(0.0, state, terms, out)
+
+    def found(t: float, y: Floats) -> Floats:
+        state[:] = y
+        call(t)
+        copy: Floats = out.copy()
+        return copy
+
+    return found
 
 
 @compiled
 def _jacobian(t: float, y: Floats, terms: Any, out: Floats) -> None:
-    """Fill `out` with the derivative of `rates_of` by y."""
+    """Fill `out` with the derivative of `rates` by y."""
     _, slope = smoothed_and_slope(y[0], terms.smoothing, terms.stribeck)
     rate = slope * torques_now(t, piece_at(terms.profile, t), terms.profile, terms)[1]
     flywheel, plate, damping, stiffness = terms.linear
@@ -114,23 +129,8 @@ rk45, dop853, radau, bdf, lsoda = (partial(_solve, name=name) for name in METHOD
 def _solver(name: str, terms: Terms, begin: float, end: float, y: Floats, options: dict[str, Any]) -> Any:
     """Return SciPy's solver for a time within which the excitation has no corner."""
     if name in ("radau", "bdf", "lsoda"):
-        options = {**options, "jac": _repeated(_jacobian, terms, y, np.zeros((len(y), len(y))))}
-    return METHODS[name](_repeated(rates, terms, y, np.empty_like(y)), begin, y, end, **options)
-
-
-def _repeated(kernel: Callable[..., object], terms: Terms, y: Floats, out: Floats) -> Callable[[float, Floats], Floats]:
-    """Return a function of time and state that gives a copy of what a kernel fills `out` with; one thread may use it.
-    """
-    state, call = y.copy(), Call(kernel, 0, "d")
-    call.use(0.0, state, terms, out)
-
-    def found(t: float, y: Floats) -> Floats:
-        state[:] = y
-        call(t)
-        copy: Floats = out.copy()
-        return copy
-
-    return found
+        options = {**options, "jac": jacobian_of(terms, len(y))}
+    return METHODS[name](rates_of(terms, len(y)), begin, y, end, **options)
 
 
 def _compiled_through(solver_of: Any, problem: Problem, y: Floats, marks: Floats,
