@@ -29,7 +29,7 @@ LOOKS: dict[str, Look] = {
     "XPPAUT 2rb": ("#1B3A6F", "d", "-.", 0.9), "CVODE": ("#00A08A", "X", "-", 1.1)}
 """Colour, marker, line and width of every solver; the package's own are prominent, and all combinations differ."""
 GROUPS = {"this package": ("smoothed", "event_driven", "fixed_step"), "explicit methods": ("rk4", "rk45", "dop853"),
-          "implicit methods of SciPy": ("radau", "bdf", "lsoda", "solve_ivp LSODA"),
+          "implicit methods": ("radau", "bdf", "lsoda", "solve_ivp LSODA"),
           "other programs": ("CVODE", "XPPAUT cvode", "XPPAUT stiff", "XPPAUT gear", "XPPAUT 2rb")}
 """Groups of solvers that share a panel; the engines of this package are in every panel."""
 SPARE = [(colour, marker, (0, (3, 1, 1, 1)), 0.9) for colour, marker in zip(style.MANY, "8H|_1234+,.")]

@@ -124,8 +124,7 @@ def save(drawn: Any, path: Path) -> Path:
     """
     check_suffix(path, SUFFIXES)
     convert_axes(drawn)
-    if drawn.get_layout_engine() is not None:
-        lay_out(drawn)
+    lay_out(drawn)
     drawn.savefig(path, metadata=SUFFIXES[path.suffix])
     return path
 
@@ -178,9 +177,11 @@ def label_of(key: str) -> str:
 
 
 def lay_out(drawn: Any) -> None:
-    """Place the axes of a figure for good; with a layout engine, every file would be drawn twice. The positions are
-    rounded, since the engine leaves their last digits different every time.
+    """Place the axes of a figure for good, once; with a layout engine, every file would be drawn twice. The positions
+    are rounded, since the engine leaves their last digits different every time.
     """
+    if drawn.get_layout_engine() is None:
+        return
     _keep_numbers_plain(drawn)
     drawn.get_layout_engine().execute(drawn)
     drawn.set_layout_engine(None)

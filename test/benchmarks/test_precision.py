@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -192,6 +193,17 @@ def test_a_ladder_goes_on_until_a_solver_reaches_the_target_or_fails():
 
 def test_every_solver_is_in_a_group_of_panels():
     assert {name for group in report_drawings.GROUPS.values() for name in group} == set(report_drawings.LOOKS)
+
+
+@pytest.mark.parametrize("width", [style.COLUMN, style.PAGE])
+def test_titles_of_panels_do_not_overlap(width, laid_out, tmp_path):
+    record = scene_record("fig02", "smoothed", SteadyState(400, 0, None, None, []))
+    record.results += [PrecisionResult(name, 1e-6, e, e, e, None, e, e, None)
+                       for name in report_drawings.LOOKS for e in (1e-4, 1.0)]
+    report_drawings.draw_section(tmp_path / "a", [record], width=width)
+    titles = [axis._left_title.get_window_extent() for axis in laid_out[0].axes]
+    assert len(titles) == 4
+    assert not any(one.overlaps(other) for one, other in combinations(titles, 2))
 
 
 def test_the_steady_error_is_that_of_the_last_cycles():
