@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Sweep, write the files, and print a table unless a file holds the points."""
     from tcc_sim.output.provenance import head_of
-    from tcc_sim.output.tables import quantile_lines, sweep_lines, unsettled_lines
+    from tcc_sim.output.tables import doubtful_lines, quantile_lines, sweep_lines, unsettled_lines
     from tcc_sim.sweeps.scatter import Scattered
     from tcc_sim.sweeps.sweep import sweep_curves
 
@@ -79,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
         lines = sweep_lines(found, terminal_width())
     if resumable and arguments.json != STANDARD_OUTPUT:
         arguments.json = None  # Else the resumed command would refuse to overwrite this file.
-    common.present(arguments, scene, found, lines)
+    common.present(arguments, scene, found, lines + doubtful_lines(sweeps))
     if not resumable:
         common.plot_result(arguments, found, scene.name)
     if ended:

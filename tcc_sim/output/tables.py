@@ -14,6 +14,7 @@ from tcc_sim.analysis.summary import Summary, runaway_cause
 from tcc_sim.errors import counted
 from tcc_sim.result import units_of_columns
 from tcc_sim.shown_units import engine_speed, key_unit, key_value, shown_unit, speed
+from tcc_sim.trajectory import Status
 
 if TYPE_CHECKING:
     from tcc_sim.analysis.damping import Damping
@@ -231,6 +232,14 @@ def unsettled_lines(sweeps: Sequence[Sweep], mark: str = "") -> list[str]:
     count, values = sum(s.not_settled for s in sweeps), sum(len(s.points) for s in sweeps)
     return [f"{mark}{count} of {counted(values, 'point')} {'has' if count == 1 else 'have'} not settled; "
             f"{_remedy(sweeps)}"] if count else []
+
+
+def doubtful_lines(sweeps: Sequence[Sweep]) -> list[str]:
+    """Return a line with the number of points whose solver reached the end with a doubt, and the first one's doubt."""
+    points = [point for sweep in sweeps for point in sweep.points]
+    doubts = [p.status for p in points if p is not None and p.summary is not None and p.status != Status.DONE.value]
+    return [f"{len(doubts)} of {counted(len(points), 'point')} {'is' if len(doubts) == 1 else 'are'} doubtful, "
+            f"the first one because {doubts[0].split('; ', 1)[1]}"] if doubts else []
 
 
 def _remedy(sweeps: Sequence[Sweep]) -> str:

@@ -17,7 +17,7 @@ from tcc_sim.analysis.summary import summarise
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import replace
-from tcc_sim.output.tables import sweep_lines, unsettled_lines
+from tcc_sim.output.tables import doubtful_lines, sweep_lines, unsettled_lines
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 from tcc_sim.sweeps.results import Point
@@ -87,6 +87,13 @@ def test_a_motion_without_period_reads_none_and_one_that_settles_has_a_star() ->
     for one, remedy in ((found, "raise --cycles"), (with_fields(found, plan=Plan(duration=1.0)), "raise --duration"),
                         (varied, "their inputs vary in time")):
         assert unsettled_lines([one], "* ") == [f"* 1 of 1 point has not settled; {remedy}"]
+
+
+def test_points_with_too_large_a_step_are_doubtful() -> None:
+    found = sweep(load_scene("fig02").system, "friction.smoothing", [1.0, 50.0],
+                  Plan(cycles=4, solver="rk4", step=1e-5))
+    assert doubtful_lines([found]) == ["1 of 2 points is doubtful, the first one because the step of 1e-05 s is above "
+                                       "1.35e-06 s, the largest one that is stable in stick"]
 
 
 def test_columns_have_a_line_per_value_and_say_what_is_missing() -> None:
