@@ -79,8 +79,7 @@ def _range(value: float, last: float | None, factor: float, digits: int) -> str:
 
 
 def shown_axis(label: str) -> tuple[str, float] | None:
-    """Return label and factor of an axis in the selected unit; None for an axis whose label does not end with (rad/s).
-    """
+    """Return label and factor of an axis in the selected unit; None where the label does not end with (rad/s)."""
     units, _ = _SHOWN.get()
     name = label.removesuffix(f"({SPEED})")
     if units == "rad" or name == label:

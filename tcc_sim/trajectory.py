@@ -192,9 +192,7 @@ class Transitions:
 
 @dataclass(frozen=True)
 class Statistics:
-    """Cost of a solve: accepted and rejected steps, iterations in total, in the worst step, and their bound, run time
-    (s).
-    """
+    """Cost of a solve: accepted, rejected steps; iterations in total, in the worst step, their bound; run time, s."""
 
     steps: int = 0
     rejected: int = 0

@@ -108,8 +108,7 @@ def values_of_tests(point: AugmentedPoint, longer: float = 0.0) -> dict[str, flo
 
 
 def _cubic(equations: MinimallyAugmented, u: Floats, q: Floats, p: Floats, longer: float) -> float:
-    """The normal form's coefficient of third order at a doubling times p . E q, whose sign tells whether it is stable.
-    """
+    """The normal form's coefficient of third order at a doubling times p . E q; its sign tells the stability."""
     # p . (C(q, q, q) + 3 B(q, h))/2 with L(1) h = -B(q, q) (Kuznetsov, Section 5.4.2); E q is the factor of mu in L.
     # The second difference needs all three Jacobians at u.
     shooting, step = equations.shooting, (longer or 1.0) * equations.settings.bend / max(equations.bend, 1.0)

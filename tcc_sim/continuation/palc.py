@@ -202,8 +202,7 @@ def predictor_nodes(here: Solution, before: Sequence[Solution], slopes: Floats,
 
 
 def predictor(nodes: list[tuple[float, Floats]], at: float) -> Floats:
-    """The polynomial through nodes at a distance, by divided differences; a node at the place of another is its slope.
-    """
+    """The polynomial through nodes at a distance, by divided differences; a second node at one place is its slope."""
     places, column = [place for place, _ in nodes], [value for _, value in nodes]
     slope = column[1] if places[0] == places[1] else None
     if slope is not None:

@@ -166,8 +166,7 @@ MARGINS = {"adding_sliding": "stick", "grazing_sliding": "grazing", "crossing_sl
 
 
 def kind_of_change(before: str, after: str, near: Sequence[Margins]) -> str:
-    """The kind of bifurcation between two event sequences with margins `near` it; the smallest decides between several.
-    """
+    """The kind of bifurcation between two event sequences; of several the one with the least of the margins `near`."""
     longer, shorter = sorted((ring(before), ring(after)), key=len, reverse=True)
     if shorter == "S":
         return "stick_border"

@@ -24,9 +24,7 @@ from tcc_sim.errors import InputError
 
 @dataclass(frozen=True)
 class ParameterRange:
-    """The range of one free parameter, with its name; `inverse`: the coordinate is the reciprocal, 0 at infinity and 1
-    at `low`.
-    """
+    """The range of one free parameter; with `inverse` its coordinate is the reciprocal, 0 at infinity, 1 at `low`."""
 
     low: float
     high: float
@@ -233,9 +231,7 @@ def layout(segments: tuple[float, ...], n: int) -> tuple[list[float], Places, Pl
 
 
 def greedy(parts: list[tuple[float, Floats, Floats]], growth: float) -> tuple[list[float], list[Floats]]:
-    """Lengths and first nodes of the longest segments of neighbouring pieces with bounded growth from any piece to the
-    segment's end.
-    """
+    """Lengths and first nodes of the longest segments with bounded growth from any of their pieces to their ends."""
     lengths: list[float] = []
     nodes: list[Floats] = []
     ahead = np.empty((0, *parts[0][2].shape))

@@ -106,9 +106,7 @@ class MultipleShooting:
         self.logarithmic = np.array([k not in LINEAR for k in model.keys])
 
     def first_starts(self, values: Floats) -> Floats:
-        """Return starts of the windows from the measurement; other states come from a solution from the first sample
-        on.
-        """
+        """Return starts of the windows from the measurement; other states are solved from the first sample on."""
         measured, used, system = self.model.measured, self.count * self.width, self.model.system
         whole = np.zeros((used, 3))
         whole[:, 0] = measured.channels["slip_speed"][:used]
@@ -214,9 +212,7 @@ class MultipleShooting:
         return out
 
     def _rows(self, states: Floats, starts: Floats, weight: float) -> Floats:
-        """Return the residuals of every window, (m, R): samples over their noise, the gap after it, and a start held in
-        stick.
-        """
+        """Return the residuals of every window, (m, R): samples over noise, the gap after it, a start held in stick."""
         fitted, rows = self._fitted(states), np.zeros((self.count, 4))
         rows[:-1, :3] = (states[:-1, -1] - starts[1:]) / self.scales * math.sqrt(weight)
         stuck = self._held(weight)

@@ -46,8 +46,7 @@ class Part(NamedTuple):
 
 
 class Carried(NamedTuple):
-    """Derivatives of the states between parts by the start of the motion and the inputs, (n + 1, 3, 3), (n + 1, 3, 2).
-    """
+    """Derivatives of the states between parts by the motion's start and the inputs, (n + 1, 3, 3), (n + 1, 3, 2)."""
 
     by_state: Floats
     by_input: Floats

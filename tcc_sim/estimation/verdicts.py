@@ -188,8 +188,7 @@ def why_no_noise(white: Whiteness, gates: Gates) -> str:
 
 def why_not(found: Fit, model: Model, start: Floats, noise: dict[str, float], chi2: float, limit: float,
             gates: Gates) -> str:
-    """Return the reasons against a fit whose chi-square exceeds its limit or whose windows do not join, in sentences.
-    """
+    """Return sentences against a fit whose chi-square exceeds its limit or whose windows do not join."""
     if chi2 < limit:
         return ("the windows fit, but do not join to one motion: the fit did not converge; try other starts, or a part "
                 "of the measurement.")
@@ -211,8 +210,7 @@ def why_not(found: Fit, model: Model, start: Floats, noise: dict[str, float], ch
 
 
 def _drift(measured: Measurement, system: System, gates: Gates) -> str:
-    """Return a sentence if the phase of the engine's torque, or else of the motion, drifts against the scene's engine.
-    """
+    """Return a sentence if the phase of the engine's torque, or else of the motion, drifts against the scene."""
     engine, torque = system.engine, measured.inputs.get("engine_torque")
     if (torque is None and (engine.source == "topic" or engine.torque_amplitude == 0.0)) \
             or measured.t[-1] - measured.t[0] < 8.0 * system.cycle:

@@ -122,9 +122,7 @@ class Model:
         return np.asarray(np.clip(values, least, most))
 
     def substeps(self, values: Floats) -> int:
-        """Return the sub-steps per sample, with a reserve for slightly different values; raise NumericalFailure for too
-        many.
-        """
+        """Return the sub-steps per sample, with a reserve for changed values; NumericalFailure for too many."""
         terms, held, _ = self.drive(values)
         most = 0.0 if held is None else float(held[..., 1].max())
         try:
@@ -134,9 +132,7 @@ class Model:
 
 
 def states_of(model: Model, starts: Floats, width: int, values: Floats, n: int) -> Floats:
-    """Return the states of every window of `width` samples, (m, width + 1, 3), from its start, (m, 3), with n
-    sub-steps.
-    """
+    """Return the states of windows of `width` samples, (m, width + 1, 3), from their starts, (m, 3), in n sub-steps."""
     return sensitivities(model, starts, width, values, n, by_keys=False)[0]
 
 

@@ -169,8 +169,7 @@ def cluster(address: str, connect: float = DEFAULTS.connect_timeout) -> Iterator
 
 
 def in_time(deadline: float, function: Callable[[], Any]) -> Any:
-    """Call a function in a thread, because a name lookup cannot be interrupted; raise TimeoutError after `deadline`, s.
-    """
+    """Call a function in a thread, as a name lookup cannot be interrupted; raise TimeoutError after `deadline`, s."""
     found, thread = begun(function)
     thread.join(max(deadline - time.monotonic(), 0.0))
     if not found.done():

@@ -129,8 +129,7 @@ def encoded_line(values: Mapping[str, Any]) -> bytes:
 
 
 def decoded_line(line: bytes) -> dict[str, Any]:
-    """Return the object of a line; raise ValueError for a wrong checksum or anything but an object of finite numbers.
-    """
+    """Return the object of a line; ValueError for a wrong checksum or anything but an object of finite numbers."""
     body, end = line[:-SUM_LENGTH], line[-SUM_LENGTH:]
     if end != (SUM % zlib.crc32(body)).encode():
         raise ValueError("its checksum is wrong or missing")

@@ -59,8 +59,7 @@ def solve_to_steady_state(system: System, start: Start, most: int, **how: Any) -
 
 
 def settled_from_start(system: System, most: int, **how: Any) -> tuple[Cycles, int]:
-    """Return the cycles of the motion from a scene's initial state, and its period (0: none); raise NumericalFailure.
-    """
+    """Return the cycles from a scene's initial state, and the period (0: none); raise NumericalFailure."""
     found = solve_to_steady_state(system, Start(State.at_start(system), 0), most, **how)
     found.run.raise_for_status()
     cycles = found.cycles
