@@ -236,10 +236,10 @@ def unsettled_lines(sweeps: Sequence[Sweep], mark: str = "") -> list[str]:
 
 def doubtful_lines(sweeps: Sequence[Sweep]) -> list[str]:
     """Return a line with the number of points whose solver reached the end with a doubt, and the first one's doubt."""
-    points = [point for sweep in sweeps for point in sweep.points]
-    doubts = [p.status for p in points if p is not None and p.summary is not None and p.status != Status.DONE.value]
+    points, done = [point for sweep in sweeps for point in sweep.points], f"{Status.DONE.value}; "
+    doubts = [p.status.removeprefix(done) for p in points if p is not None and p.status.startswith(done)]
     return [f"{len(doubts)} of {counted(len(points), 'point')} {'is' if len(doubts) == 1 else 'are'} doubtful, "
-            f"the first one because {doubts[0].split('; ', 1)[1]}"] if doubts else []
+            f"the first one because {doubts[0]}"] if doubts else []
 
 
 def _remedy(sweeps: Sequence[Sweep]) -> str:
