@@ -32,7 +32,9 @@ def begun(work: Callable[[], Done], name: str = "background") -> tuple[Future[Do
 
 
 def awaited(work: Callable[[], Done]) -> Done:
-    """Return the result of `work`, run outside of the main thread: Ctrl-C cannot interrupt compiled code there."""
+    """Return the result of `work`. Called in the main thread, this runs `work` in another one, because Ctrl-C cannot
+    interrupt compiled code or the compiler.
+    """
     if threading.current_thread() is not threading.main_thread():
         return work()
     found, thread = begun(work)

@@ -50,7 +50,11 @@ def find_attractors(of: DynamicalSystem, seeds: Iterable[Floats], known: Sequenc
 
 
 def _settle(of: DynamicalSystem, seed: Floats, transients: list[Attractor], settings: Settings) -> Attractor | None:
-    """Return the attractor of a motion, without its radius, or None; add new transients to `transients`."""
+    """Return the attractor that a motion reaches, without its radius.
+
+    The result is None if the motion runs away, cannot be solved or stays on one of the `transients`. New transients are
+    added to these.
+    """
     # `sweeps.steady_state` waits until a scene's motion repeats. Here Newton's method finds the orbit of any map long
     # earlier, also for a slow approach.
     x, cycle, length = seed, 0, settings.settling

@@ -280,7 +280,10 @@ def border_curve(margin: Callable[[float, float], float], ranges: Ranges, value:
 
 def _both_ways(kind: str, begun: Callable[[bool], Continuation[Any, Special]], lost: End,
                second: float) -> BifurcationCurve:
-    """The curve through a point, both ways or once round; `lost` at `second` where no way can be set up."""
+    """The curve through a point, both ways from it or once round.
+
+    lost, second : the end where no way can be set up, and the second parameter there
+    """
     tracks: list[Continuation[Any, Special]] = []
     for forward in (True, False):
         try:

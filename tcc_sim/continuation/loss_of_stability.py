@@ -216,7 +216,10 @@ def _cause(a: SettledMotion, b: SettledMotion, branches: Sequence[Branch], size:
 
 
 def _walk(branch: Branch, after: int, goal: float) -> tuple[int, bool]:
-    """The last point towards a value along stable points without a turn, and whether the value lies behind it."""
+    """The last point of a branch towards a value along stable points without a turn, from the piece after one of them.
+
+    Also whether the value is reached, between that point and its neighbour.
+    """
     points = branch.points
     a, b = points[after], points[after + 1]
     toward = 1.0 if goal > min(a.value, b.value) and goal >= max(a.value, b.value) else -1.0

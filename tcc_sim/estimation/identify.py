@@ -163,7 +163,9 @@ def _with_estimates(scene: Scene, model: Model, best: Fit, curve: IdentifiedCurv
 
 
 def given(measured: Measurement | str | Path, scene: Scene | None = None) -> tuple[Measurement, Scene]:
-    """Return the measurement in a table or a recording, and its scene (the recording's), or raise InputError."""
+    """Return the measurement in a table's file or a recording, and its scene (default: the recording's), or raise
+    InputError.
+    """
     if not isinstance(measured, Measurement):
         path = Path(measured)
         if path.suffix == ".csv":

@@ -60,7 +60,9 @@ class Search:
                    self.tick)
 
     def best(self, models: Sequence[Model]) -> tuple[Fit, Model, int]:
-        """Return the best fit, its model, and the starts tried with the first one; InputError if none can be solved."""
+        """Return the best fit, its model, and the number of starts of the first model; raise InputError if none can be
+        solved.
+        """
         first, tried = self._from_starts(models[0])
         best, of = first, models[0]
         for model in models[1:]:

@@ -122,7 +122,9 @@ class Model:
         return np.asarray(np.clip(values, least, most))
 
     def substeps(self, values: Floats) -> int:
-        """Return the sub-steps per sample, with a reserve for changed values; NumericalFailure for too many."""
+        """Return the sub-steps per sample, with a reserve for slightly different values; raise NumericalFailure for too
+        many.
+        """
         terms, held, _ = self.drive(values)
         most = 0.0 if held is None else float(held[..., 1].max())
         try:
