@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from tcc_sim.scene import Scene
 
 WORDS = {"previous": "held from each sample on (--hold previous)", "linear": "linear between samples (--hold linear)",
+         "smooth": "linear between corners that keep the amplitudes of sines (--hold smooth)",
          "next": "held up to each sample (--hold next)"}
 
 
@@ -32,8 +33,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     measurement.add_argument("--noise", metavar="CHANNEL=S,...",
                              help="standard deviations, such as slip_speed=0.1,plate_speed=0.1 (default: estimated)")
     measurement.add_argument("--hold", choices=list(WORDS),
-                             help="measured input between two samples: value of the previous one, linear, or value of "
-                             "the next one (default: the one that fits best)")
+                             help="measured input between two samples: value of the previous one, linear, smooth (lines"
+                             " that keep the amplitudes of sines), or value of the next one (default: the one that "
+                             "fits best)")
     scene = parser.add_argument_group("scene")
     scene.add_argument("--scene", metavar="SCENE",
                        help="name of a bundled scene, or a file, with the keys that are not free (default: the "

@@ -26,7 +26,7 @@ from tcc_sim.estimation.settings import DEFAULTS, FitSettings, Gates
 from tcc_sim.estimation.verdicts import Parameter, check_units, judged, why_no_noise, why_not
 from tcc_sim.estimation.windows import KINETIC, OFFSETS, STATIC, Model, check_key, on_its_side
 from tcc_sim.model.parameters import QUANTITIES, values_of
-from tcc_sim.recording.table import CHANNELS, HOLDS
+from tcc_sim.recording.table import CHANNELS, HOLDS, looks_smooth
 from tcc_sim.result import Result, reported
 from tcc_sim.scene import Scene, SceneLike, as_scene
 from tcc_sim.sweeps.progress import progress_bar
@@ -58,7 +58,7 @@ class Identification(Result):
     residuals: dict[str, Floats]
     whiteness: Whiteness = field(metadata=reported("tests of whether the residuals are noise"))
     hold: str | None = field(metadata=reported(
-        "course of measured inputs between two samples: previous, linear or next", asked_for=True))
+        "course of measured inputs between two samples: previous, linear, smooth or next", asked_for=True))
     likelihood: Likelihood | None = field(default=None, metadata=reported(
         "profile likelihood of one key", asked_for=True))
     curve: IdentifiedCurve | None = field(default=None, metadata=reported(
@@ -227,4 +227,8 @@ def _holds(measured: Measurement, hold: str | None) -> tuple[str | None, ...]:
     if not measured.inputs:
         return (None,)
     known = hold or measured.hold
-    return HOLDS if known is None else (known,)
+    if known is not None:
+        return (known,)
+    # The first one is fitted from several starts.
+    first = "smooth" if all(map(looks_smooth, measured.inputs.values())) else HOLDS[0]
+    return tuple(sorted(HOLDS, key=lambda each: each != first))

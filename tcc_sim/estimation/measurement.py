@@ -23,8 +23,7 @@ class Measurement:
     t : (n,) simulation time, s, which sets the phase of a scene's engine torque
     channels : (n,) arrays by name of CHANNELS, with slip_speed
     inputs : (n,) arrays by name of INPUTS; the others come from the scene
-    hold : course of the inputs between two samples, one of HOLDS: the value of the previous one, linear, or the value
-        of the next one; None if it is unknown
+    hold : course of the inputs between two samples, one of HOLDS; None if it is unknown
     source : origin of the data, for messages
     """
 

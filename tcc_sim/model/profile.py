@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tcc_sim.errors import InputError
 from tcc_sim.model.groups import Engine, Pressure
 
 Floats = NDArray[np.float64]
@@ -49,6 +50,8 @@ class Origin(NamedTuple):
 
 
 START = Origin()
+ROUNDING = 1e-9
+"""Rounding of a pressure relative to its largest value."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +62,11 @@ class Inputs:
     pressure : Pa; None keeps the scene's input
     end : time up to which the inputs are known, s
     output_speed : speed of the shaft's far end, rad/s; None for a fixed end
+
+    Raises
+    ------
+    InputError
+        The pressure falls below 0, by more than rounding: friction would drive the clutch.
     """
 
     torque: Floats | None
@@ -66,12 +74,39 @@ class Inputs:
     end: float
     output_speed: Floats | None = None
 
+    def __post_init__(self) -> None:
+        if self.pressure is None:
+            return
+        t, values, rates = self.pressure.T
+        until = np.append(t[1:], max(self.end, t[-1]))
+        ends = values + rates * (until - t)
+        place = int(np.minimum(values, ends).argmin())
+        least = float(min(values[place], ends[place]))
+        if least < -ROUNDING * float(np.abs(values).max()):
+            raise InputError(f"the pressure at the plates is {least:g} Pa at "
+                             f"{(t if values[place] <= ends[place] else until)[place]:g} s; it must be 0 or more")
+
 
 def lines_through(t: Floats, values: Floats, held: bool = False) -> Floats:
     """Return lines through points, or with each value held to the next time; constant from 0 to the first time."""
     rates = np.zeros(len(t)) if held else np.append(np.diff(values) / np.diff(t), 0.0)
     lines = np.stack([t, values, rates], axis=1)
     return lines if lines[0, 0] <= 0.0 else np.concatenate([[[0.0, lines[0, 1], 0.0]], lines])
+
+
+def smooth_corners(t: Floats, values: Floats, low: float = -np.inf, high: float = np.inf) -> Floats:
+    """Return the corners of lines that keep the amplitudes of a smooth signal, given its samples.
+
+    Lines through the samples lower a sine of frequency w by (w h)^2/12 at a sampling step h. Corners at x - h^2 x''/12,
+    with x'' from three samples, lower it by about (w h)^4/90. Steps in the signal overshoot by a twelfth; `low` and
+    `high` are the limits that no corner exceeds.
+    """
+    steps = np.diff(t)
+    slopes = np.diff(values) / steps
+    curved = 2.0 * np.diff(slopes) / (steps[1:] + steps[:-1])
+    corners: Floats = values.copy()
+    corners[1:-1] -= steps[1:] * steps[:-1] * curved / 12.0
+    return np.asarray(np.clip(corners, low, high))
 
 
 def profile_of(engine: Engine, pressure: Pressure, inputs: Inputs | None = None, origin: Origin = START) -> Floats:

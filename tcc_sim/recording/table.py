@@ -26,13 +26,16 @@ DRIVING = (*INPUTS, FAR_END)
 """Columns of inputs: engine torque, pressure, and speed of the shaft's far end."""
 REFERENCES = ("engine_speed", "tacho")
 """Columns that give the phase of the engine: speed of the crankshaft, rad/s, and pulses of a tacho, in any unit."""
-HOLDS = ("previous", "linear", "next")
-"""Values of an input between two rows: that of the row before, a straight line, or that of the row after."""
+HOLDS = ("previous", "linear", "smooth", "next")
+"""Values of an input between two rows: that of the row before, a straight line, a line with the corners of
+`model.profile.smooth_corners`, or that of the row after."""
 LARGEST_TABLE = 1 << 30
 """Largest size of a table, bytes."""
-SMOOTH = 0.5
-"""Ratio of second to first differences (rms) of a column below which it was sampled from a smooth signal."""
-_HOLD, _SAID = "hold: ", re.compile(r"(\w+) (previous|linear|next)")
+SMOOTH = 1.0
+"""Ratio of second to first differences (rms) of a column below which it was sampled from a smooth signal: that of a
+sine with 6 samples in a period; held steps have 1.4 or more.
+"""
+_HOLD, _SAID = "hold: ", re.compile(r"(\w+) (" + "|".join(HOLDS) + ")")
 _NAMED = re.compile(r"(\w+)\s*[\[(](.*)[\])]")
 """A name with its unit in brackets."""
 _PRODUCT = re.compile(r"[\s.*]")

@@ -13,7 +13,8 @@ from tcc_sim.errors import InputError, counted, printable
 from tcc_sim.model.actuator import pressure_after
 from tcc_sim.model.groups import Pressure
 from tcc_sim.model.parameters import QUANTITIES
-from tcc_sim.model.profile import Inputs, lines_through
+from tcc_sim.model.profile import Inputs, lines_through, smooth_corners
+from tcc_sim.model.quantity import Quantity
 from tcc_sim.recording.table import DRIVING, HOLDS, TIME, looks_smooth, read_columns, table_of
 from tcc_sim.replay.recorded import read
 from tcc_sim.scene import Scene
@@ -36,8 +37,8 @@ def driven_by(scene: Scene, path: Path, hold: str | None = None) -> Scene:
     ----------
     path : the recording or the table; a table has the commanded pressure, which the scene's actuator follows; a
         recording has the pressure at the plates
-    hold : interpolation of a table's inputs between rows, one of `recording.table.HOLDS`, or `smooth` (see `smoothed`);
-        None for that stated in the file, else `previous`
+    hold : interpolation of a table's inputs between rows, one of `recording.table.HOLDS`; None for that stated in the
+        file, else `previous`
 
     Raises
     ------
@@ -96,29 +97,15 @@ def followed(command: Floats, actuator: Pressure, end: float) -> Floats:
     return lines_through(times, np.array(values))
 
 
-def _lines(t: Floats, values: Floats, hold: str) -> Floats | None:
-    """Return the finite values as lines; None without any."""
+def _lines(t: Floats, values: Floats, hold: str, meant: Quantity | None = None) -> Floats | None:
+    """Return the finite values as lines, within the range of their key; None without any."""
     if hold == "next":  # The first row holds until its time.
         t, values = (np.append(0.0, t[:-1]), values) if t[0] > 0.0 else (t[:-1], values[1:])
     finite = np.isfinite(values)
     t, values = t[finite], values[finite]
     if hold == "smooth":
-        values = smoothed(t, values)
+        values = smooth_corners(t, values, *((meant.low, meant.high) if meant is not None else ()))
     return lines_through(t, values, held=hold in ("previous", "next")) if len(t) else None
-
-
-def smoothed(t: Floats, values: Floats) -> Floats:
-    """Return the corners of lines that keep the amplitudes of a smooth signal, given its samples.
-
-    Lines through the samples lower a sine of frequency w by (w h)^2/12 at a sampling step h. Corners at x - h^2 x''/12,
-    with x'' from three samples, lower it by about (w h)^4/90. Steps in the signal overshoot by a twelfth.
-    """
-    steps = np.diff(t)
-    slopes = np.diff(values) / steps
-    curved = 2.0 * np.diff(slopes) / (steps[1:] + steps[:-1])
-    corners: Floats = values.copy()
-    corners[1:-1] -= steps[1:] * steps[:-1] * curved / 12.0
-    return corners
 
 
 def smooth_inputs(path: Path) -> list[str]:
@@ -147,8 +134,8 @@ def of_table(path: Path, hold: str | None = None) -> Inputs:
         if len(wrong):
             raise InputError(f"{path}: {name} is {values[wrong[0]]:g} {meant.unit} at {t[wrong[0]]:g} s; it must be "
                              f"{meant.interval()}")
-    torque, pressure, speed = (_lines(t, columns[name], hold or table.hold.get(name, HOLDS[0]))
-                               if name in columns else None for name in DRIVING)
+    torque, pressure, speed = (_lines(t, columns[name], hold or table.hold.get(name, HOLDS[0]),
+                                      QUANTITIES[topic(name).key]) if name in columns else None for name in DRIVING)
     return Inputs(torque, pressure, float(t[-1]), speed)
 
 

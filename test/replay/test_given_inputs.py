@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError
 from tcc_sim.model.friction import smoothed_coefficient
+from tcc_sim.model.profile import Inputs
 from tcc_sim.output.samples import write_samples, write_trajectory
 from tcc_sim.plant.driveline import Plant
 from tcc_sim.recording import table as reading
@@ -171,6 +172,47 @@ def test_a_table_that_looks_smooth_is_hinted_at_and_one_of_steps_is_not(tmp_path
     assert main(["simulate", "commands", "--hold", "linear"]) == 2
     assert main(["simulate", "commands", "--hold", "linear", "--inputs", str(tmp_path)]) == 2
     capsys.readouterr()
+
+
+@pytest.mark.parametrize("order", range(1, 9))
+@pytest.mark.parametrize("samples", [10, 13, 20, 40])
+def test_an_order_sampled_10_to_40_times_a_period_looks_smooth_and_held_ones_do_not(order, samples):
+    t = np.arange(0.0, 1.0, 2.0 * np.pi / (150.0 * order * samples))
+    torque = 300.0 + 200.0 * np.sin(150.0 * order * t + 0.3)
+    assert reading.looks_smooth(torque)
+    assert not reading.looks_smooth(np.repeat(torque[::3], 3))
+    assert not reading.looks_smooth(np.random.default_rng(order).normal(size=len(t)))
+
+
+PULSES = {"steps": lambda n: 4e5 * (n // 20 % 2), "touches 0": lambda n: 2e5 * (1.0 - np.cos(0.3 * n)),
+          "pulses": lambda n: 4e5 * (n % 4 == 0), "limit": lambda n: 1e7 * (n % 3 > 0)}
+
+
+@pytest.mark.parametrize("hold", reading.HOLDS)
+@pytest.mark.parametrize("course", PULSES)
+@pytest.mark.parametrize("actuator", [{}, {"pressure.time_constant": 0.02, "pressure.delay": 0.01}])
+def test_pressure_stays_in_its_range_after_hold_and_actuator(tmp_path, course, hold, actuator):
+    n = np.arange(100)
+    path = table(tmp_path / "p.csv", t=0.01 * n, actuation_pressure=PULSES[course](n))
+    system = driven_by(load_scene("controlled").with_values(actuator), path, hold).system
+    found = torques_at(terms_of(system), np.linspace(0.0, 0.99, 3001))[1] / system.torque_per_pressure
+    assert found.min() >= -1e-6
+    assert found.max() <= 1e7 * (1.0 + 1e-12)
+
+
+@pytest.mark.parametrize(("name", "most", "unit"), [("engine_torque", 1e5, "N m"), ("output_speed", 1e5, "rad/s")])
+def test_torque_and_far_end_stay_in_their_range_after_a_smooth_hold(tmp_path, name, most, unit):
+    n = np.arange(30)
+    path = table(tmp_path / "t.csv", t=0.01 * n, **{name: most * np.where(n % 4 < 2, 1.0, -1.0)})
+    inputs = driven_by(load_scene("commands"), path, "smooth").system.inputs
+    line = inputs.torque if name == "engine_torque" else inputs.output_speed
+    assert np.abs(line[:, 1]).max() == most
+
+
+def test_a_pressure_below_0_is_no_input():
+    for lines in ([[0.0, 1e5, 0.0], [0.1, -1.0, 0.0]], [[0.0, 1e5, -1e6]]):
+        with pytest.raises(InputError, match=r"the pressure at the plates is .* Pa at 0.*; it must be 0 or more"):
+            Inputs(None, np.array(lines), 0.2)
 
 
 def test_what_is_no_file_of_a_bounded_size_is_refused_unread(tmp_path, refused, monkeypatch):
