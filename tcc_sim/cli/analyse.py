@@ -114,7 +114,7 @@ def run(arguments: argparse.Namespace) -> int:
                       document=document_of(arguments, found.scene, found))
     plot_result(arguments, drawn, arguments.recording.name)
     present(arguments, found.scene, found, lines)
-    return 1 if found.verification is not None and found.verification.undecided else 0
+    return 0 if found.verification is None or found.verification.verified else 1
 
 
 def _table(arguments: argparse.Namespace) -> int:

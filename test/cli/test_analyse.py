@@ -35,7 +35,7 @@ def recording(tmp_path):
 
 
 def test_json_on_standard_output_is_nothing_but_json(capsys, recording):
-    assert main(["analyse", str(recording), "--json", "-", "--verify", "--discard", "10"]) == 0
+    assert main(["analyse", str(recording), "--json", "-", "--verify", "--discard", "10"]) == 1
     out = capsys.readouterr()
     found = json.loads(out.out)
     assert out.err == ""

@@ -71,6 +71,7 @@ def test_a_changed_pressure_is_found(tmp_path):
     found = verified(tmp_path / "run", rows, SCENES["commands"])
     assert not found.verified
     assert found.first_difference_ns == 300 * TICK
+    assert main(["analyse", str(tmp_path / "run"), "--verify", "--frequency", "150"]) == 1
 
 
 def test_a_value_that_is_not_finite_is_found(tmp_path):
