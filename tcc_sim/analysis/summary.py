@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.analysis.periodicity import cycles_drift, enough_after_a_gap, periodicity
+from tcc_sim.analysis.periodicity import cycles_drift, enough_after_a_gap, periodicity, sizes_of
 from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.errors import InputError
 from tcc_sim.model import equations
 from tcc_sim.model.parameters import System
-from tcc_sim.model.profile import TIME
+from tcc_sim.model.profile import TIME, along
 from tcc_sim.result import Result, reported
 from tcc_sim.solvers.per_cycle import STAMP, cycles_from_samples, starts_of
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
@@ -81,13 +81,16 @@ def spans_of(system: System | None, cycle: float, first: int, count: int) -> dic
     """Return arguments of `summarise_cycles` for `count` engine cycles from number `first` on.
 
     `cycle`: their lengths, s; `since`: their start, s; `varied`: the number of them in which the excitation still
-    changes. Without a system all have the length `cycle`.
+    changes; `carried`: whether friction in fast slip carries the mean torque at their end. Without a system all have
+    the length `cycle`.
     """
     if system is None or system.profile is None:
         cycle = cycle if system is None else system.cycle
         return {"cycle": cycle, "since": first * cycle}
     starts = system.cycle_start(first + np.arange(count + 1))
+    _, torque, pressure = along(system.profile, float(starts[-1]))
     return {"cycle": np.diff(starts), "since": float(starts[0]),
+            "carried": bool(abs(torque) < system.torque_per_pressure * pressure),
             "varied": max(math.ceil(system.cycles_until(float(system.profile[-1, TIME])) - 1e-9) - first, 0)}
 
 
@@ -202,8 +205,8 @@ def summarise(trajectory: Trajectory, discard: int | None = None, *, tolerance: 
 
 
 def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, tolerance: float = DEFAULTS.tolerance,
-                     varied: int = 0, dropped: int = 0, since: float = 0.0, beside: Sequence[Cycles] = (),
-                     by: Trajectory | None = None) -> Summary:
+                     varied: int = 0, carried: bool = False, dropped: int = 0, since: float = 0.0,
+                     beside: Sequence[Cycles] = (), by: Trajectory | None = None) -> Summary:
     """Summarise consecutive cycles; NaN marks those that were not observed.
 
     Parameters
@@ -213,6 +216,8 @@ def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, t
     first : number of the first of them, which sets the start of the section of a period
     tolerance : of the period, relative to the size of the motion
     varied : number of first cycles in which the excitation still changes; only later ones can have a period
+    carried : whether friction in fast slip carries the torque at the end of a varying excitation, so that slip that
+        grows with it is no runaway
     dropped : number of observed cycles before them
     since : their start, s
     beside : parts of cycles before and after them, with their `starts`, which period and section leave out
@@ -228,7 +233,7 @@ def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, t
     if not (count or beside):
         raise InputError("there is no whole period of excitation to summarise")
     steady = cycles[min(varied, len(cycles)):] if varied else cycles
-    runaway = slip_grows(steady)
+    runaway = not carried and runs_away(cycles, varied)
     found = periodicity(steady, tolerance)
     if runaway:
         found = replace(found, period=0, settled=False)
@@ -267,13 +272,26 @@ def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, t
         transient=transient, covers=(begin, end), **loads)
 
 
+def runs_away(cycles: Cycles, varied: int = 0) -> bool:
+    """Return whether slip grows (`slip_grows`) to the last cycle.
+
+    The cycles after the first `varied` ones, in which the excitation changes, are judged if they are enough. Otherwise
+    slip must grow over all cycles and over the last third of them.
+    """
+    after = cycles[min(varied, len(cycles)):]
+    if not varied or len(after) >= DEFAULTS.after_a_gap:
+        return slip_grows(after)
+    return slip_grows(cycles) and slip_grows(cycles[-(len(cycles) // 3):])
+
+
 def slip_grows(cycles: Cycles) -> bool:
     """Return whether the slip of the last cycles grows like that of a runaway, without stick or reversal.
 
     In lasting slip, (1a) accelerates the flywheel by (Te - Tf)/I1, and |Tf| falls with |v|, so that growth continues,
     while every other motion in slip tends to one of constant size. The last cycles in slip of one sign must therefore
     be at least a third of all. In them the flywheel speed on the section, which is independent of plate vibration, must
-    rise from third to third by steps that do not halve and exceed the tolerance of a repeating section. After a gap in
+    rise from third to third by steps that do not halve and exceed the tolerance of a repeating section, which is
+    relative to the size of the motion. After a gap in
     a recording, 16 cycles are needed: the cycles before may have stuck.
 
     Parameters
@@ -288,7 +306,8 @@ def slip_grows(cycles: Cycles) -> bool:
         return False
     speed = (cycles.section[1:, 0] + cycles.section[1:, 2])[len(slips) - 3 * width:]
     early, middle, late = (math.copysign(1.0, low[-1]) * speed.reshape(3, width).mean(axis=1)).tolist()
-    return bool(middle - early > DEFAULTS.tolerance * late and late - middle > 0.5 * (middle - early))
+    size = sizes_of(cycles.section[len(slips) - 3 * width:], high[-3 * width:], low[-3 * width:])[0]
+    return bool(middle - early > DEFAULTS.tolerance * size and late - middle > 0.5 * (middle - early))
 
 
 def runaway_cause(system: System) -> str:

@@ -10,6 +10,10 @@ import pytest
 from tcc_sim.analysis.summary import cycles_of, default_discard, regime_of, slip_grows, summarise, summarise_cycles
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
+from tcc_sim.scene import load_scene
+from tcc_sim.sweeps.scatter import scatter
+from tcc_sim.sweeps.simulation import simulate
+from tcc_sim.sweeps.sweep import sweep
 from tcc_sim.trajectory import Cycles, Trajectory
 
 FREQUENCY = 100.0
@@ -168,6 +172,56 @@ def test_a_runaway_may_have_stuck_before() -> None:
         growing = speeds(20.0 + 0.3 * n)
         growing.stick_time[:stuck] = 1e-3
         assert slip_grows(growing) == grows
+
+
+RISING = {"friction.static_coefficient": 0.1, "friction.kinetic_coefficient": 0.13, "friction.decay": 0.05,
+          "engine.mean_torque": 250.0, "pressure.amplitude": 0.0, "initial.plate_angle": 250.0 / 3000.0}
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("slip", "swing"), [(0.3, 20.0), (0.35, 20.0), (0.4, 30.0), (0.5, 25.0), (0.5, 30.0)])
+def test_a_periodic_motion_of_slow_slip_is_no_runaway(slip, swing, sign):
+    """On a rising characteristic the motion repeats while the flywheel turns back on every section."""
+    carried = 0.008 * (0.13 - 0.03 * math.exp(-0.05 * slip))
+    scene = load_scene("fig02").with_values({
+        **RISING, "engine.torque_amplitude": swing, "engine.frequency": 200.0, "pressure.mean": 250.0 / carried,
+        "initial.slip_speed": sign * slip, "initial.plate_angle": sign * 250.0 / 3000.0,
+        "engine.mean_torque": sign * 250.0})
+    found = simulate(scene).summary
+    assert found.section_change < 1e-9
+    assert (found.runaway, found.period, found.settled) == (False, 1, True)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("swing", [0.0, 60.0])
+@pytest.mark.parametrize(("torque", "away"), [(200.0, False), (400.0, True)])
+def test_slip_runs_away_where_the_torque_exceeds_what_friction_carries(torque, away, swing, sign):
+    """mu_k N R is 300 N m."""
+    found = simulate(load_scene("slip").with_values({
+        "engine.mean_torque": sign * torque, "engine.torque_amplitude": swing, "initial.slip_speed": sign * 150.0,
+        "pressure.amplitude": 0.0}), cycles=100).summary
+    assert found.runaway is away
+
+
+@pytest.mark.parametrize(("pressure", "away"), [(1e5, True), (2.25e5, False)])
+def test_a_profile_that_ends_the_run_hides_no_runaway(pressure, away, tmp_path):
+    """The run-up's torque of 300 N m is above 0.2 x 100 kPa x 0.008 m^3 throughout."""
+    scene = load_scene("runup").with_values({"pressure.mean": pressure})
+    whole = simulate(scene, duration=1.0).summary
+    assert whole.runaway is away
+    assert sweep(scene, "friction.decay", [2.0], duration=1.0).points[0].summary.runaway is away
+    assert scatter(scene, {"friction.decay": (1.9, 2.1)}, 2, duration=1.0).left_out["runaway"] == 2 * away
+
+
+def test_slip_that_follows_a_torque_which_friction_carries_is_no_runaway():
+    """A rising characteristic carries 0.13 x 2.5 MPa x 0.008 m^3 in fast slip; the torque rises to the end."""
+    ramp = {"engine.mean_torque_times": (0.0, 4.0), "engine.mean_torque_values": (210.0, 255.0)}
+    scene = load_scene("fig02").with_values({**RISING, "engine.torque_amplitude": 0.0, "pressure.mean": 2.5e5,
+                                             "initial.slip_speed": 1.0, **ramp})
+    found = simulate(scene, duration=4.0).summary
+    assert found.min_slip_speed > 0.0
+    assert found.max_slip_speed > 10.0
+    assert not found.runaway
 
 
 @pytest.mark.parametrize(("kept", "grows"), [(3, False), (15, False), (16, True)])
