@@ -13,8 +13,6 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from tcc_sim.basins.compute import basins
-    from tcc_sim.continuation.motions import continuation
     from tcc_sim.estimation.identify import identify
     from tcc_sim.estimation.linearise import linearise
     from tcc_sim.model.parameters import System
@@ -23,6 +21,8 @@ if TYPE_CHECKING:
     from tcc_sim.replay.replay import replay as analyse
     from tcc_sim.scene import Scene, load_scene
     from tcc_sim.solvers import solve
+    from tcc_sim.study.basins.compute import basins
+    from tcc_sim.study.continuation.motions import continuation
     from tcc_sim.sweeps.scatter import scatter
     from tcc_sim.sweeps.simulation import simulate
     from tcc_sim.sweeps.sweep import sweep, sweep_grid
@@ -35,7 +35,7 @@ _PUBLIC = {"System": "tcc_sim.model.parameters", "Scene": "tcc_sim.scene", "load
            "solve": "tcc_sim.solvers", "Trajectory": "tcc_sim.trajectory", "simulate": "tcc_sim.sweeps.simulation",
            "scatter": "tcc_sim.sweeps.scatter", "sweep": "tcc_sim.sweeps.sweep", "sweep_grid": "tcc_sim.sweeps.sweep",
            "analyse": "tcc_sim.replay.replay",
-           "continuation": "tcc_sim.continuation.motions", "basins": "tcc_sim.basins.compute",
+           "continuation": "tcc_sim.study.continuation.motions", "basins": "tcc_sim.study.basins.compute",
            "linearise": "tcc_sim.estimation.linearise", "identify": "tcc_sim.estimation.identify",
            "plot": "tcc_sim.views.plots", "closed_loop": "tcc_sim.plant.closed_loop",
            "read": "tcc_sim.replay.recorded"}

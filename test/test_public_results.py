@@ -13,12 +13,12 @@ import pytest
 
 import tcc_sim
 from tcc_sim.analysis.orders import orders_of
-from tcc_sim.basins.results import Axis
-from tcc_sim.continuation.special_points import Bifurcation
 from tcc_sim.errors import InputError
 from tcc_sim.estimation.measurement import Measurement
 from tcc_sim.model.groups import Friction
 from tcc_sim.output.samples import write_trajectory
+from tcc_sim.study.basins.results import Axis
+from tcc_sim.study.continuation.special_points import Bifurcation
 
 AMPLITUDE, PRESSURE = "engine.torque_amplitude", "pressure.mean"
 FOLDER = TemporaryDirectory()

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tcc_sim.continuation.problem import Floats, Image, Margins, Observation, Values
+from tcc_sim.study.continuation.problem import Floats, Image, Margins, Observation, Values
 
 Step = Callable[[Floats, Values], tuple[Floats, Floats, Floats]]
 

@@ -20,7 +20,7 @@ from keyword import iskeyword
 from typing import NoReturn
 
 from tcc_sim import __version__
-from tcc_sim.cli.verbs import GROUPS, MEASURING, VERBS, verbs_by_purpose
+from tcc_sim.cli.verbs import GROUPS, MEASURING, STUDY, VERBS, verbs_by_purpose
 from tcc_sim.errors import InputError, TccError, one_line
 from tcc_sim.output.terminal import open_streams
 from tcc_sim.shown_units import show_in
@@ -46,7 +46,7 @@ def build_parser(verb: str | None = None) -> argparse.ArgumentParser:
         sub = verbs.add_parser(name, description=one.description(), epilog=one.epilog(),
                                formatter_class=argparse.RawDescriptionHelpFormatter)
         if verb in (None, name):
-            import_module(f"tcc_sim.cli.{module_of(name)}").add_arguments(sub)
+            import_module(module_of(name)).add_arguments(sub)
     return parser
 
 
@@ -77,7 +77,7 @@ def _status_of(words: list[str]) -> int:
     try:
         arguments = build_parser(_check_verb(words)).parse_args(words, argparse.Namespace(words=words))
         show_in(getattr(arguments, "units", None) or "rad", 1.0)
-        status: int = import_module(f"tcc_sim.cli.{module_of(arguments.verb)}").run(arguments)
+        status: int = import_module(module_of(arguments.verb)).run(arguments)
         sys.stdout.flush()
         return status
     except SystemExit as stop:
@@ -117,5 +117,6 @@ def arguments_of(words: list[str]) -> argparse.Namespace:
 
 
 def module_of(verb: str) -> str:
-    """Return the name of a verb's module in this package, with an underscore after a Python keyword."""
-    return "measuring" if verb in GROUPS[MEASURING] else f"{verb}_" if iskeyword(verb) else verb
+    """Return the name of a verb's module, with an underscore after a Python keyword."""
+    room = "tcc_sim.study.cli" if any(verb in GROUPS[group] for group in STUDY) else "tcc_sim.cli"
+    return f"{room}.{'measuring' if verb in GROUPS[MEASURING] else f'{verb}_' if iskeyword(verb) else verb}"

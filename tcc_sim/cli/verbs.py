@@ -66,16 +66,6 @@ GROUPS: dict[str, dict[str, Verb]] = {
             "sweep fig02 --over engine.frequency=40:300:131 --plot sweep.png",
             "one line for each value, or quantiles with --scatter; with --json or --out only the number of values",
             f"{_JSON}, --out FILE each point as soon as it is solved, {_PICTURE}"),
-        "continue": Verb(
-            "follow periodic motions along a key, stable or unstable, with their bifurcations",
-            "continue chaos --over friction.kinetic_coefficient=0.2:0.3 --switch --plot branches.png",
-            "branches, the reasons for their ends, and bifurcations",
-            f"{_JSON}, {_PICTURE}"),
-        "basins": Verb(
-            "find attractors and their basins in a plane of two initial conditions",
-            "basins chaos --plane initial.slip_speed=-40:40:41 --plane initial.plate_angle=0:0.2:41 --plot basins.png",
-            "attractors with the share of the plane that leads to each",
-            f"{_JSON}, --out FILE the label of each cell, {_PICTURE}"),
         "linearise": Verb(
             "give the transfer function from pressure or engine torque about a settled motion",
             "linearise controlled --slip 20 --controller 3,11.25 --plot bode.png",
@@ -120,6 +110,17 @@ GROUPS: dict[str, dict[str, Verb]] = {
             "fmu controlled --fmi 3 --out clutch.fmu",
             "the name of the FMU and its contents",
             "--out FILE, the FMU")},
+    "motions and methods": {
+        "continue": Verb(
+            "follow periodic motions along a key, stable or unstable, with their bifurcations",
+            "continue chaos --over friction.kinetic_coefficient=0.2:0.3 --switch --plot branches.png",
+            "branches, the reasons for their ends, and bifurcations",
+            f"{_JSON}, {_PICTURE}"),
+        "basins": Verb(
+            "find attractors and their basins in a plane of two initial conditions",
+            "basins chaos --plane initial.slip_speed=-40:40:41 --plane initial.plate_angle=0:0.2:41 --plot basins.png",
+            "attractors with the share of the plane that leads to each",
+            f"{_JSON}, --out FILE the label of each cell, {_PICTURE}")},
     "the paper": {
         "figure": Verb(
             "draw figures of the paper and write their numbers",
@@ -160,6 +161,8 @@ VERBS: dict[str, Verb] = {name: verb for verbs in GROUPS.values() for name, verb
 """Every verb by its name."""
 MEASURING = "measurements of the program"
 """The group whose verbs share one module."""
+STUDY = ("motions and methods", "the paper", MEASURING)
+"""The groups for those who study motions and methods, the last ones, whose modules are in the study."""
 
 
 def verbs_by_purpose() -> str:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from tcc_sim.continuation.newton import largest_first
+from tcc_sim.analysis.multipliers import largest_first
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.estimation.constant_motion import matrices_of
 from tcc_sim.estimation.operating_point import Constant, Periodic, closed, operating_point, refined

@@ -1,11 +1,11 @@
-"""Files of arrays: samples of a run as .npz, table (.csv) or recording (.mcap), and labels of basins."""
+"""Files of arrays: samples of a run as .npz, table (.csv) or recording (.mcap)."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,9 +15,6 @@ from tcc_sim.output.files import draft
 from tcc_sim.recording.table import hold_line
 from tcc_sim.topics import FAR_END, INPUTS, topic
 from tcc_sim.trajectory import UNITS, Cycles, Trajectory, integral
-
-if TYPE_CHECKING:
-    from tcc_sim.basins.results import Axis, Basins
 
 SUFFIXES = (".npz", ".csv", ".mcap")
 
@@ -125,19 +122,3 @@ def write_trajectory(path: Path, trajectory: Trajectory, scene_text: str | None 
     except BaseException:
         output.abandon()
         raise
-
-
-def write_basins(path: Path, found: Sequence[Basins], over: Axis | None, document: Mapping[str, Any]) -> None:
-    """Write basins as .npz: `labels` and `cycles`, (second, first) arrays, the values of both axes, and `document`.
-
-    `over` adds a first axis. Labels: -1 undecided, -2 runaway, else an index into the attractors in `document`.
-    """
-    labels, cycles = np.stack([one.labels for one in found]), np.stack([one.cycles for one in found])
-    first, second = found[0].plane
-    arrays: dict[str, Any] = {"first_values": np.array(first.values), "second_values": np.array(second.values)}
-    if over is None:
-        labels, cycles = labels[0], cycles[0]
-    else:
-        arrays["over_values"] = np.array(over.values)
-    with draft(path) as part, part.open("wb") as stream:
-        np.savez_compressed(stream, labels=labels, cycles=cycles, **arrays, **documented(document))

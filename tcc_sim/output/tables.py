@@ -18,9 +18,9 @@ from tcc_sim.trajectory import Status
 
 if TYPE_CHECKING:
     from tcc_sim.analysis.damping import Damping
+    from tcc_sim.analysis.multipliers import Lyapunov
     from tcc_sim.analysis.orders import OrderComparison, Orders
     from tcc_sim.analysis.spectra import Spectrum
-    from tcc_sim.sweeps.exponents import Lyapunov
     from tcc_sim.sweeps.results import Grid, Sweep
     from tcc_sim.sweeps.scatter import Scattered
     from tcc_sim.sweeps.simulation import Simulation

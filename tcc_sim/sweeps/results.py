@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.analysis.damping import Damping
+from tcc_sim.analysis.multipliers import Lyapunov
 from tcc_sim.analysis.summary import Summary
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace, unknown_key
 from tcc_sim.result import Result, as_lists, json_of, names_in, reported, reported_of, reporting
-from tcc_sim.sweeps.exponents import Lyapunov
 from tcc_sim.sweeps.settings import DEFAULTS
 from tcc_sim.sweeps.simulation import CONFIRMED, Plan
 from tcc_sim.sweeps.steady_state import Start

@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from tcc_sim.analysis.damping import Damping, damping_of_cycles
+from tcc_sim.analysis.multipliers import Lyapunov
 from tcc_sim.analysis.orders import Orders
 from tcc_sim.analysis.periodicity import repeats_finely, stays
 from tcc_sim.analysis.settings import DEFAULTS as ANALYSIS
@@ -28,11 +29,11 @@ from tcc_sim.analysis.summary import (
     summarise_cycles,
 )
 from tcc_sim.errors import InputError
+from tcc_sim.later_rooms import from_later_room
 from tcc_sim.model.parameters import System
 from tcc_sim.result import Result, reported, reporting
 from tcc_sim.scene import Scene, system_of
 from tcc_sim.solvers import check_duration, check_setting, choose, solve
-from tcc_sim.sweeps.exponents import Lyapunov, largest_lyapunov_exponent
 from tcc_sim.sweeps.settings import DEFAULTS
 from tcc_sim.sweeps.steady_state import Start, solve_to_steady_state
 from tcc_sim.trajectory import Cycles, Floats, State, Status, Trajectory
@@ -305,8 +306,9 @@ def _judged(system: System, plan: Plan, start: Start, run: Trajectory, cycles: C
     return Simulation(
         run, summary, _confirmed(system, plan, kept, summary, end), angles.copy(),
         damping_of_cycles(system, kept, start.cycle + discarded, summary.period) if plan.damping else None,
-        largest_lyapunov_exponent(system, end.state, cycles=plan.lyapunov_cycles, start_cycle=end.cycle,
-                                  period=summary.period) if plan.lyapunov else None, end)
+        from_later_room("largest_lyapunov_exponent")(
+            system, end.state, cycles=plan.lyapunov_cycles, start_cycle=end.cycle,
+            period=summary.period) if plan.lyapunov else None, end)
 
 
 def _confirmed(system: System, plan: Plan, kept: Cycles, summary: Summary, end: Start) -> bool:

@@ -12,6 +12,7 @@ from typing import Any
 from tcc_sim.analysis.spectra import Spectrum
 from tcc_sim.analysis.summary import Summary, cycles_of, first_cycle_of, summarise
 from tcc_sim.errors import InputError, check_suffix, require
+from tcc_sim.later_rooms import from_later_room
 from tcc_sim.output.files import replaceable
 from tcc_sim.result import system_behind
 from tcc_sim.shown_units import UNITS, shown_in
@@ -139,8 +140,7 @@ def _drawn(result: Any, path: Path, width: str, title: str) -> Path:
 
 LOOKS = {"Sweep": ("sweeps", "draw_sweep", "draw_maxima"), "Grid": ("sweeps", "draw_grid", "draw_largest"),
          "Scattered": ("sweeps", "draw_scatter", "draw_scattered"),
-         "Motions": ("branch_diagram", "branch_diagram", "into"),
-         "Basins": ("basin_map", "draw_basins", "into"), "Linearisation": ("estimation", "bode", "draw_gain"),
+         "Linearisation": ("estimation", "bode", "draw_gain"),
          "Identification": ("estimation", "identification", "draw_fit"),
          "Orders": ("order_maps", "plot_orders", "draw_shaft_map"),
          "OrderComparison": ("order_maps", "plot_comparison", "draw_slip_difference"),
@@ -152,20 +152,25 @@ LOOKS = {"Sweep": ("sweeps", "draw_sweep", "draw_maxima"), "Grid": ("sweeps", "d
 function takes a png, svg or pdf file, the result (or its JSON, for sweeps and branches), a title and a width in inches,
 and raises the errors of `style.figure` and `style.save`. `plot_run` and `overview` draw runs and results with a run.
 """
+STUDIED = {"Motions": ("draw_branches", "branches_into"), "Basins": ("draw_basins", "basins_into")}
+"""Both functions, by their names in `later_rooms`, for results of the study."""
 
 
 KINDS = {"sweep": "Sweep", "continue": "Motions", "basins": "Basins", "linearise": "Linearisation",
          "identify": "Identification"}
-"""Row of LOOKS that draws a kind of JSON."""
+"""Row of LOOKS or STUDIED that draws a kind of JSON."""
 
 
 def look_of(result: Any) -> tuple[Callable[..., Any], Callable[..., Any]] | None:
-    """Return both drawing functions of LOOKS for a result, its JSON, or a list of planes; None without a row."""
+    """Return both drawing functions for a result, its JSON, or a list of planes; None without a row."""
     name = type(result[0] if isinstance(result, list) and result else result).__name__
     if isinstance(result, Mapping):
         name = KINDS.get(kind_of(result), "")
         if name == "Sweep":
             name = "Scattered" if "scatter" in result else "Grid" if result.get("second_values") else "Sweep"
+    if name in STUDIED:
+        whole, main = STUDIED[name]
+        return from_later_room(whole), from_later_room(main)
     if name not in LOOKS:
         return None
     module, whole, main = LOOKS[name]

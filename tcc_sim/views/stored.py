@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields
-from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -16,6 +15,7 @@ import numpy as np
 from tcc_sim.analysis.orders import Judder, OrderComparison, Orders
 from tcc_sim.analysis.spectra import Spectrum
 from tcc_sim.errors import InputError
+from tcc_sim.later_rooms import from_later_room
 from tcc_sim.model.parameters import System
 from tcc_sim.output.files import read_json
 from tcc_sim.output.samples import cycles_in
@@ -23,11 +23,9 @@ from tcc_sim.scene import Operation, Scene
 from tcc_sim.sweeps.simulation import Plan, simulate
 from tcc_sim.trajectory import UNITS, Trajectory
 
-DRAWN = {"analyse": ("tcc_sim.replay.replay", "draw_again"), "figure": ("tcc_sim.paper.drawings", "draw_stored"),
-         "precision": ("tcc_sim.benchmarks.redrawn", "draw_stored_precision"),
-         "stability": ("tcc_sim.benchmarks.redrawn", "draw_stored_stability")}
-"""Module and function of a later room that draws a kind of JSON. Arguments: file of the picture, `Record`, title, and
-width in inches.
+DRAWN = {"analyse": "draw_again", "figure": "draw_figure", "precision": "draw_precision", "stability": "draw_stability"}
+"""Function of a later room that draws a kind of JSON. Arguments: file of the picture, `Record`, title, and width in
+inches.
 """
 
 
@@ -113,13 +111,7 @@ def arguments_in(values: Mapping[str, Any]) -> Any:
         This version does not accept the command.
     """
     words = values.get("command")
-    return _later("tcc_sim.cli", "arguments_of")(words) if words else SimpleNamespace()
-
-
-def _later(module: str, name: str) -> Callable[..., Any]:
-    """Return a function of a later room."""
-    found: Callable[..., Any] = getattr(import_module(module), name)
-    return found
+    return from_later_room("arguments_of")(words) if words else SimpleNamespace()
 
 
 def kind_of(values: Mapping[str, Any]) -> str:
@@ -179,7 +171,8 @@ def revived(values: Mapping[str, Any]) -> Any:
 
 def drawer_of(kind: str) -> Callable[..., Path]:
     """Return the function that draws a kind of DRAWN."""
-    return _later(*DRAWN[kind])
+    found: Callable[..., Path] = from_later_room(DRAWN[kind])
+    return found
 
 
 def missing_data(values: Mapping[str, Any]) -> str:
@@ -213,7 +206,7 @@ def _measured(values: Mapping[str, Any]) -> bool:
 def _identification(values: Mapping[str, Any]) -> Any:
     """Fit the measurements of `identify` again; InputError if the values differ, because the file has changed."""
     arguments = arguments_in(values)
-    found = _later("tcc_sim.cli.identify", "fit_again")(arguments)
+    found = from_later_room("fit_again")(arguments)
     for now, then in zip(found.parameters, values["parameters"]):
         if abs(now.value - then["value"]) > 1e-3 * (then["standard_error"] or abs(then["value"])):
             raise InputError(f"{arguments.measured} has changed: {now.key} is {now.value:.6g} in the fit and "
@@ -255,10 +248,10 @@ def _simulation(values: Mapping[str, Any]) -> Any:
     elif inputs is None:
         run = simulate(scene, Plan(**values["plan"])).trajectory
     elif there:
-        driven = _later("tcc_sim.replay.given_inputs", "driven_by")(scene, inputs, arguments.hold)
+        driven = from_later_room("driven_by")(scene, inputs, arguments.hold)
         run = simulate(driven, Plan(**values["plan"]), samples_per_cycle=INPUT_SAMPLES).trajectory
     else:
         raise InputError(f"{inputs}, which has the inputs, does not exist; tcc-sim plot FILE.npz draws the samples "
                          "that simulate ... --out FILE.npz wrote")
-    twin = _later("tcc_sim.replay.given_inputs", "twin_of")(inputs, run) if there else None
+    twin = from_later_room("twin_of")(inputs, run) if there else None
     return twin or SimpleNamespace(trajectory=run, summary=Record(values), spectrum=spectrum_in(values))

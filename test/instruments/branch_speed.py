@@ -22,16 +22,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tcc_sim.benchmarks.peers import repeated
-from tcc_sim.continuation.branch import branch_through, first_point
-from tcc_sim.continuation.driveline import start_orbit
-from tcc_sim.continuation.motions import ContinuationPlan, check
-from tcc_sim.continuation.settings import Settings
-from tcc_sim.continuation.shooting import ParameterRange
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.output.terminal import say
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
+from tcc_sim.study.benchmarks.peers import repeated
+from tcc_sim.study.continuation.branch import branch_through, first_point
+from tcc_sim.study.continuation.driveline import start_orbit
+from tcc_sim.study.continuation.motions import ContinuationPlan, check
+from tcc_sim.study.continuation.settings import Settings
+from tcc_sim.study.continuation.shooting import ParameterRange
 from tcc_sim.trajectory import State
 
 AUTO = Path(os.environ.get("AUTO_DIR", "/usr/lib/auto-07p"))

@@ -4,22 +4,22 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tcc_sim.basins.results import Planes
-from tcc_sim.benchmarks.endurance import SoakFigures
-from tcc_sim.benchmarks.precision_report import PrecisionReport
-from tcc_sim.benchmarks.stability import StabilityReport
-from tcc_sim.continuation.motions import Motions
 from tcc_sim.estimation.identify import Identification
 from tcc_sim.estimation.linearise import Linearisation
 from tcc_sim.output.explained import SceneExplanation
 from tcc_sim.output.fields import fields_of
 from tcc_sim.output.provenance import HEAD
 from tcc_sim.output.tables import escape, markdown_table
-from tcc_sim.paper.claims import ClaimsReport
-from tcc_sim.paper.figure_results import Figure
 from tcc_sim.replay.measured import MeasuredRun
 from tcc_sim.replay.result import Replay
 from tcc_sim.result import Reported
+from tcc_sim.study.basins.results import Planes
+from tcc_sim.study.benchmarks.endurance import SoakFigures
+from tcc_sim.study.benchmarks.precision_report import PrecisionReport
+from tcc_sim.study.benchmarks.stability import StabilityReport
+from tcc_sim.study.continuation.motions import Motions
+from tcc_sim.study.paper.claims import ClaimsReport
+from tcc_sim.study.paper.figure_results import Figure
 from tcc_sim.sweeps.results import Grid, Point, Sweep
 from tcc_sim.sweeps.scatter import Scattered
 from tcc_sim.sweeps.simulation import Simulation
@@ -58,7 +58,7 @@ def fields_by_kind(kind: str) -> dict[str, Reported]:
     """All fields of one kind of JSON beside its head."""
     classes = KINDS[kind][1]
     if kind == "realtime":  # It needs rclpy.
-        from tcc_sim.benchmarks.pacing_benchmark import PacingFigures
+        from tcc_sim.study.benchmarks.pacing_benchmark import PacingFigures
 
         classes = (PacingFigures,)
     return {name: entry for of in classes for name, entry in fields_of(of)}

@@ -16,20 +16,20 @@ from typing import Any
 import numpy as np
 from branch_speed import compared, page_lines
 
-from tcc_sim.basins.compute import basins
-from tcc_sim.basins.proximity import RUNAWAY, UNDECIDED
-from tcc_sim.basins.results import Axis, Basins
 from tcc_sim.errors import BasinsInterrupted, InputError, counted, require
 from tcc_sim.output.files import new_directory, write_json
 from tcc_sim.output.provenance import document
 from tcc_sim.output.tables import escape
 from tcc_sim.output.terminal import say
-from tcc_sim.paper.branch_panels import UNNAMED, UNSEEN, behind
-from tcc_sim.paper.catalogue import OMEGA_N, STATIC, FigureOptions, paper_system
-from tcc_sim.paper.drawings import draw
-from tcc_sim.paper.figure_results import Figure
-from tcc_sim.paper.figures import figure_data, figure_system
-from tcc_sim.views.basin_map import draw_basins
+from tcc_sim.study.basins.compute import basins
+from tcc_sim.study.basins.proximity import RUNAWAY, UNDECIDED
+from tcc_sim.study.basins.results import Axis, Basins
+from tcc_sim.study.paper.branch_panels import UNNAMED, UNSEEN, behind
+from tcc_sim.study.paper.catalogue import OMEGA_N, STATIC, FigureOptions, paper_system
+from tcc_sim.study.paper.drawings import draw
+from tcc_sim.study.paper.figure_results import Figure
+from tcc_sim.study.paper.figures import figure_data, figure_system
+from tcc_sim.study.views.basin_map import draw_basins
 
 AT_036_085 = {"friction.kinetic_coefficient": 0.85 * STATIC, "engine.frequency": 0.36 * OMEGA_N}
 """Where period one and a large period two coexist behind Fig. 6."""

@@ -15,14 +15,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tcc_sim.benchmarks import peers
-from tcc_sim.benchmarks.peers import repeated
-from tcc_sim.benchmarks.references import Reference, errors, reference
 from tcc_sim.model.parameters import System
 from tcc_sim.output.tables import markdown_table
 from tcc_sim.output.terminal import counted_bar, say
-from tcc_sim.paper.catalogue import FIGURES, OMEGA_N, paper_system
 from tcc_sim.solvers import SOLVERS, solve
+from tcc_sim.study.benchmarks import peers
+from tcc_sim.study.benchmarks.peers import repeated
+from tcc_sim.study.benchmarks.references import Reference, errors, reference
+from tcc_sim.study.paper.catalogue import FIGURES, OMEGA_N, paper_system
 from tcc_sim.sweeps.executors import cores
 from tcc_sim.sweeps.sweep import Curve, Plan, sweep_curves
 

@@ -9,11 +9,11 @@ from branch_speed import Compared, Followed, auto, auto_installed, coexistence, 
 from fluids import draw_fluids
 from oracle import smoothed_states
 
-from tcc_sim.benchmarks import peers
-from tcc_sim.benchmarks.references import reference
-from tcc_sim.paper.catalogue import paper_system
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
+from tcc_sim.study.benchmarks import peers
+from tcc_sim.study.benchmarks.references import reference
+from tcc_sim.study.paper.catalogue import paper_system
 
 TOLD = """noise
 RESULT [200, 50, 0.25, [["LP", 0.27], ["PD", 0.24]], false]

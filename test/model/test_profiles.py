@@ -75,8 +75,8 @@ def test_profiles_of_a_command_line():
 
 
 def test_who_cannot_says_who_can():
-    from tcc_sim.continuation.driveline import DrivelineMap
     from tcc_sim.model.pure_stick import stick_margin
+    from tcc_sim.study.continuation.driveline import DrivelineMap
 
     for work in (lambda: DrivelineMap(VARYING, ()), lambda: stick_margin(VARYING)):
         with pytest.raises(InputError, match=r"engine\.frequency_times, pressure\.mean_times; simulate and the drive"):

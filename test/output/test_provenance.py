@@ -12,10 +12,10 @@ from documents import valid
 from fields_page import KINDS, PAGE, fields_by_kind, page
 
 from tcc_sim import cli
-from tcc_sim.basins import compute
 from tcc_sim.model.parameters import System
 from tcc_sim.output import provenance
 from tcc_sim.scene import load_scene
+from tcc_sim.study.basins import compute
 from tcc_sim.sweeps import file as sweep_file
 
 

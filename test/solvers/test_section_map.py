@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from differences import apart, difference
 
-from tcc_sim.continuation.motions import ContinuationPlan, check
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.scene import load_scene
@@ -21,6 +20,7 @@ from tcc_sim.solvers.fixed_step_sensitivity import advance_windows
 from tcc_sim.solvers.key_derivatives import LOAD_AMPLITUDE, LOG_LOAD, MEAN_LOAD, MEAN_TORQUE, NUMBERS, key_derivatives
 from tcc_sim.solvers.stroboscopic import stroboscopic_map
 from tcc_sim.solvers.terms import Terms, holding, substeps, terms_of
+from tcc_sim.study.continuation.motions import ContinuationPlan, check
 from tcc_sim.trajectory import State
 
 MU_K, MU_S, OMEGA = "friction.kinetic_coefficient", "friction.static_coefficient", "engine.frequency"

@@ -20,8 +20,9 @@ from tcc_sim.cli import main
 from tcc_sim.trajectory import Cycles
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed")
-from tcc_sim.views import basin_map, branch_diagram, estimation, order_maps, overview, style, sweeps, whole_runs
-from tcc_sim.views.branch_diagram import stable_and_unstable
+from tcc_sim.study.views import basin_map, branch_diagram
+from tcc_sim.study.views.branch_diagram import stable_and_unstable
+from tcc_sim.views import estimation, order_maps, overview, style, sweeps, whole_runs
 
 ORBIT = {"number": 0, "period": 1, "max_slip_speed": 20.0, "section": [[0.1, 5.0]], "section_states": [[0.1, 5.0, 9.0]],
          "multipliers": None, "fraction": 0.75, "radius": 0.1, "state": [5.0, 0.1, 9.0]}

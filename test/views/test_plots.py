@@ -126,7 +126,7 @@ def test_what_cannot_be_a_picture_is_refused_first(words, says, tmp_path, refuse
 def test_a_missing_extra_is_said_before_anything_is_computed(missing, words, recording, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sys.modules, missing, None)
-    for module in ("tcc_sim.solvers", "tcc_sim.sweeps.sweep", "tcc_sim.replay.replay", "tcc_sim.paper.figures"):
+    for module in ("tcc_sim.solvers", "tcc_sim.sweeps.sweep", "tcc_sim.replay.replay", "tcc_sim.study.paper.figures"):
         for name in ("solve", "sweep", "replay", "figure_data"):
             if hasattr(sys.modules.get(module), name):
                 monkeypatch.setattr(sys.modules[module], name, lambda *_, **__: pytest.fail("something was computed"))

@@ -1,0 +1,33 @@
+"""Functions of later rooms that an earlier room calls, by name: the only way against the order of the rooms.
+
+Core rooms name the study here alone, so that whoever removes `tcc_sim/study` sees in this table what goes with it.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+CALLED = {
+    # name: (module, function)
+    "arguments_of": ("tcc_sim.cli", "arguments_of"),
+    "draw_again": ("tcc_sim.replay.replay", "draw_again"),
+    "driven_by": ("tcc_sim.replay.given_inputs", "driven_by"),
+    "fit_again": ("tcc_sim.cli.identify", "fit_again"),
+    "twin_of": ("tcc_sim.replay.given_inputs", "twin_of"),
+    "largest_lyapunov_exponent": ("tcc_sim.study.exponents", "largest_lyapunov_exponent"),
+    "draw_figure": ("tcc_sim.study.paper.drawings", "draw_stored"),
+    "draw_precision": ("tcc_sim.study.benchmarks.redrawn", "draw_stored_precision"),
+    "draw_stability": ("tcc_sim.study.benchmarks.redrawn", "draw_stored_stability"),
+    "draw_branches": ("tcc_sim.study.views.branch_diagram", "branch_diagram"),
+    "branches_into": ("tcc_sim.study.views.branch_diagram", "into"),
+    "draw_basins": ("tcc_sim.study.views.basin_map", "draw_basins"),
+    "basins_into": ("tcc_sim.study.views.basin_map", "into"),
+}
+"""Module and function of every such call."""
+
+
+def from_later_room(name: str) -> Any:
+    """Return the function that CALLED names."""
+    module, function = CALLED[name]
+    return getattr(import_module(module), function)

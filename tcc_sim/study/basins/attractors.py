@@ -1,0 +1,233 @@
+"""Find attractors of a map by recurrence, polish them by Newton's method, and give each a capture radius.
+
+Recurrence alone takes a slow transient for an attractor, so a repetition counts only where Newton's method finds a
+stable orbit near it. A motion without a period is stored as the cloud of its section points. After G. Datseris and
+A. Wagemakers, Effortless estimation of basins of attraction, Chaos 32 (2022), with labels by proximity instead of
+cells.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from tcc_sim.analysis.multipliers import multipliers_of
+from tcc_sim.study.basins.proximity import (
+    UNDECIDED,
+    Attractor,
+    DynamicalSystem,
+    ProximityMapper,
+    labelled,
+    section_points,
+)
+from tcc_sim.study.basins.settings import DEFAULTS, Settings
+from tcc_sim.study.continuation.newton import minimal_period, newton
+from tcc_sim.study.continuation.problem import Floats
+from tcc_sim.study.continuation.shooting import Shooting
+
+
+def find_attractors(of: DynamicalSystem, seeds: Iterable[Floats], known: Sequence[Attractor] = (),
+                    settings: Settings = DEFAULTS) -> list[Attractor]:
+    """Return the attractors that motions from the `seeds` (n,) reach, after the `known` ones, with validated radii.
+
+    Motions that run away or cannot be solved reach none, and neither does a long transient without a period, which
+    neighbouring motions leave.
+    """
+    scales, forcing = of.map.scales, of.map.forcing_period
+    found, transients = list(known), list[Attractor]()
+    for seed in seeds:
+        mapper = ProximityMapper(found, scales, forcing)
+        (label,), _ = labelled(of, mapper, np.asarray(seed)[None], settings.settling, settings)
+        if label != UNDECIDED:
+            continue
+        attractor = _settle(of, seed, transients, settings)
+        if attractor is not None and not any(_same(attractor, other, scales, settings) for other in found):
+            found.append(attractor)
+            found = _validated(of, found, settings)
+    return found
+
+
+def _settle(of: DynamicalSystem, seed: Floats, transients: list[Attractor], settings: Settings) -> Attractor | None:
+    """Return the attractor that a motion reaches, without its radius.
+
+    The result is None if the motion runs away, cannot be solved or stays on one of the `transients`. New transients are
+    added to these.
+    """
+    # `sweeps.steady_state` waits until a scene's motion repeats. Here Newton's method finds the orbit of any map long
+    # earlier, also for a slow approach.
+    x, cycle, length = seed, 0, settings.settling
+    while cycle < settings.longest:
+        points = section_points(of, x, cycle, length)
+        if len(points) < length + 1 or of.runs_away(points[-1:])[0]:
+            return None
+        x, cycle = points[-1], cycle + length
+        orbit = _repeating(of, points[-2 * settings.longest_period:], cycle, settings)
+        if orbit is not None:
+            return orbit
+        length = min(2 * length, settings.longest)
+    cloud = _cloud(of, x, cycle, settings)
+    if cloud is None:
+        return None
+    if any(_same(cloud, other, of.map.scales, settings) for other in transients):
+        return None
+    left, orbit = _left(of, cloud, settings)
+    if left:
+        transients.append(cloud)
+        return orbit
+    return cloud
+
+
+def _cloud(of: DynamicalSystem, x: Floats, cycle: int, settings: Settings) -> Attractor | None:
+    """Collect section points of an aperiodic motion until further points lie among them; None for a runaway."""
+    # Near a resonance a quasi-periodic motion stays on a few arcs of its curve for thousands of cycles, and on other
+    # arcs from another initial state.
+    points = section_points(of, x, cycle, settings.cloud)
+    for k in range(1, settings.most_clouds + 1):
+        if len(points) < k * settings.cloud + 1 or of.runs_away(points[-1:])[0]:
+            return None
+        more = section_points(of, points[-1], cycle + k * settings.cloud, settings.cloud)[1:]
+        tree = cKDTree(points / of.map.scales)
+        if len(more) == settings.cloud and np.mean(tree.query(more / of.map.scales)[0] > _spread(tree)) <= settings.new:
+            break
+        points = np.concatenate([points, more])
+    phases = (cycle + np.arange(len(points))) % of.map.forcing_period
+    return Attractor(0, points, phases, None, of.largest(x, cycle, settings.cloud))
+
+
+def _spread(points: cKDTree) -> float:
+    """Return the distance within which 99 % of the points of a cloud have a neighbour."""
+    return float(np.quantile(points.query(points.data, k=2)[0][:, 1], 0.99))
+
+
+def _left(of: DynamicalSystem, cloud: Attractor, settings: Settings) -> tuple[bool, Attractor | None]:
+    """Return whether a motion from near a cloud leaves it, and the orbit that it reaches (None for a runaway)."""
+    # Motions leave a chaotic transient after different times.
+    scales, random = of.map.scales, np.random.default_rng(2)
+    alike = cloud.section[cloud.phases == cloud.phases[0]]
+    x = alike[np.linspace(0, len(alike) - 1, settings.witnesses).astype(int)]
+    x, cycle = x + 1e-6 * scales * random.normal(size=x.shape), int(cloud.phases[0])
+    for _ in range(settings.longest // settings.settling):
+        points = of.sections(x, cycle, settings.settling)
+        if not np.isfinite(points).all() or of.runs_away(points[:, -1]).any():
+            return True, None
+        x, cycle = points[:, -1], cycle + settings.settling
+        last = points[:, -2 * settings.longest_period - 1:] / scales
+        for period in range(of.map.forcing_period, settings.longest_period + 1, of.map.forcing_period):
+            apart = np.abs(last[:, period:] - last[:, :-period]).max(axis=(1, 2))
+            for row in np.flatnonzero(apart < settings.returned):
+                orbit = _repeating(of, points[row, -2 * settings.longest_period:], cycle, settings)
+                if orbit is not None:
+                    return True, orbit
+    return False, None
+
+
+def _repeating(of: DynamicalSystem, points: Floats, cycle: int, settings: Settings) -> Attractor | None:
+    """Return the stable orbit near the last points, the last of which is at `cycle`; None without one."""
+    scales, forcing = of.map.scales, of.map.forcing_period
+    back = cycle % forcing
+    last = len(points) - 1 - back
+    for period in range(forcing, settings.longest_period + 1, forcing):
+        if last - period < 0 or np.linalg.norm((points[last] - points[last - period]) / scales) > settings.near:
+            continue
+        shooting = Shooting.single(of.map, period)
+        z = newton(shooting, shooting.unknowns(points[last][None], ()))
+        if z is None:
+            continue
+        x = shooting.nodes(z)[0]
+        true_period = minimal_period(of.map, x, (), period)
+        multipliers = multipliers_of(of.map.evaluate(x, (), 0, true_period).jacobian)
+        if abs(multipliers[0]) >= 1.0 or np.linalg.norm((x - points[last]) / scales) > 4.0 * settings.near:
+            continue
+        section = section_points(of, x, 0, true_period)[:-1]
+        return Attractor(true_period, section, np.arange(true_period) % forcing, multipliers,
+                         of.largest(x, 0, true_period))
+    return None
+
+
+def _distance(one: Attractor, other: Attractor, scales: Floats) -> float:
+    """Return the smallest distance of two points of the same phase, in the map's scales."""
+    best = np.inf
+    for phase in np.unique(one.phases):
+        here, there = one.section[one.phases == phase], other.section[other.phases == phase]
+        if len(there):
+            best = min(best, float(cKDTree(there / scales).query(here / scales)[0].min()))
+    return best
+
+
+def _same(one: Attractor, other: Attractor, scales: Floats, settings: Settings) -> bool:
+    """Return whether two attractors are the same orbit, or two clouds that cover each other."""
+    if one.period != other.period:
+        return False
+    if one.period:
+        return _distance(one, other, scales) < settings.same
+    here, there = cKDTree(one.section / scales), cKDTree(other.section / scales)
+    return bool(np.mean(there.query(here.data)[0] <= max(_spread(there), settings.same_cloud)) > settings.shared)
+
+
+def numbered(of: DynamicalSystem, before: Sequence[Sequence[Attractor]], found: Sequence[Attractor],
+             settings: Settings = DEFAULTS) -> tuple[Attractor, ...]:
+    """Number the attractors `found`; an attractor that continues from the last value of the key has the same number.
+
+    An orbit continues in the attractor that Newton's method reaches from it, otherwise in the nearest one, possibly
+    with another period. The nearest pairs are matched first.
+    """
+    scales, pairs, numbers = of.map.scales, list[tuple[float, int, int]](), dict[int, int]()
+    unused = max((a.number + 1 for each in before for a in each), default=0)
+    for old in before[-1] if before else ():
+        shooting = Shooting.single(of.map, old.period) if old.period else None
+        z = None if shooting is None else newton(shooting, shooting.unknowns(old.section[:1], ()))
+        moved = old if shooting is None or z is None else replace(
+            old, section=section_points(of, shooting.nodes(z)[0], 0, old.period)[:-1])
+        pairs += [(_distance(moved, new, scales), k, old.number) for k, new in enumerate(found)]
+    for distance, k, number in sorted(pairs):
+        if distance <= settings.goes_on and k not in numbers and number not in numbers.values():
+            numbers[k] = number
+    for k in range(len(found)):
+        if k not in numbers:
+            numbers[k], unused = unused, unused + 1
+    return tuple(replace(attractor, number=numbers[k]) for k, attractor in enumerate(found))
+
+
+def _validated(of: DynamicalSystem, found: Sequence[Attractor], settings: Settings) -> list[Attractor]:
+    """Give each attractor a radius: spheres do not overlap, and motions that start on a sphere return to its centre."""
+    # The radius is halved until all probes return, or until it is too small.
+    out = []
+    for k, attractor in enumerate(found):
+        others = [other for i, other in enumerate(found) if i != k]
+        gap = min((_distance(attractor, other, of.map.scales) for other in others), default=np.inf)
+        radius = min(settings.radius, settings.apart * gap)
+        if attractor.period == 0:
+            tree = cKDTree(attractor.section / of.map.scales)
+            radius = min(radius, float(np.quantile(tree.query(tree.data, k=2)[0][:, 1], 0.95)))
+        if attractor.radius and attractor.radius <= radius:
+            radius, validated = attractor.radius, attractor.validated
+        else:
+            while not (validated := _captures(of, attractor, radius, settings)) and radius > settings.smallest_radius:
+                radius *= 0.5
+        out.append(replace(attractor, radius=radius, validated=validated))
+    return out
+
+
+def _captures(of: DynamicalSystem, attractor: Attractor, radius: float, settings: Settings) -> bool:
+    """Return whether motions that start on the sphere of this radius return to the attractor."""
+    random = np.random.default_rng(1)
+    tree = cKDTree(attractor.section / of.map.scales)
+    within = 0.05 * radius if attractor.period else radius
+    for probe in range(settings.probes):
+        k = probe % len(attractor.section) if attractor.period else int(random.integers(len(attractor.section)))
+        away = random.normal(size=of.map.dimension)
+        start = attractor.section[k] + radius * away / np.linalg.norm(away) * of.map.scales
+        first = k if attractor.period else int(attractor.phases[k])
+        for cycle in range(first, first + settings.probe_cycles, 4 * settings.longest_period):
+            points = section_points(of, start, cycle, 4 * settings.longest_period)
+            if len(points) < 4 * settings.longest_period + 1:
+                return False
+            if tree.query(points[-settings.longest_period:] / of.map.scales)[0].max() <= max(within, settings.same):
+                break
+            start = points[-1]
+        else:
+            return False
+    return True

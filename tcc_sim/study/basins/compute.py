@@ -1,0 +1,216 @@
+"""Compute basins of attraction in a plane of two initial conditions.
+
+Every cell is followed until it is near an attractor with a validated radius (`attractors`). A certain runaway has a
+separate label; a cell that is undecided after the allowed cycles is counted, never guessed. Rows run on all cores
+or a Dask cluster; a file stores them, so that an interrupted run can continue. Uncertainty exponent of the boundary:
+C. Grebogi, S. W. McDonald, E. Ott, J. A. Yorke, Final state sensitivity, Phys. Lett. A 99 (1983).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import closing
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tcc_sim import __version__
+from tcc_sim.errors import BasinsInterrupted, InputError
+from tcc_sim.model.parameters import DEFAULTS as SCENE_KEYS
+from tcc_sim.model.parameters import System, replace, unknown_key, values_of
+from tcc_sim.scene import Scene, system_of
+from tcc_sim.study.basins.attractors import find_attractors, numbered
+from tcc_sim.study.basins.driveline import DrivelineMotion
+from tcc_sim.study.basins.proximity import UNDECIDED, Attractor, ProximityMapper, labelled
+from tcc_sim.study.basins.results import Axis, Basins
+from tcc_sim.study.basins.settings import DEFAULTS
+from tcc_sim.study.continuation.problem import Floats
+from tcc_sim.sweeps.executors import Attendance, each_done, workers
+from tcc_sim.sweeps.file import SweepFile
+from tcc_sim.sweeps.progress import progress_bar
+from tcc_sim.trajectory import State
+
+PLANE_KEYS = ("initial.slip_speed", "initial.plate_angle", "initial.plate_speed")
+FORMAT = "tcc_sim basin_rows 1"
+Row = tuple[list[int], list[int]]
+Stored = tuple[int, int, dict[str, Any]]
+"""Index of the value, row, and record in the file."""
+
+
+def axis_of(given: Axis | tuple[str, Sequence[float]]) -> Axis:
+    """Return an axis from an axis or from a key and its values; InputError for anything else."""
+    try:
+        return given if isinstance(given, Axis) else Axis(*given)
+    except TypeError:
+        raise InputError(f"an axis is {given!r:.100}; it must be a key and its values") from None
+
+
+def check_plane(given: Sequence[Axis | tuple[str, Sequence[float]]]) -> tuple[Axis, Axis]:
+    """Return the two axes of a plane, given as axes or as keys with values.
+
+    Raises
+    ------
+    InputError
+        There are not two axes, a key is repeated or no initial condition, or there are no or too many cells.
+    """
+    if len(given) != 2:
+        raise InputError(f"a plane has 2 axes; {len(given)} are given")
+    plane = [axis_of(axis) for axis in given]
+    for axis in plane:
+        if axis.key not in SCENE_KEYS:
+            raise unknown_key(axis.key, SCENE_KEYS)
+        if axis.key not in PLANE_KEYS:
+            raise InputError(f"{axis.key} is no initial condition; a plane is made of two of {', '.join(PLANE_KEYS)}")
+    if plane[0].key == plane[1].key:
+        raise InputError(f"{plane[0].key} is given twice; a plane is made of two keys")
+    cells = len(plane[0].values) * len(plane[1].values)
+    if not 1 <= cells <= DEFAULTS.most_cells:
+        raise InputError(f"the plane has {cells} cells; it must have 1 to {DEFAULTS.most_cells}")
+    return plane[0], plane[1]
+
+
+def starts(system: System, plane: tuple[Axis, Axis], row: int) -> Floats:
+    """Return (len(first), 3) initial states of one row of the plane."""
+    out = np.tile(State.at_start(system).numbers, (len(plane[0].values), 1))
+    out[:, PLANE_KEYS.index(plane[0].key)] = plane[0].values
+    out[:, PLANE_KEYS.index(plane[1].key)] = plane[1].values[row]
+    return out
+
+
+def seeds_of(system: System, plane: tuple[Axis, Axis]) -> Floats:
+    """Return (seeds + 6, 3) initial states of the search: the scene's own, corners, middle, a Halton set."""
+    edges = [[0.5, 0.5], [0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]
+    unit = np.concatenate([edges, halton(DEFAULTS.seeds, 2)])
+    out = np.tile(State.at_start(system).numbers, (len(unit) + 1, 1))
+    for axis, part in zip(plane, unit.T):
+        low, high = min(axis.values), max(axis.values)
+        out[1:, PLANE_KEYS.index(axis.key)] = low + (high - low) * part
+    return out
+
+
+def halton(count: int, dimensions: int) -> Floats:
+    """Return (count, dimensions) points that fill the unit cube evenly (J. H. Halton, Numer. Math. 2, 1960)."""
+    from scipy.stats.qmc import Halton
+
+    return np.asarray(Halton(dimensions, scramble=False).random(count + 1)[1:])
+
+
+def solve_row(system: System, plane: tuple[Axis, Axis], row: int, attractors: Sequence[Attractor], most: int) -> Row:
+    """Return labels and cycles of one row of cells; called in a worker."""
+    motion = DrivelineMotion(system, DEFAULTS.rtol_cells)
+    mapper = ProximityMapper(attractors, motion.map.scales, motion.map.forcing_period)
+    labels, cycles = labelled(motion, mapper, starts(system, plane, row), most)
+    return labels.tolist(), cycles.tolist()
+
+
+def basins(scene: Scene | System | str, plane: Sequence[Axis | tuple[str, Sequence[float]]], *,
+           cycles: int = DEFAULTS.cycles, over: Axis | tuple[str, Sequence[float]] | None = None,
+           jobs: int | None = None, dask: str | None = None, part: Path | None = None, progress: bool = False,
+           head: Mapping[str, Any] | None = None) -> list[Basins]:
+    """Compute attractors and their basins in a plane of two initial conditions, for every value of `over`.
+
+    Parameters
+    ----------
+    scene : a scene, its name or file, or a system
+    plane : two axes of initial.* keys, or these keys and their values
+    cycles : largest number of engine cycles of a cell, 16 to 1000000
+    over : a scene key and its values; there is a plane for each, and attractors have the same numbers in all
+    jobs : number of threads; all available cores by default
+    dask : address of a Dask scheduler whose workers do the work instead
+    part : file of finished rows; the same call continues from it
+    head : further keys of that file's first line, such as the command
+    progress : whether to show a bar on a terminal or in a notebook, elsewhere a line a minute
+
+    Raises
+    ------
+    InputError
+        The plane or a number of cycles or jobs is wrong, or the file has other content.
+    BasinsInterrupted
+        Ctrl-C; `part` holds the finished rows.
+
+    Examples
+    --------
+    >>> plane = [("initial.slip_speed", (0.0, 50.0)), ("initial.plate_angle", (0.0, 0.1))]
+    >>> basins("stick", plane)[0].fraction(0)
+    1.0
+    """
+    system = system_of(scene)
+    axes, over = check_plane(plane), None if over is None else axis_of(over)
+    if over is not None and over.key in (axes[0].key, axes[1].key):
+        raise InputError(f"over is {over.key}, an axis of the plane; it must be another key")
+    if not 16 <= cycles <= 1_000_000:
+        raise InputError(f"cycles is {cycles}; it must be 16 to 1000000")
+    systems = [system] if over is None else [replace(system, {over.key: x}) for x in over.values]
+    for each in systems:
+        DrivelineMotion(each)
+    stored: list[Stored] = []
+    out: list[Basins] = []
+    try:
+        with workers(jobs, dask) as (executor, there), closing(
+                SweepFile(part, _header(system, axes, cycles, over), lambda *row: stored.append(row), form=FORMAT,
+                          kind="basin map", head=head)) as file, progress_bar(
+                    "row", len(systems) * len(axes[1].values), shown=progress) as bar:
+            for index, each in enumerate(systems):
+                mine = [(row, record) for i, row, record in stored if i == index]
+                found = _one(each, axes, cycles, mine, executor, there, partial(file.append, index), bar.update)
+                value = None if over is None else (over.key, over.values[index])
+                known = numbered(DrivelineMotion(each), [one.attractors for one in out], found.attractors)
+                out.append(dataclasses.replace(found, over=value, attractors=known))
+    except KeyboardInterrupt:
+        raise BasinsInterrupted from None
+    return out
+
+
+def _one(system: System, plane: tuple[Axis, Axis], most: int, stored: Sequence[tuple[int, dict[str, Any]]],
+         executor: Executor, there: Attendance, keep: Callable[[int, dict[str, Any]], None],
+         tick: Callable[[], object]) -> Basins:
+    """Compute one plane: find attractors from seeds, label rows, search again from undecided cells."""
+    began = time.perf_counter()
+    motion = DrivelineMotion(system)
+    shape = len(plane[1].values), len(plane[0].values)
+    labels, cycles = np.full(shape, UNDECIDED, np.int16), np.zeros(shape, np.int32)
+    attractors, missing = find_attractors(motion, seeds_of(system, plane)), set(range(shape[0]))
+
+    def solved(rows: set[int]) -> Iterator[int]:
+        """Yield rows as they are finished."""
+        waiting = iter(sorted(rows))
+        for row, found in each_done(there, lambda: next(waiting, None), lambda row: executor.submit(
+                solve_row, system, plane, row, attractors, most)):
+            labels[row], cycles[row] = found
+            yield row
+
+    for row, found in stored:
+        # Rows that were labelled with other attractors are solved again.
+        if found["attractors"] == len(attractors) and len(found["labels"]) == shape[1] == len(found["cycles"]):
+            labels[row], cycles[row] = found["labels"], found["cycles"]
+            missing.discard(row)
+            tick()
+    for row in solved(missing):
+        keep(row, {"attractors": len(attractors), "labels": labels[row].tolist(), "cycles": cycles[row].tolist()})
+        tick()
+    for _ in range(DEFAULTS.rounds):
+        lost = np.argwhere(labels == UNDECIDED)
+        if not len(lost):
+            break
+        chosen = lost[np.unique(np.linspace(0, len(lost) - 1, DEFAULTS.searched).astype(int))]
+        seeds = [starts(system, plane, int(j))[int(i)] for j, i in chosen]
+        more = find_attractors(motion, seeds, attractors)
+        if len(more) == len(attractors):
+            break
+        shrunk = any(a.radius < b.radius for a, b in zip(more, attractors))
+        attractors = more
+        for _ in solved(set(range(shape[0]) if shrunk else lost[:, 0].tolist())):
+            pass
+    return Basins(plane, tuple(attractors), labels, cycles, time.perf_counter() - began, system)
+
+
+def _header(system: System, plane: tuple[Axis, Axis], cycles: int, over: Axis | None) -> dict[str, Any]:
+    """Return the first line of the file, which identifies the work."""
+    axes = [{"key": axis.key, "values": list(axis.values)} for axis in plane]
+    return {"version": __version__, "plane": axes, "cycles": cycles, "scene": dict(values_of(system)),
+            "over": None if over is None else {"key": over.key, "values": list(over.values)}}

@@ -1,0 +1,218 @@
+"""Results of basins: a plane with attractors, labels of cells and boundary, and planes along a key."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tcc_sim.errors import counted
+from tcc_sim.model.parameters import System
+from tcc_sim.model.quantity import sequence_of_numbers
+from tcc_sim.output.files import draft
+from tcc_sim.output.samples import documented
+from tcc_sim.result import Described, Result, as_lists, reported, reporting
+from tcc_sim.shown_units import speed
+from tcc_sim.study.basins.proximity import RUNAWAY, UNDECIDED, Attractor, Counts, Labels
+from tcc_sim.study.basins.settings import DEFAULTS
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Axis of the plane: an initial.* key and its values, numbers in any sequence or array."""
+
+    key: str = field(metadata=reported("scene key"))
+    values: Sequence[float] = field(metadata=reported("its values", "{key}"))
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", sequence_of_numbers(self.key, self.values))
+
+
+@dataclass(frozen=True)
+class Boundary:
+    """Uncertainty of the final state: the share of cells with another label at a distance eps grows as eps^exponent."""
+
+    exponent: float = field(metadata=reported("uncertainty exponent of the boundary", name="uncertainty_exponent"))
+    error: float = field(metadata=reported("standard error of its fit", name="standard_error"))
+
+    @property
+    @reporting("dimension of the boundary, 2 minus the exponent")
+    def dimension(self) -> float:
+        """Return the dimension of the boundary in the plane."""
+        return 2.0 - self.exponent
+
+
+@dataclass(frozen=True)
+class AttractorFigures:
+    """Attractor in JSON."""
+
+    number: int = field(metadata=reported("number, the same at all values of over at which the attractor continues"))
+    period: int = field(metadata=reported("period of the motion; 0 for none", "periods of excitation"))
+    max_slip_speed: float = field(metadata=reported("largest |slip speed|", "rad/s"))
+    section: NDArray[np.float64] = field(metadata=reported(
+        "plate angle and slip speed at t = 2 pi n/omega", "rad, rad/s"))
+    section_states: NDArray[np.float64] = field(metadata=reported(
+        "plate angle, slip speed and plate speed at t = 2 pi n/omega", "rad, rad/s, rad/s"))
+    multipliers: NDArray[np.complex128] | None = field(metadata=reported(
+        "Floquet multipliers, real and imaginary part each; null without a period"))
+    fraction: float = field(metadata=reported("share of the plane"))
+    radius: float = field(metadata=reported(
+        "capture radius around the section points, in natural sizes of the three states"))
+    validated: bool = field(metadata=reported("whether motions that start at that radius return to it"))
+    state: NDArray[np.float64] | None = field(metadata=reported(
+        "slip speed, plate angle and plate speed at t = 0; null without a period", "rad/s, rad, rad/s"))
+
+
+@dataclass(frozen=True, repr=False)
+class Basins(Result):
+    """Basins of one system in one plane.
+
+    labels : (len(second), len(first)) index into `attractors`, -1 undecided, -2 runaway
+    cycles : (len(second), len(first)) cycles until the cell was decided
+    system : the system of the plane
+    over : scene key and its value, if there are planes at several values
+    """
+
+    plane: tuple[Axis, Axis] = field(metadata=reported("first and second axis"))
+    attractors: tuple[Attractor, ...]
+    labels: Labels
+    cycles: Counts
+    seconds: float = field(metadata=reported("computing time", "s"))
+    system: System
+    over: tuple[str, float] | None = None
+
+    def fraction(self, label: int) -> float:
+        """Return the share of the plane with this label."""
+        return float(np.mean(self.labels == label))
+
+    def boundary(self) -> Boundary | None:
+        """Return the uncertainty exponent; None if too few labels differ for a fit."""
+        return boundary_of(self.labels)
+
+    @property
+    @reporting("attractors in the plane", name="attractors")
+    def figures(self) -> list[AttractorFigures]:
+        """Return the attractors with their shares of the plane."""
+        return [AttractorFigures(a.number, a.period, a.largest, a.section[:, [1, 0]], a.section[:, [1, 0, 2]],
+                                 a.multipliers, self.fraction(k), a.radius, a.validated,
+                                 a.section[0] if a.period else None)
+                for k, a in enumerate(self.attractors)]
+
+    @property
+    @reporting("share of the plane that reached no attractor within the allowed cycles")
+    def undecided(self) -> float:
+        """Return the share of cells that are undecided."""
+        return self.fraction(UNDECIDED)
+
+    @property
+    @reporting("share of the plane whose slip grows for ever")
+    def runaway(self) -> float:
+        """Return the share of cells that run away."""
+        return self.fraction(RUNAWAY)
+
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """Return a row for every cell: both keys, its label, and the cycles until it was decided."""
+        first, second = self.plane
+        return {first.key: np.tile(first.values, len(second.values)),
+                second.key: np.repeat(second.values, len(first.values)),
+                "label": self.labels.ravel(), "cycles": self.cycles.ravel()}
+
+    def _text(self) -> str:
+        return "\n".join(self.lines(DEFAULTS.attractors_shown))
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(repr(self))}</pre>"
+
+    def lines(self, most: int | None = None) -> list[str]:
+        """Return lines for the plane, up to `most` attractors with their shares, runaway slip and undecided cells."""
+        first, second = self.plane
+        lines = [f"Basins in {first.key} ({len(first.values)}) and {second.key} ({len(second.values)})"]
+        names = [(f"attractor {a.number}: " if self.over else "") + (f"period {a.period}" if a.period else "no period")
+                 for a in self.attractors]
+        lines += [f"  {100.0 * self.fraction(k):6.2f} %  {names[k]}, largest slip speed {speed(a.largest)}"
+                  f"{'' if a.validated else ', capture radius not validated'}"
+                  for k, a in enumerate(self.attractors[:most])]
+        if most is not None and len(self.attractors) > most:
+            lines.append(f"  {counted(len(self.attractors) - most, 'more attractor')}")
+        return [*lines, f"  {100.0 * self.fraction(RUNAWAY):6.2f} %  runaway slip",
+                f"  {100.0 * self.fraction(UNDECIDED):6.2f} %  undecided"]
+
+
+@dataclass(frozen=True)
+class Bounded:
+    """Plane with the uncertainty of its boundary."""
+
+    basins: Basins = field(metadata=reported("the plane", spread=True))
+    boundary: Boundary | None = field(metadata=reported("with --boundary, unless too few cells differ",
+                                                        asked_for=True))
+
+
+@dataclass(frozen=True)
+class Planes(Described):
+    """One plane, or planes at the values of a key; `bounded` adds the uncertainty of their boundaries."""
+
+    planes: Sequence[Basins]
+    along: Axis | None = None
+    bounded: bool = False
+
+    @property
+    @reporting("key that has a plane at each of its values", asked_for=True)
+    def over(self) -> str | None:
+        """Return the key; None for a single plane."""
+        return None if self.along is None else self.along.key
+
+    @property
+    @reporting("its values", "{over}", asked_for=True)
+    def values(self) -> Sequence[float] | None:
+        """Return the values of the key; None for a single plane."""
+        return None if self.along is None else self.along.values
+
+    @property
+    @reporting("the plane; with over, everything but the axes in lists", spread=True, of=(Bounded,))
+    def figures(self) -> Any:
+        """Return the figures of the plane, or lists of them."""
+        found = [Bounded(one, one.boundary()) if self.bounded else one for one in self.planes]
+        if self.along is None:
+            return found[0]
+        return {**as_lists(found, Bounded if self.bounded else Basins), "plane": self.planes[0].plane}
+
+
+def boundary_of(labels: Labels) -> Boundary | None:
+    """Return the uncertainty exponent of a map of labels, from differences between decided cells along either axis."""
+    sizes, parts = [], []
+    for k in DEFAULTS.distances:
+        if k >= min(labels.shape):
+            break
+        pairs = (labels[:, k:], labels[:, :-k]), (labels[k:], labels[:-k])
+        decided = [(one != UNDECIDED) & (other != UNDECIDED) for one, other in pairs]
+        unlike = sum(int(((one != other) & known).sum()) for (one, other), known in zip(pairs, decided))
+        part = unlike / max(sum(int(known.sum()) for known in decided), 1)
+        if part > 0.0:
+            sizes.append(np.log(k))
+            parts.append(np.log(part))
+    if len(sizes) < 3:
+        return None
+    (slope, _), covariance = np.polyfit(sizes, parts, 1, cov="unscaled")
+    rest = np.array(parts) - np.polyval(np.polyfit(sizes, parts, 1), sizes)
+    return Boundary(float(slope), float(np.sqrt(covariance[0, 0] * (rest @ rest) / max(len(sizes) - 2, 1))))
+
+
+def write_basins(path: Path, found: Sequence[Basins], over: Axis | None, document: Mapping[str, Any]) -> None:
+    """Write basins as .npz: `labels` and `cycles`, (second, first) arrays, the values of both axes, and `document`.
+
+    `over` adds a first axis. Labels: -1 undecided, -2 runaway, else an index into the attractors in `document`.
+    """
+    labels, cycles = np.stack([one.labels for one in found]), np.stack([one.cycles for one in found])
+    first, second = found[0].plane
+    arrays: dict[str, Any] = {"first_values": np.array(first.values), "second_values": np.array(second.values)}
+    if over is None:
+        labels, cycles = labels[0], cycles[0]
+    else:
+        arrays["over_values"] = np.array(over.values)
+    with draft(path) as part, part.open("wb") as stream:
+        np.savez_compressed(stream, labels=labels, cycles=cycles, **arrays, **documented(document))

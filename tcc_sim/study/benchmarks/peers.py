@@ -1,0 +1,241 @@
+"""Other programs on the same problem, all optional: XPPAUT, CVODE of SUNDIALS in C, and direct calls of SciPy's LSODA.
+
+The run time of every program, and of this package, is the least CPU time of repeated calls.
+"""
+
+from __future__ import annotations
+
+import atexit
+import math
+import resource
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from tcc_sim.fmu.export import compiler
+from tcc_sim.model.parameters import System
+from tcc_sim.solvers import solve
+from tcc_sim.solvers.comparison.scipy_methods import jacobian_of, rates_of
+from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples
+from tcc_sim.solvers.problem import rates_along
+from tcc_sim.solvers.terms import terms_of
+from tcc_sim.study.benchmarks.references import Floats, error_scales
+from tcc_sim.trajectory import State
+
+TIMEOUT = 60.0
+"""Time limit of one run, s."""
+FINE = 256
+"""Samples per engine cycle for the largest slip speeds of another program."""
+TIMED = 100
+"""Least number of engine cycles in a timed run of XPPAUT, whose start takes as long as about ten cycles."""
+SINGLE = 2.0**-23
+"""Resolution of single precision, the format of XPPAUT's output."""
+LIBRARIES = ("sundials_cvode", "sundials_nvecserial", "sundials_sunmatrixdense", "sundials_sunlinsoldense", "m")
+"""Libraries of `cvode.c`, with the names of Debian's libsundials-dev."""
+STICK = 1e-12
+Timed = TypeVar("Timed")
+
+
+class Failed(Exception):
+    """A program gave no result; the message gives the reason."""
+
+
+@dataclass(frozen=True)
+class PeerRun:
+    """States at the cycle ends, largest |slip speed| per cycle, fastest and slowest run time (s), number of steps."""
+
+    section: Floats
+    largest: Floats
+    seconds: float
+    slowest: float
+    steps: int | None = None
+
+
+def repeated(run: Callable[[], Timed], repeats: int, patience: float = math.inf,
+             clock: Callable[[], float] = time.process_time) -> tuple[list[float], Timed]:
+    """Return the CPU time of every call of `run`, s, and the last result.
+
+    Parameters
+    ----------
+    repeats : largest number of calls; there is at least one
+    patience : total time after which no further call begins, s
+    clock : function of the CPU seconds so far, of this process or with `of_children` of other programs
+    """
+    used = list[float]()
+    while not used or (len(used) < repeats and sum(used) < patience):
+        began = clock()
+        found = run()
+        used.append(clock() - began)
+    return used, found
+
+
+def of_children() -> float:
+    """Return the CPU time of ended child processes, s."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def bare_lsoda(system: System, cycles: int, rtol: float, repeats: int) -> PeerRun:
+    """Call `scipy.integrate.solve_ivp` with LSODA and compiled right-hand side and Jacobian; store cycle ends only."""
+    terms, y = terms_of(system), np.array(State.at_start(system).numbers)
+    atol = np.asarray(rtol * error_scales(system))
+    ends, times = _times(system, cycles, 1), _times(system, cycles, FINE)
+    rates, jacobian = rates_of(terms, len(y)), jacobian_of(terms, len(y))
+
+    def solve(dense: bool) -> Any:
+        return solve_ivp(rates, (0.0, float(ends[-1])), y, method="LSODA", t_eval=ends, rtol=rtol, atol=atol,
+                         jac=jacobian, dense_output=dense)
+
+    used, _ = repeated(lambda: solve(False), repeats)
+    run = solve(True)
+    found = run.y.T
+    if len(found) != cycles + 1:
+        raise Failed(str(run.message))
+    return PeerRun(found, _largest(system, times, run.sol(times).T), min(used), max(used), len(run.sol.ts) - 1)
+
+
+def cvode(system: System, cycles: int, rtol: float, repeats: int) -> PeerRun:
+    """Run CVODE's BDF of SUNDIALS in double precision with `cvode.c`, a program without Python that times itself.
+
+    Raises
+    ------
+    Failed
+        There is no C compiler or no SUNDIALS, or CVODE failed.
+    """
+    d, f, c, e, p = system.driveline, system.friction, system.clutch, system.engine, system.pressure
+    numbers = [d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness, c.area, c.radius, f.static_coefficient,
+               f.kinetic_coefficient, f.decay, f.smoothing, e.mean_torque, e.torque_amplitude, e.frequency, p.mean,
+               p.amplitude, p.frequency_ratio, p.phase, *State.at_start(system).numbers, rtol,
+               *(rtol * error_scales(system))]
+    words = " ".join([*(f"{float(x):.17g}" for x in numbers), f"{cycles} {FINE} {repeats}"])
+    try:
+        ended = subprocess.run([cvode_program()], input=words, capture_output=True, text=True, timeout=TIMEOUT,
+                               check=False)
+    except subprocess.TimeoutExpired:
+        raise Failed(f"took more than {TIMEOUT:g} s") from None
+    if ended.returncode:
+        raise Failed(ended.stderr.strip() or f"ended with status {ended.returncode}")
+    head, *lines = ended.stdout.splitlines()
+    seconds, slowest, steps = head.split()
+    rows = np.array([line.split() for line in lines], dtype=np.float64)
+    return PeerRun(rows[:cycles + 1], _largest(system, _times(system, cycles, FINE), rows[cycles + 1:]), float(seconds),
+                   float(slowest), int(steps))
+
+
+@cache
+def cvode_program() -> str:
+    """Compile `cvode.c`, once per process; the binary is deleted at the end of the process.
+
+    Raises
+    ------
+    Failed
+        There is no C compiler, or it does not find SUNDIALS.
+    """
+    command = compiler()
+    if command is None:
+        raise Failed("not compiled: there is no C compiler")
+    folder = tempfile.mkdtemp(prefix="tcc_sim_")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    program, source = f"{folder}/cvode", str(Path(__file__).with_name("cvode.c"))
+    ended = subprocess.run([command, "-O3", source, "-o", program, *(f"-l{name}" for name in LIBRARIES)],
+                           capture_output=True, text=True, check=False)
+    if ended.returncode:
+        why = next((line for line in ended.stderr.splitlines() if "error" in line or "cannot find" in line), "")
+        raise Failed(f"not compiled: SUNDIALS is not installed (Debian: libsundials-dev); {command} says: {why}")
+    return program
+
+
+def python_loop(system: System) -> dict[str, float]:
+    """Return the times of a step of `dop853` and of its twelve evaluations of the compiled equations, s."""
+    state = np.array(State.at_start(system).numbers)
+    rates = rates_of(terms_of(system), len(state))
+    used, run = repeated(lambda: solve(system, duration=1e-3 * system.cycle, solver="dop853"), 5)
+    evaluations, _ = repeated(lambda: [rates(0.0, state) for _ in range(1200)], 5)
+    return {"step": min(used) / max(run.statistics.steps, 1), "rates": min(evaluations) / 100.0}
+
+
+def _times(system: System, cycles: int, per_cycle: int) -> Floats:
+    """Return equidistant times that include the cycle ends, s."""
+    return np.linspace(0.0, cycles * system.cycle, cycles * per_cycle + 1)
+
+
+def _largest(system: System, t: Floats, states: Floats) -> Floats:
+    """Return the largest |slip speed| per cycle from cubics through samples of v and v'."""
+    rates = rates_along(t, np.ascontiguousarray(states), terms_of(system))
+    return cycles_from_samples(t, states[:, 0], rates[:, 0], states[:, 1], states[:, 2], rates[:, 2],
+                               starts=cycle_starts(0, float(t[-1]), system.cycle), stick_speed=STICK).largest
+
+
+def xppaut_file(system: System, method: str, tolerance: float, cycles: int, per_cycle: int) -> str:
+    """Return the model as an XPPAUT file, with all digits of every number."""
+    d, f, e, p, start = system.driveline, system.friction, system.engine, system.pressure, system.initial
+    number = "{:.17g}".format
+    load = number(system.saturation_mean)
+    if p.amplitude > 0.0:
+        rate = p.frequency_ratio * e.frequency
+        load += f"+{number(system.saturation_amplitude)}*sin({number(rate)}*t+{number(p.phase)})"
+    excess = system.friction_ratio - 1.0
+    falling = f"*(1+{number(excess)}*exp(-{number(f.decay)}*abs(v)))" if excess > 0.0 else ""
+    step = system.cycle / per_cycle
+    return "\n".join([
+        f"ts={load}",
+        f"tf=ts*tanh({number(f.smoothing)}*v){falling}",
+        f"s={number(d.damping)}*w+{number(d.stiffness)}*q",
+        f"v'=({number(e.mean_torque)}+{number(e.torque_amplitude)}*sin({number(e.frequency)}*t)-tf)"
+        f"/{number(d.flywheel_inertia)}-(tf-s)/{number(d.plate_inertia)}",
+        "q'=w",
+        f"w'=(tf-s)/{number(d.plate_inertia)}",
+        f"init v={number(start.slip_speed)},q={number(start.plate_angle)},w={number(start.plate_speed)}",
+        f"@ total={number(step * (cycles * per_cycle))},dt={number(step)},meth={method},toler={tolerance:g},"
+        f"atoler={tolerance:g}",
+        "@ maxstor=1000000,bounds=1e9,output=out.dat",
+        "done", ""])
+
+
+def xppaut(system: System, method: str, tolerance: float, cycles: int, repeats: int) -> PeerRun:
+    """Run one of XPPAUT's methods; `seconds` is the CPU time of at least TIMED cycles minus that of one, scaled.
+
+    The difference excludes start-up and reading the file. Time and states come from runs with outputs at the cycle ends
+    only. Without repeats there is no time.
+
+    Raises
+    ------
+    Failed
+        XPPAUT is not installed, stopped early or took too long.
+    """
+    if shutil.which("xppaut") is None:
+        raise Failed("not installed")
+    with tempfile.TemporaryDirectory() as folder:
+        def run(count: int, per_cycle: int) -> Floats:
+            place = Path(folder)
+            (place / "model.ode").write_text(xppaut_file(system, method, tolerance, count, per_cycle))
+            (place / "out.dat").unlink(missing_ok=True)
+            try:
+                subprocess.run(["xppaut", "model.ode", "-silent"], cwd=folder, stdin=subprocess.DEVNULL,
+                               stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, timeout=TIMEOUT, check=False)
+            except subprocess.TimeoutExpired:
+                raise Failed(f"took more than {TIMEOUT:g} s") from None
+            try:
+                rows = np.loadtxt(place / "out.dat", ndmin=2)
+            except (OSError, ValueError):
+                raise Failed("wrote no results") from None
+            if len(rows) < count * per_cycle + 1 or not np.all(np.isfinite(rows)):
+                raise Failed(f"stopped after {len(rows) - 1} of {count * per_cycle} outputs")
+            return rows[:count * per_cycle + 1, 1:4]
+
+        fine, section, seconds, slowest = run(cycles, FINE), run(cycles, 1), math.nan, math.nan
+        if repeats:
+            many = max(cycles, TIMED)
+            long, _ = repeated(lambda: run(many, 1), repeats, clock=of_children)
+            short, _ = repeated(lambda: run(1, 1), repeats, clock=of_children)
+            seconds, slowest = (max(of(long) - min(short), 0.0) * cycles / (many - 1) for of in (min, max))
+    return PeerRun(section, _largest(system, _times(system, cycles, FINE), fine), seconds, slowest)

@@ -1,0 +1,100 @@
+"""`tcc-sim basins`: attractors and their basins in a plane of two initial conditions."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from tcc_sim.cli.arguments import (
+    add_outputs,
+    add_scene,
+    add_workers,
+    check_outputs,
+    document_of,
+    drawn,
+    present,
+    refuse_swept,
+    scene_of,
+    values_of_range,
+)
+from tcc_sim.errors import BasinsInterrupted, counted
+from tcc_sim.shown_units import key_value
+
+if TYPE_CHECKING:
+    from tcc_sim.study.basins.results import Axis, Basins
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add scene, plane, length of the simulations, further figures, workers and outputs."""
+    add_scene(parser)
+    plane = parser.add_argument_group("plane")
+    plane.add_argument("--plane", metavar="KEY=START:STOP:COUNT", action="append", required=True,
+                       help="an initial.* key and its evenly spaced values; give this option twice")
+    plane.add_argument("--over", metavar="KEY=START:STOP:COUNT",
+                       help="scene key; the plane is computed at each of its values")
+    plane.add_argument("--cycles", metavar="N", type=int, default=600,
+                       help="most periods of excitation solved for a cell (default 600)")
+    parser.add_argument_group("further figures").add_argument(
+        "--boundary", action="store_true", help="add the uncertainty exponent of the basin boundary")
+    add_workers(parser)
+    add_outputs(parser, "attractors and fractions", "label and cycles of every cell (.npz); until it is complete, "
+                "finished rows are in FILE.part, and the same command resumes from them")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Check the input, compute the basins, write the files, and print a summary."""
+    from tcc_sim.output.provenance import head_of
+    from tcc_sim.study.basins.compute import basins
+    from tcc_sim.study.basins.results import Planes
+
+    scene = scene_of(arguments)
+    plane = [_axis("--plane", text) for text in arguments.plane]
+    over = _axis("--over", arguments.over) if arguments.over is not None else None
+    refuse_swept(arguments.set, [axis.key for axis in (*plane, *([] if over is None else [over]))])
+    check_outputs(arguments, [".npz"])
+    part = None if arguments.out is None else arguments.out.with_name(arguments.out.name + ".part")
+    try:
+        found = basins(scene, plane, cycles=arguments.cycles, over=over, jobs=arguments.jobs, dask=arguments.dask,
+                       part=part, progress=True, head=head_of("basin_rows", scene, arguments.words))
+        # Drawing takes longest; if it is interrupted, no file is written, and the same command resumes.
+        values = Planes(found, over, arguments.boundary)
+        with drawn(arguments, found, scene.name):
+            if arguments.out is not None:
+                from tcc_sim.study.basins.results import write_basins
+
+                write_basins(arguments.out, found, over, document_of(arguments, scene, values))
+            present(arguments, scene, values,
+                    _lines(found, over, arguments.boundary))
+    except (BasinsInterrupted, KeyboardInterrupt):
+        resume = f"; the same command resumes from {part}" if part is not None else ""
+        print(f"tcc-sim: interrupted{resume}", file=sys.stderr)
+        return 130
+    if part is not None:
+        part.unlink()
+    return 0
+
+
+def _axis(option: str, text: str) -> Axis:
+    """Return the axis KEY=START:STOP:COUNT of an option."""
+    from tcc_sim.study.basins.results import Axis
+
+    key, values = values_of_range(text, option, even=True)
+    return Axis(key, tuple(values))
+
+
+def _lines(found: list[Basins], over: Axis | None, boundary: bool) -> Iterator[str]:
+    """Yield the lines of the summary."""
+    for k, one in enumerate(found):
+        if over is not None:
+            yield key_value(over.key, over.values[k])
+        yield from one.lines()
+        uncertain = one.boundary() if boundary else None
+        if uncertain is not None:
+            yield (f"  boundary: uncertainty exponent {uncertain.exponent:.3f} (standard error {uncertain.error:.3f}), "
+                   f"dimension {uncertain.dimension:.3f}")
+        elif boundary:
+            yield "  boundary: no uncertainty exponent, too few neighbouring cells have different labels"
+        yield (f"  {counted(one.labels.size, 'cell')} in {one.seconds:.3g} s, "
+               f"{float(one.cycles.mean()):.1f} periods of excitation per cell")

@@ -1,0 +1,90 @@
+"""`tcc-sim continue`: the branches of periodic motions of a scene along one of its keys, with their bifurcations."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tcc_sim.cli.arguments import add_outputs, add_scene, bounds_of_range, check_outputs, plot_result, present, scene_of
+from tcc_sim.errors import counted
+from tcc_sim.shown_units import key_value, speed
+
+if TYPE_CHECKING:
+    from tcc_sim.study.continuation.motions import Motions
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the scene, the key to follow, further branches and curves, and outputs."""
+    add_scene(parser, "; for the key of --over, its first value")
+    followed = parser.add_argument_group("branches")
+    followed.add_argument("--over", metavar="KEY=START:STOP", required=True, help="scene key to vary, and its range")
+    followed.add_argument("--period", metavar="N", type=int,
+                          help="periods of excitation in a period of the first motion (default: as the settled one)")
+    followed.add_argument("--seeds", metavar="FILE", type=Path,
+                          help="start from the attractors in FILE, which basins --json wrote")
+    followed.add_argument("--switch", metavar="DEPTH", type=int, nargs="?", const=1, default=0,
+                          help="follow branches of doubled period too, through DEPTH doublings (default 1)")
+    figures = parser.add_argument_group("further figures")
+    figures.add_argument("--at", metavar="VALUE", type=float, action="append", default=[],
+                         help="add the motions of every branch at exactly this value of the key; may be repeated")
+    figures.add_argument("--second", metavar="KEY=START:STOP",
+                         help="follow every fold, doubling, Neimark-Sacker and stick border in a second key")
+    figures.add_argument("--limit", action="store_true",
+                         help="follow every bifurcation from the smoothed friction law to the set-valued one")
+    add_outputs(parser, "branches, bifurcations and curves")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Follow the branches, write the files, and print branches and bifurcations."""
+    from tcc_sim.output.files import read_json
+    from tcc_sim.study.continuation.driveline import seeds_in
+    from tcc_sim.study.continuation.motions import ContinuationPlan, Motions, check, continue_motions
+    from tcc_sim.sweeps.progress import point_bar
+
+    scene = scene_of(arguments)
+    key, low, high = bounds_of_range(arguments.over, "--over")
+    second = None if arguments.second is None else bounds_of_range(arguments.second, "--second")
+    seeds = () if arguments.seeds is None else seeds_in(read_json(arguments.seeds), scene.system, key, low, high)
+    plan = ContinuationPlan(key, low, high, arguments.period, tuple(arguments.at), arguments.switch,
+                            second, arguments.limit, seeds)
+    check(scene.system, plan)
+    check_outputs(arguments)
+    found, interrupted = Motions(plan, scene.system), False
+    try:
+        with point_bar() as tick:
+            continue_motions(scene.system, plan, tick, found)
+    except KeyboardInterrupt:
+        interrupted = True
+    present(arguments, scene, found, _lines(found))
+    if found.branches:
+        plot_result(arguments, found, scene.name)
+    if interrupted:
+        print("tcc-sim: interrupted; the results up to here are complete", file=sys.stderr)
+        return 130
+    return 0
+
+
+def _lines(found: Motions) -> Iterator[str]:
+    """Yield lines for the branches, their ends and their bifurcations."""
+    key = found.plan.over
+    for number, branch in enumerate(found.branches):
+        values = [s.value for s in branch.points]
+        yield (f"branch {number}: period {branch.period}, {key_value(key, min(values), 9, max(values))}, "
+               f"{counted(len(values), 'point')}, {sum(s.orbit.stable for s in branch.points)} stable")
+        for sentence in dict.fromkeys(branch.ended):
+            yield f"  {sentence}"
+    for index, item in enumerate(found.bifurcations):
+        limit = f"  {found.limits[index]}" if index in found.limits else ""
+        yield (f"{item.kind:>18}  {key_value(key, item.value, 10)}  branch {item.branch}  "
+               f"max slip {speed(item.point.orbit.seen.largest, 8)}  residual {item.residual:.1e}{limit}")
+    for entry in found.at:
+        yield (f"at {key_value(key, entry['value'])}: branch {entry['branch']}, period {entry['period']}, max slip "
+               f"{speed(entry['max_slip_speed'], 9)}, {'stable' if entry['stable'] else 'unstable'}, {entry['events']}")
+    for curve in found.curves:
+        ends = "; ".join(dict.fromkeys(map(str, curve.ended)))
+        yield f"curve of {curve.kind}: {counted(len(curve.values), 'point')}; {ends}"
+        for point in curve.special:
+            yield str(point)

@@ -1,0 +1,113 @@
+"""`tcc-sim figure`: the paper's figures as pictures and JSON."""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import signal
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tcc_sim.cli.arguments import add_layout, add_units
+from tcc_sim.errors import InputError, RecordingError, printable, require
+from tcc_sim.output.terminal import say
+from tcc_sim.shown_units import show_in
+
+if TYPE_CHECKING:
+    from tcc_sim.study.paper.catalogue import FigureOptions
+    from tcc_sim.study.paper.figure_results import Figure
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the figures, their options, threads, and the directory."""
+    figure = parser.add_argument_group("figure")
+    figure.add_argument("figure", metavar="N|all", help="number of a figure in the paper, 2 to 18, or all of them")
+    figure.add_argument("--quick", action="store_true", help="compute only a quarter of the values")
+    figure.add_argument("--law", choices=("smoothed", "set_valued"), default="smoothed",
+                        help="friction law: smoothed (7), as in the paper (default), or set_valued (6), solved exactly")
+    figure.add_argument("--direction", choices=("cold", "up", "down"),
+                        help="start of each value in a sweep: cold from the initial state, up or down from the last "
+                        "state of the neighbour below or above (default: by figure)")
+    figure.add_argument("--branches", action="store_true",
+                        help="draw branches of periodic motions, stable and unstable, and name the bifurcation at each "
+                        "jump; with all, for the figures that have points on branches")
+    parser.add_argument_group("workers").add_argument("--jobs", metavar="N", type=int,
+                                                      help="threads (default: all cores)")
+    output = parser.add_argument_group("output")
+    output.add_argument("--out", metavar="DIR", type=Path, default=Path("figures"),
+                        help="directory for figNN.png, figNN.svg and figNN.json (default: figures)")
+    add_layout(output, "its number and title; not with all")
+    add_units(output)
+    output.add_argument("--force", action="store_true", help="replace existing figures")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Compute, draw and write the figures."""
+    from tcc_sim.output.files import replaceable
+    from tcc_sim.study.paper.catalogue import FIGURES, FigureOptions, check_options
+    from tcc_sim.study.paper.drawings import draw
+    from tcc_sim.views.style import width_of
+
+    try:
+        numbers = list(FIGURES) if arguments.figure == "all" else [int(arguments.figure)]
+    except ValueError:
+        raise InputError(f"figure is {arguments.figure!r}; it must be {min(FIGURES)} to {max(FIGURES)}, "
+                         "or all") from None
+    if numbers[0] not in FIGURES:
+        raise InputError(f"figure is {numbers[0]}; it must be {min(FIGURES)} to {max(FIGURES)}, or all")
+    stems = {number: arguments.out / f"fig{number:02d}" for number in numbers}
+    files = [stem.with_suffix(suffix) for stem in stems.values() for suffix in (".png", ".svg", ".json")]
+    there = [path for path in files if replaceable(path)]
+    if there and not arguments.force:
+        raise RecordingError(f"{there[0]} exists already; choose another --out, or give --force to replace it")
+    if arguments.title and len(numbers) > 1:
+        raise InputError("--title is for one figure; leave it out with all")
+    if arguments.jobs is not None and arguments.jobs < 1:
+        raise InputError(f"jobs is {arguments.jobs}; it must be 1 or more")
+    options = FigureOptions(arguments.quick, arguments.direction, arguments.law, arguments.jobs, progress=True,
+                    branches=arguments.branches)
+    if len(numbers) == 1:
+        check_options(numbers[0], options)
+    require("matplotlib", "a picture")
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    draw_one = partial(draw, title=printable(arguments.title or ""), width=width_of(arguments.width))
+    if len(stems) == 1:
+        (number, stem), = stems.items()
+        _write(number, stem, options, draw_one, arguments.words)
+        return 0
+    # Drawing takes as long as computing and holds the interpreter lock, so another process draws.
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _begin_painter,
+                             (arguments.units,)) as painter:
+        drawn = [_write(number, stem, options, lambda data, where: painter.submit(draw_one, data, where),
+                        arguments.words)
+                 for number, stem in stems.items()]
+        for picture in drawn:
+            picture.result()
+    return 0
+
+
+def _begin_painter(units: str | None) -> None:
+    """Prepare the process that draws: it ignores Ctrl-C, and draws in the selected unit."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    show_in(units)
+
+
+def _write(number: int, stem: Path, options: FigureOptions, draw: Callable[[Figure, Path], Any],
+           words: list[str]) -> Any:
+    """Compute one figure, write its numbers, and draw it with `draw`."""
+    from tcc_sim.output.files import write_json
+    from tcc_sim.output.provenance import document
+    from tcc_sim.study.paper.catalogue import SWEPT, plain
+    from tcc_sim.study.paper.figures import figure_data, figure_system
+
+    data = figure_data(number, options)
+    write_json(stem.with_suffix(".json"), document("figure", data, figure_system(number, options), words))
+    drawn = draw(data, stem)
+    say(f"{stem.with_suffix('.png')}  {data.seconds:.1f} s", flush=True)
+    for curve in data.curves if data.kind in SWEPT else ():
+        for sentence in curve.behind.left_out if curve.behind is not None else ():
+            say(f"  {plain(curve.label) or curve.direction}: {sentence}", flush=True)
+    return drawn

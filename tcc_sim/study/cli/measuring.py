@@ -1,0 +1,176 @@
+"""`tcc-sim precision`, `stability`, `realtime` and `soak`: measurements of the program, as reports or figures."""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tcc_sim.cli.arguments import add_layout, new_file, number, present
+from tcc_sim.errors import counted, printable, require
+from tcc_sim.output.files import new_directory, write_json
+from tcc_sim.output.terminal import counted_bar, say, seconds_bar
+
+if TYPE_CHECKING:
+    from tcc_sim.study.benchmarks.endurance import SoakFigures
+    from tcc_sim.study.benchmarks.pacing_benchmark import PacingFigures
+
+REPORTS = {"precision": "shorter ladders, about 40 s of computing on one core",
+           "stability": "fewer scenes and coarser charts, about half a minute"}
+"""Verbs that write a report, with the help of --quick."""
+DURATIONS = {"realtime": (0.5, 60.0), "soak": (2.0, 600.0)}
+"""Verbs that measure running nodes, with the shortest and the default duration, s."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add extent and directory of a report, or rate, duration, settings and file of a run of nodes."""
+    verb = parser.prog.rpartition(" ")[2]
+    extent, output = parser.add_argument_group("extent"), parser.add_argument_group("output")
+    if verb in REPORTS:
+        extent.add_argument("--quick", action="store_true", help=REPORTS[verb])
+        output.add_argument("--out", type=Path, default=Path(verb), metavar="DIR",
+                            help=f"new directory for {verb}.png, .svg, .json and .md (default {verb})")
+        add_layout(output, "none")
+        return
+    shortest, default = DURATIONS[verb]
+    extent.add_argument("--rate", type=number(1.0, 20000.0, "Hz"), default=1000.0, metavar="HZ",
+                        help=f"rate of the ticks{' and commands' if verb == 'soak' else ''}, Hz (default 1000)")
+    extent.add_argument("--duration", type=number(shortest, 1e6, "s"), default=default, metavar="S",
+                        help=f"duration of the measurement, s (default {default:g})")
+    output.add_argument("--json", type=Path, metavar="FILE", help="write all numbers as JSON")
+    if verb == "realtime":
+        loops = parser.add_argument_group("both loops")
+        loops.add_argument("--recorder", action="store_true",
+                           help="run a recorder in another process, which competes for the cores")
+        loops.add_argument("--thread-priority", type=number(0, 99, kind=int), default=0, metavar="N",
+                           help="SCHED_FIFO priority; 0, the default, changes nothing")
+        loops.add_argument("--cpu-affinity", type=number(0, 1023, kind=int), nargs="+", default=[], metavar="CORE",
+                           help="cores to run on (default: all)")
+        loops.add_argument("--lock-memory", action="store_true", help="lock memory")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Check the outputs, measure, print the results, and write them."""
+    if arguments.verb in REPORTS:
+        folder = new_directory(arguments.out)
+        require("matplotlib", "a picture")
+        return (_precision if arguments.verb == "precision" else _stability)(arguments, folder)
+    from tcc_sim.nodes.children import require_ros
+    from tcc_sim.result import json_of
+    from tcc_sim.scene import load_scene
+
+    require_ros()
+    if arguments.json is not None:
+        new_file(arguments.json)
+    found: PacingFigures | SoakFigures
+    found, scene = (_realtime(arguments), "fig02") if arguments.verb == "realtime" else (_soak(arguments), "commands")
+    figures = json_of(found)
+    present(arguments, load_scene(scene).with_values({"rate": arguments.rate}), found)
+    return 0 if figures.get("count_is_honest", True) else 1
+
+
+def _precision(arguments: argparse.Namespace, folder: Path) -> int:
+    """Measure error against run time of every solver; an interrupted study writes its complete scenes."""
+    from tcc_sim.output.provenance import document
+    from tcc_sim.scene import load_scene
+    from tcc_sim.study.benchmarks import work_precision as precision
+    from tcc_sim.study.benchmarks.peers import python_loop
+    from tcc_sim.study.benchmarks.precision_report import PrecisionReport, precision_page, scene_lines, took_part
+    from tcc_sim.study.benchmarks.report_drawings import draw_precision, draw_section
+    from tcc_sim.views.style import width_of
+
+    effort = precision.QUICK if arguments.quick else precision.FULL
+    records = []
+    with counted_bar("run") as running:
+        for record in precision.precision_study(effort, running.done):
+            records += [record]
+    if not records:
+        return 130
+    found = PrecisionReport(records, took_part(records), arguments.quick, running.complete,
+                            python_loop(load_scene("fig02").system))
+    folder.mkdir()
+    write_json(folder / "precision.json", document("precision", found, load_scene("fig02"), arguments.words))
+    (folder / "precision.md").write_text(precision_page(found, "precision.png"), encoding="utf-8")
+    for draw, name in ((draw_precision, "precision"), (draw_section, "precision_section")):
+        draw(folder / name, records, printable(arguments.title or ""), width_of(arguments.width))
+    for line in [line for record in records for line in scene_lines(record)]:
+        say(line)
+    say(f"{folder}/precision.png, .svg, .json, .md; precision_section.png, .svg: the first scene")
+    return 0 if running.complete else 130
+
+
+def _stability(arguments: argparse.Namespace, folder: Path) -> int:
+    """Try stiff and extreme scenes; an interrupted report contains the finished ones."""
+    from tcc_sim.model.parameters import System
+    from tcc_sim.output.provenance import document
+    from tcc_sim.study.benchmarks.report_drawings import draw_stability
+    from tcc_sim.study.benchmarks.stability import StabilityReport, engine_summaries, error_charts, grid, stability_page
+    from tcc_sim.study.benchmarks.worst_cases import reasons
+    from tcc_sim.views.style import width_of
+
+    records, maps = [], []
+    with counted_bar("scene") as running:
+        for record in grid(arguments.quick, running.done):
+            records += [record]
+        maps = error_charts(arguments.quick, running.name)
+    if not records:
+        return 130
+    found = StabilityReport(records, engine_summaries(records), maps, arguments.quick, running.complete,
+                            reasons(records) if running.complete else ())
+    folder.mkdir()
+    write_json(folder / "stability.json", document("stability", found, System(), arguments.words))
+    (folder / "stability.md").write_text(stability_page(found, "stability.png"), encoding="utf-8")
+    draw_stability(folder / "stability", maps, records, printable(arguments.title or ""), width_of(arguments.width))
+    for engine, total in found.summary.items():
+        ended = ", ".join(f"{name} {count}" for name, count in total.statuses.items())
+        say(f"{engine}: {counted(total.cases, 'case')} ({ended}), {total.not_finite} not finite, "
+            f"{total.not_bounded} above the energy bound, {total.past_iteration_bound} above the iteration bound")
+    say(f"{folder}/stability.png, .svg, .json, .md")
+    return 0 if running.complete else 130
+
+
+def _realtime(arguments: argparse.Namespace) -> PacingFigures:
+    """Measure the pacing of the driveline node and of a bare absolute-deadline loop."""
+    from tcc_sim.study.benchmarks.pacing_benchmark import Settings, measure
+
+    settings = Settings(arguments.thread_priority, tuple(arguments.cpu_affinity), arguments.lock_memory)
+    with seconds_bar("realtime", 2.0 * arguments.duration) as done:
+        figures = measure(arguments.rate, arguments.duration, lambda part: done(2.0 * arguments.duration * part),
+                          arguments.recorder, settings)
+    found = figures.as_json()
+    say(f"{found['ticks']:.0f} ticks at {found['rate']:g} Hz, {found['missed_ticks']:.0f} missed, "
+        f"drift {found['drift_s'] * 1e3:.3f} ms")
+    say(f"{'':22}{'driveline node':>15}{'bare loop':>15}{'ratio':>8}")
+    for key, name, factor in (("lateness_p50_s", "lateness p50 (us)", 1e6),
+                              ("lateness_p99_s", "lateness p99 (us)", 1e6),
+                              ("lateness_max_s", "lateness max (us)", 1e6),
+                              ("cpu_fraction", "CPU (% of a core)", 100.0)):
+        node, bare = found[key] * factor, found[f"bare_{key}"] * factor
+        say(f"{name:<22}{node:>15.1f}{bare:>15.1f}{node / bare if bare > 0.0 else float('nan'):>8.2f}")
+    say(f"{'bare loop with':<26}{'p50 (us)':>11}{'p99 (us)':>11}{'max (us)':>11}")
+    for trial in found["settings"]:
+        row = "".join(f"{trial[f'lateness_{key}_s'] * 1e6:>11.1f}" for key in ("p50", "p99", "max"))
+        say(f"{trial['name']:<26}{row}{'  refused' if trial['refused'] else ''}")
+    for sentence in sorted({sentence for trial in found["settings"] for sentence in trial["refused"]}):
+        say(f"  {sentence}")
+    return figures
+
+
+def _soak(arguments: argparse.Namespace) -> SoakFigures:
+    """Run driveline, recorder and commands for a long time; the recording goes to a temporary folder."""
+    from tcc_sim.study.benchmarks.endurance import soak
+
+    with tempfile.TemporaryDirectory(prefix="tcc_sim_") as folder, seconds_bar("soak", arguments.duration) as done:
+        found = soak(Path(folder) / "recording", arguments.rate, arguments.duration, done)
+    recorded = found.recorded
+    say(f"{recorded.simulated_s:.1f} s simulated in real time at {found.rate:g} Hz, drift "
+        f"{recorded.drift_s * 1e3:.1f} ms")
+    say(f"{counted(sum(recorded.messages.values()), 'message')}; by the stamps {recorded.lost_messages} of "
+        f"joint_states are missing; recorder's own count: {'agrees' if recorded.count_is_honest else 'differs'}")
+    for name, node in (("driveline", found.driveline), ("recorder", found.recorder)):
+        say(f"{name}: {node.memory_last_bytes / 1e6:.1f} MB, {node.memory_growth_bytes / 1e6:.2f} MB more than "
+            f"after the warm-up, {node.cpu_fraction * 100.0:.1f} % of a core")
+    for warning in recorded.warnings:
+        say(f"warning: {warning}")
+    return found

@@ -1,0 +1,318 @@
+"""Branches of periodic orbits with their bifurcations: how they are followed, and the orbits on them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from tcc_sim.result import Described, reported, reporting
+from tcc_sim.study.continuation.bracket import Bracket, CurvePoint
+from tcc_sim.study.continuation.follow import Continuation, End, StopReason
+from tcc_sim.study.continuation.newton import Orbit, OrbitFigures, newton, shifts
+from tcc_sim.study.continuation.palc import corrector, null_direction, oriented, solution_at, tangent_of
+from tcc_sim.study.continuation.problem import FAILURES, Floats, differ
+from tcc_sim.study.continuation.settings import DEFAULTS
+from tcc_sim.study.continuation.shooting import Linearised, Shooting
+from tcc_sim.study.continuation.special_points import (
+    Bifurcation,
+    ContinuationPoint,
+    period_doubling_end,
+    point_at,
+    special_points_between,
+)
+
+Tick = Callable[[ContinuationPoint], None]
+"""Callback for every point."""
+
+
+@dataclass(frozen=True)
+class BranchOrigin:
+    """Where a branch begins: at a motion of the scene (start), a bifurcation, or an attractor.
+
+    kind : start, attractor, or the kind of the bifurcation
+    value : of the parameter there
+    branch, attractor : number of the bifurcation's branch, or of the attractor
+    """
+
+    kind: str = "start"
+    value: float | None = None
+    branch: int | None = None
+    attractor: int | None = None
+
+    def as_json(self) -> str | dict[str, Any]:
+        """As `origin` of `continue --json`."""
+        if self.kind == "start":
+            return self.kind
+        return {name: value for name, value in vars(self).items() if value is not None}
+
+
+START = BranchOrigin()
+
+
+@dataclass(repr=False)
+class Branch(Described):
+    """One branch, with its points in order and its two ends."""
+
+    period: int = field(metadata=reported("period of the motions", "periods of excitation"))
+    origin: BranchOrigin
+    points: list[ContinuationPoint]
+    ended: tuple[End, End]
+    closed: bool = field(default=False, metadata=reported("whether it closes in itself"))
+    bifurcations: list[Bifurcation] = field(default_factory=list)
+
+    @property
+    @reporting("start, or the kind and value of the bifurcation or attractor that it was begun at, with the number of "
+               "its branch or its own", name="origin")
+    def begun(self) -> str | dict[str, Any]:
+        """Where it begins, as in JSON."""
+        return self.origin.as_json()
+
+    @property
+    @reporting("the motions along it, in lists", listed=True, of=(OrbitFigures,))
+    def motions(self) -> list[OrbitFigures]:
+        """The motion of every point."""
+        return [point.orbit.figures for point in self.points]
+
+    @property
+    @reporting("a sentence for each end", name="ended")
+    def sentences(self) -> list[str]:
+        """Its two ends in words."""
+        return [str(end) for end in self.ended]
+
+    @property
+    @reporting("a word for why each end is there")
+    def reasons(self) -> list[str]:
+        """The reasons of its two ends."""
+        return [end.reason.name.lower() for end in self.ended]
+
+
+class BranchTrack(Continuation[ContinuationPoint, Bifurcation]):
+    """One direction of a branch of periodic orbits along one parameter."""
+
+    cut_at = 0
+    """Number of points when a failed step last cut the orbit into other segments."""
+
+    def first_again(self) -> list[tuple[Floats, Floats]]:
+        """Unknowns and tangent of single shooting at the first orbit, for every cycle in which it may begin."""
+        out, first = super().first_again(), self.here
+        shooting, z = first.shooting, first.solution.z
+        of, size, tangent = shooting.map, shooting.size, shooting.outer(first.solution.tangent)
+        x, values = shooting.nodes(z)[0], shooting.values(z)
+        sizes = np.concatenate([of.scales, shooting.widths(z)])
+        for k, shifted in enumerate(shifts(of, x, values, shooting.period)[1:], 1):
+            image = of.evaluate(x, values, 0, k * of.forcing_period)
+            way = np.concatenate([image.derivatives @ (sizes * tangent) / of.scales, tangent[of.dimension:]])
+            out.append((np.concatenate([shifted / of.scales, z[size:]]), way / float(np.linalg.norm(way))))
+        return out
+
+    def unresolved(self, new: ContinuationPoint) -> End | None:
+        """The end before a point with a multiplier that double precision does not resolve."""
+        if abs(new.orbit.multipliers[0]) <= self.settings.canard:
+            return None
+        return self.end(StopReason.CANARD, limit=self.settings.canard)
+
+    def special_between(self, new: ContinuationPoint) -> list[Bifurcation] | None:
+        """The bifurcations up to `new`; None where the step has skipped a piece of the branch."""
+        return special_points_between(self.here, new) if self.settings.detect else []
+
+    def ended_by(self, new: ContinuationPoint, special: list[Bifurcation],
+                 stop: End | None) -> tuple[ContinuationPoint, list[Bifurcation], End | None]:
+        """The end of the branch where the orbit's period becomes shorter, or at its first point."""
+        shorter = period_doubling_end(self.here, new) if self.here.solution.sign != new.solution.sign else None
+        if shorter is not None:
+            # Beyond it the branch is its own shift: the multiplier of 1 there is no fold and no branch point.
+            special, span = [f for f in special if f.kind not in ("branch_point", "fold")], shorter.shooting.ranges[0]
+            while not special and self.special and self.special[-1][1].kind in ("branch_point", "fold") and abs(
+                    span.scaled(self.special[-1][1].value) - span.scaled(shorter.value)) < self.settings.same_end:
+                self.special.pop()
+            return shorter, special, stop or self.end(StopReason.DOUBLING, shorter)
+        return super().ended_by(new, special, stop)
+
+    def stuck(self) -> End | None:
+        """The end where some length of the branch has motions with a multiplier of 1 at one parameter."""
+        # Two points do not show it: beside a doubling, where the parameter grows as the square of the length, it hardly
+        # changes and a multiplier is 1 as well.
+        last, settings = self.here, self.settings
+        for point in reversed(self.points):
+            if abs(point.slope) > settings.family or np.abs(point.orbit.multipliers - 1.0).min() > settings.family:
+                return None
+            away = (last.orbit.section - point.orbit.section) / last.shooting.map.scales
+            if float(np.linalg.norm(away)) >= settings.family_length:
+                return self.end(StopReason.FAMILY)
+        return None
+
+    def went_on(self, before: ContinuationPoint, corner: bool) -> None:
+        """Update the predictor for a new last point, and cut its orbit into other segments where needed."""
+        here = self.here
+        super().went_on(before, corner or (before.shooting.map.piecewise
+                                           and differ(before.orbit.seen.events, here.orbit.seen.events)))
+        if not corner:
+            self._remesh()
+
+    def cut_anew(self) -> bool:
+        """Cut the orbit into other segments where no step succeeds; return whether there are any."""
+        # A segment may start at an onset of slip, and Newton's method then alternates between two event sequences. The
+        # onset moves along a branch, so segments are cut by growth. This passes the canards behind both folds of period
+        # two, with either law.
+        if self.cut_at == len(self.points):
+            return False
+        self.cut_at = len(self.points)
+        if not self._remesh(anew=True):
+            return False
+        self.length = self.settings.flat_step
+        return True
+
+    def _remesh(self, anew: bool = False) -> bool:
+        """Cut the last orbit into other segments where the growth over one is large, or `anew`; now and then fewer."""
+        here, shooting, settings = self.here, self.here.shooting, self.here.shooting.settings
+        blocks, count = here.solution.found.blocks, len(shooting.segments)
+        fewer = count > 1 and len(self.points) % settings.fewer_after == 0
+        if shooting.keeps_segments(blocks, settings.regrowth, fewer or anew):
+            return False
+        finer, z = shooting.cut(here.solution.z)
+        if len(finer.segments) == count and not anew and shooting.keeps_segments(blocks, settings.regrowth, False):
+            return False
+        if anew and finer.segments == shooting.segments:
+            return False
+        polished = newton(finer, z)
+        if polished is None:
+            return False
+        found = finer.linearise(polished)
+        along, n = np.zeros(len(z)), shooting.map.dimension
+        along[:n], along[-1] = here.solution.tangent[:n], here.solution.tangent[-1]
+        self.points[-1] = point_at(finer, solution_at(polished, found, tangent_of(found, along)))
+        self.before = []
+        return True
+
+    def beyond_corner(self) -> ContinuationPoint | None:
+        """The next point beyond a change of the event sequence at which the branch has a corner; None without one."""
+        # An end of slip that passes phase 0 is a corner too, as motions that stick there have no slip speed.
+        here, shooting = self.here, self.here.shooting
+        if not shooting.map.piecewise:
+            return None
+        for beside in self.settings.beside:
+            try:
+                found = shooting.linearise(here.solution.z + beside * here.solution.tangent)
+                along = oriented(solution_at(here.solution.z, found, null_direction(found)), here.solution.sign).tangent
+                z = here.solution.z + beside * along
+                events = shooting.map.evaluate(shooting.nodes(z)[0], shooting.values(z), 0, shooting.period).seen.events
+            except FAILURES:
+                continue
+            new = None if events == here.orbit.seen.events else self._beyond(found, along, beside)
+            if new is not None:
+                return new
+        return None
+
+    def _beyond(self, found: Linearised, along: Floats, beside: float) -> ContinuationPoint | None:
+        """The next point beyond a corner at the last one; None where none is found."""
+        # found : derivative `beside` the corner; where it belongs to neither piece, the one along the other piece
+        here, shooting, z = self.here, self.here.shooting, self.here.solution.z
+        settings = replace(shooting.settings, first_step=beside, smallest_step=self.settings.corner_step)
+        for known in (found, None):
+            try:
+                start = known or shooting.linearise(z + beside * along)
+                short: Continuation[CurvePoint, None] = Continuation(CurvePoint(
+                    solution_at(z, start, tangent_of(start, along)), replace(shooting, settings=settings)))
+                moved = short.step(by_amplitude=False)
+                new = None if moved is None else here.moved(moved, by_amplitude=False)
+            except FAILURES:
+                continue
+            if new is not None and new.orbit.seen.events != here.orbit.seen.events:
+                self.length = short.length
+                return new
+        return None
+
+
+def branch_through(first: ContinuationPoint, origin: BranchOrigin = START, number: int = 0, *, both: bool = True,
+                   began: End | None = None, tick: Tick | None = None, keep: list[Branch] | None = None) -> Branch:
+    """The branch through `first`, both ways, or only along its tangent.
+
+    began : the end it starts at, where only one way is followed
+    keep : takes the branch, also its part up to Ctrl-C
+    """
+    tracks = [BranchTrack(start) for start in ((first, first.turned()) if both else (first,))]
+    ahead, behind = tracks[0], tracks[-1]
+    try:
+        for track in tracks:
+            for point in track.follow():
+                if tick is not None:
+                    tick(point)
+            if track.ended.reason is StopReason.CLOSED:
+                break
+    finally:
+        points, found = ahead.points, ahead.special
+        if both:
+            nodes = [s.turned() for s in behind.points[:0:-1]]
+            points = nodes + points
+            found = [*((len(nodes) - 1 - after, f) for after, f in reversed(behind.special)),
+                     *((len(nodes) + after, f) for after, f in found)]
+        closed = ahead.ended.reason is StopReason.CLOSED
+        start_end = ahead.ended if closed else behind.ended if both else began or ahead.ended
+        branch = Branch(first.orbit.period, origin, points, (start_end, ahead.ended), closed,
+                        [replace(f, branch=number, after=after) for after, f in found])
+        for k, (a, b) in enumerate(pairwise(points)):
+            between = [n for n, f in enumerate(branch.bifurcations) if f.after == k]
+            if between and a.orbit.stable != b.orbit.stable:  # The one next to the stable point is the change.
+                n = between[0] if a.orbit.stable else between[-1]
+                branch.bifurcations[n] = replace(branch.bifurcations[n], changes_stability=True)
+        if keep is not None:
+            keep.append(branch)
+    return branch
+
+
+def first_point(shooting: Shooting, z: Floats) -> ContinuationPoint:
+    """The first point of a branch at a solution; its tangent points to growing parameters."""
+    found = shooting.linearise(z)
+    tangent = null_direction(found)
+    if tangent[shooting.size] < 0.0:
+        tangent = -tangent
+    return point_at(shooting, solution_at(z, found, tangent))
+
+
+def orbits_at(branch: Branch, value: float) -> list[Orbit]:
+    """The orbits of a branch at exactly this value of its parameter, one for each crossing."""
+    out: list[Orbit] = []
+    for a, b in pairwise(branch.points):
+        if a.value == value:
+            out.append(a.orbit)
+        elif (a.value - value) * (b.value - value) < 0.0:
+            orbit = _crossing(a, b, value)
+            if orbit is not None:
+                out.append(orbit)
+    if branch.points[-1].value == value and not branch.closed:
+        out.append(branch.points[-1].orbit)
+    return out
+
+
+def _crossing(a: ContinuationPoint, b: ContinuationPoint, value: float) -> Orbit | None:
+    """The orbit at `value` between two points; None where the corrector fails."""
+    if a.shooting == b.shooting:
+        at, size = a.shooting.ranges[0].scaled(value), a.shooting.size
+        near = Bracket(a, b).locate(lambda s: float(s.solution.z[size]) - at)
+        return None if near is None else _at(near, value) or near.orbit
+    # Between two points in different segments the orbit is on the tangent of either one.
+    chord = b.shooting.outer(b.solution.z) - a.shooting.outer(a.solution.z)
+    for point in sorted((a, b), key=lambda s: abs(s.value - value)):
+        orbit = _at(point, value)
+        if orbit is not None and float(np.abs((orbit.section - point.orbit.section) / a.shooting.map.scales).max()) <= (
+                2.0 * float(np.linalg.norm(chord))):
+            return orbit
+    return None
+
+
+def _at(near: ContinuationPoint, value: float) -> Orbit | None:
+    """The orbit at `value` from a guess on the tangent at a nearby point; None where the corrector fails."""
+    shooting, z, tangent = near.shooting, near.solution.z, near.solution.tangent
+    row, size = np.zeros(len(z)), near.shooting.size
+    row[size], away = 1.0, shooting.ranges[0].scaled(value) - float(z[size])
+    guess = z + (tangent * (away / near.slope) if abs(away) > DEFAULTS.same and near.slope else row * away)
+    guess[size] = shooting.ranges[0].scaled(value)
+    found = corrector(shooting, guess, row)
+    if found is None:
+        return None
+    return replace(point_at(shooting, solution_at(found.z, found.found, tangent)).orbit, values=(value,))

@@ -1,0 +1,321 @@
+"""Follow a curve of solutions one way from its first point, and collect the special points on it.
+
+A `Continuation` is the state of a curve that is being followed, and its iterator: it predicts, corrects and adapts the
+step. `BranchTrack` is one of periodic orbits along a parameter, `CurveTrack` one of their bifurcations in two. After
+the iterator of BifurcationKit.jl.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import Enum
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from tcc_sim.result import KEY_UNITS
+from tcc_sim.study.continuation.bracket import Bracket, P
+from tcc_sim.study.continuation.palc import (
+    FLAT,
+    Equations,
+    Solution,
+    beside,
+    corrector,
+    oriented,
+    over_border,
+    predictor,
+    predictor_nodes,
+    solution_at,
+)
+from tcc_sim.study.continuation.problem import FAILURES, Floats
+from tcc_sim.study.continuation.settings import Settings
+
+
+class StopReason(Enum):
+    """Why a curve ends: a sentence with the parameter's `name` and `value`, a `limit`, and a special point `what`."""
+
+    RANGE = "{name} reached {value}, the end of the range"
+    CLOSED = "closed: back at its first point, {name} = {value}"
+    DOUBLING = "ended in a period doubling of motions of a shorter period at {name} = {value}"
+    BEGAN = "began in the period doubling at {name} = {value}"
+    CANARD = ("ended at {name} = {value}: beyond it a multiplier is above {limit:g}, a canard, which double "
+              "precision does not resolve")
+    CANARD_CURVE = ("ended at {name} = {value}: beyond it a disturbance grows by more than {limit:g} along a part "
+                    "of the motion, a canard, which double precision does not resolve")
+    FAMILY = ("met a family of motions with a multiplier of exactly 1 at {name} = {value}: no branch can be "
+              "followed through it")
+    POINTS = "stopped after {limit:g} points at {name} = {value}"
+    TRIES = "given up after {limit:g} steps tried at {name} = {value}: no progress"
+    STEP = ("no further point was found beyond {name} = {value}: no step, however short, met a residual of "
+            "{limit:g}")
+    SPECIAL = "ended in a {what} at {name} = {value}"
+    INTERRUPTED = "interrupted at {name} = {value}"
+
+
+@dataclass(frozen=True)
+class End:
+    """One end of a branch or curve: the reason, and the parameter there."""
+
+    reason: StopReason
+    name: str
+    value: float
+    limit: float = 0.0
+    what: str = ""
+
+    def __str__(self) -> str:
+        """The sentence."""
+        value = f"{self.value:.9g} {KEY_UNITS.get(self.name, '')}".rstrip()
+        return self.reason.value.format(name=self.name, value=value, limit=self.limit, what=self.what)
+
+
+S = TypeVar("S")
+"""Kind of special point."""
+Bounds = tuple[tuple[int, float, float], ...]
+"""(number of a parameter, low, high) of every parameter that is bounded, scaled."""
+
+
+class Continuation(Generic[P, S]):
+    """One direction of a curve; lengths are in natural sizes.
+
+    points : all so far
+    special : special points so far, each with the number of the point before it
+    stop : why the curve ended; None until then
+    bounds : of the parameters, by default 0 to 1 of each, the last one first
+    before : solutions behind the last point, from which the next one is predicted
+    length : of the next step
+    longest : longest next step, after one that has left the range or skipped a piece of the curve
+    tried : number of steps tried
+    missed : distance of the last step's predictor from the curve
+    """
+
+    def __init__(self, first: P, bounds: Bounds = ()) -> None:
+        self.points = [first]
+        self.bounds = bounds or tuple((k, 0.0, 1.0) for k in reversed(range(len(first.equations.ranges))))
+        self.special: list[tuple[int, S]] = []
+        self.stop: End | None = None
+        self.settings: Settings = first.equations.settings
+        self.before: list[Solution] = []
+        self.length, self.longest, self.tried, self.missed = self.settings.first_step, math.inf, 0, 0.0
+        self.starts = self.first_again()
+
+    @property
+    def here(self) -> P:
+        """The last point."""
+        return self.points[-1]
+
+    @property
+    def ended(self) -> End:
+        """Why the curve ended; an interruption while it is being followed."""
+        return self.stop or self.end(StopReason.INTERRUPTED)
+
+    def end(self, reason: StopReason, point: P | None = None, limit: float = 0.0, number: int = -1,
+            what: str = "") -> End:
+        """An end at a point (the last one by default), named by the parameter of this number."""
+        at = self.here if point is None else point
+        spans, first = at.equations.ranges, at.equations.size
+        span, scaled = spans[number], at.solution.z[first:first + len(spans)][number]
+        return End(reason, span.name, span.value(float(scaled)), limit, what.replace("_", " "))
+
+    def note(self, special: list[S]) -> None:
+        """Add special points behind the last point."""
+        self.special += [(len(self.points) - 1, found) for found in special]
+
+    def follow(self) -> Iterator[P]:
+        """Yield the points behind the first one along the tangent, until the curve ends."""
+        while self.stop is None:
+            here = self.here
+            if len(self.points) > self.settings.max_points:
+                self.stop = self.end(StopReason.POINTS, limit=self.settings.max_points)
+                return
+            if self.tried > self.settings.max_tries:
+                self.stop = self.end(StopReason.TRIES, limit=self.tried)
+                return
+            self.length = min(self.length, self.longest)
+            edge, bound = self.at_a_bound() or (None, 0)
+            if edge is here:
+                self.stop = self.end(StopReason.RANGE, number=bound)
+                return
+            new = self.onward() if edge is None else edge
+            corner = new is None and (new := self.beyond_corner()) is not None
+            if new is None:
+                if not self.cut_anew():
+                    special, self.stop = self.lost()
+                    self.note(special)
+                continue
+            first = new.equations.size
+            inside = corner or edge is not None or all(
+                low <= new.solution.z[first + k] <= high for k, low, high in self.bounds)
+            self.stop = self.unresolved(new) if inside and not corner else None
+            if self.stop is not None:
+                return
+            found = self.special_between(new) if inside else None
+            if found is None and not corner:
+                self.longest = 0.5 * min(float(np.linalg.norm(new.solution.z - here.solution.z)), self.longest)
+                continue
+            self.longest = math.inf
+            stop = None if edge is None else self.end(StopReason.RANGE, edge, number=bound)
+            new, special, stop = self.ended_by(new, found or [], stop)
+            self.note(special)
+            self.points.append(new)
+            self.stop = stop or (None if corner else self.stuck())
+            if self.stop is None:
+                self.went_on(here, corner)
+            yield self.here
+
+    def onward(self) -> P | None:
+        """The next point; by the unknowns alone where steps with the amplitudes as coordinates fail."""
+        for by_amplitude in (True, False):
+            if not by_amplitude:
+                if not len(self.here.solution.found.amplitudes):
+                    return None
+                self.length = min(self.settings.flat_step, self.longest)
+            try:
+                moved = self.step(by_amplitude)
+                if moved is not None:
+                    return self.here.moved(moved, by_amplitude)
+            except FAILURES:
+                continue
+        return None
+
+    def step(self, by_amplitude: bool = True) -> Solution | None:
+        """The next solution along the curve; None where no step is short enough.
+
+        A step is halved where the corrector goes far from the predictor, where the tangent turns by more than a set
+        angle, or where the determinant of Jacobian and tangent changes sign, because the curve has met another one.
+
+        by_amplitude : whether the amplitudes are coordinates of the arclength, where there are any
+        """
+        here, equations, settings = self.here.solution, self.here.equations, self.settings
+        used = by_amplitude and len(here.found.amplitudes) > 0
+        slopes = here.found.amplitude_gradient @ here.tangent if used else FLAT[0]
+        reach = float(np.sqrt(1.0 + slopes @ slopes))
+        known, most = predictor_nodes(here, self.before, slopes, settings.nodes), settings.longer
+        while self.length >= settings.smallest_step:
+            ahead = predictor(known, self.length * reach)
+            guess, amplitudes = here.z + ahead[:len(here.z)], here.found.amplitudes[:len(slopes)] + ahead[len(here.z):]
+            self.tried += 1
+            found = corrector(equations, guess, here.tangent, (slopes, amplitudes),
+                              farthest=settings.farthest * self.length, first=self.first_equations)
+            if found is not None:
+                along = float(found.tangent @ here.tangent + found.slopes @ slopes)
+                new = solution_at(found.z, found.found, found.tangent if along > 0.0 else -found.tangent)
+                if over_border(here, new):
+                    new = oriented(new, here.sign)
+                turned = abs(along) < settings.turn * reach * float(np.sqrt(1.0 + found.slopes @ found.slopes))
+                jumped = new.sign != here.sign and self.length > settings.branching
+                astray = beside(here, new, len(slopes) > 0) < settings.turn
+                if found.distance <= settings.farthest * self.length and not (turned or jumped or astray
+                                                                              or self.astray_beyond(new)):
+                    # The corrector's distance grows as the third power of the length.
+                    ways = found.distance / settings.wanted, found.contraction / settings.contraction
+                    factor = float(max(*ways, 1e-9) ** (-1.0 / 3.0))
+                    self.length = min(self.length * min(max(factor, settings.shorter), most), settings.largest_step)
+                    self.missed = found.distance
+                    return new
+            self.length *= settings.shorter
+            most, known = settings.longer_after_refused, known[:max(len(known) - 2, 2)]
+        return None
+
+    @property
+    def first_equations(self) -> Equations | None:
+        """Cheaper equations for the first step of the corrector where the predictor is far off."""
+        return self.here.equations.coarse if self.missed > self.settings.missed else None
+
+    def astray_beyond(self, new: Solution) -> bool:
+        """Whether a step over a change of the event sequence has not reached a solution."""
+        # The curve may have a corner there, and Newton's method a cycle of two points, one on either side of it: the
+        # last step from a small residual on one side leads back to a large one on the other.
+        if not over_border(self.here.solution, new):
+            return False
+        try:
+            left = float(np.abs(self.here.equations.linearise(new.z).residual).max())
+        except FAILURES:
+            return True
+        return left > self.settings.grown * max(float(np.abs(new.found.residual).max()), self.settings.nothing)
+
+    def at_a_bound(self) -> tuple[P, int] | None:
+        """The point on a bound that the next step would pass, and the parameter's number; None where it passes none.
+
+        The step is shortened until the point is found. A curve that begins on a bound and leaves the range ends there.
+        """
+        here, settings, solution = self.here, self.settings, self.here.solution
+        for number, low, high in self.bounds:
+            k = here.equations.size + number
+            slope = float(solution.tangent[k])
+            bound = high if slope > 0.0 else low
+            room = bound - float(solution.z[k])
+            while self.length > settings.smallest_step and abs(self.length * slope) > abs(room):
+                if room == 0.0 and len(self.points) == 1:
+                    return here, number
+                row = np.zeros(len(solution.z))
+                row[k] = 1.0
+                nodes, way = predictor_nodes(solution, self.before, FLAT[0], settings.nodes), room / slope
+                for _ in range(2):
+                    way += (room - float(predictor(nodes, way)[k])) / slope
+                guess = solution.z + predictor(nodes, way)
+                guess[k] = bound
+                farthest = settings.farthest * self.length
+                found = corrector(here.equations, guess, row, farthest=farthest, first=self.first_equations)
+                if found is not None and found.distance <= farthest:
+                    new = found.facing(solution.tangent)
+                    if float(new.tangent @ solution.tangent) > settings.turn and new.sign == solution.sign:
+                        return here.moved(new), number
+                self.length *= settings.shorter
+        return None
+
+    def passes_start(self, new: P) -> bool:
+        """Whether the step to `new` passes the first point along its tangent."""
+        p, q = (s.equations.outer(s.solution.z) for s in (self.here, new))
+        length = float(np.linalg.norm(q - p))
+        for z, tangent in self.starts if len(self.points) > 3 else []:
+            ahead, behind = float(tangent @ (q - z)), float(tangent @ (p - z))
+            part = -behind / max(ahead - behind, 1e-300)
+            if not (behind < 0.0 <= ahead and float((q - p) @ tangent) > 0.0) or not (
+                    np.linalg.norm(p + part * (q - p) - z) <= self.settings.passing * length):
+                continue
+            middle = Bracket(self.here, new).at(part)
+            if middle is not None and np.linalg.norm(middle.equations.outer(middle.solution.z) - z) <= max(
+                    self.settings.passed * length, self.settings.same):
+                return True
+        return False
+
+    def first_again(self) -> list[tuple[Floats, Floats]]:
+        """Unknowns and tangents with which the curve may pass its first point again."""
+        first = self.here
+        return [(first.equations.outer(first.solution.z), first.equations.outer(first.solution.tangent))]
+
+    def beyond_corner(self) -> P | None:
+        """The next point beyond a corner of the curve at the last point; None where there is no corner."""
+        return None
+
+    def unresolved(self, new: P) -> End | None:
+        """The end where double precision does not resolve a point."""
+        return None
+
+    def special_between(self, new: P) -> list[S] | None:
+        """The special points up to `new`; None where the step has skipped a piece of the curve."""
+        return []
+
+    def ended_by(self, new: P, special: list[S], stop: End | None) -> tuple[P, list[S], End | None]:
+        """The last point, its special points and the end where the curve ends before `new`; else the arguments."""
+        if self.passes_start(new):
+            return self.points[0], special, stop or self.end(StopReason.CLOSED, self.points[0])
+        return new, special, stop
+
+    def stuck(self) -> End | None:
+        """The end where points pile up around the last one."""
+        return None
+
+    def went_on(self, before: P, corner: bool) -> None:
+        """Update the predictor for a new last point; `corner`: the curve is not smooth between it and `before`."""
+        self.before = [] if corner else [*self.before[1 - self.settings.nodes:], before.solution]
+
+    def cut_anew(self) -> bool:
+        """Cut the orbit into other segments where no step succeeds; return whether there are any."""
+        return False
+
+    def lost(self) -> tuple[list[S], End]:
+        """The special point and the end where no step succeeds."""
+        return [], self.end(StopReason.STEP, limit=self.settings.residual)

@@ -1,0 +1,216 @@
+"""Pseudo-arclength continuation of any curve of solutions, with one equation fewer than unknowns.
+
+H. B. Keller, Numerical solution of bifurcation and nonlinear eigenvalue problems, 1977. Each step is Newton's method in
+the plane at right angles to the tangent, from a polynomial predictor. The largest sizes of the motion (amplitudes) are
+coordinates of the arclength beside the unknowns: they measure steps where a motion grows while its section hardly
+moves. A step is halved where the corrector goes far from the predictor, where the tangent turns by more than a set
+angle, or where the determinant of Jacobian and tangent changes sign, because the curve has met another one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, ClassVar, NamedTuple, Protocol
+
+import numpy as np
+
+from tcc_sim.study.continuation.problem import FAILURES, Floats
+from tcc_sim.study.continuation.settings import Settings
+from tcc_sim.study.continuation.shooting import Linearised, ParameterRange
+
+
+class Equations(Protocol):
+    """d equations in d + 1 scaled unknowns; below a residual of `rounding` no Newton step helps."""
+
+    rounding: ClassVar[float]
+
+    @property
+    def settings(self) -> Settings:
+        """Tolerances of the corrector."""
+
+    @property
+    def coarse(self) -> Equations:
+        """Cheaper equations for a first step, or these equations."""
+
+    @property
+    def ranges(self) -> tuple[ParameterRange, ...]:
+        """The free parameters."""
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns before the parameters."""
+
+    def outer(self, vector: Floats) -> Floats:
+        """The unknowns that do not depend on the segments: the first node, and those that are no nodes."""
+
+    def linearise(self, z: Floats) -> Linearised:
+        """Residual and Jacobian."""
+
+
+class Solution(NamedTuple):
+    """A solution: unknowns (d + 1,), unit tangent, linearisation, and the sign of det [Jacobian; tangent]."""
+
+    z: Floats
+    tangent: Floats
+    found: Linearised
+    sign: float
+
+
+class Corrected(NamedTuple):
+    """Result of the corrector.
+
+    z, found, tangent : a solution, the last linearisation and the tangent's direction
+    distance : from the guess, with the amplitudes where they are coordinates
+    slopes : change of the amplitudes along the tangent
+    contraction : Newton's second step over the first one
+    """
+
+    z: Floats
+    found: Linearised
+    tangent: Floats
+    distance: float
+    slopes: Floats
+    contraction: float
+
+    def facing(self, way: Floats) -> Solution:
+        """The solution with the one of its two tangents that points along `way`."""
+        return solution_at(self.z, self.found, self.tangent if float(self.tangent @ way) > 0.0 else -self.tangent)
+
+
+FLAT = (np.empty(0), np.empty(0))
+"""No amplitudes as coordinates of the arclength."""
+
+
+def corrector(equations: Equations, guess: Floats, row: Floats, plane: tuple[Floats, Floats] = FLAT,
+              start: Floats | None = None, farthest: float = math.inf,
+              first: Equations | None = None) -> Corrected | None:
+    """Newton to the solution with row . (z - guess) + weights . (amplitudes - those at the guess) = 0, from `start`.
+
+    It starts at the guess by default, and takes its first step by the equations `first` if they are given. None where
+    it does not converge or a step is longer than `farthest`.
+
+    plane : weights (N,) of the amplitudes, and their values (N,) at the guess
+    """
+    weights, known = plane
+    z, last, away = guess.copy() if start is None else start.copy(), np.inf, 0.0
+    contraction, settings = 0.0, equations.settings
+    size, by_amplitude = len(guess), len(weights) > 0
+    matrix, sides = np.empty((size, size)), np.zeros((size, 2))
+    sides[-1, 1] = 1.0
+    now, short = first or equations, 1.0
+    for _ in range(settings.correct_iterations):
+        try:
+            found = now.linearise(z)
+            matrix[:-1], matrix[-1] = found.jacobian, row
+            sides[:-1, 0], sides[-1, 0] = -found.residual, -float(row @ (z - guess))
+            if by_amplitude:
+                if len(found.amplitudes) != len(known):
+                    return None
+                matrix[-1] += weights @ found.amplitude_gradient
+                apart = found.amplitudes - known
+                sides[-1, 0] -= float(weights @ apart)
+                away = math.sqrt(apart @ apart)
+            solved: Any = np.linalg.solve(matrix, sides)
+        except FAILURES:
+            return None
+        step = solved[:, 0]
+        length, left = (float(np.maximum.reduce(np.abs(x))) for x in (step, found.residual))
+        if not length < min(farthest, settings.correct_step):
+            return None
+        z = z + step
+        if now is equations and ((length <= settings.correct_tolerance and left <= settings.residual) or (
+                length <= settings.squared and left <= equations.rounding)):
+            tangent: Floats = np.ascontiguousarray(solved[:, 1])
+            tangent = tangent / math.sqrt(tangent @ tangent)
+            slopes = found.amplitude_gradient @ tangent if by_amplitude else weights
+            way = z - guess
+            return Corrected(z, found, tangent, float(np.hypot(math.sqrt(way @ way), away)), slopes, contraction)
+        if length > (settings.slowest if length > settings.squared else short) * last:
+            return None
+        contraction = contraction or (length / last if last < np.inf else 0.0)
+        # The step after one by the first equations corrects their error, so it may be longer.
+        last, short, now = length, 1.0 if now is equations else math.inf, equations
+    return None
+
+
+def over_border(here: Solution, new: Solution) -> bool:
+    """Whether the event sequence differs between two solutions."""
+    return here.found.seen.events != new.found.seen.events
+
+
+def oriented(solution: Solution, sign: float) -> Solution:
+    """The solution with the tangent for which det [Jacobian; tangent] has this sign.
+
+    Where the event sequence changes, the Jacobians of a continuous map on both sides differ by c n^T, with n normal to
+    the border, so det [Jacobian; n] is the same: a branch with tangents of one orientation crosses the border,
+    whichever way its parameter goes there. M. di Bernardo, C. J. Budd, A. R. Champneys, P. Kowalczyk, Piecewise-smooth
+    Dynamical Systems, Springer 2008, Section 3.1.
+    """
+    if solution.sign == sign:
+        return solution
+    return solution._replace(tangent=-solution.tangent, sign=-solution.sign)
+
+
+def tangent_of(found: Linearised, along: Floats) -> Floats:
+    """The unit tangent of the curve that points along `along`."""
+    side = np.zeros(len(along))
+    side[-1] = 1.0
+    t = np.linalg.solve(np.vstack([found.jacobian, along]), side)
+    return np.asarray(t / float(np.linalg.norm(t)))
+
+
+def null_direction(found: Linearised) -> Floats:
+    """A unit vector that the Jacobian maps to zero."""
+    return np.asarray(np.linalg.svd(found.jacobian)[2][-1])
+
+
+def solution_at(z: Floats, found: Linearised, tangent: Floats) -> Solution:
+    """The solution at a point, with the sign of its determinant."""
+    matrix = np.empty((len(z), len(z)))
+    matrix[:-1], matrix[-1] = found.jacobian, tangent
+    return Solution(z, tangent, found, float(np.sign(np.linalg.det(matrix))))
+
+
+def beside(here: Solution, new: Solution, by_amplitude: bool) -> float:
+    """Cosine between the chord from one point to the next and the tangent there."""
+    # Along a curve that bends little the chord lies between both tangents; else the corrector has left the curve.
+    way, along = new.z - here.z, new.tangent
+    if by_amplitude:
+        way = np.concatenate([way, new.found.amplitudes - here.found.amplitudes])
+        along = np.concatenate([along, new.found.amplitude_gradient @ new.tangent])
+    return float(way @ along) / max(float(np.sqrt((way @ way) * (along @ along))), 1e-300)
+
+
+def predictor_nodes(here: Solution, before: Sequence[Solution], slopes: Floats,
+                    count: int) -> list[tuple[float, Floats]]:
+    """Nodes of the predictor: the distance of each along the tangent, and its unknowns and amplitudes less those here.
+
+    The first two are `here` itself; the second one holds the tangent.
+    """
+    size, used = len(here.z), len(slopes)
+    nodes = [(0.0, np.zeros(size + used)), (0.0, np.concatenate([here.tangent, slopes]) / (1.0 + slopes @ slopes))]
+    for point in before[:-count - 1:-1]:
+        if len(point.z) != size or (used and len(point.found.amplitudes) != used):
+            break
+        away = np.concatenate([point.z - here.z, point.found.amplitudes[:used] - here.found.amplitudes[:used]])
+        at = float(here.tangent @ away[:size] + slopes @ away[size:])
+        if not at < nodes[-1][0]:
+            break
+        nodes.append((at, away))
+    return nodes
+
+
+def predictor(nodes: list[tuple[float, Floats]], at: float) -> Floats:
+    """The polynomial through nodes at a distance, by divided differences; a second node at one place is its slope."""
+    places, column = [place for place, _ in nodes], [value for _, value in nodes]
+    slope = column[1] if places[0] == places[1] else None
+    if slope is not None:
+        column[1] = column[0]
+    out, product = column[0], 1.0
+    for order in range(1, len(nodes)):
+        column = [slope if slope is not None and order == 1 and k == 0 else
+                  (column[k + 1] - column[k]) / (places[k + order] - places[k]) for k in range(len(nodes) - order)]
+        product *= at - places[order - 1]
+        out = out + product * column[0]
+    return out

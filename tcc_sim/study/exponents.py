@@ -1,0 +1,220 @@
+"""Largest Lyapunov exponent for both friction laws, with an interval, and diagnosis of motions without a period.
+
+A periodic motion of period N has the exponent log |mu|/(N T) of its largest Floquet multiplier mu, the largest
+eigenvalue of the product of the tangent maps over a period. Any other motion has the mean growth of a tangent vector
+that is renormalised after every engine cycle (G. Benettin et al. (1980), Meccanica 15, 9 to 20). The exponent does not
+depend on the norm; this one is the energy of the linear part. The tangent is that of the engine's stroboscopic map;
+with the set-valued law it jumps where slip ends.
+
+An exponent near 0 does not prove a quasi-periodic motion: slip may grow, the period may be long, or chaos weak. On a
+torus, averages over the section with the weight of a smooth bump converge faster than any power of their length; in
+chaos their difference falls as its square root (S. Das, Y. Saiki, E. Sander and J. A. Yorke (2017), Nonlinearity 30,
+4111 to 4140).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tcc_sim.analysis.multipliers import Lyapunov
+from tcc_sim.analysis.periodicity import periodicity
+from tcc_sim.analysis.summary import slip_grows
+from tcc_sim.errors import InputError, NumericalFailure
+from tcc_sim.model.parameters import System
+from tcc_sim.model.sines import common_cycles
+from tcc_sim.solvers import solve
+from tcc_sim.solvers.stroboscopic import Prepared
+from tcc_sim.solvers.terms import Terms, natural_frequency, terms_of
+from tcc_sim.sweeps.settings import DEFAULTS
+from tcc_sim.trajectory import Cycles, Floats, State, Status, concatenated
+
+FIRST = np.array([1.0, 0.01, 1.0])
+"""Initial tangent vector, in no special direction; in stick a change of slip speed alone has no effect."""
+
+
+def largest_lyapunov_exponent(system: System, state: State, *, cycles: int = 2000, start_cycle: int = 0,
+                              period: int = 0) -> Lyapunov:
+    """Return the largest Lyapunov exponent of the motion from `state`, which should lie on the attractor.
+
+    Parameters
+    ----------
+    state : at t = start_cycle 2 pi/omega
+    cycles : engine cycles averaged if there is no period, at least 40
+    period : period of the section, engine cycles; 0 for none
+
+    Raises
+    ------
+    InputError
+        Too few cycles.
+    """
+    if not 2 * DEFAULTS.batches <= cycles <= 10_000_000:
+        raise InputError(f"cycles is {cycles}; a Lyapunov exponent needs {2 * DEFAULTS.batches} to 10000000")
+    start = np.array(state.numbers)
+    if not np.isfinite(start).all():
+        return Lyapunov(math.nan, math.nan, math.nan, DEFAULTS.confidence, cycles, "unresolved")
+    excitation = common_cycles(system, DEFAULTS.longest_period)
+    together = math.lcm(period, excitation)
+    if 0 < together <= DEFAULTS.longest_period:
+        return _periodic(system, start, start_cycle, together)
+    first = DEFAULTS.aligning_cycles
+    growth, difference, run = tangent_growth(system, start, start_cycle, cycles + first)
+    growth, difference = growth[first:], difference[first // DEFAULTS.compared:]
+    if run is None or not (np.isfinite(growth).all() and np.isfinite(difference).all()):
+        return Lyapunov(math.nan, math.nan, math.nan, DEFAULTS.confidence, cycles, "unresolved")
+    mean, half = batch_means(growth)
+    half += abs(float(difference.mean())) + 2.0 * float(difference.std()) / math.sqrt(len(difference))
+    rate = 1.0 / system.cycle
+    told = diagnosis(mean, half)
+    if told != "chaotic":
+        seen, long = _seen(run)
+        together = math.lcm(long, excitation)
+        if 0 < together <= DEFAULTS.longest_period:
+            return _periodic(system, run.section[-1], start_cycle + len(run), together)
+        told = seen if told == "quasi-periodic" or seen == "runaway" else told
+    return Lyapunov(mean * rate, (mean - half) * rate, (mean + half) * rate, DEFAULTS.confidence, cycles, told)
+
+
+def _periodic(system: System, start: Floats, first: int, period: int) -> Lyapunov:
+    """Return the exponent of a motion of known period; none near an unstable orbit, which the motion only passes."""
+    exponent, error = floquet_exponent(system, start, first, period)
+    if (exponent - error) * period * system.cycle > DEFAULTS.passed:
+        return Lyapunov(math.nan, math.nan, math.nan, DEFAULTS.confidence, period, "unresolved")
+    return Lyapunov(exponent, exponent - error, exponent + error, DEFAULTS.confidence, period, "periodic")
+
+
+def _seen(cycles: Cycles) -> tuple[str, int]:
+    """Diagnose by its section a motion whose disturbances neither grow nor decay; return its long period, or 0, too."""
+    if slip_grows(cycles):
+        return "runaway", 0
+    found = periodicity(cycles, maximum=DEFAULTS.long_period)
+    if found.settled:
+        return "periodic", found.period
+    return ("quasi-periodic" if change_of_averages(cycles.section) <= DEFAULTS.converged else "unresolved"), 0
+
+
+def change_of_averages(points: Floats) -> float:
+    """Return the largest difference of bump averages over the two halves of a section (n, 3), relative to its size.
+
+    The weight is exp(-1/(s (1 - s))) over each half, 0 < s < 1.
+    """
+    half = len(points) // 2
+    s = (np.arange(half) + 1.0) / (half + 1.0)
+    weight = np.exp(-1.0 / (s * (1.0 - s)))
+    early, late = (weight @ part / weight.sum() for part in (points[:half], points[half:2 * half]))
+    size = np.maximum(np.abs(points).max(axis=0), 1e-300)
+    return float((np.abs(late - early) / size).max())
+
+
+def diagnosis(mean: float, half: float) -> str:
+    """Diagnose a motion without a period by its growth per cycle and the half width of the interval."""
+    if mean - half > 0.0:
+        return "chaotic"
+    if mean + half < 0.0:
+        return "contracting"
+    return "quasi-periodic" if half <= DEFAULTS.neutral else "unresolved"
+
+
+def batch_means(growth: Floats) -> tuple[float, float]:
+    """Return the mean and the half width of its confidence interval, from batch means and Student's t."""
+    from scipy.stats import t
+
+    count, confidence = DEFAULTS.batches, DEFAULTS.confidence
+    width = len(growth) // count
+    means = growth[len(growth) - count * width:].reshape(count, width).mean(axis=1)
+    half = float(t.ppf(0.5 + 0.5 * confidence, count - 1)) * float(means.std(ddof=1)) / math.sqrt(count)
+    return float(means.mean()), half
+
+
+def floquet_exponent(system: System, state: Floats, first: int, period: int) -> tuple[float, float]:
+    """Return log |mu|/(N T) of the largest multiplier of the periodic motion near `state`, and its error, 1/s.
+
+    Newton's method brings the state onto the motion. The error is the difference between two tolerances, and for a
+    state that does not close between two successive periods.
+    """
+    scale = natural_sizes(terms_of(system))
+    at, start = state, state
+    image, matrix = mapped(system, at, first, period, DEFAULTS.periodic_fine)
+    gap = float(np.abs((image - at) / scale).max())
+    for _ in range(DEFAULTS.polishings):
+        if not gap > DEFAULTS.closed:
+            break
+        step = np.linalg.lstsq(matrix - np.eye(3), at - image, rcond=1e-10)[0]
+        following = at + step
+        further, changed = mapped(system, following, first, period, DEFAULTS.periodic_fine)
+        left = float(np.abs((further - following) / scale).max())
+        if not left < gap or np.abs((following - start) / scale).max() > DEFAULTS.nearby:
+            break
+        at, image, matrix, gap = following, further, changed, left
+    exponent = _exponent(matrix, system, period)
+    error = abs(exponent - _exponent(mapped(system, at, first, period, DEFAULTS.periodic_coarse)[1], system, period))
+    if not gap <= DEFAULTS.closed:
+        further = mapped(system, image, first, period, DEFAULTS.periodic_fine)[1]
+        error += abs(exponent - _exponent(further, system, period))
+    return exponent, error
+
+
+def mapped(system: System, state: Floats, first: int, cycles: int, tolerance: float) -> tuple[Floats, Floats]:
+    """Return the state after some engine cycles and the tangent map to it, (3, 3); NaN if a step fails."""
+    try:
+        found = Prepared(system, (), tolerance).over(state, first, first + cycles)
+    except NumericalFailure:
+        return np.full(3, math.nan), np.full((3, 3), math.nan)
+    return found.state, found.derivative
+
+
+def natural_sizes(terms: Terms) -> Floats:
+    """Return the sizes of slip speed (rad/s), plate angle (rad) and plate speed (rad/s) of a motion, (3,)."""
+    torque = abs(terms.mean_torque) + abs(terms.mean_load) + (terms.torque[0] if terms.torque is not None else 0.0)
+    angle = max(torque, 1.0) / terms.linear[3]
+    speed = angle * natural_frequency(terms)
+    return np.array([speed, angle, speed])
+
+
+def _exponent(matrix: Floats, system: System, period: int) -> float:
+    """Return log |mu|/(N T) of the largest eigenvalue of a tangent map over N cycles, 1/s."""
+    if not np.isfinite(matrix).all():
+        return math.nan
+    largest = float(np.abs(np.linalg.eigvals(matrix)).max())
+    return math.log(max(largest, 1e-300)) / (period * system.cycle)
+
+
+def tangent_growth(system: System, state: Floats, first: int, cycles: int) -> tuple[Floats, Floats, Cycles | None]:
+    """Return the growth of a tangent vector along a motion; NaN and None if a step fails.
+
+    Returns
+    -------
+    logarithm of the growth in every engine cycle, (cycles,); its difference from a coarser tolerance in one of
+    `Settings.compared` cycles; and the cycles
+    """
+    every, runs = DEFAULTS.compared, list[Cycles]()
+    growth, difference = np.full(cycles, np.nan), np.full(cycles // every, np.nan)
+    i1, i2, _, stiffness = terms_of(system).linear
+    energy = np.sqrt(np.array([[i1, 0.0, i1], [0.0, 0.0, i2], [0.0, stiffness, 0.0]]))
+    fine, coarse = (Prepared(system, (), tolerance) for tolerance in (DEFAULTS.fine, DEFAULTS.coarse))
+    vector = FIRST  # The caller drops its growth.
+    for begin in range(0, cycles, DEFAULTS.together):
+        count = min(DEFAULTS.together, cycles - begin)
+        run = solve(system, cycles=count, state=State.of(state), start_cycle=first + begin)
+        if run.status is not Status.DONE or run.cycles is None:
+            return growth, difference, None
+        runs.append(run.cycles)
+        section, numbers = run.cycles.section, range(first + begin, first + begin + count)
+        compared = range(every - 1 - begin % every, count, every)
+        ends = [n + 1.0 for n in numbers]
+        try:
+            maps = [m.derivative for m in fine.each(section[:-1], list(numbers), ends)]
+            rough = {c: coarse.over(section[c], numbers[c], ends[c]).derivative for c in compared}
+        except NumericalFailure:
+            return growth, difference, None
+        for c, matrix in enumerate(maps):
+            following = matrix @ vector
+            size = float(np.linalg.norm(energy @ following))
+            growth[begin + c] = math.log(size)
+            if c in rough:
+                other = float(np.linalg.norm(energy @ (rough[c] @ vector)))
+                difference[(begin + c) // every] = growth[begin + c] - math.log(other)
+            vector = following / size
+        state = section[-1]
+    return growth, difference, concatenated(runs)

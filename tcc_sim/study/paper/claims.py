@@ -1,0 +1,227 @@
+"""The paper's claims, each judged by a criterion in code at several mean pressures and two tolerances; their page."""
+
+from __future__ import annotations
+
+import json
+from collections import ChainMap
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import Field, dataclass, field, fields
+from operator import methodcaller
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from tcc_sim.errors import counted
+from tcc_sim.output.tables import escape, markdown_table, text
+from tcc_sim.result import Described, json_of, reported, reporting
+from tcc_sim.study.paper import rules
+from tcc_sim.study.paper.branches_behind import StableMotions
+from tcc_sim.study.paper.claims_methods import MethodClaims
+from tcc_sim.study.paper.claims_stick import SlipClaims
+from tcc_sim.study.paper.evidence import LATER, T
+from tcc_sim.study.paper.rules import CONFIRMED, DEPENDS, NOT_CONFIRMED, Claim, Finding
+
+
+class PaperEvidence(SlipClaims, MethodClaims):
+    """Evidence with the measures of all claims."""
+
+
+RULES: dict[str, tuple[Any, ...]] = {"holds": (rules.holds, "weaker"), "shares": (rules.shares, "partly"),
+                                     "near": (rules.near, "within"), "equal": (rules.equal,)}
+"""Rules of criteria and their options in claims.yaml."""
+
+
+TOLERANCE = 1e-9
+TIGHTER = 1e-11
+"""Relative tolerances of the smoothed engine; a verdict is `depends` if they differ at the first pressure."""
+PRESSURES = (225e3, 230e3, 240e3)
+"""Mean pressures of Figs. 4 to 18, Pa. The paper does not print the pressure; of 200 to 260 kPa, these agree with all
+numbers of the text that depend on it. Values are shown at the first one.
+"""
+VERDICTS = {NOT_CONFIRMED: ("no", "not confirmed"), DEPENDS: ("depends", "depend"), CONFIRMED: ("yes", "confirmed")}
+"""Words of each verdict in a cell of the table and in a count, in the order of the page."""
+
+
+def claims_in(rows: Mapping[str, Mapping[str, Any]]) -> list[Claim]:
+    """Return the claims of a file; names in braces are constants of the module of the measure, or of `rules`."""
+    found = []
+    for name, row in rows.items():
+        measure, given = row.get("measure", name), row.get("given", {})
+        phrases = ChainMap(given, getattr(PaperEvidence, measure).__globals__, vars(rules))
+        words = {key: text.format_map(phrases) if isinstance(text, str) else text for key, text in row.items()}
+        criterion, = (rule(words[key], *(words[option] for option in options if option in row))
+                      for key, (rule, *options) in RULES.items() if key in row)
+        labels = {key: text.format_map(phrases) for key, text in row.get("values", {}).items()}
+        figure, where, *kind = row["at"]
+        found.append(Claim(figure, where, row["claim"], criterion, methodcaller(measure, **given), name,
+                           why=row.get("why", ""), labels=labels, **dict.fromkeys(kind, True)))
+    return found
+
+
+INTRODUCTION, _rows = yaml.safe_load_all(Path(__file__).with_name("claims.yaml").read_text(encoding="utf-8"))
+CLAIMS: tuple[Claim, ...] = tuple(claims_in(_rows))
+"""Every claim in the order of the paper, and the introduction of their page."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """A claim judged at several mean pressures and at two tolerances.
+
+    row : the claim
+    finding : finding at the first pressure and the tighter tolerance
+    judged : verdicts by mean pressure, Pa: at TOLERANCE, and at the first pressure also at TIGHTER
+    """
+
+    row: Claim = field(metadata=reported("claim", spread=True))
+    finding: Finding = field(metadata=reported("finding", spread=True))
+    judged: Mapping[float, Sequence[str]]
+    varied: Mapping[str, Sequence[str]] = field(default_factory=dict, metadata=reported(
+        "with --thresholds: by threshold the verdicts at half and at twice of it", name="thresholds"))
+
+    @property
+    @reporting("verdict at each tolerance, at the first mean pressure")
+    def verdicts(self) -> dict[str, str]:
+        """Verdict at each tolerance, at the first mean pressure."""
+        return dict(zip((f"{TOLERANCE:g}", f"{TIGHTER:g}"), next(iter(self.judged.values()))))
+
+    @property
+    @reporting("verdict at each mean pressure, by its value in kPa")
+    def pressures(self) -> dict[str, str]:
+        """Verdict at each mean pressure, kPa; `depends` if the tolerances disagree."""
+        return {f"{p / 1e3:g}": v[0] if len(set(v)) == 1 else DEPENDS for p, v in self.judged.items()}
+
+    @property
+    @reporting("confirmed, not confirmed or depends")
+    def verdict(self) -> str:
+        """Common verdict of all pressures, or `depends`."""
+        return found.pop() if len(found := set(self.pressures.values())) == 1 else DEPENDS
+
+    @property
+    @reporting("explanation of the verdict")
+    def why(self) -> str:
+        """Explanation of the verdict."""
+        changes = ["the verdict changes with the tolerance"] * any(len(set(v)) > 1 for v in self.judged.values())
+        if len(set(self.pressures.values())) > 1:
+            changes.append("the verdict changes with the mean pressure: "
+                           + ", ".join(f"{v} at {p} kPa" for p, v in self.pressures.items()))
+        return "; ".join(filter(None, [*changes, self.finding.why]))
+
+
+@dataclass(frozen=True)
+class ClaimsReport(Described):
+    """Verdicts on the claims."""
+
+    claims: Sequence[Verdict] = field(metadata=reported("every claim"))
+    complete: bool = field(metadata=reported("whether every claim was judged"))
+
+
+def _judged(row: Claim, evidence: StableMotions, stored: dict[str, Finding], path: Path | None) -> Finding:
+    """Return the stored finding on a claim, or judge and store it; a changed criterion is judged again."""
+    apart = [f"{item.name} {x:g}, " for item in fields(T) if (x := getattr(evidence.thresholds, item.name))
+             != item.default]
+    name = f"{row.name} at {evidence.pressure:g} Pa, {''.join(apart)}rtol {evidence.rtol:g}: {row.criterion.words}"
+    if name not in stored:
+        stored[name] = row(evidence)
+        if path is not None:
+            with path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps({"name": name, "finding": json_of(vars(stored[name]))}) + "\n")
+    return stored[name]
+
+
+def judge(claims: Sequence[Claim] = (), *, pressures: Sequence[float] = PRESSURES, kept: Path | None = None,
+          thresholds: bool = False, jobs: int | None = None, progress: bool = False,
+          each: Callable[[Verdict], None] = lambda verdict: None) -> list[Verdict]:
+    """Judge claims at every mean pressure, and at the first of them at both tolerances.
+
+    Parameters
+    ----------
+    claims : claims to judge; empty for all
+    pressures : mean pressures, Pa; a claim that does not depend on the pressure is judged once
+    kept : file of finished findings; each new finding is added to it
+    thresholds : whether to judge also with every threshold halved and doubled
+    jobs : number of threads; all available cores by default
+    progress : whether to show a bar for every sweep on a terminal
+    each : function called with each finished verdict
+
+    Raises
+    ------
+    NumericalFailure
+        A motion that a verdict needs could not be solved.
+    """
+    first, out, known = pressures[0], list[Verdict](), {item.name for item in fields(Finding)}
+    lines = kept.read_text(encoding="utf-8").splitlines() if kept is not None and kept.exists() else []
+    stored = {found["name"]: Finding(**{k: v for k, v in found["finding"].items() if k in known})
+              for found in map(json.loads, lines)}
+    every = {p: [PaperEvidence(TOLERANCE, jobs, progress, p)] for p in pressures}
+    every[first].append(PaperEvidence(TIGHTER, jobs, progress, first, known=every[first][0].known))
+    for row in claims or CLAIMS:
+        findings = {p: [_judged(row, evidence, stored, kept) for evidence in every[p]]
+                    for p in (pressures[:1] if row.alone else pressures)}
+        varied = {name: [_judged(row, every[first][0].varied(name, factor), stored, kept).verdict
+                         for factor in (0.5, 2.0)]
+                  for name in findings[first][0].thresholds} if thresholds else {}
+        verdict = Verdict(row, findings[first][1], {p: [f.verdict for f in at] for p, at in findings.items()}, varied)
+        out.append(verdict)
+        each(verdict)
+    return out
+
+
+def claims_page(verdicts: Sequence[Verdict], *, complete: bool = True) -> str:
+    """Return a summary, a table of the claims by verdict, and every claim with its numbers."""
+    places = list(dict.fromkeys(p for v in verdicts for p in v.pressures))
+    kpa = f"{', '.join(places)} kPa"
+    lines = ["# The paper's claims", "", f"- {counts_of(verdicts)}.", "", INTRODUCTION.format(
+        kpa=kpa, first=places[0], fitting=", ".join(f"{p / 1e3:g}" for p in PRESSURES), tolerance=TOLERANCE,
+        tighter=TIGHTER, later=LATER)]
+    found = [v for name in VERDICTS for v in verdicts if v.verdict == name]
+    lines += markdown_table(["Fig.", "Section", "claim", "verdict", f"at {kpa}"], map(claim_row, found))
+    if any(v.varied for v in verdicts):
+        lines += ["", "## Thresholds halved and doubled", "", f"The verdicts that change, at {places[0]} kPa.", "",
+                  *markdown_table(["threshold", "meaning", "value", "halved", "doubled"],
+                                  [threshold_row(verdicts, item) for item in fields(T)])]
+    lines += ["", "**Interrupted: not every claim was judged.**"] * (not complete)
+    for v in found:
+        lines += ["", *claim_section(v)]
+    return "\n".join(lines) + "\n"
+
+
+def claim_row(v: Verdict) -> list[str]:
+    """Return the cells of the table on one claim."""
+    at = "any" if v.row.alone else ", ".join(VERDICTS[x][0] for x in v.pressures.values())
+    return [v.row.figure, v.row.where, escape(v.row.sentence), v.verdict, at + " (fitted)" * v.row.fitted]
+
+
+def threshold_row(verdicts: Sequence[Verdict], item: Field[float]) -> list[str]:
+    """Return the cells on one threshold: the claims with another verdict at half and at twice its value."""
+    judged = [(v, next(iter(v.verdicts.values())), v.varied[item.name]) for v in verdicts if item.name in v.varied]
+    changes = ["; ".join(f"{v.row.figure}: {escape(v.row.sentence)} ({varied[k]} instead of {usual})"
+                         for v, usual, varied in judged if varied[k] != usual) or "none" for k in range(2)]
+    meaning = item.metadata["reported"]
+    return [f"`{item.name}`, in {counted(len(judged), 'claim')}", escape(meaning.meaning),
+            f"{item.default:g} {meaning.unit}".rstrip(), *changes]
+
+
+def claim_section(v: Verdict) -> list[str]:
+    """Return the part of the page on one claim."""
+    lines = [f"## {v.row.figure}: {escape(v.row.sentence)}", "",
+             f"**{v.verdict.capitalize()}**. Criterion: {escape(v.row.criterion.words)}."]
+    if v.why:
+        lines += ["", f"{escape(v.why[0].upper() + v.why[1:])}."]
+    lines += listed_numbers(json_of(v.finding.values))
+    if motions := v.finding.motions:
+        lines += ["", f"<details><summary>{counted(len(motions), 'stable motion')}</summary>", "",
+                  *(f"- {escape(str(motion['words']))}" for motion in motions), "", "</details>"]
+    return lines
+
+
+def listed_numbers(values: Mapping[str, Any]) -> list[str]:
+    """Return numbers as a list, with an empty line before it if there are any."""
+    return [""] * bool(values) + [f"- {escape(name)}: {escape(text(value))}" for name, value in values.items()]
+
+
+def counts_of(verdicts: Sequence[Verdict]) -> str:
+    """Return the number of claims with each verdict, as text."""
+    found = [v.verdict for v in verdicts]
+    return f"Of {len(found)} claims: " + ", ".join(f"{found.count(name)} {VERDICTS[name][1]}"
+                                                   for name in (CONFIRMED, DEPENDS, NOT_CONFIRMED))

@@ -1,0 +1,279 @@
+"""Sweeps and motions for the verdicts on the paper's claims, computed once per tolerance and mean pressure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tcc_sim.analysis.multipliers import Lyapunov
+from tcc_sim.analysis.summary import Summary, summarise_cycles
+from tcc_sim.model.parameters import System
+from tcc_sim.model.quantity import Value
+from tcc_sim.result import reported
+from tcc_sim.solvers import SOLVERS, solve
+from tcc_sim.study.exponents import largest_lyapunov_exponent
+from tcc_sim.study.paper.catalogue import NORMALISED, OMEGA_N, PRESSURE, STATIC, paper_system
+from tcc_sim.sweeps.executors import workers
+from tcc_sim.sweeps.results import Point
+from tcc_sim.sweeps.steady_state import Start
+from tcc_sim.sweeps.sweep import Curve, Plan, Sweep, solve_point, sweep_curves
+from tcc_sim.trajectory import Floats, State, Status, Trajectory
+
+FREQUENCY, KINETIC = "engine.frequency", "friction.kinetic_coefficient"
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """Thresholds of the criteria; `claims --thresholds` judges with each of them halved and doubled."""
+
+    near: float = field(default=0.02, metadata=reported(
+        "largest distance from a printed frequency or friction ratio"))
+    close: float = field(default=0.01, metadata=reported(
+        "the same where places are so dense that `near` would cover most of the range"))
+    ends: float = field(default=4e-3, metadata=reported(
+        "largest distance of a step of a sweep from the end of a motion that causes it"))
+    jump: float = field(default=0.08, metadata=reported("least size of a jump, over the curve's largest value"))
+    prominent: float = field(default=0.02, metadata=reported(
+        "least height of a peak above its surroundings, over the curve's largest value"))
+    shows: float = field(default=0.05, metadata=reported("least difference of two largest slip speeds", "rad/s"))
+    slipping: float = field(default=0.1, metadata=reported("largest slip speed above which a curve slips", "rad/s"))
+    alike: float = field(default=0.05, metadata=reported(
+        "largest difference of two equal solutions, over the largest slip speed"))
+    missing: float = field(default=0.05, metadata=reported("part of the cases in which a statement may fail"))
+    factor: float = field(default=1.0, metadata=reported("factor of the tolerances of numbers that are compared"))
+
+
+T = Thresholds()
+JUMP = T.jump
+BISECTIONS = 8
+"""Number of halvings of the interval of a jump; the change of a continuous curve becomes small in them."""
+CYCLES, DISCARD = 150, 50
+"""The paper's rule: cycles of every motion, and dropped ones of these."""
+LATER = 500
+"""Further cycles for a motion with a section that does not repeat within the paper's rule."""
+LAST = 100
+"""Number of last cycles of a long run that determine its period."""
+FAILED, RUNAWAY = -1, -2
+"""Values in place of a period: for a failed point, and for runaway slip."""
+Values = Mapping[str, Value]
+
+
+@dataclass(frozen=True)
+class ColdStartMotion:
+    """One motion from the initial state (13): period of the settled motion (0 for none up to 16, RUNAWAY or FAILED),
+    largest |slip speed| after the dropped cycles, rad/s (NaN for a failure), and exponent, if requested.
+    """
+
+    period: int
+    largest: float
+    lyapunov: Lyapunov | None = None
+
+
+@dataclass
+class Evidence:
+    """Sweeps and motions of Sections 5 and 6, cached.
+
+    rtol : tolerance of the smoothed engine
+    jobs : number of threads; None for all cores
+    progress : whether to show a bar for every sweep on a terminal
+    pressure : mean pressure of Figs. 4 to 18, Pa
+    thresholds : thresholds of the criteria
+    used : names of the thresholds used so far
+    """
+
+    rtol: float
+    jobs: int | None = None
+    progress: bool = False
+    pressure: float = PRESSURE
+    thresholds: Thresholds = T
+    used: set[str] = field(default_factory=set)
+    _sweeps: dict[tuple[Curve, Plan], Sweep] = field(default_factory=dict)
+    _motions: dict[tuple[System, bool], ColdStartMotion] = field(default_factory=dict)
+    _settled: dict[tuple[Curve, Plan], list[Summary | None]] = field(default_factory=dict)
+
+    def limit(self, name: str) -> float:
+        """Return a threshold, and note its use."""
+        self.used.add(name)
+        return float(getattr(self.thresholds, name))
+
+    @property
+    def most(self) -> float:
+        """Fraction of the cases in which a statement must hold."""
+        return 1.0 - self.limit("missing")
+
+    def system(self, row: Values) -> System:
+        """Return the system of a row, at this mean pressure unless the row states another."""
+        if "pressure.mean" in row:
+            return paper_system(row)
+        amplitude = float(row.get("pressure.amplitude", 0.0))  # type: ignore[arg-type]
+        return paper_system({**row, "pressure.mean": self.pressure,
+                             "pressure.amplitude": amplitude * (self.pressure / PRESSURE)})
+
+    def curves(self, rows: Sequence[Values], axis: Floats, *, over: str = FREQUENCY, direction: str = "cold",
+               damping: bool = False) -> list[Sweep]:
+        """Return a sweep for every row, over omega/omega_n, mu_k/mu_s, or the values of another key."""
+        scaled = axis * NORMALISED[over][1]
+        values = tuple(float(x) for x in (np.minimum(scaled, STATIC) if over == KINETIC else scaled))
+        wanted = [Curve(self.system(row), over, values) for row in rows]
+        return swept(wanted, self.plan(rows[0], direction=direction, damping=damping), self._sweeps, self.jobs,
+                     self.progress) if rows else []
+
+    def maxima(self, rows: Sequence[Values], axis: Floats, *, direction: str = "cold") -> Floats:
+        """Return (rows, values) largest |slip speed|, rad/s, over omega/omega_n."""
+        return np.array([s.column("max_slip_speed") for s in self.curves(rows, axis, direction=direction)])
+
+    def plan(self, row: Values, **how: Any) -> Plan:
+        """Return the paper's rule at this tolerance."""
+        return Plan(cycles=CYCLES, discard=DISCARD, rtol=self._rtol(self.system(row)), **how)
+
+    def motion(self, row: Values, *, lyapunov: bool = False) -> ColdStartMotion:
+        """Return the motion from the initial state (13), with the period of the settled motion."""
+        system = self.system(row)
+        if (system, lyapunov) not in self._motions:
+            point = solve_point(system, 0.0, self.plan(row, lyapunov=lyapunov))
+            largest = math.nan if point.summary is None else point.summary.max_slip_speed
+            self._motions[system, lyapunov] = ColdStartMotion(period_of(self._settle(lambda: system, point)), largest,
+                                                              point.lyapunov)
+        return self._motions[system, lyapunov]
+
+    def beside(self, row: Values, ratio: float, *distances: float, lyapunov: bool = False) -> list[ColdStartMotion]:
+        """Return the motions from (13) at some distances from a frequency ratio."""
+        return [self.motion({**row, FREQUENCY: (ratio + d) * OMEGA_N}, lyapunov=lyapunov) for d in distances]
+
+    def periods(self, sweep: Sweep) -> NDArray[np.int64]:
+        """Return (n,) periods of the settled motions, as in `ColdStartMotion`."""
+        return np.array([period_of(found) for found in self._settled_in(sweep)], dtype=np.int64)
+
+    def slips(self, sweep: Sweep) -> NDArray[np.bool_]:
+        """Return (n,) whether the settled motion slips."""
+        return np.array([found is not None and found.regime != "stick" for found in self._settled_in(sweep)],
+                        dtype=bool)
+
+    def _settled_in(self, sweep: Sweep) -> list[Summary | None]:
+        """Return the settled motion of every point of a sweep.
+
+        A motion that has not settled by the paper's rule continues for LATER cycles, since a transient is neither
+        periodic nor aperiodic.
+        """
+        name = (sweep.curve, sweep.plan)
+        if name not in self._settled:
+            with workers(self.jobs, None) as (threads, _):
+                self._settled[name] = list(threads.map(
+                    self._settle, (partial(sweep.curve.at, k) for k in range(len(sweep.points))), sweep.points))
+        return self._settled[name]
+
+    def _settle(self, system_of: Callable[[], System], point: Point | None) -> Summary | None:
+        """Return the motion of a point, from further cycles if its section does not repeat yet; None if it failed."""
+        if point is None or point.summary is None or point.summary.settled or point.summary.runaway:
+            return None if point is None else point.summary
+        system = system_of()
+        found = later(system, point.end, self._rtol(system))
+        return None if found is None else found[0]
+
+    def _rtol(self, system: System) -> float:
+        """Return the tolerance of the smoothed engine, or that of the exact engine of the set-valued law."""
+        return SOLVERS["event_driven"].default if system.friction.law == "set_valued" else self.rtol
+
+    def run(self, system: System, cycles: int, *, samples: int = 0, start_cycle: int = 0,
+            state: State | None = None) -> Trajectory:
+        """Solve some cycles at this tolerance, with `samples` per cycle."""
+        return solve(system, cycles=cycles, samples_per_cycle=samples, start_cycle=start_cycle, state=state,
+                     rtol=self._rtol(system)).raise_for_status()
+
+    def last_cycles(self, row: Values, cycles: int, samples: int) -> Trajectory:
+        """Solve some cycles with samples, after those of the paper's rule."""
+        system = self.system(row)
+        before = self.run(system, CYCLES)
+        return self.run(system, cycles, samples=samples, start_cycle=CYCLES, state=before.final)
+
+    def exponent(self, row: Values, begin: int, cycles: int) -> Lyapunov:
+        """Return the largest Lyapunov exponent over many cycles, after the first `begin` of them from (13)."""
+        system = self.system(row)
+        return largest_lyapunov_exponent(system, self.run(system, begin).final, cycles=cycles, start_cycle=begin)
+
+    def jumps(self, row: Values, axis: Floats) -> list[tuple[float, float]]:
+        """Return omega/omega_n and the change of the largest slip speed at every true jump of a curve from (13).
+
+        Where neighbours differ by more than the threshold, the interval is halved BISECTIONS times, always
+        towards the larger change; a change that mostly remains on an interval 2^-8 as wide is a jump.
+        """
+        values = self.maxima([row], axis)[0]
+        size = float(np.nanmax(values))
+        found = []
+        for k in steep(values, self.limit("jump")):
+            a, b, fa, fb = float(axis[k]), float(axis[k + 1]), float(values[k]), float(values[k + 1])
+            first = abs(fb - fa)
+            for _ in range(BISECTIONS):
+                middle = 0.5 * (a + b)
+                fm = self.beside(row, middle, 0.0)[0].largest
+                a, fa, b, fb = (a, fa, middle, fm) if abs(fm - fa) >= abs(fb - fm) else (middle, fm, b, fb)
+            if abs(fb - fa) > 0.5 * first and abs(fb - fa) > self.limit("jump") * size:
+                found.append((0.5 * (a + b), fb - fa))
+        return found
+
+
+def swept(curves: Sequence[Curve], plan: Plan, kept: dict[tuple[Curve, Plan], Sweep], jobs: int | None = None,
+          progress: bool = False) -> list[Sweep]:
+    """Return the sweep of every curve; compute those that `kept` lacks together, and add them to it."""
+    missing = [curve for curve in curves if (curve, plan) not in kept]
+    if missing:
+        kept.update({(sweep.curve, plan): sweep for sweep in sweep_curves(missing, plan, jobs=jobs, progress=progress)})
+    return [kept[curve, plan] for curve in curves]
+
+
+def period_of(found: Summary | None) -> int:
+    """Return the period of a settled motion, as in `ColdStartMotion`."""
+    return FAILED if found is None else RUNAWAY if found.runaway else found.period
+
+
+def later(system: System, start: Start, rtol: float | None = None) -> tuple[Summary, Start] | None:
+    """Return a summary of the last LAST of LATER further cycles and their end; None if they could not be solved."""
+    run = solve(system, cycles=LATER, start_cycle=start.cycle, state=start.state, rtol=rtol)
+    if run.status is not Status.DONE or run.cycles is None:
+        return None
+    first = start.cycle + LATER - LAST
+    return summarise_cycles(run.cycles[LATER - LAST:], system.cycle, first=first), Start(run.final, first + LAST)
+
+
+def steep(values: Floats, jump: float = JUMP) -> NDArray[np.int64]:
+    """Return the indices at which neighbours differ by more than `jump` of the largest value: jumps or steep rises."""
+    return np.flatnonzero(np.abs(np.diff(values)) > jump * float(np.nanmax(values)))
+
+
+def sticks(sweep: Sweep) -> NDArray[np.bool_]:
+    """Return (n,) whether the motion is pure stick."""
+    return np.array([p is not None and p.summary is not None and p.summary.regime == "stick" for p in sweep.points])
+
+
+def first_half(run: Trajectory) -> float:
+    """Return the fraction of the positive slip angle in the first half of the engine cycle; NaN without slip."""
+    phase = np.mod(run.t / run.cycle + 1e-12, 1.0)
+    slip = np.where(run.state == 1, np.maximum(run.slip_speed, 0.0), 0.0)
+    total = float(slip.sum())
+    return float(slip[phase < 0.5].sum()) / total if total > 0.0 else math.nan
+
+
+def rms_apart(found: Floats, reference: Floats) -> float:
+    """Return the root mean square difference of a slip speed from another, over the largest magnitude of the latter."""
+    return float(np.sqrt(np.mean((found - reference) ** 2)) / np.abs(reference).max())
+
+
+def two_digits(x: float) -> float:
+    """Return a number with two digits, which an average over an aperiodic motion has."""
+    return float(f"{x:.2g}")
+
+
+def share_where(condition: Any, among: Any) -> float:
+    """Return the part of the cases `among` in which `condition` holds; 1 if there are none."""
+    return float(condition[among].mean()) if among.any() else 1.0
+
+
+def with_kinetic(ratio: float, row: Values | None = None) -> dict[str, Value]:
+    """Return a row with mu_k = ratio mu_s."""
+    return {**(row or {}), KINETIC: ratio * STATIC}

@@ -1,0 +1,227 @@
+"""Numbers of the paper's figures: from a row of `catalogue.FIGURES` to a frozen result for `paper.drawings`."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from tcc_sim.analysis.summary import summarise
+from tcc_sim.errors import InputError
+from tcc_sim.model import friction
+from tcc_sim.model.parameters import System, replace, values_of
+from tcc_sim.model.quantity import Value
+from tcc_sim.solvers import solve
+from tcc_sim.solvers.terms import terms_of
+from tcc_sim.study.exponents import largest_lyapunov_exponent
+from tcc_sim.study.paper import catalogue
+from tcc_sim.study.paper import figure_results as results
+from tcc_sim.study.paper.branches_behind import motions_behind, motions_behind_each, orbit_behind
+from tcc_sim.study.paper.catalogue import FIGURES, SWEPT, FigureOptions, PaperFigure, paper_system, series_system
+from tcc_sim.study.paper.evidence import JUMP, first_half, rms_apart, steep, swept
+from tcc_sim.sweeps.executors import workers
+from tcc_sim.sweeps.results import Point
+from tcc_sim.sweeps.sweep import Curve, Plan, Sweep, handed_over, solve_point
+from tcc_sim.trajectory import State, Trajectory
+
+SECTION_POINTS = 40
+"""Number of section points at every value of an orbit diagram."""
+SAMPLES = 1000
+"""Samples per cycle in a time history."""
+RUN_IN = 150
+"""Number of cycles before a time history."""
+SOLVER_CURVES: dict[str, tuple[str, str, Mapping[str, Any]]] = {
+    "smoothed": ("smoothed law, this package", "smoothed", {}),
+    "rk45": ("RK45", "smoothed", {"rtol": 1e-6}), "bdf": ("Gear (BDF)", "smoothed", {"rtol": 1e-6}),
+    "event_driven": ("discontinuous solution", "set_valued", {}),
+    "rk4": ("RK4, step 50 us", "smoothed", {"step": 5e-5})}
+"""Label, law and settings of the solvers of Fig. 2."""
+COLUMNS = ("max_slip_speed", "min_slip_speed", "period", "confirmed", "settled", "runaway", "stick_fraction", "regime",
+           "theta2", "equivalent_damping", "negative_slope_mean", "status")
+"""Columns of a sweep in the curve of a map."""
+SHOWN: dict[str, tuple[int, tuple[str, ...]]] = {
+    "histories": (12, ("slip_speed", "plate_angle")), "delay": (2, ("slip_speed", "engine_torque", "state")),
+    "actuation": (9, ("slip_speed", "saturation_torque", "engine_torque"))}
+"""Number of cycles and columns of each kind of time history."""
+STEADY_LAWS: tuple[tuple[str, Mapping[str, Value]], ...] = (
+    (r"(7), $\sigma = 50$", {}), (r"(7), $\sigma = 1000$", {"friction.smoothing": 1000.0}),
+    ("(6)", {"friction.law": "set_valued"}))
+STEADY_CYCLES, QUICK_STEADY_CYCLES = 3000, 1000
+"""Number of cycles from (13) to a steady state of Fig. 2; the set-valued law needs about 700."""
+
+
+def figure_data(number: int, options: FigureOptions) -> results.Figure:
+    """Compute the numbers of one figure.
+
+    Raises
+    ------
+    InputError
+        The paper has no such figure, or the figure has no numbers.
+    NumericalFailure
+        A time history could not be solved; a failed point of a sweep is a status in the data instead.
+    """
+    if number not in FIGURES:
+        raise InputError(f"figure {number} has no numbers; the figures are {min(FIGURES)} to {max(FIGURES)}")
+    row = FIGURES[number]
+    began = time.perf_counter()
+    varied = {key for series in row.series for key in series.values} if len(row.series) > 1 else set()
+    varied |= {row.over} if row.kind in SWEPT else set()
+    common = {key: value for key, value in values_of(figure_system(number, options)) if key not in varied}
+    return results.Figure(figure=number, kind=row.kind, title=row.title, caption=row.caption, law=options.law,
+                          quick=options.quick, parameters=common, marks=row.marks, **KINDS[row.kind](row, options),
+                          seconds=time.perf_counter() - began)
+
+
+def figure_system(number: int, options: FigureOptions) -> System:
+    """Return the system of a figure's first curve, of which the other systems are changes."""
+    return series_system(FIGURES[number].series[0], options)
+
+
+def _over_axis(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
+    """Compute a map, Fig. 5, or Fig. 6, which is also continued up and down if the options have no direction."""
+    count = (row.count - 1) // catalogue.QUICK_SHARE + 1 if options.quick else row.count
+    (name, unit), ratios = catalogue.NORMALISED[row.over], np.linspace(*row.span, count)
+    values = np.minimum(ratios * unit, catalogue.STATIC) if unit == catalogue.STATIC else ratios * unit
+    wanted = [Curve(series_system(s, options), row.over, tuple(values.tolist())) for s in row.series]
+    own = ("cold", "up", "down") if row.kind == "orbit" else ("cold",)
+    plans = [Plan(cycles=100 if options.quick else 150, discard=50, direction=direction, section_points=SECTION_POINTS,
+                  damping=row.kind == "damping") for direction in ((options.direction,) if options.direction else own)]
+    sweeps = [s for plan in plans for s in swept(wanted, plan, options.kept, options.jobs, options.progress)]
+    others = [coexisting(sweep, options.jobs) if row.kind == "map" and sweep.plan.direction == "cold" else None
+              for sweep in sweeps]
+    behind: Sequence[results.MotionsBehind | None] = [None] * len(sweeps)
+    if options.branches and row.kind in catalogue.BRANCHED:
+        behind = motions_behind(sweeps, options.progress) if row.kind == "orbit" else motions_behind_each(
+            sweeps, options.jobs, options.progress)
+    curves = [results.Labelled(label=series.label, values=series.values, direction=sweep.plan.direction,
+                               coexisting=other, behind=found,
+                               **{name: column for name, column in sweep.lists.items() if name in COLUMNS})
+              for series, sweep, other, found in zip(row.series * len(plans), sweeps, others, behind)]
+    return {"over": row.over, "axis": name, "x": ratios.tolist(), "unit": unit, "cycles": plans[0].most,
+            "discarded": 50, "threshold": -paper_system().driveline.damping if row.kind == "damping" else None,
+            "curves": curves}
+
+
+def coexisting(sweep: Sweep, jobs: int | None = None) -> list[results.Coexisting]:
+    """Return the motions from a neighbour's last state that differ from those of the cold start.
+
+    The search covers both sides of every change of more than JUMP of the curve's largest value between neighbours with
+    a period; the maximum of an aperiodic motion scatters without another motion.
+    """
+    largest = sweep.column("max_slip_speed")
+    periods = [0 if p is None or p.summary is None else p.summary.period for p in sweep.points]
+    size = float(np.nanmax(largest))
+    plan = dataclasses.replace(sweep.plan, section_points=0, damping=False, lyapunov=False)
+
+    def follow(here: int, neighbour: Point | None, there: int) -> results.Coexisting | None:
+        if neighbour is None or not (periods[here] and periods[there]):
+            return None
+        system, value = sweep.curve.at(here), sweep.curve.values[here]
+        found = solve_point(system, value, plan, handed_over(sweep.curve.at(there), neighbour.end, system)).summary
+        if found is None or not found.period or abs(found.max_slip_speed - largest[here]) <= JUMP * size:
+            return None
+        return results.Coexisting(here, value, float(largest[here]), periods[here], results.Reached(
+            found.max_slip_speed, found.period), stands_out(largest, here, JUMP * size))
+
+    pairs = [(here, sweep.points[there], there) for k in steep(largest).tolist()
+             for here, there in ((k, k + 1), (k + 1, k))]
+    with workers(jobs, None) as (threads, _):
+        rows = [row for row in threads.map(follow, *zip(*pairs)) if row is not None] if pairs else []
+    return sorted(rows, key=lambda row: row.index)
+
+
+def stands_out(values: np.ndarray, k: int, least: float) -> bool:
+    """Return whether a value lies above, or below, both of its neighbours by more than `least`."""
+    if not 0 < k < len(values) - 1:
+        return False
+    left, right = values[k] - values[k - 1], values[k] - values[k + 1]
+    return bool(left * right > 0.0 and min(abs(left), abs(right)) > least)
+
+
+def _law(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
+    """Compute Fig. 3: the smoothed law, also near 0, its slope, and the set-valued law."""
+    curves = []
+    v = np.linspace(-2.0, 2.0, 2001)
+    near = np.linspace(0.0, 0.2, 801)
+    for series in row.series:
+        system = paper_system(series.values)
+        law = system.friction.smoothing, terms_of(system).stribeck
+        wide, close = (friction.smoothed_and_slope(x, *law) for x in (v, near))
+        peak, height = friction.peak(*law)
+        curves.append(results.Labelled(
+            label=series.label, values=series.values, coefficient=wide[0], slope=wide[1], near_coefficient=close[0],
+            near_slope=close[1], near_set_valued=friction.sliding(near, 1.0, law[1]) + 0.0 * near,
+            peak_slip_speed=peak, peak=height, static=1.0 + (law[1][0] if law[1] else 0.0)))
+    return {"slip_speed": v, "near_slip_speed": near, "curves": curves}
+
+
+def _run_in(system: System, more: int, cycles: int = RUN_IN, samples: int = SAMPLES) -> tuple[Trajectory, Trajectory]:
+    """Solve some cycles with the transient, and then more cycles with samples."""
+    before = solve(system, cycles=cycles).raise_for_status()
+    return before, solve(system, cycles=more, samples_per_cycle=samples, start_cycle=cycles,
+                         state=before.final).raise_for_status()
+
+
+def _panels(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
+    """Compute the time histories of Figs. 7, 9 and 12, with the sections of Fig. 7 and the orbits of Fig. 12."""
+    cycles, columns = SHOWN[row.kind]
+    panels = []
+    for series in row.series:
+        system = series_system(series, options)
+        before, after = _run_in(system, cycles)
+        found, more = summarise(before), dict[str, Any]()
+        if row.kind == "delay":
+            more = {"first_half": first_half(after)}
+        elif row.kind == "histories":
+            more = {"period": found.period, **_section(system, before, found.period, options)}
+        else:
+            more = {"period": found.period, "orbit": orbit_behind(
+                system, before.final, RUN_IN, found.period, found.max_slip_speed) if options.branches else None}
+        shown = {name: getattr(after, name) for name in columns}
+        panels.append(results.Labelled(label=series.label, values=series.values,
+                                       t=(after.t - after.t[0]) / after.cycle, **shown, **more))
+    return {"panels": panels}
+
+
+def _section(system: System, before: Trajectory, period: int, options: FigureOptions) -> dict[str, Any]:
+    """Return the points of the section and, for a motion without period under law (7), the largest exponent."""
+    if period:
+        return {"section": before.solved_cycles.section[-period:, 1:]}
+    many = catalogue.SECTION_CYCLES // (catalogue.QUICK_SHARE if options.quick else 1)
+    further = solve(system, cycles=many, start_cycle=RUN_IN, state=before.final).raise_for_status()
+    return {"section": further.solved_cycles.section[1:, 1:],
+            "lyapunov": largest_lyapunov_exponent(system, before.final, cycles=many, start_cycle=RUN_IN)
+            if options.law == "smoothed" else None}
+
+
+def _solvers(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
+    """Compute Fig. 2: cycles by each solver from the steady motion of law (7), and steady motions from (13)."""
+    system = paper_system(row.series[0].values)
+    begin = QUICK_STEADY_CYCLES if options.quick else STEADY_CYCLES
+    steady = []
+    for label, values in STEADY_LAWS:
+        before, after = _run_in(replace(system, values), 4, begin, SAMPLES // 2)
+        found = summarise(before, begin - 100)
+        steady.append(results.Labelled(
+            label=label, values=values, period=found.period, settled=found.settled, final=before.final.numbers,
+            max_slip_speed=found.max_slip_speed, t=(after.t - after.t[0]) / after.cycle, slip_speed=after.slip_speed))
+    start = State(*steady[0].final)
+    curves: list[results.Labelled] = []
+    for solver, (label, law, how) in SOLVER_CURVES.items():
+        begun = time.perf_counter()
+        run = solve(replace(system, {"friction.law": law}), cycles=1 if options.quick else 2, samples_per_cycle=SAMPLES,
+                    start_cycle=begin, state=start, solver=solver, **how)
+        seconds, reference = time.perf_counter() - begun, curves[0].slip_speed if curves else run.slip_speed
+        apart = np.nan if len(run.t) != len(reference) else rms_apart(run.slip_speed, reference)
+        curves.append(results.Labelled(
+            solver=solver, label=label, status=run.status.value, seconds=seconds, t=(run.t - run.t[0]) / run.cycle,
+            slip_speed=run.slip_speed, friction_torque=run.friction_torque, rms_difference=apart))
+    return {"cycle": system.cycle, "curves": curves, "steady": steady, "steady_cycles": begin}
+
+
+KINDS: dict[str, Callable[[PaperFigure, FigureOptions], dict[str, Any]]] = {
+    **dict.fromkeys(SWEPT, _over_axis), **dict.fromkeys(SHOWN, _panels), "law": _law, "solvers": _solvers}
+"""Function that computes each kind of figure."""

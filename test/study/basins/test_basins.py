@@ -1,0 +1,328 @@
+"""Attractors and basins: on maps with known basins, and on the driveline against brute force."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from textbook_maps import TextbookMap
+
+from tcc_sim.errors import InputError
+from tcc_sim.model.parameters import System, replace
+from tcc_sim.solvers import solve
+from tcc_sim.study.basins.attractors import find_attractors, numbered
+from tcc_sim.study.basins.compute import basins, halton
+from tcc_sim.study.basins.driveline import DrivelineMotion, mean_load
+from tcc_sim.study.basins.proximity import RUNAWAY, UNDECIDED, Attractor, ProximityMapper, labelled, section_points
+from tcc_sim.study.basins.results import Axis, boundary_of
+from tcc_sim.study.basins.settings import DEFAULTS, Settings
+from tcc_sim.trajectory import State
+
+COEXISTENCE = replace(System(), {"pressure.mean": 225e3, "pressure.amplitude": 0.0,
+                                 "friction.kinetic_coefficient": 0.255,
+                                 "engine.frequency": 0.36 * System().natural_frequency})
+"""Period one and a large period two at omega/omega_n = 0.36, mu_k/mu_s = 0.85."""
+NOTHING = np.zeros((2, 0))
+RUNNING_AWAY = replace(System(), {"pressure.mean": 150e3, "friction.kinetic_coefficient": 0.15,
+                                  "pressure.amplitude": 0.0})
+"""Tsm = 180 N m holds less than Tm = 300 N m: fast slip never ends."""
+
+
+class Iterated:
+    """A textbook map as a motion."""
+
+    def __init__(self, step, dimension, bound=1e6, value=None):
+        self.map, self.bound = TextbookMap(step, dimension), bound
+        self.value = value or (lambda x: step(np.array(x), ())[0].tolist())
+
+    def sections(self, starts, first, cycles, orbits=None):
+        out = np.full((len(starts), cycles + 1, np.shape(starts)[1]), np.nan)
+        for row, x in zip(out, starts):
+            row[0], point = x, list(map(float, x))
+            for k in range(1, cycles + 1):
+                if max(map(abs, point)) > self.bound:
+                    break
+                row[k] = point = self.value(point)
+        return out
+
+    def runs_away(self, points):
+        return np.abs(points).max(axis=1) > 1e3
+
+    def largest(self, x, first, cycles):
+        return float(np.abs(section_points(self, x, first, cycles)).max())
+
+
+def newton_for_cube_roots(x, p):
+    """Newton's method for z^3 = 1 as a map of the plane: three fixed points, fractal basins."""
+    z = complex(x[0], x[1])
+    slope = (2.0 / 3.0) * (1.0 - z**-3)
+    value = (2.0 * z + z**-2) / 3.0
+    return (np.array([value.real, value.imag]), np.array([[slope.real, -slope.imag], [slope.imag, slope.real]]),
+            np.zeros((2, 0)))
+
+
+def cubic(x, p):
+    """x' = 1.5 x - 0.5 x^3: attractors -1 and 1 with the basins x < 0 and x > 0 within |x| < sqrt 5."""
+    return 1.5 * x - 0.5 * x**3, np.array([[1.5 - 1.5 * x[0] ** 2]]), np.zeros((1, 0))
+
+
+def henon_value(x):
+    """The value of Henon's map at a = 1.4, b = 0.3: one strange attractor."""
+    return 1.0 - 1.4 * x[0] * x[0] + x[1], 0.3 * x[0]
+
+
+def henon_chaos(x, p):
+    return np.array(henon_value(x)), np.array([[-2.8 * x[0], 1.0], [0.3, 0.0]]), NOTHING
+
+
+def test_newtons_method_for_cube_roots_has_three_attractors_and_the_labels_of_iteration():
+    of = Iterated(newton_for_cube_roots, 2)
+    found = find_attractors(of, 4.0 * halton(12, 2) - 2.0)
+    roots = np.array([1.0, np.exp(2j * np.pi / 3), np.exp(-2j * np.pi / 3)])
+    ours = np.array([complex(*a.section[0]) for a in found])
+    assert sorted(np.abs(roots[:, None] - ours[None]).argmin(axis=0)) == [0, 1, 2]
+    assert all(a.period == 1 and abs(a.multipliers[0]) < 1e-8 for a in found)
+    mapper = ProximityMapper(found, of.map.scales, 1)
+    cells = 4.0 * halton(60, 2) - 2.0
+    for cell, k in zip(cells, labelled(of, mapper, cells, DEFAULTS.cycles)[0]):
+        assert abs(complex(*section_points(of, cell, 0, 100)[-1]) - ours[k]) < 1e-9
+
+
+def test_two_fixed_points_and_what_runs_away():
+    of = Iterated(cubic, 1)
+    found = find_attractors(of, [np.array([x]) for x in (0.3, -0.3, 4.0)])
+    assert sorted(float(a.section[0, 0]) for a in found) == pytest.approx([-1.0, 1.0])
+    mapper = ProximityMapper(found, of.map.scales, 1)
+    cells = np.array([-2.0, -0.7, -1e-3, 1e-3, 0.6, 2.1, 2.4, 0.0])[:, None]
+    *labels, fast, middle = labelled(of, mapper, cells, DEFAULTS.cycles)[0]
+    for x, k in zip(cells[:, 0], labels):
+        assert found[k].section[0, 0] == pytest.approx(section_points(of, [x], 0, 300)[-1, 0])
+    assert (fast, middle) == (RUNAWAY, UNDECIDED)
+
+
+def test_a_strange_attractor_is_one_cloud():
+    of = Iterated(henon_chaos, 2, bound=1e9, value=henon_value)
+    found = find_attractors(of, [np.array(x) for x in ((0.1, 0.1), (-0.3, 0.2))])
+    assert [(a.period, a.multipliers) for a in found] == [(0, None)]
+    wide = Iterated(henon_chaos, 2, bound=1e9, value=henon_value)
+    wide.map.scales = 7.0 * of.map.scales  # Points of the cloud lie as near to each other in any unit.
+    assert len(found[0].section) == len(find_attractors(wide, [np.array([0.1, 0.1])])[0].section) < 2 * DEFAULTS.cloud
+    mapper = ProximityMapper(found, of.map.scales, 1)
+    assert labelled(of, mapper, np.array([[0.2, 0.1], [3.0, 0.0]]), DEFAULTS.cycles)[0].tolist() == [0, RUNAWAY]
+
+
+C, S = (f(2.0 * np.pi * (1.0 / 7.0 + 1e-5)) for f in (math.cos, math.sin))
+TURN = np.array([[C, -S], [S, C]])
+
+
+def beside_a_resonance(x, p):
+    """Turn by a little more than a seventh towards the unit circle: 2048 turns lie on seven short arcs of it."""
+    a, b = x.tolist()
+    square = a * a + b * b
+    slope = TURN @ (np.eye(2) - 0.5 / square * np.array([[a * a, a * b], [a * b, b * b]])) / square**0.25
+    return np.array(turned((a, b))), slope, NOTHING
+
+
+def turned(x):
+    """The value of `beside_a_resonance`."""
+    a, b = x
+    root = (a * a + b * b) ** 0.25
+    return (C * a - S * b) / root, (S * a + C * b) / root
+
+
+def test_a_quasi_periodic_attractor_is_listed_once_from_wherever_it_is_begun():
+    of = Iterated(beside_a_resonance, 2, value=turned)
+    found = find_attractors(of, [1.1 * np.array([np.cos(a), np.sin(a)]) for a in (0.0, 0.15)])
+    assert [a.period for a in found] == [0]
+    angles = np.sort(np.arctan2(*found[0].section.T))
+    assert np.diff(angles).max() < 0.05
+
+
+def leaking(x, p):
+    """The logistic map at r a little above 4: chaos on 0 to 1 with a hole that is met about every 5000 steps, behind
+    which the fixed point 3 attracts.
+    """
+    if 0.0 <= x[0] <= 1.0:
+        return 4.0000004 * x * (1.0 - x), np.array([[4.0000004 * (1.0 - 2.0 * x[0])]]), np.zeros((1, 0))
+    return 3.0 + 0.5 * (x - 3.0), np.array([[0.5]]), np.zeros((1, 0))
+
+
+@pytest.mark.parametrize(("multiplier", "validated"), [(0.5, True), (0.9995, False)])
+def test_a_capture_radius_is_validated_where_motions_return_within_600_cycles(multiplier, validated):
+    def linear(x, p):
+        return multiplier * x, np.array([[multiplier]]), np.zeros((1, 0))
+
+    (found,) = find_attractors(Iterated(linear, 1), [np.array([0.01])])
+    assert (found.period, found.validated) == (1, validated)
+    assert (found.radius > DEFAULTS.smallest_radius) is validated
+
+
+def test_a_chaotic_transient_is_no_attractor():
+    of = Iterated(leaking, 1, value=lambda x: [
+        4.0000004 * x[0] * (1.0 - x[0]) if 0.0 <= x[0] <= 1.0 else 3.0 + 0.5 * (x[0] - 3.0)])
+    seeds = [np.array([x]) for x in (0.11, 0.23, 0.37, 0.41)]
+    (found,) = find_attractors(of, seeds)
+    assert (found.period, found.section[0, 0]) == (1, pytest.approx(3.0))
+    # One of the seeds stays for longer than it takes a motion without a period to count as such.
+    assert 0 in {a.period for a in find_attractors(of, seeds, settings=Settings(witnesses=0))}
+
+
+def test_two_consecutive_points_of_an_orbit_must_follow_each_other():
+    def found_by(mapper, points, first):
+        label, after = mapper.find(np.array(points)[None, :, None], first)
+        return int(label[0]), int(after[0])
+
+    orbit = Attractor(2, np.array([[0.0], [1.0]]), np.array([0, 0]), np.array([0.5 + 0j]), 1.0, 0.1)
+    mapper = ProximityMapper([orbit], np.ones(1), 1)
+    assert found_by(mapper, [5.0, 0.01, 1.02, 0.0], 0) == (0, 1)
+    for points in ([0.01, 0.02, 0.03], [0.01], [0.01, np.nan, np.nan]):
+        assert found_by(mapper, points, 0)[0] == -1
+    both = mapper.find(np.array([[[0.0], [1.0]], [[0.0], [0.0]]]), 0)
+    assert both[0].tolist() == [0, -1]
+    phased = ProximityMapper([Attractor(2, orbit.section, np.array([0, 1]), orbit.multipliers, 1.0, 0.1)], np.ones(1),
+                             2)
+    assert found_by(phased, [0.0, 1.0], 4) == (0, 0)
+    assert found_by(phased, [0.0, 1.0], 5)[0] == -1
+
+
+def test_the_uncertainty_exponent_of_known_boundaries():
+    k = np.arange(256)
+    line = (k[None, :] + 0 * k[:, None] > 128).astype(np.int16)
+    smooth = boundary_of(line)
+    assert smooth.exponent == pytest.approx(1.0, abs=0.03)
+    assert smooth.dimension == pytest.approx(1.0, abs=0.03)
+    noise = boundary_of(np.random.default_rng(3).integers(0, 2, (256, 256)).astype(np.int16))
+    assert noise.exponent == pytest.approx(0.0, abs=0.02)
+    assert boundary_of(np.zeros((256, 256), np.int16)) is None
+    line[np.random.default_rng(4).random(line.shape) < 0.3] = UNDECIDED
+    partly = boundary_of(line)
+    assert partly.exponent == pytest.approx(1.0, abs=0.05)  # Undecided cells are no final state.
+
+
+def test_cells_of_the_driveline_are_labelled_as_brute_force_does():
+    plane = (Axis("initial.slip_speed", tuple(np.linspace(0.0, 120.0, 9))),
+             Axis("initial.plate_angle", tuple(np.linspace(-0.1, 0.3, 7))))
+    found, = basins(COEXISTENCE, plane, jobs=2)
+    assert sorted(a.period for a in found.attractors) == [1, 2]
+    for attractor in found.attractors:
+        assert abs(attractor.multipliers[0]) < 1.0
+    assert sum(found.fraction(k) for k in range(2)) == 1.0
+    assert min(found.fraction(k) for k in range(2)) > 0.05
+    random = np.random.default_rng(5)
+    for j, i in zip(random.integers(7, size=12), random.integers(9, size=12)):
+        start = State(plane[0].values[i], plane[1].values[j], 0.0)
+        end = solve(COEXISTENCE, cycles=600, state=start).cycles.section[-2:]
+        distances = [min(np.abs(end - np.roll(np.resize(a.section, (2, 3)), r, axis=0)).max() for r in (0, 1))
+                     for a in found.attractors]
+        assert int(np.argmin(distances)) == found.labels[j, i]
+        assert min(distances) < 1e-3
+
+
+@pytest.mark.parametrize("law", ["smoothed", "set_valued"])
+def test_basins_end_where_they_do_for_motions_solved_finely(law):
+    """To 1e-4 of a cell: a tolerance a hundred times as large moves an edge by ten times that."""
+    system = replace(COEXISTENCE, {"friction.law": law})
+    coarse, fine = DrivelineMotion(system, DEFAULTS.rtol_cells), DrivelineMotion(system, 1e-10)
+    mapper = ProximityMapper(find_attractors(fine, [[0.0, 0.0, 0.0], [60.0, 0.1, 0.0]]), fine.map.scales, 1)
+    v, angle = np.meshgrid(np.linspace(0.0, 120.0, 9), np.linspace(-0.1, 0.3, 4))
+    cells = np.stack([v, angle, np.zeros_like(v)], axis=-1)
+    labels = labelled(fine, mapper, cells.reshape(-1, 3), 100)[0].reshape(v.shape)
+    rows, columns = np.nonzero(labels[:, 1:] != labels[:, :-1])
+    low, high = cells[rows, columns], cells[rows, columns + 1]
+    assert len(rows) > 4
+    width, before = high - low, labels[rows, columns]
+    for _ in range(14):
+        middle = 0.5 * (low + high)
+        same = (labelled(fine, mapper, middle, 100)[0] == before)[:, None]
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    for start in (low - 1e-4 * width, high + 1e-4 * width):
+        assert labelled(coarse, mapper, start, 100)[0].tolist() == labelled(fine, mapper, start, 100)[0].tolist()
+
+
+@pytest.mark.parametrize("law", ["smoothed", "set_valued"])
+def test_attractors_are_found_from_motions_that_are_solved_finely(law):
+    """As coarsely as cells are followed, a chaotic attractor is left for a periodic motion that is none."""
+    system = replace(COEXISTENCE, {"friction.law": law})
+    start = np.array([[60.0, 0.1, 0.0]])
+    found, fine = (motion.sections(start, 0, 6) for motion in (DrivelineMotion(system), DrivelineMotion(system, 1e-11)))
+    assert (np.abs(found - fine) / np.abs(fine).max(axis=(0, 1))).max() < 1e-8
+
+
+def test_slip_that_runs_away_has_a_label_of_its_own():
+    plane = (Axis("initial.slip_speed", (-200.0, 0.0, 30.0, 300.0, 3000.0)), Axis("initial.plate_speed", (0.0,)))
+    found, = basins(RUNNING_AWAY, plane)
+    assert found.labels[0, -1] == RUNAWAY
+    late = solve(RUNNING_AWAY, cycles=50, state=State(3000.0, 0.0, 0.0)).cycles.section[:, 0]
+    assert np.diff(late)[-1] == pytest.approx((300.0 - 180.0) / 0.2 * RUNNING_AWAY.cycle, rel=1e-3)
+    assert not DrivelineMotion(COEXISTENCE).runs_away(np.array([[3000.0, 0.0, 0.0]]))[0]
+
+
+@pytest.mark.parametrize(("mean", "amplitude"), [(2e5, 0.0), (2e5, 1e5), (2e5, 3e5), (0.0, 2e5)])
+def test_the_mean_of_a_clamped_load(mean, amplitude):
+    system = replace(System(), {"pressure.mean": mean, "pressure.amplitude": amplitude})
+    phase = np.linspace(0.0, 2.0 * np.pi, 2_000_001)
+    load = system.torque_per_pressure * np.maximum(mean + amplitude * np.sin(phase), 0.0)
+    assert mean_load(system) == pytest.approx(np.mean(load[:-1]), rel=1e-9)
+
+
+def test_fractions_along_a_key_are_those_of_each_value_alone(tmp_path: Path):
+    """At mu_k near mu_s one motion takes all; at 0.85 mu_s two share the plane."""
+    plane = (Axis("initial.slip_speed", (0.0, 40.0, 80.0, 120.0)), Axis("initial.plate_angle", (-0.1, 0.1, 0.3)))
+    over = "friction.kinetic_coefficient", (0.255, 0.299)
+    part = tmp_path / "over.part"
+    two, one = basins(COEXISTENCE, plane, over=over, part=part)
+    assert part.read_bytes().count(b"\n") == 1 + 2 * 3
+    assert [len(found.attractors) for found in (two, one)] == [2, 1]
+    assert one.fraction(0) == 1.0
+    (alone,) = basins(COEXISTENCE, plane)
+    np.testing.assert_array_equal(two.labels, alone.labels)
+    assert [a.number for a in two.attractors] == [0, 1]
+    goes_on = next(a for a in two.attractors if a.period == one.attractors[0].period)
+    assert one.attractors[0].number == goes_on.number
+
+
+def test_an_attractor_keeps_its_number_along_a_key():
+    """x' = p + 1.5 x - x^3/2: attractors at +-1 for p = 0; beyond p = 1/27^0.5 = 0.19 there is only the one above 0."""
+    def at(p: float) -> Iterated:
+        return Iterated(lambda x, _: (p + 1.5 * x - 0.5 * x**3, np.array([[1.5 - 1.5 * x[0] ** 2]]),
+                                      np.zeros((1, 0))), 1)
+
+    seeds = [np.array([x]) for x in (0.6, -0.6)]
+    known = []
+    for p, order in ((0.0, 1), (0.05, -1), (0.3, 1), (0.05, -1)):
+        known.append(numbered(at(p), known, find_attractors(at(p), seeds[::order])))
+    numbers = [{a.number: float(np.sign(a.section[0, 0])) for a in found} for found in known]
+    assert numbers == [{0: 1.0, 1: -1.0}, {0: 1.0, 1: -1.0}, {0: 1.0}, {0: 1.0, 2: -1.0}]
+
+
+def test_an_attractor_keeps_its_number_where_its_period_doubles():
+    def logistic_at(r: float) -> Iterated:
+        return Iterated(lambda x, _: (r * x * (1.0 - x), np.array([[r * (1.0 - 2.0 * x[0])]]), np.zeros((1, 0))), 1)
+
+    one, two = (find_attractors(logistic_at(r), [np.array([0.3])]) for r in (2.9, 3.1))
+    assert [a.period for a in (*one, *two)] == [1, 2]
+    before = [dataclasses.replace(a, number=7) for a in one]
+    assert [a.number for a in numbered(logistic_at(3.1), [before], two)] == [7]
+
+
+@pytest.mark.parametrize("axis", ["initial.slip_speed", ("initial.slip_speed",), 3.0])
+def test_an_axis_is_a_key_and_its_values(axis: object) -> None:
+    other = ("initial.plate_angle", [0.0, 0.1])
+    for plane, over in (([axis, other], None), ([("initial.slip_speed", [0.0]), other], axis)):
+        with pytest.raises(InputError, match=r"an axis is .*; it must be a key and its values"):
+            basins("stick", plane, over=over)
+
+
+def test_a_plane_may_be_given_by_keys_and_values() -> None:
+    """The labels are those of the axes for any type of sequence."""
+    axes = [Axis("initial.slip_speed", (0.0, 50.0)), Axis("initial.plate_angle", (0.0, 0.1))]
+    first, = basins(COEXISTENCE, axes, jobs=1)
+    plane = [("initial.slip_speed", np.array([0, 50])), ("initial.plate_angle", [0.0, 0.1])]
+    second, = basins(COEXISTENCE, plane, jobs=1)  # type: ignore[arg-type]
+    assert np.array_equal(first.labels, second.labels)
+    assert second.plane == first.plane
+    with pytest.raises(InputError, match="0 cells"):
+        basins("stick", [Axis("initial.slip_speed", ()), Axis("initial.plate_angle", (0.0, 0.1))])

@@ -1,0 +1,297 @@
+"""The work-precision report: references against closed forms, failures listed, files as promised; losses of a soak."""
+
+import dataclasses
+import json
+from itertools import combinations
+
+import numpy as np
+import pytest
+from documents import same_pictures, valid
+from driveline_bags import bag, ticked
+
+from tcc_sim.cli import main
+from tcc_sim.model.parameters import System, replace
+from tcc_sim.scene import load_scene
+from tcc_sim.solvers import SOLVERS, solve
+from tcc_sim.study.benchmarks import peers, report_drawings
+from tcc_sim.study.benchmarks import work_precision as precision
+from tcc_sim.study.benchmarks.endurance import figures_of
+from tcc_sim.study.benchmarks.precision_report import (
+    Omitted,
+    PrecisionResult,
+    References,
+    SteadyState,
+    StudiedScene,
+    comparison,
+)
+from tcc_sim.study.benchmarks.references import Reference, disagreement, errors, reference
+from tcc_sim.study.paper.catalogue import FIGURES, paper_system
+from tcc_sim.views import style
+
+KEYS = {"scene", "reference", "results", "omitted"}
+RESULT_KEYS = {"solver", "setting", "error_final", "error_section", "error_max_slip", "error_steady", "seconds",
+               "slowest", "steps"}
+ERRORS = ("error_final", "error_section", "error_max_slip")
+SLIP = {"friction.kinetic_coefficient": 0.3, "pressure.mean": 100e3, "pressure.amplitude": 0.0,
+        "engine.mean_torque": 300.0}
+
+
+def pure_slip(system, t):
+    """Slip speed of pure slip under constant load from rest of the plate: two quadratures and a damped oscillator."""
+    d, e = system.driveline, system.engine
+    load, omega = system.saturation_mean, e.frequency
+    natural = np.sqrt(d.stiffness / d.plate_inertia)
+    zeta = d.damping / (2.0 * np.sqrt(d.stiffness * d.plate_inertia))
+    damped = natural * np.sqrt(1.0 - zeta**2)
+    flywheel = (system.initial.slip_speed + (e.mean_torque - load) * t / d.flywheel_inertia
+                + e.torque_amplitude / (d.flywheel_inertia * omega) * (1.0 - np.cos(omega * t)))
+    plate = load / (d.plate_inertia * damped) * np.exp(-zeta * natural * t) * np.sin(damped * t)
+    return flywheel - plate
+
+
+@pytest.mark.parametrize("law", ["smoothed", "set_valued"])
+def test_the_reference_is_the_closed_form_of_pure_slip(law):
+    system = replace(System(), {**SLIP, "friction.law": law})
+    found = reference(system, 2, "DOP853", 1e-12)
+    t = np.arange(3) * system.cycle
+    np.testing.assert_allclose(found.section[:, 0], pure_slip(system, t), rtol=1e-10)
+    dense = pure_slip(system, np.linspace(0.0, t[1], 200001))
+    assert found.largest[0] == pytest.approx(dense.max(), rel=1e-9)
+
+
+def test_two_references_agree_and_errors_are_relative_to_the_signals():
+    system = replace(System(), {"friction.law": "set_valued"})
+    first, second = reference(system, 5, "DOP853", 1e-12), reference(system, 5, "LSODA", 1e-11)
+    assert disagreement(first, second) < 1e-7
+    off = Reference("", first.section * 1.0, first.largest * 1.0, first.size)
+    off.section[3, 0] += 1e-3 * first.size[0]
+    assert first.size[0] == pytest.approx(first.largest[2:].max(), rel=1e-3)
+    found = errors(off.section, off.largest, first)
+    assert found == pytest.approx((0.0, 1e-3, 0.0))
+
+
+@pytest.fixture
+def tiny(monkeypatch):
+    """Makes the quick study one of two scenes with few runs, one of them unstable and one too long."""
+    effort = precision.Effort(5, 0.01, 1.0, {"smoothed": (("LSODA", 1e-10), ("LSODA", 1e-12)),
+                                             "set_valued": (("DOP853", 1e-12), ("LSODA", 1e-12))},
+                              {"smoothed": (1e-3, 1e-9), "event_driven": (1e-10,), "fixed_step": (1e-4,),
+                               "lsoda": (1e-6,),
+                               "rk4": (3.0,), "rk45": (1e-5,), "dop853": (1e-6,)},
+                              {"solve_ivp LSODA": (1e-8,), "CVODE": (1e-9,), "XPPAUT cvode": (1e-8,)}, 20,
+                              400, 0, ("fig02", "minimal, set-valued"))
+    return lambda **changes: monkeypatch.setattr(precision, "QUICK", dataclasses.replace(effort, **changes))
+
+
+def settled(law, cycles):
+    """The largest slip speed, rad/s, that an engine finds after some cycles of Fig. 2."""
+    return solve(load_scene("fig02").with_values({"friction.law": law}), cycles=cycles).solved_cycles.largest[-2:].max()
+
+
+def scene_record(scene, law, steady):
+    """A record of a scene on which nothing was run yet."""
+    return StudiedScene(scene, "", law, 5, References([], 1e-8), steady)
+
+
+def test_no_two_series_look_alike():
+    names = [*report_drawings.LOOKS, "one", "another"]
+    looks = list(report_drawings.looks_of(names).values())
+    assert len({look[0] for look in looks[:-2]}) == len(looks) - 2  # colours
+    assert len({(look[1], str(look[2])) for look in looks}) == len(looks)  # marker with line
+    assert set(report_drawings.LOOKS) >= set(SOLVERS)
+
+
+def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys, figures):
+    tiny()
+    folder = tmp_path / "out"
+    assert main(["precision", "--quick", "--width", "column", "--out", str(folder)]) == 0
+    found = valid("precision", json.loads((folder / "precision.json").read_text()))
+    assert set(found) >= KEYS
+    assert len(found["reference"]["solvers"]) == 2
+    assert 0.0 < found["reference"]["floor"] < 1e-7
+    assert [r["scene"] for r in found["scenes"]] == ["fig02", "minimal, set-valued"]
+    for record in found["scenes"]:
+        assert set(record) >= KEYS
+        assert all(set(row) == RESULT_KEYS for row in record["results"])
+    rows = {(r["solver"], r["setting"]): r for r in found["results"]}
+    assert max(rows["smoothed", 1e-9][k] for k in ERRORS) < 1e-8
+    assert rows["lsoda", 1e-6]["error_section"] < 1e-2
+    why = {row["solver"]: row["why"] for row in found["omitted"]}
+    assert "rk4" in why or max(rows[r][k] for r in rows if r[0] == "rk4" for k in ERRORS) > 1e-4
+    assert "stability" in why["dop853"]
+    assert max(rows["rk45", 1e-5][k] for k in ERRORS) < 1e-3
+    if ("CVODE", 1e-9) in rows:
+        assert max(rows["CVODE", 1e-9][k] for k in ERRORS) < 1e-5
+    else:
+        assert found["peers"]["CVODE"] == why["CVODE"]
+        assert f"CVODE did not join: {why['CVODE']}" in (folder / "precision.md").read_text()
+    exact = {row["solver"]: row for row in found["scenes"][1]["results"]}["event_driven"]
+    assert max(exact[k] for k in ERRORS) < 1e-9
+    steady = found["scenes"][0]["steady"]
+    assert (steady["period"], steady["cycles"]) == (1, 400)
+    assert steady["max_slip_speed"] == pytest.approx(settled("smoothed", 400), abs=2e-3)
+    assert steady["closure"] < 1e-4
+    assert rows["smoothed", 1e-9]["error_steady"] < 1e-4
+    for name in ("precision.png", "precision.svg", "precision_section.png", "precision_section.svg"):
+        assert (folder / name).exists()
+    words = ["plot", str(folder / "precision.json"), "--plot", str(tmp_path / "again.png"), "--width", "column"]
+    assert main(words) == 0
+    assert len(same_pictures(figures, style.COLUMN)) > 4
+    text = (folder / "precision.md").read_text()
+    assert "### fig02, omitted" in text
+    assert "Measured on " in text
+    assert "ms) for" not in text
+    assert "(+" in text
+    assert "A step of `dop853` takes " in text
+    assert text.splitlines()[2] == "This page is generated: `tcc-sim precision --quick` writes it."
+    assert "- `rk45`, the paper's method: " in text.split("![")[0]
+    assert all(name in text for name in ("`smoothed`", "`event_driven`", "XPPAUT", "floor"))
+    said = capsys.readouterr().out
+    assert "ms per 100 cycles" in said
+
+
+def test_the_steady_state_tells_the_friction_laws_of_figure_2_apart():
+    """From (13) law (6) settles in period two with 63.74 rad/s, the paper's smoothing in period one with 36.30: by
+    SciPy, and by the engines.
+    """
+    records = []
+    for law, period in (("smoothed", 1), ("set_valued", 2)):
+        system = paper_system({**FIGURES[2].series[0].values, "friction.law": law})
+        found = precision.steady_reference(system, 1000, "DOP853" if law == "set_valued" else "LSODA", 1e-10)
+        assert (found.period, found.cycles) == (period, 1000)
+        assert found.max_slip_speed == pytest.approx(settled(law, 1000), abs=2e-3)
+        assert found.closure < 1e-4
+        records.append(scene_record("fig02" if law == "smoothed" else "fig02, set-valued", law, found))
+    assert "the smoothing decides which motion is reached" in comparison(records[0], records)
+    same = [records[0], dataclasses.replace(records[1], steady=records[0].steady)]
+    assert "decides" not in comparison(same[0], same)
+
+
+def test_a_ladder_goes_on_until_a_solver_reaches_the_target_or_fails():
+    """Errors made up: a tenth of the tolerance, the tolerance itself times 1e4, and a solver that has failed."""
+    record = scene_record("fig02", "smoothed", SteadyState(400, 0, None, None, []))
+    case = precision.Case("fig02", "", System(), 5)
+    effort = precision.Effort(5, 0.01, 1.0, {}, {"bdf": (1e-3,), "lsoda": (1e-3,), "radau": (1e-3, 1e-4),
+                                                 "fixed_step": (1e-3,)}, {}, 20)
+    for solver, setting in precision.settings(case, effort):
+        record.results.append(PrecisionResult(solver, setting, 1e-4, 1e-4, 1e-4, None, 1.0, 1.0, 1))
+    record.omitted.append(Omitted("radau", 1e-5, "stopped"))
+    asked = []
+    for solver, setting in precision.further(record, case, effort):
+        asked.append((solver, setting))
+        error = {"bdf": setting, "lsoda": 1.0, "fixed_step": setting}[solver]
+        if solver == "lsoda" and setting < 1e-5:
+            record.omitted.append(Omitted(solver, setting, "stopped"))
+        else:
+            record.results.append(PrecisionResult(solver, setting, error, error, error, None, 1.0, 1.0, 1))
+    assert [s for name, s in asked if name == "bdf"] == pytest.approx([1e-4, 1e-5, 1e-6])
+    assert [s for name, s in asked if name == "lsoda"] == pytest.approx([1e-4, 1e-5, 1e-6])
+    assert [s for name, s in asked if name == "fixed_step"] == pytest.approx([1e-3 * 0.5**k for k in range(1, 11)],
+                                                                             rel=1e-2)
+    assert "radau" not in dict(asked)
+
+
+def test_every_solver_is_in_a_group_of_panels():
+    assert {name for group in report_drawings.GROUPS.values() for name in group} == set(report_drawings.LOOKS)
+
+
+@pytest.mark.parametrize("width", [style.COLUMN, style.PAGE])
+def test_titles_of_panels_do_not_overlap(width, laid_out, tmp_path):
+    record = scene_record("fig02", "smoothed", SteadyState(400, 0, None, None, []))
+    record.results += [PrecisionResult(name, 1e-6, e, e, e, None, e, e, None)
+                       for name in report_drawings.LOOKS for e in (1e-4, 1.0)]
+    report_drawings.draw_section(tmp_path / "a", [record], width=width)
+    titles = [axis._left_title.get_window_extent() for axis in laid_out[0].axes]
+    assert len(titles) == 4
+    assert not any(one.overlaps(other) for one, other in combinations(titles, 2))
+
+
+def test_the_steady_error_is_that_of_the_last_cycles():
+    section, largest = np.zeros((201, 3)), np.full(200, 5.0)
+    largest[:100], largest[150] = 80.0, 6.0
+    assert precision.steady_error(section, largest, 4.0) == pytest.approx(0.5)
+
+
+def test_an_interrupted_study_writes_what_is_complete(tiny, tmp_path, capsys, monkeypatch, figures):
+    def interrupted(system, *how):
+        if system.friction.law == "set_valued":
+            raise KeyboardInterrupt
+        return reference(system, *how)
+
+    tiny(ladders={"smoothed": (1e-6,)}, peers={})
+    monkeypatch.setattr(precision, "reference", interrupted)
+    folder = tmp_path / "out"
+    assert main(["precision", "--quick", "--out", str(folder)]) == 130
+    found = json.loads((folder / "precision.json").read_text())
+    assert (found["complete"], len(found["scenes"])) == (False, 1)
+    assert "not complete" in (folder / "precision.md").read_text()
+    assert capsys.readouterr().err == "tcc-sim: interrupted\n"
+
+
+def test_an_existing_directory_is_refused(tmp_path, capsys):
+    assert main(["precision", "--quick", "--out", str(tmp_path)]) == 2
+    assert "exists" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_xppaut_reads_the_model_as_written():
+    try:
+        run = peers.xppaut(replace(System(), SLIP), "cvode", 1e-9, 3, 1)
+    except peers.Failed as missing:
+        pytest.skip(str(missing))
+    expected = pure_slip(replace(System(), SLIP), np.arange(4) * System().cycle)
+    np.testing.assert_allclose(run.section[:, 0], expected, rtol=1e-6)
+
+
+def test_cvode_in_double_precision_is_the_closed_form_of_pure_slip():
+    system = replace(System(), SLIP)
+    try:
+        run = peers.cvode(system, 3, 1e-12, 1)
+    except peers.Failed as missing:
+        pytest.skip(str(missing))
+    np.testing.assert_allclose(run.section[:, 0], pure_slip(system, np.arange(4) * system.cycle), rtol=1e-9)
+    dense = pure_slip(system, np.linspace(0.0, system.cycle, 200001))
+    assert run.largest[0] == pytest.approx(dense.max(), rel=1e-8)
+
+
+@pytest.mark.parametrize(("missing", "why"), [
+    ({"PATH": ""}, "there is no C compiler"), ({"LIBRARIES": ("no_such_library",)}, "Debian: libsundials-dev")])
+def test_without_compiler_or_library_cvode_says_so(missing, why, monkeypatch):
+    peers.cvode_program.cache_clear()
+    if "PATH" in missing:
+        monkeypatch.setenv("PATH", "")
+    elif peers.compiler() is None:
+        pytest.skip("there is no C compiler")
+    else:
+        monkeypatch.setattr(peers, "LIBRARIES", missing["LIBRARIES"])
+    with pytest.raises(peers.Failed, match=why):
+        peers.cvode(System(), 1, 1e-6, 1)
+
+
+def test_points_below_the_floor_are_faded():
+    """Of three errors one lies below the references' floor of 1e-8, and one more below what XPPAUT writes."""
+    from matplotlib.figure import Figure
+    record = scene_record("fig02", "smoothed", SteadyState(400, 0, None, None, []))
+    record.results += [PrecisionResult(name, 1e-6, 1.0, e, 1.0, None, s, s, None)
+                       for name in ("smoothed", "XPPAUT cvode") for s, e in ((1.0, 1e-5), (2.0, 1e-7), (3.0, 1e-9))]
+    axis, handles = Figure().subplots(), {}
+    report_drawings.draw_curves(axis, record, "error_section", handles)
+    shown = {name: np.isfinite(np.asarray(line.get_ydata())).tolist() for name, line in handles.items()}
+    assert shown == {"smoothed": [True, True, False], "XPPAUT cvode": [True, False, False]}
+    faded = [line for line in axis.lines if line not in handles.values()]
+    assert [(line.get_alpha(), len(line.get_ydata())) for line in faded] == [(report_drawings.FADED, 3)] * 2
+
+
+ROWS = ticked(load_scene("minimal"), 300)
+
+
+@pytest.mark.parametrize(("kept", "gaps"), [(ROWS, 0), (ROWS[:50] + ROWS[51:100] + ROWS[140:], 41)])
+@pytest.mark.parametrize("beyond", [0, 1, -1])
+def test_the_count_of_the_recorder_is_compared_with_the_gaps_in_the_stamps(tmp_path, kept, gaps, beyond):
+    found = figures_of(bag(tmp_path / "run", kept, "minimal", lost=gaps + beyond))
+    assert (found.lost_messages, found.messages["/joint_states"], found.complete) == (gaps, 300 - gaps, True)
+    assert found.count_is_honest == (beyond == 0)
+
+
+def test_without_a_count_there_is_nothing_to_believe(tmp_path):
+    assert not figures_of(bag(tmp_path / "run", ROWS, "minimal", cut=True)).count_is_honest

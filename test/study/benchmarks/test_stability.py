@@ -1,0 +1,171 @@
+"""The stability report: its criteria against closed forms, a handful of extreme cases, the limits, files as promised.
+"""
+
+import dataclasses
+import json
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from documents import same_pictures, valid
+from scipy.optimize import minimize_scalar
+
+from tcc_sim.cli import main
+from tcc_sim.model.parameters import QUANTITIES, System, replace
+from tcc_sim.result import json_of
+from tcc_sim.solvers import solve
+from tcc_sim.solvers.comparison.runge_kutta import rk4_limit
+from tcc_sim.study.benchmarks import extremes, stability, worst_cases
+from tcc_sim.views import style
+
+KEYS = {"solver", "step", "status", "finite", "bounded", "error", "iterations_max", "power_residual"}
+FREE = {"pressure.mean": 0.0, "pressure.amplitude": 0.0, "driveline.damping": 0.0}
+
+
+def test_the_grid_is_large_different_and_reaches_the_ends_of_the_ranges():
+    found = extremes.extreme_cases(420)
+    assert len({repr(sorted(keys.items())) for keys in found}) == 420
+    systems = [replace(System(), extremes.scene_keys(keys)) for keys in found]
+    assert max(s.friction_ratio for s in systems) == pytest.approx(4.0)
+    assert max(s.friction.smoothing for s in systems) == 1e9
+    assert {0.0, 1e7} <= {s.pressure.mean for s in systems}
+    assert any(s.pressure.amplitude >= s.pressure.mean > 0.0 for s in systems)
+    assert min(s.driveline.plate_inertia for s in systems) == 1e-6
+    assert {1.0, 5000.0} <= {s.engine.frequency for s in systems}
+    assert {0.0, 1e4} <= {s.initial.slip_speed for s in systems}
+    assert any(s.driveline.damping == 0.0 for s in systems)
+    assert max(s.driveline.damping for s in systems) == 1e3 > 2.0 * math.sqrt(3000.0 * 0.02)
+    assert {0.0, 1000.0} <= {s.friction.decay for s in systems}
+    assert {1e-4, 1e3} <= {s.driveline.flywheel_inertia for s in systems}
+    assert {1.0, 1e8} <= {s.driveline.stiffness for s in systems}
+    assert max(s.driveline.plate_inertia for s in systems) == 100.0
+    assert min(s.friction.smoothing for s in systems) == 1.0
+    assert {1e-3, 100.0, math.sqrt(2.0)} <= {s.pressure.frequency_ratio for s in systems}
+    assert max(keys.get("cycles", 0) for keys in found) == extremes.MANY
+    assert max(keys.get("tick", 0.0) for keys in found) == 1.0
+    assert all(any(extremes.case_of(keys).items() <= case.items() for case in found)
+               for keys in extremes.command_steps())
+
+
+def test_the_power_balance_and_the_energy_bound_notice_what_is_wrong():
+    run = solve(replace(System(), {**FREE, "initial.plate_angle": 0.1}), cycles=2, samples_per_cycle=4000)
+    assert extremes.power_residual(run) < 1e-6
+    assert extremes.energy_excess(run) <= 1e-9
+    wrong = dataclasses.replace(run, friction_torque=run.friction_torque + 10.0)
+    assert extremes.power_residual(wrong) > 1e-3
+    grown = dataclasses.replace(run, plate_angle=run.plate_angle * np.linspace(1.0, 100.0, len(run.t)))
+    assert extremes.energy_excess(grown) > 0.1
+    assert not extremes.finite(dataclasses.replace(run, plate_speed=np.full(len(run.t), math.nan)))
+
+
+CASES = [{}, {"friction.kinetic_coefficient": 0.075, "friction.smoothing": 1e9},
+         {"share": 1.5, "pressure.phase": math.pi}, {"pressure.mean": 0.0},
+         {"engine.frequency": 5000.0, "initial.slip_speed": 1e4}, extremes.grazing()[2], {"tick": 5e-3}]
+
+
+@pytest.mark.parametrize("keys", CASES, ids=lambda keys: ",".join(keys) or "base")
+def test_extreme_cases_keep_the_criteria(keys):
+    keys = extremes.case_of(keys)
+    for engine, (law, _) in extremes.ENGINES.items():
+        found = extremes.examine(keys, engine, extremes.Truth(keys, law))
+        assert found.status == "DONE", found
+        assert found.finite is True
+        assert found.bounded is True
+        assert found.iterations_max <= found.iterations_bound
+        if engine == "fixed_step":
+            assert (found.iterations_max > 0) is (keys.get("pressure.mean") != 0.0)
+        assert found.power_residual < 5e-3
+        assert found.error < {"smoothed": 1e-5, "event_driven": 1e-6, "fixed_step": 0.02}[engine]
+
+
+def test_what_an_engine_cannot_do_is_refused_with_a_reason():
+    keys = extremes.case_of({"driveline.plate_inertia": 1e-6, "friction.kinetic_coefficient": 0.15})
+    found = extremes.examine(keys, "fixed_step", extremes.Truth(keys, "smoothed"))
+    assert found.status == "REFUSED"
+    assert "sub-steps" in found.why
+
+
+def test_a_run_that_stops_within_its_first_cycle_can_be_written(monkeypatch):
+    """Without a step there is no cycle for a power balance."""
+    monkeypatch.setattr("tcc_sim.solvers.event_driven.solve.STEP_MAXIMUM", 4)
+    found = extremes.examine(extremes.case_of({}), "event_driven", SimpleNamespace(why="not asked for"))
+    assert (found.status, found.finite, found.power_residual) == ("STEP_LIMIT", True, None)
+    json.dumps(json_of(found), allow_nan=False)
+
+
+def test_the_limits_are_the_theoretical_ones():
+    system = replace(System(), {"pressure.amplitude": 0.0})
+    load, beta = 500.0, 55.0
+    assert rk4_limit(system) == pytest.approx(2.785 / (beta * load * 1.25 * 50.0))
+    sharp = replace(system, {"friction.smoothing": 1e9})
+    assert stability.uniqueness_limit(sharp) == pytest.approx(1.0 / (beta * load * 2.0 * 0.25), rel=1e-3)
+    assert stability.uniqueness_limit(replace(system, {"friction.kinetic_coefficient": 0.3})) is None
+
+
+def test_a_bad_end_is_listed_with_its_exact_scene():
+    keys = extremes.case_of({"tick": 5e-3, "friction.decay": 0.1 + 0.2})
+    good = extremes.examine(keys, "fixed_step", extremes.Truth(keys, "smoothed"))
+    assert not stability.ended_badly(good)
+    for change in ({"status": "STEP_LIMIT"}, {"finite": False}, {"bounded": False}, {"iterations_max": 1000}):
+        bad = dataclasses.replace(good, **change)
+        assert stability.ended_badly(bad)
+        line, = stability.listed([bad])
+        assert "friction.decay 0.30000000000000004" in line
+        assert "tick 0.00465" in line
+
+
+def test_the_largest_errors_have_their_reasons():
+    """The smoothed law's distance from the set-valued one falls as 1/sigma; fixed_step leaves stick at some steps."""
+    sharp = extremes.case_of({
+        "initial.slip_speed": 1e-9, "friction.kinetic_coefficient": 0.1, "friction.decay": 50.0,
+        "friction.smoothing": 1e6, "pressure.mean": 100.0, "driveline.flywheel_inertia": 1000.0,
+        "driveline.stiffness": 1e5, "pressure.phase": 0.5 * math.pi})
+    stick = extremes.case_of({"friction.kinetic_coefficient": 0.075, "engine.mean_torque": 0.0,
+                              "engine.torque_amplitude": 1000.0, "pressure.amplitude": 52083.33333333334})
+    stick["pressure.amplitude"] = 52083.33333333334
+    records = [extremes.Examined(sharp, "smoothed", None, error=8.7e-4),
+               extremes.Examined(stick, "fixed_step", 1e-3, error=0.28)]
+    smoothed, fixed = worst_cases.reasons(records)
+    assert "At 10 and 100 times sigma it is 7e-05 and 5e-06; with a tolerance of 1e-11 it is 9e-04" in smoothed
+    assert "the error is 3e-01, 8e-06, 3e-01, 3e-01, 2e-06" in fixed
+    peak = minimize_scalar(lambda v: -math.tanh(50.0 * v) * (1.0 + 3.0 * math.exp(-2.0 * v)), bounds=(0.0, 1.0),
+                           method="bounded", options={"xatol": 1e-9}).x
+    assert f"beyond the {peak:.2g} rad/s" in fixed
+    truth = extremes.Truth(stick, "smoothed")
+    assert worst_cases.final_error(stick, "smoothed", truth) < 1e-6
+    assert worst_cases.reasons([dataclasses.replace(records[0], error=None)]) == []
+
+
+@pytest.fixture
+def tiny(monkeypatch):
+    """A report of three scenes and charts of two cells."""
+    monkeypatch.setattr(stability, "QUICK_COUNT", 3)
+    for table, kept in ((stability.OVER, slice(1, 3)), (stability.METHODS, slice(-4, None))):
+        for name, values in tuple(table.items()):
+            monkeypatch.setitem(table, name, values[kept])
+
+
+def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys, figures):
+    folder = tmp_path / "out"
+    assert main(["stability", "--quick", "--width", "column", "--out", str(folder)]) == 0
+    found = valid("stability", json.loads((folder / "stability.json").read_text()))
+    assert len(found["cases"]) == 9
+    for record in found["cases"]:
+        assert set(record) >= KEYS
+        assert any(key in QUANTITIES for key in record)
+    assert set(found["summary"]) == set(extremes.ENGINES)
+    assert all(total["not_finite"] == total["not_bounded"] == 0 for total in found["summary"].values())
+    assert len(found["charts"]) == 3 * len(stability.METHODS) - 1
+    assert {c["method"] for c in found["charts"]} >= {"smoothed", "event_driven"}
+    assert {"stability.png", "stability.svg"} <= {path.name for path in folder.iterdir()}
+    words = ["plot", str(folder / "stability.json"), "--plot", str(tmp_path / "again.png"), "--width", "column"]
+    assert main(words) == 0
+    assert len(same_pictures(figures, style.COLUMN)) > 4
+    text = (folder / "stability.md").read_text()
+    assert text.splitlines()[2] == "This page is generated: `tcc-sim stability --quick` writes it."
+    assert text.count(" failed and ") == 3
+    assert "## Failed runs" in text
+    assert "## Refused" in text
+    assert "## Largest errors" in text
+    assert "not finite" in capsys.readouterr().out

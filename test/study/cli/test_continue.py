@@ -1,0 +1,71 @@
+"""`tcc-sim continue`: its JSON, its picture, Ctrl-C, and wrong input in one line."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tcc_sim.cli import main
+from tcc_sim.study.continuation import motions
+
+STICK = ["continue", "stick", "--set", "friction.law=set_valued", "--over", "engine.mean_torque=295:305"]
+ORBIT_KEYS = {"value", "slip_speed", "plate_angle", "plate_speed", "max_slip_speed", "stick_fraction", "stable",
+              "multipliers", "events"}
+
+
+def test_the_json_has_every_key_and_lists_of_one_length(tmp_path: Path) -> None:
+    file, picture = tmp_path / "branches.json", tmp_path / "branches.svg"
+    assert main([*STICK, "--at", "301.5", "--json", str(file), "--plot", str(picture)]) == 0
+    found = json.loads(file.read_text())
+    assert {"format", "version", "scene", "command", "over", "law", "branches", "at", "bifurcations"} <= set(found)
+    assert (found["over"], found["law"], found["bifurcations"]) == ("engine.mean_torque", "set_valued", [])
+    assert found["scene"]["friction.law"] == "set_valued"
+    (branch,) = found["branches"]
+    assert {"period", "origin", "ended", "reasons", "closed", "residual", *ORBIT_KEYS} == set(branch)
+    assert (branch["period"], branch["origin"], branch["closed"]) == (1, "start", False)
+    assert len({len(branch[k]) for k in ORBIT_KEYS}) == 1
+    assert sorted([branch["value"][0], branch["value"][-1]]) == [295.0, 305.0]
+    assert len(branch["ended"]) == 2
+    assert all("end of the range" in sentence for sentence in branch["ended"])
+    assert all(len(m) == 3 and all(len(pair) == 2 for pair in m) for m in branch["multipliers"])
+    (at,) = found["at"]
+    assert set(at) >= {*ORBIT_KEYS, "period", "origin"}
+    assert (at["value"], at["events"], at["stable"]) == (301.5, "S", True)
+    assert picture.read_text().startswith("<?xml")
+
+
+def test_ctrl_c_keeps_what_was_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(motions, "switch", interrupted)
+    file = tmp_path / "branches.json"
+    assert main([*STICK, "--switch", "--json", str(file)]) == 130
+    found = json.loads(file.read_text())
+    assert found["complete"] is False
+    assert len(found["branches"]) == 1
+    assert "interrupted" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("words", "said"), [
+    (["--over", "engine.mean_torque=295"], "KEY=START:STOP"),
+    (["--over", "engine.mean_torque=1:nan"], "KEY=START:STOP"),
+    (["--over", "engine.mean_torqe=1:2"], "did you mean engine.mean_torque"),
+    (["--over", "friction.law=1:2"], "one number"),
+    (["--over", "engine.mean_torque=5:5"], "must differ"),
+    (["--over", "engine.mean_torque=295:305", "--at", "310"], "within the range"),
+    (["--over", "engine.mean_torque=295:305", "--period", "0"], "1 to 16"),
+    (["--over", "engine.mean_torque=295:305", "--switch", "9"], "0 to 8"),
+    (["--over", "engine.mean_torque=295:305", "--second", "engine.mean_torque=1:2"], "another one"),
+    (["--over", "engine.mean_torque=295:305", "--limit", "--set", "friction.law=set_valued"], "smoothed law"),
+    (["--over", "engine.mean_torque=295:305", "--plot", "a.gif"], ".png, .svg or .pdf"),
+])
+def test_wrong_input_is_one_line_and_status_2(words: list[str], said: str, refused: Callable[..., str]) -> None:
+    assert said in refused("continue", "stick", *words, "--json", "out.json")
+
+
+def test_a_family_is_refused_with_status_2(refused: Callable[..., str]) -> None:
+    scene = ["slip", "--set", "friction.kinetic_coefficient=0.3", "--set", "pressure.amplitude=0",
+             "--set", "pressure.mean=125000", "--over", "engine.frequency=140:160"]
+    assert "multiplier of exactly 1" in refused("continue", *scene)

@@ -1,0 +1,249 @@
+"""Scenes as maps: pure stick in closed form, its border, derivatives, refusals, and known bifurcations."""
+
+import math
+
+import by_scipy
+import numpy as np
+import pytest
+
+from tcc_sim.errors import InputError, NumericalFailure
+from tcc_sim.model.parameters import System, replace
+from tcc_sim.model.pure_stick import constant_load_limits
+from tcc_sim.scene import load_scene
+from tcc_sim.study.continuation.branch import branch_through, first_point
+from tcc_sim.study.continuation.driveline import DrivelineMap, start_orbit
+from tcc_sim.study.continuation.follow import StopReason
+from tcc_sim.study.continuation.limits import limit_of
+from tcc_sim.study.continuation.motions import ContinuationPlan, Motions, check, continue_motions
+from tcc_sim.study.continuation.newton import newton, orbit_at
+from tcc_sim.study.continuation.settings import Settings
+from tcc_sim.study.continuation.shooting import ParameterRange, Shooting
+
+CONSTANT_LOAD = {"pressure.amplitude": 0.0, "pressure.mean": 225e3}
+MU_K = "friction.kinetic_coefficient"
+
+
+def coexistence(law: str, ratio: float) -> System:
+    """omega/omega_n = 0.36 under a constant load of 225 kPa."""
+    system = load_scene("fig02").system
+    return replace(system, {**CONSTANT_LOAD, "engine.frequency": 0.36 * system.natural_frequency, "friction.law": law,
+                            MU_K: 0.3 * ratio})
+
+
+def test_multipliers_of_pure_stick_are_those_of_one_oscillator() -> None:
+    system = replace(load_scene("stick").system, {"friction.law": "set_valued"})
+    map_ = DrivelineMap(system, ("engine.mean_torque",))
+    shooting, z = start_orbit(map_, ParameterRange(290.0, 310.0), 300.0, None)
+    found = orbit_at(shooting, z, shooting.linearise(z))
+    both = system.driveline.flywheel_inertia + system.driveline.plate_inertia
+    roots = np.roots([both, system.driveline.damping, system.driveline.stiffness]) * system.cycle
+    expected = sorted([*np.exp(roots), 0.0], key=lambda m: (-round(abs(m), 12), -m.imag))
+    assert found.multipliers == pytest.approx(expected, abs=1e-8)
+    assert (found.seen.events, found.seen.stick_fraction, found.seen.largest) == ("S", 1.0, 0.0)
+
+
+def test_the_border_of_pure_stick_is_that_of_the_closed_form() -> None:
+    system = replace(load_scene("stick").system, {"friction.law": "set_valued", "friction.kinetic_coefficient": 0.3})
+    border = next(w for w in constant_load_limits(system) if w > 50.0)
+    found = continue_motions(system, ContinuationPlan("engine.frequency", 40.0, border + 3.0,
+                                          second=("pressure.mean", 29e4, 31e4)))
+    (item,) = [f for f in found.bifurcations if f.kind == "stick_border"]
+    assert item.value == pytest.approx(border, abs=1e-7)
+    assert item.residual < 1e-8
+    (curve,) = found.curves
+    for omega, mean in list(zip(curve.values, curve.second))[::5]:
+        assert min(abs(w - omega) for w in constant_load_limits(replace(system, {"pressure.mean": mean}))) < 1e-6
+
+
+@pytest.fixture(scope="module")
+def doubled() -> dict[str, Motions]:
+    """Where the motion of period one doubles under either law."""
+    return {law: continue_motions(coexistence(law, 0.85), ContinuationPlan(
+        MU_K, 0.3 * low, 0.3 * high, period=1, limit=law == "smoothed"))
+            for law, low, high in (("smoothed", 0.772, 0.784), ("set_valued", 0.8, 0.81))}
+
+
+@pytest.mark.parametrize("law", ["smoothed", "set_valued"])
+def test_the_doubling_of_period_one(law: str, doubled: dict[str, Motions]) -> None:
+    found = doubled[law]
+    (item,) = found.bifurcations
+    assert item.kind == "period_doubling"
+    there = replace(coexistence(law, 0.85), {MU_K: item.value})
+    assert np.abs(by_scipy.multipliers(there, item.point.orbit.section, 1) + 1.0).min() < 1e-6
+    assert found.branches[0].points[0].orbit.stable != found.branches[0].points[-1].orbit.stable
+
+
+def test_the_limit_of_the_doubling_is_that_of_the_set_valued_law(doubled: dict[str, Motions]) -> None:
+    """Though it lies outside the range."""
+    assert doubled["smoothed"].limits[0].value == pytest.approx(doubled["set_valued"].bifurcations[0].value, abs=3e-8)
+    assert doubled["smoothed"].bifurcations[0].value / 0.3 == pytest.approx(by_scipy.DOUBLING, abs=1e-8)
+
+
+def test_a_fold_next_to_a_canard_has_the_limit_that_the_set_valued_law_has() -> None:
+    # Two folds of the set-valued law are 2 rad/s apart, and a doubling 1e-5 rad/s from the one of them.
+    span, scene = ParameterRange(106.0, 112.0), load_scene("fig02").with_values(
+        {"engine.frequency": 110.0, "friction.kinetic_coefficient": 0.25, "pressure.mean": 225e3})
+    laws = [scene.with_values({"friction.law": law}).system for law in ("smoothed", "set_valued")]
+    smoothed, own = (continue_motions(s, ContinuationPlan("engine.frequency", 106.0, 112.0, period=1)) for s in laws)
+    maps = DrivelineMap(laws[0], ("engine.frequency", "friction.smoothing")), DrivelineMap(laws[1],
+                                                                                        ("engine.frequency",))
+    folds = [f for f in smoothed.bifurcations if f.kind == "fold"]
+    (doubling,) = [f for f in smoothed.bifurcations
+                   if f.kind == "period_doubling" and min(abs(f.value - fold.value) for fold in folds) < 1e-3]
+    assert len(folds) == 2
+    for item in (*folds, doubling):
+        limit = limit_of(item, *maps, span, 50.0)
+        assert min(abs(f.value - limit.value) for f in own.bifurcations if f.kind == item.kind) <= limit.error < 1e-8
+
+
+def test_a_canard_ends_a_branch_with_a_sentence() -> None:
+    found = continue_motions(coexistence("smoothed", 0.85), ContinuationPlan(MU_K, 0.18, 0.297, period=2))
+    (branch,) = found.branches
+    assert any("a multiplier is above 1e+10, a canard, which double precision does not resolve" in str(end)
+               for end in branch.ended)
+    assert max(abs(s.orbit.multipliers[0]) for s in branch.points) <= 1e10
+    folds = sorted((f for f in found.bifurcations if f.kind == "fold"), key=lambda f: f.value)
+    assert [f.value / 0.3 for f in folds] == pytest.approx(by_scipy.FOLDS, abs=1e-8)
+    assert max(np.abs(f.point.orbit.multipliers - 1.0).min() for f in folds) < 1e-7
+    assert max(s.orbit.residual for s in branch.points) < 1e-8
+    assert not branch.points[0].orbit.stable
+    assert not branch.points[-1].orbit.stable
+    assert max(f.residual for f in found.bifurcations) < 1e-8
+    # Branch ends in the doubling of period one, which is no fold.
+    assert min(s.value for s in branch.points[-3:]) / 0.3 == pytest.approx(by_scipy.DOUBLING, abs=1e-7)
+
+
+def test_period_one_through_pure_creep_has_a_doubling_and_a_fold() -> None:
+    system = coexistence("smoothed", 0.83)
+    unit = system.natural_frequency
+    found = continue_motions(system, ContinuationPlan("engine.frequency", 0.4 * unit, 0.45 * unit, period=1))
+    assert tuple(map(str, found.branches[0].ended)) == tuple(
+        f"engine.frequency reached {share * unit:.9g} rad/s, the end of the range" for share in (0.4, 0.45))
+    at = {f.kind: f.value / unit for f in found.bifurcations if f.value < 0.43 * unit}
+    assert at.keys() == {"period_doubling", "fold"}
+    assert at["fold"] == pytest.approx(at["period_doubling"], abs=1e-7)  # A canard has all multipliers within that.
+    assert max(f.residual for f in found.bifurcations) < 1e-8
+    assert max(abs(s.orbit.multipliers[0]) for s in found.branches[0].points) > 1e9
+
+
+def test_no_fold_is_lost_where_the_largest_slip_is_no_good_coordinate() -> None:
+    system = coexistence("smoothed", 0.83)
+    unit = system.natural_frequency
+    plan = ContinuationPlan("engine.frequency", 0.3 * unit, 0.5 * unit, period=1, switch=1)
+    found = continue_motions(replace(system, {"engine.frequency": 0.4 * unit}), plan)
+    for branch in found.branches:
+        steps = np.diff([s.value for s in branch.points])
+        # Where a branch ends in a doubling its parameter stands still, so that the last step may be one of rounding.
+        turns = np.count_nonzero(np.diff(np.sign(steps[np.abs(steps) > 1e-8])))
+        assert turns == sum(f.kind == "fold" for f in branch.bifurcations) > 0
+
+
+def test_a_branch_passes_a_node_at_the_onset_of_slip() -> None:
+    system = replace(load_scene("fig02").system, {**CONSTANT_LOAD, "friction.law": "set_valued", MU_K: 0.27})
+    map_, span, value = DrivelineMap(system, ("engine.frequency",)), ParameterRange(60.0, 120.0), 61.0889
+    shooting = Shooting(map_, 1, (span,), (0.25, 0.28515625, 0.46484375),
+                        Settings(max_points=60))  # Slip starts at the third node at 61.0891144.
+    x = np.array([0.0, 0.0634500, 19.3206])
+    ends = [map_.evaluate(x, (value,), 0.0, part).value for part in (0.25, 0.53515625)]
+    z = newton(shooting, shooting.unknowns(np.array([x, *ends]), (value,)))
+    branch = branch_through(first_point(shooting, z), both=False)
+    assert str(branch.ended[1]).startswith("stopped after 60 points")
+    assert max(s.value for s in branch.points) > 61.09
+
+
+@pytest.mark.parametrize("law", ["smoothed", "set_valued"])
+def test_the_gradient_of_the_amplitudes_is_that_of_differences(law: str) -> None:
+    """By central differences, in natural sizes; the largest of them is the largest slip speed."""
+    system = replace(load_scene("fig02").system, {"friction.law": law})
+    of = DrivelineMap(system, ("engine.frequency",))
+    shooting = Shooting.single(of, 1, ParameterRange(100.0, 200.0, name="engine.frequency"))
+    z = shooting.unknowns(np.array([[10.0, 0.1, 5.0]]), (150.0,))
+    found = shooting.linearise(z)
+    largest = of.evaluate(shooting.nodes(z)[0], (150.0,), 0, 1).seen.largest
+    assert float(found.amplitudes.max()) * of.amplitude_scale == pytest.approx(largest, rel=1e-6)
+    for k, step in enumerate(np.eye(len(z)) * 1e-5):
+        ahead, behind = (shooting.linearise(z + sign * step).amplitudes for sign in (1.0, -1.0))
+        assert found.amplitude_gradient[:, k] == pytest.approx((ahead - behind) / 2e-5, rel=1e-3, abs=1e-5)
+
+
+@pytest.mark.parametrize(("key", "values", "words"), [
+    ("friction.law", {}, "one number"), ("initial.slip_speed", {}, "do not depend"),
+    ("friction.smoothing", {"friction.law": "set_valued"}, "no effect"),
+    ("pressure.frequency_ratio", {}, "not periodic"),
+    ("engine.order", {}, "has no effect"),
+    ("pressure.delay", {}, "has no effect"),
+    ("pressure.frequency_ratio", {"pressure.amplitude": 0.0}, "no effect"),
+    ("pressure.phase", {"pressure.amplitude": 0.0}, "no effect where pressure.amplitude is 0"),
+    ("friction.decay", {"friction.kinetic_coefficient": 0.3}, "no effect where friction.kinetic"),
+    ("engine.frequncy", {}, "did you mean engine.frequency"),
+    ("engine.mean_torque", {"pressure.frequency_ratio": math.pi}, "ratio of whole numbers"),
+])
+def test_keys_in_which_no_motion_can_be_followed(key: str, values: dict[str, object], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        DrivelineMap(replace(load_scene("fig02").system, values), (key,))
+
+
+def test_a_key_has_effect_beside_another_that_is_free() -> None:
+    system = replace(load_scene("fig02").system, {"pressure.amplitude": 0.0, MU_K: 0.3})
+    assert DrivelineMap(system, ("pressure.amplitude", "pressure.phase")).keys[1] == "pressure.phase"
+    assert DrivelineMap(system, (MU_K, "friction.decay")).keys[1] == "friction.decay"
+    assert DrivelineMap(system, ("engine.frequency",)).keys == ("engine.frequency",)
+
+
+def test_a_period_that_the_settled_motion_does_not_come_back_in() -> None:
+    with pytest.raises(NumericalFailure, match="no motion of period 3 was found near the settled one"):
+        continue_motions(coexistence("smoothed", 0.85), ContinuationPlan(MU_K, 0.25, 0.26, period=3))
+
+
+@pytest.mark.parametrize(("plan", "words"), [
+    (ContinuationPlan(MU_K, 0.2, 0.3, period=3), "multiple"),
+    (ContinuationPlan(MU_K, 0.2, 0.3, second=("pressure.mean", 1e5, 2e5)), "include"),
+])
+def test_plans_that_cannot_be_carried_out(plan: ContinuationPlan, words: str) -> None:
+    system = replace(load_scene("fig02").system, {"pressure.frequency_ratio": 0.5})
+    with pytest.raises(InputError, match=words):
+        check(system, plan)
+
+
+@pytest.mark.parametrize("ends", [(0.2, 0.2), (0.3, 0.2)])
+def test_a_plan_goes_from_a_lower_value_to_a_higher_one(ends: tuple[float, float]) -> None:
+    with pytest.raises(InputError, match="the two must differ"):
+        ContinuationPlan(MU_K, *ends)
+
+
+def test_a_branch_goes_through_a_doubling_where_its_parameter_stands_still() -> None:
+    system = replace(load_scene("fig02").system, {"friction.smoothing": 1e4, "friction.decay": 0.02})
+    (branch,) = continue_motions(system, ContinuationPlan("friction.decay", 0.0, 0.03)).branches
+    assert branch.period == 2
+    assert branch.ended[0].reason is StopReason.DOUBLING
+
+
+def test_rounding_makes_no_bifurcation_of_a_motion_without_damping() -> None:
+    system = replace(load_scene("stick").system, {"friction.law": "set_valued", "driveline.damping": 0.0})
+    found = continue_motions(system, ContinuationPlan("driveline.stiffness", 2500.0, 3500.0))
+    assert found.bifurcations == []
+    assert not any(s.orbit.stable for s in found.branches[0].points)
+
+
+RUNNING_AWAY = {"friction.law": "set_valued", "pressure.mean": 150e3, "pressure.amplitude": 0.0}
+
+
+@pytest.mark.parametrize(("changes", "plan", "words"), [
+    # mu_s Pm A R = 360 N m holds the mean torque in stick up to mu_k = mu_s; at 0.2 there are 240 N m against 300.
+    ({MU_K: 0.2}, ContinuationPlan(MU_K, 0.19, 0.29),
+     r"slip grows without end at .* begin at --set .*=0\.\d+, where the motion settles in period \d+"),
+    ({"pressure.mean": 2.6}, ContinuationPlan("engine.frequency", 100.0, 160.0),
+     r"mean torque 300 N m exceeds what the clutch carries in slip, 0\.004992 N m .* 9 values of the range too")],
+    ids=["at the scene's value", "everywhere"])
+def test_where_slip_runs_away_the_error_says_why_and_where_to_begin(changes, plan: ContinuationPlan,
+                                                                    words: str) -> None:
+    with pytest.raises(NumericalFailure, match=words):
+        continue_motions(replace(load_scene("fig02").system, {**RUNNING_AWAY, **changes}), plan)
+
+
+def test_a_family_of_pure_slip_is_refused() -> None:
+    system = replace(load_scene("slip").system, {"friction.kinetic_coefficient": 0.3})
+    mean = system.engine.mean_torque / (0.3 * 0.08 * 0.1)
+    system = replace(system, {"pressure.mean": mean / 1.0, "pressure.amplitude": 0.0})
+    with pytest.raises(InputError, match="multiplier of exactly 1"):
+        continue_motions(system, ContinuationPlan("engine.frequency", 140.0, 160.0))

@@ -1,0 +1,129 @@
+"""The list of errata: each number agrees with a derivation by hand, and the page has all of them."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from given import rows
+from scipy.integrate import solve_ivp
+
+from tcc_sim.cli import main
+from tcc_sim.model import pure_stick
+from tcc_sim.output.tables import escape, markdown_table
+from tcc_sim.study.paper import claims, claims_stick, errata
+from tcc_sim.study.paper.catalogue import paper_system
+from tcc_sim.study.paper.evidence import Evidence
+
+
+def test_every_erratum_is_whole_and_its_module_is_there() -> None:
+    import importlib
+
+    assert len({e.where + e.printed for e in errata.ERRATA}) == len(errata.ERRATA) >= 25
+    for row in errata.ERRATA:
+        assert row.printed != row.right
+        assert row.why
+        if row.code:
+            importlib.import_module(f"tcc_sim.{row.code}")
+    listed = " ".join(e.where for e in errata.ERRATA)
+    for equation in ("(8b)", "(9)", "(10)", "(16)", "(17a)", "(18)", "(23)", "(25b)", "(27)", "(29b)", "(30)", "(31)",
+                     "(34)", "(35)"):
+        assert equation in listed
+
+
+def test_the_page_has_every_erratum_and_what_is_left_open() -> None:
+    """The page has the table, the reasons and the numbers from closed forms, as in the code."""
+    page = (Path(__file__).resolve().parents[3] / ".github" / "paper" / "errata.md").read_text()
+    assert f"{len(errata.ERRATA)} places of the paper where another form is right, and {len(errata.OPEN)} that" in page
+    for row in errata.ERRATA:
+        cells = [escape(row.where), escape(row.printed), escape(row.right), f"`{row.code}`" if row.code else ""]
+        assert markdown_table(cells, [])[0] in page
+        assert f"{escape(row.why[0].upper() + row.why[1:])}." in page
+    for what, taken in errata.OPEN.items():
+        assert markdown_table([escape(what), escape(taken)], [])[0] in page
+    for numbers in (errata.phases, errata.amplitude, errata.slip_condition,
+                    errata.roots, errata.stuck_frequency, errata.phase_order):
+        assert "\n".join(claims.listed_numbers(numbers())) in page
+
+
+def test_16_17_and_27_by_hand() -> None:
+    slip = list(errata.slip_condition().values())
+    assert slip[0][:2] == pytest.approx([400.0 / 3.0, -150.0])  # a0 = -150 + Tp/(I1 omega), swing 25/3.
+    assert slip[1][1] == pytest.approx(30.0)
+    assert slip[1][2] < 0.0
+    amplitude, rest = errata.transient().values()
+    wd = math.sqrt(150e3 - 15.0**2)
+    assert amplitude == pytest.approx([0.1 * (1.0 - 2.0 * 15.0**2 / 150e3) / wd, 300.0 / (0.02 * wd)])
+    assert rest < 1e-5
+    assert next(iter(errata.stuck_frequency().values())) == pytest.approx([3000.0 / math.sqrt(0.22),
+                                                                                   math.sqrt(3000.0 / 0.22)])
+
+
+def test_23_has_a_positive_root_for_any_negative_damping() -> None:
+    """The polynomial against the eigenvalues of (22) as a matrix."""
+    real, crossing = errata.roots().values()
+    for damping, root in zip((-0.1, -0.3), real):
+        matrix = np.array([[-damping / 0.2, damping / 0.2, 0.0],
+                           [damping / 0.02, -(0.6 + damping) / 0.02, -3000.0 / 0.02], [0.0, 1.0, 0.0]])
+        assert np.linalg.eigvals(matrix).real.max() == pytest.approx(root, rel=1e-9)
+        assert root > 0.0
+    assert crossing == pytest.approx(-0.6, abs=1e-3)
+
+
+def test_8_9_and_29_by_hand() -> None:
+    low, high = errata.phases().values()
+    assert low[0] == pytest.approx(low[1])
+    assert high[0] - high[1] == pytest.approx(math.pi)
+    printed, right = next(iter(errata.amplitude().values()))
+    assert printed / right == pytest.approx(5.0, rel=0.01)
+    found = errata.driving_torques()
+    assert list(found.values())[:2] == [pytest.approx([250.0, 492.5, 1235.0, 2720.0], rel=1e-5),
+                                        pytest.approx([250.0, 182.5, 115.0, 20.0])]
+    at_low, slip_low, at_high, slip_high = list(found.values())[2:]
+    assert sorted(at_low, reverse=True) == at_low
+    assert sorted(slip_low, reverse=True) == slip_low
+    assert sorted(at_high) == at_high
+    assert sorted(slip_high) == slip_high
+    below, above = errata.phase_order().values()
+    assert sorted(below) == below
+    assert sorted(above, reverse=True) == above
+
+
+def least_slip(speed: float) -> float:
+    """Least slip speed, rad/s, under (14) from this one on, if friction did not change sign with it."""
+    system = paper_system({**claims_stick.PURE_SLIP, "initial.slip_speed": speed})
+    d, e, load = system.driveline, system.engine, system.saturation_mean
+
+    def rates(t: float, y: np.ndarray) -> list[float]:
+        plate = (load - d.damping * y[2] - d.stiffness * y[1]) / d.plate_inertia
+        engine = e.mean_torque + e.torque_amplitude * math.sin(e.frequency * t)
+        return [(engine - load) / d.flywheel_inertia - plate, y[2], plate]
+
+    run = solve_ivp(rates, (0.0, 1.0), [speed, 0.0, 0.0], rtol=1e-10, atol=1e-12, t_eval=np.linspace(0.0, 1.0, 200_001))
+    return float(run.y[0].min())
+
+
+def test_the_command_writes_the_page(tmp_path, judge_only, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    judge_only(rows["maximum_falls"])
+    monkeypatch.setattr(errata, "engine_speeds", dict)
+    file = tmp_path / "errata.md"
+    assert main(["claims", "--errata", str(file)]) == 0
+    page = file.read_text()
+    assert page.count("\n## ") == len(errata.ERRATA) + 2
+    assert f"{least_slip(30.0):.4f}" in page
+    assert main(["claims", "--errata", str(file)]) == 2
+
+
+@pytest.mark.parametrize("pressure", [200e3, 225e3, 260e3])
+def test_a_row_has_the_mean_pressure_that_is_judged(pressure: float) -> None:
+    """(10) by hand: |Tm| + Tp G = mu_s N R at the upper limit of Fig. 4; Tsp/Tsm is unchanged."""
+    kept = Evidence(1e-9, 1, pressure=pressure)
+    omega = pure_stick.constant_load_limits(kept.system({}))[-1]
+    spring = complex(3000.0, 0.6 * omega)
+    assert 300.0 + 250.0 * abs((spring - 0.02 * omega**2) / (spring - 0.22 * omega**2)) == pytest.approx(
+        540.0 * pressure / 225e3, rel=1e-6)
+    swinging = kept.system({"pressure.amplitude": 0.25 * 225e3}).pressure
+    assert swinging.amplitude / swinging.mean == pytest.approx(0.25)
+    assert kept.system(claims_stick.PURE_SLIP).pressure.mean == 125e3
