@@ -88,6 +88,22 @@ def require(module: str, what: str) -> None:
                              f"pip install 'tcc_sim[{extra}]' brings it")
 
 
+REQUIRED = {"numpy": "numpy", "scipy": "scipy", "numba": "numba", "llvmlite": "numba", "yaml": "PyYAML", "tqdm": "tqdm",
+            "mcap": "mcap", "zstandard": "zstandard", "lz4": "lz4"}
+"""Packages that this one always needs, by module: the name for pip."""
+
+
+def missing_package(error: ModuleNotFoundError) -> MissingPackage | None:
+    """Return what to say where a package is absent that pip would have installed; None for any other module."""
+    package = REQUIRED.get((error.name or "").partition(".")[0])
+    if package is None:
+        return None
+    recording = dict.fromkeys(("mcap", "lz4", "zstandard"), "'mcap>=1.5,<2' lz4 zstandard")
+    wanted = {"numba": "'numba>=0.62,<0.69'", **recording}.get(package, package)
+    return MissingPackage(f"the Python package {package} is not installed; python3 -m pip install {wanted} brings it "
+                          "(into a virtual environment made with --system-site-packages where pip refuses)")
+
+
 class WorkersLost(TccError):
     """All workers of a sweep are gone; `sweeps` holds the results up to then."""
 

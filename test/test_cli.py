@@ -207,6 +207,19 @@ def test_a_node_without_ros_is_one_line(name: str, monkeypatch: pytest.MonkeyPat
     assert err == f"{name}: ROS 2 package rclpy is not installed: source your ROS 2, or pip install 'tcc_sim[ros]'\n"
 
 
+@pytest.mark.parametrize(("module", "words", "command"), [
+    ("numba", "simulate fig02 --cycles 61", "'numba>=0.62,<0.69'"),
+    ("mcap", "analyse run1", "'mcap>=1.5,<2' lz4 zstandard"),
+    ("mcap", "recorder_node", "'mcap>=1.5,<2' lz4 zstandard")])
+def test_a_package_that_only_pip_has_is_named_with_the_command(module: str, words: str, command: str) -> None:
+    call = "executables.recorder_node()" if words == "recorder_node" else f"cli.main({words.split()})"
+    ended = python("-c", f"import sys; sys.modules[{module!r}] = None\nfrom tcc_sim import cli\n"
+                         f"from tcc_sim.nodes import executables\nsys.exit({call})")
+    assert ended.returncode == 1
+    assert f"is not installed; python3 -m pip install {command} brings it" in ended.stderr
+    assert ended.stderr.count("\n") == 1
+
+
 def test_a_range_has_both_ends() -> None:
     assert values_of_range("a.b=1:2:3") == ("a.b", [1.0, 1.5, 2.0])
     assert values_of_range("a.b=2:1:2") == ("a.b", [2.0, 1.0])

@@ -6,26 +6,23 @@ import subprocess
 import sys
 import tarfile
 import zipfile
+from configparser import ConfigParser
 from pathlib import Path
 
 import pytest
 import yaml
 
-if sys.version_info >= (3, 11):
-    import tomllib as toml
-else:
-    import tomli as toml
-
-from tcc_sim import __version__
+from tcc_sim import __version__, errors
 
 ROOT = Path(__file__).resolve().parent.parent
-PROJECT = toml.loads((ROOT / "pyproject.toml").read_text())["project"]
+CONFIGURATION = ConfigParser()
+CONFIGURATION.read(ROOT / "setup.cfg")
 
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory):
     """Sdist and wheel, made in a copy of the tree with the setuptools that is installed."""
-    pytest.importorskip("setuptools", minversion="70")
+    pytest.importorskip("setuptools", minversion="68")
     folder = tmp_path_factory.mktemp("built")
     source = folder / "source"
     shutil.copytree(ROOT, source, ignore=shutil.ignore_patterns(
@@ -97,6 +94,34 @@ def test_the_paper_is_cited_as_its_copy_prints_it():
 
 
 def test_every_requirement_has_a_floor_that_can_be_tested():
-    extras = PROJECT["optional-dependencies"]
-    for requirement in [*PROJECT["dependencies"], *extras["view"], *extras["cluster"], *extras["table"]]:
+    extras = CONFIGURATION["options.extras_require"]
+    lists = CONFIGURATION["options"]["install_requires"], extras["view"], extras["cluster"], extras["table"]
+    for requirement in "".join(lists).split():
         assert re.fullmatch(r"[A-Za-z0-9_.-]+>=[0-9.]+(,<[0-9.]+)?", requirement), requirement
+
+
+def test_an_absent_package_is_asked_for_in_the_versions_that_are_allowed():
+    wanted = {re.split(">=", requirement)[0]: requirement
+              for requirement in CONFIGURATION["options"]["install_requires"].split()}
+    assert set(errors.REQUIRED.values()) == wanted.keys()
+    for module, package in errors.REQUIRED.items():
+        sentence = str(errors.missing_package(ModuleNotFoundError(name=f"{module}.part")))
+        assert f"package {package} " in sentence
+        assert "<" not in wanted[package] or f"'{wanted[package]}'" in sentence
+    assert errors.missing_package(ModuleNotFoundError(name="tcc_sim.nonsense")) is None
+
+
+def test_pip_and_both_ways_of_colcon_read_the_same_metadata(tmp_path):
+    """`colcon build --symlink-install` sees setup.py, setup.cfg and the package alone, in a folder of links."""
+    for item in ("setup.py", "setup.cfg", "tcc_sim", "config", "resource", "package.xml"):
+        (tmp_path / item).symlink_to(ROOT / item)
+    code = ("import setuptools; from distutils.core import run_setup\n"
+            "found = run_setup('setup.py', script_args=['--dry-run'], stop_after='config')\n"
+            "print(found.get_name(), found.get_version(), found.python_requires, len(found.packages),"
+            " found.entry_points)")
+    ended = subprocess.run([sys.executable, "-W", "ignore", "-c", code], cwd=tmp_path, capture_output=True, text=True,
+                           check=True)
+    name, version, python, packages, points = ended.stdout.split(" ", 4)
+    assert (name, version, python) == ("tcc_sim", __version__, ">=3.10")
+    assert int(packages) == sum(1 for _ in (ROOT / "tcc_sim").rglob("__init__.py"))
+    assert {"driveline_node", "recorder_node"} <= set(re.findall(r"(\w+_node) =", points))

@@ -21,7 +21,7 @@ from typing import NoReturn
 
 from tcc_sim import __version__
 from tcc_sim.cli.verbs import GROUPS, MEASURING, STUDY, VERBS, verbs_by_purpose
-from tcc_sim.errors import InputError, TccError, one_line
+from tcc_sim.errors import InputError, TccError, missing_package, one_line
 from tcc_sim.output.terminal import open_streams
 from tcc_sim.shown_units import show_in
 
@@ -87,6 +87,12 @@ def _status_of(words: list[str]) -> int:
         return 2
     except TccError as error:
         print(f"tcc-sim: {error}", file=sys.stderr)
+        return 1
+    except ModuleNotFoundError as error:
+        missing = missing_package(error)
+        if missing is None:
+            raise
+        print(f"tcc-sim: {missing}", file=sys.stderr)
         return 1
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -101,8 +101,7 @@ class Kernel:
             return entry
         with _lock:
             if kind not in self.entries and not numba_supported():
-                why = f"Numba {_numba()[0]} is not one of {TESTED[0]} to {TESTED[1]}, whose code can be kept"
-                kernel_cache.announce(self.dependencies.size, f"in every process, since {why}")
+                kernel_cache.announce_unkept(self.dependencies.size, _numba()[0], TESTED)
                 self.entries[kind] = EntryPoint(lambda arguments, _: list(arguments), lambda block: self.part(*block))
             elif kind not in self.entries:
                 name = f"{self.py_func.__module__.rpartition('.')[2]}.{self.py_func.__qualname__}"
@@ -192,7 +191,9 @@ def _laid_out(values: tuple[Any, ...], words: Words) -> Kind:
 def _numba() -> tuple[str, str]:
     """Return Numba's version and the text of its version module, without loading Numba."""
     found = importlib.util.find_spec("numba")
-    text = Path(found.origin).with_name("_version.py").read_text()  # type: ignore[union-attr, arg-type]
+    if found is None or found.origin is None:
+        raise ModuleNotFoundError("No module named 'numba'", name="numba")
+    text = Path(found.origin).with_name("_version.py").read_text()
     return str(re.search(r'"version": "([^"]*)"', text)[1]), text  # type: ignore[index]
 
 

@@ -36,6 +36,8 @@ Loaded = TypeVar("Loaded")
 
 SECONDS_PER_BYTE = 1e-4
 """Compile time per byte of bytecode that a kernel reaches, s: measured on one core of 2.5 GHz, rounded."""
+ALONE = 2.0
+"""Compile time where Numba optimises each function alone, relative to that of linked kernels; from Numba 0.58."""
 ANNOUNCED_FROM = 1.0
 """Least compile time, s, that is announced."""
 DAY = 86400.0
@@ -284,6 +286,15 @@ def announce(size: int, how_often: str) -> None:
     seconds = SECONDS_PER_BYTE * size
     if seconds >= ANNOUNCED_FROM:
         print_once("compiling", f"compiling kernels for this kind of scene, about {seconds:.0f} s, {how_often}")
+
+
+def announce_unkept(size: int, version: str, tested: tuple[str, str]) -> None:
+    """Announce a compilation by a version of Numba whose code cannot be kept; `size` is that of the bytecode, bytes."""
+    first, last = tested
+    above = f"{last.partition('.')[0]}.{int(last.partition('.')[2]) + 1}"
+    seconds = ALONE * SECONDS_PER_BYTE * size
+    print_once("compiling", f"Numba {version} compiles in every process, about {seconds:.0f} s now; "
+                            f"python3 -m pip install 'numba>={first},<{above}' brings one whose kernels are kept")
 
 
 def _write(path: Path, content: bytes) -> None:

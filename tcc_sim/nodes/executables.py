@@ -27,7 +27,7 @@ def _run(name: str) -> int:
     import sys
     from importlib import import_module
 
-    from tcc_sim.errors import InputError, TccError
+    from tcc_sim.errors import InputError, TccError, missing_package
     from tcc_sim.nodes.children import require_ros
     from tcc_sim.output.terminal import open_streams
 
@@ -44,8 +44,12 @@ def _run(name: str) -> int:
     except TccError as error:
         sys.stderr.write(f"{_command_of(name)}: {error}\n")
         status = 2 if isinstance(error, InputError) else 1
-    except Exception:
-        sys.excepthook(*sys.exc_info())
+    except Exception as error:
+        missing = missing_package(error) if isinstance(error, ModuleNotFoundError) else None
+        if missing is None:
+            sys.excepthook(*sys.exc_info())
+        else:
+            sys.stderr.write(f"{_command_of(name)}: {missing}\n")
     return signals.end(status)
 
 

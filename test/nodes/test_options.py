@@ -98,7 +98,7 @@ def test_the_driveline_waits_for_the_nodes_that_are_started_beside_it(launch_fil
 
 def test_the_launch_file_names_what_the_package_has(launch_file):
     nodes = started(launch_file, record="run1", controller="true")
-    commands = set(re.findall(r"^(\w+_node) = ", (ROOT / "pyproject.toml").read_text(), re.MULTILINE))
+    commands = set(re.findall(r"^ +(\w+_node) = ", (ROOT / "setup.cfg").read_text(), re.MULTILINE))
     assert {executable for executable, _ in nodes} <= commands
     for executable, parameters in nodes:
         options = {item.name for item in dataclasses.fields(OPTIONS[executable.removesuffix("_node")])}
