@@ -30,10 +30,9 @@ PLANE = {"plane": [{"key": "initial.slip_speed", "values": [0.0, 10.0]},
                    {"key": "initial.plate_speed", "values": [0.0, 10.0]}],
          "attractors": [ORBIT], "undecided": 0.25, "runaway": 0.0, "seconds": 1.0}
 BRANCH = {"period": 1, "value": [0.2, 0.24, 0.3], "max_slip_speed": [30.0, 20.0, 10.0], "stable": [True, True, False]}
-FOLD = {"kind": "fold", "value": 0.27, "max_slip_speed": 15.0, "branch": 0, "after": 1, "changes_stability": True,
-        "limit": 0.28, "limit_error": 0.002}
+FOLD = {"kind": "fold", "value": 0.27, "max_slip_speed": 15.0, "branch": 0, "after": 1, "changes_stability": True}
 BRANCHES = {"over": "friction.kinetic_coefficient", "branches": [BRANCH], "bifurcations": [
-    FOLD, *({**FOLD, "kind": kind, "limit": None, "after": 0} for kind in branch_diagram.MARKS)]}
+    FOLD, *({**FOLD, "kind": kind, "after": 0} for kind in branch_diagram.MARKS)]}
 RESPONSE = {"input": "actuation_pressure", "output": "friction_torque", "kind": "periodic", "checked": [],
             "operating_point": {"mean_slip": 20.0}, "frequencies": [1.0, 10.0], "gain": [1e-3, 1e-4],
             "phase": [0.0, 3.0]}
@@ -75,15 +74,6 @@ def test_an_orbit_that_stays_the_same_is_not_drawn_as_rounding(figures: list[Any
     sweeps.draw_sweep(tmp_path / "a.png", values)
     low, high = figures[0].axes[1].get_ylim()
     assert high - low > 1e-3
-
-
-def test_limits_of_bifurcations_are_drawn_beside_them(figures: list[Any], tmp_path: Path) -> None:
-    branch_diagram.branch_diagram(tmp_path / "a.svg", BRANCHES)
-    axis = figures[0].axes[0]
-    assert [0.27, 0.28] in [list(line.get_xdata()) for line in axis.lines]
-    assert r"limit as $\sigma \to \infty$" in axis.get_legend_handles_labels()[1]
-    (low, high), = (segment[:, 0] for c in axis.containers for segment in c.lines[2][0].get_segments())
-    assert (low, high) == pytest.approx((0.278, 0.282))
 
 
 def test_marks_of_attractors_say_along_which_state_they_are_projected(figures: list[Any], tmp_path: Path) -> None:

@@ -32,8 +32,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                          help="add the motions of every branch at exactly this value of the key; may be repeated")
     figures.add_argument("--second", metavar="KEY=START:STOP",
                          help="follow every fold, doubling, Neimark-Sacker and stick border in a second key")
-    figures.add_argument("--limit", action="store_true",
-                         help="follow every bifurcation from the smoothed friction law to the set-valued one")
     add_outputs(parser, "branches, bifurcations and curves")
 
 
@@ -49,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
     second = None if arguments.second is None else bounds_of_range(arguments.second, "--second")
     seeds = () if arguments.seeds is None else seeds_in(read_json(arguments.seeds), scene.system, key, low, high)
     plan = ContinuationPlan(key, low, high, arguments.period, tuple(arguments.at), arguments.switch,
-                            second, arguments.limit, seeds)
+                            second, seeds)
     check(scene.system, plan)
     check_outputs(arguments)
     found, interrupted = Motions(plan, scene.system), False
@@ -76,10 +74,9 @@ def _lines(found: Motions) -> Iterator[str]:
                f"{counted(len(values), 'point')}, {sum(s.orbit.stable for s in branch.points)} stable")
         for sentence in dict.fromkeys(branch.ended):
             yield f"  {sentence}"
-    for index, item in enumerate(found.bifurcations):
-        limit = f"  {found.limits[index]}" if index in found.limits else ""
+    for item in found.bifurcations:
         yield (f"{item.kind:>18}  {key_value(key, item.value, 10)}  branch {item.branch}  "
-               f"max slip {speed(item.point.orbit.seen.largest, 8)}  residual {item.residual:.1e}{limit}")
+               f"max slip {speed(item.point.orbit.seen.largest, 8)}  residual {item.residual:.1e}")
     for entry in found.at:
         yield (f"at {key_value(key, entry['value'])}: branch {entry['branch']}, period {entry['period']}, max slip "
                f"{speed(entry['max_slip_speed'], 9)}, {'stable' if entry['stable'] else 'unstable'}, {entry['events']}")

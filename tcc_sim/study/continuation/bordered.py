@@ -247,6 +247,6 @@ def nearest_margins(shooting: Shooting, z: Floats) -> Margins:
             if name not in out or abs(found.value) < abs(out[name].value):
                 slopes = np.zeros(len(z))
                 slopes[k * n:k * n + n] = found.slopes[:n] * shooting.map.scales
-                slopes[size:] = found.slopes[n:] * shooting.widths(z)
+                slopes[size:] = found.slopes[n:] * shooting.widths
                 out[name] = found._replace(slopes=slopes)
     return out

@@ -103,7 +103,7 @@ class BranchTrack(Continuation[ContinuationPoint, Bifurcation]):
         shooting, z = first.shooting, first.solution.z
         of, size, tangent = shooting.map, shooting.size, shooting.outer(first.solution.tangent)
         x, values = shooting.nodes(z)[0], shooting.values(z)
-        sizes = np.concatenate([of.scales, shooting.widths(z)])
+        sizes = np.concatenate([of.scales, shooting.widths])
         for k, shifted in enumerate(shifts(of, x, values, shooting.period)[1:], 1):
             image = of.evaluate(x, values, 0, k * of.forcing_period)
             way = np.concatenate([image.derivatives @ (sizes * tangent) / of.scales, tangent[of.dimension:]])

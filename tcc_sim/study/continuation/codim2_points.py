@@ -50,8 +50,7 @@ class Special:
     @staticmethod
     def of(kind: str, point: AugmentedPoint, error: NDArray[np.floating[Any]], located: bool = True) -> Special:
         """The special point at a point with an error (P,) of the scaled parameters."""
-        at = zip(point.equations.ranges, parameters(point, point.solution.z).tolist(), error)
-        one, two = (abs(w.width(u)) * float(e) for w, u, e in at)
+        one, two = (w.width * float(e) for w, e in zip(point.equations.ranges, error))
         return Special(kind, *parameter_values(point), one, two, located, point=point)
 
     def __str__(self) -> str:

@@ -26,7 +26,7 @@ from tcc_sim.study.continuation.codim2_points import (
     special_point,
     values_of_tests,
 )
-from tcc_sim.study.continuation.follow import Bounds, Continuation, End, StopReason
+from tcc_sim.study.continuation.follow import Continuation, End, StopReason
 from tcc_sim.study.continuation.palc import corrector, null_direction, solution_at
 from tcc_sim.study.continuation.problem import FAILURES, Floats, ParameterMap, differ
 from tcc_sim.study.continuation.settings import DEFAULTS, Settings
@@ -67,8 +67,8 @@ class CurveTrack(Continuation[AugmentedPoint, Special]):
     cut_to = math.inf
     """Growth over a segment below which failed steps have cut the orbit at the last point."""
 
-    def __init__(self, first: AugmentedPoint, bounds: Bounds = ()) -> None:
-        super().__init__(first, bounds)
+    def __init__(self, first: AugmentedPoint) -> None:
+        super().__init__(first)
         self.signs: dict[str, list[tuple[AugmentedPoint, float]]] = {}
         """Points and values of each test, since the last change of its sign."""
         self._test(first)

@@ -72,8 +72,6 @@ class End:
 
 S = TypeVar("S")
 """Kind of special point."""
-Bounds = tuple[tuple[int, float, float], ...]
-"""(number of a parameter, low, high) of every parameter that is bounded, scaled."""
 
 
 class Continuation(Generic[P, S]):
@@ -82,7 +80,6 @@ class Continuation(Generic[P, S]):
     points : all so far
     special : special points so far, each with the number of the point before it
     stop : why the curve ended; None until then
-    bounds : of the parameters, by default 0 to 1 of each, the last one first
     before : solutions behind the last point, from which the next one is predicted
     length : of the next step
     longest : longest next step, after one that has left the range or skipped a piece of the curve
@@ -90,9 +87,8 @@ class Continuation(Generic[P, S]):
     missed : distance of the last step's predictor from the curve
     """
 
-    def __init__(self, first: P, bounds: Bounds = ()) -> None:
+    def __init__(self, first: P) -> None:
         self.points = [first]
-        self.bounds = bounds or tuple((k, 0.0, 1.0) for k in reversed(range(len(first.equations.ranges))))
         self.special: list[tuple[int, S]] = []
         self.stop: End | None = None
         self.settings: Settings = first.equations.settings
@@ -146,7 +142,7 @@ class Continuation(Generic[P, S]):
                 continue
             first = new.equations.size
             inside = corner or edge is not None or all(
-                low <= new.solution.z[first + k] <= high for k, low, high in self.bounds)
+                0.0 <= scaled <= 1.0 for scaled in new.solution.z[first:first + len(new.equations.ranges)])
             self.stop = self.unresolved(new) if inside and not corner else None
             if self.stop is not None:
                 return
@@ -241,10 +237,10 @@ class Continuation(Generic[P, S]):
         The step is shortened until the point is found. A curve that begins on a bound and leaves the range ends there.
         """
         here, settings, solution = self.here, self.settings, self.here.solution
-        for number, low, high in self.bounds:
+        for number in reversed(range(len(here.equations.ranges))):
             k = here.equations.size + number
             slope = float(solution.tangent[k])
-            bound = high if slope > 0.0 else low
+            bound = 1.0 if slope > 0.0 else 0.0
             room = bound - float(solution.z[k])
             while self.length > settings.smallest_step and abs(self.length * slope) > abs(room):
                 if room == 0.0 and len(self.points) == 1:

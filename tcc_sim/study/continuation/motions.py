@@ -1,4 +1,4 @@
-"""Periodic motions of a scene along one of its keys: branches, bifurcations, curves and limits."""
+"""Periodic motions of a scene along one of its keys: branches, bifurcations and curves."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from tcc_sim.study.continuation.branch import Branch, branch_through, first_poin
 from tcc_sim.study.continuation.curves import KINDS, BifurcationCurve, bifurcation_curve, border_curve
 from tcc_sim.study.continuation.diagram import switch
 from tcc_sim.study.continuation.driveline import DrivelineMap, Seed, refuse_family, seeded, start_orbit
-from tcc_sim.study.continuation.limits import Limit, limit_of
 from tcc_sim.study.continuation.newton import OrbitFigures
 from tcc_sim.study.continuation.settings import DEFAULTS
 from tcc_sim.study.continuation.shooting import ParameterRange
@@ -33,7 +32,6 @@ class ContinuationPlan:
     period : engine cycles of the first motion; None takes the period of the settled one
     at : values with orbits in the result
     switch : generations of doubled branches
-    limit : whether bifurcations of the smoothed law are followed to the set-valued one
     seeds : motions on further branches; they replace the settled one
 
     Raises
@@ -49,7 +47,6 @@ class ContinuationPlan:
     at: tuple[float, ...] = ()
     switch: int = 0
     second: tuple[str, float, float] | None = None
-    limit: bool = False
     seeds: tuple[Seed, ...] = ()
 
     @property
@@ -98,14 +95,6 @@ class OrbitAt(Described):
     orbit: OrbitFigures = field(metadata=reported("the motion", spread=True))
 
 
-@dataclass(frozen=True)
-class BifurcationWithLimit:
-    """A bifurcation, and its limit with `--limit`."""
-
-    found: Bifurcation = field(metadata=reported("the bifurcation", spread=True))
-    limit: Limit | None = field(metadata=reported("its limit, with --limit", spread=True, asked_for=True))
-
-
 @dataclass(repr=False)
 class Motions(Result):
     """The motions found along a key."""
@@ -116,7 +105,6 @@ class Motions(Result):
     at: list[dict[str, Any]] = field(default_factory=list, metadata=reported(
         "motions of every branch at every --at value", of=(OrbitAt,)))
     curves: list[BifurcationCurve] = field(default_factory=list)
-    limits: dict[int, Limit] = field(default_factory=dict)
     complete: bool = field(default=False, metadata=reported("false where it was interrupted"))
 
     def _text(self) -> str:
@@ -140,16 +128,10 @@ class Motions(Result):
         return self.system.friction.law
 
     @property
+    @reporting("bifurcations of all branches, in order")
     def bifurcations(self) -> list[Bifurcation]:
         """Bifurcations of all branches, in order."""
         return [f for branch in self.branches for f in branch.bifurcations]
-
-    @property
-    @reporting("bifurcations of all branches, in order", name="bifurcations")
-    def limited(self) -> list[BifurcationWithLimit]:
-        """The bifurcations, with their limits if there are any."""
-        none = Limit(None, why="not looked for: interrupted") if self.plan.limit else None
-        return [BifurcationWithLimit(found, self.limits.get(k, none)) for k, found in enumerate(self.bifurcations)]
 
     @property
     @reporting("bifurcations followed in two keys", asked_for=True, name="curves")
@@ -160,14 +142,14 @@ class Motions(Result):
 
 def continuation(scene: Scene | System | str, over: str, start: float, stop: float, *, period: int | None = None,
                  at: Sequence[float] | float = (), switch: int = 0, second: tuple[str, float, float] | None = None,
-                 limit: bool = False, seeds: Sequence[Seed] = (), progress: bool = False) -> Motions:
+                 seeds: Sequence[Seed] = (), progress: bool = False) -> Motions:
     """The branches of periodic motions along one scene key, with their bifurcations.
 
     Parameters
     ----------
     scene : a scene, its name or file, or a system
     over : scene key that is followed, from the smaller of `start` and `stop` to the larger
-    period, at, switch, second, limit, seeds : as in `ContinuationPlan`
+    period, at, switch, second, seeds : as in `ContinuationPlan`
     progress : show points on a terminal or in a notebook, elsewhere a line a minute
 
     Raises
@@ -184,7 +166,7 @@ def continuation(scene: Scene | System | str, over: str, start: float, stop: flo
     ([(1, 'start')], True)
     """
     plan = ContinuationPlan(over, min(start, stop), max(start, stop), period, sequence_of_numbers(over, at), switch,
-                            second, limit, tuple(seeds))
+                            second, tuple(seeds))
     with point_bar(progress) as tick:
         return continue_motions(system_of(scene), plan, tick)
 
@@ -209,10 +191,6 @@ def check(system: System, plan: ContinuationPlan) -> DrivelineMap:
         present = _present(system, key)
         if not low <= present <= high:
             raise InputError(f"--second runs from {low:g} to {high:g}; it must include the scene's {key}, {present:g}")
-    if plan.limit and system.friction.law != "smoothed":
-        raise InputError(f"friction.law is {system.friction.law}; --limit is for the smoothed law")
-    if plan.limit and plan.over == "friction.smoothing":
-        raise InputError("--limit follows friction.smoothing itself; --over must be another key")
     if plan.period is not None and plan.period % found.forcing_period:
         raise InputError(f"--period is {plan.period}; the excitation repeats after {found.forcing_period} engine "
                          "cycles, and the period must be a multiple of that")
@@ -255,11 +233,6 @@ def continue_motions(system: System, plan: ContinuationPlan, tick: Callable[[Con
                        for orbit in orbits_at(branch, value)]
     if plan.second is not None:
         _curves(system, plan, span, out)
-    if plan.limit:
-        smoothed = DrivelineMap(system, (plan.over, "friction.smoothing"))
-        set_valued = DrivelineMap(replace(system, {"friction.law": "set_valued"}), (plan.over,))
-        for number, item in enumerate(out.bifurcations):
-            out.limits[number] = limit_of(item, smoothed, set_valued, span, system.friction.smoothing)
     out.complete = True
     return out
 

@@ -148,16 +148,6 @@ class Settings:
     bend: float = 8e-3  # the same for second derivatives, relative to the length in which the Jacobian changes by one
     margin_step: float = 1e-6  # step of differences of a margin by the two parameters
 
-    # Limits of bifurcations as sigma goes to infinity (`limits.py`).
-    limit_landings: tuple[float, ...] = (8e-3, 4e-3, 2e-3, 1e-3)  # ends of the trace, the scene's sigma over sigma
-    limit_steps: tuple[float, float] = (0.02, 1e-7)  # first and smallest step of the trace
-    limit_least: float = 0.3  # the scene's sigma over sigma that an extrapolated trace must reach
-    limit_farthest: float = 100.0  # how far the parameter may go on it, in widths of its range
-    limit_gain: float = 0.1  # error of an extrapolation, at least this part of its difference from a straight line
-    limit_safety: float = 4.0  # factor of the error; without it the worst of 44 known limits was 0.8 errors away
-    limit_stuck: float = 1e-3  # slip speed, rad/s, of a smoothed motion that sticks on the section
-    limit_solved: float = 1e-9  # error of a bifurcation of the set-valued law, relative to the range
-
     @property
     def finest(self) -> float:
         """Shortest part of a segment, cycles."""

@@ -24,26 +24,24 @@ from tcc_sim.study.continuation.settings import DEFAULTS, Settings
 
 @dataclass(frozen=True)
 class ParameterRange:
-    """The range of one free parameter; with `inverse` its coordinate is the reciprocal, 0 at infinity, 1 at `low`."""
+    """The range of one free parameter."""
 
     low: float
     high: float
-    inverse: bool = False
     name: str = "parameter"
 
     def value(self, scaled: float) -> float:
         """The parameter at 0 (low) to 1 (high)."""
-        if self.inverse:
-            return self.low / scaled
         return self.low + scaled * (self.high - self.low)
 
     def scaled(self, value: float) -> float:
         """0 at low to 1 at high."""
-        return self.low / value if self.inverse else (value - self.low) / (self.high - self.low)
+        return (value - self.low) / (self.high - self.low)
 
-    def width(self, scaled: float) -> float:
+    @property
+    def width(self) -> float:
         """Change of the parameter per unit of the scaled one."""
-        return -self.low / scaled**2 if self.inverse else self.high - self.low
+        return self.high - self.low
 
 
 class Linearised(NamedTuple):
@@ -109,9 +107,10 @@ class Shooting:
         """The free parameters of a point."""
         return tuple([w.value(u) for w, u in zip(self.ranges, z[self.size:].tolist())])
 
-    def widths(self, z: Floats) -> list[float]:
+    @property
+    def widths(self) -> list[float]:
         """Change of each free parameter per unit of its unknown."""
-        return [w.width(u) for w, u in zip(self.ranges, z[self.size:].tolist())]
+        return [w.width for w in self.ranges]
 
     def nodes(self, z: Floats) -> Floats:
         """(m, n) states at the starts of the segments."""
@@ -128,7 +127,7 @@ class Shooting:
         values, nodes = self.values(z), self.nodes(z)
         starts, blocks_at, ends_at = layout(self.segments, n)
         images = self.map.evaluate_each(nodes, values, starts, self.segments)
-        sizes, units = unknowns_sizes(tuple(scales.tolist()), tuple(self.widths(z)))
+        sizes, units = unknowns_sizes(tuple(scales.tolist()), tuple(self.widths))
         parts = np.array([image.derivatives for image in images]) * units
         blocks, ends, following = parts[..., :n], images[0].value, nodes[0]
         if count == 1:

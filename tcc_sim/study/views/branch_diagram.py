@@ -78,18 +78,6 @@ def into(axis: Any, found: Any) -> None:
         axis.plot([item["value"]], [item["max_slip_speed"]], linestyle="none", marker=marker, color=style.INK,
                   markersize=4.5, label=None if name in named else name, zorder=4)
         named.add(name)
-    _limits(axis, found)
-
-
-def _limits(axis: Any, found: Mapping[str, Any]) -> None:
-    """Draw the limits of bifurcations as sigma goes to infinity, each joined to its bifurcation by a line."""
-    name = r"limit as $\sigma \to \infty$"
-    for number, item in enumerate(f for f in found["bifurcations"] if f.get("limit") is not None):
-        place, height = item["limit"], item["max_slip_speed"]
-        axis.plot([item["value"], place], [height, height], color=style.INK, linewidth=0.7, linestyle=(0, (1, 1.5)))
-        axis.errorbar([place], [height], xerr=[item.get("limit_error") or 0.0], linestyle="none", capsize=2.0,
-                      marker=MARKS[item["kind"]][0], markerfacecolor="white", color=style.INK, markersize=4.5,
-                      elinewidth=0.7, label=None if number else name, zorder=4)
 
 
 def _curves(axis: Any, found: Mapping[str, Any]) -> None:

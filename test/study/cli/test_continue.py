@@ -58,7 +58,6 @@ def test_ctrl_c_keeps_what_was_found(tmp_path: Path, monkeypatch: pytest.MonkeyP
     (["--over", "engine.mean_torque=295:305", "--period", "0"], "1 to 16"),
     (["--over", "engine.mean_torque=295:305", "--switch", "9"], "0 to 8"),
     (["--over", "engine.mean_torque=295:305", "--second", "engine.mean_torque=1:2"], "another one"),
-    (["--over", "engine.mean_torque=295:305", "--limit", "--set", "friction.law=set_valued"], "smoothed law"),
     (["--over", "engine.mean_torque=295:305", "--plot", "a.gif"], ".png, .svg or .pdf"),
 ])
 def test_wrong_input_is_one_line_and_status_2(words: list[str], said: str, refused: Callable[..., str]) -> None:

@@ -11,7 +11,6 @@ from tcc_sim.study.continuation import curves
 from tcc_sim.study.continuation.codim2_points import measured
 from tcc_sim.study.continuation.curves import BifurcationCurve, bifurcation_curve
 from tcc_sim.study.continuation.follow import StopReason
-from tcc_sim.study.continuation.limits import limit_of
 from tcc_sim.study.continuation.palc import solution_at
 from tcc_sim.study.continuation.settings import Settings
 from tcc_sim.study.continuation.shooting import ParameterRange, Shooting
@@ -191,58 +190,6 @@ def test_a_neimark_sacker_curve_ends_in_the_resonances_1_1_and_1_2() -> None:
     angles = {"resonance_1_1": 0.0, "resonance_1_4": 0.5 * math.pi, "resonance_1_3": 2.0 * math.pi / 3.0,
               "resonance_1_2": math.pi}
     within_errors(curve, {name: place(angle) for name, angle in angles.items()}, 1e-6)
-
-
-def test_bifurcations_that_stay_without_smoothing_and_those_of_the_smoothing() -> None:
-    def smoothed(x, p):  # A fold at p = -1/sigma.
-        e = 1.0 / p[1] if len(p) > 1 else 0.0
-        return (x + 0.2 * (p[0] - x**2 + e), np.array([[1.0 - 0.4 * x[0]]]),
-                np.array([[0.2, -0.2 * e * e]])[:, :len(p)])
-
-    def vanishing(x, p):  # Folds of p = x^3 - 3 (e - 0.01) x at x^2 = e - 0.01: gone once e = 1/sigma falls below 0.01.
-        e = 1.0 / p[1]
-        gap = 3.0 * (e - 0.01)
-        return (x + 0.2 * (p[0] - x**3 + gap * x), np.array([[1.0 + 0.2 * (gap - 3.0 * x[0] ** 2)]]),
-                np.array([[0.2, -0.6 * e * e * x[0]]]))
-
-    def elsewhere(x, p):  # No fold near.
-        return x + 0.5 * (p[0] - x), np.array([[0.5]]), np.array([[0.5]])
-
-    def logarithmic(x, p):  # A fold at p = -e log(e), e = 1/sigma: as the time after which a motion leaves stick.
-        e = 1.0 / p[1]
-        return (x + 0.2 * (p[0] - x**2 + e * np.log(e)), np.array([[1.0 - 0.4 * x[0]]]),
-                np.array([[0.2, -0.2 * e * e * (np.log(e) + 1.0)]]))
-
-    def torn(low, high):  # As the first one, but there is no map between two smoothing factors.
-        def step(x, p):
-            if len(p) > 1 and low < p[1] < high:
-                raise ArithmeticError("no map")
-            return smoothed(x, p)
-
-        return step
-
-    span, sigma = ParameterRange(-1.0, 1.0), 5.0
-
-    def fold(step: Step, guess: float) -> Bifurcation:
-        return of_kind(branch_of(at_second(step, sigma), 1, -1.0, 1.0, 0.5, [guess]), "fold")
-
-    def limit(step: Step, guess: float, other: Step):
-        return limit_of(fold(step, guess), TextbookMap(step, 1), TextbookMap(other, 1), span, sigma)
-
-    stays = limit(smoothed, 0.8, smoothed)
-    assert stays.value == pytest.approx(0.0, abs=1e-9)
-    assert (stays.error, stays.why) == (pytest.approx(2e-9), "")
-    for step in (smoothed, logarithmic, torn(50.0, np.inf)):
-        far = limit(step, 0.8, elsewhere)
-        assert abs(far.value) <= far.error < 2e-4
-    early = limit(torn(50.0, np.inf), 0.8, smoothed)  # Extrapolated from sigma = 50, and solved without smoothing.
-    assert early.value == pytest.approx(0.0, abs=1e-9)
-    gone = limit(vanishing, 1.0, vanishing)
-    assert gone.value is None
-    assert gone.why.startswith("of the smoothing: there is none beyond sigma = 9")  # 100, between two of its points.
-    lost = limit(torn(10.0, np.inf), 0.8, smoothed)
-    assert lost.value is None
-    assert lost.why.startswith("not found: the curve of the bifurcation was lost at sigma = ")
 
 
 def with_noise(size: float):

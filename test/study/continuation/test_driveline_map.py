@@ -13,7 +13,6 @@ from tcc_sim.scene import load_scene
 from tcc_sim.study.continuation.branch import branch_through, first_point
 from tcc_sim.study.continuation.driveline import DrivelineMap, start_orbit
 from tcc_sim.study.continuation.follow import StopReason
-from tcc_sim.study.continuation.limits import limit_of
 from tcc_sim.study.continuation.motions import ContinuationPlan, Motions, check, continue_motions
 from tcc_sim.study.continuation.newton import newton, orbit_at
 from tcc_sim.study.continuation.settings import Settings
@@ -59,7 +58,7 @@ def test_the_border_of_pure_stick_is_that_of_the_closed_form() -> None:
 def doubled() -> dict[str, Motions]:
     """Where the motion of period one doubles under either law."""
     return {law: continue_motions(coexistence(law, 0.85), ContinuationPlan(
-        MU_K, 0.3 * low, 0.3 * high, period=1, limit=law == "smoothed"))
+        MU_K, 0.3 * low, 0.3 * high, period=1))
             for law, low, high in (("smoothed", 0.772, 0.784), ("set_valued", 0.8, 0.81))}
 
 
@@ -70,30 +69,9 @@ def test_the_doubling_of_period_one(law: str, doubled: dict[str, Motions]) -> No
     assert item.kind == "period_doubling"
     there = replace(coexistence(law, 0.85), {MU_K: item.value})
     assert np.abs(by_scipy.multipliers(there, item.point.orbit.section, 1) + 1.0).min() < 1e-6
+    if law == "smoothed":
+        assert item.value / 0.3 == pytest.approx(by_scipy.DOUBLING, abs=1e-8)
     assert found.branches[0].points[0].orbit.stable != found.branches[0].points[-1].orbit.stable
-
-
-def test_the_limit_of_the_doubling_is_that_of_the_set_valued_law(doubled: dict[str, Motions]) -> None:
-    """Though it lies outside the range."""
-    assert doubled["smoothed"].limits[0].value == pytest.approx(doubled["set_valued"].bifurcations[0].value, abs=3e-8)
-    assert doubled["smoothed"].bifurcations[0].value / 0.3 == pytest.approx(by_scipy.DOUBLING, abs=1e-8)
-
-
-def test_a_fold_next_to_a_canard_has_the_limit_that_the_set_valued_law_has() -> None:
-    # Two folds of the set-valued law are 2 rad/s apart, and a doubling 1e-5 rad/s from the one of them.
-    span, scene = ParameterRange(106.0, 112.0), load_scene("fig02").with_values(
-        {"engine.frequency": 110.0, "friction.kinetic_coefficient": 0.25, "pressure.mean": 225e3})
-    laws = [scene.with_values({"friction.law": law}).system for law in ("smoothed", "set_valued")]
-    smoothed, own = (continue_motions(s, ContinuationPlan("engine.frequency", 106.0, 112.0, period=1)) for s in laws)
-    maps = DrivelineMap(laws[0], ("engine.frequency", "friction.smoothing")), DrivelineMap(laws[1],
-                                                                                        ("engine.frequency",))
-    folds = [f for f in smoothed.bifurcations if f.kind == "fold"]
-    (doubling,) = [f for f in smoothed.bifurcations
-                   if f.kind == "period_doubling" and min(abs(f.value - fold.value) for fold in folds) < 1e-3]
-    assert len(folds) == 2
-    for item in (*folds, doubling):
-        limit = limit_of(item, *maps, span, 50.0)
-        assert min(abs(f.value - limit.value) for f in own.bifurcations if f.kind == item.kind) <= limit.error < 1e-8
 
 
 def test_a_canard_ends_a_branch_with_a_sentence() -> None:
