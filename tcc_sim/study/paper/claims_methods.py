@@ -10,10 +10,11 @@ import numpy as np
 from tcc_sim.analysis.damping import slope_of_friction
 from tcc_sim.analysis.periodicity import periodicity
 from tcc_sim.errors import NumericalFailure
-from tcc_sim.model import friction, harmonic_balance
+from tcc_sim.model import friction
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.comparison.runge_kutta import rk4_limit
 from tcc_sim.solvers.terms import terms_of
+from tcc_sim.study.paper import harmonic_balance
 from tcc_sim.study.paper.branches_behind import SMOOTHING
 from tcc_sim.study.paper.catalogue import FIGURES, OMEGA_N, paper_system
 from tcc_sim.study.paper.claims_periods import MISMATCHED, PeriodClaims, actuated

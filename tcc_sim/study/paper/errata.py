@@ -12,7 +12,6 @@ import yaml
 
 from tcc_sim.analysis.damping import damping_of_cycles
 from tcc_sim.model import pure_slip, pure_stick
-from tcc_sim.model.harmonic_balance import harmonic_balance, mean_friction_torque
 from tcc_sim.output.tables import escape, markdown_table
 from tcc_sim.solvers import solve
 from tcc_sim.study.continuation.bracket import chandrupatla
@@ -21,6 +20,7 @@ from tcc_sim.study.paper.claims import listed_numbers
 from tcc_sim.study.paper.claims_periods import actuated
 from tcc_sim.study.paper.claims_stick import PURE_SLIP
 from tcc_sim.study.paper.evidence import FREQUENCY, KINETIC, Evidence, rms_apart, two_digits, with_kinetic
+from tcc_sim.study.paper.harmonic_balance import harmonic_balance, mean_friction_torque
 from tcc_sim.trajectory import integral
 
 Numbers = Mapping[str, float | Sequence[float]]

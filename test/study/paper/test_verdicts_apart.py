@@ -12,11 +12,11 @@ import pytest
 from given import Given, law_of, record, rows
 
 from tcc_sim.analysis.damping import slope_of_friction
-from tcc_sim.model import friction, harmonic_balance
+from tcc_sim.model import friction
 from tcc_sim.model.parameters import System
 from tcc_sim.model.pure_slip import pure_slip
 from tcc_sim.solvers import solve
-from tcc_sim.study.paper import claims_methods, claims_periods, claims_stick
+from tcc_sim.study.paper import claims_methods, claims_periods, claims_stick, harmonic_balance
 from tcc_sim.study.paper.catalogue import FIGURES, OMEGA_N, paper_system
 from tcc_sim.study.paper.claims import PaperEvidence
 from tcc_sim.study.paper.evidence import FAILED, FREQUENCY, KINETIC, Evidence, with_kinetic

@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from tcc_sim.errors import InputError, NumericalFailure
-from tcc_sim.model.harmonic_balance import harmonic_balance, mean_friction_torque, series
 from tcc_sim.model.parameters import System, replace
+from tcc_sim.study.paper.harmonic_balance import harmonic_balance, mean_friction_torque, series
 
 BASE = replace(System(), {"pressure.mean": 225e3, "pressure.amplitude": 0.25 * 225e3, "engine.frequency": 150.0,
                           "friction.kinetic_coefficient": 0.3, "friction.smoothing": 5.0})
