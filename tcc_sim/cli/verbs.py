@@ -149,11 +149,6 @@ GROUPS: dict[str, dict[str, Verb]] = {
             "compare the pacing of the driveline node with a bare absolute-deadline loop",
             "realtime --rate 1000 --duration 10 --json realtime.json",
             "missed ticks, drift, and lateness and CPU time of both loops",
-            "--json FILE, all numbers"),
-        "soak": Verb(
-            "run driveline, recorder and commands for a long time and measure losses, memory and drift",
-            "soak --duration 60 --json soak.json",
-            "messages recorded and lost, drift, and memory and CPU time of both nodes",
             "--json FILE, all numbers")},
 }
 """Verbs by purpose, in the order of `tcc-sim --help`."""

@@ -1,4 +1,4 @@
-"""Node that sends harmonic engine torque and pressure commands at a fixed rate, as a load for `tcc-sim soak`.
+"""Node that sends harmonic engine torque and pressure commands at a fixed rate, as a load.
 
 `python -m tcc_sim.nodes.commander --ros-args -p rate:=1000.0`; the commands are those of the scene fig02.
 """

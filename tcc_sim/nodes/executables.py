@@ -114,4 +114,4 @@ driveline_node = partial(_run, "driveline")
 recorder_node = partial(_run, "recorder")
 slip_controller_node = partial(_run, "slip_controller")
 commander = partial(_run, "commander")
-"""Node that sends commands for `tcc-sim soak`."""
+"""Node that sends commands as a load."""

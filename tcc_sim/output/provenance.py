@@ -16,7 +16,7 @@ from tcc_sim.scene import Scene
 
 FORMATS: dict[str, int] = {
     "simulate": 1, "analyse": 1, "sweep": 1, "sweep_points": 1, "continue": 1, "basins": 1, "basin_rows": 1,
-    "explain": 1, "figure": 1, "claims": 1, "precision": 1, "stability": 1, "soak": 1, "realtime": 1,
+    "explain": 1, "figure": 1, "claims": 1, "precision": 1, "stability": 1, "realtime": 1,
     "linearise": 1, "identify": 1}
 """Format number of each kind of JSON; files of sweep_points and basin_rows have one line per point or row."""
 HEAD = {"format": "kind of file and number of its format", "version": "version of the package that wrote it",

@@ -14,7 +14,6 @@ from tcc_sim.replay.measured import MeasuredRun
 from tcc_sim.replay.result import Replay
 from tcc_sim.result import Reported
 from tcc_sim.study.basins.results import Planes
-from tcc_sim.study.benchmarks.endurance import SoakFigures
 from tcc_sim.study.benchmarks.precision_report import PrecisionReport
 from tcc_sim.study.benchmarks.stability import StabilityReport
 from tcc_sim.study.continuation.motions import Motions
@@ -40,8 +39,7 @@ KINDS: dict[str, tuple[str, tuple[type, ...]]] = {
     "claims": ("tcc-sim claims --json", (ClaimsReport,)),
     "precision": ("precision.json of tcc-sim precision", (PrecisionReport,)),
     "stability": ("stability.json of tcc-sim stability", (StabilityReport,)),
-    "realtime": ("tcc-sim realtime --json", ()),
-    "soak": ("tcc-sim soak --json", (SoakFigures,))}
+    "realtime": ("tcc-sim realtime --json", ())}
 INTRODUCTION = """`test/instruments/fields_page.py` writes this page from the classes of results. The name of a field
 within another one, or of the entries of a list, has a dot. The key `units` of a file gives the unit of every field that
 has one; files are in SI units."""

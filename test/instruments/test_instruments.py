@@ -1,4 +1,4 @@
-"""Instruments run by hand: the comparison with AUTO-07p, engine cycles a second, and the picture of two fluids."""
+"""Instruments run by hand: comparison with AUTO-07p, cycles a second, picture of two fluids, losses of a soak."""
 
 from pathlib import Path
 
@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 import sweep_speed
 from branch_speed import Compared, Followed, auto, auto_installed, coexistence, constants, model, page_lines, runs_of
+from driveline_bags import bag, ticked
 from fluids import draw_fluids
 from oracle import smoothed_states
+from soak import figures_of
 
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
@@ -104,3 +106,18 @@ def test_aged_fluid_judders_and_fresh_fluid_does_not(name: str, sticks: bool) ->
     assert (slip.min() < 0.02) == sticks
     assert 20.0 < slip.max() < 40.0
     assert slip.min() > -1e-2
+
+
+ROWS = ticked(load_scene("minimal"), 300)
+
+
+@pytest.mark.parametrize(("kept", "gaps"), [(ROWS, 0), (ROWS[:50] + ROWS[51:100] + ROWS[140:], 41)])
+@pytest.mark.parametrize("beyond", [0, 1, -1])
+def test_the_count_of_the_recorder_is_compared_with_the_gaps_in_the_stamps(tmp_path, kept, gaps, beyond):
+    found = figures_of(bag(tmp_path / "run", kept, "minimal", lost=gaps + beyond))
+    assert (found.lost_messages, found.messages["/joint_states"], found.complete) == (gaps, 300 - gaps, True)
+    assert found.count_is_honest == (beyond == 0)
+
+
+def test_without_a_count_there_is_nothing_to_believe(tmp_path):
+    assert not figures_of(bag(tmp_path / "run", ROWS, "minimal", cut=True)).count_is_honest

@@ -1,2 +1,2 @@
-"""Measurements: error against run time, extreme cases, other programs, pacing and endurance; with their drawings.
+"""Measurements: error against run time, extreme cases, other programs, pacing; with their drawings.
 """

@@ -1,9 +1,8 @@
-"""`tcc-sim precision`, `stability`, `realtime` and `soak`: measurements of the program, as reports or figures."""
+"""`tcc-sim precision`, `stability` and `realtime`: measurements of the program, as reports or figures."""
 
 from __future__ import annotations
 
 import argparse
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,14 +12,11 @@ from tcc_sim.output.files import new_directory, write_json
 from tcc_sim.output.terminal import counted_bar, say, seconds_bar
 
 if TYPE_CHECKING:
-    from tcc_sim.study.benchmarks.endurance import SoakFigures
     from tcc_sim.study.benchmarks.pacing_benchmark import PacingFigures
 
 REPORTS = {"precision": "shorter ladders, about 40 s of computing on one core",
            "stability": "fewer scenes and coarser charts, about half a minute"}
 """Verbs that write a report, with the help of --quick."""
-DURATIONS = {"realtime": (0.5, 60.0), "soak": (2.0, 600.0)}
-"""Verbs that measure running nodes, with the shortest and the default duration, s."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,21 +29,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                             help=f"new directory for {verb}.png, .svg, .json and .md (default {verb})")
         add_layout(output, "none")
         return
-    shortest, default = DURATIONS[verb]
     extent.add_argument("--rate", type=number(1.0, 20000.0, "Hz"), default=1000.0, metavar="HZ",
-                        help=f"rate of the ticks{' and commands' if verb == 'soak' else ''}, Hz (default 1000)")
-    extent.add_argument("--duration", type=number(shortest, 1e6, "s"), default=default, metavar="S",
-                        help=f"duration of the measurement, s (default {default:g})")
+                        help="rate of the ticks, Hz (default 1000)")
+    extent.add_argument("--duration", type=number(0.5, 1e6, "s"), default=60.0, metavar="S",
+                        help="duration of the measurement, s (default 60)")
     output.add_argument("--json", type=Path, metavar="FILE", help="write all numbers as JSON")
-    if verb == "realtime":
-        loops = parser.add_argument_group("both loops")
-        loops.add_argument("--recorder", action="store_true",
-                           help="run a recorder in another process, which competes for the cores")
-        loops.add_argument("--thread-priority", type=number(0, 99, kind=int), default=0, metavar="N",
-                           help="SCHED_FIFO priority; 0, the default, changes nothing")
-        loops.add_argument("--cpu-affinity", type=number(0, 1023, kind=int), nargs="+", default=[], metavar="CORE",
-                           help="cores to run on (default: all)")
-        loops.add_argument("--lock-memory", action="store_true", help="lock memory")
+    loops = parser.add_argument_group("both loops")
+    loops.add_argument("--recorder", action="store_true",
+                       help="run a recorder in another process, which competes for the cores")
+    loops.add_argument("--thread-priority", type=number(0, 99, kind=int), default=0, metavar="N",
+                       help="SCHED_FIFO priority; 0, the default, changes nothing")
+    loops.add_argument("--cpu-affinity", type=number(0, 1023, kind=int), nargs="+", default=[], metavar="CORE",
+                       help="cores to run on (default: all)")
+    loops.add_argument("--lock-memory", action="store_true", help="lock memory")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -57,17 +51,13 @@ def run(arguments: argparse.Namespace) -> int:
         require("matplotlib", "a picture")
         return (_precision if arguments.verb == "precision" else _stability)(arguments, folder)
     from tcc_sim.nodes.children import require_ros
-    from tcc_sim.result import json_of
     from tcc_sim.scene import load_scene
 
     require_ros()
     if arguments.json is not None:
         new_file(arguments.json)
-    found: PacingFigures | SoakFigures
-    found, scene = (_realtime(arguments), "fig02") if arguments.verb == "realtime" else (_soak(arguments), "commands")
-    figures = json_of(found)
-    present(arguments, load_scene(scene).with_values({"rate": arguments.rate}), found)
-    return 0 if figures.get("count_is_honest", True) else 1
+    present(arguments, load_scene("fig02").with_values({"rate": arguments.rate}), _realtime(arguments))
+    return 0
 
 
 def _precision(arguments: argparse.Namespace, folder: Path) -> int:
@@ -155,22 +145,3 @@ def _realtime(arguments: argparse.Namespace) -> PacingFigures:
     for sentence in sorted({sentence for trial in found["settings"] for sentence in trial["refused"]}):
         say(f"  {sentence}")
     return figures
-
-
-def _soak(arguments: argparse.Namespace) -> SoakFigures:
-    """Run driveline, recorder and commands for a long time; the recording goes to a temporary folder."""
-    from tcc_sim.study.benchmarks.endurance import soak
-
-    with tempfile.TemporaryDirectory(prefix="tcc_sim_") as folder, seconds_bar("soak", arguments.duration) as done:
-        found = soak(Path(folder) / "recording", arguments.rate, arguments.duration, done)
-    recorded = found.recorded
-    say(f"{recorded.simulated_s:.1f} s simulated in real time at {found.rate:g} Hz, drift "
-        f"{recorded.drift_s * 1e3:.1f} ms")
-    say(f"{counted(sum(recorded.messages.values()), 'message')}; by the stamps {recorded.lost_messages} of "
-        f"joint_states are missing; recorder's own count: {'agrees' if recorded.count_is_honest else 'differs'}")
-    for name, node in (("driveline", found.driveline), ("recorder", found.recorder)):
-        say(f"{name}: {node.memory_last_bytes / 1e6:.1f} MB, {node.memory_growth_bytes / 1e6:.2f} MB more than "
-            f"after the warm-up, {node.cpu_fraction * 100.0:.1f} % of a core")
-    for warning in recorded.warnings:
-        say(f"warning: {warning}")
-    return found

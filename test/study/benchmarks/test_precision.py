@@ -1,4 +1,4 @@
-"""The work-precision report: references against closed forms, failures listed, files as promised; losses of a soak."""
+"""The work-precision report: references against closed forms, failures listed, files as promised."""
 
 import dataclasses
 import json
@@ -7,7 +7,6 @@ from itertools import combinations
 import numpy as np
 import pytest
 from documents import same_pictures, valid
-from driveline_bags import bag, ticked
 
 from tcc_sim.cli import main
 from tcc_sim.model.parameters import System, replace
@@ -15,7 +14,6 @@ from tcc_sim.scene import load_scene
 from tcc_sim.solvers import SOLVERS, solve
 from tcc_sim.study.benchmarks import peers, report_drawings
 from tcc_sim.study.benchmarks import work_precision as precision
-from tcc_sim.study.benchmarks.endurance import figures_of
 from tcc_sim.study.benchmarks.precision_report import (
     Omitted,
     PrecisionResult,
@@ -280,18 +278,3 @@ def test_points_below_the_floor_are_faded():
     assert shown == {"smoothed": [True, True, False], "XPPAUT cvode": [True, False, False]}
     faded = [line for line in axis.lines if line not in handles.values()]
     assert [(line.get_alpha(), len(line.get_ydata())) for line in faded] == [(report_drawings.FADED, 3)] * 2
-
-
-ROWS = ticked(load_scene("minimal"), 300)
-
-
-@pytest.mark.parametrize(("kept", "gaps"), [(ROWS, 0), (ROWS[:50] + ROWS[51:100] + ROWS[140:], 41)])
-@pytest.mark.parametrize("beyond", [0, 1, -1])
-def test_the_count_of_the_recorder_is_compared_with_the_gaps_in_the_stamps(tmp_path, kept, gaps, beyond):
-    found = figures_of(bag(tmp_path / "run", kept, "minimal", lost=gaps + beyond))
-    assert (found.lost_messages, found.messages["/joint_states"], found.complete) == (gaps, 300 - gaps, True)
-    assert found.count_is_honest == (beyond == 0)
-
-
-def test_without_a_count_there_is_nothing_to_believe(tmp_path):
-    assert not figures_of(bag(tmp_path / "run", ROWS, "minimal", cut=True)).count_is_honest
