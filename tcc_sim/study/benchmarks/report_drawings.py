@@ -11,6 +11,7 @@ import numpy as np
 
 from tcc_sim.study.benchmarks.peers import SINGLE
 from tcc_sim.views import style
+from tcc_sim.views.stored import Record
 from tcc_sim.views.sweeps import edges, numbers
 
 if TYPE_CHECKING:
@@ -229,3 +230,18 @@ def _sorted(axis: Any, cases: Sequence[Examined], key: str, name: str) -> None:
             axis.plot(share, np.maximum(values, 1e-17), color=colour, marker=marker, markersize=2.0, linewidth=0.8,
                       label=engine)
     axis.set(yscale="log", ylabel=name)
+
+
+def draw_stored_precision(path: Path, values: Record, title: str, width: float) -> Path:
+    """Draw error against run time."""
+    for record in values.scenes:
+        for row in record.results:
+            vars(row)["largest_error"] = max(row.error_final, row.error_section, row.error_max_slip)
+    draw_precision(path, values.scenes, title, width)
+    return path
+
+
+def draw_stored_stability(path: Path, values: Record, title: str, width: float) -> Path:
+    """Draw error charts and the errors of extreme scenes."""
+    draw_stability(path, values.charts, values.cases, title, width)
+    return path

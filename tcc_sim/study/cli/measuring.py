@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from tcc_sim.cli.arguments import add_layout, new_file, number, present
 from tcc_sim.errors import counted, printable, require
@@ -62,13 +64,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _precision(arguments: argparse.Namespace, folder: Path) -> int:
     """Measure error against run time of every solver; an interrupted study writes its complete scenes."""
-    from tcc_sim.output.provenance import document
     from tcc_sim.scene import load_scene
     from tcc_sim.study.benchmarks import work_precision as precision
     from tcc_sim.study.benchmarks.peers import python_loop
     from tcc_sim.study.benchmarks.precision_report import PrecisionReport, precision_page, scene_lines, took_part
     from tcc_sim.study.benchmarks.report_drawings import draw_precision, draw_section
-    from tcc_sim.views.style import width_of
 
     effort = precision.QUICK if arguments.quick else precision.FULL
     records = []
@@ -79,11 +79,9 @@ def _precision(arguments: argparse.Namespace, folder: Path) -> int:
         return 130
     found = PrecisionReport(records, took_part(records), arguments.quick, running.complete,
                             python_loop(load_scene("fig02").system))
-    folder.mkdir()
-    write_json(folder / "precision.json", document("precision", found, load_scene("fig02"), arguments.words))
-    (folder / "precision.md").write_text(precision_page(found, "precision.png"), encoding="utf-8")
-    for draw, name in ((draw_precision, "precision"), (draw_section, "precision_section")):
-        draw(folder / name, records, printable(arguments.title or ""), width_of(arguments.width))
+    _write(arguments, folder, found, load_scene("fig02"), precision_page(found, "precision.png"),
+           {"precision": partial(draw_precision, scenes=records),
+            "precision_section": partial(draw_section, scenes=records)})
     for line in [line for record in records for line in scene_lines(record)]:
         say(line)
     say(f"{folder}/precision.png, .svg, .json, .md; precision_section.png, .svg: the first scene")
@@ -93,11 +91,9 @@ def _precision(arguments: argparse.Namespace, folder: Path) -> int:
 def _stability(arguments: argparse.Namespace, folder: Path) -> int:
     """Try stiff and extreme scenes; an interrupted report contains the finished ones."""
     from tcc_sim.model.parameters import System
-    from tcc_sim.output.provenance import document
     from tcc_sim.study.benchmarks.report_drawings import draw_stability
     from tcc_sim.study.benchmarks.stability import StabilityReport, engine_summaries, error_charts, grid, stability_page
     from tcc_sim.study.benchmarks.worst_cases import reasons
-    from tcc_sim.views.style import width_of
 
     records, maps = [], []
     with counted_bar("scene") as running:
@@ -108,16 +104,27 @@ def _stability(arguments: argparse.Namespace, folder: Path) -> int:
         return 130
     found = StabilityReport(records, engine_summaries(records), maps, arguments.quick, running.complete,
                             reasons(records) if running.complete else ())
-    folder.mkdir()
-    write_json(folder / "stability.json", document("stability", found, System(), arguments.words))
-    (folder / "stability.md").write_text(stability_page(found, "stability.png"), encoding="utf-8")
-    draw_stability(folder / "stability", maps, records, printable(arguments.title or ""), width_of(arguments.width))
+    _write(arguments, folder, found, System(), stability_page(found, "stability.png"),
+           {"stability": partial(draw_stability, charts=maps, cases=records)})
     for engine, total in found.summary.items():
         ended = ", ".join(f"{name} {count}" for name, count in total.statuses.items())
         say(f"{engine}: {counted(total.cases, 'case')} ({ended}), {total.not_finite} not finite, "
             f"{total.not_bounded} above the energy bound, {total.past_iteration_bound} above the iteration bound")
     say(f"{folder}/stability.png, .svg, .json, .md")
     return 0 if running.complete else 130
+
+
+def _write(arguments: argparse.Namespace, folder: Path, found: Any, scene: Any, page: str,
+           pictures: Mapping[str, Callable[..., Any]]) -> None:
+    """Write JSON, page and pictures of a report into its new folder."""
+    from tcc_sim.output.provenance import document
+    from tcc_sim.views.style import width_of
+
+    folder.mkdir()
+    write_json(folder / f"{arguments.verb}.json", document(arguments.verb, found, scene, arguments.words))
+    (folder / f"{arguments.verb}.md").write_text(page, encoding="utf-8")
+    for name, draw in pictures.items():
+        draw(folder / name, title=printable(arguments.title or ""), width=width_of(arguments.width))
 
 
 def _realtime(arguments: argparse.Namespace) -> PacingFigures:
