@@ -7,7 +7,7 @@ limit of its decay. Otherwise there is none yet.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,11 +23,13 @@ class Periodicity:
     settled : whether the section repeats within the tolerance; False for a period of the limit of a decay
     change : largest difference between the last two periods (of one cycle without a period), relative to the size of
         the motion; NaN for too few cycles
+    longest : longest period that was looked for; 0 for too few cycles
     """
 
     period: int
     settled: bool
     change: float
+    longest: int = 0
 
 
 def longest_tried(points: int, maximum: int = DEFAULTS.maximum_period) -> int:
@@ -58,6 +60,11 @@ def periodicity(cycles: Cycles, tolerance: float = DEFAULTS.tolerance,
     most = longest_tried(len(points), maximum) if not first or enough_after_a_gap(cycles) else 0
     if len(points) < 2 or most < 1:
         return Periodicity(0, False, _largest(points[-1] - points[-2]) if len(points) > 1 else math.nan)
+    return replace(_repetition(points, most, tolerance), longest=most)
+
+
+def _repetition(points: Floats, most: int, tolerance: float) -> Periodicity:
+    """Return the repetition of section points in units of the motion's size, with a period of at most `most`."""
     changes = np.abs(points[-1] - points[-1 - most:-1][::-1]).max(axis=1)
     candidates = (np.flatnonzero(changes <= max(DEFAULTS.near, tolerance)) + 1).tolist()
     for period in candidates:

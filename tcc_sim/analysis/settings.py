@@ -51,6 +51,7 @@ class Settings:
                              "Hann's window reach 0.027")
 
     # Cycles of a recording while it is read (`stream.py`).
+    bridged: float = quantity(2.5, "longest distance of states that is bridged, as by one lost state, in ticks")
     recording_tolerance: float = quantity(2e-3, "`tolerance` of a recorded section: ticks do not fall on cycle ends, "
                                           "and fixed steps are coarse")
     drifting: float = quantity(5e-3, "a cycle that differs by this part of the length of the last ones belongs to no "

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, field, fields, replace
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tcc_sim.analysis.engine_clock import EngineClock, Scheduled, Tracked, clock_of_scene
 from tcc_sim.analysis.settings import DEFAULTS
-from tcc_sim.analysis.summary import Summary, dropped_of, spans_of, summarise_cycles
+from tcc_sim.analysis.summary import Span, Summary, dropped_of, spans_of, summarise_cycles
 from tcc_sim.errors import InputError
 from tcc_sim.model import equations
 from tcc_sim.model.parameters import System
@@ -19,6 +21,11 @@ from tcc_sim.recording.stamps import Break, StampCounter, Stamps
 from tcc_sim.solvers.per_cycle import STAMP, cycles_from_samples
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.trajectory import STILL, Cycles, FarEnd, Floats, Loads, concatenated, far_end_of
+
+BRIDGED = -1
+"""Row of the waiting samples: 1 where a single state before is lost."""
+PART = -1
+"""Number of a part of a cycle."""
 
 
 @dataclass(frozen=True)
@@ -30,13 +37,42 @@ class CyclePiece:
     cycles: Cycles
 
 
+class Kept(NamedTuple):
+    """Part of a run after the dropped cycles.
+
+    cycles : whole engine cycles; one NaN cycle stands for each gap between them
+    first : number of the first of them
+    dropped : number of dropped cycles, those within gaps at the start included
+    broken : number of later cycles that a gap interrupts or hides
+    parts : times beside whole cycles, one "cycle" each
+    span : its start and end, and the time between them without observation, s
+    """
+
+    cycles: Cycles
+    first: int
+    dropped: int
+    broken: int
+    parts: Cycles
+    span: Span
+
+
 @dataclass
 class RunCycles:
-    """Engine cycles of one run, from a start or a reset of the driveline to the next."""
+    """Engine cycles of one run, from a start or a reset of the driveline to the next.
 
+    begin, end : times of its first and last state, s
+    pieces : whole engine cycles
+    parts : beside them, as rows of their start and end, s, and the columns of `Cycles`
+    gaps : times (s) of the states before and after each gap, single lost states included
+    """
+
+    begin: float = 0.0
+    end: float = 0.0
     pieces: list[CyclePiece] = field(default_factory=list)
-    summary: tuple[tuple[int, int | None], Summary] | None = None
-    """The last summary, with the number of cycles and of cycles to drop for which it was made."""
+    parts: list[Floats] = field(default_factory=list)
+    gaps: list[tuple[float, float]] = field(default_factory=list)
+    summary: tuple[tuple[float, int | None], Summary] | None = None
+    """The last summary, with the end of the run and the number of cycles to drop for which it was made."""
 
     def add(self, piece: CyclePiece) -> None:
         """Add a piece; consecutive pieces are joined, longer ones rarely, so that there are few."""
@@ -44,6 +80,11 @@ class RunCycles:
             before = self.pieces.pop()
             piece = CyclePiece(before.run, before.first, concatenated([before.cycles, piece.cycles]))
         self.pieces.append(piece)
+
+    def add_parts(self, found: Cycles) -> None:
+        """Add parts of cycles with their `starts`."""
+        assert found.starts is not None
+        self.parts += list(np.stack([found.starts[:-1], found.starts[1:], *_columns(found)], axis=1))
 
     def _join_all(self) -> None:
         """Join consecutive pieces, so that the kept part of the run is a view and not a copy."""
@@ -57,23 +98,38 @@ class RunCycles:
                        for group in joined]
 
     def observed(self) -> int:
-        """Return the number of whole engine cycles without a gap."""
+        """Return the number of whole engine cycles."""
         return sum(len(p.cycles) for p in self.pieces)
 
-    def kept(self, discard: int | None) -> tuple[Cycles, int, int]:
-        """Return the cycles after the first `discard`, the number of the first of them, and the number of dropped ones.
+    def kept(self, discard: int | None) -> Kept:
+        """Return the part of the run after the first `discard` cycles.
 
-        One NaN cycle stands for each gap between cycles; cycles within gaps at the start count as dropped too. Raise
-        InputError if no cycle is left, or for a negative number.
+        Raise InputError if no whole cycle is left, or for a negative number.
         """
         if not self.pieces:
             raise InputError("the recording holds no whole period of excitation")
         self._join_all()
         first, last = self.pieces[0].first, self.pieces[-1].first + len(self.pieces[-1].cycles)
         dropped = dropped_of(last - first, discard)
-        joined = _with_gaps([p.cycles[max(first + dropped - p.first, 0):] for p in self.pieces
-                             if p.first + len(p.cycles) > first + dropped])
-        return joined, last - len(joined), dropped
+        whole = [p.cycles[max(first + dropped - p.first, 0):] for p in self.pieces
+                 if p.first + len(p.cycles) > first + dropped]
+        joined = _with_gaps(whole)
+        parts = np.array(self.parts).reshape(-1, 2 + len(fields(Loads)) + 3)
+        begin = self.begin
+        if dropped:
+            begin = self._start_of(first + dropped)
+            parts = parts[parts[:, 1] > begin + STAMP]
+            begin = max(begin, *parts[parts[:, 0] < begin - STAMP, 1], begin)
+            parts = parts[parts[:, 0] >= begin - STAMP]
+        gaps = np.clip(np.array(self.gaps).reshape(-1, 2), begin, None)
+        return Kept(joined, last - len(joined), dropped, last - first - dropped - sum(map(len, whole)), _of_rows(parts),
+                    Span(begin, self.end, float(np.diff(gaps).sum())))
+
+    def _start_of(self, number: int) -> float:
+        """Return the start of a cycle, s; within a gap, cycles between the whole ones beside it have one length."""
+        numbers = np.concatenate([p.first + np.arange(len(p.cycles) + 1) for p in self.pieces])
+        starts = np.concatenate([p.cycles.starts for p in self.pieces if p.cycles.starts is not None])
+        return float(np.interp(number, numbers, starts))
 
 
 def _follows(a: CyclePiece, b: CyclePiece) -> bool:
@@ -100,6 +156,12 @@ def _columns(part: Cycles) -> list[Floats]:
     return [part.highest, part.lowest, part.stick_time, *part.loads.columns()]
 
 
+def _of_rows(rows: Floats) -> Cycles:
+    """Return the parts of cycles in rows of `RunCycles.parts`."""
+    highest, lowest, stick_time, *loads = rows[:, 2:].T
+    return Cycles(np.empty((0, 3)), highest, lowest, stick_time, Loads(*loads))
+
+
 def lengths_of(cycles: Cycles) -> Floats:
     """Return the length of each cycle, s, (n,)."""
     assert cycles.starts is not None
@@ -110,7 +172,8 @@ class CycleStream:
     """Engine cycles from batches of samples in the order of recording.
 
     Samples are stored only until their engine cycle is complete. The accelerations for the interpolation are those of
-    (2a) and (2b) with the recorded torques. A gap ends its cycle; a stamp that goes back starts a new run.
+    (2a) and (2b) with the recorded torques. A stamp that goes back starts a new run. A gap interrupts its cycle, and
+    the parts of the cycle before and after it count beside the whole cycles; a single lost state is bridged.
 
     Parameters
     ----------
@@ -146,18 +209,25 @@ class CycleStream:
         """
         t = np.asarray(stamp_ns, dtype=np.float64) * 1e-9
         rows = np.stack(np.broadcast_arrays(t, slip_speed, plate_angle, plate_speed, engine_torque, friction_torque,
-                                            far.angle, far.speed))
+                                            far.angle, far.speed, 0.0))
         finite = np.isfinite(rows).all(axis=0)
         if not finite.all():
             self.not_finite += int(np.count_nonzero(~finite))
             rows, stamp_ns = rows[:, finite], stamp_ns[finite]
         found: list[CyclePiece] = []
         for piece, preceded in self.continuity.pieces(stamp_ns, run):
+            begin = float(rows[0, piece.start])
             if preceded.begins_a_run:
+                self._close()
                 self.numbers[run] = len(self.runs)
-                self.runs.append(RunCycles())
-            if preceded is not Break.NOTHING:
-                self._waiting = []
+                self.runs.append(RunCycles(begin))
+            elif preceded is Break.GAP:
+                before = self.runs[-1].end
+                self.runs[-1].gaps.append((before, begin))
+                if begin - before > DEFAULTS.bridged * self.continuity.tick_s:
+                    self._close()
+                else:
+                    rows[BRIDGED, piece.start] = 1.0
             found += self._take(rows[:, piece], run)
         return found
 
@@ -179,23 +249,26 @@ class CycleStream:
     def summary(self, discard: int | None = None, number: int | None = None) -> Summary:
         """Return the summary of the longest run, or of run `number`; raise InputError if no whole cycle is left."""
         run = self.longest()[1] if number is None else self.runs[number]
-        made_of = run.observed(), discard
+        made_of = run.end, discard
         if run.summary is None or run.summary[0] != made_of:
             run.summary = made_of, self._summary_of(run, discard)
         return run.summary[1]
 
     def _summary_of(self, run: RunCycles, discard: int | None) -> Summary:
         """Summarise a run."""
+        kept = run.kept(discard if self.clock.told else 0)
+        parts = [kept.parts]
+        if run is self.runs[-1] and (rest := self._rest()) is not None:
+            parts.append(rest)
         if not self.clock.told:
-            cycles = run.kept(0)[0]
-            return replace(summarise_cycles(cycles, lengths_of(cycles)), period=0, section=[], cycles=0, settled=False,
-                           section_change=math.nan)
-        cycles, first, dropped = run.kept(discard)
-        found = summarise_cycles(cycles, first=first, tolerance=DEFAULTS.recording_tolerance,
-                                 **self._spans_of(cycles, first))
-        return replace(found, cycles=run.observed(), discarded=dropped)
+            found = summarise_cycles(kept.cycles, lengths_of(kept.cycles), beside=parts, span=kept.span)
+            return replace(found, period=0, section=[], section_states=[], cycles=0, broken=0, settled=False,
+                           section_change=math.nan, longest_period=0)
+        return summarise_cycles(kept.cycles, first=kept.first, tolerance=DEFAULTS.recording_tolerance, beside=parts,
+                                dropped=kept.dropped, broken=kept.broken, span=kept.span,
+                                **self._excitation_of(kept.cycles, kept.first))
 
-    def _spans_of(self, cycles: Cycles, first: int) -> dict[str, Any]:
+    def _excitation_of(self, cycles: Cycles, first: int) -> dict[str, Any]:
         """Return `summary.spans_of`; without a scene's profile, the lengths of the cycles show changes of the
         excitation.
         """
@@ -212,27 +285,74 @@ class CycleStream:
             self._from = float(rows[0, 0])
         self._waiting.append(rows)
         begin, end = float(self._waiting[0][0, 0]), float(rows[0, -1])
+        self.runs[-1].end = end
         held = sum(part.shape[1] for part in self._waiting)
         if (end - begin) / self.clock.cycle > held:
             raise InputError(f"{held} stamps lie {end - begin:.3g} s apart and a period of excitation takes "
                              f"{self.clock.cycle:.3g} s: there must be at least one for each cycle")
-        stretches = self.clock.stretches(run, self._from - STAMP, end + STAMP)
-        whole = [(first, starts) for first, starts in stretches if len(starts) > 1]
-        if not whole:
-            if not stretches:
-                self._waiting, self._from = [rows[:, -1:].copy()], end
+        cuts, numbers = self._cuts(run, end)
+        if not len(numbers):
             return []
+        found = self._between(cuts)
+        self._from = float(cuts[-1])
+        pieces = []
+        ends = np.flatnonzero((numbers[1:] != numbers[:-1] + 1) | (numbers[:-1] == PART)) + 1
+        for a, b in pairwise([0, *ends.tolist(), len(numbers)]):
+            if numbers[a] == PART:
+                self.runs[-1].add_parts(found[a:b])
+            else:
+                pieces.append(CyclePiece(len(self.runs) - 1, int(numbers[a]), found[a:b]))
+                self.runs[-1].add(pieces[-1])
         rows = np.concatenate(self._waiting, axis=1)
-        t, slip_speed, plate_angle, plate_speed, engine, friction, *far = rows
+        start = int(np.searchsorted(rows[0], self._from + DEFAULTS.slack * self.clock.cycle, side="right")) - 1
+        self._waiting = [rows[:, start:].copy()]
+        return pieces
+
+    def _cuts(self, run: int, end: float) -> tuple[Floats, NDArray[np.int64]]:
+        """Return the times from `_from` on that separate cycles and parts up to `end`, and the numbers of the cycles
+        between them, `PART` for a part of a cycle or of a time without known cycles.
+        """
+        stretches = self.clock.stretches(run, self._from - STAMP, end + STAMP)
+        cuts, numbers = [np.array([self._from])], []
+        for first, starts in stretches:
+            starts = starts[starts <= end + STAMP]
+            if not len(starts):
+                continue
+            if starts[0] > cuts[-1][-1] + self._near:
+                numbers.append(np.array([PART]))
+                cuts.append(starts)
+            else:
+                cuts[-1] = np.append(cuts[-1][:-1], starts)
+            numbers.append(first + np.arange(len(starts) - 1))
+        if not stretches and end > self._from + self._near:
+            numbers.append(np.array([PART]))
+            cuts.append(np.array([end]))
+        return np.concatenate(cuts), np.concatenate(numbers) if numbers else np.empty(0, np.int64)
+
+    @property
+    def _near(self) -> float:
+        """Longest part that counts as none, s."""
+        return STAMP + 1e-8 * self.clock.cycle
+
+    def _between(self, cuts: Floats) -> Cycles:
+        """Return the waiting samples between these times as cycles."""
+        t, slip_speed, plate_angle, plate_speed, engine, friction, *far, lost = np.concatenate(self._waiting, axis=1)
         slip, plate = equations.accelerations(plate_angle - far[0], plate_speed - far[1], engine, friction,
                                               self._linear)
-        found = []
-        for first, starts in whole:
-            cycles = cycles_from_samples(t, slip_speed, slip, plate_angle, plate_speed, plate, starts=starts,
-                                         stick_speed=self._stick_speed, linear=self._linear, far=FarEnd(*far))
-            found.append(CyclePiece(len(self.runs) - 1, first, replace(cycles, starts=starts)))
-            self.runs[-1].add(found[-1])
-        self._from = float(whole[-1][1][-1])
-        start = int(np.searchsorted(t, self._from + DEFAULTS.slack * self.clock.cycle, side="right")) - 1
-        self._waiting = [rows[:, start:].copy()]
-        return found
+        found = cycles_from_samples(t, slip_speed, slip, plate_angle, plate_speed, plate, starts=cuts,
+                                    stick_speed=self._stick_speed, linear=self._linear, far=FarEnd(*far),
+                                    bridged=lost[1:] > 0.0)
+        return replace(found, starts=cuts)
+
+    def _rest(self) -> Cycles | None:
+        """Return the waiting samples after the last cycle as a part; None for none."""
+        if not self._waiting or self.runs[-1].end <= self._from + self._near:
+            return None
+        return self._between(np.array([self._from, self.runs[-1].end]))
+
+    def _close(self) -> None:
+        """End at a gap or at the end of a run: the waiting samples are a part of a cycle."""
+        rest = self._rest()
+        if rest is not None:
+            self.runs[-1].add_parts(rest)
+        self._waiting = []

@@ -9,9 +9,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tcc_sim.analysis.periodicity import cycles_drift, enough_after_a_gap, periodicity, sizes_of
 from tcc_sim.analysis.settings import DEFAULTS
@@ -156,7 +157,17 @@ class Summary(Result):
         "whether the motion has not settled: its period is that of a limit, or its cycles still grow or decay"))
     covers: tuple[float, float] = field(default=(math.nan, math.nan), metadata=reported(
         "start and end of the time covered by extremes, stick, energies, powers, torques and breakaways: all that was "
-        "solved and not dropped; period and section are those of its whole cycles", "s"))
+        "solved or recorded and not dropped; period and section are those of its whole cycles", "s"))
+    seconds: float = field(default=math.nan, metadata=reported(
+        "time within `covers` over which these figures were summed: all of it that was solved or recorded", "s"))
+    lost_seconds: float = field(default=math.nan, metadata=reported(
+        "time within `covers` between states that do not follow each other, because messages were lost or were not "
+        "finite; no figure contains it", "s"))
+    broken: int = field(default=0, metadata=reported(
+        "number of kept periods of excitation that lost messages interrupt or hide; a single lost state is bridged"))
+    longest_period: int = field(default=0, metadata=reported(
+        "longest period looked for: 16, or a third of the kept periods of excitation since the last gap; 0 for too few",
+        "periods of excitation"))
     clutch_energy: float = field(default=math.nan, metadata=reported(
         "work of the friction torque, integral of Tf v; null if it was not computed", "J", scatters=True))
     mean_power: float = field(default=math.nan, metadata=reported("clutch energy over its time", "W", scatters=True))
@@ -205,8 +216,8 @@ def summarise(trajectory: Trajectory, discard: int | None = None, *, tolerance: 
 
 
 def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, tolerance: float = DEFAULTS.tolerance,
-                     varied: int = 0, carried: bool = False, dropped: int = 0, since: float = 0.0,
-                     beside: Sequence[Cycles] = (), by: Trajectory | None = None) -> Summary:
+                     varied: int = 0, carried: bool = False, dropped: int = 0, broken: int = 0, since: float = 0.0,
+                     beside: Sequence[Cycles] = (), span: Span | None = None, by: Trajectory | None = None) -> Summary:
     """Summarise consecutive cycles; NaN marks those that were not observed.
 
     Parameters
@@ -220,7 +231,9 @@ def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, t
         grows with it is no runaway
     dropped : number of observed cycles before them
     since : their start, s
-    beside : parts of cycles before and after them, with their `starts`, which period and section leave out
+    broken : number of cycles among them that a gap interrupts or hides, where NaN marks the gap
+    beside : parts of cycles before, between and after them, which period and section leave out
+    span : time that cycles and parts cover; None for that of `cycle`, `since` and the `starts` of the parts
     by : trajectory with the solver and time that the summary names
 
     Raises
@@ -243,33 +256,59 @@ def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, t
         past = (first + len(points) + 1) % found.period
         points = points[len(points) - past - found.period:len(points) - past]
     points = points[np.isfinite(points).all(axis=1)]
-    lengths = cycle if isinstance(cycle, np.ndarray) else np.full(len(cycles), cycle)
-    seconds = float(lengths[observed].sum()) if isinstance(cycle, np.ndarray) else count * cycle
-    begin, end = since, since + (float(lengths.sum()) if isinstance(cycle, np.ndarray) else len(cycles) * cycle)
-    for part in beside:
-        assert part.starts is not None
-        seconds += float(part.starts[-1] - part.starts[0])
-        begin, end = min(begin, float(part.starts[0])), max(end, float(part.starts[-1]))
-    covered = concatenated([cycles, *beside]) if beside else cycles
-    seen = np.concatenate([observed, np.full(len(covered) - len(cycles), True)]) if count < len(cycles) else slice(None)
-    highest, lowest = float(covered.highest[seen].max()), float(covered.lowest[seen].min())
-    fraction = min(max(float(covered.stick_time[seen].sum()) / seconds, 0.0), 1.0)
-    fraction = round(fraction) if min(fraction, 1.0 - fraction) < DEFAULTS.rounding else fraction
-    loads: dict[str, Any] = {}
-    if covered.loads is not None:
-        energy, power, high, low, breakaways = (column[seen] for column in covered.loads.columns())
-        loads = {"clutch_energy": float(energy.sum()), "mean_power": float(energy.sum()) / seconds,
-                 "peak_power": float(power.max()),
-                 "max_shaft_torque": float(high.max()), "min_shaft_torque": float(low.min()),
-                 "breakaways": int(breakaways.sum()) if np.isfinite(breakaways).all() else None}
+    span = span or _span_of(observed, cycle, since, beside)
     return Summary(
-        max_slip_speed=max(abs(highest), abs(lowest)), min_slip_speed=lowest, period=found.period,
-        section=[(angle, v) for v, angle, _ in points.tolist()],
-        section_states=[(angle, v, speed) for v, angle, speed in points.tolist()], stick_fraction=float(fraction),
-        regime=regime_of(fraction), cycles=len(cycles) + dropped, discarded=dropped, settled=found.settled,
-        section_change=found.change, solver=by.solver if by is not None else "",
-        elapsed_s=by.statistics.seconds if by is not None else 0.0, runaway=runaway,
-        transient=transient, covers=(begin, end), **loads)
+        period=found.period, section=[(angle, v) for v, angle, _ in points.tolist()],
+        section_states=[(angle, v, speed) for v, angle, speed in points.tolist()],
+        cycles=count + broken + dropped, discarded=dropped, broken=broken, settled=found.settled,
+        section_change=found.change, longest_period=found.longest, solver=by.solver if by is not None else "",
+        elapsed_s=by.statistics.seconds if by is not None else 0.0, runaway=runaway, transient=transient,
+        covers=(span.begin, span.end), seconds=span.seconds, lost_seconds=span.lost,
+        **sums_of(concatenated([cycles, *beside]) if beside else cycles, span.seconds))
+
+
+class Span(NamedTuple):
+    """Start and end of the time that figures cover, s, and the part of it that was not observed, s."""
+
+    begin: float
+    end: float
+    lost: float = 0.0
+
+    @property
+    def seconds(self) -> float:
+        """Observed time, s."""
+        return self.end - self.begin - self.lost
+
+
+def _span_of(observed: NDArray[np.bool_], cycle: float | Floats, since: float, beside: Sequence[Cycles]) -> Span:
+    """Return the time of consecutive cycles of these lengths, s, from `since` on, and of parts before and after."""
+    if isinstance(cycle, np.ndarray):
+        lasts, lost = float(cycle.sum()), float(cycle[~observed].sum())
+    else:
+        lasts, lost = len(observed) * cycle, int((~observed).sum()) * cycle
+    ends = [part.starts[[0, -1]].tolist() for part in beside if part.starts is not None]
+    return Span(min([since, *(begin for begin, _ in ends)]), max([since + lasts, *(end for _, end in ends)]), lost)
+
+
+def sums_of(cycles: Cycles, seconds: float) -> dict[str, Any]:
+    """Return the extremes and sums of `Summary` over cycles and parts of cycles that lie `seconds` long in time; NaN
+    marks those that were not observed.
+    """
+    seen = np.isfinite(cycles.highest) & np.isfinite(cycles.lowest) & np.isfinite(cycles.stick_time)
+    part: Any = slice(None) if seen.all() else seen
+    highest, lowest = float(cycles.highest[part].max()), float(cycles.lowest[part].min())
+    fraction = min(max(float(cycles.stick_time[part].sum()) / seconds, 0.0), 1.0) if seconds > 0.0 else 0.0
+    fraction = float(round(fraction)) if min(fraction, 1.0 - fraction) < DEFAULTS.rounding else fraction
+    found: dict[str, Any] = {"max_slip_speed": max(abs(highest), abs(lowest)), "min_slip_speed": lowest,
+                             "stick_fraction": fraction, "regime": regime_of(fraction)}
+    if cycles.loads is None:
+        return found
+    energy, power, high, low, breakaways = (column[part] for column in cycles.loads.columns())
+    return {**found, "clutch_energy": float(energy.sum()),
+            "mean_power": float(energy.sum()) / seconds if seconds > 0.0 else math.nan,
+            "peak_power": float(power.max()), "max_shaft_torque": float(high.max()),
+            "min_shaft_torque": float(low.min()),
+            "breakaways": int(breakaways.sum()) if np.isfinite(breakaways).all() else None}
 
 
 def runs_away(cycles: Cycles, varied: int = 0) -> bool:

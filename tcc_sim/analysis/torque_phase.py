@@ -39,10 +39,11 @@ class PhaseTracker:
         finite = np.isfinite(engine_torque)
         stamp_ns, engine_torque = stamp_ns[finite], engine_torque[finite]
         for piece, preceded in self._continuity.pieces(stamp_ns, run):
-            if preceded is not Break.NOTHING and run in self._runs:
-                self._runs[run].interrupt()
-            now = self._runs.setdefault(run, _Run())
-            now.take(stamp_ns[piece].astype(np.float64) * 1e-9, engine_torque[piece])
+            t, now = stamp_ns[piece].astype(np.float64) * 1e-9, self._runs.setdefault(run, _Run())
+            bridged = preceded is Break.GAP and t[0] - now.last <= DEFAULTS.bridged * self.tick
+            if preceded is not Break.NOTHING and not bridged:
+                now.interrupt()
+            now.take(t, engine_torque[piece])
 
     @property
     def tick(self) -> float:
@@ -83,8 +84,13 @@ class _Run:
         self._stretch: Blocks | None = None
         self._done: list[Blocks] = []
 
+    @property
+    def last(self) -> float:
+        """Time of the last sample, s."""
+        return self._span[1] if self._span else -math.inf
+
     def take(self, t: Floats, torque: Floats) -> None:
-        """Add samples that follow the last without a gap."""
+        """Add samples that follow the last without a gap, or after a single lost one."""
         self.samples += len(t)
         self._span = [self._span[0] if self._span else float(t[0]), float(t[-1])]
         self._low, self._high = min(self._low, float(torque.min())), max(self._high, float(torque.max()))
@@ -263,9 +269,14 @@ def _line(t: Floats, torque: Floats) -> tuple[float, float] | None:
 
 
 def _strongest(t: Floats, torque: Floats) -> tuple[float, float]:
-    """Return height and frequency (rad/s) of the largest peak of a Hann spectrum, refined by a parabola; 0 for none."""
+    """Return height and frequency (rad/s) of the largest peak of a Hann spectrum, refined by a parabola; 0 for none.
+
+    Samples that are not evenly spaced are joined by straight lines.
+    """
     if len(t) < 16:
         return 0.0, 0.0
+    even = np.linspace(t[0], t[-1], len(t))
+    torque = torque if np.allclose(t, even, rtol=0.0, atol=1e-3 * (even[1] - even[0])) else np.interp(even, t, torque)
     step = float(t[-1] - t[0]) / (len(t) - 1)
     size = 4 * (1 << (len(t) - 1).bit_length())
     spectrum = np.abs(np.fft.rfft((torque - torque.mean()) * np.hanning(len(t)), size))

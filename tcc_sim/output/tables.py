@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tcc_sim.analysis.periodicity import longest_tried
 from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.analysis.summary import Summary, runaway_cause
 from tcc_sim.errors import counted
@@ -131,8 +130,8 @@ def summary_rows(summary: Summary, advice: str) -> list[tuple[str, str]]:
         period += (", settled" if summary.settled else
                    f", still converging: the section changes by {summary.section_change:.1e}, relative, per period")
     else:
-        most = longest_tried(summary.cycles - summary.discarded + 1)
-        period = f"none up to {counted(most, 'period')} of excitation" if most else "none: too few were solved"
+        most = summary.longest_period
+        period = f"none up to {counted(most, 'period')} of excitation" if most else _too_few(summary)
         period += ", a third of those kept" if 0 < most < DEFAULTS.maximum_period else ""
         period += f"; the motion has not settled: {advice}" if summary.transient else ""
     out = [("largest |slip speed|", speed(summary.max_slip_speed, 9)),
@@ -154,13 +153,24 @@ def summary_rows(summary: Summary, advice: str) -> list[tuple[str, str]]:
     return out
 
 
-def covers_row(summary: Summary, begin: float, end: float) -> list[tuple[str, str]]:
-    """Return the time span that the figures of a run from `begin` to `end`, s, cover, unless they cover all of it."""
+def _too_few(summary: Summary) -> str:
+    """Return the reason for which no period could be looked for."""
+    if summary.broken:
+        return (f"none: it needs {DEFAULTS.after_a_gap} or more periods of excitation after the last gap; "
+                f"{summary.broken} of {summary.cycles - summary.discarded} are not whole")
+    return "none: too few were solved"
+
+
+def covers_row(summary: Summary, begin: float = math.nan, end: float = math.nan) -> list[tuple[str, str]]:
+    """Return the time that the figures of a run from `begin` to `end`, s, cover, unless they cover all of it."""
     first, last = summary.covers
     near = 1e-9 * (end - begin)
-    if first <= begin + near and last >= end - near:
+    if first <= begin + near and last >= end - near and not summary.lost_seconds:
         return []
-    return [("figures cover", f"{first:.6g} to {last:.6g} s of {begin:.6g} to {end:.6g} s")]
+    whole = "" if math.isnan(begin) else f" of {begin:.6g} to {end:.6g} s"
+    lost = (f"; {summary.lost_seconds:.6g} s of them were lost, which leaves {summary.seconds:.6g} s"
+            if summary.lost_seconds else "")
+    return [("figures cover", f"{first:.6g} to {last:.6g} s{whole}{lost}")]
 
 
 def damping_row(found: Damping) -> tuple[str, str]:

@@ -187,7 +187,7 @@ class Recording(Result):
         for block in states.blocks():
             stream.feed_states(block)
         longest = stream.longest()[1]
-        return replace(found, cycles=longest.kept(0)[0] if longest.pieces else no_cycles())
+        return replace(found, cycles=longest.kept(0).cycles if longest.pieces else no_cycles())
 
     def to_pandas(self, run: int = 0, start: float | None = None, end: float | None = None) -> Any:
         """Return the samples of `trajectory` as a pandas.DataFrame, with the recorded pressures and target; its `attrs`

@@ -12,8 +12,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tcc_sim.analysis.damping import damping_of_cycles
-from tcc_sim.analysis.periodicity import enough_after_a_gap
-from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.analysis.stream import CyclePiece, CycleStream
 from tcc_sim.errors import InputError, counted, printable
 from tcc_sim.model.parameters import System
@@ -174,12 +172,9 @@ def _analysed(recording: Recording, line: Timeline, timing: Timing, discard: int
     number, longest = stream.longest()
     shown = next(run for run, at in stream.numbers.items() if at == number)
     states = next(states for states in line.runs if states.run == shown)
-    cycles, first, _ = longest.kept(0)
-    kept, begin, _ = longest.kept(discard) if clock.told else (cycles, first, 0)
+    cycles, first = longest.kept(0)[:2]
+    kept, begin = longest.kept(discard if clock.told else 0)[:2]
     warnings = [*run.warnings, *_warnings(recording, line, timing)]
-    if clock.told and not enough_after_a_gap(kept):
-        warnings.append(f"no period: a period needs {DEFAULTS.after_a_gap} or more periods of excitation after the "
-                        "last gap")
     segments, count = segments_of(line, timing.segment_clock, discard, controlled=run.controlled, solver=run.solver,
                                   elapsed_s=elapsed, stream=stream)
     if count > MOST_SEGMENTS:

@@ -16,7 +16,7 @@ from tcc_sim.analysis.orders import Orders
 from tcc_sim.analysis.spectra import Spectrum
 from tcc_sim.analysis.summary import Summary
 from tcc_sim.errors import counted, printable
-from tcc_sim.output.tables import aligned, damping_row, summary_rows
+from tcc_sim.output.tables import aligned, covers_row, damping_row, summary_rows
 from tcc_sim.recording.stamps import StampCounter
 from tcc_sim.replay.inputs import CommandAge, HeldInput
 from tcc_sim.replay.segments import Segment
@@ -160,7 +160,7 @@ class Replay(Result):
                  ("messages", f"{self.messages} of joint_states, {self.lost_messages} lost"), ("stamps", stamps),
                  *self._pace(),
                  ("frequency", self.timing.sentence()),
-                 *summary_rows(self.summary, "record for longer")]
+                 *summary_rows(self.summary, "record for longer"), *covers_row(self.summary)]
         for name, held in self.inputs.items():
             table.append((name.replace("_", " "), f"held {held.sentence()}"))
         if self.command_age is not None:

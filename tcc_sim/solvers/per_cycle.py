@@ -76,7 +76,8 @@ def cycles_of_states(t: Floats, states: Floats, terms: Terms, starts: Floats) ->
 
 def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats, plate_angle: Floats,
                         plate_speed: Floats, plate_acceleration: Floats, *, starts: Floats,
-                        stick_speed: float, linear: Linear | None = None, far: FarEnd = STILL) -> Cycles:
+                        stick_speed: float, linear: Linear | None = None, far: FarEnd = STILL,
+                        bridged: NDArray[np.bool_] | None = None) -> Cycles:
     """Return the results of each whole engine cycle within the samples.
 
     The slip speed is the piecewise cubic through v and v', which gives the section, all extremes and the time within
@@ -92,10 +93,12 @@ def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats
     stick_speed : |v| at or below which the clutch sticks, rad/s; 0 for the set-valued law, whose stick is v = 0 exactly
     linear : I1, I2, C23, K23, for the loads of clutch and shaft; None without them
     far : motion of the shaft's far end
+    bridged : (n - 1,) intervals in which a sample is missing; None for none. They have section points, and nothing else
+        between their ends: no energy, no time in stick and no extremes
 
     Returns
     -------
-    Cycles, m of them
+    Cycles, m of them; extremes are NaN in a cycle without a sample
 
     Raises
     ------
@@ -104,7 +107,7 @@ def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats
     """
     t = np.asarray(t, dtype=np.float64)
     _check_times(t, starts)
-    grid = _grid(t, starts)
+    grid = _grid(t, starts, bridged)
     left, h, u = grid.left, grid.h, grid.u
     v, a = np.asarray(slip_speed, dtype=np.float64), np.asarray(slip_acceleration, dtype=np.float64)
     leaving, arriving = _without_overshoot(t, v, a, stick_speed)
@@ -121,13 +124,13 @@ def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats
         dp, dq = np.where(rest, 0.0, dp), np.where(rest, 0.0, dq)
     turns = _turning_points(p, dp, q, dq)
     values = _cubic(turns, p[:, None], dp[:, None], q[:, None], dq[:, None])
-    within = grid.width * _share_within(turns, values, p, dp, q, dq, stick_speed)
+    width = grid.width if grid.hidden is None else np.where(grid.hidden, 0.0, grid.width)
+    within = width * _share_within(turns, values, p, dp, q, dq, stick_speed)
     if stick_speed == 0.0:
-        within += grid.width * _share_at_rest(*_cut(grid, v, a[:-1], a[1:]))
+        within += width * _share_at_rest(*_cut(grid, v, a[:-1], a[1:]))
     loads = None if linear is None else _loads(grid, v, a, np.asarray(plate_angle), np.asarray(plate_speed),
                                                np.asarray(plate_acceleration), section, stick_speed, linear, far)
-    return Cycles(section, np.maximum.reduceat(values.max(axis=1), grid.pieces),
-                  np.minimum.reduceat(values.min(axis=1), grid.pieces), np.add.reduceat(within, grid.pieces), loads)
+    return Cycles(section, *_extremes(grid, values), np.add.reduceat(within, grid.pieces), loads)
 
 
 class _Grid(NamedTuple):
@@ -137,6 +140,8 @@ class _Grid(NamedTuple):
         it before the start
     width : lengths of all intervals between samples and starts from the first start to the last, s
     pieces : (m,) the first of these in each cycle
+    hidden : which of these intervals lie where a sample is missing; None for none
+    beside : which samples are neighbours of a missing one; None for none
     """
 
     t: Floats
@@ -147,17 +152,39 @@ class _Grid(NamedTuple):
     u: Floats
     width: Floats
     pieces: NDArray[np.int64]
+    hidden: NDArray[np.bool_] | None = None
+    beside: NDArray[np.bool_] | None = None
 
 
-def _grid(t: Floats, starts: Floats) -> _Grid:
+def _grid(t: Floats, starts: Floats, bridged: NDArray[np.bool_] | None = None) -> _Grid:
     """Return the grid of samples and starts of cycles."""
     place = np.searchsorted(t, starts, side="right")
     left = np.clip(place - 1, 0, len(t) - 2)
     h = t[left + 1] - t[left]
     u = np.clip((starts - t[left]) / h, 0.0, 1.0)
-    instants = np.insert(t, place, starts)[place[0]:place[-1] + len(starts)]
-    return _Grid(t, starts, place, left, h, u, np.maximum(np.diff(instants), 0.0),
+    first, last = int(place[0]), int(place[-1]) + len(starts)
+    instants = np.insert(t, place, starts)[first:last]
+    grid = _Grid(t, starts, place, left, h, u, np.maximum(np.diff(instants), 0.0),
                  (place + np.arange(len(starts)) - place[0])[:-1])
+    if bridged is None or not bridged.any():
+        return grid
+    return grid._replace(hidden=np.insert(bridged, left + 1, bridged[left])[first:last - 1],
+                         beside=np.append(bridged, False) | np.append(False, bridged))
+
+
+def _extremes(grid: _Grid, values: Floats) -> tuple[Floats, Floats]:
+    """Return largest and smallest value of each cycle, from the values at the turning points of the intervals, (k, 4).
+
+    Where a sample is missing, only the samples beside it count.
+    """
+    high, low = values.max(axis=1), values.min(axis=1)
+    if grid.hidden is None:
+        return np.maximum.reduceat(high, grid.pieces), np.minimum.reduceat(low, grid.pieces)
+    first, last = int(grid.place[0]), int(grid.place[-1]) + len(grid.place)
+    sampled = np.insert(np.ones(len(grid.t), dtype=np.bool_), grid.place, (grid.u == 0.0) | (grid.u == 1.0))[first:last]
+    begin, end = (np.where(known, values[:, k], np.nan) for known, k in ((sampled[:-1], 0), (sampled[1:], -1)))
+    return (np.fmax.reduceat(np.where(grid.hidden, np.fmax(begin, end), high), grid.pieces),
+            np.fmin.reduceat(np.where(grid.hidden, np.fmin(begin, end), low), grid.pieces))
 
 
 def _check_times(t: Floats, starts: Floats) -> None:
@@ -189,19 +216,29 @@ def _loads(grid: _Grid, v: Floats, slip: Floats, angle: Floats, speed: Floats, p
               - 2.0 * damping * twisting * jerking - rise * far_speed - shaft * far_acceleration)
     parts = h * (0.5 * (net[:-1] + net[1:]) + h / 12.0 * (change[:-1] - change[1:]))
     total = np.concatenate([[0.0], np.cumsum(parts)])
-    stored = 0.5 * (i1 * (section[:, 0] + section[:, 2]) ** 2 + i2 * section[:, 2] ** 2
-                    + stiffness * (section[:, 1] - np.interp(starts, t, far_angle)) ** 2)
+
+    def stored(v: Floats, angle: Floats, speed: Floats) -> Floats:
+        """Kinetic energy of both inertias and energy of the twisted shaft."""
+        return 0.5 * (i1 * (v + speed) ** 2 + i2 * speed**2 + stiffness * angle**2)
+
+    put_in = hermite(starts, t, total, net)
+    held = stored(section[:, 0], section[:, 1] - np.interp(starts, t, far_angle), section[:, 2])
+    energy = np.diff(put_in) - np.diff(held)
     power = friction * v
-    power = np.insert(with_peaks(t, power), place, np.interp(starts, t, power))[place[0]:place[-1] + len(starts)]
+    top = with_peaks(t, power)
+    if grid.hidden is not None and grid.beside is not None:
+        between = slice(int(place[0]), int(place[-1]) + len(starts))
+        lost = np.diff((np.insert(total, place, put_in) - np.insert(stored(v, twist, speed), place, held))[between])
+        energy -= np.add.reduceat(np.where(grid.hidden, lost, 0.0), grid.pieces)
+        top = np.where(grid.beside, power, top)
+    power = np.insert(top, place, np.interp(starts, t, power))[place[0]:place[-1] + len(starts)]
     p, dp, q, dq = _cut(grid, shaft, rise[:-1], rise[1:])
     torques = _cubic(_turning_points(p, dp, q, dq), p[:, None], dp[:, None], q[:, None], dq[:, None])
     stuck = np.abs(v) <= stick_speed
     first = grid.left
     moves = (stuck[:-1] & ~stuck[1:])[:max(int(first[-1]), int(first[0]) + 1)]
-    return Loads(np.diff(hermite(starts, t, total, net)) - np.diff(stored),
-                 np.maximum.reduceat(np.maximum(power[:-1], power[1:]), grid.pieces),
-                 np.maximum.reduceat(torques.max(axis=1), grid.pieces),
-                 np.minimum.reduceat(torques.min(axis=1), grid.pieces),
+    return Loads(energy, np.maximum.reduceat(np.maximum(power[:-1], power[1:]), grid.pieces),
+                 *_extremes(grid, torques),
                  np.add.reduceat(moves.astype(np.float64), first[:-1]))
 
 

@@ -133,7 +133,7 @@ class Course:
     varying: Sequence[str] = field(metadata=reported("what varies in time"))
     complete: bool = field(metadata=reported("whether every value was tried"))
     not_settled: int = field(metadata=reported("number of motions that are still transients"))
-    seconds: float = field(metadata=reported("computing time", "s"))
+    seconds: float = field(metadata=reported("computing time of the whole sweep", "s", name="wall_s"))
 
 
 @dataclass(frozen=True, repr=False)

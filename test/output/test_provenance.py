@@ -62,9 +62,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("documents")
 
 
-def written(folder: Path, name: str, *words: object) -> tuple[dict[str, object], list[str]]:
+def written(folder: Path, name: str, *words: object, status: int = 0) -> tuple[dict[str, object], list[str]]:
     command = [str(w) for w in words]
-    assert cli.main(command) == 0
+    assert cli.main(command) == status
     return json.loads((folder / name).read_text()), command
 
 
@@ -75,7 +75,7 @@ def test_simulate_and_analyse(folder: Path) -> None:
     assert valid("simulate", found)["command"] == command
     assert found["scene"]["pressure.phase"] == 1.0
     found, _ = written(folder, "analyse.json", "analyse", folder / "run.mcap", "--json", folder / "analyse.json",
-                       "--damping")
+                       "--damping", "--verify", status=1)
     assert valid("analyse", found)["scene"]["pressure.phase"] == 1.0
 
 
