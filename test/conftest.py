@@ -12,15 +12,19 @@ import pytest
 # Small matrices gain nothing from threads, which wait for each other by counting: a third of the tests' processor time.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from tcc_sim.compiling import kernel_cache  # NumPy reads that when it is loaded.
+from interpreter import end_children_with_this_process  # NumPy reads that when it is loaded.
+
+from tcc_sim.compiling import kernel_cache
 
 
 def pytest_configure() -> None:
     """Handle Ctrl-C and a hang-up as at a terminal; tests in the background or under nohup may ignore them, and their
-    children inherit that. Announce no compilation, so that no output depends on the cache. Remove COLUMNS, which
-    pytest's workers set: it would break lines that do not go to a terminal.
+    children inherit that. Children end with this process, even if it is killed. Announce no compilation, so that no
+    output depends on the cache. Remove COLUMNS, which pytest's workers set: it would break lines that do not go to a
+    terminal.
     """
     os.environ.pop("COLUMNS", None)
+    end_children_with_this_process()
     kernel_cache.announced.add("compiling")
     for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
         if signal.getsignal(number) is signal.SIG_IGN:

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import os
 import re
+import signal
 import subprocess
 import sys
+import threading
 from collections import Counter
 from pathlib import Path
+from typing import Any
+
+from tcc_sim.nodes.children import end_with_parent
 
 COMPILING = re.compile(r"^tcc-sim: compiling kernels for this kind of scene, about \d+ s, "
                        r"(once|in every process, since they cannot be kept)\n", re.MULTILINE)
@@ -22,6 +27,23 @@ def python(*words: str, cwd: Path | None = None, **more: str) -> subprocess.Comp
     """Run this interpreter with words and variables of its environment; return status, output and messages."""
     return subprocess.run([sys.executable, *words], cwd=cwd, env=environment(**more), capture_output=True, text=True,
                           timeout=300, check=False)
+
+
+def end_children_with_this_process() -> None:
+    """From now on Linux ends every child that the main thread starts when this process ends, even if it is killed.
+
+    A signal is bound to the thread that starts the child, so other threads start theirs as usual.
+    """
+    class Child(subprocess.Popen):  # type: ignore[type-arg]
+        """A child that ends with its parent."""
+
+        def __init__(self, *words: Any, **how: Any) -> None:
+            if threading.current_thread() is threading.main_thread():
+                how.setdefault("preexec_fn", end_with_parent(signal.SIGTERM))
+            super().__init__(*words, **how)
+
+    if subprocess.Popen.__name__ != Child.__name__:
+        subprocess.Popen = Child  # type: ignore[misc]
 
 
 def without_compiling(said: str) -> str:

@@ -109,7 +109,7 @@ class ChildProcess(subprocess.Popen[str]):
         # In a new session Ctrl-C on the terminal reaches only the parent, which ends its children in order.
         super().__init__(command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
                          stderr=subprocess.PIPE, text=True, errors="replace", start_new_session=True,
-                         preexec_fn=_end_with_parent)
+                         preexec_fn=end_with_parent())
         self.lines: list[str] = []
         self._changed = threading.Condition()
         self._reader = threading.Thread(target=self._read, daemon=True)
@@ -247,7 +247,18 @@ class Session:
             process.check()
 
 
-def _end_with_parent() -> None:
-    """Ask Linux for a SIGINT when the parent ends, so that a killed command leaves no node behind."""
-    if sys.platform == "linux":
-        _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
+def end_with_parent(number: signal.Signals = signal.SIGINT) -> Callable[[], None]:
+    """Return a `preexec_fn` with which Linux sends a child this signal when the thread that started it ends.
+
+    So a command that is killed leaves no node behind. A child whose parent has ended before sends it to itself.
+    """
+    parent = os.getpid()
+
+    def ask() -> None:
+        """Ask Linux for the signal."""
+        if sys.platform == "linux":
+            _LIBC.prctl(_PR_SET_PDEATHSIG, number)
+            if os.getppid() != parent:
+                os.kill(os.getpid(), number)
+
+    return ask
