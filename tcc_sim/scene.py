@@ -49,6 +49,11 @@ class Operation(Options):
     wait_for_subscribers: int = quantity(0, "subscribers of joint_states to wait for before the first tick", "", 0,
                                          1000)
     publish_scalars: bool = quantity(True, "publish slip_speed, friction_torque and stick_slip_state")
+    stamp: str = quantity("simulation", "stamps: simulation time, from 0, or that plus the wall clock's time at the "
+                          "first tick, and from a reset on at that of the reset",
+                          choices=("simulation", "wall"))
+    publish_stamped: bool = quantity(False, "publish slip_speed_stamped and friction_torque_stamped, with the stamp of "
+                                     "joint_states")
     publish_shaft_torque: bool = quantity(False, "publish shaft_torque, for a vehicle that answers with output_speed")
     publish_diagnostics: bool = quantity(True, "publish /diagnostics at 1 Hz")
     publish_clock: bool = quantity(False, "publish /clock, unless another node does; in lock-step it is published "

@@ -65,10 +65,13 @@ JOINT_NAMES = ("flywheel", "clutch_plate")
 """Joints of joint_states, in this order."""
 OUTPUT_JOINT = "output"
 """Joint of output_state: the shaft's far end."""
+CLUTCH_JOINT = "clutch"
+"""Joint of slip_speed_stamped and friction_torque_stamped."""
 
 _TORQUE = (("engine.source", "topic"),)
 _PRESSURE = (("pressure.source", "topic"),)
 _SCALARS = (("publish_scalars", True),)
+_STAMPED = (("publish_stamped", True),)
 _SHAFT = (("publish_shaft_torque", True),)
 
 TOPICS: tuple[Topic, ...] = (
@@ -86,11 +89,11 @@ TOPICS: tuple[Topic, ...] = (
           "change", "events", latched=True),
     Topic("joint_states", JOINT_STATE, "", "out", (),
           "angles (rad), speeds (rad/s) of flywheel and clutch plate; effort: engine torque applied to the flywheel "
-          "and friction torque on the plate (N m); stamp: simulation time", "plate",
+          "and friction torque on the plate (N m); stamp: time of the state", "plate",
           fields=("flywheel_angle", "plate_angle", "flywheel_speed", "plate_speed", "engine_torque",
                   "friction_torque")),
     Topic("applied_pressure", FLUID_PRESSURE, "Pa", "out", _PRESSURE,
-          "actuation pressure at the end of this tick; stamp: simulation time", "pressure/applied",
+          "actuation pressure at the end of this tick; stamp: time of the state", "pressure/applied",
           fields=("applied_pressure",)),
     Topic("slip_speed", FLOAT64, "rad/s", "out", _SCALARS, "slip speed v = theta1' - theta2'", "slip/speed",
           fields=("slip_speed",)),
@@ -98,12 +101,16 @@ TOPICS: tuple[Topic, ...] = (
           fields=("friction_torque",)),
     Topic("stick_slip_state", INT8, "", "out", _SCALARS, "-1 negative slip, 0 stick, 1 positive slip", "slip/state",
           fields=("stick_slip_state",)),
+    Topic("slip_speed_stamped", JOINT_STATE, "rad/s", "out", _STAMPED,
+          "slip speed as the velocity of joint clutch, with the stamp of joint_states", fields=("slip_speed",)),
+    Topic("friction_torque_stamped", JOINT_STATE, "N m", "out", _STAMPED,
+          "friction torque as the effort of joint clutch, with the stamp of joint_states", fields=("friction_torque",)),
     Topic("shaft_torque", FLOAT64, "N m", "out", _SHAFT,
           "torque of spring and damper in the shaft, which acts on a vehicle at its far end", "torque/shaft",
           fields=("shaft_torque",)),
     Topic("output_state", JOINT_STATE, "", "beside", (),
           "the shaft's far end as joint output, after the first message of output_speed: angle theta3 (rad), speed "
-          "held through this tick (rad/s), shaft torque (N m); stamp: simulation time",
+          "held through this tick (rad/s), shaft torque (N m); stamp: time of the state",
           fields=("output_angle", "output_speed", "shaft_torque")),
     Topic("target_slip_speed", FLOAT64, "rad/s", "beside", (),
           "slip speed that the slip controller holds in the mean over a period of excitation; from the slip_controller "
@@ -114,7 +121,8 @@ TOPICS: tuple[Topic, ...] = (
     Topic("/diagnostics", DIAGNOSTIC_ARRAY, "", "out", (("publish_diagnostics", True),),
           "rate reached, missed ticks, lateness, iterations, refused and timed-out commands; once a second"),
     Topic(CLOCK_TOPIC, CLOCK, "", "out", (("publish_clock", True),),
-          "simulation time; in lock-step also where a node with use_sim_time listens; never beside another publisher",
+          "the stamp of joint_states; in lock-step also where a node with use_sim_time listens; never beside another "
+          "publisher",
           fields=("stamp_ns",)),
 )
 

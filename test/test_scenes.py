@@ -229,7 +229,7 @@ def test_the_keys_that_are_no_numbers_are_few_and_known() -> None:
     assert sorted(set(EVERY) - set(NUMBERS)) == [
         "engine.fallback", "engine.source", "friction.law", "lock_memory", "pacing", "pressure.fallback",
         "pressure.source", "publish_clock", "publish_diagnostics", "publish_scalars",
-        "publish_shaft_torque"]
+        "publish_shaft_torque", "publish_stamped", "stamp"]
     assert sorted(EVERY) == sorted(KNOWN_KEYS)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim import topics
-from tcc_sim.topics import JOINT_NAMES, OUTPUT_JOINT
+from tcc_sim.topics import CLUTCH_JOINT, JOINT_NAMES, OUTPUT_JOINT
 
 HEADER = b"\x00\x01\x00\x00"
 """Encapsulation: plain CDR, little-endian, no options."""
@@ -43,6 +43,10 @@ _JOINT_STATE = struct.Struct(f"<4siI{len(_NAMES)}s8sdd8sdd8sdd")
 _OUTPUT_NAME = _string("") + _LENGTH.pack(1) + _string(OUTPUT_JOINT)
 assert (8 + len(_OUTPUT_NAME)) % 8 == 0, "as above"
 _ONE = struct.pack("<II", 1, 0)
+_CLUTCH_NAME = _string("") + _LENGTH.pack(1) + _string(CLUTCH_JOINT)
+assert (8 + len(_CLUTCH_NAME)) % 8 == 0, "the counts of positions and velocities fill eight bytes"
+_VELOCITY_ALONE = struct.Struct(f"<4siI{len(_CLUTCH_NAME)}s4xId4x")
+_EFFORT_ALONE = struct.Struct(f"<4siI{len(_CLUTCH_NAME)}s4x4xI4xd")
 _OUTPUT_STATE = struct.Struct(f"<4siI{len(_OUTPUT_NAME)}s8sd8sd8sd")
 MOST_JOINTS = 1000
 """Largest number of joints in a message."""
@@ -114,14 +118,25 @@ def output_state(stamp_ns: int, angle: float, speed: float, torque: float) -> by
                               torque)
 
 
+def clutch_velocity(stamp_ns: int, speed: float) -> bytes:
+    """Serialise a sensor_msgs/msg/JointState of joint clutch with a velocity alone: stamp (ns), slip speed (rad/s)."""
+    return _VELOCITY_ALONE.pack(HEADER, *divmod(stamp_ns, _NANOSECONDS), _CLUTCH_NAME, 1, speed)
+
+
+def clutch_effort(stamp_ns: int, torque: float) -> bytes:
+    """Serialise a sensor_msgs/msg/JointState of joint clutch with an effort alone: stamp (ns), torque (N m)."""
+    return _EFFORT_ALONE.pack(HEADER, *divmod(stamp_ns, _NANOSECONDS), _CLUTCH_NAME, 1, torque)
+
+
 ENCODERS: Mapping[str, Callable[..., bytes]] = {
+    "output_state": output_state, "slip_speed_stamped": clutch_velocity, "friction_torque_stamped": clutch_effort,
     topics.FLOAT64: lambda _, value: _FLOAT64.pack(HEADER, value),
     topics.INT8: lambda _, value: _INT8.pack(HEADER, value),
     topics.FLUID_PRESSURE: fluid_pressure,
     topics.JOINT_STATE: joint_state,
     topics.CLOCK: lambda _, stamp_ns: clock(stamp_ns),
 }
-"""Message type -> function that serialises a stamp (ns) and the message's values."""
+"""Topic, or message type of all other topics -> function that serialises a stamp (ns) and the message's values."""
 
 
 def read_stamp(data: bytes) -> int:

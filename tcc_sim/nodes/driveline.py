@@ -67,11 +67,12 @@ class DrivelineNode(Node):
         self.loop = RealTimeLoop(self, self.scene)
         self._scene_text, self._changed = self.scene.text(), False
         self.loop.outputs.say("scene", cdr.string(self._scene_text))
+        self.loop.announce = lambda moved: self._say(0) if moved or self._changed else None
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self.add_post_set_parameters_callback(self._after_set_parameters)
         loop, stepper = self.loop, self.loop.plant.stepper
         self.create_service(Trigger, "~/reset", self._does(
-            lambda _: self.restart(), lambda _: "at the initial state, simulation time 0"))
+            lambda _: loop.reset(), lambda _: "at the initial state, simulation time 0"))
         self.create_service(SetBool, "~/pause", self._does(
             lambda request: loop.pause(request.data), lambda _: "paused" if loop.paused else "running"))
         self.create_service(Trigger, "~/step", self._does(
@@ -187,16 +188,10 @@ class DrivelineNode(Node):
         plant = self.loop.plant
         self._say(plant.stamp_of(plant.stepper.tick + 1))
 
-    def restart(self) -> None:
-        """Restart at stamp 0 with the current parameters; called in the loop."""
-        if self._changed:
-            self._say(0)
-        self.loop.reset()
-
-    def _say(self, stamp_ns: int) -> None:
-        """Publish the changed scene with the stamp of the first state computed with it."""
-        text = holding_from(self._scene_text, stamp_ns, self.loop.plant.general,
-                            self.loop.plant.origin if stamp_ns else START)
+    def _say(self, time_ns: int) -> None:
+        """Publish the changed scene with the simulation time of the first state computed with it."""
+        text = holding_from(self._scene_text, time_ns, self.loop.plant.general,
+                            self.loop.plant.origin if time_ns else START, self.loop.outputs.zero_ns)
         self.loop.outputs.say("scene", cdr.string(text))
 
     def _does(self, action: Callable[[Any], object], sentence: Callable[[Outcome], str]) -> Callable[[Any, Any], Any]:

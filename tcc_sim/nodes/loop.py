@@ -79,6 +79,8 @@ class RealTimeLoop:
         self._unanswered: list[CommandedInput] | None = None
         self._waits_since = 0.0
         self._said_commanded: dict[str, bool] = {}
+        self.announce: Callable[[bool], object] = lambda moved: None
+        """Called before the state of simulation time 0, with whether stamps count from another time than before."""
 
     @property
     def scene(self) -> Scene:
@@ -130,7 +132,7 @@ class RealTimeLoop:
         self.far_end = far_end
         self.commands.append(far_end)
         self.plant.stepper.move_far_end(0.0)
-        if self.outputs.add("output_state", cdr.output_state) and (
+        if self.outputs.add("output_state") and (
                 self.outputs.patient or not self.clock_started.is_set()):
             self.outputs.meet("output_state")
 
@@ -176,7 +178,7 @@ class RealTimeLoop:
         self.plant.reset()
         self._unanswered, self._said_commanded = None, {}
         if self.clock_started.is_set():
-            self._publish(self.plant.reading())
+            self._begin_at_zero()
 
     def pause(self, paused: bool) -> None:
         """Pause or resume; simulation time stops while paused."""
@@ -196,7 +198,7 @@ class RealTimeLoop:
         self.plant.warm_up()
         self.meet()
         self.clock_started.set()
-        self._publish(self.plant.reading())
+        self._begin_at_zero()
 
     def step(self) -> None:
         """Make one tick with the commands that have arrived."""
@@ -219,7 +221,7 @@ class RealTimeLoop:
             if not self._await_subscribers():
                 return
             self.meet()
-            self._publish(self.plant.reading())
+            self._begin_at_zero()
             self.pacer.anchor()
             self.clock_started.set()
             with ExitStack() as held:
@@ -280,7 +282,7 @@ class RealTimeLoop:
             due = self._inputs if tick % self._answer_ticks == 0 else ()  # The far end answers every state.
             self._unanswered = [c for c in self.commands if tick >= c.since and (c is self.far_end or c in due)]
             self._waits_since = now
-        stamp = self.plant.stamp_of(tick)
+        stamp = self.plant.stamp_of(tick) + self.outputs.zero_ns
         self._unanswered = [c for c in self._unanswered if not c.answered(tick, stamp)]
         timeout = self.scene.operation.command_timeout
         if self._unanswered and 0.0 < timeout < now - self._waits_since:
@@ -302,6 +304,12 @@ class RealTimeLoop:
         self._unanswered = None
         self._publish(self.plant.advance())
 
+    def _begin_at_zero(self) -> None:
+        """Publish the initial state, after the scene if that has changed or stamps count from another time."""
+        moved = self.outputs.begin_at_zero()
+        self.announce(moved)
+        self._publish(self.plant.reading())
+
     def _publish(self, reading: Reading) -> None:
         """Publish the state of a tick, after its input_source if that has changed."""
         if reading.stick_slip_state:
@@ -311,7 +319,8 @@ class RealTimeLoop:
         commanded = {command.name: command.value is not None for command in self._inputs}
         if commanded != self._said_commanded:
             self._said_commanded = commanded
-            self.outputs.say("input_source", cdr.header(reading.stamp_ns, source_text(commanded)))
+            self.outputs.say("input_source", cdr.header(reading.stamp_ns + self.outputs.zero_ns,
+                                                         source_text(commanded)))
         self.outputs.state(reading)
 
     def _await_subscribers(self) -> bool:

@@ -151,6 +151,7 @@ class Outputs:
     Attributes
     ----------
     unsent : number of messages dropped since the start, by topic
+    zero_ns : stamp of simulation time 0, ns: 0, or the wall clock's time at the first tick (`stamp: wall`)
     sensors : sensors that modify the published states; None without sensors
     """
 
@@ -158,6 +159,7 @@ class Outputs:
         operation = scene.operation
         self.patient = operation.real_time_factor == 0.0 or operation.pacing == "lockstep"
         self.unsent: Counter[str] = Counter()
+        self.zero_ns, self._last_ns, self._wall = 0, 0, operation.stamp == "wall"
         self.sensors: Sensors | None = None
         self._told = 0
         self._node = node
@@ -174,21 +176,34 @@ class Outputs:
             if topic(name).wanted(scene.value):
                 self._create(name, profile)
 
-    def add(self, name: str, encode: Callable[..., bytes] | None = None) -> bool:
+    def begin_at_zero(self) -> bool:
+        """Let the next state be that of simulation time 0; return whether stamps count from another time than before.
+
+        Stamps of the wall clock never decrease, also where simulation time ran ahead of it.
+        """
+        if self._wall:
+            self.zero_ns = max(time.time_ns(), self._last_ns + 1)
+        return self._wall
+
+    def add(self, name: str) -> bool:
         """Create the publisher of a topic with a message for every tick from now on; return False if it exists."""
         if name in self._publishers:
             return False
         row = topic(name)
         values = itemgetter(*map(Reading._fields.index, ("stamp_ns", *row.fields)))
-        self._every_tick.append((self._create(name, self._states), encode or cdr.ENCODERS[row.type], values))
+        self._every_tick.append((self._create(name, self._states), cdr.ENCODERS.get(name) or cdr.ENCODERS[row.type],
+                                 values))
         return True
 
     def state(self, reading: Reading) -> None:
         """Send the messages of a tick."""
         if self.sensors is not None:
             reading = self.sensors.measure(reading)
+        if self.zero_ns:
+            self._last_ns = reading.stamp_ns + self.zero_ns
+            reading = reading._replace(stamp_ns=self._last_ns)
         for publisher, encode, values in self._every_tick:
-            if self.sensors is None or publisher.topic_name.rpartition("/")[2] not in self.sensors.lost:
+            if self.sensors is None or _signal(publisher.topic_name) not in self.sensors.lost:
                 self._send(publisher, encode(*values(reading)))
 
     def say(self, name: str, data: bytes) -> None:
@@ -252,3 +267,8 @@ class Outputs:
                 raise
             return False
         return True
+
+
+def _signal(topic_name: str) -> str:
+    """Return the name of the signal that a topic carries."""
+    return topic_name.rpartition("/")[2].removesuffix("_stamped")

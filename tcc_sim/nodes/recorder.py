@@ -32,6 +32,7 @@ from tcc_sim.nodes.options import RecorderOptions
 from tcc_sim.nodes.parameters import declared
 from tcc_sim.nodes.process import Spinner, log, run_node, warn
 from tcc_sim.nodes.track import SimulatedTime, Taken, Track, UnsentCount
+from tcc_sim.recording.announcements import simulation_ns, zeros_of
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.recording.mcap_file import RELIABLE
 from tcc_sim.topics import CLOCK_TOPIC, JOINT_STATE, STRING, TOPICS
@@ -85,6 +86,7 @@ class Recorder:
             self._add(topic, known[topic], topic in latched)
         self._spinner = Spinner(node)
         self._reported: dict[str, dict[str, int]] = {}
+        self._zeros = zeros_of(())
         self.bag = BagWriter(Path(options.output), max_duration=options.max_bag_duration,
                              max_size=options.max_bag_size, sync=self.fsync_period > 0.0, result=self._part_result)
 
@@ -174,13 +176,15 @@ class Recorder:
         track.messages += len(taken)
         track.arrived = time.monotonic()
         if track.stamps is not None:
-            track.stamps.pieces(np.array([cdr.read_stamp(data) for data, _ in taken], dtype=np.int64),
-                                np.array(sources, dtype=np.int64))
+            stamps = np.array([cdr.read_stamp(data) for data, _ in taken], dtype=np.int64)
+            track.stamps.pieces(simulation_ns(stamps, self._zeros), np.array(sources, dtype=np.int64))
 
     def _describe(self, data: bytes, sent_ns: int) -> None:
         """Write a scene, which applies to messages sent after it, as a metadata record, which survives a kill."""
         try:
-            self.bag.describe(cdr.read_string(data), log_ns=sent_ns)
+            text = cdr.read_string(data)
+            self.bag.describe(text, log_ns=sent_ns)
+            self._zeros = np.union1d(self._zeros, zeros_of([text]))
         except ValueError as error:
             warn(self.node, f"a scene could not be read: {one_line(str(error))}")
 

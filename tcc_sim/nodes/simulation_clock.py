@@ -60,7 +60,7 @@ class SimulationClock:
         return not self.published and (self._asked or (self._lockstep and bool(self.followers))) and not self.rivals
 
     def begin(self, stamp_ns: int | None = None) -> None:
-        """Publish /clock from the next state on, and `stamp_ns`, the time of the last state, if it is given.
+        """Publish /clock from the next state on, and `stamp_ns`, the simulation time of the last state, if given.
 
         Known subscribers are connected first, except by a driveline that runs in real time.
         """
@@ -69,7 +69,7 @@ class SimulationClock:
         if self._lockstep or stamp_ns is None:
             self._outputs.meet(CLOCK_TOPIC)
         if stamp_ns is not None:
-            self._outputs.say(CLOCK_TOPIC, cdr.clock(stamp_ns))
+            self._outputs.say(CLOCK_TOPIC, cdr.clock(stamp_ns + self._outputs.zero_ns))
 
     def sentence(self) -> str:
         """Return a warning about the clock; empty without a problem."""

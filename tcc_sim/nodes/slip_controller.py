@@ -14,17 +14,20 @@ if __name__ == "__main__":
 import math
 from typing import Any, NoReturn
 
+import numpy as np
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import FluidPressure, JointState
-from std_msgs.msg import Float64
+from std_msgs.msg import Float64, String
 
 from tcc_sim.errors import InputError
+from tcc_sim.messages import cdr
 from tcc_sim.nodes import signals
-from tcc_sim.nodes.middleware import LATCHED, await_peer, poll
+from tcc_sim.nodes.middleware import LATCHED, await_peer, poll, subscribe
 from tcc_sim.nodes.parameters import declared
 from tcc_sim.nodes.process import Spinner, log, run_node
 from tcc_sim.plant.slip_control import SlipController, Tuning
+from tcc_sim.recording.announcements import simulation_ns, zeros_of
 
 FLYWHEEL, PLATE = 0, 1
 """Indices of the joints in joint_states."""
@@ -45,7 +48,8 @@ class SlipControllerNode(Node):
     def __init__(self, **options: Any) -> None:
         super().__init__("slip_controller", **options)
         self.controller = SlipController(declared(self, Tuning))
-        self._last_stamp, self._connected = -1, False
+        self._last_time, self._connected = -1, False
+        self._scenes, self._zeros = subscribe(self, String, "scene", LATCHED), zeros_of(())
         self._command = self.create_publisher(FluidPressure, "actuation_pressure", QOS)
         self._target = self.create_publisher(Float64, "target_slip_speed", LATCHED)
         self._publish_target()
@@ -81,17 +85,24 @@ class SlipControllerNode(Node):
 
     def _update(self, state: JointState) -> float:
         """Return the control law's pressure for one state, Pa."""
-        stamp = state.header.stamp.sec * 1_000_000_000 + state.header.stamp.nanosec
-        if stamp <= self._last_stamp:
+        time = self._simulation_time(state.header.stamp.sec * 1_000_000_000 + state.header.stamp.nanosec)
+        if time <= self._last_time:
             # Simulation time started again: the driveline was reset or restarted.
             self.controller.reset()
             self._publish_target()
-        self._last_stamp = stamp
-        target = self.controller.tuning.target_at(stamp * 1e-9)
+        self._last_time = time
+        target = self.controller.tuning.target_at(time * 1e-9)
         if target != self.controller.target:
             self.controller.target = target
             self._publish_target()
         return self.controller.update(state.velocity[FLYWHEEL] - state.velocity[PLATE], state.effort[FLYWHEEL])
+
+
+    def _simulation_time(self, stamp: int) -> int:
+        """Return the simulation time of a stamp, ns, counted from the time that the scene of the driveline names."""
+        for data, _ in poll(self._scenes):
+            self._zeros = np.union1d(self._zeros, zeros_of([cdr.read_string(data)]))
+        return int(simulation_ns(np.array([stamp]), self._zeros)[0])
 
 
 def main(args: list[str] | None = None) -> int:

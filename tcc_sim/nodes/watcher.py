@@ -32,6 +32,7 @@ from tcc_sim.nodes.middleware import (
     subscribe,
 )
 from tcc_sim.nodes.process import node_of_command
+from tcc_sim.recording.announcements import simulation_ns, zeros_of
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.solvers.terms import natural_frequency, stick_speed_of, terms_of
 from tcc_sim.topics import topic
@@ -90,7 +91,7 @@ class ControlWatch:
                     self._waiting[name].append((info["received_timestamp"] or time.time_ns(), *READERS[name][1](data)))
 
     def beside(self, stamp_ns: NDArray[np.int64], received_ns: NDArray[np.int64], slip_speed: Floats, *,
-               new_run: bool) -> tuple[dict[str, Signal], list[Event]]:
+               new_run: bool, zeros: NDArray[np.int64]) -> tuple[dict[str, Signal], list[Event]]:
         """Return the signals (name -> stamps in ns, values) and events received up to the last of the next states.
 
         A message without simulation time gets the stamp of the first state received after it.
@@ -100,6 +101,7 @@ class ControlWatch:
         stamp_ns, received_ns, slip_speed : (n,) arrays of the states, all of one run: simulation time and time of
             receipt, ns, and slip speed, rad/s
         new_run : whether simulation time has started again
+        zeros : stamps of simulation time 0, as in `simulation_ns`
         """
         signals: dict[str, Signal] = {}
         events: list[Event] = []
@@ -112,10 +114,11 @@ class ControlWatch:
                 place = int(np.searchsorted(received_ns, received))
                 stamps.append(int(stamp_ns[place]) if stamp is None else stamp)
                 values.append(value)
+            times = simulation_ns(np.array(stamps, dtype=np.int64), zeros)
             if name == "input_source":
-                events = [Event(stamp * 1e-9, text) for stamp, text in zip(stamps, values)]
+                events = [Event(time * 1e-9, text) for time, text in zip(times.tolist(), values)]
             elif values:
-                signals[name] = np.array(stamps, dtype=np.int64), np.array(values)
+                signals[name] = times, np.array(values)
         if "applied_pressure" in signals:
             stamps_of, pressure = signals["applied_pressure"]
             changed = np.diff(pressure, prepend=self._applied) != 0.0
@@ -149,6 +152,7 @@ class Watcher:
         self._last_stamp = -1
         self._heard, self._silent = time.monotonic(), False
         self._layout = cdr.joint_state_layout()
+        self._zeros = zeros_of(())
         self.scene = self._await_scene()
         self._stick_speed = stick_speed_of(terms_of(self.scene.system))
         self._cycles = CycleStream(self.scene.system)
@@ -170,7 +174,9 @@ class Watcher:
         found = None
         for data, _ in poll(self._scenes):
             try:
-                found = parse_scene(cdr.read_string(data), "driveline")
+                text = cdr.read_string(data)
+                found = parse_scene(text, "driveline")
+                self._zeros = np.union1d(self._zeros, zeros_of([text]))
             except (ValueError, InputError) as error:
                 self._say(f"a scene could not be read: {error}")
         return found
@@ -198,7 +204,7 @@ class Watcher:
             self._shown = now
             rows, received = (np.concatenate(column) for column in zip(*self._waiting))
             self._waiting.clear()
-            stamps = cdr.stamps(rows)
+            stamps = simulation_ns(cdr.stamps(rows), self._zeros)
             cuts = 1 + np.flatnonzero(np.diff(stamps) < 0)
             for piece in np.split(np.arange(len(rows)), cuts):
                 self._show(view, stamps[piece], rows[piece], received[piece])
@@ -233,7 +239,8 @@ class Watcher:
         self.states += len(stamps)
         for piece in pieces:
             view.cycles(piece.cycles, piece.first)
-        view.control(*self._control.beside(stamps, received, slip_speed, new_run=new_run))
+        view.control(*self._control.beside(stamps, received, slip_speed, new_run=new_run,
+                                           zeros=self._zeros))
         # No figures are computed at the end, so cycles are not stored.
         del self._cycles.runs[:-1]
         for run in self._cycles.runs:

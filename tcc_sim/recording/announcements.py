@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
 
 from tcc_sim.messages import cdr
 from tcc_sim.model.profile import START, Origin
 from tcc_sim.topics import INPUTS
 
+Stamps = NDArray[np.int64]
 COMMAND, FALLBACK = "command", "fallback"
 MOST_SOURCES = 100_000
 """Largest number of input-source messages that are read from a recording."""
@@ -20,22 +24,28 @@ MOST_SCENES = 10_000
 _TIMES, HEAD, LONGEST = struct.Struct("<QQ"), 22, 4096
 _NUMBER = r"(-?\d[\de.+-]{0,30})"
 _LINE = re.compile(r"# holds from stamp (\d{1,19}) ns on(, in the kernel with every term)?"
-                   rf"(?:, phase {_NUMBER} rad at {_NUMBER} s, the load's ahead by {_NUMBER} rad)?")
+                   rf"(?:, phase {_NUMBER} rad at {_NUMBER} s, the load's ahead by {_NUMBER} rad)?"
+                   r"(?:, simulation time 0 is (\d{1,19}) ns of the wall clock)?")
 
 
-def holding_from(text: str, stamp_ns: int, general: bool, origin: Origin = START) -> str:
+def holding_from(text: str, stamp_ns: int, general: bool, origin: Origin = START, zero_ns: int = 0) -> str:
     """Return the text of a scene that was changed while running, with a comment line that states from when it holds.
+
+    A driveline with `stamp: wall` publishes its scene so at simulation time 0 too.
 
     Parameters
     ----------
     text : the scene (YAML)
-    stamp_ns : stamp (ns) of the first state computed with it: the tick after the change, or 0 after a reset
+    stamp_ns : simulation time (ns) of the first state computed with it: the tick after the change, or 0 after a reset
     general : whether the kernel with every term solves it (`general_terms`), because the terms changed while running
     origin : time and phase from which the phases are counted
+    zero_ns : stamp of simulation time 0, ns; 0 where stamps are simulation time
     """
     phases = (f", phase {origin.phase!r} rad at {origin.time!r} s, the load's ahead by {origin.lead!r} rad"
               if origin != START else "")
-    return f"{text}# holds from stamp {stamp_ns} ns on{', in the kernel with every term' if general else ''}{phases}\n"
+    wall = f", simulation time 0 is {zero_ns} ns of the wall clock" if zero_ns else ""
+    kernel = ", in the kernel with every term" if general else ""
+    return f"{text}# holds from stamp {stamp_ns} ns on{kernel}{phases}{wall}\n"
 
 
 @dataclass(frozen=True)
@@ -59,6 +69,11 @@ class SceneRecord:
         return int(self._line[1]) if self._line else 0
 
     @property
+    def zero_ns(self) -> int:
+        """Stamp of simulation time 0, ns; 0 where stamps are simulation time."""
+        return int(self._line[6]) if self._line and self._line[6] and int(self._line[6]) < 1 << 62 else 0
+
+    @property
     def general(self) -> bool:
         """Whether the kernel with every term solved it."""
         return self._line is not None and self._line[2] is not None
@@ -69,7 +84,7 @@ class SceneRecord:
         if self._line is None or self._line[3] is None:
             return START
         try:
-            phase, time, lead = map(float, self._line.groups()[2:])
+            phase, time, lead = map(float, self._line.groups()[2:5])
         except ValueError:
             return START
         return Origin(time, phase, lead)
@@ -78,6 +93,18 @@ class SceneRecord:
     def parameters(self) -> str:
         """The text without the comment line."""
         return self.text.rstrip("\n").rpartition("\n")[0] + "\n" if self._line else self.text
+
+
+def zeros_of(texts: Iterable[str]) -> Stamps:
+    """Return the stamps of simulation time 0 that published scenes name, ns, ascending; empty for simulation time."""
+    return np.unique(np.array([zero for text in texts if (zero := SceneRecord(text, "", 0).zero_ns)], dtype=np.int64))
+
+
+def simulation_ns(stamps: Stamps, zeros: Stamps) -> Stamps:
+    """Return simulation times, ns, of stamps: those of the wall clock count from the last of `zeros` before them."""
+    if not len(zeros):
+        return stamps
+    return np.asarray(stamps - np.append(0, zeros)[np.searchsorted(zeros, stamps, side="right")])
 
 
 @dataclass(frozen=True)
@@ -97,8 +124,13 @@ def source_text(commanded: Mapping[str, bool]) -> str:
     return ", ".join(f"{name}: {COMMAND if held else FALLBACK}" for name, held in commanded.items())
 
 
-def read_source(record: bytes) -> InputSource | None:
-    """Decode a message record (channel, number, two times, serialised Header); None if it is not valid."""
+def read_source(record: bytes, zeros: Stamps) -> InputSource | None:
+    """Decode a message record (channel, number, two times, serialised Header); None if it is not valid.
+
+    Parameters
+    ----------
+    zeros : stamps of simulation time 0, as in `simulation_ns`
+    """
     if not HEAD < len(record) <= LONGEST:
         return None
     received, sent = _TIMES.unpack_from(record, 6)
@@ -107,4 +139,5 @@ def read_source(record: bytes) -> InputSource | None:
     except ValueError:
         return None
     sources = dict(part.partition(": ")[::2] for part in text.split(", "))
+    stamp = int(simulation_ns(np.array([stamp]), zeros)[0])
     return InputSource(sent or received, stamp, frozenset(name for name in INPUTS if sources.get(name) == COMMAND))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tcc_sim.errors import RecordingError
 from tcc_sim.messages import cdr
-from tcc_sim.recording.announcements import InputSource
+from tcc_sim.recording.announcements import InputSource, Stamps, simulation_ns
 from tcc_sim.recording.records import Messages
 from tcc_sim.recording.stamps import Break, StampCounter
 from tcc_sim.topics import FLUID_PRESSURE, JOINT_STATE, topic
@@ -168,9 +168,11 @@ class Beside:
     topic, type : fully resolved name and message type
     layout : layout of its messages
     columns : column name -> message field that fills it
+    zeros : stamps of simulation time 0, as in `simulation_ns`
     """
 
-    def __init__(self, topic: str, type: str, layout: cdr.Layout, columns: Mapping[str, str]) -> None:
+    def __init__(self, topic: str, type: str, layout: cdr.Layout, columns: Mapping[str, str], zeros: Stamps) -> None:
+        self._zeros = zeros
         self.topic, self.type, self.columns = topic, type, columns
         self._layout, self._stamps, self._run = layout, StampCounter(), -1
         self._parts: dict[int, list[tuple[NDArray[Any], ...]]] = {}
@@ -187,7 +189,7 @@ class Beside:
         heads, records, refused = _records(data, messages, channels, self._layout)
         if self._run < 0:
             self._run = max(runs, 1) - 2
-        at = cdr.stamps(records)
+        at = simulation_ns(cdr.stamps(records), self._zeros)
         for piece, preceded in self._stamps.pieces(at, publishers(heads), heads["number"]):
             self._run += preceded.begins_a_run
             self._parts.setdefault(self._run, []).append(
@@ -206,18 +208,18 @@ class Beside:
             columns[name][same] = column[nearest[same]]
 
 
-def all_beside(joint_states_topic: str, types: Mapping[str, str]) -> list[Beside]:
+def all_beside(joint_states_topic: str, types: Mapping[str, str], zeros: Stamps) -> list[Beside]:
     """Return the further topics of a driveline that a recording with these types by topic holds."""
     space = joint_states_topic.rpartition("/")[0]
     every = (Beside(f"{space}/applied_pressure", FLUID_PRESSURE, cdr.FLUID_PRESSURE,
-                    {"applied_pressure": "fluid_pressure"}),
+                    {"applied_pressure": "fluid_pressure"}, zeros),
              Beside(f"{space}/output_state", JOINT_STATE, cdr.OUTPUT_STATE,
-                    {name: name for name in ("output_angle", "output_speed")}))
+                    {name: name for name in ("output_angle", "output_speed")}, zeros))
     return [one for one in every if types.get(one.topic) == one.type]
 
 
 def joint_states(data: NDArray[np.uint8], messages: Messages, channels: list[int],
-                 layout: cdr.Layout) -> tuple[JointStates, NDArray[np.void], int]:
+                 layout: cdr.Layout, zeros: Stamps) -> tuple[JointStates, NDArray[np.void], int]:
     """Return the joint_states of one chunk in their order, their HEADs, and the number of messages that were left out
     because their layout differs.
     """
@@ -226,7 +228,8 @@ def joint_states(data: NDArray[np.uint8], messages: Messages, channels: list[int
     log_ns, sent_ns = heads["log_ns"].astype(np.int64), heads["sent_ns"].astype(np.int64)
     sent_ns = np.where(sent_ns > 0, sent_ns, log_ns)
     log_ns = receipt_times(log_ns, sent_ns)
-    return JointStates(stamp_ns=cdr.stamps(records), log_ns=log_ns, sent_ns=sent_ns, **columns), heads, refused
+    stamp_ns = simulation_ns(cdr.stamps(records), zeros)
+    return JointStates(stamp_ns=stamp_ns, log_ns=log_ns, sent_ns=sent_ns, **columns), heads, refused
 
 
 def layout_of(data: bytes, messages: Messages, channels: list[int], joints: Sequence[str]) -> cdr.Layout:

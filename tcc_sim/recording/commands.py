@@ -11,7 +11,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tcc_sim.messages import cdr
-from tcc_sim.recording.announcements import HEAD, LONGEST, MOST_SOURCES, InputSource, read_source
+from tcc_sim.recording.announcements import HEAD, LONGEST, MOST_SOURCES, InputSource, Stamps, read_source, simulation_ns
 from tcc_sim.recording.columns import Commanded, JointStates, receipt_times
 from tcc_sim.recording.contents import Channel
 from tcc_sim.recording.records import Messages
@@ -27,7 +27,6 @@ COUNTED = ("missed ticks",)
 SET_BACK = 50_000_000
 """Backward jump of the recorder's clock above which the clock was set, ns."""
 Floats = NDArray[np.float64]
-Stamps = NDArray[np.int64]
 Rows = NDArray[np.int64]
 
 
@@ -53,9 +52,11 @@ class Commands:
     Parameters
     ----------
     joint_states_topic : joint_states topic in the namespace of the commands
+    zeros : stamps of simulation time 0, as in `simulation_ns`
     """
 
-    def __init__(self, joint_states_topic: str) -> None:
+    def __init__(self, joint_states_topic: str, zeros: Stamps) -> None:
+        self._zeros = zeros
         space = joint_states_topic.rpartition("/")[0]
         self._names = {f"{space}/{name}": name for name in (*COMMANDS, SOURCE)}
         self._sent: dict[str, list[_Sent]] = {name: [] for name in COMMANDS}
@@ -91,6 +92,7 @@ class Commands:
             offset, log, sent, values, answers = _decoded(np.frombuffer(data, dtype=np.uint8), offset, length, row.type)
             if len(offset):
                 self.publishers.setdefault(name, set()).add(row.publisher)
+                answers = simulation_ns(answers, self._zeros)
                 found.setdefault(name, []).append((offset, sent + (log - sent).min(), values, answers))
         for name, parts in found.items():
             offset, times, values, answers = (np.concatenate(columns) for columns in zip(*parts))
@@ -100,7 +102,7 @@ class Commands:
     def _announced(self, data: bytes, offsets: Sequence[int], lengths: Sequence[int]) -> None:
         """Take messages that announce the sources of the inputs."""
         for offset, length in zip(offsets, lengths):
-            source = read_source(data[offset:offset + length]) if HEAD < length <= LONGEST else None
+            source = read_source(data[offset:offset + length], self._zeros) if HEAD < length <= LONGEST else None
             if source is not None and len(self._sources) < MOST_SOURCES:
                 self._sources.setdefault(source)
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from tcc_sim.errors import InputError, RecordingError, counted, one_line
 from tcc_sim.messages import cdr
-from tcc_sim.recording.announcements import SceneRecord
+from tcc_sim.recording.announcements import SceneRecord, zeros_of
 from tcc_sim.recording.columns import (
     Columns,
     GrowingStates,
@@ -159,9 +159,10 @@ class Run:
                                    for number, count in contents.expected.items()
                                    if number in contents.channels
                                    and contents.channels[number].topic == self.joint_states_topic))
-        every = all_beside(self.joint_states_topic, self.topics)
+        zeros = zeros_of(scene.text for scene in self.scenes)
+        every = all_beside(self.joint_states_topic, self.topics, zeros)
         refused = Counter[str]()
-        states, commands = GrowingStates(), Commands(self.joint_states_topic)
+        states, commands = GrowingStates(), Commands(self.joint_states_topic, zeros)
         for path in self.paths:
             for data, messages, channels in self._chunks(path):
                 if tap is not None:
@@ -171,7 +172,7 @@ class Run:
                 begun = np.empty(0, np.int64)
                 if found := _of(channels, here, self.joint_states_topic, JOINT_STATE):
                     self._layout = self._layout or layout_of(data, messages, found, self._joints)
-                    batch, heads, left_out = joint_states(array, messages, found, self._layout)
+                    batch, heads, left_out = joint_states(array, messages, found, self._layout, zeros)
                     refused[self.joint_states_topic] += left_out
                     for part in self._runs(batch, self._publisher(heads, channels), heads["number"]):
                         rows = window.rows(part) if window is not None else slice(0, len(part))

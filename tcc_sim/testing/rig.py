@@ -56,6 +56,9 @@ class Rig:
                  faults: Faults | Mapping[str, int] | None = None, patience: float = PATIENCE) -> None:
         wanted = as_scene(scene).with_values({"publish_clock": True, **(changes or {}), "rate": rate,
                                               "pacing": "lockstep"})
+        if wanted.operation.stamp != "simulation":
+            raise InputError(f"stamp is {wanted.operation.stamp}; the test kit counts simulated time: set stamp to "
+                             "simulation in the changes")
         self._patience = patience
         self._lines = {**{name: Line(name, Faults.of(faults)) for name in INPUTS}, FAR_END: Line(FAR_END, Faults())}
         try:

@@ -209,7 +209,7 @@ def test_requests_leave_nothing_in_memory(bench: Any) -> None:
     def objects(requests: int) -> int:
         for number in range(requests):
             assert node.set_parameters_atomically(overrides({"engine.mean_torque": 250.0 + number % 7})).successful
-            assert node.loop.request(node.restart)
+            assert node.loop.request(node.loop.reset)
         gc.collect()
         return len(gc.get_objects())
 

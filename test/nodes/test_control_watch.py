@@ -42,7 +42,7 @@ class Said:
 
     def beside(self, ticks: list[int], received: list[int], slip_speed: float = 2.0, new_run: bool = False) -> Any:
         signals, events = self.watch.beside(np.array(ticks) * MS, np.array(received), np.full(len(ticks), slip_speed),
-                                            new_run=new_run)
+                                            new_run=new_run, zeros=np.empty(0, np.int64))
         return {name: list(zip((stamps // MS).tolist(), values.tolist())) for name, (stamps, values)
                 in signals.items() if len(stamps)}, events
 

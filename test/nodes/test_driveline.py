@@ -11,11 +11,13 @@ from benches import Commander, stamp_of
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
+import time
 from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import FluidPressure, JointState
 from std_msgs.msg import Float64, Int8
 from std_srvs.srv import SetBool, Trigger
@@ -50,6 +52,29 @@ def test_states_are_those_of_the_solver(bench: Any) -> None:
     assert last.effort[1] == torque[199].data
     assert slip[199].data == pytest.approx(last.velocity[0] - last.velocity[1], abs=1e-12)
     assert {m.data for m in state[:200]} == {0, 1}
+
+
+def test_stamps_of_the_wall_clock_are_simulation_time_from_the_first_tick_on(bench: Any) -> None:
+    heard, pressure, clock = (bench.listen(kind, topic) for kind, topic in (
+        (JointState, "joint_states"), (FluidPressure, "applied_pressure"), (Clock, "/clock")))
+    slip, torque = (bench.listen(JointState, f"{name}_stamped") for name in ("slip_speed", "friction_torque"))
+    began = time.time_ns()
+    bench.started(scene="commands", wait_for_subscribers=1, stamp="wall", publish_stamped=True, publish_clock=True)
+    bench.until(lambda: min(map(len, (heard, pressure, clock, slip, torque))) > 100)
+    first, ended = stamp_of(heard[0]), time.time_ns()
+    assert began <= first <= ended
+    stamps = [first + k * STEP_NS for k in range(100)]
+    assert all([stamp_of(m) for m in given[:100]] == stamps for given in (heard, pressure, slip, torque))
+    assert [m.clock.sec * 10**9 + m.clock.nanosec for m in clock[:100]] == stamps
+    for state, speed, effort in zip(heard[:100], slip, torque):
+        assert list(speed.name) == list(effort.name) == ["clutch"]
+        assert list(speed.velocity) == [pytest.approx(state.velocity[0] - state.velocity[1], abs=1e-12)]
+        assert list(effort.effort) == [state.effort[1]]
+        assert not [*speed.position, *speed.effort, *effort.position, *effort.velocity]
+    bench.call(Trigger, "/driveline/reset", Trigger.Request())
+    bench.until(lambda: [*heard[-1].position] != [0.0, 0.0])
+    after = [stamp_of(m) for m in heard]
+    assert after == sorted(set(after))  # A reset begins at the wall clock's time again.
 
 
 def test_only_what_the_scene_needs_is_created(bench: Any) -> None:
@@ -202,8 +227,8 @@ def test_the_page_says_the_quality_of_service_that_is_offered(bench: Any) -> Non
             said |= {name.strip("`/ "): cells[1:] for name in cells[0].split(",")}
         elif said:
             break
-    patient = bench.driveline(scene="commands", publish_shaft_torque=True, pacing="lockstep")
-    node = bench.driveline(scene="commands", publish_shaft_torque=True)
+    patient = bench.driveline(scene="commands", publish_shaft_torque=True, publish_stamped=True, pacing="lockstep")
+    node = bench.driveline(scene="commands", publish_shaft_torque=True, publish_stamped=True)
     for one in (patient, node):
         one.loop.clock.begin()
         one.loop.attach(CommandedInput(one, topic("output_speed")))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 from test_live_changes import Recorded, exactly
 
 from tcc_sim.messages import cdr
+from tcc_sim.recording.announcements import zeros_of
 from tcc_sim.recording.reader import open_run
 from tcc_sim.replay.timeline import timeline_of
 from tcc_sim.replay.verification import verify
@@ -56,8 +58,11 @@ def test_without_arguments_it_subscribes_to_both_and_moves_as_its_scene_says(ben
     assert own.pressure.amplitude > 0.0
 
 
-def test_commands_time_outs_changes_and_resets_are_verified_to_the_last_bit(bench: Any, tmp_path: Path) -> None:
-    chain = Commanded(bench, tmp_path / "run", scene="commands", command_timeout=0.04)
+@pytest.mark.parametrize("stamp", ["simulation", "wall"])
+def test_commands_time_outs_changes_and_resets_are_verified_to_the_last_bit(bench: Any, tmp_path: Path,
+                                                                            stamp: str) -> None:
+    began = time.time_ns()
+    chain = Commanded(bench, tmp_path / "run", scene="commands", command_timeout=0.04, stamp=stamp)
     chain.send(torque=310.0)
     chain.run(20)
     chain.send(pressure=2.1e5)
@@ -81,6 +86,14 @@ def test_commands_time_outs_changes_and_resets_are_verified_to_the_last_bit(benc
     assert sources[1] == {"engine_torque"}
     assert {"engine_torque", "actuation_pressure"} in sources
     assert sources[-1] == {"engine_torque"}
+    run = open_run(tmp_path / "run")
+    assert [states.stamp_ns[0] for states in run.columns().runs] == [0, 0]
+    assert run.stamps.lost == 0
+    zeros = zeros_of(scene.text for scene in run.scenes).tolist()
+    assert len(zeros) == (2 if stamp == "wall" else 0)
+    assert all(began <= zero <= time.time_ns() for zero in zeros)
+    answers = (run.result or {})["missing_stamps"]
+    assert answers["/joint_states"] == 0
 
 
 def test_one_input_may_fall_back_to_its_mean_and_the_other_to_its_harmonics(bench: Any, tmp_path: Path) -> None:

@@ -50,7 +50,7 @@ class Recorded:
         assert self.node.set_parameters_atomically(overrides(values)).successful
 
     def reset(self) -> None:
-        assert self.loop.request(self.node.restart)
+        assert self.loop.request(self.loop.reset)
 
     def pause(self, paused: bool) -> None:
         assert self.loop.request(lambda: self.loop.pause(paused))

@@ -28,6 +28,7 @@ def test_the_minimal_scene_leaves_out_what_it_does_not_have() -> None:
     assert (kernel["stribeck"], kernel["pulsation"], kernel["harmonics"]) == ("left out",) * 3
     assert {"rclpy", "mcap", "matplotlib", "rerun"} <= set(found["modules"]["left_out"])
     assert set(found["topics"]["left_out"]) == {"engine_torque", "actuation_pressure", "applied_pressure",
+                                                "slip_speed_stamped", "friction_torque_stamped",
                                                 "input_source", "/clock", "shaft_torque"}
     assert found["step"]["sub_steps"] == 10
 
