@@ -9,8 +9,8 @@ from __future__ import annotations
 import ctypes
 import hashlib
 import importlib.util
-import os
 import re
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -27,6 +27,7 @@ from llvmlite import binding
 from tcc_sim.background import awaited
 from tcc_sim.compiling import kernel_cache
 from tcc_sim.compiling.kernel_cache import Dependencies
+from tcc_sim.compiling.processor import processor
 from tcc_sim.model import equations, friction, profile
 
 Function = TypeVar("Function", bound=Callable[..., object])
@@ -38,6 +39,12 @@ C_ORDER, FORTRAN_ORDER, WRITABLE = 0x1, 0x2, 0x400
 """NumPy's flags of an array that Numba compiles for; of an array in both orders it takes the first."""
 TESTED = "0.62", "0.68"
 """First and last version of Numba that `linked` works with; other versions compile in every process."""
+IMPORT, LOWERING, CODE = 0.7, 4e-5, 3e-5
+"""Compile time, s: of loading Numba; per byte of bytecode that a kernel reaches, to LLVM code and then to machine
+code. Measured on one core of 2.5 GHz, rounded.
+"""
+ALONE = 2.0
+"""Compile time where Numba optimises each function alone, relative to that of linked kernels; from Numba 0.58."""
 _lock = threading.RLock()
 
 
@@ -55,11 +62,12 @@ class EntryPoint(NamedTuple):
 class Kernel:
     """A function that Python calls compiled, and that is linked into other kernels that call it.
 
+    effort : machine code that it becomes, relative to other kernels that reach as much
     entries : code that was loaded, by kind of arguments
     """
 
-    def __init__(self, function: FunctionType, options: dict[str, Any]) -> None:
-        self.py_func, self.options = function, options
+    def __init__(self, function: FunctionType, options: dict[str, Any], effort: float = 1.0) -> None:
+        self.py_func, self.options, self.effort = function, options, effort
         self.__name__, self.__doc__ = function.__name__, function.__doc__
         self.entries: dict[Kind, EntryPoint] = {}
 
@@ -79,7 +87,7 @@ class Kernel:
         if numba_supported():
             from tcc_sim.compiling.linked import dispatcher
 
-            return dispatcher(self.py_func, self.options)
+            return dispatcher(self.py_func, self.options, self.dependencies.digest)
         from tcc_sim.compiling.numba_registration import registered
 
         return registered(self.py_func, self.options)
@@ -101,16 +109,39 @@ class Kernel:
             return entry
         with _lock:
             if kind not in self.entries and not numba_supported():
-                kernel_cache.announce_unkept(self.dependencies.size, _numba()[0], TESTED)
+                kernel_cache.announce_unkept(ALONE * self.seconds(), _numba()[0], TESTED)
                 self.entries[kind] = EntryPoint(lambda arguments, _: list(arguments), lambda block: self.part(*block))
             elif kind not in self.entries:
-                name = f"{self.py_func.__module__.rpartition('.')[2]}.{self.py_func.__qualname__}"
-                safe = "".join(c if c.isalnum() or c in "._" else "_" for c in name)[:80]
-                which = hashlib.sha256(repr(kind).encode()).hexdigest()[:16]
                 self.entries[kind] = kernel_cache.load_or_build(
-                    f"{safe}-{self.dependencies.digest[:24]}-{which}", self.dependencies.size,
-                    lambda: awaited(lambda: self.part.machine_code(arguments)), lambda content: loaded(content, words))
+                    self.file_name(kind), self.seconds, lambda: awaited(lambda: self.part.machine_code(arguments)),
+                    lambda content: loaded(content, words))
             return self.entries[kind]
+
+    def file_name(self, kind: Kind) -> str:
+        """Return the name on disk of the code for arguments of a kind."""
+        name = f"{self.py_func.__module__.rpartition('.')[2]}.{self.py_func.__qualname__}"
+        safe = "".join(c if c.isalnum() or c in "._" else "_" for c in name)[:80]
+        which = hashlib.sha256(repr([*map(_described, kind)]).encode()).hexdigest()[:16]
+        return f"{safe}-{self.dependencies.digest[:kernel_cache.DIGITS]}-{which}"
+
+    def seconds(self) -> float:
+        """Return the estimated time of compiling, s. Parts that are stored for one kind of arguments serve most others:
+        a third of them means that almost nothing remains to be lowered.
+        """
+        made, reached = kernel_cache.digests_of_parts() if numba_supported() else set(), self.dependencies
+        known = sum(size for part, size in reached.parts.items()
+                    if isinstance(part, Kernel) and part.dependencies.digest[:kernel_cache.DIGITS] in made)
+        lowered = max(0.0, 1.0 - 3.0 * known / reached.size)
+        loading = 0.0 if "numba" in sys.modules else IMPORT
+        return loading + reached.size * (LOWERING * lowered + CODE * self.effort)
+
+
+def _described(kind: Any) -> object:
+    """Return a description of a part of a kind that tells it from every other one."""
+    if isinstance(kind, tuple) and len(kind) == 2 and isinstance(kind[0], type):
+        own, items = kind
+        return own.__module__, own.__qualname__, getattr(own, "_fields", ()), [*map(_described, items)]
+    return kind
 
 
 def timed(kernel: Callable[..., object], *arguments: Any) -> tuple[Any, float]:
@@ -208,9 +239,7 @@ def _compiler() -> tuple[str, ...]:
     """Return the versions of the compiler, the processor and the linking code, without loading Numba."""
     room = Path(__file__).parent
     texts = room / "numba_registration.py", room / "linked.py", room / "unrolled.py"
-    return (_numba()[1], *(text.read_text() for text in texts), llvmlite.__version__, binding.get_process_triple(),
-            binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten(),
-            *(os.environ.get(f"NUMBA_{name}", "") for name in ("OPT", "CPU_NAME", "CPU_FEATURES", "ENABLE_AVX")))
+    return _numba()[1], *(text.read_text() for text in texts), llvmlite.__version__, *processor()
 
 
 def loaded(content: bytes, words: Words) -> EntryPoint:
@@ -246,17 +275,17 @@ def loaded(content: bytes, words: Words) -> EntryPoint:
     return EntryPoint(block, run)
 
 
-def compiled(function: Function, **options: Any) -> Function:
+def compiled(function: Function, effort: float = 1.0, **options: Any) -> Function:
     """Compile on the first call with arguments of a kind; the branches of an argument that is None are left out.
 
     The compiled code creates no array, releases the interpreter lock, and keeps IEEE arithmetic.
     """
-    return cast(Function, Kernel(function, {"_nrt": False, **options}))  # type: ignore[arg-type]
+    return cast(Function, Kernel(function, {"_nrt": False, **options}, effort))  # type: ignore[arg-type]
 
 
-def fast(function: Function) -> Function:
+def fast(function: Function, effort: float = 1.0) -> Function:
     """Like `compiled`, with products and sums fused where the processor can."""
-    return compiled(function, fastmath={"contract"})
+    return compiled(function, effort, fastmath={"contract"})
 
 
 smoothed_coefficient = compiled(friction.smoothed_coefficient)

@@ -1,12 +1,14 @@
-"""Compiled kernels on disk, each under a key of all code that it can reach, in a private directory.
+"""Compiled code on disk, each file under a key of all code that it can reach: with the package, and in a private
+directory.
 
 The key is made function by function: two kernels in one file have keys of their own, and a change in a file that
 a kernel calls nothing of leaves its compiled code as it is. Comments, docstrings and the places of lines do not count.
+Neither does the age of a file: code that came with the package is used as long as its key is that of the source.
 
-Loading compiled code runs it, so every file has a checksum, and the directory is used only if nobody else can write to
-it or put another one in its place: every folder from the root on belongs to root or to the user, and no group and
-nobody else may write to it. Whatever is wrong with it means one line on standard error and a kernel that is compiled
-without it.
+Loading compiled code runs it, so every file has a checksum. The private directory is used only if nobody else can write
+to it or put another one in its place: every folder from the root on belongs to root or to the user, and no group and
+nobody else may write to it. A file in the package is used only if it is as safe as the package's own source text.
+Whatever is wrong with a file means one line on standard error and code that is compiled without it.
 """
 
 from __future__ import annotations
@@ -34,10 +36,6 @@ from tcc_sim.errors import one_line
 
 Loaded = TypeVar("Loaded")
 
-SECONDS_PER_BYTE = 1e-4
-"""Compile time per byte of bytecode that a kernel reaches, s: measured on one core of 2.5 GHz, rounded."""
-ALONE = 2.0
-"""Compile time where Numba optimises each function alone, relative to that of linked kernels; from Numba 0.58."""
 ANNOUNCED_FROM = 1.0
 """Least compile time, s, that is announced."""
 DAY = 86400.0
@@ -45,9 +43,13 @@ UNUSED_AFTER = 30.0 * DAY
 """Time, s, after which an unused file is removed; kernels of another version are never used again."""
 WAITED, LOOK = 60.0, 0.05
 """Longest time to wait for another process that compiles the same kernel, and time between two looks, s."""
+SHIPPED = Path(__file__).with_name("shipped")
+"""Directory in the package of the code that the installation compiled."""
+DIGITS = 24
+"""Digits of a digest in a file's name."""
 _CHECKSUM = hashlib.sha256().digest_size
 announced: set[str] = set()
-"""Kinds of messages that were printed."""
+"""Kinds of messages that were printed; compilations are announced unless "compiling" is among them."""
 _PACKAGE = __name__.partition(".")[0]
 _ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
 _PLAIN = (int, float, complex, str, bytes, type(None), np.generic, np.dtype)
@@ -58,11 +60,14 @@ class Dependencies:
 
     digest : their SHA-256, as hexadecimal digits
     seen : functions and modules among them
+    parts : bytes of bytecode of each kernel among them
     size : bytes of bytecode, to which compile time is proportional
     """
 
     def __init__(self, function: FunctionType, *context: object) -> None:
-        self.size, self._hash, self.seen = 0, hashlib.sha256(), {}  # type: ignore[var-annotated]
+        self.size, self._hash = 0, hashlib.sha256()
+        self.seen: dict[object, object] = {}
+        self.parts: dict[Any, int] = {}
         self._add(sys.version_info[:2], *context)
         self._take(function, set())
         self.digest = self._hash.hexdigest()
@@ -77,6 +82,7 @@ class Dependencies:
         """Add a value; `names` are those that the function looks up, in modules too."""
         if isinstance(getattr(value, "py_func", None), FunctionType):
             self._add(sorted(map(repr, getattr(value, "options", {}).items())))
+            self.parts[value] = len(value.py_func.__code__.co_code)
             value = value.py_func
         self._add(type(value).__name__)
         if isinstance(value, FunctionType | type | BuiltinFunctionType):
@@ -132,11 +138,17 @@ class UnusableFile(Exception):
 
 def print_once(kind: str, sentence: str) -> None:
     """Print a message on standard error, one of each kind, in the first process of a command only."""
-    if kind not in announced and multiprocessing.parent_process() is None and sys.stderr is not None:
+    if kind not in announced:
+        _print(sentence)
+    announced.add(kind)
+
+
+def _print(sentence: str) -> None:
+    """Print a message on standard error, in the first process of a command only."""
+    if multiprocessing.parent_process() is None and sys.stderr is not None:
         with suppress(OSError, ValueError):
             sys.stderr.write(f"tcc-sim: {one_line(sentence)}\n")
             sys.stderr.flush()
-    announced.add(kind)
 
 
 @cache
@@ -205,12 +217,17 @@ def _distrust_parents(place: Path) -> str:
     return ""
 
 
-def _content(path: Path) -> bytes:
-    """Read a file; raise UnusableFile unless it belongs to the user alone and is undamaged."""
-    descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
-    with open(descriptor, "rb") as file:
-        found = os.fstat(descriptor)
-        if not stat.S_ISREG(found.st_mode) or found.st_uid != os.geteuid() or found.st_mode & 0o022:
+def _content(path: Path, shipped: bool) -> bytes:
+    """Read a file; raise UnusableFile unless it is undamaged and belongs to the user alone, or, in the package, is as
+    safe as this module.
+    """
+    follow = 0 if shipped else os.O_NOFOLLOW
+    with open(os.open(path, os.O_RDONLY | follow | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
+        found, owners, writable = os.fstat(file.fileno()), {os.geteuid()}, 0
+        if shipped:
+            source = os.stat(__file__)
+            owners, writable = {*owners, 0, source.st_uid}, source.st_mode & 0o022
+        if not stat.S_ISREG(found.st_mode) or found.st_uid not in owners or found.st_mode & 0o022 & ~writable:
             raise UnusableFile(f"{path} is not a private file")
         content = file.read()
     if len(content) < _CHECKSUM or hashlib.sha256(content[:-_CHECKSUM]).digest() != content[-_CHECKSUM:]:
@@ -218,41 +235,60 @@ def _content(path: Path) -> bytes:
     return content[:-_CHECKSUM]
 
 
-def load_or_build(name: str, size: int, make: Callable[[], bytes], load: Callable[[bytes], Loaded]) -> Loaded:
-    """Load the stored kernel of this name, or make and store it; `size` is the bytecode to compile, bytes."""
+def load_or_build(name: str, seconds: Callable[[], float], make: Callable[[], bytes],
+                  load: Callable[[bytes], Loaded]) -> Loaded:
+    """Load the stored kernel of this name, or make and store it, which takes about `seconds`."""
+    if (out := stored(name, load)) is not None:
+        return out
     place = directory()
     if place is None:
-        announce(size, "in every process, since they cannot be kept")
+        announce(seconds(), "in every process, since they cannot be kept")
         return load(make())
-    path = place / name
-    if (out := _stored(path, load)) is not None:
-        return out
-    announce(size, "once")
+    announce(seconds(), "once")
     with _alone(place / f"tmp.{name}"):
-        if (out := _stored(path, load)) is not None:  # Another process has made it meanwhile.
+        if (out := _loaded(place / name, load)) is not None:  # Another process has made it meanwhile.
             return out
         content = make()
         remove_unused(place, time.time())
-        try:
-            _write(path, content + hashlib.sha256(content).digest())
-        except OSError as error:
-            print_once("cache", f"compiled kernels are not kept: {_reason(error)}")
+        store(name, content)
         return load(content)
 
 
-def _stored(path: Path, load: Callable[[bytes], Loaded]) -> Loaded | None:
-    """Return the stored kernel; None, after a line on standard error, if its file is of no use, which is removed."""
+def stored(name: str, load: Callable[[bytes], Loaded]) -> Loaded | None:
+    """Load what is stored under a name, in the package or in the private directory; None if it is in neither."""
+    if (out := _loaded(SHIPPED / name, load)) is not None or (place := directory()) is None:
+        return out
+    return _loaded(place / name, load)
+
+
+def store(name: str, content: bytes) -> None:
+    """Store code in the private directory, if there is one."""
+    place = directory()
+    if place is not None:
+        try:
+            _write(place / name, content + hashlib.sha256(content).digest())
+        except OSError as error:
+            print_once("cache", f"compiled kernels are not kept: {_reason(error)}")
+
+
+def _loaded(path: Path, load: Callable[[bytes], Loaded]) -> Loaded | None:
+    """Load a file; None if there is none, or, after a line on standard error, if it is of no use. Such a file is
+    removed from the private directory.
+    """
+    shipped = path.parent == SHIPPED
     try:
-        out = load(_content(path))
-        if time.time() - path.stat().st_mtime > DAY:
+        out = load(_content(path, shipped))
+        if not shipped and time.time() - path.stat().st_mtime > DAY:
             os.utime(path)
         return out
     except FileNotFoundError:
         pass
     except Exception as error:
-        print_once("damage", f"a kernel is compiled anew, since the cache is of no use: {_reason(error)}")
-        with suppress(OSError):
-            path.unlink()
+        where = "the code in the package" if shipped else "the cache"
+        print_once("damage", f"a kernel is compiled anew, since {where} is of no use: {_reason(error)}")
+        if not shipped:
+            with suppress(OSError):
+                path.unlink()
     return None
 
 
@@ -281,18 +317,22 @@ def _alone(path: Path) -> Iterator[None]:
             path.unlink()
 
 
-def announce(size: int, how_often: str) -> None:
-    """Announce a compilation that takes a while; `size` is the bytecode to compile, bytes."""
-    seconds = SECONDS_PER_BYTE * size
-    if seconds >= ANNOUNCED_FROM:
-        print_once("compiling", f"compiling kernels for this kind of scene, about {seconds:.0f} s, {how_often}")
+def digests_of_parts() -> set[str]:
+    """Return the digests of functions that are stored as parts of kernels, each for some types of arguments."""
+    return {path.name.split("-")[1] for place in (SHIPPED, directory()) if place is not None
+            for path in place.glob("part-*-*")}
 
 
-def announce_unkept(size: int, version: str, tested: tuple[str, str]) -> None:
-    """Announce a compilation by a version of Numba whose code cannot be kept; `size` is that of the bytecode, bytes."""
+def announce(seconds: float, how_often: str) -> None:
+    """Announce a compilation that takes a while."""
+    if seconds >= ANNOUNCED_FROM and "compiling" not in announced:
+        _print(f"compiling kernels for this kind of scene, about {seconds:.0f} s, {how_often}")
+
+
+def announce_unkept(seconds: float, version: str, tested: tuple[str, str]) -> None:
+    """Announce a compilation by a version of Numba whose code cannot be kept."""
     first, last = tested
     above = f"{last.partition('.')[0]}.{int(last.partition('.')[2]) + 1}"
-    seconds = ALONE * SECONDS_PER_BYTE * size
     print_once("compiling", f"Numba {version} compiles in every process, about {seconds:.0f} s now; "
                             f"python3 -m pip install 'numba>={first},<{above}' brings one whose kernels are kept")
 

@@ -1,7 +1,8 @@
 """Compiler of kernels: all functions that a kernel reaches are linked first, and optimised once.
 
 Numba alone optimises each function with all its callees, and makes machine code and wrappers for Python and C of each.
-Here a function stays unoptimised LLVM code until it is linked into a kernel. Numba's passes that no kernel needs are
+Here a function stays unoptimised LLVM code until it is linked into a kernel. This code of a part is stored on disk too,
+so that a kernel for another kind of scene lowers only the parts that differ. Numba's passes that no kernel needs are
 left out.
 
 Python calls a kernel with the address of one block of words of 8 bytes: the numbers of its arguments one after the
@@ -11,24 +12,30 @@ other, the addresses of the objects that are arrays and records, and room for th
 from __future__ import annotations
 
 import gc
+import hashlib
 import operator
+import pickle
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from types import FunctionType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 from llvmlite import binding, ir
 from numba import types
-from numba.core import cgutils, compiler
+from numba.core import cgutils, compiler, environment
 from numba.core import ir as numba_ir
+from numba.core.caching import NullCache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.compiler_machinery import FunctionPass, PassManager, register_pass
 from numba.core.ir_utils import get_definition, guard
 from numba.np.arrayobj import populate_array
 
+from tcc_sim.compiling import kernel_cache
 from tcc_sim.compiling.numba_registration import registered
+from tcc_sim.compiling.processor import processor
 
 NEEDED = {"TranslateByteCode", "FixupArgs", "IRProcessing", "RewriteSemanticConstants", "DeadBranchPrune",
           "GenericRewrites", "ReconstructSSA", "NopythonTypeInference", "PreLowerStripPhis", "IRLegalization",
@@ -37,11 +44,21 @@ NEEDED = {"TranslateByteCode", "FixupArgs", "IRProcessing", "RewriteSemanticCons
 WORD, REAL = ir.IntType(64), ir.DoubleType()
 HEAD = object.__basicsize__
 """Bytes of a Python object before its own fields (`PyArrayObject` and `PyVoidScalarObject` of NumPy's headers)."""
+OPTIMISATION = 1
+"""LLVM's level: the kernels are as fast as at level 3, whose passes take a quarter longer."""
+WHICH = 16
+"""Digits of the digest that tells a function for some types of arguments from all other code."""
+_digests: dict[FunctionType, str] = {}
+"""Digest of all code that a function can reach, for every function that has a dispatcher."""
 
 
 class PartLibrary(JITCodeLibrary):  # type: ignore[misc]
-    """The unoptimised LLVM module of a function, without machine code, to be linked into kernels."""
+    """The unoptimised LLVM module of a function, without machine code, to be linked into kernels.
 
+    key : its name on disk; None while it is not there
+    """
+
+    key: str | None = None
     codegen = property(lambda self: self)
 
     def add_llvm_module(self, ll_module: Any) -> None:
@@ -53,8 +70,20 @@ class PartLibrary(JITCodeLibrary):  # type: ignore[misc]
         self._linking_libraries.append(library)
 
     def finalize(self) -> None:
-        """Close the library."""
+        """Close the library. Numba's own functions that it calls become internal ones of this module."""
         self._raise_if_finalized()
+        called = dict.fromkeys(self._linking_libraries)
+        others = [library for library in called if not isinstance(library, PartLibrary)]
+        self._linking_libraries: list[Any] = [library for library in called if isinstance(library, PartLibrary)]
+        for library in others:
+            absent = {function.name for function in self._final_module.functions if function.is_declaration}
+            module = library._get_module_for_linking()
+            made = {function.name for function in module.functions if not function.is_declaration}
+            if not absent.isdisjoint(made):
+                self._final_module.link_in(module, preserve=True)
+                for function in self._final_module.functions:
+                    if function.name in made and not function.is_declaration:
+                        function.linkage = "internal"
         self._shared_module = self._final_module
         self._finalized = True
 
@@ -97,8 +126,12 @@ class PartCompiler(compiler.CompilerBase):  # type: ignore[misc]
     """Numba's compiler for functions that compiled functions call."""
 
     def define_pipelines(self) -> list[PassManager]:
-        """Return Numba's pipeline, reduced to NEEDED."""
-        self.state.library = PartLibrary(self.state.targetctx.codegen(), self.state.func_id.func_qualname)
+        """Return Numba's pipeline, reduced to NEEDED; names in the code are the same in every process."""
+        identity = self.state.func_id
+        if (name := part_name(identity.func, self.state.args)) is not None:
+            identity.unique_id = int(name[-WHICH:], 16)
+            identity.unique_name = f"{identity.func_qualname}${identity.unique_id}"
+        self.state.library = PartLibrary(self.state.targetctx.codegen(), identity.func_qualname)
         out = PassManager("kernel")
         for step, description in compiler.DefaultPassBuilder.define_nopython_pipeline(self.state).passes:
             if step.__name__ == "DeadBranchPrune":
@@ -109,11 +142,111 @@ class PartCompiler(compiler.CompilerBase):  # type: ignore[misc]
         return [out]
 
 
-def dispatcher(function: FunctionType, options: dict[str, Any]) -> Any:
-    """Return Numba's dispatcher of a function, whose `machine_code` makes a kernel of it."""
+class Part(NamedTuple):
+    """A part that is stored: Numba's signature and descriptor, and the library."""
+
+    signature: Any
+    descriptor: Any
+    library: PartLibrary
+
+
+class PartStore(NullCache):  # type: ignore[misc]
+    """The stored parts of a function, in the place of Numba's own cache."""
+
+    _parts: dict[str, Part] = {}  # noqa: RUF012  Of the whole process, by their names on disk.
+
+    def __init__(self, function: FunctionType) -> None:
+        self.function = function
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return Numba's result for these types of arguments from disk, or None."""
+        name = part_name(self.function, sig)
+        part = None if name is None else self._part(name, target_context)
+        if part is None:
+            return None
+        own = environment.Environment.from_fndesc(part.descriptor)
+        return compiler.compile_result(
+            typing_context=target_context.typing_context, target_context=target_context, library=part.library,
+            environment=own, entry_point=target_context.get_executable(part.library, part.descriptor, own),
+            fndesc=part.descriptor, signature=part.signature, objectmode=False, lifted=(), reload_init=[],
+            referenced_envs=[])
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Store Numba's result, unless it calls a part that is not stored."""
+        name, part = part_name(self.function, sig), Part(data.signature, data.fndesc, data.library)
+        called = [other.key for other in part.library._linking_libraries]
+        if name is not None and None not in called and part.descriptor.global_dict is None:
+            part.descriptor.typemap = part.descriptor.calltypes = None
+            head = pickle.dumps((part.signature, part.descriptor, called))
+            code: bytes = part.library._final_module.as_bitcode()
+            kernel_cache.store(name, len(head).to_bytes(8, "little") + head + code)
+            part.library.key, self._parts[name] = name, part
+
+    @classmethod
+    def _part(cls, name: str, context: Any) -> Part | None:
+        """Return the part of this name, with all parts that it calls; None where one of them is not stored."""
+        if name not in cls._parts:
+            part = kernel_cache.stored(name, lambda content: cls._read(content, context))
+            if part is None:
+                return None
+            part.library.key, cls._parts[name] = name, part
+        return cls._parts[name]
+
+    @classmethod
+    def _read(cls, content: bytes, context: Any) -> Part | None:
+        """Return a part, as `save_overload` stored it."""
+        size = 8 + int.from_bytes(content[:8], "little")
+        signature, descriptor, called = pickle.loads(content[8:size])  # noqa: S301  As safe as the code behind it.
+        library = PartLibrary(context.codegen(), descriptor.qualname)
+        for name in called:
+            if (part := cls._part(name, context)) is None:
+                return None
+            library.add_linking_library(part.library)
+        library._final_module = binding.parse_bitcode(content[size:])
+        library.finalize()
+        return Part(signature, descriptor, library)
+
+
+def part_name(function: FunctionType, kinds: Any) -> str | None:
+    """Return the name on disk of a function for types of arguments; None where one of them is a function."""
+    try:
+        types = repr([*map(_described, kinds)])
+    except TypeError:
+        return None
+    digest = _digests[function]
+    return f"part-{digest[:kernel_cache.DIGITS]}-{hashlib.sha256((digest + types).encode()).hexdigest()[:WHICH]}"
+
+
+def _described(kind: Any) -> object:
+    """Return a description of a type that tells it from every other one; raise TypeError for a function's."""
+    if isinstance(kind, types.BaseTuple):
+        own = getattr(kind, "instance_class", tuple)
+        return own.__module__, own.__qualname__, getattr(own, "_fields", ()), [*map(_described, kind)]
+    if isinstance(kind, types.Callable):
+        raise TypeError
+    return repr(kind)
+
+
+def dispatcher(function: FunctionType, options: dict[str, Any], digest: str) -> Any:
+    """Return Numba's dispatcher of a function, whose `machine_code` makes a kernel of it; `digest` is that of all code
+    that it can reach.
+    """
+    _digests[function] = digest
     out = registered(function, options, pipeline_class=PartCompiler, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+    out._cache = PartStore(function)
     out.machine_code = lambda arguments: machine_code(out, arguments)
     return out
+
+
+@cache
+def _machine() -> Any:
+    """Return LLVM's machine for `processor`; LLVM's loader takes no other code model, and on x86-64 no other
+    relocations.
+    """
+    triple, name, features = processor()
+    return binding.Target.from_triple(triple).create_target_machine(
+        cpu=name, features=features, opt=OPTIMISATION, reloc="static" if triple.startswith("x86") else "default",
+        codemodel="jitdefault", jit=True)
 
 
 @contextmanager
@@ -161,14 +294,14 @@ def machine_code(part: Any, arguments: tuple[Any, ...]) -> bytes:
     for function in whole.functions:
         if not function.is_declaration and function.name != "kernel":
             function.linkage = "internal"  # A function with a single caller is always inlined.
-    passes, builder = codegen._module_pass_manager()
-    passes.run(whole, builder)
+    builder = binding.create_pass_builder(_machine(), binding.create_pipeline_tuning_options(OPTIMISATION))
+    builder.getModulePassManager().run(whole, builder)
     needed = [function for function in whole.functions
               if function.is_declaration and not function.name.startswith("llvm.")]
     for function in needed:
         function.name = function.name.removeprefix("numba_")  # Numba's names of C's frexp and ldexp.
     names = " ".join(function.name for function in needed)
-    code: bytes = codegen._tm.emit_object(whole)
+    code: bytes = _machine().emit_object(whole)
     return f"{outputs}\n{names}\n".encode() + code
 
 

@@ -137,7 +137,7 @@ def ends(section: Any, since: int, until: int, output: Any, first: int, cycles: 
     return bool(output.cycle < until)
 
 
-def loop_by(start: Callable[..., None], take_step: Callable[..., int]) -> Callable[..., int]:
+def loop_by(start: Callable[..., None], take_step: Callable[..., int], effort: float = 1.0) -> Callable[..., int]:
     """Return the compiled loop of an engine.
 
     Parameters
@@ -145,8 +145,8 @@ def loop_by(start: Callable[..., None], take_step: Callable[..., int]) -> Callab
     start : (setup, memory, tangent), sets up all but the state, where a motion starts
     take_step : (first, count, tail, setup, memory, tangent, store, angle), takes a step or none, across the end of one
         engine cycle at most; a result or GOES_ON
+    effort : of compiling, see `Kernel`
     """
-    @compiled
     def integrate(first: int, count: int, tail: float, step_limit: int, setup: Setup, memory: Memory, tangent: Any,
                   store: Store, angle: Any) -> int:
         """Solve `count` engine cycles from cycle `first` on, then `tail` seconds of one more; return the result.
@@ -174,7 +174,7 @@ def loop_by(start: Callable[..., None], take_step: Callable[..., int]) -> Callab
                 state.shift = load_phase(setup.ratio, setup.terms.pulsation, first + output.cycle)
         return DONE
 
-    return integrate
+    return compiled(integrate, effort)
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,7 +217,6 @@ class EngineShell:
         """The kernel that integrates every state by itself, some cycles at a time until it ends."""
         integrate = self.integrate
 
-        @fast
         def sections(first: int, count: int, stride: int, step_limit: int, setup: Setup, memory: Memory, store: Store,
                      orbits: Orbits, out: Any) -> None:
             state, output = memory.state, memory.output
@@ -230,14 +229,13 @@ class EngineShell:
                     if ends(out[k], since, until, output, first, store.cycles, orbits):
                         break
 
-        return sections
+        return fast(sections, effort=0.8)
 
     @cached_property
     def parts(self) -> Callable[..., None]:
         """The kernel that integrates every part, with the identity as the tangent at its start."""
         integrate = self.integrate
 
-        @fast
         def parts(room: Room, count: int, setup: Setup) -> None:
             parts, moves, ends, heights, climbs, tangent, memory, cycles, samples = room
             state, output, groups = memory.state, memory.output, tangent.groups
@@ -270,7 +268,7 @@ class EngineShell:
                         if part.tail > 0.0:
                             climbs[k, part.cycles, i, lane] = groups[i].peak[lane]
 
-        return parts
+        return fast(parts, effort=2.4)
 
     def memory(self) -> tuple[NDArray[np.uint8], Memory]:
         """Return new memory: all bytes, which are 0, and its records."""

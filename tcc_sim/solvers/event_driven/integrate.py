@@ -134,4 +134,4 @@ def take_step(first: int, count: int, tail: float, setup: Setup, memory: Memory,
     return GOES_ON
 
 
-integrate = loop_by(start, take_step)
+integrate = loop_by(start, take_step, effort=0.7)
