@@ -128,7 +128,8 @@ class Kernel:
         """Return the estimated time of compiling, s. Parts that are stored for one kind of arguments serve most others:
         a third of them means that almost nothing remains to be lowered.
         """
-        made, reached = kernel_cache.digests_of_parts() if numba_supported() else set(), self.dependencies
+        stored, reached = kernel_cache.stored_parts() if numba_supported() else {}, self.dependencies
+        made = {name.partition("-")[0] for name in (*stored, *kernel_cache.new_parts)}
         known = sum(size for part, size in reached.parts.items()
                     if isinstance(part, Kernel) and part.dependencies.digest[:kernel_cache.DIGITS] in made)
         lowered = max(0.0, 1.0 - 3.0 * known / reached.size)

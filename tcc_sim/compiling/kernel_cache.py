@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import fcntl
 import hashlib
+import json
 import multiprocessing
 import os
 import re
@@ -48,6 +49,10 @@ SHIPPED = Path(__file__).with_name("shipped")
 DIGITS = 24
 """Digits of a digest in a file's name."""
 _CHECKSUM = hashlib.sha256().digest_size
+MOST_OF_AN_INDEX = 1 << 16
+"""Bytes at the end of a file that contain its index."""
+new_parts: dict[str, bytes] = {}
+"""Parts that this process has compiled and not stored yet."""
 announced: set[str] = set()
 """Kinds of messages that were printed; compilations are announced unless "compiling" is among them."""
 _PACKAGE = __name__.partition(".")[0]
@@ -217,10 +222,11 @@ def _distrust_parents(place: Path) -> str:
     return ""
 
 
-def _content(path: Path, shipped: bool) -> bytes:
-    """Read a file; raise UnusableFile unless it is undamaged and belongs to the user alone, or, in the package, is as
-    safe as this module.
+def _content(path: Path) -> tuple[bytes, dict[str, tuple[int, int]]]:
+    """Read a file: all of it, and its index. UnusableFile is raised unless it is undamaged and belongs to the user
+    alone, or, in the package, is as safe as this module.
     """
+    shipped = path.parent == SHIPPED
     follow = 0 if shipped else os.O_NOFOLLOW
     with open(os.open(path, os.O_RDONLY | follow | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
         found, owners, writable = os.fstat(file.fileno()), {os.geteuid()}, 0
@@ -232,63 +238,103 @@ def _content(path: Path, shipped: bool) -> bytes:
         content = file.read()
     if len(content) < _CHECKSUM or hashlib.sha256(content[:-_CHECKSUM]).digest() != content[-_CHECKSUM:]:
         raise UnusableFile(f"{path} is damaged")
-    return content[:-_CHECKSUM]
+    if not shipped and time.time() - found.st_mtime > DAY:
+        os.utime(path)
+    return content, _index(content)
+
+
+def _index(end: bytes) -> dict[str, tuple[int, int]]:
+    """Return start and size of the code in a file and of each part behind it, from the end of the file."""
+    size = int.from_bytes(end[-_CHECKSUM - 8:-_CHECKSUM], "little")
+    index: dict[str, tuple[int, int]] = json.loads(end[-_CHECKSUM - 8 - size:-_CHECKSUM - 8])
+    return index
+
+
+def _whole(code: bytes, parts: dict[str, bytes]) -> bytes:
+    """Return the content of a file: the code of a kernel, which has no name in the index, and parts."""
+    index, start = {}, 0
+    for name, content in (("", code), *parts.items()):
+        index[name] = start, len(content)
+        start += len(content)
+    head = json.dumps(index).encode()
+    out = b"".join((code, *parts.values(), head, len(head).to_bytes(8, "little")))
+    return out + hashlib.sha256(out).digest()
 
 
 def load_or_build(name: str, seconds: Callable[[], float], make: Callable[[], bytes],
                   load: Callable[[bytes], Loaded]) -> Loaded:
-    """Load the stored kernel of this name, or make and store it, which takes about `seconds`."""
-    if (out := stored(name, load)) is not None:
+    """Load the stored kernel of this name, from the package or the private directory, or make and store it with the new
+    parts; `seconds` estimates the time.
+    """
+    if (out := _stored(SHIPPED / name, load)) is not None:
         return out
     place = directory()
     if place is None:
         announce(seconds(), "in every process, since they cannot be kept")
         return load(make())
+    path = place / name
+    if (out := _stored(path, load)) is not None:
+        return out
     announce(seconds(), "once")
     with _alone(place / f"tmp.{name}"):
-        if (out := _loaded(place / name, load)) is not None:  # Another process has made it meanwhile.
+        if (out := _stored(path, load)) is not None:  # Another process has made it meanwhile.
             return out
-        content = make()
+        code = make()
         remove_unused(place, time.time())
-        store(name, content)
-        return load(content)
-
-
-def stored(name: str, load: Callable[[bytes], Loaded]) -> Loaded | None:
-    """Load what is stored under a name, in the package or in the private directory; None if it is in neither."""
-    if (out := _loaded(SHIPPED / name, load)) is not None or (place := directory()) is None:
-        return out
-    return _loaded(place / name, load)
-
-
-def store(name: str, content: bytes) -> None:
-    """Store code in the private directory, if there is one."""
-    place = directory()
-    if place is not None:
         try:
-            _write(place / name, content + hashlib.sha256(content).digest())
+            _write(path, _whole(code, new_parts))
+            new_parts.clear()
         except OSError as error:
             print_once("cache", f"compiled kernels are not kept: {_reason(error)}")
+        return load(code)
 
 
-def _loaded(path: Path, load: Callable[[bytes], Loaded]) -> Loaded | None:
-    """Load a file; None if there is none, or, after a line on standard error, if it is of no use. Such a file is
-    removed from the private directory.
+def _stored(path: Path, load: Callable[[bytes], Loaded]) -> Loaded | None:
+    """Return the stored kernel; None, after a line on standard error, if its file is of no use. Such a file is removed
+    from the private directory.
     """
-    shipped = path.parent == SHIPPED
     try:
-        out = load(_content(path, shipped))
-        if not shipped and time.time() - path.stat().st_mtime > DAY:
-            os.utime(path)
-        return out
+        content, index = _content(path)
+        start, size = index[""]
+        return load(content[start:start + size])
     except FileNotFoundError:
         pass
     except Exception as error:
-        where = "the code in the package" if shipped else "the cache"
+        where = "the code in the package" if path.parent == SHIPPED else "the cache"
         print_once("damage", f"a kernel is compiled anew, since {where} is of no use: {_reason(error)}")
-        if not shipped:
+        if path.parent != SHIPPED:
             with suppress(OSError):
                 path.unlink()
+    return None
+
+
+@cache
+def stored_parts() -> dict[str, Path]:
+    """Return the files of all parts that are stored when this process first asks."""
+    found: dict[str, Path] = {}
+    for path in (path for place in (directory(), SHIPPED) if place is not None for path in place.glob("*-*-*")):
+        with suppress(OSError, ValueError), open(path, "rb") as file:
+            file.seek(max(0, path.stat().st_size - MOST_OF_AN_INDEX))
+            found |= dict.fromkeys(_index(file.read()), path)
+    return found
+
+
+@cache
+def _read_once(path: Path) -> tuple[bytes, dict[str, tuple[int, int]]]:
+    """Return the content of a file and its index; both are empty if it is of no use."""
+    try:
+        return _content(path)
+    except (OSError, ValueError, UnusableFile):
+        return b"", {}
+
+
+def part(name: str) -> bytes | None:
+    """Return a stored part of a kernel; None if there is none."""
+    if name in stored_parts():
+        content, index = _read_once(stored_parts()[name])
+        if name in index:
+            start, size = index[name]
+            return content[start:start + size]
     return None
 
 
@@ -315,12 +361,6 @@ def _alone(path: Path) -> Iterator[None]:
         os.close(descriptor)
         with suppress(OSError):
             path.unlink()
-
-
-def digests_of_parts() -> set[str]:
-    """Return the digests of functions that are stored as parts of kernels, each for some types of arguments."""
-    return {path.name.split("-")[1] for place in (SHIPPED, directory()) if place is not None
-            for path in place.glob("part-*-*")}
 
 
 def announce(seconds: float, how_often: str) -> None:

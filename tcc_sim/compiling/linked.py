@@ -2,8 +2,8 @@
 
 Numba alone optimises each function with all its callees, and makes machine code and wrappers for Python and C of each.
 Here a function stays unoptimised LLVM code until it is linked into a kernel. This code of a part is stored on disk too,
-so that a kernel for another kind of scene lowers only the parts that differ. Numba's passes that no kernel needs are
-left out.
+behind the machine code of the kernel, so that a kernel for another kind of scene lowers only the parts that differ.
+Numba's passes that no kernel needs are left out.
 
 Python calls a kernel with the address of one block of words of 8 bytes: the numbers of its arguments one after the
 other, the addresses of the objects that are arrays and records, and room for the results.
@@ -172,21 +172,26 @@ class PartStore(NullCache):  # type: ignore[misc]
             referenced_envs=[])
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Store Numba's result, unless it calls a part that is not stored."""
+        """Store Numba's result, unless it calls a part that is not stored, or has a type without a name."""
         name, part = part_name(self.function, sig), Part(data.signature, data.fndesc, data.library)
         called = [other.key for other in part.library._linking_libraries]
-        if name is not None and None not in called and part.descriptor.global_dict is None:
-            part.descriptor.typemap = part.descriptor.calltypes = None
+        if name is None or None in called or part.descriptor.global_dict is not None:
+            return
+        part.descriptor.typemap = part.descriptor.calltypes = None
+        try:
             head = pickle.dumps((part.signature, part.descriptor, called))
-            code: bytes = part.library._final_module.as_bitcode()
-            kernel_cache.store(name, len(head).to_bytes(8, "little") + head + code)
-            part.library.key, self._parts[name] = name, part
+        except (pickle.PicklingError, AttributeError):
+            return
+        code: bytes = part.library._final_module.as_bitcode()
+        kernel_cache.new_parts[name] = len(head).to_bytes(8, "little") + head + code
+        part.library.key, self._parts[name] = name, part
 
     @classmethod
     def _part(cls, name: str, context: Any) -> Part | None:
         """Return the part of this name, with all parts that it calls; None where one of them is not stored."""
         if name not in cls._parts:
-            part = kernel_cache.stored(name, lambda content: cls._read(content, context))
+            content = kernel_cache.part(name)
+            part = None if content is None else cls._read(content, context)
             if part is None:
                 return None
             part.library.key, cls._parts[name] = name, part
@@ -214,7 +219,7 @@ def part_name(function: FunctionType, kinds: Any) -> str | None:
     except TypeError:
         return None
     digest = _digests[function]
-    return f"part-{digest[:kernel_cache.DIGITS]}-{hashlib.sha256((digest + types).encode()).hexdigest()[:WHICH]}"
+    return f"{digest[:kernel_cache.DIGITS]}-{hashlib.sha256((digest + types).encode()).hexdigest()[:WHICH]}"
 
 
 def _described(kind: Any) -> object:

@@ -3,6 +3,8 @@
 import importlib
 import sys
 
+from tcc_sim.compiling import kernel_cache, linked
+
 CALLEE = """
 '''A module that a kernel calls.'''
 from tcc_sim.compiling.compiled import compiled
@@ -25,6 +27,14 @@ def kernel(x):
 """
 numbers = iter(range(1000))
 made = []
+
+
+def forget():
+    """Let this process look at the disk anew, as another one does."""
+    for found in (kernel_cache.directory, kernel_cache.stored_parts, kernel_cache._read_once):
+        found.cache_clear()
+    kernel_cache.new_parts.clear()
+    linked.PartStore._parts.clear()
 
 
 def modules(folder, callee=CALLEE, caller=CALLER, name=""):

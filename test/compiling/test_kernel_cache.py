@@ -9,16 +9,19 @@ import stat
 import subprocess
 import sys
 import time
+from collections import namedtuple
 from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 from full_disk import full_disk
-from kernels_on_disk import CALLEE, CALLER, hits, modules
+from kernels_on_disk import CALLEE, CALLER, forget, hits, modules
+from numba.core import compiler
 
+from tcc_sim.compiling import compiled as compiled_module
 from tcc_sim.compiling import kernel_cache
-from tcc_sim.compiling.compiled import compiled
+from tcc_sim.compiling.compiled import CODE, LOWERING, compiled
 from tcc_sim.compiling.kernel_cache import Dependencies
 
 
@@ -181,18 +184,92 @@ def test_no_base_that_is_not_absolute_and_no_home(cache, monkeypatch, capsys):
         "tcc-sim: kernels are compiled without a cache: ~/.cache: Could not determine home directory.\n")
 
 
-def test_what_takes_long_to_compile_is_announced_once_and_only_then(cache, tmp_path, capsys):
-    kernel = modules(tmp_path, name="announced")
-    own, called = kernel.py_func, kernel.py_func.__globals__["callee"].scaled.py_func
-    assert kernel.dependencies.size == len(own.__code__.co_code) + len(called.__code__.co_code)
-    long = round(7.0 / kernel_cache.SECONDS_PER_BYTE)
-    for name, size, said in (("short", long // 100, ""), ("long", long, "about 7 s, once"), ("other", long, "")):
-        assert kernel_cache.load_or_build(name, size, lambda: b"code", bytes.upper) == b"CODE"
+def test_every_compilation_of_a_second_is_announced(cache, capsys):
+    for name, seconds, said in (("short", 0.9, ""), ("long", 7.0, "about 7 s"), ("other", 2.0, "about 2 s")):
+        assert kernel_cache.load_or_build(name, lambda s=seconds: s, lambda: b"code", bytes.upper) == b"CODE"
         err = capsys.readouterr().err
-        assert err == (f"tcc-sim: compiling kernels for this kind of scene, {said}\n" if said else "")
-    kernel_cache.announced.clear()
-    assert kernel_cache.load_or_build("long", long, lambda: b"another", bytes.upper) == b"CODE"
+        assert err == (f"tcc-sim: compiling kernels for this kind of scene, {said}, once\n" if said else "")
+    assert kernel_cache.load_or_build("long", lambda: 7.0, lambda: b"another", bytes.upper) == b"CODE"
     assert capsys.readouterr().err == ""
+
+
+def test_the_estimate_counts_what_is_left_to_do(cache, tmp_path):
+    kernel = modules(tmp_path, name="estimated")
+    own, called = kernel.py_func, kernel.py_func.__globals__["callee"].scaled.py_func
+    size, part = len(own.__code__.co_code) + len(called.__code__.co_code), len(called.__code__.co_code)
+    assert kernel.dependencies.size == size
+    assert kernel.seconds() == pytest.approx((LOWERING + CODE) * size)
+    kernel.effort = 3.0
+    assert kernel.seconds() == pytest.approx((LOWERING + 3.0 * CODE) * size)
+    kernel(3.0)
+    forget()
+    assert modules(tmp_path, name="estimated").seconds() == pytest.approx(
+        LOWERING * (size - 3 * part) + CODE * size)
+
+
+def lowered(kernel, *arguments):
+    """Result of a kernel in a process that knows only what is on disk, names of functions lowered, and its file."""
+    forget()
+    names = []
+    compile_core = compiler.CompilerBase._compile_core
+
+    def noted(self):
+        names.append(self.state.func_id.func_name)
+        return compile_core(self)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(compiler.CompilerBase, "_compile_core", noted)
+        out = kernel(*arguments)
+    file = kernel_cache.directory() / kernel.file_name(next(iter(kernel.entries)))
+    return out, names, kernel_cache._content(file)
+
+
+SEVERAL = """
+from tcc_sim.compiling.compiled import fast
+@fast
+def least(x):
+    return min(x, 10.0) ** 2
+@fast
+def either(x, more):
+    return least(x) if more is None else least(x) + more
+@fast
+def kernel(x, more):
+    return either(x, more) + least(2.0 * x)
+"""
+
+
+def test_another_kind_of_arguments_lowers_only_the_parts_that_differ(cache, tmp_path):
+    def fresh():
+        return modules(tmp_path, caller=SEVERAL, name=f"several_{tmp_path.name}")
+
+    out, first, _ = lowered(fresh(), 1.0, None)
+    assert (out, set(first) >= {"kernel", "either", "least"}) == (5.0, True)
+    out, second, (with_parts, index) = lowered(fresh(), 1.0, 2.0)
+    assert (out, second) == (7.0, ["kernel", "either"])
+    for path in cache.iterdir():
+        path.unlink()
+    _, third, (without, other) = lowered(fresh(), 1.0, 2.0)
+    assert (len(third) > 2, len(index), len(other)) == (True, 3, 4)
+    assert with_parts[:index[""][1]] == without[:other[""][1]]  # The same machine code, to the last bit.
+
+
+def test_parts_that_are_damaged_are_compiled_anew(cache, tmp_path):
+    lowered(modules(tmp_path, caller=SEVERAL, name=f"broken_{tmp_path.name}"), 1.0, None)
+    damage(cache, "flipped")
+    out, names, _ = lowered(modules(tmp_path, caller=SEVERAL, name=f"broken_{tmp_path.name}"), 1.0, 2.0)
+    assert (out, "least" in names) == (7.0, True)
+
+
+def test_the_order_of_fields_is_part_of_a_kind():
+    """Arguments are laid out by position, and the code of a function names only the field."""
+    names = set()
+    for fields in ("first second", "second first"):
+        pair = namedtuple("Pair", fields)
+        kernel = compiled(lambda x: x.first)
+        words = []
+        names.add(kernel.file_name(compiled_module._laid_out((pair(1.0, 2.0),), words)))
+        assert kernel(pair(1.0, 2.0)) == (1.0 if fields.startswith("first") else 2.0)
+    assert len(names) == 2
 
 
 def test_closures_and_defaults_count():
