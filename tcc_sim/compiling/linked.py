@@ -142,7 +142,7 @@ class PartCompiler(compiler.CompilerBase):  # type: ignore[misc]
         return [out]
 
 
-class Part(NamedTuple):
+class StoredPart(NamedTuple):
     """A part that is stored: Numba's signature and descriptor, and the library."""
 
     signature: Any
@@ -153,7 +153,7 @@ class Part(NamedTuple):
 class PartStore(NullCache):  # type: ignore[misc]
     """The stored parts of a function, in the place of Numba's own cache."""
 
-    _parts: dict[str, Part] = {}  # noqa: RUF012  Of the whole process, by their names on disk.
+    _parts: dict[str, StoredPart] = {}  # noqa: RUF012  Of the whole process, by their names on disk.
 
     def __init__(self, function: FunctionType) -> None:
         self.function = function
@@ -173,7 +173,7 @@ class PartStore(NullCache):  # type: ignore[misc]
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Store Numba's result, unless it calls a part that is not stored, or has a type without a name."""
-        name, part = part_name(self.function, sig), Part(data.signature, data.fndesc, data.library)
+        name, part = part_name(self.function, sig), StoredPart(data.signature, data.fndesc, data.library)
         called = [other.key for other in part.library._linking_libraries]
         if name is None or None in called or part.descriptor.global_dict is not None:
             return
@@ -187,7 +187,7 @@ class PartStore(NullCache):  # type: ignore[misc]
         part.library.key, self._parts[name] = name, part
 
     @classmethod
-    def _part(cls, name: str, context: Any) -> Part | None:
+    def _part(cls, name: str, context: Any) -> StoredPart | None:
         """Return the part of this name, with all parts that it calls; None where one of them is not stored."""
         if name not in cls._parts:
             content = kernel_cache.part(name)
@@ -198,7 +198,7 @@ class PartStore(NullCache):  # type: ignore[misc]
         return cls._parts[name]
 
     @classmethod
-    def _read(cls, content: bytes, context: Any) -> Part | None:
+    def _read(cls, content: bytes, context: Any) -> StoredPart | None:
         """Return a part, as `save_overload` stored it."""
         size = 8 + int.from_bytes(content[:8], "little")
         signature, descriptor, called = pickle.loads(content[8:size])  # noqa: S301  As safe as the code behind it.
@@ -209,7 +209,7 @@ class PartStore(NullCache):  # type: ignore[misc]
             library.add_linking_library(part.library)
         library._final_module = binding.parse_bitcode(content[size:])
         library.finalize()
-        return Part(signature, descriptor, library)
+        return StoredPart(signature, descriptor, library)
 
 
 def part_name(function: FunctionType, kinds: Any) -> str | None:
