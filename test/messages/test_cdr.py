@@ -115,3 +115,12 @@ def test_a_pressure_is_read_whatever_the_frame_is_called(length):
 @pytest.mark.parametrize("frame", ["", "x", "driveline", "µ"])
 def test_a_header_comes_back(frame):
     assert cdr.read_header(cdr.header(3_000_000_500, frame)) == (3_000_000_500, frame)
+
+
+def test_the_names_of_joints_come_back_and_a_cut_message_is_refused() -> None:
+    whole = cdr.joint_state(5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+    assert cdr.read_joint_names(whole) == ("", ["flywheel", "clutch_plate"])
+    end = whole.index(b"clutch_plate") + len("clutch_plate")
+    for length in range(end):
+        with pytest.raises(ValueError, match="JointState"):
+            cdr.read_joint_names(whole[:length])

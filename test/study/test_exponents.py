@@ -17,6 +17,7 @@ from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import State, solve
 from tcc_sim.solvers.stroboscopic import sections
+from tcc_sim.study import exponents
 from tcc_sim.study.exponents import (
     FIRST,
     batch_means,
@@ -188,6 +189,19 @@ def test_the_interval_of_a_mean_is_students_of_the_means_of_batches() -> None:
     mean, half = batch_means(growth)
     assert mean == pytest.approx(growth[7:].mean())
     assert (mean - half, mean + half) == pytest.approx(t.interval(DEFAULTS.confidence, 19, np.mean(means), sem(means)))
+
+
+@pytest.mark.parametrize(("exponent", "error", "told"), [
+    (-1.0, 0.1, "periodic"), (0.1, 0.2, "periodic"), (0.3, 0.2, "unresolved"), (0.3, 0.4, "periodic")])
+def test_an_orbit_whose_whole_interval_is_unstable_is_only_passed(exponent: float, error: float, told: str,
+                                                                 monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(exponents, "floquet_exponent", lambda *of: (exponent, error))
+    system = load_scene("fig02").system
+    found = exponents.largest_lyapunov_exponent(system, State(1.0, 0.1, 0.0), period=1)
+    assert found.diagnosis == told
+    assert math.isnan(found.exponent) == (told == "unresolved")
+    if told == "periodic":
+        assert (found.low, found.high, found.cycles) == (exponent - error, exponent + error, 1)
 
 
 def test_diagnosis_looks_at_the_whole_interval() -> None:

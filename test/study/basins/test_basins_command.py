@@ -84,6 +84,18 @@ def test_basins_interrupted_while_they_are_drawn_go_on_by_the_same_command(tmp_p
     assert sorted(tmp_path.iterdir()) == sorted(files)
 
 
+def test_basins_interrupted_without_a_file_promise_no_resumption(monkeypatch, capsys) -> None:
+    from tcc_sim.study.basins import compute
+
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(compute, "basins", interrupted)
+    plane = ["--plane", "initial.slip_speed=0:60:2", "--plane", "initial.plate_angle=0:0.1:2"]
+    assert main(["basins", *SCENE, *plane]) == 130
+    assert capsys.readouterr().err == "tcc-sim: interrupted\n"
+
+
 @pytest.mark.parametrize("words", [
     ["--plane", "initial.slip_speed=0:1:3"], ["--plane", "initial.slip_speed=0:1:3", "--plane",
                                               "initial.slip_speed=0:1:3"],
