@@ -222,7 +222,7 @@ class Diagnostics:
         now = time.monotonic()
         if now < self._due:
             return
-        self._due = max(self._due + DIAGNOSTICS_PERIOD, now)
+        self._due += DIAGNOSTICS_PERIOD * (math.floor((now - self._due) / DIAGNOSTICS_PERIOD) + 1)
         message = DiagnosticArray(status=[self._status(now)])
         message.header.stamp = time_of(self._node.get_clock().now().nanoseconds)
         with suppress(RuntimeError):
