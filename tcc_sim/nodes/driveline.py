@@ -77,8 +77,8 @@ class DrivelineNode(Node):
             lambda request: loop.pause(request.data), lambda _: "paused" if loop.paused else "running"))
         self.create_service(Trigger, "~/step", self._does(
             lambda _: loop.single_step(), lambda outcome: f"at tick {stepper.tick}" if outcome else "not paused"))
-        self._waiting = Waiting(self, self.loop)
-        self.diagnostics = (Diagnostics(self, self.loop, self._waiting) if self.scene.operation.publish_diagnostics
+        self.waiting = Waiting(self, self.loop)
+        self.diagnostics = (Diagnostics(self, self.loop, self.waiting) if self.scene.operation.publish_diagnostics
                             else None)
         self._announced = False
         self._vehicle: tuple[CommandedInput, Future[None]] | None = None
@@ -112,8 +112,10 @@ class DrivelineNode(Node):
             self._throttle.warn(f"{command.name} refused", command.refusal, command.refused)
             self._throttle.warn(f"{command.name} time-outs", f"no command on {command.name} within command_timeout; "
                                 "the fallback applied", command.timeouts)
-        for what, sentence in self._waiting.sentences().items():
+        for what, sentence in self.waiting.sentences().items():
             self._throttle.warn(what, sentence)
+        for name, sentence in self.waiting.unstamped().items():
+            self._throttle.once(f"{name} stamps", sentence)
         if self.loop.failure is not None:
             raise self.loop.failure
 
@@ -211,7 +213,7 @@ class Diagnostics:
     """
 
     def __init__(self, node: Node, loop: RealTimeLoop, waiting: Waiting) -> None:
-        self._node, self._loop, self._waiting = node, loop, waiting
+        self._node, self._loop, self.waiting = node, loop, waiting
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", DIAGNOSTICS)
         self._due = time.monotonic() + DIAGNOSTICS_PERIOD
         self._since = time.monotonic()
@@ -250,7 +252,7 @@ class Diagnostics:
             "iterations bound": str(stepper.iterations_bound)}
         for command in loop.commands:
             values |= {f"{command.name} listeners": str(self._node.count_subscribers(command.name)),
-                       f"{command.name} publishers": self._waiting.publishers(command),
+                       f"{command.name} publishers": self.waiting.publishers(command),
                        f"{command.name} received": str(command.received),
                        f"{command.name} refused": str(command.refused),
                        f"{command.name} last refusal": command.refusal,

@@ -76,6 +76,8 @@ class RealTimeLoop:
         self.outputs = Outputs(node, scene)
         self.clock = SimulationClock(node, self.outputs, scene.operation)
         self._answer_ticks = scene.operation.answer_ticks
+        for command in self.commands:
+            command.period_ns = self.plant.stamp_of(self._answer_ticks)
         self._unanswered: list[CommandedInput] | None = None
         self._waits_since = 0.0
         self._said_commanded: dict[str, bool] = {}

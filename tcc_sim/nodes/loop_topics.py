@@ -36,6 +36,8 @@ from tcc_sim.topics import CLOCK_TOPIC, FLUID_PRESSURE, TOPICS, Topic, topic
 
 HISTORY = 0.25
 """Duration of the messages that a publisher stores for a slow reader in real time, s."""
+GRACE = 0.01
+"""Real time for which lock-step waits for the answer to a state after one to an older state of the same period, s."""
 QUIET, LONGEST_QUIET = 0.3, 3.0
 """Real time without a message after which a node that joins lock-step has answered, and longest wait, s."""
 
@@ -56,6 +58,9 @@ class CommandedInput:
     value : the command in SI units; None if the fallback applies
     refusal : reason of the last refusal
     since : first tick for whose state lock-step waits for an answer
+    unstamped : number of commands without a stamp that lock-step took as answers
+    timed : whether the publishers follow /clock, so that their timers decide when they send
+    period_ns : time between two answers that lock-step waits for, ns
     """
 
     def __init__(self, node: Node, row: Topic, admit: Callable[[float], None] = lambda _: None) -> None:
@@ -63,7 +68,8 @@ class CommandedInput:
         self.value: float | None = None
         self.received = self.refused = self.timeouts = 0
         self.refusal = ""
-        self._last_tick = self.since = 0
+        self._last_tick = self.since = self.unstamped = self.period_ns = 0
+        self.timed, self._early = False, (b"", math.inf)
         self._stamped = row.type == FLUID_PRESSURE
         self.subscription: Any = subscribe(node, message_class(row.type), row.name, COMMANDS)
         self._take = taker(self.subscription)
@@ -101,12 +107,18 @@ class CommandedInput:
         """Return whether the command that answers the state of `stamp_ns` has arrived, for lock-step.
 
         A command with a stamp answers the state with that stamp; a command without a stamp answers the current state. A
-        refused command is an answer too: the value before it holds.
+        refused command is an answer too: the value before it holds. A timer on /clock may fire before the state of the
+        same time arrives and answer an older state of the period: such a command counts if none follows within GRACE.
         """
         while taken := poll(self.subscription, most=1):
             if self.accept(taken[0][0], tick, stamp_ns):
+                self._early = b"", math.inf
                 return True
-        return False
+        data, arrived = self._early
+        if time.monotonic() - arrived < GRACE or not data:
+            return False
+        self._early = b"", math.inf
+        return self.accept(data, tick)
 
     def fall_back(self) -> None:
         """Apply the fallback and count the time-out."""
@@ -122,7 +134,12 @@ class CommandedInput:
             stamp, value = cdr.read_fluid_pressure(data) if self._stamped else (0, cdr.read_float64(data))
         except ValueError as error:
             return self._refuse(f"{self.name}: {error}")
-        if answers is not None and stamp not in (0, answers):
+        if answers and stamp == 0:
+            self.unstamped += 1
+        elif answers is not None and self.timed and answers - self.period_ns < stamp < answers:
+            self._early = data, time.monotonic()
+            return False
+        elif answers is not None and stamp != answers:
             self._refuse(f"{self.name} command with stamp {stamp * 1e-9:.9g} s refused; it must be that of the state, "
                          f"{answers * 1e-9:.9g} s")
             return False

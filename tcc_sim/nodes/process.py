@@ -172,6 +172,11 @@ class Throttle:
             self._logged[what] = count or 0, now
             warn(self._node, sentence if count is None else f"{sentence} ({count} so far)")
 
+    def once(self, what: str, sentence: str) -> None:
+        """Log a warning about `what` the first time."""
+        if what not in self._logged:
+            self.warn(what, sentence)
+
 
 class Spinner:
     """Executor of a node's callbacks; it logs exceptions of callbacks, and the node continues.

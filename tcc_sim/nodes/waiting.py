@@ -71,6 +71,23 @@ class Waiting:
                                                        f"counts: {self.publishers(command)}")
         return found
 
+    def unstamped(self) -> dict[str, str]:
+        """Return a sentence for each input whose commands lock-step takes without knowing which state they answer."""
+        loop, found = self._loop, dict[str, str]()
+        if loop.scene.operation.pacing != "lockstep":
+            return found
+        followers = set(loop.clock.followers)
+        for command in loop.commands:
+            senders = self._node.get_publishers_info_by_topic(self._topic(command))
+            names = {f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in senders}
+            command.timed = bool(names) and names <= followers
+            if command.unstamped and not command.timed and command is not loop.far_end:
+                found[command.name] = (
+                    f"commands on {command.name} have no stamp, so each counts as the answer to the newest state, and "
+                    "a timer of the wall clock acts more often than it says; stamp them with the state, or give their "
+                    "node use_sim_time and set command_period to its timer's period")
+        return found
+
     def publishers(self, command: CommandedInput) -> str:
         """Return the publishers on the topic of an input as text: type, quality of service, why they do not match."""
         row, name = topic(command.name), self._topic(command)

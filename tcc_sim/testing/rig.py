@@ -74,7 +74,9 @@ class Rig:
         self._target: float | None = None
         self._worker = Worker()
         self._changes = TimedChanges(rate)
-        self._under_test = UnderTest(self._node.context, self._now, self._worker.beat)
+        self._commands: list[CommandedInput] = []
+        self._arrived: dict[str, list[bytes]] = {}
+        self._under_test = UnderTest(self._node.context, self._now, self._worker.beat, self._collect)
         self._closed = False
 
     def add(self, node: Node) -> Node:
@@ -226,10 +228,15 @@ class Rig:
         """Return the inputs with a publisher, and publish the initial state once."""
         self._loop.meet()
         commands = [command for command in self._loop.commands if command.subscription.get_publisher_count()]
+        for command in self._loop.commands:
+            if command not in commands and self._node.count_publishers(command.name):
+                raise ControllerFailed(f"no command on {command.name} can arrive: "
+                                       f"{self._node.waiting.publishers(command)}")
         if self._loop.commands and not commands:
             names = " and ".join(command.name for command in self._loop.commands)
             raise ControllerFailed(f"no node under test publishes {names}, which the scene {self._node.scene.name} "
                                    "takes as a topic")
+        self._commands = commands
         timed = self._under_test.timed
         self._timed = {command.name for command in commands if timed and timed >= {
             info.node_name for info in self._node.get_publishers_info_by_topic(command.name)}}
@@ -258,11 +265,11 @@ class Rig:
             self._under_test.settle()
             for command in commands:
                 if command not in awaited:
-                    for data, _ in poll(command.subscription):
+                    for data in self._taken(command):
                         self._lines[command.name].send(data, tick)
         while missing:
             for command in tuple(missing):
-                for data, _ in poll(command.subscription):
+                for data in self._taken(command):
                     self._lines[command.name].send(data, tick)
                     if _answers(command.name, data, stamp):
                         missing = [other for other in missing if other is not command]
@@ -275,6 +282,20 @@ class Rig:
                 if time.monotonic() - since > LOOK:
                     self._requests.spin_once(timeout_sec=0.0)
             self._worker.beat()
+
+    def _collect(self) -> list[str]:
+        """Take the commands that have arrived, and return the names of their topics."""
+        found = []
+        for command in self._commands:
+            arrived = [data for data, _ in poll(command.subscription)]
+            self._arrived.setdefault(command.name, []).extend(arrived)
+            found += [command.name] * bool(arrived)
+        return found
+
+    def _taken(self, command: CommandedInput) -> list[bytes]:
+        """Return the commands on one topic that have arrived since the last call."""
+        self._collect()
+        return self._arrived.pop(command.name, [])
 
     def _deliver(self, commands: list[CommandedInput], awaited: list[CommandedInput]) -> int:
         """Deliver the commands due before the next tick; return how many awaited inputs have no new command."""

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from rclpy.clock import ROSClock
 from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ShutdownException, SingleThreadedExecutor, TimeoutException
 from rclpy.node import Node
+from rclpy.timer import Timer
 
 from tcc_sim.errors import InputError
 from tcc_sim.testing.run import ControllerFailed
@@ -24,15 +26,17 @@ class UnderTest:
     context : ROS 2 context of the driveline
     now : function that returns the simulation time as text
     beat : function called before and after every callback
+    collect : function that takes the commands that have arrived, and returns the topics of those
 
     Attributes
     ----------
     nodes : node -> its name, stored because a destroyed node has none
     """
 
-    def __init__(self, context: Context, now: Callable[[], str], beat: Callable[[], None]) -> None:
+    def __init__(self, context: Context, now: Callable[[], str], beat: Callable[[], None],
+                 collect: Callable[[], list[str]]) -> None:
         self.nodes: dict[Node, str] = {}
-        self._context, self._now, self._beat = context, now, beat
+        self._context, self._now, self._beat, self._collect = context, now, beat, collect
         self._executor = SingleThreadedExecutor(context=context)
 
     @property
@@ -64,15 +68,18 @@ class UnderTest:
         Raises
         ------
         ControllerFailed
-            The callback raised, shut ROS 2 down, or destroyed its node.
+            The callback raised, shut ROS 2 down, or destroyed its node; or it is that of a timer of the wall clock and
+            sent a command.
         """
         try:
-            callback, *_ = self._executor.wait_for_ready_callbacks(timeout_sec=seconds)
+            callback, entity, owner = self._executor.wait_for_ready_callbacks(timeout_sec=seconds)
         except TimeoutException:
             return False
         except ShutdownException:
             raise ControllerFailed(f"{self.names} shut ROS 2 down at {self._now()}") from None
         self._beat()
+        if on_wall_clock := _on_wall_clock(entity):
+            self._collect()
         try:
             callback()
         except SystemExit as error:
@@ -83,6 +90,11 @@ class UnderTest:
         if failure is not None:
             raise ControllerFailed(f"{self.names} died at {self._now()}: {type(failure).__name__}: "
                                    f"{failure}") from failure
+        if on_wall_clock and (sent := self._collect()):
+            name, period = self.nodes.get(owner, self.names), entity.timer_period_ns * 1e-9
+            raise ControllerFailed(f"{name} sends {' and '.join(sent)} from a timer of the wall clock ({period:g} s), "
+                                   "which answers no state: give the node use_sim_time, which puts its timers on "
+                                   "/clock, or send from its subscription")
         return True
 
     def settle(self) -> None:
@@ -108,3 +120,11 @@ class UnderTest:
                     pass
             except InvalidHandle:
                 raise ControllerFailed(f"{name} destroyed itself at {self._now()}") from None
+
+
+def _on_wall_clock(entity: object) -> bool:
+    """Return whether what is ready is a timer that does not follow /clock."""
+    if not isinstance(entity, Timer):
+        return False
+    clock = entity.clock
+    return not (isinstance(clock, ROSClock) and clock.ros_time_is_active)

@@ -74,6 +74,29 @@ def test_a_timer_of_simulation_time_controls_a_driveline_in_lock_step_with_the_s
     assert np.ptp(first[:, 5]) > 10.0  # The friction torque follows the commands.
 
 
+def test_a_timer_whose_command_has_the_stamp_of_an_older_state_takes_part_too(bench: Any) -> None:
+    """The state of the timer's time may come after the timer; here it always does."""
+    timed = bench.add(Node("timed", context=bench.context, parameter_overrides=[Parameter("use_sim_time", value=True)]))
+    publisher, times = timed.create_publisher(FluidPressure, "actuation_pressure", 10), []
+
+    def on_timer() -> None:
+        times.append(timed.get_clock().now().nanoseconds)
+        command = FluidPressure(fluid_pressure=1e5 + len(times))
+        command.header.stamp.nanosec = times[-1] - TICK
+        publisher.publish(command)
+
+    timed.create_timer(0.01, on_timer)
+    heard = bench.listen(FluidPressure, "applied_pressure")
+    node = bench.started(scene="controlled", pacing="lockstep", command_period=0.01, command_timeout=0.1,
+                         wait_for_subscribers=0, publish_diagnostics=False)
+    bench.until(lambda: (node.housekeeping(), len(heard) > 45)[1])
+    node.loop.stop()
+    assert times[:4] == [k * PERIOD_NS for k in range(1, 5)]
+    assert [m.fluid_pressure for m in heard[11:41]] == [1e5 + 1 + k // 10 for k in range(30)]
+    assert node.loop.pressure_command.refused == 0
+    assert node.loop.pressure_command.unstamped == 0
+
+
 def test_a_recorder_with_use_sim_time_logs_simulation_time(bench: Any, tmp_path: Path) -> None:
     reader = pytest.importorskip("mcap.reader")
     recorder = Recorder(bench.node("recorder", use_sim_time=True, output=str(tmp_path / "run"), topics=[

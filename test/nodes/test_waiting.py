@@ -105,6 +105,9 @@ def test_lockstep_says_what_it_waits_for_and_since_when(bench: Any) -> None:
     assert judged.waiting.sentences() == {}  # A slow controller answered: this is another wait.
     judged.now += 2.0
     assert judged.waiting.sentences()["actuation_pressure"].endswith("since 2 s")
+    said = judged.waiting.unstamped()  # The command for the state at 0 has its stamp, the second has none.
+    assert list(said) == ["actuation_pressure"]
+    assert "have no stamp, so each counts as the answer to the newest state" in said["actuation_pressure"]
 
 
 def test_subscribers_that_do_not_come_are_asked_for(bench: Any) -> None:
@@ -121,7 +124,7 @@ def test_the_node_logs_it_once_a_second_at_most_and_diagnostics_carry_it(
     heard = bench.listen(DiagnosticArray, "/diagnostics")
     judged = begun(bench)
     node, times = judged.node, iter([*(0.25 * k for k in range(9)), *[100.0] * 1000])
-    node._waiting = judged.waiting
+    node.waiting = judged.waiting
     node._throttle = Throttle(node, lambda: next(times))
     judged.said()
     capfd.readouterr()

@@ -16,6 +16,8 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import FluidPressure, JointState
 from std_msgs.msg import Float64
 
@@ -263,6 +265,74 @@ def test_what_cannot_be_waited_for_is_said(driveline: Any) -> None:
     plant.add(controller)
     with pytest.raises(ControllerFailed, match="1 command had the stamp of another state"):
         plant.run(ticks=1)
+
+
+class Timed(Node):
+    """Sends 100 kPa from a timer of 5 ms, and counts its callbacks."""
+
+    def __init__(self, sends: bool = True, stamped: bool = False, **options: Any) -> None:
+        super().__init__("timed", **options)
+        self.count, self.newest = 0, JointState()
+        self.publisher = self.create_publisher(FluidPressure, "actuation_pressure", 10)
+        self.create_subscription(JointState, "joint_states", self.take, 10)
+        self.sends, self.stamped = sends, stamped
+        self.create_timer(0.005, self.on_timer)
+
+    def take(self, state: JointState) -> None:
+        self.newest = state
+        if not self.sends:
+            self.publisher.publish(FluidPressure(header=state.header, fluid_pressure=1e5))
+
+    def on_timer(self) -> None:
+        self.count += 1
+        if self.sends:
+            command = FluidPressure(fluid_pressure=1e5 + self.count)
+            if self.stamped:
+                command.header = self.newest.header
+            self.publisher.publish(command)
+
+
+SIMULATED = {"parameter_overrides": [Parameter("use_sim_time", value=True)]}
+
+
+@pytest.mark.parametrize("stamped", [False, True])
+def test_a_timer_acts_at_its_period_on_simulation_time_and_is_refused_on_the_wall_clock(driveline: Any,
+                                                                                       stamped: bool) -> None:
+    plant = driveline("controlled")
+    timed = plant.add(Timed(stamped=stamped, **SIMULATED))
+    run = plant.run(ticks=100)
+    assert timed.count == 20
+    assert len(set(run.commands["actuation_pressure"][6:].tolist())) == 19
+    plant = driveline("controlled")
+    plant.add(Timed(stamped=stamped))
+    with pytest.raises(ControllerFailed, match=r"timed sends actuation_pressure from a timer of the wall clock "
+                                               r"\(0.005 s\), which answers no state: give the node use_sim_time"):
+        plant.run(ticks=1000)
+
+
+def test_a_timer_of_the_wall_clock_that_sends_no_command_is_no_matter(driveline: Any) -> None:
+    plant = driveline("controlled")
+    timed = plant.add(Timed(sends=False))
+    while timed.count < 2:
+        plant.run(ticks=10)
+
+
+@pytest.mark.parametrize("both", [False, True])
+def test_a_best_effort_publisher_is_named_with_what_the_driveline_asks_for(driveline: Any, both: bool) -> None:
+    plant = driveline("commands" if both else "controlled")
+    node = Node("hasty")
+    if both:
+        node.create_publisher(Float64, "engine_torque", 10)
+    node.create_publisher(FluidPressure, "actuation_pressure", qos_profile_sensor_data)
+    plant.add(node)
+    with pytest.raises(ControllerFailed, match=r"no command on actuation_pressure can arrive: .*hasty \(best effort, "
+                                               r"volatile, which does not match: publish reliably\)"):
+        plant.run(ticks=1)
+
+
+def test_stamps_of_the_wall_clock_are_refused(driveline: Any) -> None:
+    with pytest.raises(InputError, match="stamp is wall; the test kit counts simulated time"):
+        driveline("controlled", changes={"stamp": "wall"})
 
 
 @pytest.mark.parametrize(("faults", "match"), [
