@@ -37,6 +37,14 @@ class Uniform:
         first = math.ceil(begin / self.cycle - DEFAULTS.slack)
         return [(first, cycle_starts(first, end, self.cycle))]
 
+    def cycles_until(self, t: float) -> float:
+        """Return the number of cycles from time 0 to t, s."""
+        return t / self.cycle
+
+    def start_of(self, number: int) -> float:
+        """Return the start of a cycle, s."""
+        return number * self.cycle
+
 
 @dataclass(frozen=True)
 class Scheduled:
@@ -54,6 +62,14 @@ class Scheduled:
         """Return the stretches as `EngineClock`."""
         first = math.ceil(self.system.cycles_until(begin) - DEFAULTS.slack)
         return [(first, starts_of(self.system, first, end))]
+
+    def cycles_until(self, t: float) -> float:
+        """Return the number of cycles from time 0 to t, s."""
+        return float(self.system.cycles_until(t))
+
+    def start_of(self, number: int) -> float:
+        """Return the start of a cycle, s."""
+        return float(self.system.cycle_start(number))
 
 
 @dataclass(frozen=True)

@@ -60,13 +60,15 @@ class Kept(NamedTuple):
 class RunCycles:
     """Engine cycles of one run, from a start or a reset of the driveline to the next.
 
+    clock : start times of the engine cycles
     begin, end : times of its first and last state, s
     pieces : whole engine cycles
     parts : beside them, as rows of their start and end, s, and the columns of `Cycles`
     gaps : times (s) of the states before and after each gap, single lost states included
     """
 
-    begin: float = 0.0
+    clock: EngineClock
+    begin: float
     end: float = 0.0
     pieces: list[CyclePiece] = field(default_factory=list)
     parts: list[Floats] = field(default_factory=list)
@@ -109,10 +111,12 @@ class RunCycles:
         if not self.pieces:
             raise InputError("the recording holds no whole period of excitation")
         self._join_all()
-        first, last = self.pieces[0].first, self.pieces[-1].first + len(self.pieces[-1].cycles)
+        first, last = self._numbers()
         dropped = dropped_of(last - first, discard)
         whole = [p.cycles[max(first + dropped - p.first, 0):] for p in self.pieces
                  if p.first + len(p.cycles) > first + dropped]
+        if not whole:
+            raise InputError(f"gaps interrupt or hide every period of excitation after the first {dropped}")
         joined = _with_gaps(whole)
         parts = np.array(self.parts).reshape(-1, 2 + len(fields(Loads)) + 3)
         begin = self.begin
@@ -122,11 +126,24 @@ class RunCycles:
             begin = max(begin, *parts[parts[:, 0] < begin - STAMP, 1], begin)
             parts = parts[parts[:, 0] >= begin - STAMP]
         gaps = np.clip(np.array(self.gaps).reshape(-1, 2), begin, None)
-        return Kept(joined, last - len(joined), dropped, last - first - dropped - sum(map(len, whole)), _of_rows(parts),
+        whole_cycles = sum(map(len, whole))
+        until = self.pieces[-1].first + len(self.pieces[-1].cycles)
+        return Kept(joined, until - len(joined), dropped, last - first - dropped - whole_cycles, _of_rows(parts),
                     Span(begin, self.end, float(np.diff(gaps).sum())))
 
+    def _numbers(self) -> tuple[int, int]:
+        """Return the number of the first cycle that starts within the run, and of the first one that ends after it; of
+        known ones, if the scene does not set the cycles.
+        """
+        if isinstance(self.clock, Tracked):
+            return self.pieces[0].first, self.pieces[-1].first + len(self.pieces[-1].cycles)
+        begin, end = (self.clock.cycles_until(t) for t in (self.begin, self.end))
+        return math.ceil(begin - DEFAULTS.slack), math.floor(end + DEFAULTS.slack)
+
     def _start_of(self, number: int) -> float:
-        """Return the start of a cycle, s; within a gap, cycles between the whole ones beside it have one length."""
+        """Return the start of a cycle, s; if the scene does not set it, cycles within a gap have one length."""
+        if not isinstance(self.clock, Tracked):
+            return self.clock.start_of(number)
         numbers = np.concatenate([p.first + np.arange(len(p.cycles) + 1) for p in self.pieces])
         starts = np.concatenate([p.cycles.starts for p in self.pieces if p.cycles.starts is not None])
         return float(np.interp(number, numbers, starts))
@@ -220,7 +237,7 @@ class CycleStream:
             if preceded.begins_a_run:
                 self._close()
                 self.numbers[run] = len(self.runs)
-                self.runs.append(RunCycles(begin))
+                self.runs.append(RunCycles(self.clock, begin))
             elif preceded is Break.GAP:
                 before = self.runs[-1].end
                 self.runs[-1].gaps.append((before, begin))

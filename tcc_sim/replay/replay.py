@@ -175,6 +175,10 @@ def _analysed(recording: Recording, line: Timeline, timing: Timing, discard: int
     cycles, first = longest.kept(0)[:2]
     kept, begin = longest.kept(discard if clock.told else 0)[:2]
     warnings = [*run.warnings, *_warnings(recording, line, timing)]
+    if stream.not_finite:
+        warnings.append(f"{counted(stream.not_finite, 'state')} are not finite and count as lost")
+    pace, note = pace_of(line)
+    warnings += [note] if note else []
     segments, count = segments_of(line, timing.segment_clock, discard, controlled=run.controlled, solver=run.solver,
                                   elapsed_s=elapsed, stream=stream)
     if count > MOST_SEGMENTS:
@@ -190,7 +194,7 @@ def _analysed(recording: Recording, line: Timeline, timing: Timing, discard: int
         path=recording.path, scene=scene, summary=summary,
         trajectory=trajectory_of(_end_of(states, clock.cycle), system, clock, run.solver), cycles=cycles,
         first_cycle=first, timing=timing, continuity=run.stamps, messages=run.stamps.messages,
-        lost_messages=run.lost_messages, complete=run.complete, warnings=tuple(warnings), pace=pace_of(line),
+        lost_messages=run.lost_messages, complete=run.complete, warnings=tuple(warnings), pace=pace,
         control=signals_of(line, states, clock, stream.continuity.tick).control(clock.cycle), run=shown,
         segments=segments, damping=damping_of_cycles(system, kept, begin, summary.period) if damping else None)
 

@@ -8,13 +8,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tcc_sim.analysis.engine_clock import EngineClock, Uniform, clock_of_scene
 from tcc_sim.analysis.signals import Phase, found_phase
 from tcc_sim.analysis.torque_phase import PhaseTracker, clock_of
-from tcc_sim.errors import InputError
+from tcc_sim.errors import InputError, counted
 from tcc_sim.recording.columns import JointStates
 from tcc_sim.recording.reader import Run
+from tcc_sim.recording.stamps import Stamps
 from tcc_sim.replay.timeline import Timeline
 from tcc_sim.result import reported, reporting
 from tcc_sim.scene import Scene, load_scene, parse_scene
@@ -28,6 +30,11 @@ MOST_LOOKED_AT = 1000
 """Largest number of scenes searched for a change of frequency."""
 COMPLETE = 0.98
 """Fraction of a run with identified cycles below which a note is added."""
+
+CLOCK_STEP, CLOCK_SHARE = 1e8, 0.2
+"""Least advance of receipt against simulation time that counts as a step of the clock, ns, and its least share of the
+time between two receipts.
+"""
 
 
 @dataclass(frozen=True)
@@ -156,20 +163,47 @@ def recorded_scene(run: Run, given: str | None = None) -> Scene:
     return scene
 
 
-def pace_of(line: Timeline) -> float:
-    """Return simulated time per real time by times of receipt, within runs; NaN if no real time passed, as in a
-    recording that was not made live.
+def pace_of(line: Timeline) -> tuple[float, str]:
+    """Return simulated time per real time by times of receipt, within runs, and a sentence on times that it leaves out;
+    NaN if no real time passed, as in a recording that was not made live.
 
     The first chunk of a run only sets the start, since its messages may have waited for the discovery of the recorder.
-    Chunks in which the clock was set back are ignored.
+    Left out is where receipt advances against simulation time and the next chunk does not make up for it: somebody set
+    the clock, or the driveline paused or stalled. Times of receipt alone cannot distinguish these.
     """
-    simulated = real = 0
+    simulated, real, at, ahead, count = 0, 0, 0.0, 0, 0
     for states in line.runs:
         starts = line.starts[(line.starts > states.index) & (line.starts < states.index + len(states))] - states.index
         ends = np.append(starts, len(states)) - 1
         if np.array_equal(states.log_ns[ends], states.stamp_ns[ends]):  # `simulate --out` has no other times.
             continue
         stamps, received = np.diff(states.stamp_ns[ends]), np.diff(states.log_ns[ends])
-        simulated += int(stamps[received >= 0].sum())
-        real += int(received[received >= 0].sum())
-    return simulated / real if real > 0 else math.nan
+        steps = _steps(stamps, received)
+        simulated += int(stamps[~steps].sum())
+        real += int(received[~steps].sum())
+        if steps.any():
+            at = at if count else float(states.stamp_ns[ends[int(steps.argmax())]]) * 1e-9
+            count += int(steps.sum())
+            ahead += int((received - stamps)[steps].sum())
+    note = (f"times of receipt went {'ahead' if ahead > 0 else 'back'} by {abs(ahead) * 1e-9:.6g} s against simulation "
+            f"time, {counted(count, 'time')}, first after {at:.6g} s: the clock was set, or the driveline paused or "
+            "stalled; the rate leaves this out") if count else ""
+    return simulated / real if real > 0 else math.nan, note
+
+
+def _steps(stamps: Stamps, received: Stamps) -> NDArray[np.bool_]:
+    """Return in which chunks the clock of the receipt was set, or simulation time did not advance with it, (n,).
+
+    Parameters
+    ----------
+    stamps, received : simulation time of each chunk and time between its receipts, ns, (n,)
+    """
+    back = received < 0
+    advancing = ~back & (stamps > 0)
+    if not advancing.any():
+        return back
+    ratios = np.sort(received[advancing] / stamps[advancing])
+    typical = float(ratios[(len(ratios) - 1) // 2])
+    excess = received - typical * stamps
+    lasting = np.minimum(excess, excess + np.append(excess[1:], 0.0))
+    return np.asarray(back | (lasting > np.maximum(CLOCK_STEP, CLOCK_SHARE * received)))

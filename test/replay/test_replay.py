@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 import pytest
-from driveline_bags import bag, by_hand, ticked
+from driveline_bags import START, bag, by_hand, ticked
 from interpreter import python, rerun_rows
 
 from tcc_sim.errors import InputError
@@ -257,8 +257,23 @@ def test_a_commanded_run_up_is_analysed_at_its_own_frequency(tmp_path, run_up):
     assert values["max_slip_speed"] == pytest.approx(np.abs(late).max(), rel=0.02)
     stuck = np.abs(late) <= 0.03
     assert values["stick_fraction"] == pytest.approx(stuck.mean(), abs=0.05)
+    assert values["covers"] == pytest.approx([starts[10], rows[-1][0] * 1e-9])
+    assert values["lost_seconds"] == 0.0
     text = "\n".join(found.lines())
     assert re.search(r"frequency +1\d\d[.\d]* to \d+[.\d]* rad/s, found", text)
+
+
+def test_a_commanded_run_up_is_followed_through_single_lost_states(tmp_path, run_up):
+    """Every 47th state is lost, so no stretch of two cycles is without a loss."""
+    scene, rows = run_up
+    kept = [row for k, row in enumerate(rows) if k % 47 != 20]
+    found = replay(bag(tmp_path / "run", kept, scene, clock=lambda k: START + kept[k][0]), discard=10)
+    whole = replay(bag(tmp_path / "whole", rows, scene), discard=10)
+    assert found.as_json()["frequency_range"] == pytest.approx([100.0, 200.0], rel=0.02)
+    assert (found.summary.cycles, found.summary.broken) == (whole.summary.cycles, 0)
+    assert found.summary.covers == pytest.approx(whole.summary.covers, abs=1e-3)
+    assert found.summary.lost_seconds == pytest.approx(0.002 * 93, abs=0.005)
+    assert found.summary.clutch_energy == pytest.approx(whole.summary.clutch_energy * (1.0 - 2.0 / 47.0), rel=0.01)
 
 
 def test_a_run_whose_torque_tells_no_cycles_is_read_all_the_same(tmp_path, run_up, figures):
