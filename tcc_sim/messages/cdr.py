@@ -185,8 +185,8 @@ def stamps(records: NDArray[np.void]) -> NDArray[np.int64]:
 class Layout(NamedTuple):
     """Offsets of the values in messages of one kind, as a NumPy type, with the bytes of an example message.
 
-    `fixed` marks the bytes that every message of this layout shares: names and counts, but neither values nor padding,
-    in which ROS 2 sends arbitrary bytes.
+    `fixed` marks the bytes that every message of this layout shares: lengths, counts and names, but neither values, nor
+    the frame, nor padding, in which ROS 2 sends arbitrary bytes.
     """
 
     record: np.dtype[np.void]
@@ -203,72 +203,137 @@ class Layout(NamedTuple):
         return np.ascontiguousarray(found[same]).view(self.record)[:, 0], right
 
 
-def joint_state_layout(names: Sequence[str] = JOINT_NAMES, joints: Sequence[str] = JOINT_NAMES,
-                       frame_id: str = "", fields: Sequence[str] = topics.topic("joint_states").fields) -> Layout:
-    """Return the layout of joint_states with these names, each with a position, a velocity and an effort; `joints` are
-    flywheel and clutch plate, and `fields` are the names of their values.
+class _Shape:
+    """Bytes of a message that is laid out, and which of them are fixed."""
+
+    def __init__(self) -> None:
+        self.data, self.fixed = bytearray(HEADER + bytes(8)), bytearray(b"\1\1" + bytes(10))
+
+    def put(self, content: bytes, same: bool) -> None:
+        """Append bytes."""
+        self.data.extend(content)
+        self.fixed.extend(bytes([same]) * len(content))
+
+    def align(self, size: int) -> None:
+        """Append padding up to a multiple of `size`."""
+        self.put(bytes(-(len(self.data) - 4) % size), False)
+
+    def text(self, text: str, same: bool = True) -> None:
+        """Append a string, whose length is fixed."""
+        content = text.encode()
+        self.align(4)
+        self.put(_LENGTH.pack(len(content) + 1), True)
+        self.put(content, same)
+        self.put(b"\0", True)
+
+    def layout(self, values: Mapping[str, int]) -> Layout:
+        """Return the layout with a stamp and these doubles, by name and offset."""
+        record = np.dtype({"names": ["sec", "nanosec", *values], "formats": ["<i4", "<u4"] + ["<f8"] * len(values),
+                           "offsets": [4, 8, *values.values()], "itemsize": len(self.data)})
+        return Layout(record, np.frombuffer(bytes(self.data), np.uint8), np.frombuffer(bytes(self.fixed), np.bool_))
+
+
+def joint_state_layout(names: Sequence[str] = JOINT_NAMES, joints: Sequence[str] = JOINT_NAMES, frame_id: str = "",
+                       fields: Sequence[str] = topics.topic("joint_states").fields,
+                       counts: Sequence[int] | None = None) -> Layout:
+    """Return the layout of joint_states with these names.
+
+    Parameters
+    ----------
+    names : names of all joints
+    joints : flywheel and clutch plate
+    frame_id : frame, of which only the length matters
+    fields : names of the values: positions of `joints`, then velocities, then efforts
+    counts : numbers of positions, velocities and efforts, each 0 or that of the names; an array without values has no
+        fields. By default all are there
 
     Raises
     ------
     ValueError
         A joint is not among the names.
     """
-    data, fixed = bytearray(HEADER + bytes(8)), bytearray(b"\1\1" + bytes(10))
-    starts = []
-
-    def put(content: bytes, same: bool) -> None:
-        data.extend(content)
-        fixed.extend(bytes([same]) * len(content))
-
-    def align(size: int) -> None:
-        put(bytes(-(len(data) - 4) % size), False)
-
-    for text in (frame_id, None, *names):
-        align(4)
-        content = text.encode() + b"\0" if text is not None else b""
-        put(_LENGTH.pack(len(content) if text is not None else len(names)) + content, True)
-    for _ in range(3):
-        align(4)
-        put(_LENGTH.pack(len(names)), True)
-        align(8)
-        starts.append(len(data))
-        put(bytes(8 * len(names)), False)
+    shape, values = _Shape(), dict[str, int]()
+    shape.text(frame_id, same=False)
+    shape.align(4)
+    shape.put(_LENGTH.pack(len(names)), True)
+    for name in names:
+        shape.text(name)
     places = [list(names).index(joint) for joint in joints]
-    record = np.dtype({"names": ["sec", "nanosec", *fields],
-                       "formats": ["<i4", "<u4"] + ["<f8"] * len(fields),
-                       "offsets": [4, 8, *(start + 8 * place for start in starts for place in places)],
-                       "itemsize": len(data)})
-    return Layout(record, np.frombuffer(bytes(data), np.uint8), np.frombuffer(bytes(fixed), np.bool_))
+    for number, count in enumerate(counts if counts is not None else [len(names)] * 3):
+        shape.align(4)
+        shape.put(_LENGTH.pack(count), True)
+        if count:
+            shape.align(8)
+            own = fields[number * len(joints):(number + 1) * len(joints)]
+            values |= {name: len(shape.data) + 8 * place for name, place in zip(own, places)}
+            shape.put(bytes(8 * count), False)
+    return shape.layout(values)
+
+
+def fluid_pressure_layout(frame_id: str = "") -> Layout:
+    """Return the layout of FluidPressure messages with a frame of this length."""
+    shape = _Shape()
+    shape.text(frame_id, same=False)
+    shape.align(8)
+    start = len(shape.data)
+    shape.put(bytes(16), False)
+    return shape.layout({"fluid_pressure": start, "variance": start + 8})
 
 
 JOINT_STATE = joint_state_layout().record
 """NumPy type of a serialised joint_states message of the driveline; offsets are fixed since the names never change."""
 OUTPUT_STATE = joint_state_layout((OUTPUT_JOINT,), (OUTPUT_JOINT,), fields=topics.topic("output_state").fields)
 """Layout of output_state messages, which describe the shaft's far end."""
-FLUID_PRESSURE = Layout(
-    np.dtype({"names": ["sec", "nanosec", "fluid_pressure", "variance"], "formats": ["<i4", "<u4", "<f8", "<f8"],
-              "offsets": [4, 8, 20, 28], "itemsize": _FLUID_PRESSURE.size}),
-    np.frombuffer(fluid_pressure(0, 0.0), np.uint8), np.isin(np.arange(_FLUID_PRESSURE.size), [0, 1, *range(12, 17)]))
+FLUID_PRESSURE = fluid_pressure_layout()
 """Layout of FluidPressure messages with an empty frame_id."""
 
 
-def read_joint_names(data: bytes) -> tuple[str, list[str]]:
-    """Return frame and joint names of a serialised JointState.
+class Joints(NamedTuple):
+    """Frame and joint names of a JointState, and its numbers of positions, velocities and efforts."""
+
+    frame_id: str
+    names: tuple[str, ...]
+    counts: tuple[int, int, int]
+
+
+def read_joints(data: bytes) -> Joints:
+    """Return what defines the layout of a serialised JointState.
 
     Raises
     ------
     ValueError
-        Not a little-endian JointState.
+        Not a little-endian JointState, or an array has neither no value nor one for each name.
     """
-    frame_id, position = _text_at(data, 12, topics.JOINT_STATE)
-    if position + 4 > len(data):
-        raise ValueError(f"not a little-endian {topics.JOINT_STATE}")
-    count, names = _LENGTH.unpack_from(data, position)[0], []
-    position += 4
-    for _ in range(min(count, MOST_JOINTS)):
+    wrong = ValueError(f"not a little-endian {topics.JOINT_STATE}")
+    frame_id, position = _text_at(data, 12, topics.JOINT_STATE, "replace")
+    number, position = _count_at(data, position, topics.JOINT_STATE)
+    if number > MOST_JOINTS:
+        raise wrong
+    names = []
+    for _ in range(number):
         name, position = _text_at(data, position, topics.JOINT_STATE)
         names.append(name)
-    return frame_id, names
+    counts = []
+    for _ in range(3):
+        count, position = _count_at(data, position, topics.JOINT_STATE)
+        if count not in (0, number):
+            raise wrong
+        counts.append(count)
+        position += (-(position - 4) % 8 + 8 * count) if count else 0
+    if position != len(data):
+        raise wrong
+    return Joints(frame_id, tuple(names), (counts[0], counts[1], counts[2]))
+
+
+def read_frame(data: bytes, kind: str) -> str:
+    """Return the frame of a serialised message that starts with a header.
+
+    Raises
+    ------
+    ValueError
+        Not a little-endian message.
+    """
+    return _text_at(data, 12, kind, "replace")[0]
 
 
 def read_diagnostics(data: bytes) -> dict[str, str]:

@@ -7,24 +7,18 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from tcc_sim.errors import RecordingError
-from tcc_sim.messages import cdr
-from tcc_sim.recording.announcements import InputSource, Stamps, simulation_ns
+from tcc_sim.recording.announcements import InputSource, Stamps
+from tcc_sim.recording.layouts import Floats, Layouts, Values
 from tcc_sim.recording.records import Messages
 from tcc_sim.recording.stamps import Break, StampCounter
-from tcc_sim.topics import FLUID_PRESSURE, JOINT_STATE, topic
+from tcc_sim.topics import FLUID_PRESSURE, JOINT_STATE, OUTPUT_JOINT, topic
 
-Floats = NDArray[np.float64]
-_MOST_NAMED = 20
 BLOCK = 1 << 16
 """Number of states processed at once where each takes memory."""
 _COLUMNS = ("stamp_ns", "log_ns", "sent_ns", *topic("joint_states").fields)
 _YEAR = 365 * 86_400 * 1_000_000_000
-HEAD = np.dtype([("channel", "<u2"), ("number", "<u4"), ("log_ns", "<i8"), ("sent_ns", "<i8")])
-"""Fields in front of a message's bytes: channel, publisher's sequence number, times of receipt and sending (ns)."""
 
 
 def receipt_times(log_ns: NDArray[np.int64], sent_ns: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -165,36 +159,32 @@ class Beside:
 
     Parameters
     ----------
-    topic, type : fully resolved name and message type
-    layout : layout of its messages
+    topic : fully resolved name
+    layouts : layouts of its messages
     columns : column name -> message field that fills it
-    zeros : stamps of simulation time 0, as in `simulation_ns`
     """
 
-    def __init__(self, topic: str, type: str, layout: cdr.Layout, columns: Mapping[str, str], zeros: Stamps) -> None:
-        self._zeros = zeros
-        self.topic, self.type, self.columns = topic, type, columns
-        self._layout, self._stamps, self._run = layout, StampCounter(), -1
+    def __init__(self, topic: str, layouts: Layouts, columns: Mapping[str, str]) -> None:
+        self.topic, self.type, self.columns, self.layouts = topic, layouts.type, columns, layouts
+        self._stamps, self._run = StampCounter(), -1
         self._parts: dict[int, list[tuple[NDArray[Any], ...]]] = {}
 
     def take(self, data: NDArray[np.uint8], messages: Messages, channels: list[int], runs: int,
-             publishers: Callable[[NDArray[np.void]], NDArray[np.int64]]) -> int:
-        """Take the messages of these channels in one chunk; return the number of messages with another layout.
+             publishers: Callable[[NDArray[np.void]], NDArray[np.int64]]) -> None:
+        """Take the messages of these channels in one chunk.
 
         Parameters
         ----------
         runs : number of joint_states runs begun before the first of these messages, which belongs to the last of them
         publishers : function from HEADs to the numbers of their publishers
         """
-        heads, records, refused = _records(data, messages, channels, self._layout)
+        found = self.layouts.take(data, messages, channels)
         if self._run < 0:
             self._run = max(runs, 1) - 2
-        at = simulation_ns(cdr.stamps(records), self._zeros)
-        for piece, preceded in self._stamps.pieces(at, publishers(heads), heads["number"]):
+        for piece, preceded in self._stamps.pieces(found.stamps, publishers(found.heads), found.heads["number"]):
             self._run += preceded.begins_a_run
             self._parts.setdefault(self._run, []).append(
-                (at[piece], *(records[field][piece].astype(np.float64) for field in self.columns.values())))
-        return refused
+                (found.stamps[piece], *(found.columns[field][piece] for field in self.columns.values())))
 
     def join(self, run: int, columns: Mapping[str, Any]) -> None:
         """Fill the columns of a run at the stamps of its states."""
@@ -208,65 +198,19 @@ class Beside:
             columns[name][same] = column[nearest[same]]
 
 
-def all_beside(joint_states_topic: str, types: Mapping[str, str], zeros: Stamps) -> list[Beside]:
-    """Return the further topics of a driveline that a recording with these types by topic holds."""
+def all_beside(joint_states_topic: str, zeros: Stamps) -> list[Beside]:
+    """Return the further topics of a driveline; `zeros` are stamps of simulation time 0, as in `simulation_ns`."""
     space = joint_states_topic.rpartition("/")[0]
-    every = (Beside(f"{space}/applied_pressure", FLUID_PRESSURE, cdr.FLUID_PRESSURE,
-                    {"applied_pressure": "fluid_pressure"}, zeros),
-             Beside(f"{space}/output_state", JOINT_STATE, cdr.OUTPUT_STATE,
-                    {name: name for name in ("output_angle", "output_speed")}, zeros))
-    return [one for one in every if types.get(one.topic) == one.type]
+    far_end = topic("output_state").fields
+    return [Beside(f"{space}/applied_pressure", Layouts(FLUID_PRESSURE, (), ("fluid_pressure",), zeros),
+                   {"applied_pressure": "fluid_pressure"}),
+            Beside(f"{space}/output_state", Layouts(JOINT_STATE, (OUTPUT_JOINT,), far_end, zeros),
+                   {name: name for name in ("output_angle", "output_speed")})]
 
 
-def joint_states(data: NDArray[np.uint8], messages: Messages, channels: list[int],
-                 layout: cdr.Layout, zeros: Stamps) -> tuple[JointStates, NDArray[np.void], int]:
-    """Return the joint_states of one chunk in their order, their HEADs, and the number of messages that were left out
-    because their layout differs.
-    """
-    heads, records, refused = _records(data, messages, channels, layout)
-    columns: dict[str, Any] = {name: records[name].astype(np.float64) for name in topic("joint_states").fields}
-    log_ns, sent_ns = heads["log_ns"].astype(np.int64), heads["sent_ns"].astype(np.int64)
+def joint_states(found: Values) -> JointStates:
+    """Return decoded joint_states."""
+    log_ns, sent_ns = (found.heads[name].astype(np.int64) for name in ("log_ns", "sent_ns"))
     sent_ns = np.where(sent_ns > 0, sent_ns, log_ns)
-    log_ns = receipt_times(log_ns, sent_ns)
-    stamp_ns = simulation_ns(cdr.stamps(records), zeros)
-    return JointStates(stamp_ns=stamp_ns, log_ns=log_ns, sent_ns=sent_ns, **columns), heads, refused
-
-
-def layout_of(data: bytes, messages: Messages, channels: list[int], joints: Sequence[str]) -> cdr.Layout:
-    """Return the layout of the first message of these channels, with the offsets of two joints.
-
-    Raises
-    ------
-    RecordingError
-        The message does not name these joints.
-    """
-    first = int(np.flatnonzero(np.isin(messages.channel, channels))[0])
-    begin = int(messages.offset[first]) + 22
-    try:
-        frame, names = cdr.read_joint_names(data[begin:begin + int(messages.length[first]) - 22])
-    except ValueError:
-        return cdr.joint_state_layout()  # Damaged, or not a JointState: messages of another layout are counted later.
-    if not set(joints) <= set(names):
-        found = ", ".join(names[:_MOST_NAMED]) or "without names"
-        raise RecordingError(f"its joints are {found}; say which of them are flywheel and clutch plate: "
-                             "--joints flywheel=NAME,clutch_plate=NAME")
-    return cdr.joint_state_layout(names, joints, frame)
-
-
-def _records(data: NDArray[np.uint8], messages: Messages, channels: list[int],
-             layout: cdr.Layout) -> tuple[NDArray[np.void], NDArray[np.void], int]:
-    """Return HEADs and values of the channels' messages with this layout, and the number of other messages."""
-    expected = layout.example
-    mine = np.isin(messages.channel, channels)
-    right_length = messages.length[mine] == 22 + len(expected)
-    offset = messages.offset[mine][right_length]
-    refused = len(right_length) - len(offset)
-    if not len(offset):
-        return np.empty(0, HEAD), np.empty(0, layout.record), refused
-    rows = sliding_window_view(data, len(expected))[offset + 22]
-    mask = np.where(layout.fixed, np.uint8(0xFF), np.uint8(0))
-    wrong = ((rows.view("<u4") ^ expected.view("<u4")) & mask.view("<u4")).any(axis=1)
-    if wrong.any():
-        rows, offset, refused = rows[~wrong], offset[~wrong], refused + int(wrong.sum())
-    heads = sliding_window_view(data, HEAD.itemsize)[offset].view(HEAD)[:, 0]
-    return heads, rows.view(layout.record)[:, 0], refused
+    columns: dict[str, Any] = dict(found.columns)
+    return JointStates(stamp_ns=found.stamps, log_ns=receipt_times(log_ns, sent_ns), sent_ns=sent_ns, **columns)

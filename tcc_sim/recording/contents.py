@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Iterable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
+import numpy as np
 from mcap.opcode import Opcode
 
 from tcc_sim.errors import one_line
@@ -15,29 +17,54 @@ from tcc_sim.parameter_file import LARGEST_FILE
 from tcc_sim.recording import records
 from tcc_sim.recording.announcements import SceneRecord
 from tcc_sim.recording.mcap_file import PUBLISHER_KEY, RECOVERY_RECORD, RESULT_RECORD, SCENE_RECORD, digest
-from tcc_sim.recording.records import DamagedChunk, McapRecord, decoded
+from tcc_sim.recording.records import DamagedChunk, McapRecord, RecordStream, decoded
+from tcc_sim.topics import TOPICS
 
 MOST_TOPICS = 4096
 """Largest number of channels, and of types, that a recording may describe; further records are ignored."""
+CDR = "cdr"
+NEVER = 1 << 64
+"""Time later than every log time, ns."""
+_OWN_TYPES = {row.name.rpartition("/")[2]: row.type for row in TOPICS}
 _UNCHUNKED = 1 << 20
 _LONGEST_RESULT = 1 << 18
 _MOST_SENTENCES, _DIGITS = 20, 19
+_MESSAGE = struct.Struct("<BQ")
+_CHUNK_HEAD = struct.Struct("<QQQ")
 _T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
 class Channel:
-    """A topic of a recording: message type, its definition (ros2msg), and metadata (quality of service, type hash)."""
+    """A topic of a recording: message type, its definition (ros2msg), and metadata (quality of service, type hash).
+
+    `encoding` is that of the messages; only `cdr` is read.
+    """
 
     topic: str
     type: str
     definition: str
     metadata: dict[str, str] = field(default_factory=dict)
+    encoding: str = CDR
 
     @property
     def publisher(self) -> str:
         """Identifier of the publisher in the middleware; empty if it was not recorded."""
         return self.metadata.get(PUBLISHER_KEY, "")
+
+
+def _channel(record: Any, schema: tuple[str, str]) -> Channel:
+    """Return the channel of a record: the topic with its leading slash, and the type with its folder, `msg`. Without a
+    schema, the topic's last name gives the type.
+    """
+    topic = "/" + record.topic.removeprefix("/")
+    kind, text = schema
+    package, _, name = kind.partition("/")
+    if record.message_encoding in ("", CDR):
+        if name and "/" not in name:
+            kind = f"{package}/msg/{name}"
+        kind = kind or _OWN_TYPES.get(topic.rpartition("/")[2], "")
+    return Channel(topic, kind, text, record.metadata, record.message_encoding or CDR)
 
 
 @dataclass
@@ -53,12 +80,20 @@ class Contents:
     """Number of damaged records among them."""
     recovered: list[str] = field(default_factory=list)
     """Losses that were recorded when this recording was recovered from another."""
+    attachments: int = 0
+    first_ns: int = NEVER
+    """Log time of the first message, ns."""
 
     def add(self, opcode: int, body: bytes, checked: bool = False) -> None:
         """Take one record and count it if it is damaged. Records under a chunk's checksum (`checked`) take precedence.
         """
         try:
-            if opcode == Opcode.METADATA and not checked:
+            if opcode == Opcode.CHUNK:
+                first, _, size = _CHUNK_HEAD.unpack_from(body)
+                self.first_ns = min(self.first_ns, first if size else NEVER)
+            elif opcode == Opcode.MESSAGE:
+                self.first_ns = min(self.first_ns, int.from_bytes(body[6:14], "little"))
+            elif opcode == Opcode.METADATA and not checked:
                 self._metadata(decoded(opcode, body))
             elif opcode == Opcode.STATISTICS:
                 self.expected = decoded(opcode, body).channel_message_counts
@@ -68,8 +103,10 @@ class Contents:
             elif opcode == Opcode.CHANNEL:
                 channel = decoded(opcode, body)
                 schema = self.schemas.get(channel.schema_id, ("", ""))
-                self._keep(self.channels, channel.id, Channel(channel.topic, *schema, channel.metadata), checked)
-        except (KeyError, ValueError, RecursionError):
+                self._keep(self.channels, channel.id, _channel(channel, schema), checked)
+            elif opcode == Opcode.ATTACHMENT:
+                self.attachments += 1
+        except (KeyError, ValueError, RecursionError, struct.error):
             self.damaged += 1
 
     def warnings(self) -> list[str]:
@@ -116,64 +153,104 @@ class Contents:
             raise ValueError(name)
 
 
-def chunks(stream: Iterable[McapRecord], contents: Contents) -> Iterator[tuple[McapRecord, list[bytes]]]:
-    """Iterate over chunks with their index records; put all other records into `contents`.
+Skip = Callable[[Iterable[int]], bool]
+"""Function of the channels of a chunk: whether no message of them is wanted."""
 
-    Messages outside chunks are joined into records of opcode MESSAGE whose bodies hold many messages.
+
+class Packed(NamedTuple):
+    """A chunk with its index records; or messages outside chunks, joined into one (`loose`)."""
+
+    record: McapRecord
+    indexes: list[bytes]
+    loose: bytes | None = None
+
+
+def chunks(stream: RecordStream, source: Iterable[McapRecord], contents: Contents, skip: Skip,
+           skipped: Counter[int]) -> Iterator[Packed]:
+    """Iterate over the chunks of which some messages are wanted; put other records into `contents`.
+
+    Parameters
+    ----------
+    source : the records of `stream`
+    skipped : counter of the messages in other chunks, by channel
     """
     chunk: McapRecord | None = None
     indexes: list[bytes] = []
     loose = bytearray()
-    for record in stream:
+
+    def ended() -> Iterator[Packed]:
+        counts = records.indexed(indexes)
+        if chunk is not None and counts and skip(counts):
+            skipped.update(counts)
+        elif chunk is not None:
+            yield Packed(chunk, indexes)
+
+    for record in source:
         if record.opcode == Opcode.MESSAGE_INDEX:
             indexes.append(record.body)
             continue
-        if chunk is not None:
-            yield chunk, indexes
-            chunk, indexes = None, []
+        yield from ended()
+        chunk, indexes = None, []
         if record.opcode == Opcode.CHUNK:
             chunk = record
         elif record.opcode == Opcode.MESSAGE:
-            loose += struct.pack("<BQ", record.opcode, len(record.body)) + record.body
+            if len(record.body) >= 2 and skip([channel := int.from_bytes(record.body[:2], "little")]):
+                skipped[channel] += 1
+                continue
+            try:
+                body = stream.read(record)
+            except DamagedChunk as error:
+                stream.warnings.place(f"the message at byte {record.offset} is left out: {error}")
+                continue
+            loose += _MESSAGE.pack(record.opcode, len(body)) + body
             if len(loose) > _UNCHUNKED:
-                yield McapRecord(Opcode.MESSAGE, record.offset, bytes(loose)), []
+                yield Packed(record, [], bytes(loose))
                 loose.clear()
         else:
             contents.add(record.opcode, record.body)
-    if chunk is not None:
-        yield chunk, indexes
+    yield from ended()
     if loose:
-        yield McapRecord(Opcode.MESSAGE, 0, bytes(loose)), []
+        yield Packed(McapRecord(Opcode.MESSAGE, 0, 0, b""), [], bytes(loose))
 
 
-def unpack(chunk: McapRecord, indexes: list[bytes], contents: Contents,
-           expansion: records.Expansion) -> tuple[bytes, records.Messages]:
-    """Return the bytes of a chunk and the positions of its messages; put its schemas and channels into `contents`.
+class Batch(NamedTuple):
+    """Messages of a chunk: its unpacked bytes, the positions of the messages, whether they have a checksum, and the
+    numbers of all messages of the chunk by channel.
+    """
+
+    data: bytes
+    messages: records.Messages
+    checked: bool
+    counts: dict[int, int]
+
+
+def unpack(stream: RecordStream, packed: Packed, contents: Contents, expansion: records.Expansion, skip: Skip) -> Batch:
+    """Return the messages of a chunk; put its schemas and channels into `contents`.
 
     Raises
     ------
     DamagedChunk
         The chunk cannot be used.
     """
-    data = chunk.body if chunk.opcode == Opcode.MESSAGE else records.unpack_chunk(chunk.body, expansion)
-    messages = records.find_messages(data, indexes)
+    checked = packed.loose is None
+    if packed.loose is not None:
+        data = packed.loose
+    else:
+        body = stream.read(packed.record)
+        checked = body[24:28] != bytes(4)
+        data = records.unpack_chunk(body, expansion)
+    messages = records.find_messages(data, packed.indexes)
     for opcode, offset, length in messages.others:
         if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
             contents.add(opcode, data[offset:offset + length], checked=True)
-    return data, messages
-
-
-def first_channels(stream: Iterable[McapRecord], contents: Contents, wanted: str, expansion: records.Expansion) -> None:
-    """Read chunks up to the one after the first that has a channel of type `wanted`, for files without an index."""
-    enough = False
-    for chunk, indexes in chunks(stream, Contents()):
-        try:
-            unpack(chunk, indexes, contents, expansion)
-        except DamagedChunk:
-            continue
-        if enough:
-            return
-        enough = any(channel.type == wanted for channel in contents.channels.values())
+    numbers, inverse, counts = np.unique(messages.channel, return_inverse=True, return_counts=True)
+    mine = np.array([not skip([number]) for number in numbers.tolist()], np.bool_)[inverse]
+    expansion.take(int(messages.length[mine].sum()))
+    alone = records.starts_with(np.frombuffer(data, np.uint8), messages.offset[mine], messages.length[mine],
+                                records.ZSTD)
+    if alone.any():
+        data, messages = records.plain(data, messages, mine, expansion)
+    return Batch(data, messages, checked, dict(zip(numbers.tolist(), counts.tolist())))
 
 
 def together(one: dict[str, Any] | None, other: dict[str, Any] | None) -> dict[str, Any] | None:

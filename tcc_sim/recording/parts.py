@@ -2,73 +2,157 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
-from tcc_sim.errors import RecordingError, counted
-from tcc_sim.recording.records import McapRecord, RecordStream
+import yaml
+import zstandard
 
-_MOST_PARTS, _LONGEST_METADATA = 100_000, 1 << 22
+from tcc_sim.errors import RecordingError, counted, one_line
+from tcc_sim.recording.records import PASSED_OVER, ZSTD, Expansion, McapRecord, RecordStream
+
+METADATA = "metadata.yaml"
+_MOST_PARTS, _LONGEST_METADATA, _MOST_NAMED = 100_000, 1 << 22, 20
+_SUFFIXES = (".mcap", f".mcap{(_PACKED := '.zstd')}")
+_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_COUNTER_FIRST = re.compile(r"(\d{1,9})_(.*)_\d{4}_\d\d_\d\d-\d\d_\d\d_\d\d")
+"""Names of rosbag2 since its pull request 2265: {counter}_{prefix}_{date}-{time}."""
+_COUNTER_LAST = re.compile(r"(.*)_(\d{1,9})")
+"""Names of older versions, and of this package: {prefix}_{counter}."""
+_BLOCK = 1 << 20
 
 
-def parts_of(path: Path) -> list[Path]:
-    """Return the MCAP files of a recording, in their order.
+@dataclass(frozen=True)
+class Parts:
+    """Files of a recording.
+
+    paths : files to read; in their order if `ordered`
+    ordered : whether metadata.yaml gives the order; otherwise the first log times do
+    absent : names that metadata.yaml lists and that are not there
+    unlisted : names of files that metadata.yaml does not list, which are left out
+    note : a sentence if metadata.yaml cannot be read
+    """
+
+    paths: list[Path]
+    ordered: bool = True
+    absent: list[str] = field(default_factory=list)
+    unlisted: list[str] = field(default_factory=list)
+    note: str = ""
+
+    def sentences(self) -> Iterator[str]:
+        """Yield a sentence for every file that is absent or left out."""
+        if self.note:
+            yield self.note
+        for name in self.absent[:_MOST_NAMED]:
+            yield f"the part {one_line(name)}, which {METADATA} lists, is missing"
+        if len(self.absent) > _MOST_NAMED:
+            yield f"{len(self.absent) - _MOST_NAMED} more parts are missing"
+        for name in self.unlisted[:_MOST_NAMED]:
+            yield f"left out: {METADATA} does not list {one_line(name)}"
+        if len(self.unlisted) > _MOST_NAMED:
+            yield f"left out: {len(self.unlisted) - _MOST_NAMED} more files that {METADATA} does not list"
+
+
+def parts_of(path: Path) -> Parts:
+    """Return the files of a recording.
 
     Raises
     ------
     RecordingError
-        No MCAP file is there.
+        No MCAP file is there, or the bag is stored or compressed in a way that is not read.
     """
-    paths = [path]
-    if path.is_dir():
-        paths = sorted(path.glob("*.mcap"), key=lambda part: (part_number(part) or 0, part.name))
-    if path.suffix == ".db3" or (not paths and any(path.glob("*.db3"))):
-        bag = path.parent if path.suffix == ".db3" else path
-        raise RecordingError(f"{bag} is a bag in SQLite, which is not read; convert it to MCAP with rosbags-convert "
-                             f"--src {bag} --dst {bag}_mcap --dst-storage mcap (from pip install rosbags)")
-    if not paths:
-        inside = sorted({part.parent for part in path.glob("*/*.mcap")})
-        if len(inside) == 1:
-            return parts_of(inside[0])
-        where = (f"; {inside[0]} and {counted(len(inside) - 1, 'more folder')} in it hold some: name one of them"
-                 if inside else "")
-        raise RecordingError(f"{path} holds no .mcap file{where}")
-    return paths
-
-
-def part_number(path: Path) -> int | None:
-    """Return the number at the end of the name of a bag's part, or None."""
-    digits = path.stem.rpartition("_")[2]
-    return int(digits) if digits.isdecimal() and digits.isascii() and len(digits) < 19 else None
-
-
-def missing_parts(path: Path, paths: list[Path]) -> list[int]:
-    """Return the numbers of missing parts: gaps in the numbers of a split recording, and parts that only its
-    metadata.yaml names.
-    """
-    there = {part_number(part) or 0 for part in paths}
-    last = min(max(there), _MOST_PARTS) if len(paths) > 1 else 0
-    listed = {part_number(Path(name)) or 0 for name in _listed(paths[0].parent if path.is_dir() else path)}
-    return sorted((set(range(last)) | listed) - there)
-
-
-def unlisted_parts(path: Path, paths: list[Path]) -> list[str]:
-    """Return the names of the files that the recording's metadata.yaml does not name; empty without metadata.yaml."""
-    listed = _listed(paths[0].parent if path.is_dir() else path)
-    return [part.name for part in paths if part.name not in listed] if listed else []
-
-
-def _listed(path: Path) -> set[str]:
-    """Return the names of the parts in a bag directory's metadata.yaml."""
+    if not path.is_dir():
+        if path.suffix == ".db3" or path.name.endswith(f".db3{_PACKED}"):
+            raise RecordingError(_sqlite(path.parent))
+        return Parts([path])
     try:
-        file = path / "metadata.yaml"
+        inside = sorted(path.iterdir(), key=_natural)
+    except OSError as error:
+        raise RecordingError(f"{path} cannot be read: {error.strerror}") from None
+    found = [part for part in inside if part.name.endswith(_SUFFIXES)]
+    names, note = _listed(path)
+    if found and names is not None:
+        there = {part.name: part for part in found}
+        listed = list(dict.fromkeys(Path(name).name for name in names))
+        paths = [there[name] for name in listed if name in there]
+        absent = [name for name in listed if name not in there]
+        if paths:
+            return Parts(paths, True, absent, [name for name in there if name not in listed])
+        return Parts(found, False, absent)
+    if found:
+        return Parts(found, len(found) == 1, note=note)
+    others = [part for part in inside if ".mcap." in part.name or ".db3" in part.name]
+    if any(".db3" in part.name for part in others):
+        raise RecordingError(_sqlite(path))
+    if others:
+        raise RecordingError(f"{others[0]} is compressed as {others[0].suffix}, which is not read; unpack it, or "
+                             "record with --compression-format zstd")
+    if first := next((part for part in inside if part.suffix == ".bag"), None):
+        raise RecordingError(f"{first} is a bag of ROS 1, which is not read; convert it with rosbags-convert "
+                             f"--src {first} --dst {first.with_suffix('')} --dst-storage mcap (from pip install "
+                             "rosbags)")
+    below = sorted({part.parent for suffix in _SUFFIXES for part in path.glob(f"*/*{suffix}")})
+    if len(below) == 1:
+        return parts_of(below[0])
+    where = (f"; {below[0]} and {counted(len(below) - 1, 'more folder')} in it hold some: name one of them"
+             if below else "")
+    raise RecordingError(f"{path} holds no .mcap file{where}")
+
+
+def _sqlite(bag: Path) -> str:
+    """Return the sentence that refuses a bag in SQLite."""
+    return (f"{bag} is a bag in SQLite, which is not read; convert it to MCAP with rosbags-convert --src {bag} --dst "
+            f"{bag}_mcap --dst-storage mcap (from pip install rosbags)")
+
+
+def _natural(path: Path) -> list[tuple[str, int]]:
+    """Return a key that sorts names with their numbers in numerical order."""
+    return [(text, int(digits or 0)) for text, digits in re.findall(r"(\D*)(\d{0,18})", path.name)]
+
+
+def _listed(folder: Path) -> tuple[list[str] | None, str]:
+    """Return the names of the parts in a bag's metadata.yaml (None without it), and a sentence if it is not valid."""
+    file = folder / METADATA
+    if not file.is_file():
+        return None, ""
+    try:
         if file.stat().st_size > _LONGEST_METADATA:
-            return set()
-        lines = file.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError):
-        return set()
-    return {line.strip()[2:].strip("'\"") for line in lines if line.strip().startswith("- ") and line.endswith(".mcap")}
+            raise ValueError
+        content = yaml.load(file.read_text(encoding="utf-8"), Loader=_LOADER)  # noqa: S506
+        names = content["rosbag2_bagfile_information"]["relative_file_paths"]
+        if isinstance(names, list) and names and all(isinstance(name, str) for name in names):
+            return names, ""
+    except (OSError, ValueError, TypeError, KeyError, RecursionError, yaml.YAMLError):
+        pass
+    return None, f"{METADATA} lists no parts that can be read: the log times of the parts give their order"
+
+
+def in_order(paths: Sequence[Path], first_ns: Sequence[int]) -> list[Path]:
+    """Return parts by their first log times, ns, and their names."""
+    return [path for _, _, path in sorted(zip(first_ns, map(_natural, paths), paths))]
+
+
+def numbered(path: Path) -> bool:
+    """Return whether the name of a file is that of a part."""
+    stem = path.name.partition(".mcap")[0]
+    return any(pattern.fullmatch(stem) for pattern in (_COUNTER_FIRST, _COUNTER_LAST))
+
+
+def missing_parts(paths: Sequence[Path]) -> list[int]:
+    """Return the numbers that are missing among the names of parts without metadata.yaml; none for other names."""
+    stems = [path.name.partition(".mcap")[0] for path in paths]
+    if len(stems) < 2:
+        return []
+    for pattern, number, prefix in ((_COUNTER_FIRST, 1, 2), (_COUNTER_LAST, 2, 1)):
+        found = [pattern.fullmatch(stem) for stem in stems]
+        if all(found) and len({match[prefix] for match in found if match}) == 1:
+            there = {int(match[number]) for match in found if match}
+            return sorted(set(range(min(max(there), _MOST_PARTS))) - there)
+    return []
 
 
 def open_file(path: Path) -> BinaryIO:
@@ -79,6 +163,38 @@ def open_file(path: Path) -> BinaryIO:
         return path.open("rb")
     except OSError as error:
         raise RecordingError(f"{path} cannot be read: {error.strerror}") from None
+
+
+def unpacked_file(path: Path, file: BinaryIO) -> BinaryIO | None:
+    """Return a temporary file with the content of a file compressed with zstd; None for another file.
+
+    Raises
+    ------
+    RecordingError
+        It cannot be unpacked.
+    """
+    try:
+        start = file.read(len(ZSTD))
+        file.seek(0)
+    except OSError as error:
+        raise RecordingError(f"{path} cannot be read: {error.strerror}") from None
+    if start != ZSTD:
+        return None
+    limit = PASSED_OVER * Expansion(path.stat().st_size).limit
+    found: BinaryIO = tempfile.TemporaryFile()  # noqa: SIM115
+    try:
+        with zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True, closefd=False) as reader:
+            while block := reader.read(_BLOCK):
+                found.write(block)
+                if found.tell() > limit:
+                    raise RecordingError(f"{path} would unpack to more than {limit} bytes, the most allowed for a file "
+                                         "of its size")
+        return found
+    except (OSError, zstandard.ZstdError, RecordingError) as error:
+        found.close()
+        if isinstance(error, RecordingError):
+            raise
+        raise RecordingError(f"{path} does not unpack ({getattr(error, 'strerror', None) or error})") from None
 
 
 def records_of(path: Path, stream: RecordStream) -> Iterator[McapRecord]:

@@ -10,7 +10,7 @@ import io
 import struct
 import zlib
 from array import array
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, BinaryIO, NamedTuple
 
@@ -29,21 +29,28 @@ from tcc_sim.errors import RecordingError, counted
 MAGIC = b"\x89MCAP0\r\n"
 DECODERS: dict[int, Any] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel, Opcode.CHUNK: Chunk,
                             Opcode.STATISTICS: Statistics, Opcode.METADATA: Metadata}
-LARGEST_CHUNK = 64 << 20
-"""Largest size of a chunk, packed or unpacked, bytes."""
+LARGEST_CHUNK = 256 << 20
+"""Largest size of a chunk, packed or unpacked, and of a message outside chunks, bytes."""
 LARGEST_EXPANSION = 100
-"""Largest ratio of the unpacked chunks to the file, in addition to SMALLEST_EXPANSION; real ratios are 3 to 20."""
+"""Largest ratio of the messages that are used to the file, in addition to SMALLEST_EXPANSION; real ratios are 3 to 20.
+"""
 SMALLEST_EXPANSION = 16 << 20
-"""Bytes to which the chunks of any file may unpack."""
+"""Bytes of messages that any file may have."""
+PASSED_OVER = 10
+"""Ratio of the limit of everything that is unpacked, such as images beside the messages, to that of the messages."""
 MOST_DESCRIPTIONS = 20_000
 """Largest number of records in a chunk that are not messages; a recorder writes two for each topic."""
 MOST_SENTENCES = 20
 """Largest number of damaged places that are listed one by one."""
-_LARGEST_RECORD = 16 << 20
-_OF_MESSAGES = {Opcode.CHUNK, Opcode.MESSAGE, Opcode.MESSAGE_INDEX}
-_WANTED = {*DECODERS, *_OF_MESSAGES}
+MESSAGE_HEAD = 22
+"""Bytes of a message record before the message: channel, sequence number, times of receipt and sending."""
+ZSTD = b"\x28\xb5\x2f\xfd"
+"""First bytes of data compressed with zstd; a serialised message starts with 0."""
+_LARGEST_RECORD, _HEAD_SIZE = 16 << 20, 24
+_DESCRIBING = frozenset(set(DECODERS) - {Opcode.CHUNK})
 _RECORD = struct.Struct("<BQ")
-_MESSAGE_HEAD = np.dtype([("opcode", "u1"), ("length", "<u8"), ("channel", "<u2")])
+_CHANNEL = struct.Struct("<H")
+_HEAD = np.dtype([("opcode", "u1"), ("length", "<u8"), ("channel", "<u2")])
 
 
 class DamagedChunk(Exception):
@@ -71,44 +78,53 @@ class Warnings(list[str]):
 
 
 class Expansion:
-    """Bytes to which the chunks of a file may still unpack."""
+    """Bytes to which the chunks of a file may still unpack, and bytes of messages that may still be used."""
 
     def __init__(self, file_size: int) -> None:
         self.limit = self.left = SMALLEST_EXPANSION + LARGEST_EXPANSION * file_size
+        self._passing = PASSED_OVER * self.limit
 
-    def take(self, count: int) -> None:
-        """Subtract `count` bytes.
+    def take(self, count: int, used: bool = True) -> None:
+        """Subtract `count` bytes, of messages that are used or of everything unpacked.
 
         Raises
         ------
         DamagedChunk
             Fewer bytes are left.
         """
-        if count > self.left:
-            raise DamagedChunk(f"with it the recording would unpack to more than {self.limit} bytes, the most allowed "
+        left, limit = (self.left, self.limit) if used else (self._passing, PASSED_OVER * self.limit)
+        if count > left:
+            raise DamagedChunk(f"with it the recording would unpack to more than {limit} bytes, the most allowed "
                                "for a file of its size")
-        self.left -= count
+        if used:
+            self.left -= count
+        else:
+            self._passing -= count
 
 
 class McapRecord(NamedTuple):
-    """One record of a file: opcode, offset and body (empty if it was skipped)."""
+    """One record of a file: opcode, offset, length of its body, and the body; of a message or chunk only its head, of
+    other records that are skipped nothing.
+    """
 
     opcode: int
     offset: int
+    length: int
     body: bytes
 
 
 @dataclass
 class RecordStream:
-    """Iterator over the records of an open MCAP file, in order.
+    """Iterator over the records of an open MCAP file, in order. Records of unknown opcodes are skipped by their length,
+    as MCAP prescribes.
 
-    chunks : whether to read chunk bodies too
+    indexes : whether to read the indexes of chunks too
     complete : whether the footer was reached
     warnings : one sentence for each damaged part
     """
 
     file: BinaryIO
-    chunks: bool = True
+    indexes: bool = True
     complete: bool = False
     warnings: Warnings = field(default_factory=Warnings)
 
@@ -116,25 +132,64 @@ class RecordStream:
         size = self.file.seek(0, 2)
         self.file.seek(0)
         if self.file.read(len(MAGIC)) != MAGIC:
-            raise RecordingError("it is not an MCAP file, or its start is damaged")
+            raise RecordingError(not_mcap(self.file))
         position = len(MAGIC)
         while position + _RECORD.size <= size:
             self.file.seek(position)
             opcode, length = _RECORD.unpack(self.file.read(_RECORD.size))
             end = position + _RECORD.size + length
-            believable = 1 <= opcode <= Opcode.DATA_END
-            if not believable or length > (LARGEST_CHUNK if opcode == Opcode.CHUNK else _LARGEST_RECORD):
+            if not opcode or length > size or (end > size and opcode > Opcode.DATA_END):
                 self.warnings.append(f"nothing can be read from byte {position} on")
                 return
             if end > size:
                 return
-            wanted = opcode in _WANTED and (self.chunks or opcode not in _OF_MESSAGES)
-            yield McapRecord(opcode, position, self.file.read(length) if wanted else b"")
+            yield McapRecord(opcode, position, length, self._body(opcode, position, length))
             if opcode == Opcode.FOOTER:
                 self.file.seek(end)
                 self.complete = self.file.read(len(MAGIC)) == MAGIC
                 return
             position = end
+
+    def _body(self, opcode: int, position: int, length: int) -> bytes:
+        """Read the body of a record that describes the recording or a chunk, and the head of a message or chunk."""
+        if opcode in (Opcode.MESSAGE, Opcode.CHUNK):
+            return self.file.read(min(length, _HEAD_SIZE))
+        if opcode not in _DESCRIBING and not (self.indexes and opcode == Opcode.MESSAGE_INDEX):
+            return b""
+        if length > _LARGEST_RECORD:
+            self.warnings.place(f"the record at byte {position} is left out: it has {length} bytes; at most "
+                                f"{_LARGEST_RECORD} are accepted")
+            return b""
+        return self.file.read(length)
+
+    def read(self, record: McapRecord) -> bytes:
+        """Return the whole body of a chunk or message.
+
+        Raises
+        ------
+        DamagedChunk
+            It is too large, or the disk fails.
+        """
+        if record.length > LARGEST_CHUNK:
+            raise DamagedChunk(f"it has {record.length} bytes; at most {LARGEST_CHUNK} are accepted")
+        try:
+            self.file.seek(record.offset + _RECORD.size)
+            return self.file.read(record.length)
+        except OSError as error:
+            raise DamagedChunk(f"it cannot be read: {error.strerror}") from None
+
+
+def not_mcap(file: BinaryIO) -> str:
+    """Return why a file without MCAP's first bytes is not read."""
+    file.seek(0)
+    start = file.read(16)
+    if start.startswith(b"#ROSBAG V"):
+        return ("it is a bag of ROS 1, which is not read; convert it with rosbags-convert --src FILE.bag --dst FOLDER "
+                "--dst-storage mcap (from pip install rosbags)")
+    if start.startswith(b"SQLite format 3"):
+        return ("it is a bag in SQLite, which is not read; convert it with rosbags-convert --src BAG --dst FOLDER "
+                "--dst-storage mcap (from pip install rosbags)")
+    return "it is not an MCAP file, or its start is damaged"
 
 
 def decoded(opcode: int, body: bytes) -> Any:
@@ -166,7 +221,7 @@ def unpack_chunk(body: bytes, expansion: Expansion) -> bytes:
     unpacked, checksum = chunk.uncompressed_size, chunk.uncompressed_crc
     if unpacked > LARGEST_CHUNK:
         raise DamagedChunk(f"it claims {unpacked} bytes; at most {LARGEST_CHUNK} are accepted")
-    expansion.take(unpacked)
+    expansion.take(unpacked, used=False)
     try:
         data = _unpack(chunk.compression, chunk.data, unpacked)
     except (zstandard.ZstdError, RuntimeError, MemoryError, EOFError) as error:
@@ -204,6 +259,22 @@ class Messages(NamedTuple):
     """Opcode, offset and length of the bodies of all other records (schemas, channels)."""
 
 
+def indexed(indexes: Iterable[bytes]) -> dict[int, int]:
+    """Return the number of messages in a chunk by channel, according to its index records."""
+    found: dict[int, int] = {}
+    for body in indexes:
+        if len(body) >= 6:
+            channel = _CHANNEL.unpack_from(body)[0]
+            found[channel] = found.get(channel, 0) + len(_entries(body)) // 2
+    return found
+
+
+def _entries(body: bytes) -> NDArray[np.uint64]:
+    """Return the entries of an index record, times and offsets in turn; none if its lengths disagree."""
+    size = struct.unpack_from("<I", body, 2)[0] if len(body) >= 6 else 0
+    return np.frombuffer(body[6:6 + size] if size % 16 == 0 and size <= len(body) - 6 else b"", dtype="<u8")
+
+
 def find_messages(data: bytes, indexes: list[bytes]) -> Messages:
     """Find the messages by the chunk's index records if they cover the chunk without a gap, else record by record.
 
@@ -212,10 +283,9 @@ def find_messages(data: bytes, indexes: list[bytes]) -> Messages:
     DamagedChunk
         The lengths of the records do not add up to the chunk.
     """
-    starts = [np.frombuffer(body, dtype="<u8", offset=6)[1::2] for body in indexes
-              if len(body) >= 22 and (len(body) - 6) % 16 == 0]
-    if starts:
-        found = _tiled(data, np.sort(np.concatenate(starts)))
+    starts = np.concatenate([np.empty(0, np.uint64), *(_entries(body)[1::2] for body in indexes)])
+    if len(starts):
+        found = _tiled(data, np.sort(starts))
         if found is not None:
             return found
     rows = array("q")
@@ -228,14 +298,14 @@ def find_messages(data: bytes, indexes: list[bytes]) -> Messages:
 def _walk(data: bytes, start: int, end: int, rows: array[int], others: list[tuple[int, int, int]]) -> None:
     """Walk through the records from `start` to exactly `end`; append offset, length and channel of each message."""
     position = start
-    unpack, message_head = _RECORD.unpack_from, struct.Struct("<H").unpack_from
+    unpack, message_head = _RECORD.unpack_from, _CHANNEL.unpack_from
     while position < end:
         if position + _RECORD.size > end:
             raise DamagedChunk("its records do not fit into it")
         opcode, length = unpack(data, position)
         body = position + _RECORD.size
         position = body + length
-        if position > end or (opcode == Opcode.MESSAGE and length < 22):
+        if position > end or (opcode == Opcode.MESSAGE and length < MESSAGE_HEAD):
             raise DamagedChunk("its records do not fit into it")
         if opcode == Opcode.MESSAGE:
             rows.extend((body, length, message_head(data, body)[0]))
@@ -251,7 +321,7 @@ def _tiled(data: bytes, starts: NDArray[np.uint64]) -> Messages | None:
     if size < 31 or int(starts[-1]) > size - 31:
         return None
     offset = starts.astype(np.int64)
-    heads = sliding_window_view(np.frombuffer(data, dtype=np.uint8), 11)[offset].view(_MESSAGE_HEAD)[:, 0]
+    heads = sliding_window_view(np.frombuffer(data, dtype=np.uint8), 11)[offset].view(_HEAD)[:, 0]
     if not ((heads["opcode"] == Opcode.MESSAGE) & (heads["length"] >= 22) & (heads["length"] <= size)).all():
         return None
     length = heads["length"].astype(np.int64)
@@ -267,3 +337,45 @@ def _tiled(data: bytes, starts: NDArray[np.uint64]) -> Messages | None:
     except DamagedChunk:
         return None
     return None if rows else Messages(offset + _RECORD.size, length, heads["channel"], others)
+
+
+def plain(data: bytes, messages: Messages, which: NDArray[np.bool_], expansion: Expansion) -> tuple[bytes, Messages]:
+    """Return the chosen messages of a chunk, each unpacked if it was compressed by itself (as rosbag2 does in the
+    compression mode message).
+
+    Raises
+    ------
+    DamagedChunk
+        A message does not unpack, or is too large.
+    """
+    parts: list[bytes] = []
+    unpacker = zstandard.ZstdDecompressor()
+    for offset, length in zip(messages.offset[which].tolist(), messages.length[which].tolist()):
+        content = data[offset + MESSAGE_HEAD:offset + length]
+        if content.startswith(ZSTD):
+            size = zstandard.frame_content_size(content)
+            if not 0 <= size <= LARGEST_CHUNK:
+                raise DamagedChunk("a compressed message in it does not give its size, or one above "
+                                   f"{LARGEST_CHUNK} bytes")
+            expansion.take(size, used=False)
+            try:
+                content = unpacker.decompress(content, max_output_size=size) if size else b""
+            except zstandard.ZstdError as error:
+                raise DamagedChunk(f"a compressed message in it does not unpack ({error})") from None
+        parts.append(data[offset:offset + MESSAGE_HEAD] + content)
+    return joined(parts, messages.channel[which])
+
+
+def joined(bodies: list[bytes], channels: NDArray[np.uint16]) -> tuple[bytes, Messages]:
+    """Return messages behind one another, with their positions."""
+    length = np.array([len(body) for body in bodies], dtype=np.int64)
+    return b"".join(bodies), Messages(np.cumsum(length) - length, length, channels, [])
+
+
+def starts_with(data: NDArray[np.uint8], offset: NDArray[np.int64], length: NDArray[np.int64],
+                start: bytes) -> NDArray[np.bool_]:
+    """Return which of these messages start with some bytes."""
+    found = length >= MESSAGE_HEAD + len(start)
+    inside = offset[found] + MESSAGE_HEAD
+    found[found] = (sliding_window_view(data, len(start))[inside] == np.frombuffer(start, np.uint8)).all(axis=1)
+    return found

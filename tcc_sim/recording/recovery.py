@@ -54,7 +54,7 @@ def recover(run: Run, directory: Path) -> Recovery:
     """
     copy = _Copy(run, directory)
     try:
-        run.read(copy)
+        run.tapped(copy)
         if copy.bag is None:
             reason = f" ({run.warnings[0]})" if run.warnings else ""
             raise RecordingError(f"{run.paths[0]}: nothing in it can be recovered{reason}")
@@ -81,7 +81,7 @@ class _Copy:
         self.known: dict[tuple[str, str, str], int] = {}
         self._profiles: dict[str, list[dict[str, Any]]] = {}
         self._parsed = 0
-        self._scenes = run.scenes
+        self._scenes = run.recorded_scenes
         self._directory = directory
 
     def __call__(self, data: bytes, messages: Messages, channels: Mapping[int, Channel]) -> None:

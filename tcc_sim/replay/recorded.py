@@ -16,6 +16,7 @@ from tcc_sim.analysis.control import Control
 from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.errors import counted, require
 from tcc_sim.recording.commands import TARGET
+from tcc_sim.recording.drivelines import Driveline
 from tcc_sim.recording.reader import TooManyStates, open_run
 from tcc_sim.recording.window import Window
 from tcc_sim.replay.control import signals_of
@@ -76,6 +77,9 @@ class Recording(Result):
     path : bag directory or .mcap file, complete or cut short
     scene : name or file of the scene, for a recording without one
     joints : names of flywheel and clutch_plate in the recording, if they differ
+    topic : topic of the joint_states to read, if there are several
+    driveline : number of the driveline to read, counted from 0; None for one with a scene, on the shortest topic, and
+        the latest to start on it
 
     Raises
     ------
@@ -93,9 +97,10 @@ class Recording(Result):
     [0.5, 1.0]
     """
 
-    def __init__(self, path: Path | str, scene: str | None = None, joints: Mapping[str, str] | None = None) -> None:
+    def __init__(self, path: Path | str, scene: str | None = None, joints: Mapping[str, str] | None = None,
+                 topic: str | None = None, driveline: int | None = None) -> None:
         self.path = Path(path)
-        self.file = open_run(path, joints=joints)
+        self.file = open_run(path, joints, topic, driveline)
         self.scene = recorded_scene(self.file, scene)
         self._line: Timeline | None = None
 
@@ -110,6 +115,11 @@ class Recording(Result):
     def _repr_html_(self) -> str:
         names = [item.name for item in fields(RecordedRun)]
         return f"<p>{escape(repr(self))}</p>{html_of({name: [getattr(r, name) for r in self.runs] for name in names})}"
+
+    @property
+    def drivelines(self) -> tuple[Driveline, ...]:
+        """Drivelines of the recording, and other nodes with joint states; `read` marks the one that is read."""
+        return tuple(self.file.drivelines)
 
     @property
     def complete(self) -> bool:
@@ -228,7 +238,8 @@ class Recording(Result):
         return timing_of(self.scene, None, line.runs, frequency_changes(self.file))
 
 
-def read(path: Path | str, scene: str | None = None, joints: Mapping[str, str] | None = None) -> Recording:
+def read(path: Path | str, scene: str | None = None, joints: Mapping[str, str] | None = None,
+         topic: str | None = None, driveline: int | None = None) -> Recording:
     """Return a recording as data (see `Recording`).
 
     Examples
@@ -237,4 +248,4 @@ def read(path: Path | str, scene: str | None = None, joints: Mapping[str, str] |
     >>> tcc_sim.read(folder / "read.mcap").runs[0].began_by
     'start'
     """
-    return Recording(path, scene, joints)
+    return Recording(path, scene, joints, topic, driveline)

@@ -45,7 +45,7 @@ TAIL_SAMPLES = 200_000
 def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool = False, connect: str | None = None,
            discard: int | None = None, frequency: float | None = None, scene: str | None = None, verify: bool = False,
            damping: bool = False, window: Window | None = None, joints: Mapping[str, str] | None = None,
-           progress: bool = False) -> Replay:
+           topic: str | None = None, driveline: int | None = None, progress: bool = False) -> Replay:
     """Analyse a recording and optionally send it to Rerun.
 
     Parameters
@@ -60,7 +60,7 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
     verify : whether to solve the whole recording again from its own data
     damping : whether to compute the equivalent damping (21) of the last cycles
     window : a run and a part of its time; None for the whole recording
-    joints : names of flywheel and clutch_plate in the recording, if they differ
+    joints, topic, driveline : see `replay.recorded.Recording`
     progress : whether to show a progress bar on a terminal or in a notebook; elsewhere a line a minute
 
     Raises
@@ -80,7 +80,7 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
     'slip'
     """
     began = time.perf_counter()
-    recording = path if isinstance(path, Recording) else Recording(path, scene, joints)
+    recording = path if isinstance(path, Recording) else Recording(path, scene, joints, topic, driveline)
     run, own, part = recording.file, recording.scene, window or Window()
     if damping:
         _check_damping(own)
@@ -115,7 +115,7 @@ def draw_again(path: Path, values: Record, title: str, width: float) -> Path:
     from tcc_sim.views.stored import arguments_in, spectrum_in
 
     given = arguments_in(vars(values))
-    recording = Recording(given.recording, given.scene, given.joints)
+    recording = Recording(given.recording, given.scene, given.joints, given.topic, given.driveline)
     found: Any = replay(recording, discard=given.discard, frequency=given.frequency,
                         window=Window(given.run, given.start, given.end))
     found = replace(found, spectrum=spectrum_in(vars(values)))
@@ -194,7 +194,8 @@ def _analysed(recording: Recording, line: Timeline, timing: Timing, discard: int
         path=recording.path, scene=scene, summary=summary,
         trajectory=trajectory_of(_end_of(states, clock.cycle), system, clock, run.solver), cycles=cycles,
         first_cycle=first, timing=timing, continuity=run.stamps, messages=run.stamps.messages,
-        lost_messages=run.lost_messages, complete=run.complete, warnings=tuple(warnings), pace=pace,
+        drivelines=tuple(run.drivelines), lost_messages=run.lost_messages, complete=run.complete,
+        warnings=tuple(warnings), pace=pace,
         control=signals_of(line, states, clock, stream.continuity.tick).control(clock.cycle), run=shown,
         segments=segments, damping=damping_of_cycles(system, kept, begin, summary.period) if damping else None)
 

@@ -45,14 +45,20 @@ def test_a_restart_is_known_by_its_publisher_though_its_stamps_are_later(tmp_pat
     assert sum(len(b) for b in batches if b.run == 1) == 240
 
 
-def test_the_one_that_took_over_is_read_and_the_other_left_out_with_a_sentence(tmp_path):
+def test_of_two_at_once_the_latest_to_start_is_read_whole_and_the_other_on_request(tmp_path):
     path = two(tmp_path, "a" * 100 + "ab" * 100 + "b" * 150)
-    run = open_run(path)
-    kept = np.concatenate([batch.stamp_ns for batch in run.states()])
-    assert kept.tolist() == [n * TICK for n in range(101)] + [n * TICK for n in range(250)]
-    assert any("99 messages of /joint_states left out" in sentence and "drivelines published at once" in sentence
-               for sentence in run.warnings)
-    assert replay(path, discard=0).continuity.restarts == 1
+    for number, who, states in ((None, "b", 250), (1, "b", 250), (0, "a", 200)):
+        run = open_run(path, driveline=number)
+        kept = np.concatenate([batch.stamp_ns for batch in run.states()])
+        assert kept.tolist() == [n * TICK for n in range(states)]
+        assert (run.driveline.publisher, run.driveline.states) == (who, states)
+        assert [one.read for one in run.drivelines] == [who == "a", who == "b"]
+        other = 200 if who == "b" else 250
+        assert any(f"not read: /joint_states of publisher {'ab'[who == 'a']}: {other} states" in sentence
+                   for sentence in run.warnings)
+        found = replay(path, discard=0, driveline=number)
+        assert (found.continuity.restarts, found.messages) == (0, states)
+        assert found.as_json()["drivelines"][number or 0]["topic"] == "/joint_states"
 
 
 def test_where_nothing_tells_them_apart_they_are_refused(tmp_path):

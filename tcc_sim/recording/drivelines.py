@@ -1,0 +1,272 @@
+"""Drivelines of a recording: groups of joint_states by topic, publisher and joints, and the scene of each."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from tcc_sim.errors import InputError, RecordingError, counted, one_line
+from tcc_sim.messages import cdr
+from tcc_sim.parameter_file import LARGEST_FILE, description_in
+from tcc_sim.recording.announcements import MOST_SCENES, SceneRecord
+from tcc_sim.recording.contents import Batch, Channel
+from tcc_sim.recording.layouts import HEAD, Layouts
+from tcc_sim.recording.records import MESSAGE_HEAD
+from tcc_sim.result import reported
+from tcc_sim.topics import JOINT_NAMES, JOINT_STATE, OUTPUT_JOINT, STRING
+
+_MOST_NAMED = 20
+_PARTICIPANT = 24
+"""Hexadecimal digits of a publisher's identifier that it shares with all publishers of its process (RTPS)."""
+_SCENE, _SCENE_KEY = "scene", "ros__parameters"
+
+
+class Choice(NamedTuple):
+    """Options that select a driveline of a recording.
+
+    joints : names of flywheel and clutch_plate, if they differ
+    topic : topic of its joint_states; None for any
+    driveline : its number in the list of drivelines, counted from 0; None for the rule of `Inventory.chosen`
+    """
+
+    joints: Mapping[str, str] | None = None
+    topic: str | None = None
+    driveline: int | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of flywheel and clutch plate."""
+        return tuple((self.joints or {}).get(name, name) for name in JOINT_NAMES)
+
+
+@dataclass(frozen=True)
+class Driveline:
+    """Joint states of one sender: a driveline with its restarts, or another node.
+
+    publishers : identifiers of its publishers in the middleware, in the order of their first messages
+    scenes : its scenes
+    able : whether it has the joints flywheel and clutch plate
+    """
+
+    topic: str = field(metadata=reported("topic of its joint_states"))
+    publisher: str = field(metadata=reported(
+        "identifier of its latest publisher in the middleware; empty if it was not recorded"))
+    joints: tuple[str, ...] = field(metadata=reported("names of its joints"))
+    scene: str | None = field(metadata=reported("description of its first scene; null without a scene"))
+    states: int = field(metadata=reported("number of its joint_states"))
+    start: float = field(metadata=reported("stamp of its first state", "s"))
+    end: float = field(metadata=reported("stamp of its last state", "s"))
+    read: bool = field(metadata=reported("whether it was analysed"))
+    publishers: tuple[str, ...] = ()
+    scenes: tuple[SceneRecord, ...] = ()
+    able: bool = True
+
+    def sentence(self) -> str:
+        """Return the driveline in words."""
+        what = f"joints {', '.join(self.joints[:_MOST_NAMED])}" if not self.able else self.scene or "no scene"
+        who = f" of publisher {self.publisher}" if self.publisher else ""
+        return one_line(f"{self.topic}{who}: {counted(self.states, 'state')} from {self.start:g} to {self.end:g} s, "
+                        f"{what}")
+
+
+@dataclass
+class _Sent:
+    """Messages of one publisher with the same joints.
+
+    place : numbers of the first and the last message in the order of reading
+    log_ns, sent_ns : first and last times of receipt and of sending
+    stamps : first and last stamp, ns
+    """
+
+    topic: str
+    publisher: str
+    able: bool
+    names: Counter[tuple[str, ...]] = field(default_factory=Counter)
+    place: tuple[int, int] = (0, 0)
+    log_ns: tuple[int, int] = (0, 0)
+    sent_ns: tuple[int, int] = (0, 0)
+    stamps: tuple[int, int] = (0, 0)
+
+    def follows(self, other: _Sent) -> bool:
+        """Return whether it began when the other had ended, in the file or by one of the clocks."""
+        return any(getattr(self, what)[0] > getattr(other, what)[1] for what in ("place", "log_ns", "sent_ns"))
+
+
+class _Announced(NamedTuple):
+    """A scene on a topic."""
+
+    space: str
+    publisher: str
+    record: SceneRecord
+
+
+class Inventory:
+    """Collector of everything in a recording that tells its drivelines apart, chunk by chunk.
+
+    Parameters
+    ----------
+    joints : names of flywheel and clutch plate
+    """
+
+    def __init__(self, joints: Sequence[str]) -> None:
+        self._joints = joints
+        self._layouts: dict[tuple[str, str], Layouts] = {}
+        self._sent: dict[tuple[str, str, tuple[str, ...]], _Sent] = {}
+        self._scenes: dict[_Announced, None] = {}
+        self._place = 0
+
+    @staticmethod
+    def wants(channel: Channel) -> bool:
+        """Return whether messages of a channel are read."""
+        return channel.type == JOINT_STATE or (channel.type == STRING
+                                               and channel.topic.rpartition("/")[2] == _SCENE)
+
+    def take(self, batch: Batch, channels: Mapping[int, Channel]) -> None:
+        """Take one chunk."""
+        array = np.frombuffer(batch.data, dtype=np.uint8)
+        for number in np.flatnonzero(np.bincount(batch.messages.channel)).tolist():
+            channel = channels.get(number)
+            if channel is None or not self.wants(channel):
+                continue
+            if channel.type == STRING:
+                self._announced(batch, number, channel)
+                continue
+            layouts = self._layouts.setdefault((channel.topic, channel.publisher), Layouts(JOINT_STATE))
+            for names, rows, heads, stamps in layouts.groups(array, batch.messages, [number]):
+                if names == (OUTPUT_JOINT,):
+                    continue
+                able = set(self._joints) <= set(names)
+                key = channel.topic, channel.publisher, tuple(self._joints) if able else tuple(sorted(names))
+                new = key not in self._sent
+                found = self._sent.setdefault(key, _Sent(channel.topic, channel.publisher, able))
+                found.names[names] += len(rows)
+                order = [(self._place + rows), *(heads[name] for name in ("log_ns", "sent_ns"))]
+                for what, values in zip(("place", "log_ns", "sent_ns"), order):
+                    low, high = int(values.min()), int(values.max())
+                    before = (low, high) if new else getattr(found, what)
+                    setattr(found, what, (min(low, before[0]), max(high, before[1])))
+                found.stamps = (int(stamps[0]) if new else found.stamps[0], int(stamps[-1]))
+        self._place += len(batch.messages.channel)
+
+    def _announced(self, batch: Batch, number: int, channel: Channel) -> None:
+        """Take the scenes on a channel."""
+        mine = batch.messages.channel == number
+        for offset, length in zip(batch.messages.offset[mine].tolist(), batch.messages.length[mine].tolist()):
+            if length > LARGEST_FILE * 4 or len(self._scenes) >= MOST_SCENES:
+                continue
+            head = np.frombuffer(batch.data, HEAD, 1, offset)[0]
+            try:
+                text = cdr.read_string(batch.data[offset + MESSAGE_HEAD:offset + length])
+            except ValueError:
+                continue
+            if _SCENE_KEY in text and len(text) <= LARGEST_FILE:
+                when = int(head["sent_ns"]) or int(head["log_ns"])
+                space = channel.topic.rpartition("/")[0]
+                self._scenes.setdefault(_Announced(space, channel.publisher, SceneRecord(text, "", when)))
+
+    def drivelines(self, recorded: Sequence[SceneRecord], choice: Choice) -> list[Driveline]:
+        """Return the drivelines, those that can be read first, with the chosen one marked.
+
+        Parameters
+        ----------
+        recorded : scenes in metadata records
+
+        Raises
+        ------
+        InputError
+            The choice does not exist or does not have the joints.
+        """
+        found = [self._driveline(chain, recorded) for chain in self._chains()]
+        found.sort(key=lambda one: (not one.able, len(one.topic), one.topic))
+        number = self.chosen(found, choice)
+        return [replace(one, read=place == number) for place, one in enumerate(found)]
+
+    def _chains(self) -> list[list[_Sent]]:
+        """Return the senders, in the order in which they began; each of those that follow one another on a topic with
+        the same joints is a restart of the one before.
+        """
+        chains: list[list[_Sent]] = []
+        for one in sorted(self._sent.values(), key=lambda sent: (sent.log_ns[0], sent.place)):
+            before = next((chain for chain in reversed(chains) if chain[-1].topic == one.topic and chain[-1].able
+                           and one.able and one.follows(chain[-1])), None)
+            if before is None:
+                chains.append([one])
+            else:
+                before.append(one)
+        return chains
+
+    def _driveline(self, chain: Sequence[_Sent], recorded: Sequence[SceneRecord]) -> Driveline:
+        """Return the driveline of a chain of publishers."""
+        topic, publishers = chain[0].topic, tuple(one.publisher for one in chain)
+        names = sum((one.names for one in chain), Counter[tuple[str, ...]]())
+        scenes = self._scenes_of(topic.rpartition("/")[0], publishers, recorded) if chain[0].able else ()
+        return Driveline(topic, publishers[-1], names.most_common(1)[0][0],
+                         (description_in(scenes[0].text) or "scene without a description") if scenes else None,
+                         sum(names.values()), chain[0].stamps[0] * 1e-9, chain[-1].stamps[1] * 1e-9, False, publishers,
+                         scenes, chain[0].able)
+
+    def _scenes_of(self, space: str, publishers: Sequence[str],
+                   recorded: Sequence[SceneRecord]) -> tuple[SceneRecord, ...]:
+        """Return the scenes of a driveline: in metadata records, and on the topic of its namespace by its process.
+
+        A metadata record has no publisher; one whose scene only other drivelines announced on a topic is theirs.
+        """
+        here = [one for one in self._scenes if one.space == space]
+        own = [one for one in here if same_process(one.publisher, publishers)] or here
+        texts = {one.record.text for one in own}
+        others = {one.record.text for one in self._scenes} - texts
+        found = {(record.text, record.log_ns): record for record in recorded if record.text not in others}
+        known = {record.text for record in found.values()}
+        more = {(one.record.text, one.record.log_ns): one.record for one in own if one.record.text not in known}
+        every = [*found.values(), *more.values()]
+        return tuple(sorted(every, key=lambda record: record.log_ns) if more else every)
+
+    def chosen(self, found: Sequence[Driveline], choice: Choice) -> int | None:
+        """Return the number of the driveline to read, or None if no driveline has the joints.
+
+        The rule: one with a scene before one without; then the shortest topic, alphabetically; then the latest to
+        start.
+        """
+        topic = None if choice.topic is None else "/" + choice.topic.removeprefix("/")
+        if choice.driveline is not None:
+            number = choice.driveline
+            if not 0 <= number < len(found):
+                raise InputError(f"driveline is {number}; the recording holds {counted(len(found), 'driveline')}, "
+                                 "counted from 0")
+            if topic is not None and found[number].topic != topic:
+                raise InputError(f"driveline {number} is on {found[number].topic}, not on {topic}")
+            _check_joints([found[number]], self._joints)
+            return number
+        on = [one for one in found if topic in (None, one.topic)]
+        if topic is not None and not on:
+            there = ", ".join(dict.fromkeys(one.topic for one in found)) or "none"
+            raise InputError(f"no joint_states were recorded on {topic}; the topics with joint_states are {there}")
+        able = [number for number, one in enumerate(found) if one in on and one.able]
+        if topic is not None and not able:
+            _check_joints(on, self._joints)
+        return min(able, key=lambda number: (not found[number].scenes, len(found[number].topic), found[number].topic,
+                                             -number), default=None)
+
+
+def _check_joints(found: Sequence[Driveline], joints: Sequence[str]) -> None:
+    """Raise RecordingError if no driveline has these joints."""
+    if not any(one.able for one in found):
+        raise RecordingError(joints_sentence(found))
+
+
+def joints_sentence(found: Iterable[Driveline]) -> str:
+    """Return the sentence that asks for the names of the joints."""
+    several = [(one.topic, ", ".join(one.joints[:_MOST_NAMED]) or "without names") for one in found][:_MOST_NAMED]
+    what = (f"its joints are {several[0][1]}" if len(several) == 1 else
+            f"joints are {'; '.join(f'{names} on {topic}' for topic, names in several)}")
+    return one_line(f"{what}; say which of them are flywheel and clutch plate: "
+                    "--joints flywheel=NAME,clutch_plate=NAME")
+
+
+def same_process(publisher: str, publishers: Iterable[str]) -> bool:
+    """Return whether a publisher belongs to the process of one of others; true if it is unknown."""
+    return not publisher or any(not one or one[:_PARTICIPANT] == publisher[:_PARTICIPANT] for one in publishers)

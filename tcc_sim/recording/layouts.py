@@ -1,0 +1,152 @@
+"""Messages of one type in all their layouts, such as other frames, further joints, and arrays without values."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from tcc_sim.messages import cdr
+from tcc_sim.recording.records import MESSAGE_HEAD, Messages
+from tcc_sim.topics import FLUID_PRESSURE, JOINT_STATE
+
+MOST_LAYOUTS = 100
+"""Largest number of layouts of the messages of a topic; messages of further layouts are left out."""
+HEAD = np.dtype([("channel", "<u2"), ("number", "<u4"), ("log_ns", "<i8"), ("sent_ns", "<i8")])
+"""Fields in front of a message's bytes: channel, publisher's sequence number, times of receipt and sending (ns)."""
+Floats = NDArray[np.float64]
+Positions = NDArray[np.int64]
+
+
+class Values(NamedTuple):
+    """Messages of a chunk that hold the wanted values, in their order.
+
+    rows : (n,) index of each message in the chunk
+    heads : (n,) array of HEAD
+    stamps : (n,) stamps, ns
+    columns : (n,) values by field, NaN where a message has none
+    """
+
+    rows: Positions
+    heads: NDArray[np.void]
+    stamps: NDArray[np.int64]
+    columns: dict[str, Floats]
+
+
+class Group(NamedTuple):
+    """Messages of one layout in a chunk: its joints, and index, HEAD and stamp (ns) of each message."""
+
+    names: tuple[str, ...]
+    rows: Positions
+    heads: NDArray[np.void]
+    stamps: NDArray[np.int64]
+
+
+@dataclass
+class Layouts:
+    """Layouts of the messages of one type that were met so far.
+
+    type : message type, JointState or FluidPressure
+    joints : names of the joints whose values are wanted
+    fields : names of the values
+    other : numbers of messages without these joints, by the names of their joints
+    refused : number of messages that could not be decoded
+    """
+
+    type: str
+    joints: Sequence[str] = ()
+    fields: Sequence[str] = ()
+    other: dict[tuple[str, ...], int] = field(default_factory=dict)
+    refused: int = 0
+    _known: list[tuple[tuple[str, ...], cdr.Layout]] = field(default_factory=list)
+
+    def groups(self, data: NDArray[np.uint8], messages: Messages, channels: Sequence[int]) -> list[Group]:
+        """Return the messages of these channels by their layouts."""
+        return [Group(names, rows, heads, cdr.stamps(found)) for names, rows, heads, found in
+                self._sorted(data, messages, channels)]
+
+    def take(self, data: NDArray[np.uint8], messages: Messages, channels: Sequence[int]) -> Values:
+        """Return the messages of these channels that hold the wanted values."""
+        found: list[tuple[Positions, NDArray[np.void], NDArray[np.void]]] = []
+        for names, rows, heads, values in self._sorted(data, messages, channels):
+            if set(self.joints) <= set(names):
+                found.append((rows, heads, values))
+            else:
+                self.other[names] = self.other.get(names, 0) + len(rows)
+        if not found:
+            return Values(np.empty(0, np.int64), np.empty(0, HEAD), np.empty(0, np.int64),
+                          {name: np.empty(0) for name in self.fields})
+        rows = np.concatenate([one[0] for one in found])
+        order = np.argsort(rows) if len(found) > 1 else slice(None)
+        columns: dict[str, Any] = {}
+        for name in self.fields:
+            columns[name] = np.concatenate([
+                values[name].astype(np.float64) if name in (values.dtype.names or ()) else np.full(len(values), np.nan)
+                for _, _, values in found])[order]
+        return Values(rows[order], np.concatenate([one[1] for one in found])[order],
+                      np.concatenate([cdr.stamps(one[2]) for one in found])[order], columns)
+
+    def _sorted(self, data: NDArray[np.uint8], messages: Messages, channels: Sequence[int]
+                ) -> list[tuple[tuple[str, ...], Positions, NDArray[np.void], NDArray[np.void]]]:
+        """Return joints, indices, HEADs and values of the messages of each layout."""
+        left: Positions = np.flatnonzero(np.isin(messages.channel, channels))
+        found: list[tuple[tuple[str, ...], Positions, NDArray[np.void], NDArray[np.void]]] = []
+        for names, layout in self._known:
+            left = self._of(data, messages, left, names, layout, found)
+        while len(left):
+            names_of = self._new(data[messages.offset[left[0]] + MESSAGE_HEAD:][:int(messages.length[left[0]])
+                                                                                 - MESSAGE_HEAD].tobytes())
+            before = len(left)
+            if names_of is not None:
+                left = self._of(data, messages, left, *names_of, found)
+            if len(left) == before:  # It cannot be decoded; nor can those of the same length and start.
+                self.refused += 1
+                left = left[1:]
+        return found
+
+    def _new(self, data: bytes) -> tuple[tuple[str, ...], cdr.Layout] | None:
+        """Return the layout of a message and keep it; None if there is none, or there are too many."""
+        if len(self._known) >= MOST_LAYOUTS:
+            return None
+        try:
+            if self.type == FLUID_PRESSURE:
+                made: tuple[tuple[str, ...], cdr.Layout] = (), cdr.fluid_pressure_layout(
+                    cdr.read_frame(data, FLUID_PRESSURE))
+            elif self.type == JOINT_STATE:
+                shape = cdr.read_joints(data)
+                wanted = set(self.joints) <= set(shape.names)
+                made = shape.names, cdr.joint_state_layout(
+                    shape.names, self.joints if wanted else (), shape.frame_id, self.fields if wanted else (),
+                    shape.counts)
+            else:
+                return None
+        except (ValueError, UnicodeError):
+            return None
+        self._known.append(made)
+        return made
+
+    def _of(self, data: NDArray[np.uint8], messages: Messages, left: Positions, names: tuple[str, ...],
+            layout: cdr.Layout, found: list[tuple[tuple[str, ...], Positions, NDArray[np.void], NDArray[np.void]]]
+            ) -> Positions:
+        """Add the messages of one layout to `found`; return the indices of the others."""
+        expected = layout.example
+        mine = messages.length[left] == MESSAGE_HEAD + len(expected)
+        if not mine.any():
+            return left
+        offset = messages.offset[left[mine]]
+        rows = sliding_window_view(data, len(expected))[offset + MESSAGE_HEAD]
+        mask = np.where(layout.fixed, np.uint8(0xFF), np.uint8(0))
+        if len(expected) % 4 == 0:
+            wrong = ((rows.view("<u4") ^ expected.view("<u4")) & mask.view("<u4")).any(axis=1)
+        else:
+            wrong = ((rows ^ expected) & mask).any(axis=1)
+        mine[mine] = ~wrong
+        if mine.any():
+            heads = sliding_window_view(data, HEAD.itemsize)[offset[~wrong]].view(HEAD)[:, 0]
+            found.append((names, left[mine], heads, np.ascontiguousarray(rows[~wrong]).view(layout.record)[:, 0]))
+        rest: Positions = left[~mine]
+        return rest
