@@ -6,11 +6,19 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from tcc_sim.cli.arguments import add_outputs, add_spectrum, check_outputs, document_of, plot_result, present
+from tcc_sim.cli.arguments import (
+    add_driveline,
+    add_outputs,
+    add_spectrum,
+    check_outputs,
+    document_of,
+    plot_result,
+    present,
+    recording_of,
+)
 from tcc_sim.errors import InputError, counted, require
 from tcc_sim.output.terminal import say
 from tcc_sim.shown_units import show_in
-from tcc_sim.topics import JOINT_NAMES
 
 DEFAULT_SCENE = "fig02"
 """Copy of the default in `scene`, which need not be imported for it."""
@@ -24,8 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                            "--orders and --spectrum")
     recording.add_argument("--scene", metavar="SCENE", help="name or file, for a recording without a scene, and for "
                            f"the shaft and the order of a table (default {DEFAULT_SCENE})")
-    recording.add_argument("--joints", metavar="flywheel=NAME,clutch_plate=NAME", type=joint_names,
-                           help="names of the two joints in a recording of another program")
+    add_driveline(recording)
     recording.add_argument("--frequency", metavar="RAD_PER_S", type=float,
                            help="frequency of the engine torque (default: the scene's; for a torque from a topic, "
                            "estimated from the recording)")
@@ -54,20 +61,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_outputs(parser, "the figures", "the samples of the analysed run as .csv or .npz, with units and scene")
 
 
-def joint_names(text: str) -> dict[str, str]:
-    """Return the names of the joints in `flywheel=NAME,clutch_plate=NAME`."""
-    found = dict(part.partition("=")[::2] for part in text.split(","))
-    if not all(found.values()) or not set(found) <= set(JOINT_NAMES):
-        raise argparse.ArgumentTypeError(f"{text!r} must be flywheel=NAME,clutch_plate=NAME")
-    return found
-
-
 def run(arguments: argparse.Namespace) -> int:
     """Check the outputs, analyse the recording, write the files, and print the figures."""
     from tcc_sim.output.samples import write_samples
     from tcc_sim.output.tables import order_lines, spectrum_lines
     from tcc_sim.recording.window import Window
-    from tcc_sim.replay.recorded import read
     from tcc_sim.replay.replay import replay
 
     if arguments.recording.suffix == ".csv":
@@ -76,7 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_outputs(arguments, (".csv", ".npz"), arguments.rrd)
     if arguments.rrd is not None or arguments.spawn or arguments.connect is not None:
         require("rerun", "Rerun")
-    recording = read(arguments.recording, arguments.scene, arguments.joints)
+    recording = recording_of(arguments, arguments.recording, arguments.scene)
     show_in(order=recording.scene.system.engine.order)
     if arguments.layout:
         from tcc_sim.views.recording_layout import write_layout
@@ -123,7 +121,8 @@ def _table(arguments: argparse.Namespace) -> int:
     from tcc_sim.replay.measured import analyse_table
     from tcc_sim.scene import load_scene
 
-    others = ("rrd", "spawn", "connect", "out", "discard", "frequency", "damping", "verify", "run", "joints")
+    others = ("rrd", "spawn", "connect", "out", "discard", "frequency", "damping", "verify", "run", "joints",
+              "topic", "driveline")
     given = [f"--{name}" for name in others if getattr(arguments, name) not in (None, False)]
     if given:
         raise InputError(f"{', '.join(given)}: only for recordings; a table takes --orders, --spectrum, --from, --to, "

@@ -14,9 +14,11 @@ from tcc_sim.errors import InputError, check_folder, check_suffix, printable, re
 from tcc_sim.output.files import STANDARD_OUTPUT, check_name, draft, replaceable, write_json
 from tcc_sim.output.terminal import say
 from tcc_sim.shown_units import UNITS, show_in
+from tcc_sim.topics import JOINT_NAMES
 
 if TYPE_CHECKING:
     from tcc_sim.model.parameters import System
+    from tcc_sim.replay.recorded import Recording
     from tcc_sim.scene import Scene
     from tcc_sim.sweeps.simulation import Plan
 
@@ -132,6 +134,43 @@ def new_file(path: Path, force: bool = False) -> Path:
         raise InputError(f"{path} exists; it is not overwritten")
     check_folder(path)
     return path
+
+
+def joint_names(text: str) -> dict[str, str]:
+    """Return the names of the joints in `flywheel=NAME,clutch_plate=NAME`."""
+    found = dict(part.partition("=")[::2] for part in text.split(","))
+    if not all(found.values()) or not set(found) <= set(JOINT_NAMES):
+        raise argparse.ArgumentTypeError(f"{text!r} must be flywheel=NAME,clutch_plate=NAME")
+    return found
+
+
+def add_driveline(group: argparse._ArgumentGroup) -> None:
+    """Add the options that select the driveline of a recording."""
+    group.add_argument("--joints", metavar="flywheel=NAME,clutch_plate=NAME", type=joint_names,
+                       help="names of the two joints in a recording of another program")
+    group.add_argument("--topic", metavar="NAME", help="topic of the joint states to read, if several were recorded")
+    group.add_argument("--driveline", metavar="N", type=int,
+                       help="number of the driveline to read, counted from 0 as in --json (default: one with a scene, "
+                       "on the shortest topic, and there the latest to start)")
+
+
+def recording_of(arguments: argparse.Namespace, path: Path, scene: str | None) -> Recording:
+    """Open a recording with the options of `add_driveline`, and with a scene in case it has none."""
+    from tcc_sim.replay.recorded import read
+
+    return read(path, scene, **driveline_of(arguments))
+
+
+def refuse_driveline(arguments: argparse.Namespace, why: str) -> None:
+    """Raise InputError if an option of `add_driveline` is given where no recording is read."""
+    given = [f"--{name}" for name, value in driveline_of(arguments).items() if value is not None]
+    if given:
+        raise InputError(f"{', '.join(given)}: only for recordings; {why}")
+
+
+def driveline_of(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the options of `add_driveline` as keywords of `read`."""
+    return {name: getattr(arguments, name) for name in ("joints", "topic", "driveline")}
 
 
 def add_scene(parser: argparse.ArgumentParser, more: str = "") -> None:

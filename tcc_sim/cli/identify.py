@@ -10,7 +10,15 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tcc_sim.cli.arguments import add_outputs, check_outputs, plot_result, present
+from tcc_sim.cli.arguments import (
+    add_driveline,
+    add_outputs,
+    check_outputs,
+    driveline_of,
+    plot_result,
+    present,
+    refuse_driveline,
+)
 from tcc_sim.errors import InputError, counted
 from tcc_sim.shown_units import speed
 
@@ -36,6 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                              help="measured input between two samples: value of the previous one, linear, smooth (lines"
                              " that keep the amplitudes of sines), or value of the next one (default: the one that "
                              "fits best)")
+    add_driveline(measurement)
     scene = parser.add_argument_group("scene")
     scene.add_argument("--scene", metavar="SCENE",
                        help="name of a bundled scene, or a file, with the keys that are not free (default: the "
@@ -75,7 +84,10 @@ def problem_of(arguments: argparse.Namespace) -> tuple[Scene, Callable[..., Iden
     from tcc_sim.estimation.identify import given, identify
     from tcc_sim.scene import load_scene, parse_assignments
 
-    measured, scene = given(arguments.measured, None if arguments.scene is None else load_scene(arguments.scene))
+    if arguments.measured.suffix == ".csv":
+        refuse_driveline(arguments, f"{arguments.measured} is a table")
+    measured, scene = given(arguments.measured, None if arguments.scene is None else load_scene(arguments.scene),
+                            **driveline_of(arguments))
     scene = scene.with_values(parse_assignments(arguments.set))
     free: dict[str, float | None] = {}
     for key, start in (_assigned("--free", word) for word in arguments.free):

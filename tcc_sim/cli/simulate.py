@@ -5,11 +5,14 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from tcc_sim.background import awaited
 from tcc_sim.cli import arguments as common
 from tcc_sim.errors import InputError, counted
+
+if TYPE_CHECKING:
+    from tcc_sim.replay.recorded import Recording
 
 Result = TypeVar("Result")
 SAMPLES, LARGEST_OUTPUT = 200, 50_000_000
@@ -28,6 +31,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="torque, pressure and speed of the shaft's far end from a recording, or from the columns "
                         "t, engine_torque, actuation_pressure and output_speed of a table; --plot draws simulation "
                         "and recording together")
+    inputs.add_argument("--scene", metavar="S", dest="recorded_scene",
+                        help="name or file of the scene of the recorded driveline, for a recording without one")
+    common.add_driveline(inputs)
     inputs.add_argument("--hold", choices=HOLDS, help="input of a table between two rows: value of the previous row, "
                         "linear, smooth (lines that keep the amplitudes of sines), or value of the next row (default: "
                         "as the table says, else previous)")
@@ -58,14 +64,19 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.sweeps.simulation import simulate
 
     scene, measured = common.scene_of(arguments, parse_profiles(arguments.profile)), None
+    if arguments.inputs is None:
+        common.refuse_driveline(arguments, "give the recording with --inputs")
     if arguments.inputs is not None:
         from tcc_sim.replay.given_inputs import driven_by
 
-        scene = driven_by(scene, arguments.inputs, arguments.hold)
+        source = inputs_of(arguments)
+        scene = driven_by(scene, source, arguments.hold)
         if arguments.orders and arguments.inputs.suffix == ".csv":
             from tcc_sim.replay.measured import at_measured_speed
 
             scene, measured = at_measured_speed(scene, arguments.inputs, arguments.pulses)
+    elif arguments.recorded_scene is not None:
+        raise InputError("--scene is for a recording without a scene; give the recording with --inputs")
     elif arguments.hold is not None:
         raise InputError("--hold is for the inputs of a table; give the table with --inputs")
     if arguments.spectrum:
@@ -88,7 +99,7 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.hold is None and (smooth := smooth_inputs(arguments.inputs)):
             lines.append(f"note: {' and '.join(smooth)} of {arguments.inputs.name} changes smoothly from row to row "
                          "but is held constant between rows; --hold smooth joins the rows")
-        twin = twin_of(arguments.inputs, found.trajectory)
+        twin = twin_of(source, found.trajectory)
         if twin is not None:
             drawn = twin
             lines.append(str(twin))
@@ -121,6 +132,15 @@ def run(arguments: argparse.Namespace) -> int:
         lines.append(f"picture in {arguments.plot}")
     common.present(arguments, scene, found, lines)
     return 0
+
+
+def inputs_of(arguments: argparse.Namespace) -> Path | Recording:
+    """Return the table or the recording of --inputs."""
+    inputs: Path = arguments.inputs
+    if inputs.suffix == ".csv":
+        common.refuse_driveline(arguments, f"{inputs} is a table")
+        return inputs
+    return common.recording_of(arguments, inputs, arguments.recorded_scene)
 
 
 def _check_samples(arguments: argparse.Namespace, cycles: float) -> None:

@@ -76,6 +76,7 @@ class Identification(Result):
 def identify(measured: Measurement | str | Path, free: Mapping[str, float | None] | Sequence[str], *,
              scene: SceneLike | None = None, noise: Mapping[str, float] | None = None, hold: str | None = None,
              likelihood: str | None = None, settings: FitSettings | None = None, gates: Gates | None = None,
+             joints: Mapping[str, str] | None = None, topic: str | None = None, driveline: int | None = None,
              progress: bool = False) -> Identification:
     """Estimate parameters of a scene from a measurement.
 
@@ -90,6 +91,7 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
     hold : one of `recording.table.HOLDS`, the course of a measured input between two samples; None takes that stated in
         the measurement, or else the one that fits best
     likelihood : key whose profile likelihood is computed
+    joints, topic, driveline : selection of a recording's driveline, see `recording.drivelines.Choice`
     progress : show iterations on a terminal or in a notebook, elsewhere a line a minute
 
     Raises
@@ -112,7 +114,8 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
     """
     began = time.perf_counter()
     settings, gates = settings or FitSettings(), gates or Gates()
-    measured, scene = given(measured, None if scene is None else as_scene(scene))
+    measured, scene = given(measured, None if scene is None else as_scene(scene), joints=joints, topic=topic,
+                            driveline=driveline)
     starts = _starts(scene, free, measured, likelihood)
     levels, begin = _noise(measured, noise), np.array(list(starts.values()))
     models = [Model(scene.system, tuple(starts), replace(measured, hold=each)) for each in _holds(measured, hold)]
@@ -162,16 +165,17 @@ def _with_estimates(scene: Scene, model: Model, best: Fit, curve: IdentifiedCurv
     return scene.with_values({**found, **({} if curve is None else curve.table())})
 
 
-def given(measured: Measurement | str | Path, scene: Scene | None = None) -> tuple[Measurement, Scene]:
+def given(measured: Measurement | str | Path, scene: Scene | None = None,
+          **driveline: Any) -> tuple[Measurement, Scene]:
     """Return the measurement in a table's file or a recording, and its scene (default: the recording's), or raise
-    InputError.
+    InputError. `driveline` selects a driveline of the recording.
     """
     if not isinstance(measured, Measurement):
         path = Path(measured)
         if path.suffix == ".csv":
             measured = read_table(path)
         else:
-            measured, own = read_recording(path)
+            measured, own = read_recording(path, scene, **driveline)
             scene = scene or own
     if scene is None:
         raise InputError("no scene is given for the table; give one (--scene)")

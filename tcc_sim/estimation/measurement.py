@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -80,8 +81,9 @@ def read_table(path: Path) -> Measurement:
                        {name: columns[name] for name in INPUTS if name in columns}, str(path))
 
 
-def read_recording(path: Path) -> tuple[Measurement, Scene]:
-    """Return the longest run of a recording, and its scene.
+def read_recording(path: Path, scene: Scene | None = None, **driveline: Any) -> tuple[Measurement, Scene]:
+    """Return the longest run of a recording, and its scene; without one, `scene`. `driveline` selects a driveline (see
+    `recording.drivelines.Choice`).
 
     Inputs from topics count as measured. A tick's state follows the inputs held during the tick, so that these move
     back by one sample.
@@ -95,14 +97,15 @@ def read_recording(path: Path) -> tuple[Measurement, Scene]:
     """
     from tcc_sim.recording.reader import open_run
 
-    recorded = open_run(path)
+    recorded = open_run(path, **driveline)
     states = max(recorded.states(), key=len)
-    if recorded.scene_text is None:
-        raise InputError(f"{path} holds no scene; give --scene and a table instead")
-    if len({scene.text for scene in recorded.scenes}) > 1:
+    if recorded.scene_text is not None:
+        scene = parse_scene(recorded.scene_text, str(path))
+    if scene is None:
+        raise InputError(f"{path} holds no scene; name the scene of the recorded driveline with --scene")
+    if len({record.text for record in recorded.scenes}) > 1:
         raise InputError(f"{path}: the scene changed while it ran; identification needs one scene")
     _check_still(path, states.output_speed)
-    scene = parse_scene(recorded.scene_text, str(path))
     applied = {"engine_torque": states.engine_torque if scene.system.engine.source == "topic" else None,
                "actuation_pressure": states.applied_pressure if scene.system.pressure.source == "topic" else None}
     inputs = {name: np.append(column[1:], column[-1]) for name, column in applied.items() if column is not None}

@@ -249,7 +249,7 @@ def unpack(stream: RecordStream, packed: Packed, contents: Contents, expansion: 
     alone = records.starts_with(np.frombuffer(data, np.uint8), messages.offset[mine], messages.length[mine],
                                 records.ZSTD)
     if alone.any():
-        data, messages = records.plain(data, messages, mine, expansion)
+        data, messages = records.uncompressed(data, messages, mine, expansion)
     return Batch(data, messages, checked, dict(zip(numbers.tolist(), counts.tolist())))
 
 

@@ -12,9 +12,9 @@ import numpy as np
 from tcc_sim.errors import InputError, RecordingError, counted, one_line
 from tcc_sim.messages import cdr
 from tcc_sim.parameter_file import LARGEST_FILE, description_in
-from tcc_sim.recording.announcements import MOST_SCENES, SceneRecord
+from tcc_sim.recording.announcements import MOST_SCENES, SceneRecord, simulation_ns, zeros_of
 from tcc_sim.recording.contents import Batch, Channel
-from tcc_sim.recording.layouts import HEAD, Layouts
+from tcc_sim.recording.layouts import HEAD, Layouts, SameLayout
 from tcc_sim.recording.records import MESSAGE_HEAD
 from tcc_sim.result import reported
 from tcc_sim.topics import JOINT_NAMES, JOINT_STATE, OUTPUT_JOINT, STRING
@@ -22,6 +22,7 @@ from tcc_sim.topics import JOINT_NAMES, JOINT_STATE, OUTPUT_JOINT, STRING
 _MOST_NAMED = 20
 _PARTICIPANT = 24
 """Hexadecimal digits of a publisher's identifier that it shares with all publishers of its process (RTPS)."""
+_TIMES = ("log_ns", "sent_ns")
 _SCENE, _SCENE_KEY = "scene", "ros__parameters"
 
 
@@ -44,7 +45,7 @@ class Choice(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Driveline:
+class RecordedDriveline:
     """Joint states of one sender: a driveline with its restarts, or another node.
 
     publishers : identifiers of its publishers in the middleware, in the order of their first messages
@@ -73,27 +74,28 @@ class Driveline:
                         f"{what}")
 
 
-@dataclass
 class _Sent:
-    """Messages of one publisher with the same joints.
+    """Messages of one publisher with the same joints, or with both of those wanted (`able`)."""
 
-    place : numbers of the first and the last message in the order of reading
-    log_ns, sent_ns : first and last times of receipt and of sending
-    stamps : first and last stamp, ns
-    """
+    def __init__(self, topic: str, publisher: str, able: bool) -> None:
+        self.topic, self.publisher, self.able = topic, publisher, able
+        self.names = Counter[tuple[str, ...]]()
+        self.place = self.log_ns = self.sent_ns = (1 << 63, -1)
+        """First and last: numbers in the order of reading, times of receipt and of sending, ns."""
+        self.stamps = (0, 0)
+        """Stamps of the first and the last message, ns."""
 
-    topic: str
-    publisher: str
-    able: bool
-    names: Counter[tuple[str, ...]] = field(default_factory=Counter)
-    place: tuple[int, int] = (0, 0)
-    log_ns: tuple[int, int] = (0, 0)
-    sent_ns: tuple[int, int] = (0, 0)
-    stamps: tuple[int, int] = (0, 0)
+    def add(self, found: SameLayout, before: int) -> None:
+        """Take messages of one chunk, which has `before` messages before it."""
+        self.stamps = self.stamps[0] if self.names else int(found.stamps[0]), int(found.stamps[-1])
+        self.names[found.names] += len(found.rows)
+        for what, values in (("place", before + found.rows), *((name, found.heads[name]) for name in _TIMES)):
+            low, high = getattr(self, what)
+            setattr(self, what, (min(low, int(values.min())), max(high, int(values.max()))))
 
     def follows(self, other: _Sent) -> bool:
         """Return whether it began when the other had ended, in the file or by one of the clocks."""
-        return any(getattr(self, what)[0] > getattr(other, what)[1] for what in ("place", "log_ns", "sent_ns"))
+        return any(getattr(self, what)[0] > getattr(other, what)[1] for what in ("place", *_TIMES))
 
 
 class _Announced(NamedTuple):
@@ -136,20 +138,12 @@ class Inventory:
                 self._announced(batch, number, channel)
                 continue
             layouts = self._layouts.setdefault((channel.topic, channel.publisher), Layouts(JOINT_STATE))
-            for names, rows, heads, stamps in layouts.groups(array, batch.messages, [number]):
-                if names == (OUTPUT_JOINT,):
+            for same in layouts.groups(array, batch.messages, [number]):
+                if same.names == (OUTPUT_JOINT,):
                     continue
-                able = set(self._joints) <= set(names)
-                key = channel.topic, channel.publisher, tuple(self._joints) if able else tuple(sorted(names))
-                new = key not in self._sent
-                found = self._sent.setdefault(key, _Sent(channel.topic, channel.publisher, able))
-                found.names[names] += len(rows)
-                order = [(self._place + rows), *(heads[name] for name in ("log_ns", "sent_ns"))]
-                for what, values in zip(("place", "log_ns", "sent_ns"), order):
-                    low, high = int(values.min()), int(values.max())
-                    before = (low, high) if new else getattr(found, what)
-                    setattr(found, what, (min(low, before[0]), max(high, before[1])))
-                found.stamps = (int(stamps[0]) if new else found.stamps[0], int(stamps[-1]))
+                able = set(self._joints) <= set(same.names)
+                key = channel.topic, channel.publisher, tuple(self._joints) if able else tuple(sorted(same.names))
+                self._sent.setdefault(key, _Sent(channel.topic, channel.publisher, able)).add(same, self._place)
         self._place += len(batch.messages.channel)
 
     def _announced(self, batch: Batch, number: int, channel: Channel) -> None:
@@ -168,7 +162,7 @@ class Inventory:
                 space = channel.topic.rpartition("/")[0]
                 self._scenes.setdefault(_Announced(space, channel.publisher, SceneRecord(text, "", when)))
 
-    def drivelines(self, recorded: Sequence[SceneRecord], choice: Choice) -> list[Driveline]:
+    def drivelines(self, recorded: Sequence[SceneRecord], choice: Choice) -> list[RecordedDriveline]:
         """Return the drivelines, those that can be read first, with the chosen one marked.
 
         Parameters
@@ -199,14 +193,16 @@ class Inventory:
                 before.append(one)
         return chains
 
-    def _driveline(self, chain: Sequence[_Sent], recorded: Sequence[SceneRecord]) -> Driveline:
+    def _driveline(self, chain: Sequence[_Sent], recorded: Sequence[SceneRecord]) -> RecordedDriveline:
         """Return the driveline of a chain of publishers."""
         topic, publishers = chain[0].topic, tuple(one.publisher for one in chain)
         names = sum((one.names for one in chain), Counter[tuple[str, ...]]())
         scenes = self._scenes_of(topic.rpartition("/")[0], publishers, recorded) if chain[0].able else ()
-        return Driveline(topic, publishers[-1], names.most_common(1)[0][0],
+        stamps = simulation_ns(np.array([chain[0].stamps[0], chain[-1].stamps[1]]), zeros_of(one.text for one in scenes))
+        start, end = (stamps * 1e-9).tolist()
+        return RecordedDriveline(topic, publishers[-1], names.most_common(1)[0][0],
                          (description_in(scenes[0].text) or "scene without a description") if scenes else None,
-                         sum(names.values()), chain[0].stamps[0] * 1e-9, chain[-1].stamps[1] * 1e-9, False, publishers,
+                         sum(names.values()), start, end, False, publishers,
                          scenes, chain[0].able)
 
     def _scenes_of(self, space: str, publishers: Sequence[str],
@@ -225,7 +221,7 @@ class Inventory:
         every = [*found.values(), *more.values()]
         return tuple(sorted(every, key=lambda record: record.log_ns) if more else every)
 
-    def chosen(self, found: Sequence[Driveline], choice: Choice) -> int | None:
+    def chosen(self, found: Sequence[RecordedDriveline], choice: Choice) -> int | None:
         """Return the number of the driveline to read, or None if no driveline has the joints.
 
         The rule: one with a scene before one without; then the shortest topic, alphabetically; then the latest to
@@ -252,13 +248,13 @@ class Inventory:
                                              -number), default=None)
 
 
-def _check_joints(found: Sequence[Driveline], joints: Sequence[str]) -> None:
+def _check_joints(found: Sequence[RecordedDriveline], joints: Sequence[str]) -> None:
     """Raise RecordingError if no driveline has these joints."""
     if not any(one.able for one in found):
         raise RecordingError(joints_sentence(found))
 
 
-def joints_sentence(found: Iterable[Driveline]) -> str:
+def joints_sentence(found: Iterable[RecordedDriveline]) -> str:
     """Return the sentence that asks for the names of the joints."""
     several = [(one.topic, ", ".join(one.joints[:_MOST_NAMED]) or "without names") for one in found][:_MOST_NAMED]
     what = (f"its joints are {several[0][1]}" if len(several) == 1 else

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tcc_sim.messages import cdr
+from tcc_sim.recording.announcements import Stamps, simulation_ns
 from tcc_sim.recording.records import MESSAGE_HEAD, Messages
 from tcc_sim.topics import FLUID_PRESSURE, JOINT_STATE
 
@@ -18,6 +18,7 @@ MOST_LAYOUTS = 100
 """Largest number of layouts of the messages of a topic; messages of further layouts are left out."""
 HEAD = np.dtype([("channel", "<u2"), ("number", "<u4"), ("log_ns", "<i8"), ("sent_ns", "<i8")])
 """Fields in front of a message's bytes: channel, publisher's sequence number, times of receipt and sending (ns)."""
+NO_ZEROS: Stamps = np.empty(0, np.int64)
 Floats = NDArray[np.float64]
 Positions = NDArray[np.int64]
 
@@ -37,7 +38,7 @@ class Values(NamedTuple):
     columns: dict[str, Floats]
 
 
-class Group(NamedTuple):
+class SameLayout(NamedTuple):
     """Messages of one layout in a chunk: its joints, and index, HEAD and stamp (ns) of each message."""
 
     names: tuple[str, ...]
@@ -46,27 +47,28 @@ class Group(NamedTuple):
     stamps: NDArray[np.int64]
 
 
-@dataclass
 class Layouts:
     """Layouts of the messages of one type that were met so far.
 
+    Parameters
+    ----------
     type : message type, JointState or FluidPressure
     joints : names of the joints whose values are wanted
     fields : names of the values
-    other : numbers of messages without these joints, by the names of their joints
-    refused : number of messages that could not be decoded
+    zeros : stamps of simulation time 0, as in `simulation_ns`
     """
 
-    type: str
-    joints: Sequence[str] = ()
-    fields: Sequence[str] = ()
-    other: dict[tuple[str, ...], int] = field(default_factory=dict)
-    refused: int = 0
-    _known: list[tuple[tuple[str, ...], cdr.Layout]] = field(default_factory=list)
+    def __init__(self, type: str, joints: Sequence[str] = (), fields: Sequence[str] = (),
+                 zeros: Stamps = NO_ZEROS) -> None:
+        self._zeros = zeros
+        self.type, self.joints, self.fields = type, joints, fields
+        self.refused = 0
+        """Number of messages that could not be decoded."""
+        self._known: list[tuple[tuple[str, ...], cdr.Layout]] = []
 
-    def groups(self, data: NDArray[np.uint8], messages: Messages, channels: Sequence[int]) -> list[Group]:
+    def groups(self, data: NDArray[np.uint8], messages: Messages, channels: Sequence[int]) -> list[SameLayout]:
         """Return the messages of these channels by their layouts."""
-        return [Group(names, rows, heads, cdr.stamps(found)) for names, rows, heads, found in
+        return [SameLayout(names, rows, heads, cdr.stamps(found)) for names, rows, heads, found in
                 self._sorted(data, messages, channels)]
 
     def take(self, data: NDArray[np.uint8], messages: Messages, channels: Sequence[int]) -> Values:
@@ -75,8 +77,6 @@ class Layouts:
         for names, rows, heads, values in self._sorted(data, messages, channels):
             if set(self.joints) <= set(names):
                 found.append((rows, heads, values))
-            else:
-                self.other[names] = self.other.get(names, 0) + len(rows)
         if not found:
             return Values(np.empty(0, np.int64), np.empty(0, HEAD), np.empty(0, np.int64),
                           {name: np.empty(0) for name in self.fields})
@@ -88,7 +88,7 @@ class Layouts:
                 values[name].astype(np.float64) if name in (values.dtype.names or ()) else np.full(len(values), np.nan)
                 for _, _, values in found])[order]
         return Values(rows[order], np.concatenate([one[1] for one in found])[order],
-                      np.concatenate([cdr.stamps(one[2]) for one in found])[order], columns)
+                      simulation_ns(np.concatenate([cdr.stamps(one[2]) for one in found])[order], self._zeros), columns)
 
     def _sorted(self, data: NDArray[np.uint8], messages: Messages, channels: Sequence[int]
                 ) -> list[tuple[tuple[str, ...], Positions, NDArray[np.void], NDArray[np.void]]]:

@@ -136,7 +136,7 @@ def in_order(paths: Sequence[Path], first_ns: Sequence[int]) -> list[Path]:
     return [path for _, _, path in sorted(zip(first_ns, map(_natural, paths), paths))]
 
 
-def numbered(path: Path) -> bool:
+def named_as_part(path: Path) -> bool:
     """Return whether the name of a file is that of a part."""
     stem = path.name.partition(".mcap")[0]
     return any(pattern.fullmatch(stem) for pattern in (_COUNTER_FIRST, _COUNTER_LAST))

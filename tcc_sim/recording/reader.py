@@ -21,13 +21,13 @@ from tcc_sim.recording.announcements import SceneRecord, zeros_of
 from tcc_sim.recording.columns import Beside, Columns, GrowingStates, JointStates, all_beside, joint_states
 from tcc_sim.recording.commands import DIAGNOSTICS, TARGET, Commands
 from tcc_sim.recording.contents import CDR, Batch, Channel, Contents, chunks, together, unpack
-from tcc_sim.recording.drivelines import Choice, Driveline, Inventory, joints_sentence, same_process
+from tcc_sim.recording.drivelines import Choice, Inventory, RecordedDriveline, joints_sentence, same_process
 from tcc_sim.recording.layouts import Layouts
 from tcc_sim.recording.parts import (
     Parts,
     in_order,
     missing_parts,
-    numbered,
+    named_as_part,
     open_file,
     parts_of,
     records_of,
@@ -104,7 +104,7 @@ class Run:
         if missing:
             self._left_out.append(f"part {missing[0]} is missing" if len(missing) == 1 else
                                   f"{len(missing)} parts are missing, the first is part {missing[0]}")
-        self.complete &= not missing and not any(parts.ordered or numbered(part) for part in parts.paths
+        self.complete &= not missing and not any(parts.ordered or named_as_part(part) for part in parts.paths
                                                  if part not in self._contents)
         self.paths = list(self._contents)
         if not parts.ordered:
@@ -160,7 +160,7 @@ class Run:
         return found
 
     @property
-    def driveline(self) -> Driveline:
+    def driveline(self) -> RecordedDriveline:
         """The driveline to read.
 
         Raises

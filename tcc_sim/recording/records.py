@@ -339,7 +339,8 @@ def _tiled(data: bytes, starts: NDArray[np.uint64]) -> Messages | None:
     return None if rows else Messages(offset + _RECORD.size, length, heads["channel"], others)
 
 
-def plain(data: bytes, messages: Messages, which: NDArray[np.bool_], expansion: Expansion) -> tuple[bytes, Messages]:
+def uncompressed(data: bytes, messages: Messages, which: NDArray[np.bool_],
+                 expansion: Expansion) -> tuple[bytes, Messages]:
     """Return the chosen messages of a chunk, each unpacked if it was compressed by itself (as rosbag2 does in the
     compression mode message).
 

@@ -16,7 +16,7 @@ from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.model.profile import Inputs, lines_through, smooth_corners
 from tcc_sim.model.quantity import Quantity
 from tcc_sim.recording.table import DRIVING, HOLDS, TIME, looks_smooth, read_columns, table_of
-from tcc_sim.replay.recorded import read
+from tcc_sim.replay.recorded import Recording, read
 from tcc_sim.scene import Scene
 from tcc_sim.shown_units import speed
 from tcc_sim.topics import topic
@@ -26,7 +26,7 @@ MOST_PARTS = 100_000
 """Largest number of parts into which an actuator's response is divided."""
 
 
-def driven_by(scene: Scene, path: Path, hold: str | None = None) -> Scene:
+def driven_by(scene: Scene, measured: Path | Recording, hold: str | None = None) -> Scene:
     """Return `scene` with the torque, pressure and far-end speed of a recording's first run or of a table.
 
     Inputs without data stay those of the scene. Recorded commands are held during the tick that applied them; inputs
@@ -35,8 +35,8 @@ def driven_by(scene: Scene, path: Path, hold: str | None = None) -> Scene:
 
     Parameters
     ----------
-    path : the recording or the table; a table has the commanded pressure, which the scene's actuator follows; a
-        recording has the pressure at the plates
+    measured : the table, or the recording or its path; a table has the commanded pressure, which the scene's actuator
+        follows; a recording has the pressure at the plates
     hold : interpolation of a table's inputs between rows, one of `recording.table.HOLDS`; None for that stated in the
         file, else `previous`
 
@@ -45,6 +45,7 @@ def driven_by(scene: Scene, path: Path, hold: str | None = None) -> Scene:
     InputError
         The file cannot be read, values are out of range, or `hold` is given for a recording.
     """
+    path = measured.path if isinstance(measured, Recording) else measured
     if path.suffix != ".csv" and hold is not None:
         raise InputError(f"--hold is for tables; {path} is a recording, which defines how its inputs were held")
     if path.suffix == ".csv":
@@ -52,13 +53,13 @@ def driven_by(scene: Scene, path: Path, hold: str | None = None) -> Scene:
         if inputs.pressure is not None and own.actuated:
             inputs = replace(inputs, pressure=followed(inputs.pressure, own, inputs.end))
     else:
-        inputs = of_recording(path)
+        inputs = of_recording(read(path) if isinstance(measured, Path) else measured)
     return replace(scene, system=replace(scene.system, inputs=inputs))
 
 
-def of_recording(path: Path) -> Inputs:
+def of_recording(recording: Recording) -> Inputs:
     """Return the inputs of the first run of a recording."""
-    run = read(path).trajectory(0)
+    path, run = recording.path, recording.trajectory(0)
     if run.system is None or len(run.t) < 2:
         raise InputError(f"{path} has no inputs: it holds fewer than two states")
     t, system = run.t - run.t[0], run.system
@@ -163,7 +164,7 @@ class Twin:
         return f"slip speed beside {self.source}: {speed(wrong, 4)} apart (rms), of {speed(size, 4)}"
 
 
-def twin_of(path: Path, trajectory: Trajectory) -> Twin | None:
+def twin_of(measured: Path | Recording, trajectory: Trajectory) -> Twin | None:
     """Return a simulation with the slip speed of a recording's first run or of a table; None without a slip speed
     within the simulation's time.
 
@@ -172,13 +173,14 @@ def twin_of(path: Path, trajectory: Trajectory) -> Twin | None:
     InputError
         The file cannot be read.
     """
+    path = measured.path if isinstance(measured, Recording) else measured
     if path.suffix == ".csv":
         columns = read_columns(path, (TIME,))
         if "slip_speed" not in columns:
             return None
         t, slip = columns[TIME], columns["slip_speed"]
     else:
-        run = read(path).trajectory(0)
+        run = (read(measured) if isinstance(measured, Path) else measured).trajectory(0)
         t, slip = run.t - run.t[0], run.slip_speed
     within = (t >= trajectory.t[0]) & (t <= trajectory.t[-1])
     return Twin(trajectory, t[within], slip[within], printable(path.name)) if np.count_nonzero(within) > 1 else None

@@ -16,7 +16,7 @@ from tcc_sim.analysis.control import Control
 from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.errors import counted, require
 from tcc_sim.recording.commands import TARGET
-from tcc_sim.recording.drivelines import Driveline
+from tcc_sim.recording.drivelines import RecordedDriveline
 from tcc_sim.recording.reader import TooManyStates, open_run
 from tcc_sim.recording.window import Window
 from tcc_sim.replay.control import signals_of
@@ -117,7 +117,7 @@ class Recording(Result):
         return f"<p>{escape(repr(self))}</p>{html_of({name: [getattr(r, name) for r in self.runs] for name in names})}"
 
     @property
-    def drivelines(self) -> tuple[Driveline, ...]:
+    def drivelines(self) -> tuple[RecordedDriveline, ...]:
         """Drivelines of the recording, and other nodes with joint states; `read` marks the one that is read."""
         return tuple(self.file.drivelines)
 

@@ -17,7 +17,7 @@ from tcc_sim.analysis.spectra import Spectrum
 from tcc_sim.analysis.summary import Summary
 from tcc_sim.errors import counted, printable
 from tcc_sim.output.tables import aligned, covers_row, damping_row, summary_rows
-from tcc_sim.recording.drivelines import Driveline
+from tcc_sim.recording.drivelines import RecordedDriveline
 from tcc_sim.recording.stamps import StampCounter
 from tcc_sim.replay.inputs import CommandAge, HeldInput
 from tcc_sim.replay.segments import Segment
@@ -110,7 +110,7 @@ class Replay(Result):
     command_age: CommandAge | None = field(default=None, metadata=reported(
         "simulation time from the state that a command answers to the first tick that applies it, 0 in lock-step; "
         "null if most commands have no stamp", "s"))
-    drivelines: tuple[Driveline, ...] = field(default=(), metadata=reported(
+    drivelines: tuple[RecordedDriveline, ...] = field(default=(), metadata=reported(
         "drivelines of the recording, and other nodes with joint states"))
     missed_ticks: int | None = field(default=None, metadata=reported(
         "number of ticks that the driveline missed in real time; null without recorded diagnostics"))

@@ -242,16 +242,17 @@ def _simulation(values: Mapping[str, Any]) -> Any:
     scene, arrays, arguments = scene_in(values), values.get("arrays"), arguments_in(values)
     inputs = getattr(arguments, "inputs", None)
     there = inputs is not None and inputs.exists()
+    source = from_later_room("inputs_of")(arguments) if there else None
     if arrays is not None:
         run = Trajectory(**{name: arrays[name] for name in UNITS if name in arrays}, cycle=scene.system.cycle,
                          solver=values["solver"], system=scene.system, cycles=cycles_in(arrays))
     elif inputs is None:
         run = simulate(scene, Plan(**values["plan"])).trajectory
     elif there:
-        driven = from_later_room("driven_by")(scene, inputs, arguments.hold)
+        driven = from_later_room("driven_by")(scene, source, arguments.hold)
         run = simulate(driven, Plan(**values["plan"]), samples_per_cycle=INPUT_SAMPLES).trajectory
     else:
         raise InputError(f"{inputs}, which has the inputs, does not exist; tcc-sim plot FILE.npz draws the samples "
                          "that simulate ... --out FILE.npz wrote")
-    twin = from_later_room("twin_of")(inputs, run) if there else None
+    twin = from_later_room("twin_of")(source, run) if there else None
     return twin or SimpleNamespace(trajectory=run, summary=Record(values), spectrum=spectrum_in(values))
