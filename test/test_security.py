@@ -57,10 +57,10 @@ def test_names_in_a_recording_are_never_paths_to_write(tmp_path: Path, written: 
     bag.file.note(evil, {"output": evil})
     bag.close({"lost": {evil: 1}, "solver": evil, "output": evil})
     (tmp_path / "run" / "metadata.yaml").write_text(f"relative_file_paths: ['{evil!r}']\n")
-    assert main(["analyse", "run", "--verify"]) == 0  # From here on every kernel is in its cache.
+    assert main(["analyse", "run", "--verify"]) == 1  # From here on every kernel is in its cache.
     written.clear()
     assert main(["recover", "run", "--out", "saved"]) == 0
-    assert main(["analyse", "run", "--verify", "--json", "run.json"]) == 0
+    assert main(["analyse", "run", "--verify", "--json", "run.json"]) == 1
     own = [Path(path) for path in written if not path.startswith("/dev/")]
     # A bag opens these by name relative to its open directory; none of them remains in the working directory.
     in_bag = re.compile(r"saved_0\.mcap|\.[0-9a-f]{16}\.part")

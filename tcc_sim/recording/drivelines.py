@@ -198,8 +198,8 @@ class Inventory:
         topic, publishers = chain[0].topic, tuple(one.publisher for one in chain)
         names = sum((one.names for one in chain), Counter[tuple[str, ...]]())
         scenes = self._scenes_of(topic.rpartition("/")[0], publishers, recorded) if chain[0].able else ()
-        stamps = simulation_ns(np.array([chain[0].stamps[0], chain[-1].stamps[1]]), zeros_of(one.text for one in scenes))
-        start, end = (stamps * 1e-9).tolist()
+        stamps = np.array([chain[0].stamps[0], chain[-1].stamps[1]])
+        start, end = (simulation_ns(stamps, zeros_of(one.text for one in scenes)) * 1e-9).tolist()
         return RecordedDriveline(topic, publishers[-1], names.most_common(1)[0][0],
                          (description_in(scenes[0].text) or "scene without a description") if scenes else None,
                          sum(names.values()), start, end, False, publishers,
