@@ -80,6 +80,7 @@ class Loads:
     peak_power : largest Tf v, W
     highest_shaft_torque, lowest_shaft_torque : largest and smallest C23 theta2' + K23 theta2, N m
     breakaways : number of changes from stick to slip
+    coupling_energy : heat of the torque that passes between the inertias beside friction, integral of b v^2, J
     """
 
     energy: Floats
@@ -87,6 +88,7 @@ class Loads:
     highest_shaft_torque: Floats
     lowest_shaft_torque: Floats
     breakaways: Floats
+    coupling_energy: Floats
 
     def columns(self) -> list[Floats]:
         """Return the arrays in the order of the fields."""

@@ -142,7 +142,7 @@ def _end(run: Trajectory, terms: Terms, at: Floats, mode: Floats, after: bool) -
         load = equations.saturation_torque(t, terms.mean_load, terms.pulsation)
         sliding: Any = friction.sliding
         torque = load * sliding(np.abs(v) * mode, mode, terms.stribeck)
-        slip, plate = equations.accelerations(angle, speed, engine, torque, terms.linear)
+        slip, plate = equations.accelerations(v, angle, speed, engine, torque, terms.linear)
         return slip, plate
 
     slip, plate = accelerations(run.t[near], v, angle, speed)

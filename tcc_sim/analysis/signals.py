@@ -75,8 +75,9 @@ def run_signals(run: Trajectory, phase: Phase | None = None) -> Signals:
         turns = np.interp(run.t, when(turns), turns)
     d = system.driveline
     twist, twisting = run.shaft_twist
-    slip, plate = equations.accelerations(twist, twisting, run.engine_torque, run.friction_torque,
-                                          terms_of(system).linear)
+    slip, plate = equations.accelerations(run.slip_speed, run.plate_angle, run.plate_speed, run.engine_torque,
+                                          run.friction_torque, terms_of(system).linear, run.far_end.angle,
+                                          run.far_end.speed)
     shaft = d.damping * twisting + d.stiffness * twist
 
     def at(times: Floats) -> tuple[Floats, Floats, Floats]:

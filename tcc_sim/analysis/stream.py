@@ -354,8 +354,8 @@ class CycleStream:
     def _between(self, cuts: Floats) -> Cycles:
         """Return the waiting samples between these times as cycles."""
         t, slip_speed, plate_angle, plate_speed, engine, friction, *far, lost = np.concatenate(self._waiting, axis=1)
-        slip, plate = equations.accelerations(plate_angle - far[0], plate_speed - far[1], engine, friction,
-                                              self._linear)
+        slip, plate = equations.accelerations(slip_speed, plate_angle, plate_speed, engine, friction, self._linear,
+                                              far[0], far[1])
         found = cycles_from_samples(t, slip_speed, slip, plate_angle, plate_speed, plate, starts=cuts,
                                     stick_speed=self._stick_speed, linear=self._linear, far=FarEnd(*far),
                                     bridged=lost[1:] > 0.0)

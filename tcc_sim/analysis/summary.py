@@ -49,8 +49,10 @@ def cycle_parts_of(trajectory: Trajectory) -> tuple[Cycles | None, Cycles, Cycle
     if len(trajectory.t) < 2:
         raise InputError("the trajectory has fewer than two samples")
     terms = terms_of(trajectory.system)
-    slip, plate = equations.accelerations(*trajectory.shaft_twist, trajectory.engine_torque,
-                                          trajectory.friction_torque, terms.linear)
+    far = trajectory.far_end
+    slip, plate = equations.accelerations(trajectory.slip_speed, trajectory.plate_angle, trajectory.plate_speed,
+                                          trajectory.engine_torque, trajectory.friction_torque, terms.linear,
+                                          far.angle, far.speed)
     begin, end = float(trajectory.t[0]), float(trajectory.t[-1])
     starts = starts_of(varying(trajectory), first_cycle_of(trajectory), end, trajectory.cycle)
     near = STAMP + 1e-8 * trajectory.cycle
@@ -303,7 +305,7 @@ def sums_of(cycles: Cycles, seconds: float) -> dict[str, Any]:
                              "stick_fraction": fraction, "regime": regime_of(fraction)}
     if cycles.loads is None:
         return found
-    energy, power, high, low, breakaways = (column[part] for column in cycles.loads.columns())
+    energy, power, high, low, breakaways, _ = (column[part] for column in cycles.loads.columns())
     return {**found, "clutch_energy": float(energy.sum()),
             "mean_power": float(energy.sum()) / seconds if seconds > 0.0 else math.nan,
             "peak_power": float(power.max()), "max_shaft_torque": float(high.max()),

@@ -289,9 +289,16 @@ def fast(function: Function, effort: float = 1.0) -> Function:
     return compiled(function, effort, fastmath={"contract"})
 
 
+def rebound(function: Callable[..., Any], **names: Any) -> Callable[..., Any]:
+    """Return a Python function with other objects for some of the names in it."""
+    plain = cast(FunctionType, function)
+    return FunctionType(plain.__code__, {**plain.__globals__, **names}, argdefs=plain.__defaults__)
+
+
 smoothed_coefficient = compiled(friction.smoothed_coefficient)
 smoothed_and_slope = compiled(friction.smoothed_and_slope)
 engine_torque = compiled(equations.engine_torque)
 saturation_torque = compiled(equations.saturation_torque)
-accelerations = compiled(equations.accelerations)
+lost_torque = compiled(equations.lost_torque)
+accelerations = compiled(rebound(equations.accelerations, lost_torque=lost_torque))
 reached, swelling = compiled(profile.reached), compiled(profile.swelling)

@@ -234,11 +234,12 @@ def _items(builder: Any, value: Any) -> list[Any]:
 
 
 def _named(context: Any, builder: Any, kind: Any, argument: Any) -> Any:
-    """Return the staged function's argument: None, a tuple, a Storage or a Name."""
+    """Return the staged function's argument: None, a tuple or NamedTuple, a Storage or a Name."""
     if kind.name == "none":
         return None
     if hasattr(kind, "types"):
-        return tuple(_named(context, builder, k, a) for k, a in zip(kind, _items(builder, argument)))
+        items = [_named(context, builder, k, a) for k, a in zip(kind, _items(builder, argument))]
+        return kind.instance_class(*items) if hasattr(kind, "instance_class") else tuple(items)
     if hasattr(kind, "dtype"):
         return Storage(context, builder, kind, argument)
     return Name(builder, argument)

@@ -92,9 +92,15 @@ class Struct:
 
     def declaration(self) -> str:
         """Return the declaration of the structure."""
-        lines = "\n".join(f"    {f'table_{kind.field}' if isinstance(kind, Table) else kind_name(kind)} {name};"
-                          for name, kind in self.fields)
+        lines = "\n".join(f"    {_embedded(kind)} {name};" for name, kind in self.fields)
         return f"typedef struct {{\n{lines}\n}} {self.title};"
+
+
+def _embedded(kind: Kind) -> str:
+    """Return the type of a field, which holds structures and tables themselves."""
+    if isinstance(kind, Table):
+        return f"table_{kind.field}"
+    return kind.title if isinstance(kind, Struct) else kind_name(kind)
 
 
 Kind = Static | Scalar | Tuple | Table | Row | Struct
@@ -135,4 +141,6 @@ def _kind(name: str, hint: Any, tables: dict[str, tuple[int | str, str]], length
         return Tuple((DOUBLE,) * (lengths[name] if ... in parts else len(parts)), optional)
     if origin is np.ndarray and name in tables:
         return Table(name, *tables[name])
+    if isinstance(inner, type) and hasattr(inner, "_fields"):
+        return struct_of(inner, tables, lengths)
     raise Refused(f"{name}: {hint}")

@@ -91,7 +91,8 @@ class Expressions:
         if isinstance(kind, Struct):
             for name, found in kind.fields:
                 if name == node.attr:
-                    return f"{'&' if isinstance(found, Table) else ''}{text}->{name}", found
+                    place = f"{text}->{name}"
+                    return f"(&{place})" if isinstance(found, (Table, Struct)) else place, found
         raise self._refused(node)
 
     def _subscript(self, node: ast.Subscript) -> Text:

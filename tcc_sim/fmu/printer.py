@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ast
 import inspect
+import re
 import textwrap
 from collections.abc import Callable
 from typing import Any
@@ -93,13 +94,16 @@ class Function(Expressions):
         self.result: Kind = self._result
         head = ", ".join(f"{library.declared(kind)} {word(parameter)}" for parameter, kind in zip(parameters, kinds)
                          if not isinstance(kind, Static)).replace("* ", "*")
+        used = set(re.findall(r"\w+", " ".join(self._written)))
+        unused = [f"    (void){word(parameter)};" for parameter, kind in zip(parameters, kinds)
+                  if not isinstance(kind, Static) and word(parameter) not in used]
         declarations: dict[str, list[str]] = {}
         for local, kind in self._locals.items():
             declarations.setdefault(library.declared(kind), []).append(word(local))
         written = [textwrap.fill(f"{kind} {', '.join(names)};".replace("* ", "*"), 110, initial_indent="    ",
                                  subsequent_indent="        ") for kind, names in declarations.items()]
         self.lines: str = "\n".join([f"static {library.declared(self.result)} {name}({head})", "{", *written,
-                                     *self._written, "}"])
+                                     *unused, *self._written, "}"])
 
     def _block(self, body: list[ast.stmt]) -> None:
         """Print statements up to a return."""

@@ -6,13 +6,95 @@ stick it is a small difference of large numbers. theta1 is cyclic; it is integra
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-Linear = tuple[float, float, float, float]
-"""I1, I2 (kg m^2), C23 (N m s/rad), K23 (N m/rad)."""
+if TYPE_CHECKING:
+    from tcc_sim.model.parameters import System
+
+
+class Linear(NamedTuple):
+    """Linear part of the equations of motion, as torques that flywheel and plate lose:
+
+        I1 theta1'' = Te - Tf - (f_v v + f_w omega2),
+        I2 theta2'' = Tf - C23 (omega2 - omega3) - K23 (theta2 - theta3) - p_v v.
+
+    Coefficients that are None are compiled out. `matrix_of` gives the matrix A of x' = A x + ..., x = (v, theta2,
+    omega2).
+
+    flywheel, plate : I1, I2, kg m^2
+    damping, stiffness : C23, N m s/rad, and K23, N m/rad, between the plate and the shaft's far end
+    flywheel_by_slip, flywheel_by_speed : f_v and f_w, by slip speed and by plate speed, N m s/rad
+    plate_by_slip : p_v, N m s/rad
+    """
+
+    flywheel: float
+    plate: float
+    damping: float
+    stiffness: float
+    flywheel_by_slip: float | None = None
+    flywheel_by_speed: float | None = None
+    plate_by_slip: float | None = None
+
+
+COEFFICIENTS: dict[str, dict[str, float]] = {
+    "driveline.flywheel_inertia": {"flywheel": 1.0},
+    "driveline.plate_inertia": {"plate": 1.0},
+    "driveline.damping": {"damping": 1.0},
+    "driveline.stiffness": {"stiffness": 1.0},
+}
+"""The linear part by scene keys: each coefficient is the sum of these keys times these shares.
+
+This is the only place that knows which keys make the linear part. Its derivatives by them, all methods, the exported C
+and the linear models follow.
+"""
+_BROUGHT = {name for shares in COEFFICIENTS.values() for name in shares}
+
+
+def linear_of(system: System, general: bool = False) -> Linear:
+    """Return the linear part of a system; with `general`, absent coefficients that a key may bring are 0."""
+    found = dict.fromkeys(_BROUGHT, 0.0)
+    for key, shares in COEFFICIENTS.items():
+        group, name = key.split(".")
+        value = getattr(getattr(system, group), name)
+        for coefficient, share in shares.items():
+            found[coefficient] += share * value
+    return Linear(**{name: value for name, value in found.items()
+                     if value != 0.0 or general or name not in Linear._field_defaults})
+
+
+Coefficients = tuple[float, float, float, float, float, float, float]
+
+
+def coefficients_of(linear: Linear) -> Coefficients:
+    """Return the coefficients in the order of Linear, absent ones as 0."""
+    i1, i2, damping, stiffness, by_slip, by_speed, plate_by_slip = linear
+    return i1, i2, damping, stiffness, by_slip or 0.0, by_speed or 0.0, plate_by_slip or 0.0
+
+
+def matrix_of(linear: Linear) -> NDArray[np.float64]:
+    """Return A of x' = A x + ..., (3, 3), for x = (v, theta2, omega2)."""
+    i1, i2, damping, stiffness, by_slip, by_speed, plate_by_slip = coefficients_of(linear)
+    plate = np.array([-plate_by_slip, -stiffness, -damping]) / i2
+    return np.array([np.array([-by_slip, 0.0, -by_speed]) / i1 - plate, [0.0, 0.0, 1.0], plate])
+
+
+def decay_of_slip(linear: Linear) -> float:
+    """Return the rate, 1/s, at which the linear part alone lets the slip speed decay, -A_vv."""
+    return (linear.flywheel_by_slip or 0.0) / linear.flywheel - (linear.plate_by_slip or 0.0) / linear.plate
+
+
+def lost_torque(slip_speed: Any, plate_speed: Any, by_slip: float | None, by_speed: float | None) -> Any:
+    """Return by_slip v + by_speed omega2, N m, without the coefficients that are None."""
+    if by_slip is None:
+        out = 0.0
+    else:
+        out = by_slip * slip_speed
+    if by_speed is not None:
+        out = out + by_speed * plate_speed
+    return out
 
 
 def engine_torque(t: Any, mean: float, torque: tuple[float, float] | None,
@@ -46,13 +128,20 @@ def saturation_torque(t: Any, mean: float, pulsation: tuple[float, float, float]
         return np.maximum(mean + pulsation[0] * np.sin(pulsation[1] * t + pulsation[2]), 0.0)
 
 
-def accelerations(plate_angle: Any, plate_speed: Any, engine: Any, friction: Any, linear: Linear) -> Any:
-    """(v', omega2') of (2a) divided by I1, and (2b), rad/s^2, for given engine and friction torque in N m."""
-    plate = (friction - linear[2] * plate_speed - linear[3] * plate_angle) / linear[1]
-    return (engine - friction) / linear[0] - plate, plate
+def accelerations(slip_speed: Any, plate_angle: Any, plate_speed: Any, engine: Any, friction: Any, linear: Linear,
+                  far_angle: Any = 0.0, far_speed: Any = 0.0) -> Any:
+    """(v', omega2') of (2a) divided by I1, and (2b), rad/s^2, for given engine and friction torque in N m.
+
+    far_angle, far_speed : theta3 (rad) and omega3 (rad/s) of the shaft's far end
+    """
+    plate = (friction - linear.damping * (plate_speed - far_speed) - linear.stiffness * (plate_angle - far_angle)
+             - lost_torque(slip_speed, plate_speed, linear.plate_by_slip, None)) / linear.plate
+    lost = lost_torque(slip_speed, plate_speed, linear.flywheel_by_slip, linear.flywheel_by_speed)
+    return (engine - friction - lost) / linear.flywheel - plate, plate
 
 
 def interface_torque(plate_angle: Any, plate_speed: Any, engine: Any, linear: Linear) -> Any:
     """The friction torque lambda that stick needs (v' = 0), N m: (I2 Te + I1 (C23 theta2' + K23 theta2))/(I1 + I2)."""
-    spring = linear[2] * plate_speed + linear[3] * plate_angle
-    return (linear[1] * engine + linear[0] * spring) / (linear[0] + linear[1])
+    spring = linear.damping * plate_speed + linear.stiffness * plate_angle
+    driving = engine - lost_torque(0.0, plate_speed, None, linear.flywheel_by_speed)
+    return (linear.plate * driving + linear.flywheel * spring) / (linear.flywheel + linear.plate)

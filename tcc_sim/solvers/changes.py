@@ -19,7 +19,7 @@ import numpy as np
 from tcc_sim.compiling.changing import Changing
 from tcc_sim.compiling.compiled import fast
 from tcc_sim.compiling.unrolled import unrolled
-from tcc_sim.model.equations import Linear
+from tcc_sim.model.equations import Linear, lost_torque
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.polynomials import polynomial
 from tcc_sim.solvers import key_derivatives as of
@@ -119,9 +119,10 @@ def changing(number: Any, by: Any, which: int) -> Changing:
     return Changing(number, None if by is None else by.row(which))
 
 
-def linear_of(linear: Linear, by: Any) -> tuple[Changing, ...]:
-    """Return I1, I2, C23 and K23 with their derivatives."""
-    return tuple(changing(number, by, i) for i, number in enumerate(linear))
+def changing_linear(linear: Linear, by: Any) -> Any:
+    """Return the linear part, its coefficients with their derivatives, and None where there is none."""
+    found: Any = [None if number is None else changing(number, by, i) for i, number in enumerate(linear)]
+    return Linear(*found)
 
 
 def changed_motion(rows: Any, changes: Any, now: Any, by: Any, sines: Any, coefficients: Any, law: Any,
@@ -135,8 +136,8 @@ def changed_motion(rows: Any, changes: Any, now: Any, by: Any, sines: Any, coeff
     stribeck, sigma : None where the exponential, or tanh, does not vary; mubar is `sign` where both are None
     """
     moving, time = Rows(rows, changes, now, by, sines, unit, pulsation), Changing(unit)
-    flywheel, plate, damping, stiffness = linear_of(linear, by)
-    per_flywheel, per_plate = time / flywheel, time / plate
+    part_of = changing_linear(linear, by)
+    per_flywheel, per_plate = time / part_of.flywheel, time / part_of.plate
     varies = stribeck is not None or sigma is not None
     slope, slip, mubar, load = ([] for _ in range(4))
     for k in range(FRICTION_ORDER_MAXIMUM if varies else ORDER_MAXIMUM):
@@ -154,8 +155,11 @@ def changed_motion(rows: Any, changes: Any, now: Any, by: Any, sines: Any, coeff
             friction = Changing(law[k, FRICTION], change)
         else:
             friction = load[k] * sign
-        part, pull = 1.0 / (k + 1), friction - damping * u - stiffness * x
-        moving[SLIP, k + 1] = part * (per_flywheel * (moving[ENGINE, k] - friction) - per_plate * pull)
+        part, pull = 1.0 / (k + 1), friction - part_of.damping * u - part_of.stiffness * x
+        pull = pull - lost_torque(moving[SLIP, k], 0.0, part_of.plate_by_slip, None)
+        push = moving[ENGINE, k] - friction - lost_torque(moving[SLIP, k], u, part_of.flywheel_by_slip,
+                                                    part_of.flywheel_by_speed)
+        moving[SLIP, k + 1] = part * (per_flywheel * push - per_plate * pull)
         moving[SPEED, k + 1] = part * per_plate * pull
         moving[ANGLE, k + 1] = part * time * u
         if k % 2 == 1 and k >= 7:

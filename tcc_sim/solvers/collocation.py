@@ -1,6 +1,6 @@
 """Tables of collocation: Radau IIA, and for steps of 16 nodes the linear part of the driveline.
 
-With w = theta2' + kappa v, kappa = I1/(I1 + I2), M = I1 + I2 the equations of motion (2) read
+With w = theta2' + kappa v, kappa = I1/(I1 + I2), M = I1 + I2 the equations of motion (2) of the paper read
 
     theta2' = w - kappa v,    M w' = Te - K23 theta2 - C23 (w - kappa v),
     v' = Te/I1 + (C23 theta2' + K23 theta2)/I2 - beta Ts mubar(v),
@@ -10,8 +10,9 @@ start, the torque at the nodes and the slip speeds V at the nodes. There remains
 
     b - L V - beta Ts mubar(V) = 0,    L = a^-1 - (C23 dU/dV + K23 dX/dV)/I2,    X = theta2, U = theta2' at the nodes.
 
-NumPy computes all of it here for a ladder of steps (rungs), so that a step costs products only. The rungs have the same
-absolute lengths for all scenes, so that the points of a sweep over a frequency share them.
+The other coefficients of `model.equations.Linear` enter in the same way. NumPy computes all of it here for a ladder of
+steps (rungs), so that a step costs products only. The rungs have the same absolute lengths for all scenes, so that the
+points of a sweep over a frequency share them.
 
 Source: E. Hairer and G. Wanner, Solving Ordinary Differential Equations II, Sec. IV.5.
 """
@@ -25,7 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.model.equations import Linear
+from tcc_sim.model.equations import Linear, coefficients_of, decay_of_slip
 from tcc_sim.trajectory import Floats
 
 NODES = 16
@@ -132,29 +133,32 @@ def ladder_of(fastest: float, period: float) -> tuple[int, int]:
 @lru_cache(maxsize=16)
 def response(linear: Linear, top: int, levels: int) -> Response:
     """Return the response of theta2 and w on every rung to their start, the torque and the slip."""
-    i1, i2, damping, stiffness = linear
+    i1, i2, damping, stiffness, by_slip, by_speed, plate_by_slip = coefficients_of(linear)
     inertia, kappa = i1 + i2, i1 / (i1 + i2)
+    # M w' = Te - K23 theta2 - (C23 + f_w) theta2' - (f_v + p_v) v, with theta2' = w - kappa v.
+    damped, slipping = damping + by_speed, kappa * (damping + by_speed) - (by_slip + plate_by_slip)
     lengths = 2.0 ** (-0.5 * (top + np.arange(levels)))
     a = lengths[:, None, None] * A
     eye, one = np.broadcast_to(np.eye(NODES), a.shape), np.ones((levels, NODES, 1))
-    matrix = np.block([[eye, -a], [a * (stiffness / inertia), eye + a * (damping / inertia)]])
+    matrix = np.block([[eye, -a], [a * (stiffness / inertia), eye + a * (damped / inertia)]])
     right = np.concatenate([np.block([[one, 0.0 * one, 0.0 * a, -kappa * a]]),
-                            np.block([[0.0 * one, one, a / inertia, a * (damping * kappa / inertia)]])], axis=1)
+                            np.block([[0.0 * one, one, a / inertia, a * (slipping / inertia)]])], axis=1)
     found = np.linalg.solve(matrix, right)
     x, w = found[:, :NODES], found[:, NODES:]
-    by_slip = 2 + NODES
+    start = 2 + NODES
     rungs = np.zeros(levels, RUNG)
     rungs["length"] = lengths
     rungs["start"] = INVERSE.sum(axis=1) / lengths[:, None]
-    u = w[..., by_slip:] - kappa * np.eye(NODES)
-    coupling = INVERSE / lengths[:, None, None] - (damping * u + stiffness * x[..., by_slip:]) / i2
+    u = w[..., start:] - kappa * np.eye(NODES)
+    coupling = INVERSE / lengths[:, None, None] - (damping * u + stiffness * x[..., start:]) / i2
+    coupling = coupling + by_speed / i1 * u + decay_of_slip(linear) * np.eye(NODES)
     rungs["coupling"], rungs["diagonal"] = coupling.transpose(0, 2, 1), coupling.diagonal(axis1=1, axis2=2)
-    rungs["angle"], rungs["speed"] = (_polynomials(y[..., by_slip:]).transpose(0, 2, 1) for y in (x, w))
-    rungs["end_angle"], rungs["end_speed"] = x[:, -1, by_slip:], w[:, -1, by_slip:]
+    rungs["angle"], rungs["speed"] = (_polynomials(y[..., start:]).transpose(0, 2, 1) for y in (x, w))
+    rungs["end_angle"], rungs["end_speed"] = x[:, -1, start:], w[:, -1, start:]
     applied = np.concatenate([np.zeros((levels, NODES, 2)), eye], axis=2)
-    balance = applied / i1 + (damping * w[..., :by_slip] + stiffness * x[..., :by_slip]) / i2
-    source = np.concatenate([balance, *(_polynomials(y[..., :by_slip]) for y in (x, w)), x[:, -1:, :by_slip],
-                             w[:, -1:, :by_slip]], axis=1)
+    balance = (applied - by_speed * w[..., :start]) / i1 + (damping * w[..., :start] + stiffness * x[..., :start]) / i2
+    source = np.concatenate([balance, *(_polynomials(y[..., :start]) for y in (x, w)), x[:, -1:, :start],
+                             w[:, -1:, :start]], axis=1)
     source[:, NODES:NODES + TERMS, FROM_ANGLE] += TO_CHEBYSHEV[0]
     source[:, NODES + TERMS:NODES + 2 * TERMS, FROM_SPEED] += TO_CHEBYSHEV[0]
     torque = np.ascontiguousarray(source[..., 2:])

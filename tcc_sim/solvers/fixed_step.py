@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tcc_sim.compiling.compiled import Call, compiled, smoothed_coefficient
+from tcc_sim.compiling.compiled import Call, compiled, lost_torque, smoothed_coefficient
 from tcc_sim.errors import InputError
 from tcc_sim.model.actuator import approach_between
 from tcc_sim.model.equations import Linear
@@ -39,25 +39,47 @@ def stage(known: tuple[float, float, float], guess: float, engine: float, load: 
           t: float, piece: int, far: Floats | None, linear: Linear) -> tuple[float, float, float, int]:
     """Solve an implicit stage x = known + hg f(x) at time t: v, theta2, omega2, and the iterations."""
     share, gain, drop, push, slip, per_slip = plate
-    # omega2 = free + gain * Tf, since theta2 = known + hg omega2 and the plate is linear.
+    # omega2 = free + gain * (Tf - p_v v), since theta2 = known + hg omega2 and the plate is linear.
     free = share * known[2] - drop * known[1]
     if far is not None:
         free += gain * pull_of_far_end(t, far, piece, linear)
-    w = known[0] + known[2] - free + push * engine
+    w = slip_over_all(known[0] + known[2] - weighted(free, push, linear.flywheel_by_speed) + push * engine, push, gain,
+                      linear.flywheel_by_slip, linear.flywheel_by_speed, linear.plate_by_slip)
     v, count = scalar_root(w, slip * load, guess, smoothing, stribeck)
-    omega = free + gain * ((w - v) * per_slip)
+    omega = free + gain * ((w - v) * per_slip - lost_torque(v, 0.0, linear.plate_by_slip, None))
     return v, known[1] + hg * omega, omega, count
+
+
+@compiled
+def weighted(plate: float, push: float, by_speed: float | None) -> float:
+    """Return (1 + push f_w) times a speed of the plate: the share in v' + omega2' of I1 theta1'' = ... - f_w omega2."""
+    if by_speed is None:
+        return plate
+    else:
+        return plate + push * by_speed * plate
+
+
+@compiled
+def slip_over_all(known: float, push: float, gain: float, by_slip: float | None, by_speed: float | None,
+                  plate_by_slip: float | None) -> float:
+    """Return v of v (1 + push f_v) - (1 + push f_w) gain p_v v = known, the terms of the slip speed in a stage."""
+    if by_slip is None:  # noqa: SIM102 (Numba leaves out what None rules out only where it is a test of its own)
+        if plate_by_slip is None:
+            return known
+    total = 1.0 + push * lost_torque(1.0, 0.0, by_slip, None)
+    passed = weighted(gain * lost_torque(1.0, 0.0, plate_by_slip, None), push, by_speed)
+    return known / (total - passed)  # type: ignore[no-any-return]
 
 
 @compiled
 def plate_of(hg: float, linear: Linear) -> tuple[float, float, float, float, float, float]:
     """Return the constants of the linear part for the stages of a step; `slip`: fall of v per N m of friction."""
-    inertia1, inertia2, damping, stiffness = linear
-    share = 1.0 / (1.0 + hg * (damping + hg * stiffness) / inertia2)
-    gain = share * hg / inertia2
-    push = hg / inertia1
-    slip = push + gain
-    return share, gain, gain * stiffness, push, slip, 1.0 / slip
+    share = 1.0 / (1.0 + hg * (linear.damping + hg * linear.stiffness) / linear.plate)
+    gain = share * hg / linear.plate
+    push = hg / linear.flywheel
+    slip = slip_over_all(push + weighted(gain, push, linear.flywheel_by_speed), push, gain, linear.flywheel_by_slip,
+                         linear.flywheel_by_speed, linear.plate_by_slip)
+    return share, gain, gain * linear.stiffness, push, slip, 1.0 / slip
 
 
 Stages = tuple[float, float, float, float, float, float, float, float, float, float, float, float, float, float, float,
@@ -270,13 +292,19 @@ def engine_and_friction(t: float, v: float, terms: Terms) -> tuple[float, float]
 
 
 @compiled
+def with_means(terms: Terms, mean_torque: float, mean_load: float, profile: Floats | None) -> Terms:
+    """Return `terms` with other means and another profile; the only place of the kernels that lists the fields."""
+    return Terms(terms.linear, mean_torque, terms.torque, terms.harmonics, mean_load, terms.pulsation, terms.smoothing,
+                 terms.stribeck, profile, terms.approach, terms.far)
+
+
+@compiled
 def tick(state: Floats, t: float, end: float, n: int, h: float, mean_torque: float, mean_load: float,
          terms: Terms) -> Reached:
     """Call `advance` with theta1 and other means than those of `terms`; return the torques at time `end`, as the next
     tick counts it.
     """
-    held = Terms(terms.linear, mean_torque, terms.torque, terms.harmonics, mean_load, terms.pulsation, terms.smoothing,
-                 terms.stribeck, terms.profile, terms.approach, terms.far)
+    held = with_means(terms, mean_torque, mean_load, terms.profile)
     _, most = advance(state, t, h, n, held, True, None)
     engine, friction_torque = engine_and_friction(end, state[0], held)
     return state[0], state[1], state[2], state[3], engine, friction_torque, most

@@ -9,19 +9,19 @@ Sub-steps are small enough for one root, so that 1 + a mubar' is above 0.
 from __future__ import annotations
 
 from collections.abc import Callable
-from types import FunctionType
 from typing import Any, cast
 
 import numpy as np
 
 from tcc_sim.compiling.changing import Changing
-from tcc_sim.compiling.compiled import Kernel, compiled
+from tcc_sim.compiling.compiled import Kernel, compiled, rebound
 from tcc_sim.compiling.unrolled import unrolled, where
+from tcc_sim.model import equations
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.profile import LOAD, TORQUE
 from tcc_sim.solvers import key_derivatives as of
-from tcc_sim.solvers.changes import CHANGES, LANES, linear_of
-from tcc_sim.solvers.fixed_step import GAMMA, plate_of, stage, stages
+from tcc_sim.solvers.changes import CHANGES, LANES, changing_linear
+from tcc_sim.solvers.fixed_step import GAMMA, plate_of, slip_over_all, stage, stages, weighted, with_means
 from tcc_sim.solvers.law_changes import FRICTION, NUMBERS_OF_ALL, OF_SLIP, mubar_at, numbers_of
 from tcc_sim.solvers.series import added
 from tcc_sim.solvers.terms import Terms
@@ -29,10 +29,9 @@ from tcc_sim.solvers.torques import break_after
 from tcc_sim.trajectory import Floats
 
 
-def rebound(kernel: Callable[..., Any], **names: Any) -> Callable[..., Any]:
-    """Return the Python function of a kernel, with other objects for some of the names in it."""
-    function = cast(Kernel, kernel).py_func
-    return FunctionType(function.__code__, {**function.__globals__, **names})
+def source_of(kernel: Callable[..., Any]) -> Callable[..., Any]:
+    """Return the Python function of a kernel."""
+    return cast(Kernel, kernel).py_func
 
 
 def law_of_stages(law: Any, speeds: Any, sigma: Any, stribeck: Any) -> None:
@@ -67,13 +66,18 @@ def changed_step(now: Any, by: Any, law: Any, start: Any, speeds: Any, torques: 
         change = w.change - a.change * law[n, FRICTION] - added(shares) * a.value
         return Changing(v, change * (1.0 / (1.0 + a.value * law[n, OF_SLIP]))), 0
 
-    names = {"scalar_root": root, "torques_now": lambda *_: next(applied), "piece_at": lambda *_: 0}
+    names: dict[str, Any] = {"scalar_root": root, "torques_now": lambda *_: next(applied), "piece_at": lambda *_: 0}
     time = Changing(h)
-    inertias: Any = linear_of(linear, by)
-    plate = rebound(plate_of)(time * GAMMA, inertias)
+    part = changing_linear(linear, by)
+    over_all = {"weighted": source_of(weighted), "lost_torque": equations.lost_torque}
+    names["slip_over_all"] = rebound(source_of(slip_over_all), **over_all)
+    names |= over_all
+    plate = rebound(source_of(plate_of), **names)(time * GAMMA, part)
     state = [Changing(number, now.row(i)) for i, number in enumerate(start)]
-    found = rebound(stages, stage=rebound(stage, **names), **names)(
-        *state, 0.0, time, plate, Terms(inertias, 0.0, None, None, 0.0, None, None, None))
+    terms = Terms(linear=part, mean_torque=0.0, torque=None, harmonics=None, mean_load=0.0, pulsation=None,
+                  smoothing=None, stribeck=None)
+    step = rebound(source_of(stages), stage=rebound(source_of(stage), **names), **names)
+    found = step(*state, 0.0, time, plate, terms)
     for i, number in enumerate(found[10:13]):
         now.set_row(number.change, i)
 
@@ -103,8 +107,7 @@ def _over(terms: Terms, profile: Floats | None, torque: float, load: float) -> T
         for i in range(len(profile)):
             profile[i, TORQUE] = terms.profile[i, TORQUE] + torque  # type: ignore[index]
             profile[i, LOAD] = terms.profile[i, LOAD] + load  # type: ignore[index]
-    return Terms(terms.linear, terms.mean_torque + torque, terms.torque, terms.harmonics, terms.mean_load + load,
-                 terms.pulsation, terms.smoothing, terms.stribeck, profile, terms.approach, terms.far)
+    return with_means(terms, terms.mean_torque + torque, terms.mean_load + load, profile)
 
 
 @compiled

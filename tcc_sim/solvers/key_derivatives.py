@@ -17,28 +17,31 @@ import numpy as np
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.elements import list_of
+from tcc_sim.model.equations import COEFFICIENTS, Linear
 from tcc_sim.model.groups import TABULATED
 from tcc_sim.model.parameters import DEFAULTS, System, unknown_key
 from tcc_sim.trajectory import Floats
 
-NUMBERS = ("flywheel_inertia", "plate_inertia", "damping", "stiffness", "mean_torque", "torque_amplitude", "mean_load",
-           "load_amplitude", "load_phase", "excess", "decay", "smoothing", "log_frequency", "breakaway",
-           "second_excess", "second_decay", "third_excess", "third_decay", "log_load")
-"""I1, I2, C23, K23; Tm, Tp; Tsm, Tsp, psi; c_1/m and a_1 (mu_s/mu_k - 1 and alpha of the law with one exponential),
-sigma; log omega; mu(0)/m; c_2/m, a_2, c_3/m, a_3; logarithm of the whole saturation torque, where inputs are measured.
+NUMBERS = (*Linear._fields, "mean_torque", "torque_amplitude", "mean_load", "load_amplitude", "load_phase", "excess",
+           "decay", "smoothing", "log_frequency", "breakaway", "second_excess", "second_decay", "third_excess",
+           "third_decay", "log_load")
+"""Coefficients of the linear part; Tm, Tp; Tsm, Tsp, psi; c_1/m and a_1 (mu_s/mu_k - 1 and alpha of the law with one
+exponential), sigma; log omega; mu(0)/m; c_2/m, a_2, c_3/m, a_3; logarithm of the whole saturation torque, where inputs
+are measured.
 """
-(FLYWHEEL_INERTIA, PLATE_INERTIA, DAMPING, STIFFNESS, MEAN_TORQUE, TORQUE_AMPLITUDE, MEAN_LOAD, LOAD_AMPLITUDE,
- LOAD_PHASE, EXCESS_RATIO, DECAY, SMOOTHING, LOG_FREQUENCY, BREAKAWAY, SECOND_EXCESS, SECOND_DECAY, THIRD_EXCESS,
- THIRD_DECAY, LOG_LOAD) = range(len(NUMBERS))
+LINEAR = len(Linear._fields)
+"""Numbers of the linear part, the first ones."""
+(FLYWHEEL_INERTIA, PLATE_INERTIA, DAMPING, STIFFNESS, FLYWHEEL_BY_SLIP, FLYWHEEL_BY_SPEED,
+ PLATE_BY_SLIP) = range(LINEAR)
+(MEAN_TORQUE, TORQUE_AMPLITUDE, MEAN_LOAD, LOAD_AMPLITUDE, LOAD_PHASE, EXCESS_RATIO, DECAY, SMOOTHING, LOG_FREQUENCY,
+ BREAKAWAY, SECOND_EXCESS, SECOND_DECAY, THIRD_EXCESS, THIRD_DECAY, LOG_LOAD) = range(LINEAR, len(NUMBERS))
 EXCESSES, DECAYS = [EXCESS_RATIO, SECOND_EXCESS, THIRD_EXCESS], [DECAY, SECOND_DECAY, THIRD_DECAY]
 """Numbers of the exponentials in turn."""
 LATER = [SECOND_EXCESS, SECOND_DECAY, THIRD_EXCESS, THIRD_DECAY]
 """Numbers of the exponentials behind the first."""
 
-OF_ITSELF = {"driveline.flywheel_inertia": FLYWHEEL_INERTIA, "driveline.plate_inertia": PLATE_INERTIA,
-             "driveline.damping": DAMPING, "driveline.stiffness": STIFFNESS, "engine.mean_torque": MEAN_TORQUE,
-             "engine.torque_amplitude": TORQUE_AMPLITUDE, "pressure.phase": LOAD_PHASE, "friction.decay": DECAY,
-             "friction.smoothing": SMOOTHING}
+OF_ITSELF = {"engine.mean_torque": MEAN_TORQUE, "engine.torque_amplitude": TORQUE_AMPLITUDE,
+             "pressure.phase": LOAD_PHASE, "friction.decay": DECAY, "friction.smoothing": SMOOTHING}
 """Keys that are one of the numbers themselves."""
 CURVE = "friction.curve."
 """Start of the keys of a table's fit."""
@@ -70,6 +73,8 @@ def _by(system: System, key: str) -> dict[int, float]:
         raise InputError(f"{key} is not used where friction.slip_speeds and friction.coefficients are given")
     if key.startswith(CURVE):
         return _by_curve(system, key)
+    if key in COEFFICIENTS:
+        return {NUMBERS.index(name): share for name, share in COEFFICIENTS[key].items()}
     if key in OF_ITSELF:
         return {OF_ITSELF[key]: 1.0 if key != "engine.torque_amplitude" or system.engine.harmonic else 0.0}
     if key == "engine.frequency":

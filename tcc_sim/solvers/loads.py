@@ -1,9 +1,9 @@
 """Loads of clutch and shaft in a step: work and power of the friction torque, and the torque in the shaft.
 
-(2b) gives the friction torque from the polynomials of the plate's motion, Tf = I2 theta2'' + C23 theta2' + K23 theta2,
-under any law and in any mode. Integrals over a step are sums by the rule of Lobatto with eight
-points, exact for polynomials up to degree thirteen (M. Abramowitz and I. A. Stegun (1964), 25.4.32). The first row of
-the workspace, the hull of the step, is not changed.
+(2b) gives the friction torque from the polynomials of the plate's motion, Tf = I2 theta2'' + C23 theta2' + K23 theta2
++ p_v v (`model.equations.Linear`), under any law and in any mode. Integrals over a step are sums by the rule of Lobatto
+with eight points, exact for polynomials up to degree thirteen (M. Abramowitz and I. A. Stegun (1964), 25.4.32). The
+first row of the workspace, the hull of the step, is not changed.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from tcc_sim.solvers.series import ANGLE, SLIP, SPEED
 from tcc_sim.trajectory import Loads
 
 LOADS = np.dtype([("energy", np.float64), ("peak_power", np.float64), ("highest_shaft_torque", np.float64),
-                  ("lowest_shaft_torque", np.float64), ("breakaways", np.float64), ("wanted", np.float64)])
+                  ("lowest_shaft_torque", np.float64), ("breakaways", np.float64), ("coupling_energy", np.float64),
+                  ("wanted", np.float64)])
 """An engine cycle: the fields of `Loads`, and 1 where they are computed."""
 
 COUNT = 8
@@ -31,8 +32,10 @@ _INNER = np.polynomial.Legendre.basis(COUNT - 1).deriv().roots()
 POINTS = 0.5 + 0.5 * np.concatenate([[-1.0], _INNER, [1.0]])
 WEIGHTS = 1.0 / (COUNT * (COUNT - 1) * np.polynomial.Legendre.basis(COUNT - 1)(2.0 * POINTS - 1.0) ** 2)
 """Abscissae and weights of the rule on [0, 1]."""
-PLACE, POWER, SHAFT, CLOSER = 1, 2, 3, 3
-"""Rows of the workspace: places in a step, power and torque there; CLOSER rows further on the same, closer together."""
+PLACE, POWER, SHAFT, CLOSER, SQUARE = 1, 2, 3, 3, 7
+"""Rows of the workspace: places in a step, power and torque there; CLOSER rows further on the same, closer together;
+the square of the slip speed at the last of these places.
+"""
 ROOM = 0.1
 """Largest distance of an extreme from the values at the points, relative to their range."""
 MOVES = 16
@@ -59,7 +62,8 @@ def loads_of(records: NDArray[Any], problem: Problem, first: int, end: int) -> L
 
 def staged_loads(lanes: int) -> Any:
     """Return the staged function of `evaluate_loads` for degrees below `lanes`."""
-    def staged(rows: Any, per_binomial: Any, unit: Any, linear: Linear, places: Any, power: Any, shaft: Any) -> None:
+    def staged(rows: Any, per_binomial: Any, unit: Any, linear: Linear, places: Any, power: Any, shaft: Any,
+               square: Any) -> None:
         x = places.row(0, count=COUNT)
         v, angle, speed, rise = 0.0, 0.0, 0.0, 0.0
         for i in range(lanes - 8, -1, -8):
@@ -68,9 +72,13 @@ def staged_loads(lanes: int) -> Any:
             for k in range(7, -1, -1):
                 rise = x * rise + speed
                 v, angle, speed = x * v + a[k], x * angle + b[k], x * speed + c[k]
-        torque = speed * linear[2] + angle * linear[3]
+        torque = speed * linear.damping + angle * linear.stiffness
         shaft.set_row(torque, 0)
-        power.set_row((rise * (linear[1] / unit) + torque) * v, 0)
+        friction = rise * (linear.plate / unit) + torque
+        if linear.plate_by_slip is not None:
+            friction = friction + v * linear.plate_by_slip
+            square.set_row(v * v, 0)
+        power.set_row(friction * v, 0)
 
     return staged
 
@@ -83,9 +91,9 @@ def evaluate_loads(rows: Any, degree: int, unit: float, linear: Linear, closer: 
     """Fill power of the friction torque, W, and torque in the shaft, N m, at COUNT places; `closer` is 0 or CLOSER."""
     places, power, shaft = workspace[PLACE + closer], workspace[POWER + closer], workspace[SHAFT + closer]
     if degree < 24:
-        loads_24(0, rows, PER_BINOMIAL[degree], unit, linear, places, power, shaft)
+        loads_24(0, rows, PER_BINOMIAL[degree], unit, linear, places, power, shaft, workspace[SQUARE])
     else:
-        loads_32(0, rows, PER_BINOMIAL[degree], unit, linear, places, power, shaft)
+        loads_32(0, rows, PER_BINOMIAL[degree], unit, linear, places, power, shaft, workspace[SQUARE])
 
 
 @fast
@@ -156,6 +164,16 @@ def keep_breakaway(loads: Any, cycle: int) -> None:
 
 
 @fast
+def add_coupling(load: Any, seconds: float, by_slip: float | None, workspace: Any) -> None:
+    """Add the heat of the torque that passes from flywheel to plate beside friction, -p_v v."""
+    if by_slip is not None:
+        square = 0.0
+        for i in range(COUNT):
+            square += WEIGHTS[i] * workspace[SQUARE, i]
+        load.coupling_energy -= seconds * by_slip * square
+
+
+@fast
 def add_part(rows: Any, degree: int, unit: float, start: float, end: float, linear: Linear, load: Any,
              workspace: Any) -> None:
     """Add the part [start, end] of a step to a cycle's record of LOADS."""
@@ -179,6 +197,7 @@ def add_part(rows: Any, degree: int, unit: float, start: float, end: float, line
         if shaft < low:
             low, low_at = shaft, i
     load.energy += width * unit * energy
+    add_coupling(load, width * unit, linear.plate_by_slip, workspace)
     room = ROOM * (high - low)
     if most + ROOM * (most - least) > load.peak_power:
         load.peak_power = max(load.peak_power,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.errors import InputError
-from tcc_sim.model.equations import Linear
+from tcc_sim.model.equations import Linear, coefficients_of
 from tcc_sim.model.parameters import System
 from tcc_sim.model.profile import TIME
 from tcc_sim.solvers.jumps import slopes_between_jumps, with_peaks
@@ -91,7 +91,7 @@ def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats
     plate_angle, plate_speed, plate_acceleration : (n,) arrays, rad, rad/s, rad/s^2
     starts : (m + 1,) array, s, increasing: where the m cycles start, and where the last of them ends (`cycle_starts`)
     stick_speed : |v| at or below which the clutch sticks, rad/s; 0 for the set-valued law, whose stick is v = 0 exactly
-    linear : I1, I2, C23, K23, for the loads of clutch and shaft; None without them
+    linear : linear part, for the loads of clutch and shaft; None without them
     far : motion of the shaft's far end
     bridged : (n - 1,) intervals in which a sample is missing; None for none. They have section points, and nothing else
         between their ends: no energy, no time in stick and no extremes
@@ -201,35 +201,39 @@ def _loads(grid: _Grid, v: Floats, slip: Floats, angle: Floats, speed: Floats, p
            stick_speed: float, linear: Linear, far: FarEnd) -> Loads:
     """Return the loads of clutch and shaft, with the torques from (2a) and (2b).
 
-    The clutch's energy is the engine's work less the dissipation in C23 and the change of the stored energy, so that no
+    The clutch's energy is the engine's work less the other dissipation and the change of the stored energy, so that no
     integrand has the jumps of Tf.
     """
-    (i1, i2, damping, stiffness), t, starts, place = linear, grid.t, grid.starts, grid.place
+    t, starts, place = grid.t, grid.starts, grid.place
+    i1, i2, damping, stiffness, by_slip, by_speed, plate_by_slip = coefficients_of(linear)
     h = np.diff(t)
     far_angle, far_speed, far_acceleration = np.broadcast_to(far.angle, t.shape), far.speed, far.acceleration
     twist, twisting, jerking = angle - far_angle, speed - far_speed, plate - far_acceleration
     shaft, rise = damping * twisting + stiffness * twist, damping * jerking + stiffness * twisting
-    friction = i2 * plate + shaft
-    engine = friction + i1 * (slip + plate)
-    net = engine * (v + speed) - damping * twisting**2 - shaft * far_speed
-    change = (slopes_between_jumps(t, engine) * (v + speed) + engine * (slip + plate)
+    friction = i2 * plate + shaft + plate_by_slip * v
+    lost, losing = by_slip * v + by_speed * speed, by_slip * slip + by_speed * plate
+    engine = friction + i1 * (slip + plate) + lost
+    net = ((engine - lost) * (v + speed) - plate_by_slip * v * speed - damping * twisting**2 - shaft * far_speed)
+    change = ((slopes_between_jumps(t, engine) - losing) * (v + speed) + (engine - lost) * (slip + plate)
+              - plate_by_slip * (slip * speed + v * plate)
               - 2.0 * damping * twisting * jerking - rise * far_speed - shaft * far_acceleration)
-    parts = h * (0.5 * (net[:-1] + net[1:]) + h / 12.0 * (change[:-1] - change[1:]))
-    total = np.concatenate([[0.0], np.cumsum(parts)])
+    passed, total = -plate_by_slip * integral_of(h, v * v, 2.0 * v * slip), integral_of(h, net, change)
 
     def stored(v: Floats, angle: Floats, speed: Floats) -> Floats:
         """Kinetic energy of both inertias and energy of the twisted shaft."""
         return 0.5 * (i1 * (v + speed) ** 2 + i2 * speed**2 + stiffness * angle**2)
 
-    put_in = hermite(starts, t, total, net)
+    put_in, through = hermite(starts, t, total, net), hermite(starts, t, passed, -plate_by_slip * v * v)
     held = stored(section[:, 0], section[:, 1] - np.interp(starts, t, far_angle), section[:, 2])
-    energy = np.diff(put_in) - np.diff(held)
+    energy, heat = np.diff(put_in) - np.diff(held), np.diff(through)
     power = friction * v
     top = with_peaks(t, power)
     if grid.hidden is not None and grid.beside is not None:
         between = slice(int(place[0]), int(place[-1]) + len(starts))
         lost = np.diff((np.insert(total, place, put_in) - np.insert(stored(v, twist, speed), place, held))[between])
         energy -= np.add.reduceat(np.where(grid.hidden, lost, 0.0), grid.pieces)
+        lost = np.diff(np.insert(passed, place, through)[between])
+        heat -= np.add.reduceat(np.where(grid.hidden, lost, 0.0), grid.pieces)
         top = np.where(grid.beside, power, top)
     power = np.insert(top, place, np.interp(starts, t, power))[place[0]:place[-1] + len(starts)]
     p, dp, q, dq = _cut(grid, shaft, rise[:-1], rise[1:])
@@ -238,8 +242,13 @@ def _loads(grid: _Grid, v: Floats, slip: Floats, angle: Floats, speed: Floats, p
     first = grid.left
     moves = (stuck[:-1] & ~stuck[1:])[:max(int(first[-1]) + int(grid.u[-1] == 1.0), int(first[0]) + 1)]
     return Loads(energy, np.maximum.reduceat(np.maximum(power[:-1], power[1:]), grid.pieces),
-                 *_extremes(grid, torques),
-                 np.add.reduceat(moves.astype(np.float64), first[:-1]))
+                 *_extremes(grid, torques), np.add.reduceat(moves.astype(np.float64), first[:-1]), heat)
+
+
+def integral_of(h: Floats, values: Floats, rates: Floats) -> Floats:
+    """Return the integral from the first sample to each, (n,), of the cubics between samples h s apart."""
+    parts = h * (0.5 * (values[:-1] + values[1:]) + h / 12.0 * (rates[:-1] - rates[1:]))
+    return np.concatenate([[0.0], np.cumsum(parts)])
 
 
 def _about_starts(grid: _Grid, y: Floats, leaving: Floats, arriving: Floats) -> tuple[Floats, ...]:

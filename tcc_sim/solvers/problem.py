@@ -123,7 +123,7 @@ def rates_along(t: Floats, states: Floats, terms: Terms) -> Floats:
     engine, load = torques_at(terms, t)
     torque = load * friction.smoothed_coefficient(v, terms.smoothing, terms.stribeck)
     moved, moving = far_end_along(t, terms)[:2]
-    slip, plate = equations.accelerations(angle - moved, speed - moving, engine, torque, terms.linear)
+    slip, plate = equations.accelerations(v, angle, speed, engine, torque, terms.linear, moved, moving)
     return np.stack([slip, speed, plate, v + speed][:states.shape[1]], axis=1)
 
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from tcc_sim.compiling.compiled import fast
 from tcc_sim.compiling.unrolled import exp, row_of, unrolled
-from tcc_sim.model.equations import Linear
+from tcc_sim.model.equations import Linear, lost_torque
 from tcc_sim.polynomials.bernstein import powers_of
 
 SLIP, ANGLE, SPEED, FLYWHEEL, ENGINE, LOAD = range(6)
@@ -120,8 +120,10 @@ def motion(rows: Any, unit: Any, linear: Linear, sign: Any, pulsation: Any, stri
         vary
     sigma, tanh, sech : sigma, tanh(sigma v) and 1 - tanh^2; None where T does not vary
     """
-    flywheel, plate = unit / linear[0], unit / linear[1]
-    both, damping, stiffness = flywheel + plate, plate * linear[2], plate * linear[3]
+    flywheel, plate = unit / linear.flywheel, unit / linear.plate
+    both, damping, stiffness = flywheel + plate, plate * linear.damping, plate * linear.stiffness
+    on_flywheel, by_speed, on_plate = (None if loss is None else share * loss for share, loss in (
+        (flywheel, linear.flywheel_by_slip), (flywheel, linear.flywheel_by_speed), (plate, linear.plate_by_slip)))
     v, x, u = [rows[SLIP, 0]], [rows[ANGLE, 0]], [rows[SPEED, 0]]
     rates = [] if stribeck is None else [-rate * sign for rate in stribeck[1::2]]
     each = [[share] for share in excesses(stribeck, excess, sign, v[0])]
@@ -132,15 +134,22 @@ def motion(rows: Any, unit: Any, linear: Linear, sign: Any, pulsation: Any, stri
     slope = rising + (rising * e[0] + fallen * t[0])
     law, load, weighted = [t[0] + e[0] * t[0]], [rows[LOAD, 0]], [0.0]
     stiff = both * load[0] * slope
+    if on_flywheel is not None:
+        stiff = stiff + on_flywheel
+    if on_plate is not None:
+        stiff = stiff - on_plate
     pairs = [*((weighted, one) for one in each), None if tanh is None else (weighted, s),
              None if stribeck is None or tanh is None else (e, t), None if pulsation is None else (law, load)]
     packed: list[Any] = []
     for k in range(ORDER_MAXIMUM if stribeck is None and tanh is None else FRICTION_ORDER_MAXIMUM):
         spring = damping * u[k] + stiffness * x[k]
         push = flywheel * rows[ENGINE, k] + spring
+        if by_speed is not None:
+            push = push - by_speed * u[k]
         if k == 0:
             friction = load[0] * law[0]
-            speed = push - both * friction
+            push = push - lost_torque(v[0], 0.0, on_flywheel, None)
+            speed = push - both * friction + lost_torque(v[0], 0.0, on_plate, None)
         else:
             load.append(0.0 if pulsation is None else rows[LOAD, k])
             *by_each, by_t, by_both, by_load = side_by_side(pairs, packed, k)
@@ -161,7 +170,7 @@ def motion(rows: Any, unit: Any, linear: Linear, sign: Any, pulsation: Any, stri
         part = 1.0 / (k + 1)
         weighted.append(speed)
         v.append(part * speed)
-        u.append(part * (plate * friction - spring))
+        u.append(part * (plate * friction - spring - lost_torque(v[k], 0.0, on_plate, None)))
         x.append(part * unit * u[k])
         rows[SLIP, k + 1], rows[SPEED, k + 1], rows[ANGLE, k + 1] = v[k + 1], u[k + 1], x[k + 1]
         if k % 2 == 1 and k >= 7:

@@ -100,7 +100,7 @@ def terms_from(system: System, origin: Origin) -> Terms:
 
 def _terms(system: System, profile: Floats | None, lead: float) -> Terms:
     """Return the terms with this profile, whose loads are pressures, and the load ahead by `lead` rad."""
-    d, e, p, f, inputs = system.driveline, system.engine, system.pressure, system.friction, system.inputs
+    e, p, f, inputs = system.engine, system.pressure, system.friction, system.inputs
     omega = e.frequency if profile is None else 1.0
     own_torque = e.harmonic and (inputs is None or inputs.torque is None)
     own_pressure = p.harmonic and (inputs is None or inputs.pressure is None)
@@ -116,7 +116,7 @@ def _terms(system: System, profile: Floats | None, lead: float) -> Terms:
         pulsation = (system.saturation_amplitude, p.frequency_ratio * omega, p.phase + lead)
     moved = None if inputs is None or profile is None else inputs.output_speed
     return Terms(
-        linear=(d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness),
+        linear=equations.linear_of(system),
         mean_torque=e.mean_torque,
         torque=torque,
         harmonics=harmonics,
@@ -141,16 +141,14 @@ def holding(terms: Terms, torque: float | None, load: float | None) -> Terms:
 
     The harmonics of an input that is held stay as terms of zero amplitude, so that the kernel is the same.
     """
-    if torque is None and load is None:
-        return terms
-    linear, mean_torque, sine, harmonics, mean_load, pulsation, smoothing, stribeck, profile, approach, far = terms
     if torque is not None:
-        mean_torque, sine, profile = torque, sine and (0.0, sine[1]), _held_in(profile, of.TORQUE, torque)
-        harmonics = None if harmonics is None else harmonics * (1.0, 0.0, 1.0)
+        harmonics = None if terms.harmonics is None else terms.harmonics * (1.0, 0.0, 1.0)
+        terms = terms._replace(mean_torque=torque, torque=terms.torque and (0.0, terms.torque[1]), harmonics=harmonics,
+                               profile=_held_in(terms.profile, of.TORQUE, torque))
     if load is not None:
-        mean_load, pulsation, profile = load, pulsation and (0.0, *pulsation[1:]), _held_in(profile, of.LOAD, load)
-    return Terms(linear, mean_torque, sine, harmonics, mean_load, pulsation, smoothing, stribeck, profile, approach,
-                 far)
+        terms = terms._replace(mean_load=load, pulsation=terms.pulsation and (0.0, *terms.pulsation[1:]),
+                               profile=_held_in(terms.profile, of.LOAD, load))
+    return terms
 
 
 def same_but_means(one: Terms, other: Terms) -> bool:
@@ -176,6 +174,7 @@ def general_terms(system: System, origin: Origin = START) -> Terms:
     """Return the terms with every term present, absent ones at zero amplitude: for comparison, and for live changes."""
     own = _terms(system, of.profile_of(system.engine, system.pressure, system.inputs, origin), origin.lead)
     return own._replace(
+        linear=equations.linear_of(system, general=True),
         torque=own.torque or (0.0, 1.0),
         harmonics=np.array([[2.0, 0.0, 0.0]]) if own.harmonics is None else own.harmonics,
         pulsation=own.pulsation or (0.0, 1.0, 0.0),
@@ -273,7 +272,7 @@ def torque_swing(terms: Terms) -> float:
 
 def natural_frequency(terms: Terms) -> float:
     """Return omega_n = sqrt(K23/I2), rad/s."""
-    return math.sqrt(terms.linear[3] / terms.linear[1])
+    return math.sqrt(terms.linear.stiffness / terms.linear.plate)
 
 
 def steps_allowed(terms: Terms, period: float) -> int:
@@ -297,7 +296,7 @@ def substeps(terms: Terms, step: float, held: float = 0.0) -> int:
     fastest = max(natural_frequency(terms), excitation_frequency(terms))
     needed = step * fastest / RESOLUTION
     if terms.stribeck is not None:
-        beta = 1.0 / terms.linear[0] + 1.0 / terms.linear[1]
+        beta = 1.0 / terms.linear.flywheel + 1.0 / terms.linear.plate
         needed = max(needed, 2.0 * step * beta * (peak_load(terms) + held) * friction.steepest_fall(terms.stribeck))
     if not needed <= SUBSTEP_LIMIT:
         raise InputError(f"a step of {step:g} s needs {needed:.0f} sub-steps; "

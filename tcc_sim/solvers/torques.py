@@ -54,7 +54,7 @@ def pull_of_far_end(t: float, far: Floats | None, piece: int, linear: Linear) ->
         row = min(piece, len(far) - 1)
         past = t - far[row, START]
         angle = far[row, FAR_ANGLE] + past * (far[row, FAR_SPEED] + 0.5 * far[row, FAR_RATE] * past)
-        return float(linear[2] * (far[row, FAR_SPEED] + far[row, FAR_RATE] * past) + linear[3] * angle)
+        return float(linear.damping * (far[row, FAR_SPEED] + far[row, FAR_RATE] * past) + linear.stiffness * angle)
 
 
 @compiled

@@ -167,7 +167,7 @@ def mapped(system: System, state: Floats, first: int, cycles: int, tolerance: fl
 def natural_sizes(terms: Terms) -> Floats:
     """Return the sizes of slip speed (rad/s), plate angle (rad) and plate speed (rad/s) of a motion, (3,)."""
     torque = abs(terms.mean_torque) + abs(terms.mean_load) + (terms.torque[0] if terms.torque is not None else 0.0)
-    angle = max(torque, 1.0) / terms.linear[3]
+    angle = max(torque, 1.0) / terms.linear.stiffness
     speed = angle * natural_frequency(terms)
     return np.array([speed, angle, speed])
 
@@ -190,7 +190,8 @@ def tangent_growth(system: System, state: Floats, first: int, cycles: int) -> tu
     """
     every, runs = DEFAULTS.compared, list[Cycles]()
     growth, difference = np.full(cycles, np.nan), np.full(cycles // every, np.nan)
-    i1, i2, _, stiffness = terms_of(system).linear
+    linear = terms_of(system).linear
+    i1, i2, stiffness = linear.flywheel, linear.plate, linear.stiffness
     energy = np.sqrt(np.array([[i1, 0.0, i1], [0.0, 0.0, i2], [0.0, stiffness, 0.0]]))
     fine, coarse = (Prepared(system, (), tolerance) for tolerance in (DEFAULTS.fine, DEFAULTS.coarse))
     vector = FIRST  # The caller drops its growth.

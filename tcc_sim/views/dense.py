@@ -146,7 +146,8 @@ def _friction(recorded: Trajectory, terms: Terms, states: Floats, engine: Floats
 def _interpolated(recorded: Trajectory, terms: Terms, at: Floats) -> Floats:
     """Interpolate states at times `at`, (m, 3), with the accelerations that follow from the recorded torques."""
     t, v, angle, speed = recorded.t, recorded.slip_speed, recorded.plate_angle, recorded.plate_speed
-    slip, plate = equations.accelerations(angle, speed, recorded.engine_torque, recorded.friction_torque, terms.linear)
+    slip, plate = equations.accelerations(v, angle, speed, recorded.engine_torque, recorded.friction_torque,
+                                          terms.linear)
     chord = np.diff(v) / np.diff(t)
     before, after = np.concatenate([chord[:1], chord]), np.concatenate([chord, chord[-1:]])
     # A monotone cubic where the clutch sticks: F. N. Fritsch and R. E. Carlson (1980), SIAM J. Numer. Anal. 17.

@@ -7,11 +7,13 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from tcc_sim.compiling.compiled import compiled
+from tcc_sim.model.equations import Linear, coefficients_of
 from tcc_sim.solvers import collocation as tables
 from tcc_sim.solvers import stages
 from tcc_sim.solvers.stages import LAYER, WORK, Place
 
-LINEAR = (0.2, 0.02, 0.6, 3000.0)
+LINEAR = Linear(0.2, 0.02, 0.6, 3000.0)
+EVERY = Linear(0.2, 0.02, 0.6, 3000.0, 15.0, 4.0, -11.0)
 RATE = 150.0
 STRIBECK = (0.25, 2.0)
 
@@ -34,11 +36,12 @@ def test_chebyshev_coefficients_and_powers_give_the_nodal_values_back():
     np.testing.assert_allclose(np.polynomial.polynomial.polyval(nodes, powers), values, atol=1e-13)
 
 
+@pytest.mark.parametrize("linear", [LINEAR, EVERY], ids=["paper", "every coefficient"])
 @pytest.mark.parametrize("level", [1, 4, 12])
-def test_the_plate_follows_a_given_slip_as_its_equation_says(level):
-    found = tables.tables(LINEAR, (RATE,), RATE, *tables.ladder_of(2e6, 2.0 * np.pi / RATE))
+def test_the_plate_follows_a_given_slip_as_its_equation_says(level, linear):
+    found = tables.tables(linear, (RATE,), RATE, *tables.ladder_of(2e6, 2.0 * np.pi / RATE))
     rung, sources = found.rungs[level], found.sources[level]
-    i1, i2, damping, stiffness = LINEAR
+    i1, i2, damping, stiffness, by_slip, by_speed, plate_by_slip = coefficients_of(linear)
     inertia, kappa, h = i1 + i2, i1 / (i1 + i2), float(rung["length"])
     assert h <= 2.0 * np.pi / RATE
 
@@ -49,7 +52,9 @@ def test_the_plate_follows_a_given_slip_as_its_equation_says(level):
         return 300.0 + 250.0 * np.sin(RATE * t + 0.4)
 
     def rates(t, y):
-        return [y[1] - kappa * slip(t), (torque(t) - stiffness * y[0] - damping * (y[1] - kappa * slip(t))) / inertia]
+        speed = y[1] - kappa * slip(t)
+        beside = by_speed * speed + (by_slip + plate_by_slip) * slip(t)
+        return [speed, (torque(t) - stiffness * y[0] - damping * speed - beside) / inertia]
 
     times = h * np.concatenate([[0.0], tables.C])
     truth = solve_ivp(rates, (0.0, h), [0.1, -3.0], "DOP853", times, rtol=1e-13, atol=1e-14).y
@@ -61,7 +66,8 @@ def test_the_plate_follows_a_given_slip_as_its_equation_says(level):
         np.testing.assert_allclose(values, exact, atol=1e-11 * np.abs(exact).max())
         assert weights @ sources["end_" + name] + v @ rung["end_" + name] == pytest.approx(exact[-1], rel=1e-11)
     u = truth[1, 1:] - kappa * v
-    free = torque(times[1:]) / i1 + (damping * u + stiffness * truth[0, 1:]) / i2 - 1.2 * np.cos(40.0 * times[1:])
+    free = ((torque(times[1:]) - by_slip * v - by_speed * u) / i1
+            + (damping * u + stiffness * truth[0, 1:] + plate_by_slip * v) / i2 - 1.2 * np.cos(40.0 * times[1:]))
     balance = weights @ sources["balance"] + rung["start"] * slip(0.0) - v @ rung["coupling"]
     np.testing.assert_allclose(balance, free, atol=1e-9 * np.abs(free).max() + 1e-9 / h)
 

@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from tcc_sim.model import pure_slip
+from tcc_sim.model.equations import Linear
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.polynomials.polynomial import variation
 from tcc_sim.scene import load_scene
@@ -179,7 +180,7 @@ def test_a_damper_that_holds_the_plate_is_not_followed_at_its_own_rate(slip_spee
 @pytest.mark.parametrize("sign", [1, -1])
 def test_at_breakaway_the_rate_of_the_margin_decides(speed, sign):
     """|lambda| = r Ts: it sticks if r Ts grows faster than |lambda| does as the stuck motion goes on."""
-    linear, ratio, drive = (0.2, 0.02, 0.6, 3000.0), 1.25, np.zeros(1, DRIVE)[0]
+    linear, ratio, drive = Linear(0.2, 0.02, 0.6, 3000.0), 1.25, np.zeros(1, DRIVE)[0]
     torque, torque_rate, angle = sign * 700.0, sign * 9000.0, sign * 0.2
 
     def held(t):

@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 
 from tcc_sim.analysis.summary import cycles_of
 from tcc_sim.errors import InputError
+from tcc_sim.model.equations import Linear
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
@@ -153,7 +154,7 @@ def test_samples_have_the_extremes_of_their_own_cycle() -> None:
     t, starts = np.linspace(0.0, 1.0, 201), np.linspace(0.1033, 0.9033, 9)
     rest = np.zeros_like(t)
     loads = cycles_from_samples(t, rest, rest, *plate(t), starts=starts, stick_speed=0.0,
-                                linear=(0.2, 0.02, 0.6, 3000.0)).loads
+                                linear=Linear(0.2, 0.02, 0.6, 3000.0)).loads
     for n in range(8):
         angle, speed, _ = plate(np.linspace(starts[n], starts[n + 1], 10001))
         shaft = 0.6 * speed + 3000.0 * angle

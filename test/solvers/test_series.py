@@ -13,7 +13,8 @@ from tcc_sim.solvers import excitation, series
 from tcc_sim.solvers.series import ANGLE, COLUMNS, ENGINE, LOAD, ROWS, SLIP, SPEED
 from tcc_sim.solvers.terms import terms_of
 
-LINEAR = (0.2, 0.02, 0.6, 3000.0)
+PAPER = equations.Linear(0.2, 0.02, 0.6, 3000.0)
+EVERY = equations.Linear(0.2, 0.02, 0.6, 3000.0, 15.0, 4.0, -11.0)
 
 
 def test_sine_and_cosine_are_good_to_the_last_bits():
@@ -25,8 +26,8 @@ def test_sine_and_cosine_are_good_to_the_last_bits():
 
 
 @compiled
-def expand(order, rows, unit, sign, pulsation, stribeck, excess, sigma, tanh, sech):
-    series.expand(order, rows, unit, LINEAR, sign, pulsation, stribeck, excess, sigma, tanh, sech)
+def expand(order, rows, unit, linear, sign, pulsation, stribeck, excess, sigma, tanh, sech):
+    series.expand(order, rows, unit, linear, sign, pulsation, stribeck, excess, sigma, tanh, sech)
 
 
 CASES = {"sliding": (None, None, None, None, None), "falling": ((0.25, 2.0), 0.22, None, None, None),
@@ -35,21 +36,22 @@ CASES = {"sliding": (None, None, None, None, None), "falling": ((0.25, 2.0), 0.2
          "layer without stribeck": (None, None, 50.0, 0.98, 1.0 - 0.98**2)}
 
 
+@pytest.mark.parametrize("linear", [PAPER, EVERY], ids=["paper", "every coefficient"])
 @pytest.mark.parametrize("pulsation", [None, (100.0, 150.0, 0.3)])
 @pytest.mark.parametrize("name", CASES)
-def test_motion_solves_the_equations(name, pulsation):
+def test_motion_solves_the_equations(name, pulsation, linear):
     """The coefficients give the derivatives that the equations of motion say, evaluated at a small x."""
     stribeck, excess, sigma, tanh, sech = CASES[name]
     start = np.zeros((ROWS, COLUMNS))
     start[[SLIP, ANGLE, SPEED], 0] = [math.atanh(0.98) / 50.0, 0.1, -3.0]
     start[ENGINE, :3], start[LOAD, :3] = [300.0, 2.0, 0.1], [500.0, 1.0, -0.2]
     plain, unit, order = start.copy(), 1e-6, 14
-    text = series.motion(plain, unit, LINEAR, 1.0, pulsation, stribeck, excess, sigma, tanh, sech)
+    text = series.motion(plain, unit, linear, 1.0, pulsation, stribeck, excess, sigma, tanh, sech)
     while next(text) < order:
         pass
     if name == "layer" and pulsation:
         compiled = start.copy()
-        expand(order, compiled, unit, 1.0, pulsation, stribeck, excess, sigma, tanh, sech)
+        expand(order, compiled, unit, linear, 1.0, pulsation, stribeck, excess, sigma, tanh, sech)
         np.testing.assert_allclose(compiled[[SLIP, ANGLE, SPEED], :order], plain[[SLIP, ANGLE, SPEED], :order],
                                    rtol=1e-9, atol=1e-15)
     x = np.array([0.0, 0.2, 0.5])
@@ -60,9 +62,11 @@ def test_motion_solves_the_equations(name, pulsation):
     if stribeck:
         shares = [excess, *(c * math.exp(-a * v(0.0)) for c, a in zip(stribeck[2::2], stribeck[3::2]))]
         law = law * (1.0 + sum(c * np.exp(-a * (v(x) - v(0.0))) for c, a in zip(shares, stribeck[1::2])))
-    plate = (law * load - LINEAR[2] * speed(x) - LINEAR[3] * angle(x)) / LINEAR[1]
+    i1, i2, damping, stiffness, by_slip, by_speed, plate_by_slip = equations.coefficients_of(linear)
+    plate = (law * load - damping * speed(x) - stiffness * angle(x) - plate_by_slip * v(x)) / i2
+    flywheel = (engine - law * load - by_slip * v(x) - by_speed * speed(x)) / i1
     np.testing.assert_allclose(speed.deriv()(x) / unit, plate, rtol=1e-9)
-    np.testing.assert_allclose(v.deriv()(x) / unit, (engine - law * load) / LINEAR[0] - plate, rtol=1e-9)
+    np.testing.assert_allclose(v.deriv()(x) / unit, flywheel - plate, rtol=1e-9)
     np.testing.assert_allclose(angle.deriv()(x) / unit, speed(x), rtol=1e-10)
 
 

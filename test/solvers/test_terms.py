@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from tcc_sim.errors import InputError
+from tcc_sim.model.equations import COEFFICIENTS
 from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.solvers.key_derivatives import NUMBERS, OF_ITSELF, key_derivatives
 from tcc_sim.solvers.terms import RESULTS_KEPT, per_system
 
 SYSTEM = replace(System(), {"pressure.phase": 0.7, "pressure.amplitude": 4e4})
-KEYS = [*OF_ITSELF, "engine.frequency", "friction.static_coefficient", "friction.kinetic_coefficient", "clutch.area",
-        "clutch.radius", "pressure.mean", "pressure.amplitude"]
+KEYS = [*COEFFICIENTS, *OF_ITSELF, "engine.frequency", "friction.static_coefficient", "friction.kinetic_coefficient",
+        "clutch.area", "clutch.radius", "pressure.mean", "pressure.amplitude"]
 
 
 def numbers(system):
@@ -23,8 +24,8 @@ def numbers(system):
     d, e, p, f = system.driveline, system.engine, system.pressure, system.friction
     load = f.kinetic_coefficient * system.clutch.area * system.clutch.radius
     ratio = f.static_coefficient / f.kinetic_coefficient
-    return np.array([d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness, e.mean_torque, e.torque_amplitude,
-                     load * p.mean, load * p.amplitude, p.phase, ratio - 1.0, f.decay, f.smoothing,
+    return np.array([d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness, 0.0, 0.0, 0.0, e.mean_torque,
+                     e.torque_amplitude, load * p.mean, load * p.amplitude, p.phase, ratio - 1.0, f.decay, f.smoothing,
                      math.log(e.frequency), ratio, 0.0, 0.0, 0.0, 0.0, 0.0])
 
 

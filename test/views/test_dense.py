@@ -24,7 +24,7 @@ def truth(system, t0, state, at):
         engine = equations.engine_torque(t, terms.mean_torque, terms.torque, terms.harmonics)
         load = equations.saturation_torque(t, terms.mean_load, terms.pulsation)
         torque = load * friction.smoothed_coefficient(y[0], terms.smoothing, terms.stribeck)
-        slip, plate = equations.accelerations(y[1], y[2], engine, torque, terms.linear)
+        slip, plate = equations.accelerations(y[0], y[1], y[2], engine, torque, terms.linear)
         return [slip, y[2], plate]
 
     found = solve_ivp(rates, (t0, at[-1]), state, method="Radau", t_eval=at, rtol=1e-10, atol=1e-10)

@@ -230,10 +230,10 @@ static void tcc_terms_of(const double *x, int profile, tcc_origin origin, Terms 
 {
     double omega = profile ? 1.0 : x[at_engine_frequency], per_pressure = tcc_per_pressure(x);
     memset(t, 0, sizeof *t);
-    t->linear._0 = x[at_driveline_flywheel_inertia];
-    t->linear._1 = x[at_driveline_plate_inertia];
-    t->linear._2 = x[at_driveline_damping];
-    t->linear._3 = x[at_driveline_stiffness];
+    t->linear.flywheel = x[at_driveline_flywheel_inertia];
+    t->linear.plate = x[at_driveline_plate_inertia];
+    t->linear.damping = x[at_driveline_damping];
+    t->linear.stiffness = x[at_driveline_stiffness];
     t->mean_torque = x[at_engine_mean_torque];
     if (TCC_ENGINE_HARMONIC && TCC_AMPLITUDE_POINTS == 0 && x[at_engine_torque_amplitude] > 0.0) {
         t->torque.has = 1;
@@ -310,7 +310,7 @@ static void tcc_hold(const double *x, Terms *t)
 /* Sub-steps of a tick; a number, since it may be beyond every limit. */
 static double tcc_substeps(const Terms *t)
 {
-    double fastest = sqrt(t->linear._3 / t->linear._1), excitation = 0.0, frequency = 0.0, load = 0.0, needed, beta, peak;
+    double fastest = sqrt(t->linear.stiffness / t->linear.plate), excitation = 0.0, frequency = 0.0, load = 0.0, needed, beta, peak;
     if (t->torque.has) excitation = fmax(excitation, t->torque._1);
     if (t->pulsation.has) excitation = fmax(excitation, t->pulsation._1);
     for (int k = 0; k < t->harmonics.rows; k++) excitation = fmax(excitation, t->harmonics.at[k][0]);
@@ -323,7 +323,7 @@ static double tcc_substeps(const Terms *t)
     if (t->profile.has) excitation *= frequency;
     needed = TCC_STEP * fmax(fastest, excitation) / TCC_RESOLUTION;
     if (t->stribeck.has) {
-        beta = 1.0 / t->linear._0 + 1.0 / t->linear._1;
+        beta = 1.0 / t->linear.flywheel + 1.0 / t->linear.plate;
         peak = (t->profile.has ? load : t->mean_load) + (t->pulsation.has ? fabs(t->pulsation._0) : 0.0);
 #if TCC_TABLE
         needed = fmax(needed, 2.0 * TCC_STEP * beta * peak * TCC_STEEPEST_FALL);

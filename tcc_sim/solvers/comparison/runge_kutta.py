@@ -110,7 +110,7 @@ def slopes(t: float, v: float, plate_angle: float, plate_speed: float, terms: An
     """Return v' and omega2' of (2) with the smoothed law (7), rad/s^2."""
     engine, load = torques_now(t, piece_at(terms.profile, t), terms.profile, terms)
     friction = smoothed_coefficient(v, terms.smoothing, terms.stribeck) * load
-    return accelerations(plate_angle, plate_speed, engine, friction, terms.linear)  # type: ignore[no-any-return]
+    return accelerations(v, plate_angle, plate_speed, engine, friction, terms.linear)  # type: ignore[no-any-return]
 
 
 @compiled

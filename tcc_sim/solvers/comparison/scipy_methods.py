@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.integrate import BDF, DOP853, LSODA, RK45, Radau
 
-from tcc_sim.compiling.compiled import Call, compiled, smoothed_and_slope
+from tcc_sim.compiling.compiled import Call, compiled, lost_torque, smoothed_and_slope
 from tcc_sim.solvers import SOLVERS
 from tcc_sim.solvers.comparison.runge_kutta import GOES_ON, march, rates
 from tcc_sim.solvers.per_cycle import cycles_of_states
@@ -62,14 +62,17 @@ def _jacobian(t: float, y: Floats, terms: Any, out: Floats) -> None:
     """Fill `out` with the derivative of `rates` by y."""
     _, slope = smoothed_and_slope(y[0], terms.smoothing, terms.stribeck)
     rate = slope * torques_now(t, piece_at(terms.profile, t), terms.profile, terms)[1]
-    flywheel, plate, damping, stiffness = terms.linear
-    out[0, 0] = -rate * (1.0 / flywheel + 1.0 / plate)
-    out[0, 1] = stiffness / plate
-    out[0, 2] = damping / plate
+    linear = terms.linear
+    flywheel, plate = linear.flywheel, linear.plate
+    on_plate = lost_torque(1.0, 0.0, linear.plate_by_slip, None)
+    out[0, 0] = (-rate * (1.0 / flywheel + 1.0 / plate) + on_plate / plate
+                 - lost_torque(1.0, 0.0, linear.flywheel_by_slip, None) / flywheel)
+    out[0, 1] = linear.stiffness / plate
+    out[0, 2] = linear.damping / plate - lost_torque(0.0, 1.0, None, linear.flywheel_by_speed) / flywheel
     out[1, 2] = 1.0
-    out[2, 0] = rate / plate
-    out[2, 1] = -stiffness / plate
-    out[2, 2] = -damping / plate
+    out[2, 0] = (rate - on_plate) / plate
+    out[2, 1] = -linear.stiffness / plate
+    out[2, 2] = -linear.damping / plate
     if len(y) > 3:
         out[3, 0] = 1.0
         out[3, 2] = 1.0
@@ -79,7 +82,7 @@ def _scales(problem: Problem, terms: Terms) -> Floats:
     """Return sizes of absolute errors: slip speed in stick, static twist, twist at omega_n."""
     engine = problem.system.engine
     torque = max(abs(engine.mean_torque) + engine.torque_amplitude + sum(engine.harmonic_amplitudes), 1.0)
-    twist = torque / terms.linear[3]
+    twist = torque / terms.linear.stiffness
     assert terms.smoothing is not None
     scales = [max(1.0 / terms.smoothing, 1e-6), twist, twist * problem.system.natural_frequency]
     return np.array([*scales, 1.0] if problem.flywheel_angle else scales)

@@ -10,8 +10,9 @@ import math
 from typing import Any
 
 from tcc_sim.compiling.changing import Changing
-from tcc_sim.compiling.compiled import fast
+from tcc_sim.compiling.compiled import fast, lost_torque
 from tcc_sim.compiling.unrolled import unrolled
+from tcc_sim.model import equations
 from tcc_sim.model.equations import Linear
 from tcc_sim.polynomials import polynomial
 from tcc_sim.polynomials.bernstein import (
@@ -25,9 +26,9 @@ from tcc_sim.polynomials.bernstein import (
     to_bernstein,
 )
 from tcc_sim.solvers import key_derivatives as of
-from tcc_sim.solvers.changes import LANES, OF_ENGINE, OF_LOAD, changed_at, linear_of
+from tcc_sim.solvers.changes import LANES, OF_ENGINE, OF_LOAD, changed_at, changing_linear
 from tcc_sim.solvers.engine import GRADIENT, GROWS, VALUE
-from tcc_sim.solvers.event_driven.step import DOWNWARD, UPWARD, Step
+from tcc_sim.solvers.event_driven.step import DOWNWARD, UPWARD, Step, accelerations_at
 from tcc_sim.solvers.excitation import Pulsation
 from tcc_sim.solvers.series import SLIP
 from tcc_sim.trajectory import FREE, STICK
@@ -84,10 +85,12 @@ def smallest_dip(c: Any, row: int, degree: int, x_end: float, sign: float, below
 def arrival_change(out: Any, now: Any, by: Any, angle: Any, speed: Any, engine: Any, load: Any, sines: Any,
                    amplitude: Any, ratio: Any, side: Any, linear: Linear) -> None:
     """Fill the change of r Ts + side * lambda at constant phase, lambda in stick's form; staged function."""
-    flywheel, plate, damping, stiffness = linear_of(linear, by)
+    part = changing_linear(linear, by)
+    flywheel, plate, turning = part.flywheel, part.plate, Changing(speed, now.row(2))
     sine, load_sine, load_cosine = sines
-    spring = damping * Changing(speed, now.row(2)) + stiffness * Changing(angle, now.row(1))
+    spring = part.damping * turning + part.stiffness * Changing(angle, now.row(1))
     engine = Changing(engine, by.row(of.MEAN_TORQUE) + by.row(of.TORQUE_AMPLITUDE) * sine)
+    engine = engine - equations.lost_torque(0.0, turning, None, part.flywheel_by_speed)
     load = Changing(load, by.row(of.MEAN_LOAD) + by.row(of.LOAD_AMPLITUDE) * load_sine
                     + by.row(of.LOAD_PHASE) * (amplitude * load_cosine))
     torque = (plate * engine + flywheel * spring) / (flywheel + plate)
@@ -138,21 +141,22 @@ def note_arrival(mode: int, step: Step, state: Any, drive: Any, linear: Linear, 
     sines : coefficients of `changes.expand_sines` over that step
     room : (LANES,) work space
     """
-    flywheel, plate, damping, stiffness = linear
+    flywheel, plate, damping, stiffness = linear.flywheel, linear.plate, linear.damping, linear.stiffness
     both = flywheel + plate
     spring = damping * state.plate_speed + stiffness * state.plate_angle
-    margin = ratio * drive.load + mode * (plate * drive.torque + flywheel * spring) / both
+    engine = drive.torque - lost_torque(0.0, state.plate_speed, None, linear.flywheel_by_speed)
+    margin = ratio * drive.load + mode * (plate * engine + flywheel * spring) / both
     friction = mode * ratio * drive.load
-    speed_rate = (friction - spring) / plate
-    slip_rate = (drive.torque - friction) / flywheel - speed_rate
+    slip_rate, speed_rate = accelerations_at(linear, 0.0, state, drive.torque, friction)
     if abs(margin) >= abs(least[ARRIVAL, VALUE]) or slip_rate == 0.0:
         return
     least[ARRIVAL, VALUE] = margin
-    stuck_rate = (drive.torque - spring) / both
+    stuck_rate = (engine - spring) / both
     still = (ratio * drive.load_rate
              + mode * (plate * drive.torque_rate + flywheel * stiffness * state.plate_speed) / both)
-    least[ARRIVAL, GROWS] = 1.0 if still + mode * flywheel * damping * stuck_rate / both > 0.0 else 0.0
-    rate = still + mode * flywheel * damping * speed_rate / both
+    resisted = flywheel * damping - plate * lost_torque(0.0, 1.0, None, linear.flywheel_by_speed)
+    least[ARRIVAL, GROWS] = 1.0 if still + mode * resisted * stuck_rate / both > 0.0 else 0.0
+    rate = still + mode * resisted * speed_rate / both
     sine = polynomial.value(sines, OF_ENGINE, step.degree, step.x)
     load_sine, slope = polynomial.value_and_slope(sines, OF_LOAD, step.degree, step.x)
     now = sine, load_sine, slope / (pulsation[1] * step.unit)

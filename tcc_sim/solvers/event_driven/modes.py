@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from tcc_sim.compiling.compiled import fast
+from tcc_sim.compiling.compiled import fast, lost_torque
 from tcc_sim.model.equations import Linear
 from tcc_sim.polynomials import polynomial
 from tcc_sim.solvers.collocation import Tables
@@ -29,18 +29,20 @@ def mode_at_rest(plate_angle: float, plate_speed: float, drive: Any, ratio: floa
 
     Within `tolerance` (N m) of breakaway the rate of the margin decides: stick if it grows.
     """
-    flywheel, plate, damping, stiffness = linear
+    flywheel, plate, damping, stiffness = linear.flywheel, linear.plate, linear.damping, linear.stiffness
     both = flywheel + plate
     spring = damping * plate_speed + stiffness * plate_angle
-    torque = (plate * drive.torque + flywheel * spring) / both
+    engine = drive.torque - lost_torque(0.0, plate_speed, None, linear.flywheel_by_speed)
+    torque = (plate * engine + flywheel * spring) / both
     margin = ratio * drive.load - abs(torque)
     if margin > tolerance:
         return STICK
     direction = POSITIVE if torque > 0.0 else NEGATIVE
     if margin < -tolerance:
         return direction
-    acceleration = (drive.torque - spring) / both
-    torque_rate = (plate * drive.torque_rate + flywheel * (damping * acceleration + stiffness * plate_speed)) / both
+    acceleration = (engine - spring) / both
+    engine_rate = drive.torque_rate - lost_torque(0.0, acceleration, None, linear.flywheel_by_speed)
+    torque_rate = (plate * engine_rate + flywheel * (damping * acceleration + stiffness * plate_speed)) / both
     growth = ratio * drive.load_rate - (torque_rate if torque > 0.0 else -torque_rate)
     return STICK if growth >= 0.0 else direction
 

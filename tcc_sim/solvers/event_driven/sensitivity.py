@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.compiling.changing import Changing
-from tcc_sim.compiling.compiled import compiled, fast
+from tcc_sim.compiling.compiled import compiled, fast, lost_torque
 from tcc_sim.compiling.unrolled import unrolled
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
@@ -26,16 +26,16 @@ from tcc_sim.solvers.changes import (
     carry_slip,
     changed_at,
     changing,
+    changing_linear,
     end_changes,
     expand_sines,
     hold_phase,
-    linear_of,
 )
 from tcc_sim.solvers.engine import VALUE, Memory, Setup, Tangent
 from tcc_sim.solvers.event_driven.margins import note_arrival, note_gradient, note_step, smallest_dip
 from tcc_sim.solvers.event_driven.modes import step_on
 from tcc_sim.solvers.event_driven.setup import Bounds
-from tcc_sim.solvers.event_driven.step import FALLING_ORDER, Step, monotone, stuck
+from tcc_sim.solvers.event_driven.step import FALLING_ORDER, Step, accelerations_at, monotone, stuck
 from tcc_sim.solvers.excitation import Pulsation
 from tcc_sim.solvers.key_derivatives import BREAKAWAY
 from tcc_sim.solvers.law_changes import NARROW
@@ -62,7 +62,7 @@ def changed_stick(rows: Any, changes: Any, now: Any, by: Any, sines: Any, unit: 
                   pulsation: Any, margins: Any) -> Iterator[int]:
     """Fill the derivatives of `step.stuck`; staged function."""
     yield from stuck(Rows(rows, changes, now, by, sines, unit, pulsation, margins), Changing(unit),
-                     linear_of(linear, by), changing(ratio, by, BREAKAWAY), pulsation)
+                     changing_linear(linear, by), changing(ratio, by, BREAKAWAY), pulsation)
 
 
 expand_stick_changes = unrolled(changed_stick)
@@ -116,18 +116,16 @@ def carry(mode: int, falls: bool, step: Step, ratio: float, terms: Terms, groups
 @fast
 def land(mode: int, following: int, state: Any, drive: Any, ratio: float, linear: Linear, groups: Any) -> bool:
     """Apply the saltation matrix of slip in direction `mode` that ends in mode `following`; return False if v' is 0."""
-    flywheel, plate, damping, stiffness = linear
-    spring = damping * state.plate_speed + stiffness * state.plate_angle
-    friction = mode * ratio * drive.load
-    speed_rate = (friction - spring) / plate
-    slip_rate = (drive.torque - friction) / flywheel - speed_rate
+    slip_rate, speed_rate = accelerations_at(linear, 0.0, state, drive.torque, mode * ratio * drive.load)
     if slip_rate == 0.0:
         return False
-    new_rate, share = (drive.torque - spring) / (flywheel + plate), 0.0
     if following != STICK:
-        friction = following * ratio * drive.load
-        new_rate = (friction - spring) / plate
-        share = ((drive.torque - friction) / flywheel - new_rate) / slip_rate
+        share, new_rate = accelerations_at(linear, 0.0, state, drive.torque, following * ratio * drive.load)
+        share /= slip_rate
+    else:
+        spring = linear.damping * state.plate_speed + linear.stiffness * state.plate_angle
+        engine = drive.torque - lost_torque(0.0, state.plate_speed, None, linear.flywheel_by_speed)
+        share, new_rate = 0.0, (engine - spring) / (linear.flywheel + linear.plate)
     for b in range(groups.shape[0]):
         now = groups[b].now
         for lane in range(LANES):
@@ -139,15 +137,15 @@ def land(mode: int, following: int, state: Any, drive: Any, ratio: float, linear
 @fast
 def longest_step(bounds: Bounds, linear: Linear, load: float, stribeck: Stribeck, fastest: float, state: Any) -> float:
     """Return the length, s, up to which the series of derivatives hold, also at rates that the motion does not show."""
-    mode, inertia = state.mode, linear[1]
+    mode, inertia = state.mode, linear.plate
     if mode == STICK:
-        inertia += linear[0]
-    rate = max(math.sqrt(linear[3] / inertia) + linear[2] / inertia, fastest)
+        inertia += linear.flywheel
+    rate = max(math.sqrt(linear.stiffness / inertia) + linear.damping / inertia + bounds.slip_decay, fastest)
     if stribeck is not None and mode != STICK and mode != FREE and abs(state.slip_speed) <= 1.01 * bounds.far:
         fall = stribeck[1] * abs(stribeck[0]) * math.exp(-stribeck[1] * abs(state.slip_speed))
         for j in range(2, len(stribeck), 2):
             fall += stribeck[j + 1] * abs(stribeck[j]) * math.exp(-stribeck[j + 1] * abs(state.slip_speed))
-        return FALLING_REACH / (rate + fall * load * (1.0 / linear[0] + 1.0 / linear[1]))
+        return FALLING_REACH / (rate + fall * load * (1.0 / linear.flywheel + 1.0 / linear.plate))
     return LINEAR_REACH / rate
 
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tcc_sim.model.equations import coefficients_of, decay_of_slip
 from tcc_sim.model.friction import exponentials, largest_ratio
 from tcc_sim.solvers.terms import Terms, excitation_frequency, peak_load, steps_allowed, torque_swing
 
@@ -34,6 +35,7 @@ class Bounds(NamedTuple):
     clamped : whether the pressure reaches 0
     slip_rate : sum of the rates of the plate on its spring and of the excitation
     stick_rate : the same for flywheel and plate as one
+    slip_decay : sum of the rates of the linear part beside those of the plate on its shaft
     far : slip speed from which on mubar is 1 to the tolerance; 0 where it is 1 everywhere
     truncation : largest share of the last terms of a series
     torque_tolerance, slip_tolerance : torques, and slip speeds, closer than this are equal
@@ -49,6 +51,7 @@ class Bounds(NamedTuple):
     clamped: bool
     slip_rate: float
     stick_rate: float
+    slip_decay: float
     far: float
     truncation: float
     torque_tolerance: float
@@ -67,7 +70,8 @@ def bounds_of(terms: Terms, period: float, rtol: float) -> Bounds:
 
     A cycle may have 1000 events, and 40 for each natural or excitation period in it.
     """
-    flywheel, plate, damping, stiffness = terms.linear
+    flywheel, plate, damping, stiffness, _, by_speed, _ = coefficients_of(terms.linear)
+    slip_decay = decay_of_slip(terms.linear) + by_speed / flywheel
     pairs = exponentials(terms.stribeck)
     ratio = 1.0 + sum(share for share, _ in pairs)
     friction = largest_ratio(terms.stribeck) * peak_load(terms)
@@ -80,17 +84,18 @@ def bounds_of(terms: Terms, period: float, rtol: float) -> Bounds:
         truncation = max(SHARE * rtol, EXACT)
         far = max(max(math.log(abs(share) / (FAR_SHARE * rtol)), 1.0) / rate for share, rate in pairs)
 
-    def stiff(inertia: float) -> bool:
+    def stiff(inertia: float, beside: float) -> bool:
         """Return whether the fast part decays long before the slow part and the excitation change."""
-        fast = damping / inertia
+        fast = damping / inertia + beside
         return fast > STIFF * math.sqrt(stiffness / inertia) and fast > STIFF**2 * (excitation + 2.0 * math.pi / period)
 
     return Bounds(
         period=period, ratio=ratio, clamped=terms.pulsation is not None and terms.pulsation[0] > terms.mean_load,
-        slip_rate=math.sqrt(stiffness / plate) + damping / plate + excitation,
-        stick_rate=math.sqrt(stiffness / (flywheel + plate)) + damping / (flywheel + plate) + excitation,
+        slip_rate=math.sqrt(stiffness / plate) + damping / plate + slip_decay + excitation,
+        stick_rate=math.sqrt(stiffness / (flywheel + plate)) + (damping + by_speed) / (flywheel + plate) + excitation,
         far=far, truncation=truncation, torque_tolerance=tolerance, slip_tolerance=1e-14 * scale, speed_scale=scale,
-        stiff_slip=stiff(plate), stiff_stick=stiff(flywheel + plate),
+        slip_decay=slip_decay, stiff_slip=stiff(plate, slip_decay),
+        stiff_stick=stiff(flywheel + plate, by_speed / (flywheel + plate)),
         steps=STEPS_ALLOWED * steps_allowed(terms, period), creep=min(scale, torque / max(damping, 1e-300)),
         steepest=2.0 * tolerance * (1.0 / flywheel + 1.0 / plate),
         events=EVENTS + int(min(40.0 * max(math.sqrt(stiffness / plate), excitation) * period / (2.0 * math.pi), 1e6)))

@@ -6,8 +6,9 @@ import math
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from tcc_sim.compiling.compiled import fast
+from tcc_sim.compiling.compiled import fast, lost_torque
 from tcc_sim.compiling.unrolled import unrolled
+from tcc_sim.model import equations
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.polynomials import polynomial
@@ -50,13 +51,13 @@ def stuck(rows: Any, unit: Any, linear: Any, ratio: Any, pulsation: Any) -> Iter
 
     (I1 + I2) theta2'' + C23 theta2' + K23 theta2 = Te, and lambda = (I2 Te + I1 (C23 theta2' + K23 theta2))/(I1 + I2).
     """
-    flywheel, plate, damping, stiffness = linear
+    flywheel, plate, damping, stiffness = linear.flywheel, linear.plate, linear.damping, linear.stiffness
     both = flywheel + plate
     share, other, pace = flywheel / both, plate / both, unit / both
     x, u = rows[ANGLE, 0], rows[SPEED, 0]
     for k in range(LINEAR_ORDER + 1):
         spring = damping * u + stiffness * x
-        torque = rows[ENGINE, k]
+        torque = rows[ENGINE, k] - equations.lost_torque(0.0, u, None, linear.flywheel_by_speed)
         need = share * spring + other * torque
         load = ratio * rows[LOAD, k] if pulsation is not None or k == 0 else 0.0
         rows[UPWARD, k] = load - need
@@ -159,6 +160,15 @@ def returning_at(stribeck: tuple[float, ...], speed: float) -> float:
 
 
 @fast
+def accelerations_at(linear: Linear, v: float, state: Any, engine: float, friction: float) -> tuple[float, float]:
+    """Return v' and omega2' of a state with the slip speed v, rad/s^2, for given engine and friction torque."""
+    pull = (friction - linear.damping * state.plate_speed - linear.stiffness * state.plate_angle
+            - lost_torque(v, state.plate_speed, linear.plate_by_slip, None))
+    push = engine - friction - lost_torque(v, state.plate_speed, linear.flywheel_by_slip, linear.flywheel_by_speed)
+    return push / linear.flywheel - pull / linear.plate, pull / linear.plate
+
+
+@fast
 def slip_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, mean_load: float,
              pulsation: tuple[float, float, float] | None, stribeck: Stribeck, state: Any, drive: Any,
              remaining: float, rows: Any, workspace: Any) -> Step:
@@ -185,9 +195,8 @@ def slip_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, mea
                 total += share
                 steep += stribeck[j + 1] * abs(share)
             friction = sign * drive.load * (1.0 + total)
-            pull = friction - linear[2] * state.plate_speed - linear[3] * state.plate_angle
-            acceleration = abs((drive.torque - friction) / linear[0] - pull / linear[1])
-            slope = (1.0 / linear[0] + 1.0 / linear[1]) * drive.load * steep
+            acceleration = abs(accelerations_at(linear, v, state, drive.torque, friction)[0])
+            slope = (1.0 / linear.flywheel + 1.0 / linear.plate) * drive.load * steep
             unit = 1.0 / (bounds.slip_rate + series.fastest_at(stribeck, sign * v) * acceleration + slope)
             expand_excitation(rows, order, unit, state.tau, True, mean_torque, waves, mean_load, pulsation, None, drive)
             series.expand(order, rows, unit, linear, sign, pulsation, stribeck, excess, None, None, None)

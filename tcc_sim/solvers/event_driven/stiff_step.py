@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from tcc_sim.compiling.compiled import fast
+from tcc_sim.compiling.compiled import fast, lost_torque
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers.collocation import DEGREE, NODES, TERMS, C, Tables
 from tcc_sim.solvers.event_driven.setup import Bounds
@@ -51,7 +51,8 @@ def breakaway_margins(bounds: Bounds, terms: Terms, pulsation: Pulsation, waves:
                       work: Any) -> None:
     """Fill rows UPWARD and DOWNWARD of a step in stick: the margins to breakaway."""
     rows, nodes = work.rows, work.demand
-    flywheel, plate, damping, stiffness = terms.linear
+    linear = terms.linear
+    flywheel, plate, damping, stiffness = linear.flywheel, linear.plate, linear.damping, linear.stiffness
     for i in range(NODES):
         nodes[i] = terms.mean_torque
         for k in range(waves.shape[0]):
@@ -63,7 +64,8 @@ def breakaway_margins(bounds: Bounds, terms: Terms, pulsation: Pulsation, waves:
             nodes[i] += pulsation[0] * math.sin(pulsation[1] * (state.tau + C[i] * h) + state.shift)
     slip_polynomial(0, nodes, drive.load, work.chebyshev, rows[DOWNWARD])
     for k in range(TERMS):
-        need = (plate * rows[UPWARD, k] + flywheel * (damping * rows[SPEED, k] + stiffness * rows[ANGLE, k])) / (
+        engine = rows[UPWARD, k] - lost_torque(0.0, rows[SPEED, k], None, linear.flywheel_by_speed)
+        need = (plate * engine + flywheel * (damping * rows[SPEED, k] + stiffness * rows[ANGLE, k])) / (
             flywheel + plate)
         load = bounds.ratio * rows[DOWNWARD, k]
         rows[UPWARD, k], rows[DOWNWARD, k] = load - need, load + need
@@ -81,7 +83,7 @@ def error_on_rung(bounds: Bounds, terms: Terms, waves: Any, place: Place, sharpn
     """Solve on the rung state.level; return the error of its polynomials, infinite where there are none."""
     level, slip, chebyshev = state.level, work.slip, work.chebyshev
     rung = tables.rungs[level]
-    flywheel, plate, _, _ = terms.linear
+    flywheel, plate = terms.linear.flywheel, terms.linear.plate
     kappa, goal = flywheel / (flywheel + plate), max(bounds.truncation, LEAST_TRUNCATION)
     weigh(state, rung.length, kappa, terms.mean_torque, waves, None, work)
     for i in range(NODES):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from tcc_sim.compiling.compiled import fast
+from tcc_sim.compiling.compiled import fast, lost_torque
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.profile import STARTED
 from tcc_sim.polynomials import polynomial
@@ -64,9 +64,10 @@ def region_of(state: Any, loaded: bool, control: Any, limits: Limits, terms: Ter
         region = LAYER
         slip_tolerance = min(slip_tolerance, limits.layer_tolerance)
         if size < 0.1 * limits.nearly_zero:
-            i1, i2, damping, stiffness = terms.linear
-            spring = damping * state.plate_speed + stiffness * state.plate_angle
-            sign = 1.0 if drive.torque / i1 + spring / i2 >= 0.0 else -1.0
+            linear = terms.linear
+            spring = linear.damping * state.plate_speed + linear.stiffness * state.plate_angle
+            engine = drive.torque - lost_torque(0.0, state.plate_speed, None, linear.flywheel_by_speed)
+            sign = 1.0 if engine / linear.flywheel + spring / linear.plate >= 0.0 else -1.0
     elif size <= limits.far * (1.0 + EDGE):
         region = FALLING
         slip_tolerance = min(slip_tolerance, limits.falling_tolerance)

@@ -45,7 +45,7 @@ def resolved(step: Step, place: Place, friction: LocalFriction, rows: Any, strib
     start or of the scene is off it and decays with friction's own rate. Nor does the motion show an exponential or a
     sine of zero amplitude, by which there may be derivatives.
     """
-    rate = terms.linear[2] / terms.linear[1]
+    rate = terms.linear.damping / terms.linear.plate + limits.slip_decay
     if place.region == LAYER:
         rate += limits.beta * drive.load * max(friction.slope, 0.0)
     x = min(step.x, reach_of(limits, fastest) / step.unit)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from tcc_sim.compiling.compiled import fast
+from tcc_sim.compiling.compiled import fast, lost_torque
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers.excitation import expand_excitation
 from tcc_sim.solvers.series import ANGLE, ENDLESS, INVERSE, SLIP, SPEED, expand, fastest_at, logarithm, power_of_two
@@ -62,10 +62,12 @@ def friction_here(place: Place, state: Any, limits: Limits, terms: Terms, drive:
     """Return friction and slip acceleration at the state."""
     law, slope, excess, tanh, sech = law_here(state.slip_speed, place.sign, place.region, limits.sigma,
                                                 terms.stribeck)
-    i1, i2, damping, stiffness = terms.linear
+    linear, v, plate_speed = terms.linear, state.slip_speed, state.plate_speed
     torque = law * drive.load
-    pull = torque - (damping * state.plate_speed + stiffness * state.plate_angle)
-    return LocalFriction(law, slope, excess, tanh, sech, (drive.torque - torque) / i1 - pull / i2)
+    pull = (torque - (linear.damping * plate_speed + linear.stiffness * state.plate_angle)
+            - lost_torque(v, plate_speed, linear.plate_by_slip, None))
+    push = drive.torque - torque - lost_torque(v, plate_speed, linear.flywheel_by_slip, linear.flywheel_by_speed)
+    return LocalFriction(law, slope, excess, tanh, sech, push / linear.flywheel - pull / linear.plate)
 
 
 @fast

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tcc_sim.model import friction
+from tcc_sim.model.equations import coefficients_of, decay_of_slip
 from tcc_sim.solvers.series import FRICTION_ORDER_MAXIMUM, ORDER_MAXIMUM
 from tcc_sim.solvers.terms import (
     Terms,
@@ -55,6 +56,7 @@ class Limits(NamedTuple):
     fastest : base_rate and friction's largest rate, that in stick
     strength : beta times the largest Ts, the deceleration by full friction, rad/s^2
     beta, kappa : 1/I1 + 1/I2, 1/(kg m^2), and I1/(I1 + I2)
+    slip_decay : rate at which the linear part lets the slip speed decay
     rest : plate speed that counts as 0; smaller numbers become denormal and make a series twenty times slower
     order, linear_order : of the series with and without varying friction
     resolved : largest rate of decay times length of a series step that resolves the decay of a perturbation
@@ -81,6 +83,7 @@ class Limits(NamedTuple):
     strength: float
     beta: float
     kappa: float
+    slip_decay: float
     rest: float
     order: int
     linear_order: int
@@ -101,7 +104,7 @@ def limits_of(terms: Terms, own: Terms, period: float, rtol: float, excess: floa
     """
     sigma, stribeck = terms.smoothing, terms.stribeck
     assert sigma is not None
-    i1, i2, damping, stiffness = terms.linear
+    i1, i2, damping, stiffness, _, by_speed, _ = coefficients_of(terms.linear)
     local = max(LOCAL * rtol, 1e-14)
     stick_speed = stick_speed_of(own)
     creep_speed, peak = friction.peak(sigma, own.stribeck)
@@ -116,8 +119,9 @@ def limits_of(terms: Terms, own: Terms, period: float, rtol: float, excess: floa
     speed = torques / math.sqrt(stiffness * i2)
     beta = 1.0 / i1 + 1.0 / i2
     strength = beta * peak_load(terms)
+    slip_decay = decay_of_slip(terms.linear)
     base_rate = (math.sqrt(stiffness / i2) + damping / i2 + 2.0 * math.pi / period + excitation_frequency(terms)
-                 + load_frequency(terms))
+                 + load_frequency(terms) + slip_decay + by_speed / i1)
     return Limits(
         period=period, sigma=sigma, rtol=local, slip_floor=0.01 / sigma, speed_floor=1e-6 * speed + 1e-12,
         layer_tolerance=min(1e-3, 300.0 * local) / sigma,
@@ -125,7 +129,7 @@ def limits_of(terms: Terms, own: Terms, period: float, rtol: float, excess: floa
         creep_tolerance=min(CREEP_ERROR * max(rtol, 1e-13), 1e-2) / sigma,
         layer=layer, far=far, nearly_zero=1e-7 / sigma, stick_speed=stick_speed, peak=peak,
         creep_speed=creep_speed, base_rate=base_rate, fastest=base_rate + strength * sigma * peak,
-        strength=strength, beta=beta, kappa=i1 / (i1 + i2), rest=1e-26 * speed,
+        strength=strength, beta=beta, kappa=i1 / (i1 + i2), slip_decay=slip_decay, rest=1e-26 * speed,
         steps=steps_allowed(terms, period), **of_tolerance(local))
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from tcc_sim.compiling.compiled import fast
+from tcc_sim.compiling.compiled import fast, lost_torque
 from tcc_sim.solvers.collocation import LEVELS, Tables
 from tcc_sim.solvers.rungs import growth, rung_below
 from tcc_sim.solvers.smoothed.collocation_step import FLAT, WORTH
@@ -53,9 +53,12 @@ def distance_to_creep(friction: LocalFriction, rho: float, state: Any, limits: L
 
     v_s' is that of the balance v' = 0 with w' = (Te - C23 theta2' - K23 theta2)/M.
     """
-    i1, i2, damping, stiffness = terms.linear
-    push = (drive.torque - damping * state.plate_speed - stiffness * state.plate_angle) / (i1 + i2)
+    linear = terms.linear
+    i1, i2, damping, stiffness = linear.flywheel, linear.plate, linear.damping, linear.stiffness
+    push = (drive.torque - damping * state.plate_speed - stiffness * state.plate_angle
+            - lost_torque(0.0, state.plate_speed, None, linear.flywheel_by_speed)) / (i1 + i2)
     creep = (drive.torque_rate / i1 + (damping * push + stiffness * state.plate_speed) / i2
+             - lost_torque(0.0, push, None, linear.flywheel_by_speed) / i1
              - limits.beta * drive.load_rate * friction.law) / rho
     return float((friction.acceleration - creep) / rho)
 
@@ -68,7 +71,7 @@ def enter_creep(place: Place, friction: LocalFriction, room: float, state: Any, 
     The projection keeps w = theta2' + kappa v, and corrects theta2 by its change during the decay of delta.
     """
     v = state.slip_speed
-    rho = limits.beta * drive.load * friction.slope
+    rho = limits.beta * drive.load * friction.slope + limits.slip_decay
     waits = not (rho > RETURN * control.released or control.waited >= control.calm)
     if waits or control.unsettled > 0.0 or abs(v) >= limits.creep_speed:
         return False

@@ -33,8 +33,8 @@ class DrivelineMotion:
         self._drag = mean_load(system) * (system.friction_ratio if terms.stribeck and slowest == 0.0 else 1.0)
         torques = abs(terms.mean_torque) + system.engine.torque_amplitude + sum(system.engine.harmonic_amplitudes)
         torque = torques + system.largest_friction_ratio * peak_load(terms)
-        plate_speed = torque / terms.linear[3] * system.natural_frequency
-        self._swing = torques / terms.linear[0] * system.cycle + 4.0 * plate_speed
+        plate_speed = torque / terms.linear.stiffness * system.natural_frequency
+        self._swing = torques / terms.linear.flywheel * system.cycle + 4.0 * plate_speed
         """Bound of the swing of slip about its mean within a few cycles, rad/s."""
 
     def sections(self, starts: Floats, first: int, cycles: int, orbits: Orbits = NO_ORBITS) -> Floats:
