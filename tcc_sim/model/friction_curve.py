@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -21,11 +21,15 @@ from tcc_sim.model.quantity import MOST_POINTS, check_rising
 Floats = npt.NDArray[np.float64]
 MOST_TERMS = 3
 GOOD_ENOUGH = 1e-3
-"""Error relative to the largest coefficient below which no further exponential is tried."""
+"""Error relative to the largest coefficient below which no further exponential is tried, and the noise that the prior
+points have.
+"""
+PRIOR = 4
+"""Number of prior points in the information criterion."""
+SEARCHED = 1.5
+"""Factor of the criterion's penalty, because the best of many rates fits noise better than a given one."""
 DOUBTFUL, REFUSED = 0.02, 0.05
 """Errors relative to the largest coefficient above which results have a warning, and a table is refused."""
-LEAST_REGION = 1e-3
-"""Step of the logarithms of rates at which the largest error counts as least."""
 LARGEST_RATIO = 20.0
 """Bound of m against the largest coefficient and of mu(0) against m, either way."""
 BEYOND = 0.2
@@ -34,8 +38,18 @@ TURNS = 1e-3
 """Most that it turns back on the way there, likewise."""
 SLOWEST, FASTEST, FASTEST_RATE = 0.3, 5.0, 1e3
 """Bounds of a rate: SLOWEST over the last slip speed, FASTEST over the first one above 0, and FASTEST_RATE s/rad."""
+STEEPER = 5.0
+"""Largest slope of the curve relative to those of the straight lines through the points nearby."""
 APART = math.log(1.6)
 """Least logarithm of the ratio of two rates: closer ones give large amplitudes of opposite signs."""
+STARTS, BENT, BOUNDS = 6, 3, 250
+"""Number of fits of one number of exponentials, number of those that are repeated with bounds on the slope, and largest
+number of these bounds.
+"""
+TINY = 1e-15
+"""Rounding of a slope, s/rad."""
+FINE = 8
+"""Parts of an interval between two points in which the curve is compared with them."""
 
 
 @dataclass(frozen=True)
@@ -49,9 +63,15 @@ class FrictionCurve:
     amplitudes, rates : tuple of float
         c_j (dimensionless) and a_j (s/rad), rates in descending order.
     error : float
-        Largest difference from the table, relative to its largest coefficient.
+        Largest difference from the points of the table, relative to its largest coefficient.
     worst : float
         Slip speed of that difference, rad/s.
+    error_between : float
+        Largest difference from a monotone interpolation of the points, likewise.
+    worst_between : float
+        Slip speed of that difference, rad/s.
+    fastest : float
+        Last slip speed of the table, rad/s; infinite without a table.
     """
 
     constant: float
@@ -59,6 +79,9 @@ class FrictionCurve:
     rates: tuple[float, ...]
     error: float = 0.0
     worst: float = 0.0
+    error_between: float = 0.0
+    worst_between: float = 0.0
+    fastest: float = math.inf
 
     def at(self, slip_speed: Any) -> Any:
         """Return mu at slip speeds, rad/s, a float or an array of any shape."""
@@ -69,6 +92,13 @@ class FrictionCurve:
         """Return d mu / d|v|, s/rad, at slip speeds, rad/s, a float or an array of any shape."""
         speed = np.abs(slip_speed)
         return sum((-a * c * np.exp(-a * speed) for c, a in zip(self.amplitudes, self.rates)), 0.0 * speed)
+
+    @property
+    def speeds(self) -> Floats:
+        """Slip speeds of the table's range, or as far as the exponentials last, rad/s: (n,) from 0."""
+        slowest = min((a for a in self.rates if a > 0.0), default=1.0)
+        last = self.fastest if math.isfinite(self.fastest) else 20.0 / slowest
+        return np.append(0.0, np.geomspace(1e-4 * last, last, 2000))
 
 
 def check_table(slip_speeds: tuple[float, ...], coefficients: tuple[float, ...]) -> None:
@@ -87,14 +117,17 @@ def check_table(slip_speeds: tuple[float, ...], coefficients: tuple[float, ...])
 
 @lru_cache(maxsize=64)
 def fit_curve(slip_speeds: tuple[float, ...], coefficients: tuple[float, ...]) -> FrictionCurve:
-    """Fit a friction table by a constant and the fewest exponentials, at most three, with an error below 0.1 %.
+    """Fit a friction table by a constant and the fewest exponentials, at most three, that the points justify.
 
     Nonlinear least squares from several starts give the rates; for each set of rates, linear least squares give the
-    constant and the amplitudes (variable projection: Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973). If no such fit
-    has an error below 0.1 %, the best one is improved until its largest error is least.
+    constant and the amplitudes (variable projection: Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973). If that curve
+    has a slope that the points do not have (`_slopes`), it is fitted again with bounds on the slope. The number of
+    exponentials has the least Bayesian criterion for few points (A. D. R. McQuarrie, Statistics & Probability Letters
+    44, 1999, the SICc), in which PRIOR points with a noise of 0.1 % are added to those of the table, and the penalty is
+    SEARCHED times larger.
 
-    Between its points the curve leaves the range of the table by at most 5 % of the largest coefficient. Beyond the
-    last point it goes one way to the constant, which is within 20 % of the range of the coefficients from the last one.
+    Between its points the curve turns only where they turn. Beyond the last point it goes one way to the constant,
+    which is within 20 % of the range of the coefficients from the last one.
 
     Parameters
     ----------
@@ -109,40 +142,64 @@ def fit_curve(slip_speeds: tuple[float, ...], coefficients: tuple[float, ...]) -
     check_table(slip_speeds, coefficients)
     v, mu = np.array(slip_speeds), np.array(coefficients)
     best: FrictionCurve | None = None
-    most = min(MOST_TERMS, len(v) - 2)
+    least, most = math.inf, min(MOST_TERMS, len(v) - 2)
     for count in range(most + 1):
-        for curve in _candidates(v, mu, count):
-            if best is None or curve.error < best.error:
-                best = curve
-        if best is not None and best.error <= GOOD_ENOUGH:
-            return best
-    best = best and _levelled(best, v, mu)
+        curve = _fitted(v, mu, count, math.inf if best is None or best.error > REFUSED else least)
+        if curve is None:
+            continue
+        criterion = _criterion(curve, v, mu)
+        # A curve that would be refused gives way to any other.
+        if best is None or (curve.error > REFUSED, criterion) < (best.error > REFUSED, least):
+            best, least = curve, criterion
+        if best.error <= GOOD_ENOUGH:
+            break
     if best is None or best.error > REFUSED:
         why = "" if best is None else f" ({best.error:.1%} off at {best.worst:g} rad/s)"
         raise InputError(f"friction.coefficients: no constant with {most} decaying exponential{'s' * (most > 1)}, "
                          f"which is what {len(v)} points allow, is within {REFUSED:.0%} of the largest coefficient at "
                          f"every point{why}; smooth the table, or give more points where it bends")
-    return best
+    return _compared(best, v, mu)
 
 
-def _candidates(v: Floats, mu: Floats, count: int) -> list[FrictionCurve]:
-    """Fit curves with `count` exponentials from several starts; return those that stay in range."""
+def _criterion(curve: FrictionCurve, v: Floats, mu: Floats) -> float:
+    """Return the criterion of a curve: less is better."""
+    n, terms = len(v) + PRIOR, 1 + 2 * len(curve.rates)
+    if n - terms <= 2:
+        return math.inf
+    squares = float(np.sum(((curve.at(v) - mu) / mu.max()) ** 2)) + PRIOR * GOOD_ENOUGH**2
+    return n * (math.log(squares / n) + SEARCHED * math.log(n) * terms / (n - terms - 2))
+
+
+def _fitted(v: Floats, mu: Floats, count: int, beaten: float) -> FrictionCurve | None:
+    """Return the least-squares curve with `count` exponentials in range; None if none has a criterion below `beaten`.
+    """
     if count == 0:
-        return [_curve(v, mu, np.empty(0))]
+        return _curve(v, mu, np.empty(0))
     from scipy.optimize import least_squares
 
     low, high = _bounds(v, count)
-    lower, upper = np.full(count, APART), np.full(count, high - low)
-    lower[0], upper[0] = low, high
-    found = []
-    for start in itertools.combinations(np.linspace(low, high, 8)[1:-1], count):
-        gaps = np.clip(np.diff(start, prepend=0.0), lower + 1e-6, upper - 1e-6)
-        fit = least_squares(lambda x: _projected(v, mu, np.minimum(np.cumsum(x), high))[1], gaps, bounds=(lower, upper),
-                            xtol=1e-12, ftol=1e-14, gtol=1e-14, max_nfev=60)
-        curve = _curve(v, mu, np.minimum(np.cumsum(fit.x), high))
-        if _in_range(curve, v, mu):
-            found.append(curve)
-    return found
+    slack, apart = high - low - (count - 1) * APART, APART * np.arange(count)
+
+    def logarithms(x: Floats) -> Floats:
+        """Return rising logarithms of rates, at least APART from each other, for numbers from 0 to 1."""
+        return low + apart + slack * (1.0 - np.cumprod(1.0 - x))
+
+    def left(x: Floats) -> Floats:
+        """Return the residuals for these numbers."""
+        return _projected(v, mu, logarithms(x))[1]
+
+    found: list[tuple[float, FrictionCurve]] = []
+    starts = (np.array(each) for each in itertools.combinations(np.linspace(0.05, 0.95, 8), count))
+    ratios = (1.0 - (1.0 - each) / np.append(1.0, 1.0 - each[:-1]) for each in starts)
+    for x in sorted(ratios, key=lambda x: float(np.sum(left(x) ** 2)))[:STARTS]:
+        fit = least_squares(left, x, bounds=(0.0, 1.0), xtol=1e-12, ftol=1e-14, gtol=1e-14, max_nfev=60)
+        found.append((float(fit.cost), _curve(v, mu, logarithms(fit.x))))
+    found.sort(key=lambda each: each[0])
+    free = next((curve for _, curve in found if _in_range(curve, v, mu)), None)
+    if free is found[0][1] or _criterion(found[0][1], v, mu) >= beaten:
+        return free
+    bound = [curve for _, start in found[:BENT] if _in_range(curve := _bent(start, v, mu), v, mu)]
+    return min([*bound, *([] if free is None else [free])], key=lambda each: _squares(each, v, mu), default=None)
 
 
 def _bounds(v: Floats, count: int) -> tuple[float, float]:
@@ -151,36 +208,92 @@ def _bounds(v: Floats, count: int) -> tuple[float, float]:
     return low, max(high, low + count * APART)
 
 
-def _levelled(curve: FrictionCurve, v: Floats, mu: Floats) -> FrictionCurve:
-    """Minimise the largest error by linear programs in a trust region (K. Madsen, J. Inst. Math. Appl. 16, 1975)."""
-    from scipy.optimize import linprog
+def _squares(curve: FrictionCurve, v: Floats, mu: Floats) -> float:
+    """Return the sum of squared differences from the table."""
+    return float(np.sum((curve.at(v) - mu) ** 2))
 
-    count, region = len(curve.rates), 0.3
-    (low, high), (least, most) = _bounds(v, count), _constants(mu)
-    order = -np.diff(np.eye(count), axis=0)
-    apart = np.hstack([np.zeros((len(order), count + 1)), -order, np.zeros((len(order), 1))])
-    while region > LEAST_REGION:
-        rates, amplitudes = np.array(curve.rates), np.array(curve.amplitudes)
-        fade, logarithms, error = np.exp(-np.outer(v, rates)), np.log(rates), curve.at(v) - mu
-        columns = np.column_stack([np.ones_like(v), fade, -amplitudes * rates * v[:, None] * fade])
-        bounds = [(least - curve.constant, most - curve.constant), *[(None, None)] * count,
-                  *((max(low - x, -region), min(high - x, region)) for x in logarithms), (0.0, None)]
-        step = linprog(np.eye(1, 2 * count + 2, 2 * count + 1)[0], bounds=bounds, A_ub=np.vstack([
-            np.column_stack([columns, -np.ones_like(v)]), np.column_stack([-columns, -np.ones_like(v)]), apart]),
-            b_ub=np.concatenate([-error, error, order @ logarithms - APART])).x
-        tried = curve if step is None else _with_error(
-            v, mu, np.append(curve.constant, amplitudes) + step[:count + 1], logarithms + step[count + 1:-1])
-        better = tried.error < curve.error and _in_range(tried, v, mu)
-        region *= 2.0 if better else 0.25
-        curve = tried if better else curve
-    return curve
+
+def _slopes(v: Floats, mu: Floats, noise: float) -> tuple[Floats, Floats, Floats]:
+    """Return slip speeds between and beyond the points, and the least and largest slope of the curve there, s/rad.
+
+    They are STEEPER times the least and the largest slope of the straight lines through the points of an interval and
+    of its neighbours, or 0, with room for the noise of the points. The curve of a table that only rises does not fall,
+    and that of one that only falls does not rise.
+    """
+    rises, widths = np.diff(mu), np.diff(v)
+    near, wide = (np.stack([np.append(x[:1], x[:-1]), x, np.append(x[1:], x[-1:])]) for x in (rises / widths, widths))
+    room = noise / wide.sum(axis=0)
+    low = STEEPER * near.min(axis=0).clip(None, 0.0) - room if (rises < 0.0).any() else np.zeros(len(rises))
+    high = STEEPER * near.max(axis=0).clip(0.0, None) + room if (rises > 0.0).any() else np.zeros(len(rises))
+    between = (v[:-1, None] + widths[:, None] * np.arange(FINE) / FINE).ravel()
+    beyond = v[-1] * np.geomspace(1.0, 30.0, 3 * FINE)
+    return (np.append(between, beyond), np.append(np.repeat(low, FINE), np.full(len(beyond), low[-1])),
+            np.append(np.repeat(high, FINE), np.full(len(beyond), high[-1])))
+
+
+def _noise(curve: FrictionCurve, v: Floats, mu: Floats) -> float:
+    """Return the rms difference of a curve from the table, at least 0.1 % of the largest coefficient."""
+    return max(math.sqrt(_squares(curve, v, mu) / len(v)), GOOD_ENOUGH * float(mu.max()))
+
+
+def _bent(start: FrictionCurve, v: Floats, mu: Floats) -> FrictionCurve:
+    """Return the least-squares curve near `start` with slopes of the points (sequential quadratic programming).
+
+    Its numbers are m and c_j over the range of the coefficients, and log(a_j).
+    """
+    from scipy.optimize import minimize
+
+    count, size = len(start.rates), float(np.ptp(mu)) or float(mu.max())
+    at, low, high = (x[::-(-len(x) // BOUNDS)] for x in _slopes(v, mu, _noise(start, v, mu)))
+    (slow, fast), (least, most) = _bounds(v, count), _constants(mu)
+    scale, order = v[-1] / size, -np.diff(np.eye(count), axis=0)
+    closed = 0.5e-6 * (high - low) + TINY   # Keeps the curve within the bounds in spite of rounding.
+
+    def parts(x: Floats, speeds: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return amplitudes (k,), rates (k,), and the exponentials at slip speeds (n, k)."""
+        rates = np.exp(x[count + 1:])
+        return x[1:count + 1] * size, rates, np.exp(-speeds[:, None] * rates)
+
+    def cost(x: Floats) -> tuple[float, Floats]:
+        """Return the sum of squares, and its derivatives."""
+        amplitudes, rates, fade = parts(x, v)
+        left = (x[0] * size + fade @ amplitudes - mu) / size
+        by = np.column_stack([np.ones_like(v), fade, -amplitudes * rates * v[:, None] * fade / size])
+        return float(left @ left), 2.0 * by.T @ left
+
+    def room(x: Floats) -> Floats:
+        """Return the distances of the slopes from their bounds, and of the rates from each other."""
+        amplitudes, rates, fade = parts(x, at)
+        slope = -fade @ (amplitudes * rates)
+        return np.concatenate([(slope - low - closed) * scale, (high - closed - slope) * scale,
+                               order @ x[count + 1:] - APART])
+
+    def room_by(x: Floats) -> Floats:
+        """Return the derivatives of `room`."""
+        amplitudes, rates, fade = parts(x, at)
+        by = scale * np.column_stack([0.0 * at, -fade * rates * size,
+                                      -fade * amplitudes * rates * (1.0 - at[:, None] * rates)])
+        return np.concatenate([by, -by, np.hstack([np.zeros((count - 1, count + 1)), order])])
+
+    x = np.concatenate([[start.constant / size], np.clip(np.array(start.amplitudes) / size, -10.0, 10.0),
+                        np.log(start.rates)])
+    found = minimize(cost, x, jac=True, method="SLSQP", constraints={"type": "ineq", "fun": room, "jac": room_by},
+                     bounds=[(least / size, most / size), *[(-10.0, 10.0)] * count, *[(slow, fast)] * count],
+                     options={"ftol": 1e-10, "maxiter": 60})
+    return _with_error(v, mu, found.x[:count + 1] * size, found.x[count + 1:])
 
 
 def _in_range(curve: FrictionCurve, v: Floats, mu: Floats) -> bool:
-    """Return whether the curve stays near the range of the table, and goes one way beyond it."""
-    between = curve.at(np.concatenate([np.linspace(a, b, 9) for a, b in itertools.pairwise(v)]))
-    margin = REFUSED * mu.max()
-    return bool(between.min() > max(mu.min() - margin, 0.0) and between.max() < mu.max() + margin and
+    """Return whether the curve has slopes of the points, stays near their range, and goes one way beyond them."""
+    if not math.isfinite(curve.error):
+        return False
+    at, low, high = _slopes(v, mu, _noise(curve, v, mu))
+    slope, value, margin = curve.slope(at), curve.at(at[at <= v[-1]]), REFUSED * mu.max()
+    apart = all(x >= 1.5 * y for x, y in itertools.pairwise(curve.rates))
+    # One exponential cannot turn, and the bounds of its rate limit its slope.
+    bent = len(curve.rates) > 1 and not ((slope >= low - TINY).all() and (slope <= high + TINY).all())
+    return bool(apart and not bent and
+                value.min() > max(mu.min() - margin, 0.0) and value.max() < mu.max() + margin and
                 1.0 / LARGEST_RATIO <= curve.at(0.0) / curve.constant <= LARGEST_RATIO and _goes_one_way(curve, v, mu))
 
 
@@ -225,3 +338,16 @@ def _with_error(v: Floats, mu: Floats, factors: Floats, rates: Floats) -> Fricti
     return FrictionCurve(float(factors[0]), tuple(map(float, factors[1:][order])),
                          tuple(map(float, np.exp(rates[order]))), float(abs(residuals[worst]) / mu.max()),
                          float(v[worst]))
+
+
+def _compared(curve: FrictionCurve, v: Floats, mu: Floats) -> FrictionCurve:
+    """Return the curve with its error between the points, and the last slip speed of the table.
+
+    The measure is the monotone cubic interpolation of F. N. Fritsch and J. Butland, SIAM J. Sci. Stat. Comput. 5, 1984.
+    """
+    from scipy.interpolate import PchipInterpolator
+
+    at = np.append((v[:-1, None] + np.diff(v)[:, None] * np.arange(FINE) / FINE).ravel(), v[-1])
+    apart = np.abs(curve.at(at) - PchipInterpolator(v, mu)(at)) / mu.max()
+    worst = int(apart.argmax())
+    return replace(curve, error_between=float(apart[worst]), worst_between=float(at[worst]), fastest=float(v[-1]))

@@ -71,15 +71,29 @@ class Friction(Group):
         return fit_curve(self.slip_speeds, self.coefficients)
 
     @property
+    def sliding(self) -> FrictionCurve:
+        """The sliding coefficient: fit of the table, or the law with one exponential of mu_s, mu_k and alpha."""
+        from tcc_sim.model.friction_curve import FrictionCurve
+
+        pairs = [] if self.stribeck is None else list(zip(self.stribeck[::2], self.stribeck[1::2]))
+        return self.curve or FrictionCurve(self.kinetic, tuple(c * self.kinetic for c, _ in pairs),
+                                           tuple(a for _, a in pairs))
+
+    @property
     def doubts(self) -> list[str]:
         """Warning about a poor fit of the friction table, as a list of at most one sentence."""
         from tcc_sim.model.friction_curve import DOUBTFUL
 
         curve = self.curve
-        if curve is None or curve.error <= DOUBTFUL:
+        if curve is None or max(curve.error, curve.error_between) <= DOUBTFUL:
             return []
-        return [f"the fit of the friction table is {curve.error:.1%} of its largest coefficient off at {curve.worst:g} "
-                f"rad/s, more than {DOUBTFUL:.0%}: smooth the table, or give more points where it bends"]
+        if curve.error > DOUBTFUL:
+            return [f"the fit of the friction table is {curve.error:.1%} of its largest coefficient off at "
+                    f"{curve.worst:g} rad/s, more than {DOUBTFUL:.0%}: smooth the table, or give more points where it "
+                    "bends"]
+        return [f"the fit of the friction table is {curve.error_between:.1%} of its largest coefficient away from a "
+                f"monotone interpolation at {curve.worst_between:g} rad/s, between two points, more than "
+                f"{DOUBTFUL:.0%}: give more points there"]
 
     @property
     def static(self) -> float:

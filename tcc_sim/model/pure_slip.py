@@ -141,6 +141,9 @@ def pure_slip(system: System, direction: int = 1) -> PureSlip:
         mu_k differs from mu_s (the law is then nonlinear in slip), the pressure falls below 0, or the pressure excites
         exactly the resonance of an undamped driveline.
     """
+    if system.friction.curve is not None and system.friction.stribeck is not None:
+        raise InputError("the coefficient of the friction table depends on slip speed; pure slip in closed form needs "
+                         "one that does not")
     if system.friction_ratio != 1.0:
         raise InputError(f"friction.kinetic_coefficient is {system.friction.kinetic_coefficient:g}; pure slip in "
                          "closed form needs it equal to friction.static_coefficient, "

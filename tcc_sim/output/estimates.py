@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tcc_sim.errors import InputError
-from tcc_sim.model import friction
 from tcc_sim.model.parameters import System
+from tcc_sim.model.profile import TIME, time_at
 from tcc_sim.model.pure_slip import pure_slip
 from tcc_sim.model.pure_stick import stick_margin
 from tcc_sim.model.sines import common_cycles
@@ -35,7 +35,10 @@ class Mode:
 
 @dataclass(frozen=True)
 class Torque:
-    """Smallest, mean and largest value of a torque over the excitation's period, or over the profiles, N m."""
+    """Smallest, mean and largest value of a torque over the excitation's period, or over the profiles, N m.
+
+    The mean is an integral over the phase of whole engine cycles.
+    """
 
     low: float = field(metadata=reported("smallest value over the excitation's period, or over the profiles", "N m"))
     mean: float = field(metadata=reported("mean value", "N m"))
@@ -64,20 +67,26 @@ class Estimates:
     stuck: Mode = field(metadata=reported("mode sqrt(K23/(I1 + I2)) (27) of the stuck clutch"))
     engine: Torque = field(metadata=reported("engine torque"))
     static: Torque = field(metadata=reported("mu_s N R of the clutch"))
-    kinetic: Torque = field(metadata=reported("mu_k N R of the clutch"))
+    kinetic: Torque = field(metadata=reported(
+        "mu_k N R of the clutch; with a friction table mu N R at its last slip speed"))
     stick_margin: float | None = field(metadata=reported(
         "smallest mu_s N R - |interface torque| of pure stick (10); null where there is no closed form", "N m"))
     expected: str = field(metadata=reported("stick, slip, stick-slip or runaway, from these torques"))
+    why: str = field(metadata=reported("reason for it, a sentence"))
     critical_slope: float | None = field(metadata=reported(
         "slope of the friction torque over slip speed below which the oscillation at constant slip is no longer "
         "damped: where the pair of roots of (22) crosses, near -C23 of (23); null where it never does", "N m s/rad"))
     steepest_slope: float = field(metadata=reported(
-        "steepest fall of the friction torque of this scene at its mean pressure", "N m s/rad"))
+        "steepest fall of the friction torque of this scene at its mean pressure, over the range of a friction table",
+        "N m s/rad"))
     critical_frequency: float = field(metadata=reported(
         "sqrt(K23/(I1 + I2)) of (28): below it positive slip falls into the first half of a cycle, above it into the "
         "second", "rad/s"))
     engine_frequency: tuple[float, float] = field(metadata=reported(
         "lowest and highest frequency of the engine", "rad/s"))
+    profiles: bool = field(default=False, metadata=reported("whether the torques are those over profiles in time"))
+    fastest: float | None = field(default=None, metadata=reported(
+        "last slip speed of the friction table; null without one", "rad/s"))
     actuator: ActuatorEffect | None = field(default=None, metadata=reported(
         "actuator of the commanded pressure", asked_for=True))
 
@@ -88,17 +97,23 @@ def estimates_of(system: System) -> Estimates:
     both = d.flywheel_inertia + d.plate_inertia
     slipping, stuck = (Mode(math.sqrt(d.stiffness / inertia), 0.5 * d.damping / math.sqrt(d.stiffness * inertia))
                        for inertia in (d.plate_inertia, both))
-    engine, kinetic = _torques(system)
-    ratio = system.friction_ratio
-    static = Torque(ratio * kinetic.low, ratio * kinetic.mean, ratio * kinetic.high)
+    engine, fast = _torques(system)
+    sliding = system.friction.sliding
+    last = float(sliding.at(sliding.fastest)) / sliding.constant if system.friction.curve is not None else 1.0
+    static, kinetic = (Torque(ratio * fast.low, ratio * fast.mean, ratio * fast.high)
+                       for ratio in (system.friction_ratio, last))
     try:
         margin = stick_margin(system).torque
     except InputError:
         margin = None
     frequencies = system.engine.frequency_values or (system.engine.frequency,)
-    return Estimates(slipping, stuck, engine, static, kinetic, margin, _expected(system, engine, kinetic, margin),
-                     critical_slope(system), _steepest(system) * kinetic.mean, stuck.frequency,
-                     (min(frequencies), max(frequencies)), _actuator(system, slipping.frequency))
+    steepest = min(float(sliding.slope(sliding.speeds).min()), 0.0) / sliding.constant * fast.mean
+    return Estimates(slipping, stuck, engine, static, kinetic, margin,
+                     *_expected(system, engine, static, kinetic, fast, margin), critical_slope(system), steepest,
+                     stuck.frequency,
+                     (min(frequencies), max(frequencies)),
+                     system.profile is not None, None if system.friction.curve is None else sliding.fastest,
+                     _actuator(system, slipping.frequency))
 
 
 def _actuator(system: System, omega: float) -> ActuatorEffect | None:
@@ -115,24 +130,18 @@ def _actuator(system: System, omega: float) -> ActuatorEffect | None:
 def _torques(system: System) -> tuple[Torque, Torque]:
     """Return engine torque and mu_k N R over the excitation's period, or over the profiles."""
     if system.profile is None:
-        span = (min(common_cycles(system), CYCLES) or CYCLES) * system.cycle
+        cycles = min(common_cycles(system), CYCLES) or CYCLES
     else:
-        span = system.span
-    count = SAMPLES * min(max(math.ceil(span / system.cycle), 1), CYCLES)
-    found = torques_at(terms_of(system), np.linspace(0.0, span, count + 1))
-    engine, load = (Torque(float(x.min()), float(x[:-1].mean()), float(x.max()))
-                    for x in (np.broadcast_to(one, count + 1) for one in found))
+        cycles = max(math.ceil(system.cycles_until(system.span) * (1.0 - 1e-9)), 1)
+    count = SAMPLES * min(cycles, CYCLES)
+    phase = np.linspace(0.0, 2.0 * math.pi * cycles, count + 1)
+    times = phase / system.engine.frequency if system.profile is None else time_at(system.profile, phase)
+    within = len(times) if system.profile is None else int(np.searchsorted(times, system.span, side="right"))
+    corners = np.empty(0) if system.profile is None else system.profile[:, TIME]
+    found = torques_at(terms_of(system), np.concatenate([times, corners[corners <= system.span]]))
+    engine, load = (Torque(float(seen.min()), float(x[:count].mean()), float(seen.max()))
+                    for x in found for seen in (np.append(x[:within], x[count + 1:]),))
     return engine, load
-
-
-def _steepest(system: System) -> float:
-    """Return the most negative slope of the sliding coefficient over mu_k, s/rad; 0 if it falls nowhere."""
-    stribeck = system.friction.stribeck
-    if stribeck is None:
-        return 0.0
-    slowest = min(stribeck[1::2])
-    v = np.linspace(0.0, 20.0 / slowest, 20001) if slowest > 0.0 else np.zeros(1)
-    return min(float(np.min(friction.sliding_slope(v, stribeck))), 0.0)
 
 
 def critical_slope(system: System) -> float | None:
@@ -151,25 +160,31 @@ def critical_slope(system: System) -> float | None:
     return slope if i1 * k + slope * c > 0.0 else None  # For a value below 0 the two roots are real, of opposite signs.
 
 
-def _expected(system: System, engine: Torque, kinetic: Torque, margin: float | None) -> str:
-    """Return stick, slip, stick-slip or runaway, from the torques and the closed form of pure slip, if it exists."""
+def _expected(system: System, engine: Torque, static: Torque, kinetic: Torque, fast: Torque,
+              margin: float | None) -> tuple[str, str]:
+    """Return stick, slip, stick-slip or runaway, and the reason, from torques and the closed form of pure slip.
+
+    fast : mu_k N R, of slip beyond the range of a friction table
+    """
     if margin is not None and margin >= 0.0:
-        return "stick"
-    if abs(engine.mean) > kinetic.mean:
-        return "runaway"
+        return "stick", "the clutch carries every peak of the torque, so pure stick is possible"
+    mean = abs(engine.mean)
+    if mean > kinetic.mean:
+        if system.friction.curve is not None and mean <= fast.mean:
+            return "slip", (f"the mean engine torque exceeds the torque of the clutch at every slip speed of the "
+                            f"friction table, so slip grows beyond its {speed(system.friction.curve.fastest)}")
+        return "runaway", ("the mean engine torque exceeds the torque of the sliding clutch, so fast slip grows "
+                           "without end")
     try:
         lasting = pure_slip(system, -1 if system.initial.slip_speed < 0.0 else 1).least_slip_speed > 0.0
     except InputError:
         lasting = False
-    return "slip" if lasting else "stick-slip"
-
-
-WORDS = {
-    "stick": "the clutch carries every peak of the torque, so pure stick is possible",
-    "runaway": "the mean engine torque exceeds the torque of the sliding clutch, so fast slip grows without end",
-    "slip": "slip never ends from this initial state",
-    "stick-slip": "the clutch carries the mean torque but not its peaks"}
-"""Printed reason for each expected motion."""
+    if lasting:
+        return "slip", "slip never ends from this initial state"
+    if mean > static.mean:
+        return "slip", ("the clutch carries the mean torque only while it slips, because friction rises with slip "
+                        "speed")
+    return "stick-slip", "the clutch carries the mean torque but not its peaks"
 
 
 def estimate_lines(found: Estimates) -> list[str]:
@@ -189,6 +204,7 @@ def estimate_lines(found: Estimates) -> list[str]:
         f"{found.steepest_slope:.4g} N m s/rad, so " + ("steady slip at such speeds judders"
                                                         if found.steepest_slope < least else
                                                         "the oscillation of steady slip is damped"))
+    fast = "clutch, mu_k N R" if found.fastest is None else f"clutch at {speed(found.fastest)}"
     low, high = found.engine_frequency
     critical_frequency = engine_speed(found.critical_frequency)
     if low < found.critical_frequency < high:
@@ -199,9 +215,10 @@ def estimate_lines(found: Estimates) -> list[str]:
                 f"{half} half of a period of excitation")
     return ["natural frequencies",
             mode("slipping", "sqrt(K23/I2)", found.slipping), mode("stuck", "sqrt(K23/(I1 + I2))", found.stuck),
-            "torques over a period of excitation", torque("engine", found.engine),
-            torque("clutch, mu_s N R", found.static), torque("clutch, mu_k N R", found.kinetic),
-            f"  expected: {found.expected}; {WORDS[found.expected]}{margin}",
+            f"torques over {'the profiles' if found.profiles else 'a period of excitation'}",
+            torque("engine", found.engine),
+            torque("clutch, mu_s N R", found.static), torque(fast, found.kinetic),
+            f"  expected: {found.expected}; {found.why}{margin}",
             f"critical slope (22): {critical}",
             f"critical frequency (28): {critical_frequency}; {side}",
             *([] if found.actuator is None else [_actuator_line(found.actuator, found.slipping.frequency)])]

@@ -50,6 +50,16 @@ class FrictionFigures:
         "largest error of the fit of a table, relative to its largest coefficient; null without a table"))
     fit_error_at: float | None = field(metadata=reported(
         "slip speed of the largest error; null without a table", "rad/s"))
+    fit_error_between: float | None = field(metadata=reported(
+        "largest difference of the fit from a monotone interpolation of the table, likewise"))
+    fit_error_between_at: float | None = field(metadata=reported(
+        "slip speed of that difference; null without a table", "rad/s"))
+    slip_speeds: tuple[float, float] = field(metadata=reported(
+        "first and last slip speed that coefficients and slopes are given for: the range of the table, or as far as "
+        "the exponential lasts", "rad/s"))
+    coefficients: tuple[float, float] = field(metadata=reported("coefficient at the first and at the last of them"))
+    slopes: tuple[float, float] = field(metadata=reported(
+        "least and largest slope of the coefficient over slip speed between them", "s/rad"))
     stick_speed: float = field(metadata=reported(
         "slip speed up to which the law counts as stick; 0 for the set-valued law", "rad/s"))
     largest_coefficient: float = field(metadata=reported(
@@ -90,7 +100,9 @@ class ClosedForms:
     slip: PureSlipFigures | None = field(metadata=reported(
         "pure slip (12) to (18); null where the scene has no such closed form"))
     stick: PureStickFigures | None = field(metadata=reported(
-        "pure stick (8) to (11); null where the stuck resonance is excited undamped"))
+        "pure stick (8) to (11); null where the scene has no such closed form"))
+    slip_why: str = field(metadata=reported("reason why there is no pure slip in closed form; empty where there is"))
+    stick_why: str = field(metadata=reported("likewise for pure stick"))
 
 
 @dataclass(frozen=True)
@@ -108,6 +120,6 @@ class SceneExplanation(Described):
     step: StepFigures | None = field(metadata=reported(
         "tick of the real-time solver; null for the set-valued law, which it does not take"))
     closed_forms: dict[str, Any] | None = field(metadata=reported(
-        "closed forms of the paper; null where a torque comes from a topic or varies in time", of=(ClosedForms,)))
+        "closed forms of the paper; null where a torque comes from a topic", of=(ClosedForms,)))
     friction: dict[str, Any] = field(metadata=reported(
         "sliding coefficient mu(v) = constant + sum of amplitudes exp(-rates |v|)", of=(FrictionFigures,)))

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.errors import InputError
-from tcc_sim.model.friction import exponentials, smoothed_coefficient
+from tcc_sim.model.friction import smoothed_coefficient
 from tcc_sim.model.parameters import System
 from tcc_sim.model.pure_slip import pure_slip
 from tcc_sim.model.pure_stick import plate_angle, stick_margin
@@ -82,26 +82,30 @@ def friction_of(system: System) -> dict[str, Any]:
     stick = stick_speed_of(terms_of(system))
     largest = own.static if stick == 0.0 else own.kinetic * float(
         smoothed_coefficient(stick, own.smoothing, own.stribeck))
-    curve, pairs = own.curve, exponentials(own.stribeck)
-    if curve is not None:
-        law = FrictionFigures(curve.constant, curve.amplitudes, curve.rates, curve.error, curve.worst, stick, largest)
-    else:
-        law = FrictionFigures(own.kinetic, [c * own.kinetic for c, _ in pairs], [a for _, a in pairs], None, None,
-                              stick, largest)
-    return dict(json_of(law))
+    curve, v = own.sliding, own.sliding.speeds
+    fit = [None] * 4 if own.curve is None else [curve.error, curve.worst, curve.error_between, curve.worst_between]
+    slopes = curve.slope(v)
+    return dict(json_of(FrictionFigures(
+        curve.constant, curve.amplitudes, curve.rates, fit[0], fit[1], fit[2], fit[3], (0.0, float(v[-1])),
+        (float(curve.at(0.0)), curve.constant if own.curve is None else float(curve.at(v[-1]))),
+        (float(slopes.min()), float(slopes.max())), stick, largest)))
 
 
 def friction_lines(found: dict[str, Any]) -> list[str]:
     """Return the lines of the friction law."""
     formula = friction_formula(found["constant"], found["amplitudes"], found["rates"])
-    fit = "" if found["fit_error"] is None else (f"; largest error of the fit {found['fit_error']:.2%} of the largest "
-                                                 f"coefficient of the table, at {speed(found['fit_error_at'])}")
-    static, kinetic = found["constant"] + sum(found["amplitudes"]), found["constant"]
-    signs = {amplitude > 0.0 for amplitude in found["amplitudes"]}
-    course = ("does not depend on slip speed" if not signs else
-              f"falls and rises between {static:.4g} without slip and {kinetic:.4g} in fast slip" if len(signs) > 1 else
-              f"{'falls' if static > kinetic else 'rises'} with slip speed from {static:.4g} to {kinetic:.4g}")
-    lines = [f"sliding friction: {formula}{fit}", f"  the coefficient {course}"]
+    (static, last), (least, most), fast = found["coefficients"], found["slopes"], found["slip_speeds"][1]
+    tabulated = found["fit_error"] is not None
+    course = ("does not depend on slip speed" if least == most == 0.0 else
+              f"falls and rises between {static:.4g} without slip and {last:.4g}" if least < 0.0 < most else
+              f"{'falls' if least < 0.0 else 'rises'} with slip speed from {static:.4g} to {last:.4g}")
+    at = f" at {speed(fast)}, the end of the table" if tabulated else ""
+    lines = [f"sliding friction: {formula}", f"  the coefficient {course}{at}; its slope is "
+             + (f"{least:.3g} to {most:.3g} s/rad" if least < most else f"{least:.3g} s/rad")]
+    if tabulated:
+        lines.append(f"  largest error of the fit {found['fit_error']:.2%} of the largest coefficient of the table, at "
+                     f"{speed(found['fit_error_at'])}; between the points {found['fit_error_between']:.2%} from a "
+                     f"monotone interpolation, at {speed(found['fit_error_between_at'])}")
     if found["stick_speed"] > 0.0:
         lines.append(f"  smoothed through 0: slip speeds up to {speed(found['stick_speed'], 4)} count as stick; "
                      f"largest coefficient {found['largest_coefficient']:.4g}")
@@ -186,20 +190,22 @@ def closed_forms(system: System) -> dict[str, Any] | None:
     """Return the fields of `ClosedForms` as JSON values; None for torques from a topic."""
     if "topic" in (system.engine.source, system.pressure.source):
         return None
-    return dict(json_of(ClosedForms(_slip(system), _stick(system))))
+    slip, slip_why = _slip(system)
+    stick, stick_why = _stick(system)
+    return dict(json_of(ClosedForms(slip, stick, slip_why, stick_why)))
 
 
-def _slip(system: System) -> PureSlipFigures | None:
-    """Return pure slip in the direction of the initial slip; None if the scene has no such closed form."""
+def _slip(system: System) -> tuple[PureSlipFigures | None, str]:
+    """Return pure slip in the direction of the initial slip; None and the reason without such a closed form."""
     direction = -1 if system.initial.slip_speed < 0.0 else 1
     try:
         form = pure_slip(system, direction)
-    except InputError:
-        return None
+    except InputError as error:
+        return None, str(error)
     least = form.least_slip_speed
     lasting = least > 0.0
     return PureSlipFigures(direction, form.a0, form.slip.swing(), form.a1, form.margin, least, lasting,
-                    _difference(system, form.slip_speed) if lasting else None)
+                    _difference(system, form.slip_speed) if lasting else None), ""
 
 
 def _difference(system: System, slip_speed: Any) -> float | None:
@@ -216,23 +222,23 @@ def _difference(system: System, slip_speed: Any) -> float | None:
     return float(np.abs(found - slip_speed(TICK * np.arange(1, COMPARED + 1))).max())
 
 
-def _stick(system: System) -> PureStickFigures | None:
-    """Return pure stick; None if the stuck resonance is excited undamped."""
+def _stick(system: System) -> tuple[PureStickFigures | None, str]:
+    """Return pure stick; None and the reason without such a closed form."""
     try:
         margin, angle = stick_margin(system), plate_angle(system)
-    except InputError:
-        return None
-    return PureStickFigures(margin.torque, margin.sticks, angle.mean, angle.swing())
+    except InputError as error:
+        return None, str(error)
+    return PureStickFigures(margin.torque, margin.sticks, angle.mean, angle.swing()), ""
 
 
 def closed_form_lines(found: dict[str, Any] | None) -> list[str]:
     """Return the lines of the closed forms."""
     if found is None:
-        return ["closed forms: none, because a torque comes from a topic or varies in time"]
+        return ["closed forms: none, because a torque comes from a topic"]
     slip, stick = found["slip"], found["stick"]
     lines = ["closed forms"]
     if slip is None:
-        lines.append("  pure slip (12) to (18): none, because it needs mu_k = mu_s and a pressure above 0")
+        lines.append(f"  pure slip (12) to (18): none: {found['slip_why']}")
     else:
         lines.append(f"  pure slip (15): {speed(slip['mean'])} plus sines of {speed(slip['amplitude'])}"
                      + (f", growing by {slip['growth']:.4g} rad/s^2" if slip["growth"] else ""))
@@ -244,7 +250,7 @@ def closed_form_lines(found: dict[str, Any] | None) -> list[str]:
             lines.append(f"    the real-time solver is within {speed(slip['tick_difference'], 2)} of (14) over "
                          f"{COMPARED} ticks")
     if stick is None:
-        lines.append("  pure stick (8) to (11): none, because the stuck resonance is excited without damping")
+        lines.append(f"  pure stick (8) to (11): none: {found['stick_why']}")
     else:
         possible = "is possible" if stick["sticks"] else "is not possible"
         lines.append(f"  pure stick (10): margin {stick['margin']:.6g} N m, so pure stick {possible}; plate "

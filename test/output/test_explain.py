@@ -146,7 +146,7 @@ def test_stick_and_what_has_no_closed_form() -> None:
     falling = closed_forms(load_scene("fig02").system)
     assert falling["slip"] is None
     assert falling["stick"]["sticks"] is False
-    assert "needs mu_k = mu_s" in "\n".join(closed_form_lines(falling))
+    assert "needs it equal to friction.static_coefficient" in "\n".join(closed_form_lines(falling))
     assert closed_forms(load_scene("commands").system) is None
     assert "topic" in closed_form_lines(None)[0]
     exact = closed_forms(load_scene("slip").with_values({"friction.law": "set_valued"}).system)
@@ -236,3 +236,55 @@ def test_an_actuator_costs_phase_at_the_slipping_mode_and_has_a_line(capsys: pyt
     assert "far end of the shaft: still, until output_speed moves it; shaft_torque is not published" in out
     assert "actuator" not in explain(load_scene("controlled"))["estimates"]
     assert not any("actuator" in line for line in estimate_lines(estimates_of(load_scene("controlled").system)))
+
+
+def test_a_table_is_judged_within_its_own_range() -> None:
+    """Its fit tends to 0.1264 in fast slip; the clutch carries the mean torque at the last slip speed, 0.13."""
+    scene = load_scene("minimal").with_values({
+        "friction.slip_speeds": [0.0, 5.0, 10.0, 20.0, 30.0, 60.0],
+        "friction.coefficients": [0.12, 0.137, 0.14, 0.138, 0.135, 0.13], "engine.mean_torque": 0.128 * 3e5 * 0.008,
+        "engine.torque_amplitude": 200.0, "pressure.mean": 3e5, "pressure.amplitude": 0.0})
+    found = estimates_of(scene.system)
+    assert scene.system.friction.curve.constant < 0.1275
+    assert found.kinetic.mean == pytest.approx(0.13 * 3e5 * 0.008, rel=5e-3)
+    assert found.expected == "slip"
+    beyond = estimates_of(scene.with_values({"engine.mean_torque": 0.15 * 3e5 * 0.008}).system)
+    assert beyond.expected == "runaway"
+    friction = explain(scene)["friction"]
+    assert friction["slip_speeds"] == [0.0, 60.0]
+    assert friction["coefficients"] == pytest.approx([0.12, 0.13], rel=5e-3)
+    assert friction["slopes"][0] < 0.0 < friction["slopes"][1]
+    assert "judders" in "\n".join(estimate_lines(found))
+
+
+def test_a_rising_table_within_noise_does_not_judder_and_settles_beyond_its_last_point() -> None:
+    v = np.array([0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 40.0, 80.0, 160.0])
+    mu = 0.1 + 0.03 * (1.0 - np.exp(-v / 60.0)) + 5e-4 * np.random.default_rng(2).normal(size=len(v))
+    scene = load_scene("minimal").with_values({
+        "friction.slip_speeds": v.tolist(), "friction.coefficients": mu.tolist(), "pressure.mean": 3e5,
+        "engine.mean_torque": 0.1287 * 3e5 * 0.008, "engine.torque_amplitude": 10.0})
+    found = estimates_of(scene.system)
+    assert found.steepest_slope == 0.0
+    assert found.expected == "slip"
+    assert "slip grows beyond its 160 rad/s" in found.why
+
+
+@pytest.mark.parametrize(("name", "values", "key"), [
+    ("runup", {}, "engine.frequency_times"), ("tip_in", {}, "engine.mean_torque_times"),
+    ("apply", {}, "pressure.mean_times")])
+def test_the_reason_against_a_closed_form_is_the_true_one(name: str, values: dict[str, object], key: str) -> None:
+    system = load_scene(name).with_values(values).system
+    assert system.driveline.damping > 0.0
+    lines = "\n".join(closed_form_lines(closed_forms(system)))
+    assert f"needs a periodic excitation, and this scene has {key}" in lines
+    assert "undamped" not in lines
+
+
+def test_means_of_a_run_up_are_integrals_over_phase() -> None:
+    """The sine of the torque has no mean over whole cycles, however long the first ones last."""
+    scene = load_scene("runup").with_values({"engine.frequency_times": [0.0, 0.4], "engine.frequency_values": [
+        10.0, 100.0]})
+    found = estimates_of(scene.system)
+    assert found.engine.mean == pytest.approx(300.0, abs=1e-9)
+    assert (found.engine.low, found.engine.high) == pytest.approx((50.0, 550.0), rel=1e-5)
+    assert "torques over the profiles" in estimate_lines(found)

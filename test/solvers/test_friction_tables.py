@@ -185,7 +185,7 @@ def test_a_scene_file_may_name_a_table(tmp_path: Path) -> None:
     file.write_text("/**:\n  ros__parameters:\n    friction:\n      table: lining.csv\n")
     found = load_scene(file)
     assert found.system.friction.slip_speeds == SPEEDS
-    assert "mu(v) = 0.14 + 0.02 exp(-1.5 |v|) - 0.0168 exp(-0.05 |v|);" in friction_lines(friction_of(found.system))[0]
+    assert "mu(v) = 0.14 + 0.02 exp(-1.5 |v|) - 0.0168 exp(-0.05 |v|)" in friction_lines(friction_of(found.system))[0]
     assert parse_assignments([f"friction.table={tmp_path / 'lining.csv'}"])["friction.slip_speeds"] == list(SPEEDS)
     for content in ("slip_speed,mu\n0,0.1\n", "slip_speed,coefficient\n0,x\n", "slip_speed,coefficient\n0\n",
                     f"slip_speed,coefficient\n0,{'9' * 200_000}"):
