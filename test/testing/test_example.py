@@ -20,21 +20,23 @@ from tcc_sim.plant.driveline import Reading
 
 EXAMPLE = Path(__file__).resolve().parent / "example"
 PAGE = Path(__file__).resolve().parents[2] / ".github" / "guide" / "testing.md"
-BLOCK = re.compile(r"^```python (\S+)\n(.*?)^```", re.DOTALL | re.MULTILINE)
+BLOCK = re.compile(r"^```(\w+) (\S+)\n(.*?)^```", re.DOTALL | re.MULTILINE)
+PYTEST = "import sys; sys.path.remove(''); import pytest; sys.exit(pytest.main(sys.argv[1:]))"
+"""The program `pytest`, which does not see the folder that it runs in, unlike `python -m pytest`."""
 installed = pytest.mark.skipif(not [found for found in entry_points(group="pytest11") if found.name == "tcc_sim"],
                                reason="the package is not installed, so pytest does not know its plugin")
 
 
 def outside(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """Run pytest in a folder that knows nothing of this project."""
-    return python("-m", "pytest", "-q", "-p", "no:cacheprovider", *words, cwd=folder, PYTHONPATH=str(EXAMPLE))
+    return python("-c", PYTEST, "-q", "-p", "no:cacheprovider", *words, cwd=folder, PYTHONPATH="")
 
 
 def test_the_page_shows_the_files_of_the_example() -> None:
-    shown = dict(BLOCK.findall(PAGE.read_text()))
+    shown = {name: text for _, name, text in BLOCK.findall(PAGE.read_text())}
     assert shown == {name: (EXAMPLE / name).read_text() for name in shown}
-    files = {str(path.relative_to(EXAMPLE)) for path in EXAMPLE.glob("*/*.py")}
-    assert set(shown) == files
+    files = {str(path.relative_to(EXAMPLE)) for pattern in ("*/*.py", "*.*") for path in EXAMPLE.glob(pattern)}
+    assert set(shown) == {name for name in files if not name.startswith(".")}
 
 
 def test_the_page_names_every_field_of_a_reading() -> None:
@@ -101,7 +103,7 @@ def test_a_test_leaves_nothing_behind_and_where_it_has_initialised_ros_others_mu
         "test_one", "test_two", "test_four[OFF]",
         "test_it_holds_its_target_with_lost_late_doubled_or_corrupt_commands[faults3]", "test_the_law_holds_its_target",
         "test_the_node_holds_its_target_through_a_step_of_the_engine_torque",
-        "test_it_holds_its_target_with_a_noisy_and_late_speed"]
+        "test_it_holds_its_target_with_a_noisy_and_late_speed", "test_a_timer_of_5_ms_holds_the_target"]
     for sentence, times in (("leave rclpy.init() to the fixture, or set ROS_AUTOMATIC_DISCOVERY_RANGE=OFF before", 2), (
             "ControllerFailed: no node under test publishes actuation_pressure, which the scene controlled takes", 1)):
         assert len(re.findall(rf"^E .*{re.escape(sentence)}", ended.stdout, re.MULTILINE)) == times
@@ -170,5 +172,5 @@ def test_without_ros_the_plugin_is_silent(tmp_path: Path) -> None:
 
 
 if __name__ == "__main__":
-    PAGE.write_text(BLOCK.sub(lambda found: f"```python {found[1]}\n{(EXAMPLE / found[1]).read_text()}```",
-                              re.sub(r"^(```python \S+\n)```", r"\1```", PAGE.read_text(), flags=re.MULTILINE)))
+    PAGE.write_text(BLOCK.sub(lambda found: f"```{found[1]} {found[2]}\n{(EXAMPLE / found[2]).read_text()}```",
+                              PAGE.read_text()))
