@@ -15,6 +15,7 @@ CALLED = {
     "driven_by": ("tcc_sim.replay.given_inputs", "driven_by"),
     "fit_again": ("tcc_sim.cli.identify", "fit_again"),
     "inputs_of": ("tcc_sim.cli.simulate", "inputs_of"),
+    "measured_run": ("tcc_sim.replay.applied", "measured_run"),
     "twin_of": ("tcc_sim.replay.given_inputs", "twin_of"),
     "largest_lyapunov_exponent": ("tcc_sim.study.exponents", "largest_lyapunov_exponent"),
     "draw_figure": ("tcc_sim.study.paper.drawings", "draw_stored"),

@@ -122,10 +122,10 @@ def _seen_in_slip(system: System, measured: Measurement, count: int, rates: Floa
     if plate is None:
         return None
     engine, load = torques_at(terms_of(system), measured.t)
-    engine = measured.inputs.get("engine_torque", engine)
+    engine = measured.at_samples("engine_torque") if "engine_torque" in measured.inputs else engine
     normal = load / system.friction.kinetic
     if "actuation_pressure" in measured.inputs:
-        normal = measured.inputs["actuation_pressure"] * (system.torque_per_pressure / system.friction.kinetic)
+        normal = measured.at_samples("actuation_pressure") * (system.torque_per_pressure / system.friction.kinetic)
     speed, noise = np.abs(slip), noise_of(slip + plate)
     slips = speed > max(3.0 / system.friction.smoothing, 3.0 * noise_of(slip))
     begins = np.append(True, ~(slips[1:] & slips[:-1] & (slip[1:] * slip[:-1] > 0.0)))

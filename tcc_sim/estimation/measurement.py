@@ -11,6 +11,8 @@ import numpy as np
 
 from tcc_sim.errors import InputError
 from tcc_sim.estimation.settings import DEFAULTS
+from tcc_sim.later_rooms import from_later_room
+from tcc_sim.model.profile import smooth_corners
 from tcc_sim.recording.table import CHANNELS, HOLDS, TIME, read_columns
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.topics import FAR_END, INPUTS
@@ -23,7 +25,8 @@ class Measurement:
 
     t : (n,) simulation time, s, which sets the phase of a scene's engine torque
     channels : (n,) arrays by name of CHANNELS, with slip_speed
-    inputs : (n,) arrays by name of INPUTS; the others come from the scene
+    inputs : arrays by name of INPUTS; the others come from the scene. (n,) values at the samples, or (n, 2) values at
+        both ends of the step after each sample, which is linear
     hold : course of the inputs between two samples, one of HOLDS; None if it is unknown
     source : origin of the data, for messages
     """
@@ -38,6 +41,23 @@ class Measurement:
     def step(self) -> float:
         """Time between samples, s."""
         return float(self.t[-1] - self.t[0]) / (len(self.t) - 1)
+
+    def ends_of(self, name: str) -> Floats:
+        """Return an input at the start and the end of the step after each sample, (n, 2), N m or Pa; 0 without data."""
+        if name not in self.inputs:
+            return np.zeros((len(self.t), 2))
+        values, hold = self.inputs[name], self.hold or HOLDS[0]
+        if values.ndim == 2:
+            return values
+        if hold == "smooth":
+            values = smooth_corners(self.t, values, *((0.0,) if name == INPUTS[1] else ()))
+        after = np.append(values[1:], values[-1:])
+        return np.stack({"previous": (values, values), "next": (after, after)}.get(hold, (values, after)), axis=1)
+
+    def at_samples(self, name: str) -> Floats:
+        """Return a measured input at the samples, (n,), N m or Pa: those of the steps after them where both differ."""
+        values = self.inputs[name]
+        return values if values.ndim == 1 else values[:, 0]
 
     def __post_init__(self) -> None:
         n = len(self.t)
@@ -85,8 +105,8 @@ def read_recording(path: Path, scene: Scene | None = None, **driveline: Any) -> 
     """Return the longest run of a recording, and its scene; without one, `scene`. `driveline` selects a driveline (see
     `recording.drivelines.Choice`).
 
-    Inputs from topics count as measured. A tick's state follows the inputs held during the tick, so that these move
-    back by one sample.
+    Inputs from topics count as measured, with their values at both ends of the tick after each sample
+    (`replay.applied`).
 
     Raises
     ------
@@ -98,17 +118,15 @@ def read_recording(path: Path, scene: Scene | None = None, **driveline: Any) -> 
     from tcc_sim.recording.reader import open_run
 
     recorded = open_run(path, **driveline)
-    states = max(recorded.states(), key=len)
     if recorded.scene_text is not None:
         scene = parse_scene(recorded.scene_text, str(path))
     if scene is None:
         raise InputError(f"{path} holds no scene; name the scene of the recorded driveline with --scene")
     if len({record.text for record in recorded.scenes}) > 1:
         raise InputError(f"{path}: the scene changed while it ran; identification needs one scene")
+    states, ticks = from_later_room("measured_run")(recorded, scene)
     _check_still(path, states.output_speed)
-    applied = {"engine_torque": states.engine_torque if scene.system.engine.source == "topic" else None,
-               "actuation_pressure": states.applied_pressure if scene.system.pressure.source == "topic" else None}
-    inputs = {name: np.append(column[1:], column[-1]) for name, column in applied.items() if column is not None}
+    inputs = {name: np.concatenate([values, values[-1:]]) for name, values in ticks.items()}
     channels = {"slip_speed": states.flywheel_speed - states.plate_speed, "plate_speed": states.plate_speed}
     return Measurement(states.stamp_ns.astype(np.float64) * 1e-9, channels, inputs, str(path), HOLDS[0]), scene
 

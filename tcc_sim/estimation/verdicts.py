@@ -212,7 +212,7 @@ def why_not(found: Fit, model: Model, start: Floats, noise: dict[str, float], ch
 def _drift(measured: Measurement, system: System, gates: Gates) -> str:
     """Return a sentence if the phase of the engine's torque, or else of the motion, drifts against the scene's engine.
     """
-    engine, torque = system.engine, measured.inputs.get("engine_torque")
+    engine, torque = system.engine, measured.at_samples("engine_torque") if "engine_torque" in measured.inputs else None
     if (torque is None and (engine.source == "topic" or engine.torque_amplitude == 0.0)) \
             or measured.t[-1] - measured.t[0] < 8.0 * system.cycle:
         return ""

@@ -19,8 +19,6 @@ from tcc_sim.estimation.settings import DEFAULTS
 from tcc_sim.model.groups import TABLE
 from tcc_sim.model.parameters import DEFAULTS as SCENE_KEYS
 from tcc_sim.model.parameters import System, replace, unknown_key
-from tcc_sim.model.profile import smooth_corners
-from tcc_sim.recording.table import HOLDS
 from tcc_sim.solvers.fixed_step_sensitivity import advance_windows
 from tcc_sim.solvers.key_derivatives import (
     DECAYS,
@@ -107,16 +105,9 @@ class Model:
         if not inputs and not offsets:
             return terms, None, by
         terms = holding(terms, *(0.0 if name in inputs else None for name in INPUTS))
-        hold, zeros = self.measured.hold or HOLDS[0], np.zeros(len(self.measured.t))
-        torque, pressure = (inputs.get(name, zeros) for name in INPUTS)
-        if hold == "smooth":
-            torque, pressure = smooth_corners(self.measured.t, torque), smooth_corners(self.measured.t, pressure, 0.0)
-        torque, pressure = torque - offsets.get(INPUTS[0], 0.0), pressure - offsets.get(INPUTS[1], 0.0)
+        torque, pressure = (self.measured.ends_of(name) - offsets.get(name, 0.0) for name in INPUTS)
         load = np.maximum(per_pressure * pressure, -least_mean_load(terms))
-        begin = np.column_stack([torque, load])
-        after = np.concatenate([begin[1:], begin[-1:]])
-        ends = {"previous": (begin, begin), "next": (after, after)}.get(hold, (begin, after))
-        return terms, np.stack(ends, axis=1), by
+        return terms, np.stack([torque, load], axis=2), by
 
     def within(self, values: Floats) -> Floats:
         """Return values with the numbers of a curve limited to their ranges."""

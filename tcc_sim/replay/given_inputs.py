@@ -16,10 +16,13 @@ from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.model.profile import Inputs, lines_through, smooth_corners
 from tcc_sim.model.quantity import Quantity
 from tcc_sim.recording.table import DRIVING, HOLDS, TIME, looks_smooth, read_columns, table_of
+from tcc_sim.recording.window import Window
+from tcc_sim.replay.applied import applied_inputs
 from tcc_sim.replay.recorded import Recording, read
+from tcc_sim.replay.timeline import from_first_motion
 from tcc_sim.scene import Scene
 from tcc_sim.shown_units import speed
-from tcc_sim.topics import topic
+from tcc_sim.topics import INPUTS, topic
 from tcc_sim.trajectory import Floats, Trajectory
 
 MOST_PARTS = 100_000
@@ -58,21 +61,31 @@ def driven_by(scene: Scene, measured: Path | Recording, hold: str | None = None)
 
 
 def of_recording(recording: Recording) -> Inputs:
-    """Return the inputs of the first run of a recording."""
-    path, run = recording.path, recording.trajectory(0)
-    if run.system is None or len(run.t) < 2:
-        raise InputError(f"{path} has no inputs: it holds fewer than two states")
-    t, system = run.t - run.t[0], run.system
-    pressure = run.saturation_torque / system.torque_per_pressure
-    lines: list[Floats | None] = []
-    for values, source in ((run.engine_torque, system.engine.source), (pressure, system.pressure.source)):
-        # A command was held during the tick before the state that records it.
-        lagged = values is pressure and system.pressure.lagged
-        lines.append(_lines(t, values, "next" if source == "topic" and not lagged else "linear"))
-    if all(line is None for line in lines):
-        raise InputError(f"{path}: neither torque nor pressure was recorded")
-    moved = None if run.output_speed is None else _lines(t, run.output_speed, "next")
-    return Inputs(lines[0], lines[1], float(t[-1]), moved)
+    """Return the inputs of the first run of a recording, by ticks, as `applied_inputs`."""
+    line = recording.line(Window(0))
+    (states,) = line.runs
+    if len(states) < 2:
+        raise InputError(f"{recording.path} has no inputs: it holds fewer than two states")
+    t = (states.stamp_ns - states.stamp_ns[0]).astype(np.float64) * 1e-9
+    found = applied_inputs(line, states)
+    torque, pressure = (_lines_of_ticks(t, found[name]) if name in found else None for name in INPUTS)
+    if torque is None and pressure is None:
+        raise InputError(f"{recording.path}: neither torque nor pressure was recorded")
+    speed = from_first_motion(states.output_speed)
+    moved = None if speed is None else _lines(t, speed, "next")
+    return Inputs(torque, pressure, float(t[-1]), moved)
+
+
+def _lines_of_ticks(t: Floats, ticks: Floats) -> Floats:
+    """Return lines by the values at both ends of each tick, (n - 1, 2); after a tick without values the last holds."""
+    known = np.asarray(np.isfinite(ticks).all(axis=1))
+    rates = (ticks[:, 1] - ticks[:, 0]) / np.diff(t)
+    lines = np.stack([t[:-1], ticks[:, 0], rates], axis=1)
+    ends = np.stack([t[1:], ticks[:, 1], np.zeros(len(ticks))], axis=1)
+    last = known & (rates != 0.0) & ~np.append(known[1:], False)
+    found = np.concatenate([lines[known], ends[last]])
+    found = found[np.argsort(found[:, 0], kind="stable")]
+    return found if found[0, 0] <= 0.0 else np.concatenate([[[0.0, found[0, 1], 0.0]], found])
 
 
 def followed(command: Floats, actuator: Pressure, end: float) -> Floats:

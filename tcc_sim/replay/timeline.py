@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tcc_sim.analysis.engine_clock import EngineClock
 from tcc_sim.errors import InputError
@@ -19,6 +20,7 @@ from tcc_sim.recording.reader import Run
 from tcc_sim.recording.window import Window
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.solvers.terms import stick_speed_of, terms_of, torques_at
+from tcc_sim.topics import INPUTS
 from tcc_sim.trajectory import Floats, Trajectory, modes_of, no_cycles
 
 Held = tuple[tuple[int, frozenset[str]], ...]
@@ -73,6 +75,16 @@ class Timeline:
     def scene_at(self, index: int) -> Scene:
         """Return the scene that applies to a state."""
         return next((scene for at, scene in reversed(self.changes) if at <= index), self.scene)
+
+    def commanded(self, states: JointStates) -> dict[str, NDArray[np.bool_]]:
+        """Return whether each input followed a command in the tick that ends at each state, (n,); without announcements
+        every input counts as commanded.
+        """
+        if not self.sources:
+            return {name: np.ones(len(states), dtype=np.bool_) for name in INPUTS}
+        begins = [index for index, _ in self.sources]
+        last = np.searchsorted(begins, states.index + np.arange(len(states)), side="right") - 1
+        return {name: np.array([name in held for _, held in self.sources])[np.maximum(last, 0)] for name in INPUTS}
 
     def target_before(self, index: int) -> float | None:
         """Return the last target slip speed before a state, or None."""
@@ -204,10 +216,10 @@ def trajectory_of(states: JointStates, system: System, clock: EngineClock, solve
         engine_torque=states.engine_torque, saturation_torque=load, friction_torque=states.friction_torque,
         state=modes_of(np.nan_to_num(slip_speed), stick_speed_of(terms)), cycle=clock.cycle, solver=solver,
         system=system, flywheel_angle=states.flywheel_angle, cycles=None if clock.told else no_cycles(),
-        output_angle=_moved(states.output_angle), output_speed=_moved(states.output_speed))
+        output_angle=from_first_motion(states.output_angle), output_speed=from_first_motion(states.output_speed))
 
 
-def _moved(column: Floats | None) -> Floats | None:
+def from_first_motion(column: Floats | None) -> Floats | None:
     """Return a recorded column of the shaft's far end, 0 until it first moved; None if it never moved."""
     if column is None or not (finite := np.isfinite(column)).any():
         return None

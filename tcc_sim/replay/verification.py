@@ -18,7 +18,7 @@ from tcc_sim.replay.timeline import Timeline
 from tcc_sim.scene import parse_scene
 from tcc_sim.solvers.fixed_step import Reached, Stepper
 from tcc_sim.solvers.terms import Terms, general_terms, holding, terms_from
-from tcc_sim.topics import INPUTS, topic
+from tcc_sim.topics import topic
 from tcc_sim.trajectory import Floats
 
 COLUMNS = topic("joint_states").fields
@@ -62,8 +62,8 @@ class _Verifier:
 
     def __init__(self, line: Timeline, size: int) -> None:
         self._scenes, self._places, self._place = line.scenes, line.places, -1
-        self._sources, self._commanded = line.sources, line.sources[0][1] if line.sources else frozenset(INPUTS)
-        self._next_place = self._next_source = 0
+        self._line, self._commanded = line, (True, True)
+        self._next_place = 0
         self._work = self._work_limit = SMALLEST_WORK + WORK_PER_BYTE * size
         self._leapt = 0
         self._scene, self._general, self._origin = line.scene, False, START
@@ -86,6 +86,7 @@ class _Verifier:
         recorded = rows_of(batch)
         self._size = np.maximum(self._size, np.nan_to_num(np.abs(recorded), posinf=0.0).max(axis=0))
         pressure, angle, speed = recorded_beside(batch)
+        commanded = list(zip(*(column.tolist() for column in self._line.commanded(batch).values())))
         solved = np.full_like(recorded, math.nan)
         exact = np.zeros(len(batch), dtype=np.bool_)
         begin = 0
@@ -93,7 +94,7 @@ class _Verifier:
             if batch.run != self._run:
                 self._begin(batch)
                 begin = 1
-                self._follow_sources(batch.index)
+                self._commanded = commanded[0]
                 solved[0], exact[0] = self._now(recorded[0], pressure[0]), self._exact
                 self._far_angle = angle[0]
                 self._solved += self._exact
@@ -101,6 +102,7 @@ class _Verifier:
                     solved[0] = recorded[0]
             rows = recorded.tolist()
             for k in range(begin, len(batch)):
+                self._commanded = commanded[k]
                 solved[k] = self._next(int(batch.stamp_ns[k]), batch.index + k, rows[k], pressure[k], speed[k])
                 self._far_angle = angle[k]
                 exact[k] = self._exact
@@ -122,7 +124,7 @@ class _Verifier:
             detail = (f"the message of {self._first * 1e-9:.9g} s is the first that differs; the largest difference is "
                       f"{largest:.3g} of its signal's maximum (possible reasons: a changed value, a missing scene, "
                       "another version or machine)")
-            if any(self._harmonic) and not self._sources:
+            if any(self._harmonic) and not self._line.sources:
                 detail += "; the topic input_source was not recorded, so every input counts as commanded"
         elif self._unknown:
             detail = f"{self._unknown} of {counted(self._compared, 'state')} have no known input"
@@ -196,7 +198,6 @@ class _Verifier:
         begin, end = stepper.tick, self._tick(stamp)
         if end <= begin:
             raise InputError(f"stamp {stamp * 1e-9:.9g} s comes twice")
-        self._follow_sources(index)
         far_moved, far_moves = not math.isnan(self._far_angle), not math.isnan(far_speed)
         given = self._applied_is_known(row[4], pressure) and (far_moves or not far_moved)
         self._unknown += not given
@@ -235,7 +236,7 @@ class _Verifier:
         """Return whether the recording holds the inputs of this tick."""
         return not (self._topics[0] and math.isnan(engine)) and not (
             self._topics[1] and math.isnan(pressure)
-            and not (self._harmonic[1] and "actuation_pressure" not in self._commanded))
+            and not (self._harmonic[1] and not self._commanded[1]))
 
     def _now(self, row: Floats, pressure: float) -> list[float]:
         """Return the expected message of the current state."""
@@ -254,19 +255,13 @@ class _Verifier:
             before = self._pressed if self._lagged and not math.isnan(self._pressed) else pressure
             load = per_pressure * max(before, pressure)
             self._stepper.press(before, pressure, per_pressure)
-        if self._harmonic[0] and "engine_torque" not in self._commanded:
+        if self._harmonic[0] and not self._commanded[0]:
             torque = None
-        if self._harmonic[1] and "actuation_pressure" not in self._commanded:
+        if self._harmonic[1] and not self._commanded[1]:
             load = None
         if (torque, load) != self._held:
             self._held = torque, load
             stepper.use(holding(self._terms, torque, load))
-
-    def _follow_sources(self, index: int) -> None:
-        """Apply the announcements of input sources up to the state with this index."""
-        while self._next_source < len(self._sources) and self._sources[self._next_source][0] <= index:
-            self._commanded = self._sources[self._next_source][1]
-            self._next_source += 1
 
     def _compare(self, batch: JointStates, recorded: Floats, solved: Floats, exact: NDArray[np.bool_]) -> None:
         """Add the differences of a batch."""

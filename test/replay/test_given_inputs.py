@@ -6,16 +6,18 @@ import os
 
 import numpy as np
 import pytest
-from driveline_bags import bag, readings, ticked
+from driveline_bags import TICK, bag, readings, ticked
 from scipy.integrate import solve_ivp
 
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError
+from tcc_sim.estimation.measurement import read_recording
 from tcc_sim.model.friction import smoothed_coefficient
 from tcc_sim.model.profile import Inputs
 from tcc_sim.output.samples import write_samples, write_trajectory
 from tcc_sim.plant.driveline import Plant
 from tcc_sim.recording import table as reading
+from tcc_sim.recording.announcements import source_text
 from tcc_sim.replay.given_inputs import driven_by
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
@@ -79,6 +81,43 @@ def test_a_command_that_no_tick_tells_is_left_to_the_scene(tmp_path):
     found = driven_by(scene, bag(tmp_path / "run", rows, scene)).system.inputs
     assert found.pressure is None
     assert found.torque[:, 1].tolist() == [250.0 + k for k in range(1, 20)]
+
+
+def test_a_recording_with_fallbacks_drives_by_commands_and_by_the_scene_in_between(tmp_path):
+    """Torque and pressure fall back to the scene's sines at different times; what acted is known at every instant."""
+    scene = load_scene("commands")
+    e, p = scene.system.engine, scene.system.pressure
+    plant, rows, sources = Plant(scene), [], []
+    held = {"engine_torque": lambda k: 300.0 + k % 7 if 100 <= k < 180 or k >= 260 else None,
+            "actuation_pressure": lambda k: 2e5 + 1e3 * (k % 5) if 60 <= k < 230 else None}
+    for k in range(400):
+        given = [f(k) for f in held.values()]
+        if k:
+            plant.hold(*given)
+            plant.advance()
+        text = source_text({name: k > 0 and value is not None for name, value in zip(held, given)})
+        if not sources or sources[-1][2] != text:
+            sources.append((k, k * TICK, text))
+        r = plant.reading()
+        rows.append((r.stamp_ns, r.flywheel_angle, r.plate_angle, r.flywheel_speed, r.plate_speed, r.engine_torque,
+                     r.friction_torque, r.applied_pressure))
+    path = bag(tmp_path / "run", rows, scene, sources=sources)
+    driven = driven_by(scene, path)
+    tick = np.repeat(np.arange(1, 400), 7)
+    t = (tick - 1 + np.tile((np.arange(7) + 0.5) / 7.0, 399)) * 1e-3
+    sines = (e.mean_torque + e.torque_amplitude * np.sin(e.frequency * t),
+             p.mean + p.amplitude * np.sin(p.frequency_ratio * e.frequency * t + p.phase))
+    found = torques_at(terms_of(driven.system), t)
+    for f, sine, value in zip(held.values(), sines, (found[0], found[1] / driven.system.torque_per_pressure)):
+        acted = [sine[i] if (x := f(k)) is None else x for i, k in enumerate(tick.tolist())]
+        np.testing.assert_allclose(value, acted, atol=6e-3 * np.ptp(sine))
+    for solver in ("fixed_step", "auto"):
+        run = solve(driven, solver=solver, duration=0.399, samples_per_cycle=400)
+        apart = np.interp([row[0] * 1e-9 for row in rows], run.t, run.slip_speed) - [row[3] - row[4] for row in rows]
+        assert np.sqrt(np.mean(apart**2)) < 0.1
+    measured, _ = read_recording(path)
+    for name, line in zip(held, (driven.system.inputs.torque, driven.system.inputs.pressure)):
+        assert measured.inputs[name][:-1, 0] == pytest.approx(line[:399, 1])
 
 
 @pytest.mark.parametrize(("text", "message"), [
