@@ -1,9 +1,7 @@
-"""Files of friction tables: CSV with the columns slip_speed (rad/s) and coefficient."""
+"""Files of friction tables: the columns slip_speed (rad/s) and coefficient."""
 
 from __future__ import annotations
 
-import csv
-from itertools import islice
 from pathlib import Path
 
 from tcc_sim.errors import InputError
@@ -12,6 +10,7 @@ from tcc_sim.model.quantity import MOST_POINTS
 
 TABLE_FILE = "friction.table"
 """Key that names such a file instead of the keys TABLE."""
+_COLUMNS = {"slip_speed": "rad/s", "coefficient": ""}
 
 
 def with_table(values: dict[str, object], folder: Path) -> dict[str, object]:
@@ -27,16 +26,18 @@ def with_table(values: dict[str, object], folder: Path) -> dict[str, object]:
     for key in TABLE:
         if key in values:
             raise InputError(f"{TABLE_FILE} and {key} are both given; remove one of them")
+    import numpy as np  # Few scenes have such a file.
+
+    from tcc_sim.tables.chosen_columns import columns_in
+
     path = folder / str(values[TABLE_FILE])
-    if path.exists() and not path.is_file():
-        raise InputError(f"{TABLE_FILE}: {path} is not a regular file")
     try:
-        with path.open(newline="", encoding="utf-8") as stream:
-            rows = list(islice(csv.DictReader(stream), MOST_POINTS + 1))
-        found = {key: [float(row[name]) for row in rows] for key, name in zip(TABLE, ("slip_speed", "coefficient"))}
-    except OSError as error:
-        raise InputError(f"{TABLE_FILE}: {path}: {error.strerror}") from None
-    except (KeyError, TypeError, ValueError, csv.Error):
-        raise InputError(f"{TABLE_FILE}: {path} must have the columns slip_speed (rad/s) and coefficient, and a number "
-                         "in each field") from None
-    return {**{key: value for key, value in values.items() if key != TABLE_FILE}, **found}
+        found, _, _ = columns_in(path, _COLUMNS, list(_COLUMNS), MOST_POINTS)
+    except InputError as error:
+        raise InputError(f"{TABLE_FILE}: {error}") from None
+    for name, column in found.items():
+        if not np.isfinite(column).all():
+            raise InputError(f"{TABLE_FILE}: {path} has no number in column {name} of row "
+                             f"{int(np.flatnonzero(~np.isfinite(column))[0]) + 1}")
+    return {**{key: value for key, value in values.items() if key != TABLE_FILE},
+            **dict(zip(TABLE, (found[name].tolist() for name in _COLUMNS)))}

@@ -14,7 +14,7 @@ import pytest
 from interpreter import python, without_compiling
 
 from tcc_sim import __version__, cli
-from tcc_sim.cli.arguments import bounds_of_range, values_of_range
+from tcc_sim.cli.ranges import bounds_of_range, values_of_range
 from tcc_sim.cli.verbs import Verb
 from tcc_sim.errors import InputError, MissingPackage, NumericalFailure
 from tcc_sim.nodes import executables, signals

@@ -21,10 +21,10 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "tcc_sim"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 ORDER = ["errors", "background", "later_rooms", "topics", "result", "shown_units", "model", "trajectory",
-         "parameter_file", "friction_table", "scene", "messages", "compiling", "polynomials", "solvers", "recording",
-         "analysis", "plant", "sweeps", "estimation", "output", "fmu", "views", "nodes", "testing", "replay", "cli",
-         "study.exponents", "study.continuation", "study.basins", "study.views", "study.paper", "study.benchmarks",
-         "study.cli", "__main__"]
+         "parameter_file", "tables", "friction_table", "scene", "messages", "compiling", "polynomials", "solvers",
+         "recording", "analysis", "plant", "sweeps", "estimation", "output", "fmu", "views", "nodes", "testing",
+         "replay", "cli", "study.exponents", "study.continuation", "study.basins", "study.views", "study.paper",
+         "study.benchmarks", "study.cli", "__main__"]
 """A part imports only from itself and from parts before it; so the core, which is all but the study, imports nothing of
 the study.
 """
@@ -34,8 +34,9 @@ DRAWINGS = ["views", "study.views", "study.paper.drawings", "study.paper.branch_
             "study.benchmarks.report_drawings"]
 ROOMS = {
     "numba": ["compiling"], "llvmlite": ["compiling"],
-    "scipy": ["solvers", "analysis", "sweeps", "estimation", "study", "model.friction_curve"],
-    "pandas": ["replay"], "distributed": ["sweeps.executors"], "dask": ["sweeps.executors"],
+    "scipy": ["tables", "solvers", "analysis", "sweeps", "estimation", "study", "model.friction_curve"],
+    "pandas": ["replay"], "pyarrow": ["tables"], "asammdf": ["tables"],
+    "distributed": ["sweeps.executors"], "dask": ["sweeps.executors"],
     "mcap": ["recording"], "zstandard": ["recording"], "lz4": ["recording"],
     "yaml": ["parameter_file", "scene", "recording", "messages", "study.paper"],
     "rclpy": [*ROS, "study.benchmarks.pacing_benchmark"], "rcl_interfaces": ROS, "builtin_interfaces": ROS,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.analysis.signals import Signals, run_signals
 from tcc_sim.errors import InputError
 from tcc_sim.result import Result, reported
+from tcc_sim.tables.sampling import in_words
 from tcc_sim.trajectory import Floats, Trajectory
 
 HANN_LOBE = 3
@@ -80,6 +82,25 @@ class Orders(Result):
                        slip_speed=self.slip_speed[w, n], shaft_torque=self.shaft_torque[w, n], judder=judder,
                        transmissibility=self.transmissibility[w])
 
+    def with_blanks(self) -> Orders:
+        """Return the orders with blank windows, NaN, in place of those that a hole left out, for pictures over time."""
+        steps = np.diff(self.time)
+        expected = DEFAULTS.hop * math.pi * (1.0 / self.frequency[1:] + 1.0 / self.frequency[:-1])
+        missing = np.maximum(np.rint(steps / expected) - 1.0, 0.0) if len(steps) else np.empty(0)
+        if not missing.any():
+            return self
+        places = np.concatenate([np.arange(n + 1.0) / (n + 1.0) + k for k, n in enumerate(missing.tolist())]
+                                + [[float(len(steps))]])
+        there, first = places == np.floor(places), np.floor(places).astype(np.int64)
+        out = self.part(first, len(self.order))
+        judder = replace(out.judder, **{name: np.where(there, values, np.nan)
+                                        for name, values in vars(out.judder).items()})
+        numbers = np.arange(len(self.time))
+        values: dict[str, Any] = {name: np.interp(places, numbers, getattr(self, name)) for name in ("time", "frequency")}
+        for name in ("slip_speed", "shaft_torque", "transmissibility"):
+            values[name] = np.where(there[:, None], getattr(out, name), np.nan)
+        return replace(out, judder=judder, heat=np.where(there, out.heat, np.nan), **values)
+
     def cut(self, order: float, of: str = "shaft_torque") -> Floats:
         """Return the amplitude of one order along the run, (W,)."""
         found: Floats = getattr(self, of)[:, int(np.argmin(np.abs(self.order - order)))]
@@ -114,9 +135,10 @@ def orders_of(run: Trajectory | Signals) -> Orders:
     v, shaft, torque = signals.at(at)
     length = DEFAULTS.window * per_cycle
     starts = np.arange(0, count - length, DEFAULTS.hop * per_cycle)
-    starts = starts[~_with_gap(signals, (begin + starts) / per_cycle)]
+    starts = starts[~_with_hole(signals, (begin + starts) / per_cycle)]
     if not len(starts):
-        raise InputError(f"every window of {DEFAULTS.window} periods of the excitation has a gap between samples")
+        raise InputError(f"every window of {DEFAULTS.window} periods of the excitation has a gap between samples: "
+                         f"{in_words(signals.holes)}")
     highest = min(float(DEFAULTS.highest_order), 0.25 * len(turns) / whole)
     order = np.arange(math.floor(highest * DEFAULTS.window) + 1) / DEFAULTS.window
     spectra = [_amplitudes(x, starts, length, len(order)) for x in (v, shaft, torque)]
@@ -181,15 +203,11 @@ def compared(measured: Signals, run: Trajectory) -> OrderComparison:
     return OrderComparison(found.part(both[0], orders), own.part(both[1], orders))
 
 
-def _with_gap(signals: Signals, begins: Floats) -> NDArray[np.bool_]:
-    """Return whether each window, from its first period of the excitation on, has a gap between samples.
-
-    In a run-up of equal steps of time those of the phase grow, and the other way round: a gap is wide in both.
-    """
-    turns, t = signals.turns, signals.when(signals.turns)
-    wide = [np.diff(x) > DEFAULTS.gap * np.median(np.diff(x)) for x in (turns, t)]
-    gaps = np.flatnonzero(wide[0] & wide[1])
-    return np.asarray(((turns[gaps] < begins[:, None] + DEFAULTS.window) & (turns[gaps + 1] > begins[:, None])).any(1))
+def _with_hole(signals: Signals, begins: Floats) -> NDArray[np.bool_]:
+    """Return whether each window, from its first period of the excitation on, touches a hole."""
+    low, high = signals.when(begins), signals.when(begins + DEFAULTS.window)
+    begin, end = signals.holes.T
+    return np.asarray(((begin < high[:, None]) & (end > low[:, None])).any(axis=1))
 
 
 def level(amplitude: Floats) -> Floats:
@@ -212,7 +230,9 @@ def _driven(torque: Floats, order: Floats) -> Floats:
     torque = torque.copy()
     torque[:, :HANN_LOBE] = 0.0  # The mean, and its spread by Hann's window.
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.median(torque / torque.max(axis=1, keepdims=True), axis=0)
+        share = torque / torque.max(axis=1, keepdims=True)
+    known = np.isfinite(share).all(axis=1)
+    share = np.median(share[known], axis=0) if known.any() else np.zeros(len(order))
     tops = (share[1:-1] > share[:-2]) & (share[1:-1] >= share[2:]) & (share[1:-1] >= DEFAULTS.driven)
     found: Floats = order[1:-1][tops]
     return found

@@ -95,6 +95,7 @@ class Settings:
     window: int = quantity(16, "length of a window", "periods of excitation")
     hop: int = quantity(4, "from one window to the next", "periods of excitation")
     per_cycle: int = quantity(64, "points in a period of excitation after resampling")
+    bridged_hole: float = quantity(0.0625, "longest hole of a table that a cubic bridges", "periods of excitation")
     highest_order: int = quantity(10, "highest order that is given")
     least_samples: int = quantity(8, "samples that a cycle must have on average; orders up to a quarter of them, and "
                                   "`highest_order` at most, are given")

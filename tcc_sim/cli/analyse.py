@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from tcc_sim.cli.arguments import (
+    add_columns,
     add_driveline,
     add_outputs,
     add_spectrum,
@@ -27,15 +28,16 @@ DEFAULT_SCENE = "fig02"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the recording, the part of it to analyse, further figures, Rerun, and outputs."""
     recording = parser.add_argument_group("recording")
-    recording.add_argument("recording", metavar="RUN|FILE.csv", type=Path,
-                           help="bag directory or .mcap file, complete or cut short; or a table of measurements for "
-                           "--orders and --spectrum")
+    recording.add_argument("recording", metavar="RUN|FILE", type=Path,
+                           help="bag directory or .mcap file, complete or cut short; or a table of measurements "
+                           "(.csv or other text, .parquet, .mat, .mf4) for --orders and --spectrum")
     recording.add_argument("--scene", metavar="SCENE", help="name or file, for a recording without a scene, and for "
                            f"the shaft and the order of a table (default {DEFAULT_SCENE})")
     add_driveline(recording)
     recording.add_argument("--frequency", metavar="RAD_PER_S", type=float,
                            help="frequency of the engine torque (default: the scene's; for a torque from a topic, "
                            "estimated from the recording)")
+    add_columns(recording)
     part = parser.add_argument_group("part of the recording")
     part.add_argument("--run", metavar="N", type=int,
                       help="only this run, counted from 0 (default: all runs, and figures of the longest one)")
@@ -67,9 +69,12 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.output.tables import order_lines, spectrum_lines
     from tcc_sim.recording.window import Window
     from tcc_sim.replay.replay import replay
+    from tcc_sim.tables.chosen_columns import is_table
 
-    if arguments.recording.suffix == ".csv":
+    if is_table(arguments.recording):
         return _table(arguments)
+    if arguments.columns is not None:
+        raise InputError(f"--columns is for tables, and {arguments.recording} is a recording")
     window = Window(arguments.run, arguments.start, arguments.end)
     check_outputs(arguments, (".csv", ".npz"), arguments.rrd)
     if arguments.rrd is not None or arguments.spawn or arguments.connect is not None:
@@ -120,21 +125,24 @@ def _table(arguments: argparse.Namespace) -> int:
     from tcc_sim.output.tables import order_lines, spectrum_lines
     from tcc_sim.replay.measured import analyse_table
     from tcc_sim.scene import load_scene
+    from tcc_sim.tables.measured_table import table_in
 
     others = ("rrd", "spawn", "connect", "out", "discard", "frequency", "damping", "verify", "run", "joints",
               "topic", "driveline")
     given = [f"--{name}" for name in others if getattr(arguments, name) not in (None, False)]
     if given:
-        raise InputError(f"{', '.join(given)}: only for recordings; a table takes --orders, --spectrum, --from, --to, "
-                         "--scene and --pulses")
+        raise InputError(f"{', '.join(given)}: only for recordings; a table takes --orders, --spectrum, --columns, "
+                         "--from, --to, --scene and --pulses")
     if not (arguments.orders or arguments.spectrum):
         raise InputError("a table needs --orders or --spectrum; give one of them")
     check_outputs(arguments)
     scene = load_scene(arguments.scene or DEFAULT_SCENE)
     show_in(order=scene.system.engine.order)
-    found = analyse_table(arguments.recording, scene.system, orders=arguments.orders, spectrum=arguments.spectrum,
-                          pulses=arguments.pulses, start=arguments.start, end=arguments.end)
-    lines = [f"{arguments.recording}: {counted(found.samples, 'row')} over {found.seconds:.6g} s"]
+    table = table_in(arguments.recording, ("slip_speed",), columns=arguments.columns)
+    found = analyse_table(table.part(arguments.start, arguments.end), scene.system, orders=arguments.orders,
+                          spectrum=arguments.spectrum, pulses=arguments.pulses)
+    lines = [f"{arguments.recording}: {counted(found.samples, 'row')} over {found.seconds:.6g} s",
+             *(f"note: {note}" for note in found.notes)]
     lines += order_lines(found.orders) if found.orders is not None else []
     lines += spectrum_lines(found.spectrum) if found.spectrum is not None else []
     plot_result(arguments, found.orders or found.spectrum, arguments.recording.name)

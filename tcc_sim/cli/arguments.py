@@ -1,4 +1,4 @@
-"""Options and checks that several verbs share: numbers in a range, ranges of scene keys, scene, solver, outputs."""
+"""Options and checks that several verbs share: numbers in a range, scene, tables, solver, outputs."""
 
 from __future__ import annotations
 
@@ -43,79 +43,6 @@ def number(low: float, high: float, unit: str = "", kind: type[float] | type[int
         return value
 
     return read
-
-
-def values_of_range(text: str, option: str = "--over", even: bool = False) -> tuple[str, list[float]]:
-    """Return the key and the values of KEY=START:STOP:COUNT[:log] or KEY=VALUE,VALUE,...
-
-    A range includes both ends; `:log` spaces its values evenly in logarithm. `even` allows KEY=START:STOP:COUNT only.
-
-    Examples
-    --------
-    >>> values_of_range("engine.frequency=1:100:3:log")
-    ('engine.frequency', [1.0, 10.0, 100.0])
-    >>> values_of_range("engine.frequency=80,90.5,140")
-    ('engine.frequency', [80.0, 90.5, 140.0])
-    """
-    key, equals, numbers = text.partition("=")
-    others = "" if even else ", KEY=START:STOP:COUNT:log or KEY=VALUE,VALUE,..."
-    wrong = InputError(f"{option} is {text!r}; it must be KEY=START:STOP:COUNT{others}")
-    if not equals:
-        raise wrong
-    if not even and "," in numbers and ":" not in numbers:
-        return key, _numbers(numbers.split(","), wrong)
-    logarithmic = not even and numbers.endswith(":log")
-    return key, spaced(numbers.removesuffix(":log") if logarithmic else numbers, option, logarithmic, wrong)
-
-
-def spaced(text: str, option: str, logarithmic: bool = True, wrong: InputError | None = None) -> list[float]:
-    """Return the values of START:STOP:COUNT, both ends included, spaced evenly or evenly in logarithm.
-
-    For a text of another form, the error is `wrong`, if given.
-    """
-    wrong = wrong or InputError(f"{option} is {text!r}; it must be START:STOP:COUNT, two numbers and a whole number")
-    parts = text.split(":")
-    if len(parts) != 3:
-        raise wrong
-    start, stop = _numbers(parts[:2], wrong)
-    try:
-        count = int(parts[2])
-    except ValueError:
-        raise wrong from None
-    from tcc_sim.sweeps.settings import DEFAULTS  # Most verbs do not need this import.
-
-    if not 1 <= count <= DEFAULTS.most_values:
-        raise InputError(f"{option} has a count of {count}; it must be 1 to {DEFAULTS.most_values}")
-    if logarithmic and not start * stop > 0.0:
-        raise InputError(f"{option} goes from {start:g} to {stop:g}; values spaced evenly in logarithm must all "
-                         "be above 0, or all below 0")
-    import numpy as np
-
-    return [float(x) for x in (np.geomspace if logarithmic else np.linspace)(start, stop, count)]
-
-
-def bounds_of_range(text: str, option: str, names: str = "START:STOP") -> tuple[str, float, float]:
-    """Return the key and the two numbers of KEY=LOW:HIGH, the smaller one first."""
-    key, equals, numbers = text.partition("=")
-    wrong = InputError(f"{option} is {text!r}; it must be KEY={names}")
-    parts = numbers.split(":")
-    if not equals or len(parts) != 2:
-        raise wrong
-    low, high = sorted(_numbers(parts, wrong))
-    if low == high:
-        raise InputError(f"{option} is {text!r}; the two values must differ")
-    return key, low, high
-
-
-def _numbers(words: Sequence[str], wrong: InputError) -> list[float]:
-    """Return the words as finite numbers; raise `wrong` if one of them is none."""
-    try:
-        found = [float(word) for word in words]
-    except ValueError:
-        raise wrong from None
-    if not all(map(math.isfinite, found)):
-        raise wrong
-    return found
 
 
 def new_file(path: Path, force: bool = False) -> Path:
@@ -206,6 +133,19 @@ def add_namespace(parser: argparse.ArgumentParser, default: str = "") -> None:
     """Add --namespace of the verbs that talk to a running driveline."""
     parser.add_argument_group("nodes").add_argument("--namespace", metavar="NS", default=default,
                                                     help="namespace of the driveline node")
+
+
+def add_columns(group: argparse._ArgumentGroup) -> None:
+    """Add --columns of the verbs that read a table."""
+    group.add_argument("--columns", metavar="NAME=COLUMN[:UNIT],...",
+                       help="columns of a table under other names or in units that it does not state, for example "
+                       "slip_speed=n_slip:rpm,t=Time:ms")
+
+
+def add_part_of_table(group: argparse._ArgumentGroup) -> None:
+    """Add --from and --to of the verbs that can take a part of a table."""
+    for name, dest, words in (("--from", "start", "from this time on"), ("--to", "end", "up to this time")):
+        group.add_argument(name, metavar="S", type=float, dest=dest, help=f"a table only {words}, s")
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:

@@ -11,8 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tcc_sim.cli.arguments import (
+    add_columns,
     add_driveline,
     add_outputs,
+    add_part_of_table,
     check_outputs,
     driveline_of,
     plot_result,
@@ -35,9 +37,12 @@ WORDS = {"previous": "held from each sample on (--hold previous)", "linear": "li
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the measurement, the scene, the free keys, further figures and outputs."""
     measurement = parser.add_argument_group("measurement")
-    measurement.add_argument("measured", metavar="RUN|FILE.csv", type=Path,
+    measurement.add_argument("measured", metavar="RUN|FILE", type=Path,
                              help="a recording, or a table with those of the columns t, slip_speed, plate_speed, "
-                             "plate_angle, engine_torque, actuation_pressure that were measured (SI units)")
+                             "plate_angle, engine_torque, actuation_pressure that were measured (.csv or other text, "
+                             ".parquet, .mat, .mf4)")
+    add_columns(measurement)
+    add_part_of_table(measurement)
     measurement.add_argument("--noise", metavar="CHANNEL=S,...",
                              help="standard deviations, such as slip_speed=0.1,plate_speed=0.1 (default: estimated)")
     measurement.add_argument("--hold", choices=list(WORDS),
@@ -83,11 +88,12 @@ def problem_of(arguments: argparse.Namespace) -> tuple[Scene, Callable[..., Iden
     """Return the scene and `identify` with every argument but `progress`."""
     from tcc_sim.estimation.identify import given, identify
     from tcc_sim.scene import load_scene, parse_assignments
+    from tcc_sim.tables.chosen_columns import is_table
 
-    if arguments.measured.suffix == ".csv":
+    if is_table(arguments.measured):
         refuse_driveline(arguments, f"{arguments.measured} is a table")
     measured, scene = given(arguments.measured, None if arguments.scene is None else load_scene(arguments.scene),
-                            **driveline_of(arguments))
+                            arguments.columns, arguments.start, arguments.end, **driveline_of(arguments))
     scene = scene.with_values(parse_assignments(arguments.set))
     free: dict[str, float | None] = {}
     for key, start in (_assigned("--free", word) for word in arguments.free):
@@ -108,7 +114,8 @@ def fit_again(arguments: argparse.Namespace) -> Identification:
 
 
 def _lines(found: Identification) -> Iterator[str]:
-    """Yield the quality of the fit, and a line for each parameter."""
+    """Yield notes on the table, the quality of the fit, and a line for each parameter."""
+    yield from (f"note: {note}" for note in found.notes)
     yield (f"{counted(len(found.measurement.t), 'sample')} of {', '.join(found.noise)}; chi-square per degree of "
            f"freedom {found.chi2_per_dof:.4g}, {counted(found.starts, 'start')}, {found.seconds:.3g} s")
     if found.hold is not None:

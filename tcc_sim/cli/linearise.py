@@ -17,8 +17,8 @@ from tcc_sim.cli.arguments import (
     plot_result,
     present,
     scene_of,
-    spaced,
 )
+from tcc_sim.cli.ranges import spaced
 from tcc_sim.errors import InputError, counted
 from tcc_sim.shown_units import speed
 

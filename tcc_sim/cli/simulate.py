@@ -13,6 +13,7 @@ from tcc_sim.errors import InputError, counted
 
 if TYPE_CHECKING:
     from tcc_sim.replay.recorded import Recording
+    from tcc_sim.tables.measured_table import MeasuredTable
 
 Result = TypeVar("Result")
 SAMPLES, LARGEST_OUTPUT = 200, 50_000_000
@@ -27,16 +28,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     inputs.add_argument("--profile", metavar="KEY=T:V,T:V", action="append", default=[],
                         help="linear course between points in time (s) of engine.frequency, engine.mean_torque, "
                         "engine.torque_amplitude, engine.harmonic_amplitudes[n] or pressure.mean; may be repeated")
-    inputs.add_argument("--inputs", metavar="RUN|FILE.csv", type=Path,
+    inputs.add_argument("--inputs", metavar="RUN|FILE", type=Path,
                         help="torque, pressure and speed of the shaft's far end from a recording, or from the columns "
-                        "t, engine_torque, actuation_pressure and output_speed of a table; --plot draws simulation "
-                        "and recording together")
+                        "t, engine_torque, actuation_pressure and output_speed of a table (.csv or other text, "
+                        ".parquet, .mat, .mf4); --plot draws simulation and recording together")
     inputs.add_argument("--scene", metavar="S", dest="recorded_scene",
                         help="name or file of the scene of the recorded driveline, for a recording without one")
     common.add_driveline(inputs)
     inputs.add_argument("--hold", choices=HOLDS, help="input of a table between two rows: value of the previous row, "
                         "linear, smooth (lines that keep the amplitudes of sines), or value of the next row (default: "
                         "as the table says, else previous)")
+    common.add_columns(inputs)
+    common.add_part_of_table(inputs)
     length = parser.add_argument_group("length")
     span = length.add_mutually_exclusive_group()
     span.add_argument("--cycles", metavar="N", type=int, help="periods of excitation solved (default 150)")
@@ -63,22 +66,26 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.scene import parse_profiles
     from tcc_sim.sweeps.simulation import simulate
 
-    scene, measured = common.scene_of(arguments, parse_profiles(arguments.profile)), None
+    scene, measured, table = common.scene_of(arguments, parse_profiles(arguments.profile)), None, None
     if arguments.inputs is None:
         common.refuse_driveline(arguments, "give the recording with --inputs")
     if arguments.inputs is not None:
         from tcc_sim.replay.given_inputs import driven_by
+        from tcc_sim.tables.measured_table import MeasuredTable
 
         source = inputs_of(arguments)
+        table = source if isinstance(source, MeasuredTable) else None
         scene = driven_by(scene, source, arguments.hold)
-        if arguments.orders and arguments.inputs.suffix == ".csv":
+        if arguments.orders and table is not None:
             from tcc_sim.replay.measured import at_measured_speed
 
-            scene, measured = at_measured_speed(scene, arguments.inputs, arguments.pulses)
+            scene, measured = at_measured_speed(scene, table, arguments.pulses)
     elif arguments.recorded_scene is not None:
         raise InputError("--scene is for a recording without a scene; give the recording with --inputs")
-    elif arguments.hold is not None:
-        raise InputError("--hold is for the inputs of a table; give the table with --inputs")
+    for name in ("hold", "columns", "start", "end"):
+        if getattr(arguments, name) is not None and arguments.inputs is None:
+            option = {"start": "from", "end": "to"}.get(name, name)
+            raise InputError(f"--{option} is for the inputs of a table; give the table with --inputs")
     if arguments.spectrum:
         scene.system.check_repeats("a spectrum")
     plan = common.plan_of(arguments)
@@ -94,9 +101,12 @@ def run(arguments: argparse.Namespace) -> int:
     lines = simulation_lines(scene.name, found)
     drawn: object = found
     if arguments.inputs is not None:
-        from tcc_sim.replay.given_inputs import smooth_inputs, twin_of
+        from tcc_sim.replay.given_inputs import doubts_about, smooth_inputs, twin_of
 
-        if arguments.hold is None and (smooth := smooth_inputs(arguments.inputs)):
+        if table is not None:
+            found = replace(found, notes=(*table.notes, *doubts_about(table), *(measured.notes if measured else ())))
+            lines += [f"note: {note}" for note in found.notes]
+        if table is not None and arguments.hold is None and (smooth := smooth_inputs(table)):
             lines.append(f"note: {' and '.join(smooth)} of {arguments.inputs.name} changes smoothly from row to row "
                          "but is held constant between rows; --hold smooth joins the rows")
         twin = twin_of(source, found.trajectory)
@@ -134,12 +144,15 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def inputs_of(arguments: argparse.Namespace) -> Path | Recording:
+def inputs_of(arguments: argparse.Namespace) -> MeasuredTable | Recording:
     """Return the table or the recording of --inputs."""
+    from tcc_sim.replay.given_inputs import input_table
+
     inputs: Path = arguments.inputs
-    if inputs.suffix == ".csv":
+    table = input_table(inputs, arguments.columns, arguments.start, arguments.end)
+    if table is not None:
         common.refuse_driveline(arguments, f"{inputs} is a table")
-        return inputs
+        return table
     return common.recording_of(arguments, inputs, arguments.recorded_scene)
 
 

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from tcc_sim.cli import arguments as common
+from tcc_sim.cli.ranges import bounds_of_range, values_of_range
 from tcc_sim.errors import InputError, SweepInterrupted, WorkersLost, counted
 from tcc_sim.output.files import STANDARD_OUTPUT
 from tcc_sim.output.terminal import terminal_width
@@ -94,8 +95,8 @@ def _work(arguments: argparse.Namespace, system: System) -> tuple[list[Curve], C
     from tcc_sim.sweeps.scatter import Scattered, Tolerances, scattered_curves
     from tcc_sim.sweeps.sweep import Curve, Grid, curves_of
 
-    over = [common.values_of_range(text) for text in arguments.over]
-    bounds = tuple(common.bounds_of_range(text, "--scatter", "LOW:HIGH") for text in arguments.scatter)
+    over = [values_of_range(text) for text in arguments.over]
+    bounds = tuple(bounds_of_range(text, "--scatter", "LOW:HIGH") for text in arguments.scatter)
     common.refuse_swept(arguments.set, [key for key, _ in over] + [key for key, _, _ in bounds])
     if bounds:
         if len(over) > 1:

@@ -18,18 +18,19 @@ import numpy as np
 
 from tcc_sim.errors import InputError
 from tcc_sim.estimation.curve import CURVE, IdentifiedCurve, curve_of, curve_starts, keys_of, refuse_parts
-from tcc_sim.estimation.measurement import Measurement, noise_of, read_recording, read_table
+from tcc_sim.estimation.measurement import Measurement, measurement_in, noise_of, read_recording
 from tcc_sim.estimation.multiple_shooting import Fit
 from tcc_sim.estimation.residuals import Whiteness, judge_residuals
 from tcc_sim.estimation.search import Likelihood, Search, profile_likelihood
 from tcc_sim.estimation.settings import DEFAULTS, FitSettings, Gates
-from tcc_sim.estimation.verdicts import Parameter, check_units, judged, why_no_noise, why_not
+from tcc_sim.estimation.verdicts import Parameter, check_sampling, check_units, judged, why_no_noise, why_not
 from tcc_sim.estimation.windows import KINETIC, OFFSETS, STATIC, Model, check_key, on_its_side
 from tcc_sim.model.parameters import QUANTITIES, values_of
-from tcc_sim.recording.table import CHANNELS, HOLDS, looks_smooth
 from tcc_sim.result import Result, reported
 from tcc_sim.scene import Scene, SceneLike, as_scene
 from tcc_sim.sweeps.progress import progress_bar
+from tcc_sim.tables.chosen_columns import CHANNELS, is_table
+from tcc_sim.tables.measured_table import HOLDS, looks_smooth, table_in
 from tcc_sim.trajectory import Floats
 
 
@@ -63,6 +64,8 @@ class Identification(Result):
         "profile likelihood of one key", asked_for=True))
     curve: IdentifiedCurve | None = field(default=None, metadata=reported(
         "sliding friction over slip speed, if friction.curve was free", asked_for=True))
+    notes: tuple[str, ...] = field(default=(), metadata=reported(
+        "sentences on how a table was read, and on what was converted or mended"))
 
     def _text(self) -> str:
         found = ", ".join(f"{p.key} {p.value:.5g} +- {p.standard_error:.2g} ({p.verdict})" for p in self.parameters)
@@ -82,14 +85,14 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
 
     Parameters
     ----------
-    measured : a Measurement, a table's file (.csv, `measurement.read_table`), or a recording
+    measured : a Measurement, a table's file (.csv, `measurement.measurement_in`), or a recording
     free : keys of `windows.FREE`, each with its start (None: the scene's value; 0 for an offset); friction.curve, with
         the number of its exponentials (None: 2)
     scene : scene, system, name or file with the keys that are not free and the inputs that were not measured; None
         takes that of the recording
     noise : standard deviation by channel, rad/s or rad; noise that is not given is estimated from the signal
-    hold : one of `recording.table.HOLDS`, the course of a measured input between two samples; None takes that stated in
-        the measurement, or else the one that fits best
+    hold : one of `tables.measured_table.HOLDS`, the course of a measured input between two samples; None takes that
+        stated in the measurement, or else the one that fits best
     likelihood : key whose profile likelihood is computed
     joints, topic, driveline : selection of a recording's driveline, see `recording.drivelines.Choice`
     progress : show iterations on a terminal or in a notebook, elsewhere a line a minute
@@ -116,6 +119,7 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
     settings, gates = settings or FitSettings(), gates or Gates()
     measured, scene = given(measured, None if scene is None else as_scene(scene), joints=joints, topic=topic,
                             driveline=driveline)
+    check_sampling(measured, scene.system)
     starts = _starts(scene, free, measured, likelihood)
     levels, begin = _noise(measured, noise), np.array(list(starts.values()))
     models = [Model(scene.system, tuple(starts), replace(measured, hold=each)) for each in _holds(measured, hold)]
@@ -148,7 +152,7 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
                      white.hidden.get(model.keys[i])) for i in shown),
         correlations[np.ix_(shown, shown)], chi2, not why, why, levels, len(best.starts), tried,
         time.perf_counter() - began, scene if why else _with_estimates(scene, model, best, curve), model.measured,
-        best.residuals, white, model.measured.hold, profile, curve)
+        best.residuals, white, model.measured.hold, profile, curve, measured.notes)
 
 
 def _noise_of_residuals(measured: Measurement, best: Fit) -> tuple[dict[str, float], bool]:
@@ -166,14 +170,19 @@ def _with_estimates(scene: Scene, model: Model, best: Fit, curve: IdentifiedCurv
 
 
 def given(measured: Measurement | str | Path, scene: Scene | None = None,
+          columns: str | Mapping[str, str] | None = None, start: float | None = None, end: float | None = None,
           **driveline: Any) -> tuple[Measurement, Scene]:
     """Return the measurement in a table's file or a recording, and its scene (default: the recording's), or raise
     InputError. `driveline` selects a driveline of the recording.
+
+    columns, start, end : of a table, see `tables.measured_table.table_in`, and the part that is used, s
     """
     if not isinstance(measured, Measurement):
         path = Path(measured)
-        if path.suffix == ".csv":
-            measured = read_table(path)
+        if is_table(path):
+            measured = measurement_in(table_in(path, ("slip_speed",), DEFAULTS.most, columns).part(start, end))
+        elif columns is not None or start is not None or end is not None:
+            raise InputError(f"--columns, --from and --to are for tables, and {path} is a recording")
         else:
             measured, own = read_recording(path, scene, **driveline)
             scene = scene or own

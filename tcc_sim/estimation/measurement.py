@@ -13,8 +13,9 @@ from tcc_sim.errors import InputError
 from tcc_sim.estimation.settings import DEFAULTS
 from tcc_sim.later_rooms import from_later_room
 from tcc_sim.model.profile import smooth_corners
-from tcc_sim.recording.table import CHANNELS, HOLDS, TIME, read_columns
 from tcc_sim.scene import Scene, parse_scene
+from tcc_sim.tables.chosen_columns import CHANNELS, TIME
+from tcc_sim.tables.measured_table import HOLDS, MeasuredTable
 from tcc_sim.topics import FAR_END, INPUTS
 from tcc_sim.trajectory import Floats
 
@@ -29,6 +30,7 @@ class Measurement:
         both ends of the step after each sample, which is linear
     hold : course of the inputs between two samples, one of HOLDS; None if it is unknown
     source : origin of the data, for messages
+    notes : sentences on how a table was read
     """
 
     t: Floats
@@ -36,6 +38,7 @@ class Measurement:
     inputs: dict[str, Floats] = field(default_factory=dict)
     source: str = "the measurement"
     hold: str | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def step(self) -> float:
@@ -76,8 +79,8 @@ class Measurement:
         gaps, worst = np.flatnonzero(steps > 1.5 * usual), int(np.argmax(np.abs(steps - usual)))
         if len(gaps):
             raise InputError(f"{self.source} has a gap of {steps[gaps[0]]:.4g} s at {self.t[gaps[0]]:.6g} s beside "
-                             f"steps of {usual:.4g} s; identification needs evenly spaced samples: take the part "
-                             "before or after")
+                             f"steps of {usual:.4g} s; identification needs evenly spaced samples: take a part "
+                             "by --from and --to")
         if abs(steps[worst] - usual) > DEFAULTS.even * usual:
             raise InputError(f"{self.source} has a step of {steps[worst]:.6g} s at {self.t[worst]:.6g} s beside steps "
                              f"of {usual:.6g} s; identification needs evenly spaced samples")
@@ -87,18 +90,28 @@ class Measurement:
                                  "dead, or nothing moved")
 
 
-def read_table(path: Path) -> Measurement:
+def measurement_in(table: MeasuredTable) -> Measurement:
     """Return the measurement in a table: columns t, slip_speed, and further ones of CHANNELS and INPUTS.
 
     Raises
     ------
     InputError
-        As `recording.table.read_columns`; the far end of the shaft moves; or the data cannot be used.
+        The far end of the shaft moves, or the data cannot be used.
     """
-    columns = read_columns(path, (TIME, "slip_speed"), DEFAULTS.most)
-    _check_still(path, columns.get(FAR_END))
+    _check_still(Path(table.source), table.columns.get(FAR_END))
+    rows = np.isfinite(table.columns["slip_speed"])
+    columns = {name: values[rows] for name, values in table.columns.items() if np.isfinite(values).any()}
+    slower = [name for name, values in columns.items() if name in (*CHANNELS, *INPUTS)
+              and not np.isfinite(values).all() and not len(table.holes(name))]
+    for name in slower:
+        columns[name] = np.interp(columns[TIME], *table.filled(name))
+    if slower:
+        table = table.noting(f"{table.source}: {', '.join(slower)} joined by straight lines where cells are empty, "
+                             "between its regular samples")
+    held = {table.hold[name] for name in INPUTS if name in columns and name in table.hold}
     return Measurement(columns[TIME], {name: columns[name] for name in CHANNELS if name in columns},
-                       {name: columns[name] for name in INPUTS if name in columns}, str(path))
+                       {name: columns[name] for name in INPUTS if name in columns}, table.source,
+                       held.pop() if len(held) == 1 else None, table.notes)
 
 
 def read_recording(path: Path, scene: Scene | None = None, **driveline: Any) -> tuple[Measurement, Scene]:

@@ -24,8 +24,8 @@ from tcc_sim.estimation.settings import DEFAULTS, FitSettings
 from tcc_sim.estimation.windows import FREE, LINEAR, OFFSETS, Model
 from tcc_sim.model.groups import TABULATED
 from tcc_sim.model.parameters import QUANTITIES, values_of
-from tcc_sim.recording.table import CHANNELS
 from tcc_sim.result import reported
+from tcc_sim.tables.chosen_columns import CHANNELS
 from tcc_sim.trajectory import Floats
 
 UNITS = {"engine_torque.offset": "N m", "actuation_pressure.offset": "Pa"}

@@ -24,6 +24,16 @@ RPM, DEGREES = math.pi / 30.0, math.pi / 180.0
 OTHERS = {"slip_speed": {"rpm": RPM, "degrees/s": DEGREES}, "plate_speed": {"rpm": RPM, "degrees/s": DEGREES},
           "plate_angle": {"degrees": DEGREES}, "actuation_pressure": {"bar": 1e5, "kPa": 1e3, "MPa": 1e6}}
 """Units that a column may have by mistake, and their factors to SI."""
+COARSEST = 10.0 * math.pi
+"""Longest step between samples, in radians of the slipping driveline's oscillation."""
+
+
+def check_sampling(measured: Measurement, system: System) -> None:
+    """Raise InputError if samples are many periods of the driveline's oscillation apart."""
+    if measured.step * system.natural_frequency > COARSEST:
+        times = measured.step * system.natural_frequency / (2.0 * math.pi)
+        raise InputError(f"{measured.source} has a sample every {measured.step:.4g} s, in which the driveline "
+                         f"oscillates {times:.0f} times; if its times are in ms, say so with --columns t=COLUMN:ms")
 
 
 def check_units(model: Model, values: Floats, settings: FitSettings) -> None:

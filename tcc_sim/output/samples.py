@@ -12,7 +12,7 @@ import numpy as np
 from tcc_sim.errors import check_suffix
 from tcc_sim.messages import cdr
 from tcc_sim.output.files import draft
-from tcc_sim.recording.table import hold_line
+from tcc_sim.tables.measured_table import hold_line
 from tcc_sim.topics import FAR_END, INPUTS, topic
 from tcc_sim.trajectory import UNITS, Cycles, Trajectory, integral
 

@@ -74,9 +74,9 @@ def order_lines(found: Orders) -> list[str]:
                         f"{engine_speed(found.frequency.min(), 6, found.frequency.max())}, up to order "
                         f"{found.order[-1]:g}")]
     for order, passed in zip(found.torque_order, found.transmissibility.T):
-        if not np.isnan(passed).any():
-            pairs.append((f"order {order:g}", f"shaft torque over engine torque at most {passed.max():.4g}, at "
-                                              + engine_speed(found.frequency[passed.argmax()])))
+        if np.isfinite(passed).any():
+            pairs.append((f"order {order:g}", f"shaft torque over engine torque at most {np.nanmax(passed):.4g}, at "
+                                              + engine_speed(found.frequency[np.nanargmax(passed)])))
     judder = found.judder
     most = f"at most {speed(judder.peak.max())} about the cycle mean, rms {speed(judder.rms.max())}"
     if not np.isnan(judder.breakaways).any():
@@ -93,9 +93,9 @@ def comparison_lines(found: OrderComparison) -> list[str]:
     for name in ("slip_speed", "shaft_torque"):
         for order in found.measured.cuts:
             measured = level(found.measured.cut(order, name))
-            if np.isnan(measured).any():
+            if np.isnan(measured).all():
                 continue
-            apart = np.abs(found.difference(name, order))[measured > measured.max() - 30.0]
+            apart = np.abs(found.difference(name, order))[measured > np.nanmax(measured) - 30.0]
             pairs.append((f"order {order:g} of {name.replace('_', ' ')}", f"simulated and measured differ by at "
                           f"most {apart.max():.3g} dB, median {np.median(apart):.3g} dB"))
     return aligned(pairs)

@@ -4,8 +4,10 @@ simulation with the recorded slip speed.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
@@ -15,48 +17,98 @@ from tcc_sim.model.groups import Pressure
 from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.model.profile import Inputs, lines_through, smooth_corners
 from tcc_sim.model.quantity import Quantity
-from tcc_sim.recording.table import DRIVING, HOLDS, TIME, looks_smooth, read_columns, table_of
 from tcc_sim.recording.window import Window
 from tcc_sim.replay.applied import applied_inputs
 from tcc_sim.replay.recorded import Recording, read
 from tcc_sim.replay.timeline import from_first_motion
 from tcc_sim.scene import Scene
 from tcc_sim.shown_units import speed
+from tcc_sim.tables.chosen_columns import DRIVING, TIME, is_table
+from tcc_sim.tables.measured_table import HOLDS, MeasuredTable, holes_in_words, longest_part, looks_smooth, table_in
+from tcc_sim.tables.sampling import in_words
 from tcc_sim.topics import INPUTS, topic
 from tcc_sim.trajectory import Floats, Trajectory
 
 MOST_PARTS = 100_000
 """Largest number of parts into which an actuator's response is divided."""
+BRIDGED = 3.5
+"""Longest hole over which the inputs of a table are interpolated, relative to the usual step: two missing rows."""
+LEAST_PRESSURE = 1e3
+"""Largest pressure of a table, Pa, below which it looks as if it were in another unit."""
 
 
-def driven_by(scene: Scene, measured: Path | Recording, hold: str | None = None) -> Scene:
-    """Return `scene` with the torque, pressure and far-end speed of a recording's first run or of a table.
+Source: TypeAlias = "Path | MeasuredTable | Recording"
+"""A table or a recording, or the path of one."""
 
-    Inputs without data stay those of the scene. Recorded commands are held during the tick that applied them; inputs
-    that the driveline computed from its scene are joined by straight lines. A table (CSV) has the column t, s, and one
-    or more of engine_torque, N m, actuation_pressure, Pa, and output_speed, rad/s; the far end starts at angle 0.
+
+def opened(source: Source) -> MeasuredTable | Recording:
+    """Return a table or a recording, read if it is given by its path."""
+    if not isinstance(source, Path):
+        return source
+    return input_table(source) or read(source)
+
+
+def input_table(path: Path, columns: str | Mapping[str, str] | None = None, start: float | None = None,
+                end: float | None = None) -> MeasuredTable | None:
+    """Return the table of inputs in a file, from the start of the simulation on; None for a recording.
 
     Parameters
     ----------
-    measured : the table, or the recording or its path; a table has the commanded pressure, which the scene's actuator
-        follows; a recording has the pressure at the plates
-    hold : interpolation of a table's inputs between rows, one of `recording.table.HOLDS`; None for that stated in the
-        file, else `previous`
+    columns : columns of the file by name, as `tables.chosen_columns.named_columns` takes them
+    start, end : part of the table, s; its first row is then the start of the simulation
 
     Raises
     ------
     InputError
-        The file cannot be read, values are out of range, or `hold` is given for a recording.
+        As `table_in`; or `columns`, `start` or `end` are given for a recording.
     """
-    path = measured.path if isinstance(measured, Recording) else measured
-    if path.suffix != ".csv" and hold is not None:
-        raise InputError(f"--hold is for tables; {path} is a recording, which defines how its inputs were held")
-    if path.suffix == ".csv":
-        inputs, own = of_table(path, hold), scene.system.pressure
+    if not is_table(path):
+        options = {"columns": columns, "from": start, "to": end}
+        given = [f"--{name}" for name, value in options.items() if value is not None]
+        if given:
+            raise InputError(f"{', '.join(given)}: only for tables, and {path} is a recording")
+        return None
+    table = table_in(path, columns=columns).part(start, end)
+    t = table.t
+    if len(t) < 2:
+        raise InputError(f"{path}: it has {counted(len(t), 'row')}"
+                         f"{'' if start is end is None else ' in this part'}; it must have 2 or more")
+    first = 1.5 * float(np.median(np.diff(t)))
+    if start is not None or not 0.0 <= t[0] <= first:
+        table = replace(table, columns={**table.columns, TIME: t - t[0]})
+        if abs(t[0]) > first:
+            table = table.noting(f"{path.name}: the simulation starts at its time {t[0]:.9g} s")
+    return table
+
+
+def driven_by(scene: Scene, source: Source, hold: str | None = None) -> Scene:
+    """Return `scene` with the torque, pressure and far-end speed of a recording's first run or of a table.
+
+    Inputs without data stay those of the scene. Recorded commands are held during the tick that applied them; inputs
+    that the driveline computed from its scene are joined by straight lines. A table has the column t, s, and one
+    or more of engine_torque, N m, actuation_pressure, Pa, and output_speed, rad/s; the far end starts at angle 0.
+
+    Parameters
+    ----------
+    source : a table has the commanded pressure, which the scene's actuator follows; a recording has the pressure at
+        the plates
+    hold : interpolation of a table's inputs between rows, one of `tables.measured_table.HOLDS`; None for that stated in
+        the file, else `previous`
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, has a hole, values are out of range, or `hold` is given for a recording.
+    """
+    given = opened(source)
+    if isinstance(given, MeasuredTable):
+        inputs, own = of_table(given, hold), scene.system.pressure
         if inputs.pressure is not None and own.actuated:
             inputs = replace(inputs, pressure=followed(inputs.pressure, own, inputs.end))
+    elif hold is not None:
+        raise InputError(f"--hold is for tables; {given.path} is a recording, which defines how its inputs were held")
     else:
-        inputs = of_recording(read(path) if isinstance(measured, Path) else measured)
+        inputs = of_recording(given)
     return replace(scene, system=replace(scene.system, inputs=inputs))
 
 
@@ -122,35 +174,68 @@ def _lines(t: Floats, values: Floats, hold: str, meant: Quantity | None = None) 
     return lines_through(t, values, held=hold in ("previous", "next")) if len(t) else None
 
 
-def smooth_inputs(path: Path) -> list[str]:
+def smooth_inputs(table: MeasuredTable) -> list[str]:
     """Return the inputs of a table that look sampled from a smooth signal although the table does not state a hold."""
-    if path.suffix != ".csv":
-        return []
-    table = table_of(path)
-    return [name for name in DRIVING if name in table.columns and name not in table.hold
-            and looks_smooth(table.columns[name])]
+    return [name for name in _inputs_of(table) if name not in table.hold and looks_smooth(table.filled(name)[1])]
 
 
-def of_table(path: Path, hold: str | None = None) -> Inputs:
-    """Return the inputs in the columns of a CSV file."""
-    table = table_of(path, (TIME,))
-    columns = {name: values for name, values in table.columns.items() if name in (TIME, *DRIVING)}
-    t = columns.pop(TIME)
-    if not columns:
-        raise InputError(f"{path}: the first line must name the column {', '.join(DRIVING[:-1])} or {DRIVING[-1]}")
-    if len(t) < 2:
-        raise InputError(f"{path}: it has {counted(len(t), 'row')}; it must have 2 or more")
-    if t[0] < 0.0 or not np.all(np.diff(t) > 0.0):
-        raise InputError(f"{path}: the times in column t must begin at 0 or later and increase")
-    for name, values in columns.items():
+def _inputs_of(table: MeasuredTable) -> list[str]:
+    """Return the columns of a table that drive, if they hold any value."""
+    return [name for name in DRIVING if name in table.columns and np.isfinite(table.columns[name]).any()]
+
+
+def of_table(table: MeasuredTable, hold: str | None = None) -> Inputs:
+    """Return the inputs in the columns of a table; InputError for a hole of more than two rows."""
+    names, lines = _inputs_of(table), []
+    if not names:
+        raise InputError(f"{table.source}: the first line must name the column {', '.join(DRIVING[:-1])} or "
+                         f"{DRIVING[-1]}, or --columns one of the file's columns as such"
+                         + (f" ({table.notes[0].partition(': ')[2]})" if table.notes else ""))
+    holes, step = _missing(table)
+    if len(holes):
+        begin, end = longest_part(table.t, holes)
+        raise InputError(f"{holes_in_words(table, holes, step)}; a simulation needs inputs without holes: take a part "
+                         f"by --from and --to, such as --from {begin:.6g} --to {end:.6g}, the longest one")
+    for name in names:
+        t, values = table.filled(name)
         meant = QUANTITIES[topic(name).key]
         wrong = np.flatnonzero((values < meant.low) | (values > meant.high))
         if len(wrong):
-            raise InputError(f"{path}: {name} is {values[wrong[0]]:g} {meant.unit} at {t[wrong[0]]:g} s; it must be "
-                             f"{meant.interval()}")
-    torque, pressure, speed = (_lines(t, columns[name], hold or table.hold.get(name, HOLDS[0]),
-                                      QUANTITIES[topic(name).key]) if name in columns else None for name in DRIVING)
-    return Inputs(torque, pressure, float(t[-1]), speed)
+            raise InputError(f"{table.source}: {name} is {values[wrong[0]]:g} {meant.unit} at {t[wrong[0]]:g} s; it "
+                             f"must be {meant.interval()}")
+        lines.append(_lines(t, values, hold or table.hold.get(name, HOLDS[0]), meant))
+    torque, pressure, speed = (dict(zip(names, lines)).get(name) for name in DRIVING)
+    return Inputs(torque, pressure, float(table.t[-1]), speed)
+
+
+def _missing(table: MeasuredTable) -> tuple[Floats, float]:
+    """Return the holes of more than two rows in the inputs of a table, and the usual step, s."""
+    names = _inputs_of(table)
+    step = table.usual_step(*names)
+    holes = table.holes(*names)
+    return holes[np.diff(holes)[:, 0] > BRIDGED * step] if step else np.empty((0, 2)), step
+
+
+def doubts_about(table: MeasuredTable) -> list[str]:
+    """Return sentences on inputs that are bridged, irregular, or look as if they were in another unit."""
+    names, found = _inputs_of(table), []
+    step, steps = table.usual_step(*names), np.diff(table.t)
+    short = table.holes(*names) if step else np.empty((0, 2))
+    if len(short):
+        found.append(f"{table.source}: one or two rows are missing at {in_words(short)}; the inputs are interpolated "
+                     "there as between other rows")
+    if not step and len(table.t) >= 16:
+        worst = int(np.argmax(steps))
+        found.append(f"{table.source}: its rows are irregular in time, {steps.min():.3g} to {steps.max():.3g} s apart "
+                     f"(at {table.t[worst]:.6g} s); the inputs are interpolated between them")
+    if len(steps) > 1000 and float(np.median(steps)) > 0.5:
+        found.append(f"{table.source}: its rows are {np.median(steps):.3g} s apart; if its times are in ms, say so "
+                     "with --columns t=COLUMN:ms")
+    if "actuation_pressure" in names and 0.0 < float(np.nanmax(table.columns["actuation_pressure"])) < LEAST_PRESSURE:
+        found.append(f"{table.source}: actuation_pressure is at most "
+                     f"{np.nanmax(table.columns['actuation_pressure']):.4g} Pa; if it is in bar, say so with --columns "
+                     "actuation_pressure=COLUMN:bar")
+    return found
 
 
 @dataclass(frozen=True)
@@ -177,7 +262,7 @@ class Twin:
         return f"slip speed beside {self.source}: {speed(wrong, 4)} apart (rms), of {speed(size, 4)}"
 
 
-def twin_of(measured: Path | Recording, trajectory: Trajectory) -> Twin | None:
+def twin_of(source: Source, trajectory: Trajectory) -> Twin | None:
     """Return a simulation with the slip speed of a recording's first run or of a table; None without a slip speed
     within the simulation's time.
 
@@ -186,14 +271,13 @@ def twin_of(measured: Path | Recording, trajectory: Trajectory) -> Twin | None:
     InputError
         The file cannot be read.
     """
-    path = measured.path if isinstance(measured, Recording) else measured
-    if path.suffix == ".csv":
-        columns = read_columns(path, (TIME,))
-        if "slip_speed" not in columns:
+    given = opened(source)
+    if isinstance(given, MeasuredTable):
+        if "slip_speed" not in given.columns:
             return None
-        t, slip = columns[TIME], columns["slip_speed"]
+        (t, slip), name = given.filled("slip_speed"), Path(given.source).name
     else:
-        run = (read(measured) if isinstance(measured, Path) else measured).trajectory(0)
+        run, name = given.trajectory(0), given.path.name
         t, slip = run.t - run.t[0], run.slip_speed
     within = (t >= trajectory.t[0]) & (t <= trajectory.t[-1])
-    return Twin(trajectory, t[within], slip[within], printable(path.name)) if np.count_nonzero(within) > 1 else None
+    return Twin(trajectory, t[within], slip[within], printable(name)) if np.count_nonzero(within) > 1 else None

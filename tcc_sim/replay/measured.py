@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 
+from tcc_sim.analysis.measured_phase import measured_phase
+from tcc_sim.analysis.measured_signals import signals_in
 from tcc_sim.analysis.orders import Orders, orders_of
 from tcc_sim.analysis.periodicity import periodicity
 from tcc_sim.analysis.settings import DEFAULTS
-from tcc_sim.analysis.signals import Signals, measured_phase, measured_signals
+from tcc_sim.analysis.signals import Signals
 from tcc_sim.analysis.spectra import Spectrum, spectrum_of
 from tcc_sim.analysis.summary import default_discard
-from tcc_sim.errors import InputError
+from tcc_sim.errors import InputError, counted
 from tcc_sim.model.parameters import System
 from tcc_sim.model.parameters import replace as changed
 from tcc_sim.model.quantity import MOST_POINTS
-from tcc_sim.recording.table import TIME, read_columns
 from tcc_sim.result import Result, reported
 from tcc_sim.scene import Scene
+from tcc_sim.tables.measured_table import MeasuredTable, longest_part
 from tcc_sim.trajectory import Cycles, Floats
 
 
@@ -33,6 +34,8 @@ class MeasuredRun(Result):
         "orders, transmissibility and judder", asked_for=True))
     spectrum: Spectrum | None = field(default=None, metadata=reported(
         "amplitudes over frequency and order", asked_for=True))
+    notes: tuple[str, ...] = field(default=(), metadata=reported(
+        "sentences on how the table was read, and on what was converted, mended or left out"))
 
     def columns(self) -> dict[str, Floats]:
         """Return the columns of the orders or, without these, of the spectrum."""
@@ -40,26 +43,11 @@ class MeasuredRun(Result):
         return dict(found.columns()) if found is not None else {}
 
 
-def measured_columns(path: Path, start: float | None = None, end: float | None = None) -> dict[str, Floats]:
-    """Return the columns of a table with a slip speed, optionally between two times, s.
-
-    Raises
-    ------
-    InputError
-        As `recording.table.read_columns`; or the times do not increase, or fewer than four rows are selected.
-    """
-    columns = read_columns(path, (TIME, "slip_speed"))
-    t = columns[TIME]
-    within = (t >= (-np.inf if start is None else start)) & (t <= (np.inf if end is None else end))
-    if np.count_nonzero(within) < 4 or not np.all(np.diff(t) > 0.0):
-        raise InputError(f"{path}: the times in column t must increase, and at least 4 rows are needed; "
-                         f"{np.count_nonzero(within)} are selected")
-    return {name: values[within] for name, values in columns.items()}
-
-
-def analyse_table(path: Path, system: System, *, orders: bool, spectrum: bool, pulses: int = 1,
-                  start: float | None = None, end: float | None = None) -> MeasuredRun:
+def analyse_table(table: MeasuredTable, system: System, *, orders: bool, spectrum: bool,
+                  pulses: int = 1) -> MeasuredRun:
     """Return orders and spectrum of a table.
+
+    The spectrum is that of the longest stretch without a hole.
 
     Parameters
     ----------
@@ -69,12 +57,27 @@ def analyse_table(path: Path, system: System, *, orders: bool, spectrum: bool, p
     Raises
     ------
     InputError
-        As `measured_columns`, `analysis.signals.measured_signals`, `orders_of` and `spectrum_of`.
+        Fewer than four rows; or as `analysis.measured_signals.signals_in`, `orders_of` and `spectrum_of`.
     """
-    columns = measured_columns(path, start, end)
-    signals, t = measured_signals(columns, system, pulses, str(path)), columns[TIME]
-    return MeasuredRun(len(t), float(t[-1] - t[0]), orders_of(signals) if orders else None,
-                       _spectrum(signals) if spectrum else None)
+    t = table.t
+    if len(t) < 4:
+        raise InputError(f"{table.source}: at least 4 rows are needed; {counted(len(t), 'row')} selected")
+    signals = signals_in(table, system, pulses)
+    found, notes = orders_of(signals) if orders else None, (*table.notes, *signals.notes)
+    part, where = unbroken(signals)
+    if spectrum and where is not None:
+        notes = (*notes, f"{table.source}: the spectrum is that of {where[0]:.6g} to {where[1]:.6g} s, the longest "
+                 "part without a hole")
+    return MeasuredRun(len(t), float(t[-1] - t[0]), found, _spectrum(part) if spectrum else None, notes)
+
+
+def unbroken(signals: Signals) -> tuple[Signals, tuple[float, float] | None]:
+    """Return the signals in the longest stretch without a hole, and begin and end of that stretch (None for all)."""
+    if not len(signals.holes):
+        return signals, None
+    begin, end = longest_part(signals.t, signals.holes)
+    inside = (signals.t >= begin) & (signals.t <= end)
+    return replace(signals, turns=signals.turns[inside], t=signals.t[inside], heat=signals.heat[inside]), (begin, end)
 
 
 def _spectrum(signals: Signals) -> Spectrum:
@@ -83,7 +86,7 @@ def _spectrum(signals: Signals) -> Spectrum:
     return spectrum_of(signals, period, max(whole - default_discard(whole), period or DEFAULTS.spectrum_least))
 
 
-def at_measured_speed(scene: Scene, path: Path, pulses: int = 1) -> tuple[Scene, Signals | None]:
+def at_measured_speed(scene: Scene, table: MeasuredTable, pulses: int = 1) -> tuple[Scene, Signals | None]:
     """Return the scene with the measured engine speed, and the signals in the table (None without a slip speed).
 
     Raises
@@ -91,17 +94,17 @@ def at_measured_speed(scene: Scene, path: Path, pulses: int = 1) -> tuple[Scene,
     InputError
         The phase of the engine cannot be determined.
     """
-    columns = read_columns(path, (TIME,))
     system = scene.system
-    turns, when = measured_phase(columns, system.engine.order, pulses, str(path))
+    phase = measured_phase(table, system.engine.order, pulses)
+    turns = phase.turns
     count = min(max(int(turns[-1] - turns[0]), 1) + 1, MOST_POINTS)
     at = np.linspace(float(turns[0]), float(turns[-1]), count)
-    times = when(at)
+    times = phase.when(at)
     frequency = 2.0 * np.pi * np.gradient(at, times)
     times[0] = 0.0
     system = changed(replace(system, inputs=None), {"engine.frequency_times": times.tolist(),
                                                     "engine.frequency_values": frequency.tolist()})
-    found = measured_signals(columns, system, pulses, str(path)) if "slip_speed" in columns else None
+    found = signals_in(table, system, pulses) if "slip_speed" in table.columns else None
     return replace(scene, system=replace(system, inputs=scene.system.inputs)), found
 
 

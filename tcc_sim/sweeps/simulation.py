@@ -169,6 +169,8 @@ class Simulation(Result):
         "the same of the measurement in --inputs", asked_for=True))
     spectrum: Spectrum | None = field(default=None, metadata=reported(
         "amplitudes over frequency and order", asked_for=True))
+    notes: tuple[str, ...] = field(default=(), metadata=reported(
+        "sentences on how the table of --inputs was read, and on what was converted, mended or left out"))
 
     def _text(self) -> str:
         if self.summary is None:

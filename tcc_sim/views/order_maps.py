@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +32,7 @@ SHORT = {"slip_speed": "Slip", "shaft_torque": "Torque"}
 
 def plot_orders(path: Path, found: Orders, title: str = "", width: float = style.PAGE) -> Path:
     """Draw the orders over the engine frequency if it always rises or always falls, else over time."""
+    found = found.with_blanks()
     along, name = _along(found)
     wide = style.wide(width)
     with style.figure(width, 0.86 * width if wide else 2.6 * width, title) as drawn:
@@ -66,6 +68,7 @@ def plot_orders(path: Path, found: Orders, title: str = "", width: float = style
 
 def plot_comparison(path: Path, found: OrderComparison, title: str = "", width: float = style.PAGE) -> Path:
     """Draw the maps of a measured and a simulated run with their difference, and the cuts of both."""
+    found = replace(found, measured=found.measured.with_blanks(), simulated=found.simulated.with_blanks())
     names = [name for name in QUANTITIES if np.isfinite(getattr(found.measured, name)).any()]
     along, over = _along(found.measured)
     wide, count = style.wide(width), len(names)
@@ -169,7 +172,7 @@ def _cuts(axis: Any, found: Orders, of: str, which: str = "", **look: Any) -> No
     along, name = _along(found)
     for colour, order in zip(style.CYCLE, found.cuts):
         axis.plot(along, level(found.cut(order, of)), color=colour, label=f"order {order:g}{which}", **look)
-    top = max(float(level(found.cut(order, of)).max()) for order in found.cuts)
+    top = max(float(np.nanmax(level(found.cut(order, of)))) for order in found.cuts)
     word, unit = QUANTITIES[of]
     axis.set(ylabel=f"{word.lower()}, dB re 1 {unit}", xlabel=name, ylim=(top - SHOWN, top + 0.05 * SHOWN))
     if not which:
@@ -240,7 +243,7 @@ def _difference(axis: Any, found: OrderComparison, name: str, top: float) -> Non
     along, over = _along(found.measured)
     shown = _shown(found.measured)
     one, other = (level(getattr(run, name)[:, shown]).T for run in (found.measured, found.simulated))
-    apart = np.ma.masked_where(np.maximum(one, other) < top - SHOWN, other - one)
+    apart = np.ma.masked_where(~(np.maximum(one, other) >= top - SHOWN), other - one)
     image = axis.pcolormesh(along, found.measured.order[shown], apart, cmap="RdBu_r", vmin=-DIFFERENCE, vmax=DIFFERENCE,
                             shading="nearest", rasterized=True)
     axis.figure.colorbar(image, ax=axis, label="simulated less measured, dB", pad=0.015, aspect=28)

@@ -9,7 +9,7 @@ import pytest
 
 from tcc_sim.analysis.orders import orders_of
 from tcc_sim.analysis.settings import DEFAULTS
-from tcc_sim.analysis.signals import Signals, run_signals, turns_at
+from tcc_sim.analysis.signals import Signals, gaps_between, run_signals, turns_at
 from tcc_sim.analysis.spectra import spectrum_of
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError
@@ -101,7 +101,8 @@ def test_windows_over_a_gap_between_samples_are_left_out():
     even = np.linspace(0.0, 2.99, 3000)
 
     def within(signals, kept):
-        return with_fields(signals, **{name: getattr(signals, name)[kept] for name in ("turns", "t", "heat")})
+        found = with_fields(signals, **{name: getattr(signals, name)[kept] for name in ("turns", "t", "heat")})
+        return with_fields(found, holes=gaps_between(found.turns, found.t))
 
     for signals in (run_signals(run), with_fields(run_signals(run), turns=turns_at(run.system, even), t=even,
                                                   heat=np.zeros(3000))):

@@ -14,12 +14,13 @@ from fig02_measured import BEGAN, FIG02, KEYS, ONCE, measured, moved
 from tcc_sim import cli
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.estimation.identify import identify
-from tcc_sim.estimation.measurement import Measurement, noise_of, read_table
+from tcc_sim.estimation.measurement import Measurement, measurement_in, noise_of
 from tcc_sim.estimation.multiple_shooting import INDEX, Fit, fit
 from tcc_sim.estimation.settings import DEFAULTS, Gates
 from tcc_sim.estimation.verdicts import _drift, judged
 from tcc_sim.estimation.windows import Model
 from tcc_sim.scene import load_scene
+from tcc_sim.tables.measured_table import table_in
 from tcc_sim.views import style
 
 
@@ -306,11 +307,13 @@ def test_a_table_is_read_or_refused(tmp_path) -> None:
     path = tmp_path / "x.csv"
     rows = "".join(f"{k * 1e-3},{k % 7}\n" for k in range(60))
     path.write_text("t,slip_speed\n" + rows)
-    assert read_table(path).step == pytest.approx(1e-3)
+    assert measurement_in(table_in(path)).step == pytest.approx(1e-3)
     path.write_text("\ufefft,slip_speed\n" + rows)  # As spreadsheets write it.
-    assert read_table(path).step == pytest.approx(1e-3)
-    for text, words in (("t,slip_speed\n1,2\n", "samples"), ("t,slip\n" + rows, "slip is not"), ("t\n1\n", "no column"),
+    assert measurement_in(table_in(path)).step == pytest.approx(1e-3)
+    for text, words in (("t,slip_speed\n1,2\n", "samples"),
+                        ("t,slip\n" + rows, "no column slip_speed; the file has slip"),
+                        ("t\n1\n", "no columns were recognised"),
                         ("t,slip_speed\n1,x\n", "line 2"), ("t,slip_speed\n1,2,3\n", "has 3 values")):
         path.write_text(text)
         with pytest.raises(InputError, match=words):
-            read_table(path)
+            measurement_in(table_in(path, ("slip_speed",)))

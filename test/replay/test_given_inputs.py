@@ -2,7 +2,6 @@
 
 import csv
 import math
-import os
 
 import numpy as np
 import pytest
@@ -16,12 +15,12 @@ from tcc_sim.model.friction import smoothed_coefficient
 from tcc_sim.model.profile import Inputs
 from tcc_sim.output.samples import write_samples, write_trajectory
 from tcc_sim.plant.driveline import Plant
-from tcc_sim.recording import table as reading
 from tcc_sim.recording.announcements import source_text
 from tcc_sim.replay.given_inputs import driven_by
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import terms_of, torques_at
+from tcc_sim.tables.measured_table import HOLDS, looks_smooth, table_in
 from tcc_sim.trajectory import State
 
 STEPS = 120
@@ -120,22 +119,6 @@ def test_a_recording_with_fallbacks_drives_by_commands_and_by_the_scene_in_betwe
         assert measured.inputs[name][:-1, 0] == pytest.approx(line[:399, 1])
 
 
-@pytest.mark.parametrize(("text", "message"), [
-    ("t,torque\n0,1\n1,1\n", "torque is not a column; did you mean engine_torque"),
-    ("t,slip_speed\n0,1\n1,1\n", "must name the column engine_torque, actuation_pressure or output_speed"),
-    ("t,engine_torque\n0,1\n1\n", "line 3 has 1 values; the first line names 2"),
-    ("t,engine_torque\n0,1\n", "has 1 row;"), ("t,engine_torque\n0,1\n0,1\n", "must begin at 0 or later and increase"),
-    ("t,engine_torque\n-0.1,1\n1,1\n", "must begin at 0 or later and increase"),
-    ("t,engine_torque\n0,1\n1,x\n", "line 3 has no number in column engine_torque"),
-    ("t,actuation_pressure\n0,1\n1,-5\n", "actuation_pressure is -5 Pa at 1 s; it must be 0 to 1e"),
-    ("", "no column t")])
-def test_what_is_no_table_of_inputs_is_refused(tmp_path, text, message):
-    path = tmp_path / "in.csv"
-    path.write_text(text)
-    with pytest.raises(InputError, match=message):
-        driven_by(load_scene("commands"), path)
-
-
 def test_the_command_takes_a_table(tmp_path, capsys):
     t, torque, _ = commands()
     path = table(tmp_path / "in.csv", t=t, engine_torque=torque)
@@ -169,27 +152,6 @@ def test_what_analyse_writes_of_a_commanded_pressure_drives_as_the_recording_doe
     assert np.abs(slip[0] - slip[1]).max() < 1e-9
 
 
-@pytest.mark.parametrize("head", ["t,engine_torque,other\ns,N m,", "t [s],engine_torque [Nm],other",
-                                  "t(s),engine_torque (N*m),other",
-                                  "# words\n\nt , engine_torque,other\n[s], (N m),1"])
-def test_units_stand_beside_names_or_below(tmp_path, head):
-    path = tmp_path / "in.csv"
-    path.write_text(head.replace("other", "state") + "\n0,200,0\n0.1,250,0\n0.2,300,0\n")
-    found = reading.table_of(path).columns
-    assert {name: column.tolist() for name, column in found.items()} == {"t": [0.0, 0.1, 0.2],
-                                                                         "engine_torque": [200.0, 250.0, 300.0]}
-    for unit in ("kN m", "lbf ft"):
-        path.write_text(f"t [s],engine_torque [{unit}]\n0,200\n0.1,250\n")
-        with pytest.raises(InputError, match=f"column engine_torque is in {unit}; it must be in N m"):
-            reading.table_of(path)
-    path.write_text("t,engine_torque\nms,N m\n0,200\n0.1,250\n")
-    with pytest.raises(InputError, match="column t is in ms; it must be in s"):
-        reading.table_of(path)
-    path.write_text("t,engine_torque\nnan,200\n0.1,250\n")
-    with pytest.raises(InputError, match="line 2 has no number in column t"):
-        reading.table_of(path)
-
-
 @pytest.mark.parametrize(("hold", "torque"), [(None, 250.0), ("previous", 250.0), ("linear", 275.0), ("next", 300.0)])
 def test_a_table_holds_as_it_was_told(tmp_path, hold, torque):
     path = table(tmp_path / "in.csv", t=[0.0, 0.1, 0.2], engine_torque=[200.0, 250.0, 300.0])
@@ -218,16 +180,16 @@ def test_a_table_that_looks_smooth_is_hinted_at_and_one_of_steps_is_not(tmp_path
 def test_an_order_sampled_10_to_40_times_a_period_looks_smooth_and_held_ones_do_not(order, samples):
     t = np.arange(0.0, 1.0, 2.0 * np.pi / (150.0 * order * samples))
     torque = 300.0 + 200.0 * np.sin(150.0 * order * t + 0.3)
-    assert reading.looks_smooth(torque)
-    assert not reading.looks_smooth(np.repeat(torque[::3], 3))
-    assert not reading.looks_smooth(np.random.default_rng(order).normal(size=len(t)))
+    assert looks_smooth(torque)
+    assert not looks_smooth(np.repeat(torque[::3], 3))
+    assert not looks_smooth(np.random.default_rng(order).normal(size=len(t)))
 
 
 PULSES = {"steps": lambda n: 4e5 * (n // 20 % 2), "touches 0": lambda n: 2e5 * (1.0 - np.cos(0.3 * n)),
           "pulses": lambda n: 4e5 * (n % 4 == 0), "limit": lambda n: 1e7 * (n % 3 > 0)}
 
 
-@pytest.mark.parametrize("hold", reading.HOLDS)
+@pytest.mark.parametrize("hold", HOLDS)
 @pytest.mark.parametrize("course", PULSES)
 @pytest.mark.parametrize("actuator", [{}, {"pressure.time_constant": 0.02, "pressure.delay": 0.01}])
 def test_pressure_stays_in_its_range_after_hold_and_actuator(tmp_path, course, hold, actuator):
@@ -252,23 +214,6 @@ def test_a_pressure_below_0_is_no_input():
     for lines in ([[0.0, 1e5, 0.0], [0.1, -1.0, 0.0]], [[0.0, 1e5, -1e6]]):
         with pytest.raises(InputError, match=r"the pressure at the plates is .* Pa at 0.*; it must be 0 or more"):
             Inputs(None, np.array(lines), 0.2)
-
-
-def test_what_is_no_file_of_a_bounded_size_is_refused_unread(tmp_path, refused, monkeypatch):
-    os.mkfifo(tmp_path / "pipe.csv")
-    (tmp_path / "zero.csv").symlink_to("/dev/zero")
-    with (tmp_path / "sparse.csv").open("wb") as file:
-        file.truncate(5 << 30)
-    (tmp_path / "line.csv").write_bytes(b"t,engine_torque\n" + bytes(1 << 20))
-    for name, why in (("pipe", "is not a regular file"), ("zero", "is not a regular file"),
-                      ("sparse", "a table has at most"), ("line", "a line of more than 65536 characters")):
-        assert why in refused("simulate", "commands", "--inputs", tmp_path / f"{name}.csv")
-    rows = iter(range(10**9))
-    monkeypatch.setattr(reading, "_number", lambda text: float(next(rows)))
-    with pytest.raises(InputError, match="it has more than 3 rows"):
-        reading.table_of(table(tmp_path / "long.csv", t=range(5000), engine_torque=[1.0] * 5000), most=3)
-    assert next(rows) == 7  # The rest was not read.
-    assert "/proc/self/mem cannot be read" in refused("simulate", "commands", "--inputs", "/proc/self/mem")
 
 
 def test_an_actuator_follows_the_pressure_of_a_table_after_its_dead_time(tmp_path):
@@ -335,8 +280,8 @@ def test_a_far_end_in_a_table_is_solved_by_ticks_or_refused(tmp_path, refused):
     with np.load(tmp_path / "run.npz") as found:
         assert found["output_angle"][-1] == pytest.approx(3.0)
         assert dict(zip(found.files, found["units"].tolist()))["output_angle"] == "rad"
-    path.write_text("t,output_speed\ns,rpm\n0,1\n1,1\n")
-    assert "column output_speed is in rpm; it must be in rad/s" in refused("simulate", "fig02", "--inputs", path)
+    path.write_text("t,output_speed\ns,bar\n0,1\n1,1\n")
+    assert "output_speed is in bar; output_speed must be in rad/s" in refused("simulate", "fig02", "--inputs", path)
     path.write_text("t,output_speed\n0,1\n1,1e7\n")
     assert "output_speed is 1e+07 rad/s at 1 s; it must be" in refused("simulate", "fig02", "--inputs", path)
 
@@ -348,7 +293,7 @@ def test_a_far_end_of_a_recording_moves_again_and_is_in_its_samples(tmp_path, ca
     assert main(["analyse", str(path), "--discard", "0", "--out", str(tmp_path / "run.csv")]) == 0
     text = (tmp_path / "run.csv").read_text()
     assert "output_speed next" in text
-    written = reading.table_of(tmp_path / "run.csv").columns
+    written = table_in(tmp_path / "run.csv").columns
     angles, speeds = ([0.0] * 101 + [end[k] for end in ends] for k in (1, 2))
     assert (written["output_angle"].tolist(), written["output_speed"].tolist()) == (angles, speeds)
     for source in (path, tmp_path / "run.csv"):

@@ -17,8 +17,8 @@ from tcc_sim.cli.arguments import (
     present,
     refuse_swept,
     scene_of,
-    values_of_range,
 )
+from tcc_sim.cli.ranges import values_of_range
 from tcc_sim.errors import BasinsInterrupted, counted
 from tcc_sim.shown_units import key_value
 

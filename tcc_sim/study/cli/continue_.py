@@ -8,7 +8,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tcc_sim.cli.arguments import add_outputs, add_scene, bounds_of_range, check_outputs, plot_result, present, scene_of
+from tcc_sim.cli.arguments import add_outputs, add_scene, check_outputs, plot_result, present, scene_of
+from tcc_sim.cli.ranges import bounds_of_range
 from tcc_sim.errors import counted
 from tcc_sim.shown_units import key_value, speed
 

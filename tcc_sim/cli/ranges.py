@@ -1,0 +1,81 @@
+"""Values and ranges of scene keys in words of a command line."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from tcc_sim.errors import InputError
+
+
+def values_of_range(text: str, option: str = "--over", even: bool = False) -> tuple[str, list[float]]:
+    """Return the key and the values of KEY=START:STOP:COUNT[:log] or KEY=VALUE,VALUE,...
+
+    A range includes both ends; `:log` spaces its values evenly in logarithm. `even` allows KEY=START:STOP:COUNT only.
+
+    Examples
+    --------
+    >>> values_of_range("engine.frequency=1:100:3:log")
+    ('engine.frequency', [1.0, 10.0, 100.0])
+    >>> values_of_range("engine.frequency=80,90.5,140")
+    ('engine.frequency', [80.0, 90.5, 140.0])
+    """
+    key, equals, numbers = text.partition("=")
+    others = "" if even else ", KEY=START:STOP:COUNT:log or KEY=VALUE,VALUE,..."
+    wrong = InputError(f"{option} is {text!r}; it must be KEY=START:STOP:COUNT{others}")
+    if not equals:
+        raise wrong
+    if not even and "," in numbers and ":" not in numbers:
+        return key, _numbers(numbers.split(","), wrong)
+    logarithmic = not even and numbers.endswith(":log")
+    return key, spaced(numbers.removesuffix(":log") if logarithmic else numbers, option, logarithmic, wrong)
+
+
+def spaced(text: str, option: str, logarithmic: bool = True, wrong: InputError | None = None) -> list[float]:
+    """Return the values of START:STOP:COUNT, both ends included, spaced evenly or evenly in logarithm.
+
+    For a text of another form, the error is `wrong`, if given.
+    """
+    wrong = wrong or InputError(f"{option} is {text!r}; it must be START:STOP:COUNT, two numbers and a whole number")
+    parts = text.split(":")
+    if len(parts) != 3:
+        raise wrong
+    start, stop = _numbers(parts[:2], wrong)
+    try:
+        count = int(parts[2])
+    except ValueError:
+        raise wrong from None
+    from tcc_sim.sweeps.settings import DEFAULTS  # Most verbs do not need this import.
+
+    if not 1 <= count <= DEFAULTS.most_values:
+        raise InputError(f"{option} has a count of {count}; it must be 1 to {DEFAULTS.most_values}")
+    if logarithmic and not start * stop > 0.0:
+        raise InputError(f"{option} goes from {start:g} to {stop:g}; values spaced evenly in logarithm must all "
+                         "be above 0, or all below 0")
+    import numpy as np
+
+    return [float(x) for x in (np.geomspace if logarithmic else np.linspace)(start, stop, count)]
+
+
+def bounds_of_range(text: str, option: str, names: str = "START:STOP") -> tuple[str, float, float]:
+    """Return the key and the two numbers of KEY=LOW:HIGH, the smaller one first."""
+    key, equals, numbers = text.partition("=")
+    wrong = InputError(f"{option} is {text!r}; it must be KEY={names}")
+    parts = numbers.split(":")
+    if not equals or len(parts) != 2:
+        raise wrong
+    low, high = sorted(_numbers(parts, wrong))
+    if low == high:
+        raise InputError(f"{option} is {text!r}; the two values must differ")
+    return key, low, high
+
+
+def _numbers(words: Sequence[str], wrong: InputError) -> list[float]:
+    """Return the words as finite numbers; raise `wrong` if one of them is none."""
+    try:
+        found = [float(word) for word in words]
+    except ValueError:
+        raise wrong from None
+    if not all(map(math.isfinite, found)):
+        raise wrong
+    return found

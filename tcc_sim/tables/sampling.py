@@ -1,0 +1,176 @@
+"""Times of a table's rows: their usual step, holes between them, and rows out of order or with repeated times."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tcc_sim.errors import counted
+from tcc_sim.trajectory import Floats
+
+Spans = Floats
+"""Begin and end of stretches of time, (k, 2), s, ascending."""
+HOLE = 1.5
+"""Step beyond which rows are missing, relative to the usual one, or to the largest usual one where stamps jitter."""
+LARGEST_JITTER = 2.0
+"""Largest usual step, relative to the median one."""
+LEAST_JITTER = 0.05
+"""Variation of steps from which on a sentence names it."""
+IRREGULAR = 6.0
+"""Step beyond which rows are missing in an irregular table, relative to the median one."""
+_BLOCK = 64
+"""Steps from which the usual one is taken: it may drift, as in a table sampled over the crank angle."""
+_REGULAR = 0.8
+"""Least share of steps within half of the usual one in a table that was sampled."""
+_FEWEST = 16
+"""Rows from which a table counts as sampled."""
+_MOST_RUNS = 50
+_REPEATED = 0.01
+"""Share of repeated times up to which single rows are at fault, and not the digits of all."""
+
+
+class Ordered(NamedTuple):
+    """Rows of a table in the order of time.
+
+    rows : numbers of the rows that are used, in that order
+    t : (n,) their times, strictly increasing, s
+    said : sentences on what was changed
+    """
+
+    rows: NDArray[np.int64]
+    t: Floats
+    said: list[str]
+
+
+def usual_steps(t: Floats) -> Floats | None:
+    """Return the usual step around each of n - 1 steps, s; None for rows that were not sampled in regular steps.
+
+    It is the median of a block of steps, or of three blocks, so that a hole does not change it.
+    """
+    steps = np.diff(t)
+    if len(t) < _FEWEST:
+        return None
+    blocks = max(len(steps) // _BLOCK, 1)
+    medians = np.array([np.median(part) for part in np.array_split(steps, blocks)])
+    if blocks > 2:
+        around = np.concatenate([medians[:1], medians, medians[-1:]])
+        medians = np.median(np.stack([around[:-2], around[1:-1], around[2:]]), axis=0)
+    usual = np.repeat(medians, [len(part) for part in np.array_split(steps, blocks)])
+    regular = np.mean(np.abs(steps - usual) <= 0.5 * usual)
+    return np.asarray(usual) if regular >= _REGULAR else None
+
+
+def holes_in(t: Floats, usual: Floats | None = None) -> Spans:
+    """Return the stretches without rows, (k, 2): steps above HOLE times the usual one, or above IRREGULAR times the
+    median where rows are irregular.
+    """
+    usual, steps = usual_steps(t) if usual is None else usual, np.diff(t)
+    if not len(steps):
+        return np.empty((0, 2))
+    if usual is None:
+        at = np.flatnonzero(steps > IRREGULAR * np.median(steps))
+    else:
+        jitter = min(max(float(np.quantile(steps / usual, 0.9)), 1.0), LARGEST_JITTER)
+        at = np.flatnonzero(steps > HOLE * jitter * usual)
+    return np.stack([t[at], t[at + 1]], axis=1)
+
+
+def jitter_of(t: Floats) -> float:
+    """Return the 95 % quantile of the deviations of steps from the usual one, relative to it; 0 for irregular rows."""
+    usual = usual_steps(t)
+    return 0.0 if usual is None else float(np.quantile(np.abs(np.diff(t) / usual - 1.0), 0.95))
+
+
+def merged(spans: Spans) -> Spans:
+    """Return stretches of time with overlapping ones joined."""
+    if len(spans) < 2:
+        return spans
+    spans = spans[np.argsort(spans[:, 0], kind="stable")]
+    ends = np.maximum.accumulate(spans[:, 1])
+    first = np.concatenate([[True], spans[1:, 0] > ends[:-1]])
+    last = np.concatenate([first[1:], [True]])
+    return np.stack([spans[first, 0], ends[last]], axis=1)
+
+
+def in_words(spans: Spans, most: int = 5) -> str:
+    """Return stretches of time in words."""
+    shown = ", ".join(f"{a:.6g} to {b:.6g} s" for a, b in spans[:most].tolist())
+    return shown + (f" and {len(spans) - most} more" if len(spans) > most else "")
+
+
+def in_order(t: Floats, same: NDArray[np.bool_]) -> Ordered | str:
+    """Return the rows in the order of time, or a sentence why there is no such order.
+
+    Parameters
+    ----------
+    t : (n,) finite times in the order of the rows, s
+    same : (n,) whether a row has the values of the row before
+    """
+    rows, said = np.arange(len(t)), []
+    if (np.diff(t) < 0.0).any():
+        found = _sorted(t)
+        if isinstance(found, str):
+            return found
+        rows, sentence = found
+        said.append(sentence)
+        t, same = t[rows], same[rows] & (np.diff(rows, prepend=-2) == 1)
+    repeated = np.concatenate([[False], np.diff(t) == 0.0])
+    if (repeated & same).any():
+        said.append(f"{counted(int((repeated & same).sum()), 'row')} repeated time and values of the row before and "
+                    "were left out")
+        keep = ~(repeated & same)
+        rows, t, repeated = rows[keep], t[keep], repeated[keep]
+    if repeated.any():
+        spread = _spread(t, repeated)
+        if isinstance(spread, str):
+            return spread
+        t, sentence = spread
+        said.append(sentence)
+    return Ordered(rows, t, said)
+
+
+def _sorted(t: Floats) -> tuple[NDArray[np.int64], str] | str:
+    """Return the numbers of the rows of one run in the order of time, with a sentence; or why there is none."""
+    cuts = np.flatnonzero(np.diff(t) < 0.0) + 1
+    order = np.argsort(t, kind="stable")
+    steps, forward = np.diff(t[order]), np.diff(t)
+    usual = float(np.median(forward[forward > 0.0])) if (forward > 0.0).any() else 0.0
+    repeats = int((steps == 0.0).sum()) > int((forward == 0.0).sum())
+    crowded = np.count_nonzero(steps < 0.3 * usual) > np.count_nonzero(np.abs(forward) < 0.3 * usual)
+    if not repeats and (not crowded or len(cuts) * 10 > len(t)):
+        return order, f"{counted(len(cuts), 'row')} came before an earlier one in time; the rows were sorted by time"
+    starts, ends = np.concatenate([[0], cuts]), np.concatenate([cuts, [len(t)]])
+    if len(starts) > _MOST_RUNS:
+        return f"the times go back {len(cuts)} times, and sorting them gives no single run; export one run"
+    longest = int(np.argmax(ends - starts))
+    a, b = int(starts[longest]), int(ends[longest])
+    where = f"the times start again {counted(len(cuts), 'time')} (first after row {cuts[0]})"
+    return np.arange(a, b), (f"{where}: only the longest of {len(starts)} runs is used, rows {a + 1} to {b}, "
+                             f"{t[a]:.6g} to {t[b - 1]:.6g} s")
+
+
+def _spread(t: Floats, repeated: NDArray[np.bool_]) -> tuple[Floats, str] | str:
+    """Return times that increase in place of repeated ones, with a sentence; or why they cannot be told."""
+    count, steps = int(repeated.sum()), np.diff(t)
+    usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
+    if count <= _REPEATED * len(t) and len(t) >= _FEWEST:
+        out = t.copy()
+        for k in np.flatnonzero(repeated).tolist():
+            after = out[k + 1] if k + 1 < len(t) else out[k] + 2.0 * usual
+            before = out[k - 1]
+            if abs(after - before - 2.0 * usual) > 0.5 * usual or repeated[min(k + 1, len(t) - 1)]:
+                return (f"row {k + 1} repeats the time {t[k]:.9g} s of the row before with other values, and the row "
+                        f"after it is {after - before:.3g} s later; remove one of the two")
+            out[k] = 0.5 * (before + after)
+        return out, (f"{counted(count, 'row')} repeated the time of the row before; each was placed between its "
+                     "neighbours")
+    n = np.arange(len(t), dtype=np.float64)
+    slope, start = np.polyfit(n, t, 1)
+    even = start + slope * n
+    if usual and np.abs(t - even).max() <= 1.05 * usual:
+        return even, (f"{count} of {len(t)} rows repeat the time of the row before, because it is written in steps of "
+                      f"{usual:.3g} s; even steps of {slope:.6g} s replace them")
+    return (f"{count} of {len(t)} rows repeat the time of the row before, so that their times are not known; export "
+            "the time with more digits")

@@ -1,0 +1,238 @@
+"""One run-up in the files that engineers have: each gives the same table, and says how it was read."""
+
+import csv
+import math
+import os
+
+import numpy as np
+import pytest
+
+from tcc_sim.errors import InputError
+from tcc_sim.replay.given_inputs import driven_by
+from tcc_sim.scene import load_scene
+from tcc_sim.tables import text as cells
+from tcc_sim.tables.chosen_columns import is_table
+from tcc_sim.tables.measured_table import table_in
+
+T = np.round(np.arange(0.0, 1.5, 1e-3), 6)
+PHASE = 150.0 * T + 10.0 * T * T
+COLUMNS = {"t": T, "slip_speed": 20.0 + 5.0 * np.sin(PHASE + 0.4), "engine_torque": 300.0 + 100.0 * np.sin(PHASE),
+           "engine_speed": 150.0 + 20.0 * T}
+RPM = 30.0 / math.pi
+
+
+def written(path, names, columns, units=None, delimiter=",", comma=False, encoding="utf-8", tail="", before=""):
+    """A table in text, with every option of an export."""
+    rows = [names, *([units] if units else []), *zip(*(
+        column if isinstance(column, list) else [repr(float(x)) for x in column] for column in columns))]
+    text = "\n".join(delimiter.join(row) + tail for row in rows) + "\n"
+    path.write_bytes((before + (text.replace(".", ",") if comma else text)).encode(encoding))
+    return path
+
+
+def german(path):
+    columns = [T, COLUMNS["slip_speed"] * RPM, COLUMNS["engine_torque"], COLUMNS["engine_speed"] * RPM]
+    return written(path, ["Zeit", "n_slip", "M_Mot", "n_Mot"], columns, ["s", "1/min", "Nm", "U/min"], ";", comma=True,
+                   encoding="utf-8-sig")
+
+
+def utf16(path):
+    return written(path, ["t [ms]", "slip_speed [rad/s]", "engine_torque (kN m)", "engine_speed [Hz]"],
+                   [1e3 * T, COLUMNS["slip_speed"], 1e-3 * COLUMNS["engine_torque"],
+                    COLUMNS["engine_speed"] / (2.0 * math.pi)], delimiter="\t", encoding="utf-16")
+
+
+def pandas_index(path):
+    return written(path, ["", *COLUMNS, "gear", "comment"], [np.arange(len(T)), *COLUMNS.values(), ["D"] * len(T),
+                                                           ["a, b" if k % 2 else "" for k in range(len(T))]],
+                   delimiter=";", tail=";")
+
+
+def date_times(path):
+    stamps = [f"2026-03-31 23:59:{59.0 + t:09.6f}" if t < 1.0 else f"2026-04-01 00:00:{t - 1.0:09.6f}" for t in T]
+    return written(path, ["Timestamp", *list(COLUMNS)[1:]], [stamps, *list(COLUMNS.values())[1:]],
+                   before="Exported by a logger\nVehicle: 7\n\n")
+
+
+def epoch(path):
+    return written(path, ["time", "Slip Speed", "Engine-Torque", "ENGINE_SPEED"],
+                   [1.7e12 + 1e3 * T, *list(COLUMNS.values())[1:]], delimiter=";")
+
+
+def spaces(path):
+    return written(path, [*COLUMNS], COLUMNS.values(), delimiter="   ")
+
+
+def savetxt(path):
+    np.savetxt(path, np.column_stack(list(COLUMNS.values())), delimiter=",", header=",".join(COLUMNS), fmt="%.17g")
+    return path
+
+
+def quoted(path):
+    with path.open("w", newline="", encoding="cp1252") as stream:
+        writer = csv.writer(stream, quoting=csv.QUOTE_ALL)
+        writer.writerow([*COLUMNS, "T_\N{DEGREE SIGN}C"])
+        writer.writerows([str(float(x)).replace(".", ",") for x in row] for row in zip(*COLUMNS.values(), T))
+    return path
+
+
+def parquet(path):
+    pyarrow = pytest.importorskip("pyarrow")
+    from pyarrow import parquet as files
+
+    path = path.with_suffix(".parquet")
+    columns = {**COLUMNS, "t": (1_700_000_000_000_000_000 + np.rint(COLUMNS["t"] * 1e9)).astype("datetime64[ns]"),
+               "note": ["x"] * len(T)}
+    files.write_table(pyarrow.table(columns), path)
+    return path
+
+
+def matlab(path):
+    from scipy.io import savemat
+
+    path = path.with_suffix(".mat")
+    savemat(path, {"data": {**COLUMNS, "rate": 1000.0}, "name": "run 7", "matrix": np.eye(3)}, oned_as="column")
+    return path
+
+
+def mdf(path):
+    asammdf = pytest.importorskip("asammdf")
+
+    path = path.with_suffix(".mf4")
+    file = asammdf.MDF()
+    for name, (unit, factor) in {"slip_speed": ("rpm", RPM), "engine_torque": ("Nm", 1.0),
+                                 "engine_speed": ("rpm", RPM)}.items():
+        file.append([asammdf.Signal(COLUMNS[name] * factor, T, unit=unit, name=name)])
+    file.append([asammdf.Signal(np.arange(15.0), np.arange(15) * 0.1, unit="degC", name="oil")])
+    file.save(path)
+    file.close()
+    return path
+
+
+EXPORTS = [german, utf16, pandas_index, date_times, epoch, spaces, savetxt, quoted, parquet, matlab, mdf]
+WORDS = {german: ["--columns", "slip_speed=n_slip,engine_torque=M_Mot,engine_speed=n_Mot"]}
+SAID = {german: ["read as semicolons and decimal comma, 4 columns, 4 used", "slip_speed from n_slip in 1/min"],
+        utf16: ["read as tabs and UTF-16", "t from t in ms", "engine_torque from engine_torque in kN m"],
+        pandas_index: ["7 columns, 4 used", "passed over: one without a name, gear, comment"],
+        date_times: ["read as 2 lines before the names and date-times"],
+        epoch: ["times in ms since 1970", "slip_speed from Slip Speed"], spaces: ["read as spaces"], savetxt: [],
+        quoted: ["CP1252 and decimal comma"], parquet: ["read as Parquet", "passed over: note"],
+        matlab: ["read as a MATLAB file"], mdf: ["read as MDF", "passed over: oil"]}
+
+
+@pytest.mark.parametrize("export", EXPORTS, ids=lambda export: export.__name__)
+def test_every_export_gives_the_same_table(tmp_path, export):
+    found = table_in(export(tmp_path / "run.csv"), columns=WORDS.get(export, [None, None])[1])
+    assert set(found.columns) == set(COLUMNS)
+    np.testing.assert_allclose(found.t - found.t[0], T, atol=2e-6)
+    for name in ("slip_speed", "engine_torque", "engine_speed"):
+        np.testing.assert_allclose(found.columns[name], COLUMNS[name], rtol=1e-9)
+    assert not len(found.holes(*COLUMNS))
+    for words in SAID[export]:
+        assert words in " ".join(found.notes)
+    assert len(found.notes) == (2 if export is epoch else 1 if SAID[export] else 0)
+
+
+@pytest.mark.parametrize("head", ["t,engine_torque,other\ns,N m,", "t [s],engine_torque [Nm],other",
+                                  "t(s),engine_torque (N*m),other",
+                                  "# words\n\nt , engine_torque,other\n[s], (N m),1"])
+def test_units_stand_beside_names_or_below(tmp_path, head):
+    path = tmp_path / "in.csv"
+    path.write_text(head.replace("other", "state") + "\n0,200,0\n0.1,250,0\n0.2,300,0\n")
+    found = table_in(path).columns
+    assert {name: column.tolist() for name, column in found.items()} == {"t": [0.0, 0.1, 0.2],
+                                                                         "engine_torque": [200.0, 250.0, 300.0]}
+    path.write_text("t [ms],engine_torque [kN m]\n0,0.2\n100,0.25\n")
+    assert [column.tolist() for column in table_in(path).columns.values()] == [[200.0, 250.0], [0.0, 0.1]]
+    path.write_text("t,engine_torque\nms,bananas\n0,200\n0.1,250\n")
+    with pytest.raises(InputError, match="column engine_torque is in bananas; engine_torque must be in N m or one of"):
+        table_in(path)
+    path.write_text("t,engine_torque\nnan,200\n0.1,250\n")
+    found = table_in(path)
+    assert (found.t.tolist(), found.notes) == ([0.1], ("in.csv: 1 row without a time left out",))
+
+
+CLEAN = "\n".join(f"{t:.3f},{x}" for t, x in zip(T[:40], COLUMNS["engine_torque"]))
+
+
+@pytest.mark.parametrize(("text", "columns", "why"), [
+    ("t,engine_torque\n" + CLEAN, "torque=engine_torque", "--columns names 'torque'; it takes NAME=COLUMN"),
+    ("t,engine_torque\n" + CLEAN, "t", "--columns names 't' without =COLUMN"),
+    ("t,engine_torque\n" + CLEAN, "t=t,t=t", "--columns gives t twice"),
+    ("t,M_mot\n" + CLEAN, "engine_torque=M_mott", "there is no column M_mott, .* did you mean M_mot"),
+    ("t,M_mot [N m]\n" + CLEAN, "engine_torque=M_mot:kNm", "is in N m by the file and in kNm by --columns"),
+    ("t,M_mot\n" + CLEAN, "engine_torque=M_mot:bananas", "is in bananas; engine_torque must be in N m or one of"),
+    ("t,engine_torque,engine_torque\n" + CLEAN.replace("\n", ",1\n") + ",1", None, "has the column engine_torque 2 t"),
+    ("x,engine_torque\n" + CLEAN, None, "there is no column t; the file has x, and --columns t=COLUMN names one"),
+    ("t;engine_torque\n0,1;1,5\n0,2;1.5\n", None, "line 3 has a decimal point and line 2 a decimal comma"),
+    ("t;engine_torque\n0.1;1,234.5\n0.2;1.5\n", None, "without separators of thousands"),
+    ("t,engine_torque\n0,1,1,5\n0,2,1,5\n", None, "no columns were recognised"),
+    ("t,engine_torque\n0.1,1.5\n0.2,1,5\n", None, "has 3 values; the first line names 2; with a decimal comma"),
+    ("t,engine_torque\n2026-02-30 10:00:00,1\n2026-02-30 10:00:01,2\n", None, "no date-time in column"),
+    ("t,engine_torque\n" + "".join(f"{k % 3},{k}\n" for k in range(300)), None, "the times go back 99 times"),
+    ("t,engine_torque\n" + "".join(f"{(k // 10) ** 2},{k}\n" for k in range(300)), None, "export the time with more"),
+])
+def test_what_a_table_lacks_is_said(tmp_path, text, columns, why):
+    path = tmp_path / "in.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match=why):
+        table_in(path, columns=columns)
+
+
+def test_files_of_other_kinds_are_called_by_their_names(tmp_path, refused):
+    assert "is an Excel workbook, which is not read; save it as .csv" in refused("analyse", "run.xlsx", "--orders")
+    (tmp_path / "new.mat").write_bytes(b"\0" * 512 + b"\x89HDF" + b"\0" * 512)
+    assert "of version 7.3 (HDF5); save it with the option -v7" in refused("analyse", "new.mat", "--orders")
+    (tmp_path / "no.mat").write_bytes(b"no file" * 100)
+    assert "cannot be read as a MATLAB file" in refused("analyse", "no.mat", "--orders")
+    if pytest.importorskip("pyarrow"):
+        (tmp_path / "no.parquet").write_bytes(b"no file" * 100)
+        assert "cannot be read as Parquet" in refused("analyse", "no.parquet", "--orders")
+    assert is_table(tmp_path / "x.MF4")
+    assert not is_table(tmp_path / "run_0.mcap")
+
+
+@pytest.mark.parametrize(("words", "why"), [
+    (["analyse", "run", "--columns", "t=Time"], "--columns is for tables, and run is a recording"),
+    (["simulate", "fig02", "--inputs", "run", "--from", "1"], "--from: only for tables, and run is a recording"),
+    (["simulate", "fig02", "--from", "1"], "--from is for the inputs of a table; give the table with --inputs"),
+    (["identify", "run", "--free", "driveline.stiffness", "--to", "1"], "--to are for tables, and run is a recording")])
+def test_options_of_tables_are_for_tables(tmp_path, refused, words, why):
+    (tmp_path / "run").mkdir()
+    assert why in refused(*words)
+
+
+@pytest.mark.parametrize(("content", "message"), [
+    ("t,torque\n0,1\n1,1\n", "must name the column .* or --columns one .*passed over: torque"),
+    ("t,slip_speed\n0,1\n1,1\n", "must name the column engine_torque, actuation_pressure or output_speed"),
+    ("t,engine_torque\n0,1\n1\n", "line 3 has 1 values; the first line names 2"),
+    ("t,engine_torque\n0,1\n", "has 1 row;"), ("t,engine_torque\n0,1\n0,1\n", "it has 1 row; it must have 2 or more"),
+    ("t,engine_torque\n0,1\n0,2\n", "1 of 2 rows repeat the time of the row before"),
+    ("t,engine_torque\n0,1\n1,x\n", "line 3 has no number in column engine_torque"),
+    ("t,actuation_pressure\n0,1\n1,-5\n", "actuation_pressure is -5 Pa at 1 s; it must be 0 to 1e"),
+    ("", "the file is empty")])
+def test_what_is_no_table_of_inputs_is_refused(tmp_path, content, message):
+    path = tmp_path / "in.csv"
+    path.write_text(content)
+    with pytest.raises(InputError, match=message):
+        driven_by(load_scene("commands"), path)
+
+
+def test_what_is_no_file_of_a_bounded_size_is_refused_unread(tmp_path, refused, monkeypatch):
+    os.mkfifo(tmp_path / "pipe.csv")
+    (tmp_path / "zero.csv").symlink_to("/dev/zero")
+    with (tmp_path / "sparse.csv").open("wb") as file:
+        file.truncate(5 << 30)
+    (tmp_path / "line.csv").write_bytes(b"t,engine_torque\n" + b"1" * (1 << 20))
+    (tmp_path / "zeros.csv").write_bytes(b"t,engine_torque\n" + bytes(1 << 20))
+    for name, why in (("pipe", "is not a regular file"), ("zero", "is not a regular file"),
+                      ("sparse", "a table has at most"), ("line", "a line of more than 65536 characters"),
+                      ("zeros", "not a text file")):
+        assert why in refused("simulate", "commands", "--inputs", tmp_path / f"{name}.csv")
+    rows = iter(range(10**9))
+    monkeypatch.setattr(cells._Numbers, "read", lambda *_: float(next(rows)))
+    monkeypatch.setattr(cells._Numbers, "stamp", lambda *_: float(next(rows)))
+    with pytest.raises(InputError, match="it has more than 3 rows"):
+        table_in(written(tmp_path / "long.csv", ["t", "engine_torque"], [np.arange(5000), np.ones(5000)]), most=3)
+    assert next(rows) == 6  # The rest was not read.
+    assert "/proc/self/mem cannot be read" in refused("simulate", "commands", "--inputs", "/proc/self/mem")
