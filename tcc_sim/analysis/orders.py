@@ -96,7 +96,8 @@ class Orders(Result):
         judder = replace(out.judder, **{name: np.where(there, values, np.nan)
                                         for name, values in vars(out.judder).items()})
         numbers = np.arange(len(self.time))
-        values: dict[str, Any] = {name: np.interp(places, numbers, getattr(self, name)) for name in ("time", "frequency")}
+        values: dict[str, Any] = {"time": np.interp(places, numbers, self.time),
+                                  "frequency": np.interp(places, numbers, self.frequency)}
         for name in ("slip_speed", "shaft_torque", "transmissibility"):
             values[name] = np.where(there[:, None], getattr(out, name), np.nan)
         return replace(out, judder=judder, heat=np.where(there, out.heat, np.nan), **values)

@@ -18,10 +18,10 @@ from tcc_sim.tables.sampling import (
     LEAST_JITTER,
     Spans,
     holes_in,
-    in_order,
     in_words,
     jitter_of,
     merged,
+    rows_in_order,
     usual_steps,
 )
 from tcc_sim.trajectory import Floats
@@ -135,7 +135,7 @@ def table_in(path: Path, needed: Sequence[str] = (), most: int = MOST_ROWS,
     found[TIME] = _from_epoch(found[TIME], notes)
     stacked = np.stack([np.nan_to_num(values) for name, values in found.items() if name != TIME] or [found[TIME]])
     same = np.concatenate([[False], (np.diff(stacked, axis=1) == 0.0).all(axis=0)])
-    ordered = in_order(found[TIME], same)
+    ordered = rows_in_order(found[TIME], same)
     if isinstance(ordered, str):
         raise InputError(f"{path}: column {TIME}: {ordered}")
     found = {name: values[ordered.rows] for name, values in found.items()}

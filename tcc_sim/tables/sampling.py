@@ -100,7 +100,7 @@ def in_words(spans: Spans, most: int = 5) -> str:
     return shown + (f" and {len(spans) - most} more" if len(spans) > most else "")
 
 
-def in_order(t: Floats, same: NDArray[np.bool_]) -> Ordered | str:
+def rows_in_order(t: Floats, same: NDArray[np.bool_]) -> Ordered | str:
     """Return the rows in the order of time, or a sentence why there is no such order.
 
     Parameters
