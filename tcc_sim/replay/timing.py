@@ -28,6 +28,8 @@ SLICE, TICKS = 0.1, 20
 """Length of a time slice without engine cycles, s, and its smallest number of samples."""
 MOST_LOOKED_AT = 1000
 """Largest number of scenes searched for a change of frequency."""
+STRETCH = 100_000_000
+"""Length of the stretches of simulation time whose times of receipt are compared, ns."""
 COMPLETE = 0.98
 """Fraction of a run with identified cycles below which a note is added."""
 
@@ -167,14 +169,14 @@ def pace_of(line: Timeline) -> tuple[float, str]:
     """Return simulated time per real time by times of receipt, within runs, and a sentence on times that it leaves out;
     NaN if no real time passed, as in a recording that was not made live.
 
-    The first chunk of a run only sets the start, since its messages may have waited for the discovery of the recorder.
-    Left out is where receipt advances against simulation time and the next chunk does not make up for it: somebody set
+    Both are compared at the ends of stretches of simulation time, however the file is divided. The first stretch of a
+    run only sets the start, since its messages may have waited for the discovery of the recorder. Left out is where
+    receipt advances against simulation time and the next stretch does not make up for it: somebody set
     the clock, or the driveline paused or stalled. Times of receipt alone cannot distinguish these.
     """
     simulated, real, at, ahead, count = 0, 0, 0.0, 0, 0
     for states in line.runs:
-        starts = line.starts[(line.starts > states.index) & (line.starts < states.index + len(states))] - states.index
-        ends = np.append(starts, len(states)) - 1
+        ends = np.flatnonzero(np.diff(states.stamp_ns // STRETCH, append=-1))
         if np.array_equal(states.log_ns[ends], states.stamp_ns[ends]):  # `simulate --out` has no other times.
             continue
         stamps, received = np.diff(states.stamp_ns[ends]), np.diff(states.log_ns[ends])
@@ -192,11 +194,11 @@ def pace_of(line: Timeline) -> tuple[float, str]:
 
 
 def _steps(stamps: Stamps, received: Stamps) -> NDArray[np.bool_]:
-    """Return in which chunks the clock of the receipt was set, or simulation time did not advance with it, (n,).
+    """Return in which stretches the clock of the receipt was set, or simulation time did not advance with it, (n,).
 
     Parameters
     ----------
-    stamps, received : simulation time of each chunk and time between its receipts, ns, (n,)
+    stamps, received : simulation time of each stretch and time between its receipts, ns, (n,)
     """
     back = received < 0
     advancing = ~back & (stamps > 0)
