@@ -59,8 +59,8 @@ class RecordedDriveline:
     joints: tuple[str, ...] = field(metadata=reported("names of its joints"))
     scene: str | None = field(metadata=reported("description of its first scene; null without a scene"))
     states: int = field(metadata=reported("number of its joint_states"))
-    start: float = field(metadata=reported("stamp of its first state", "s"))
-    end: float = field(metadata=reported("stamp of its last state", "s"))
+    start: float = field(metadata=reported("smallest stamp of its states, simulation time", "s"))
+    end: float = field(metadata=reported("largest stamp of its states, simulation time", "s"))
     read: bool = field(metadata=reported("whether it was analysed"))
     publishers: tuple[str, ...] = ()
     scenes: tuple[SceneRecord, ...] = ()
@@ -80,16 +80,14 @@ class _Sent:
     def __init__(self, topic: str, publisher: str, able: bool) -> None:
         self.topic, self.publisher, self.able = topic, publisher, able
         self.names = Counter[tuple[str, ...]]()
-        self.place = self.log_ns = self.sent_ns = (1 << 63, -1)
-        """First and last: numbers in the order of reading, times of receipt and of sending, ns."""
-        self.stamps = (0, 0)
-        """Stamps of the first and the last message, ns."""
+        self.place = self.log_ns = self.sent_ns = self.stamps = (1 << 63, -1 << 63)
+        """Smallest and largest: number in the order of reading, times of receipt and of sending, and stamp, ns."""
 
     def add(self, found: SameLayout, before: int) -> None:
         """Take messages of one chunk, which has `before` messages before it."""
-        self.stamps = self.stamps[0] if self.names else int(found.stamps[0]), int(found.stamps[-1])
         self.names[found.names] += len(found.rows)
-        for what, values in (("place", before + found.rows), *((name, found.heads[name]) for name in _TIMES)):
+        for what, values in (("place", before + found.rows), ("stamps", found.stamps),
+                             *((name, found.heads[name]) for name in _TIMES)):
             low, high = getattr(self, what)
             setattr(self, what, (min(low, int(values.min())), max(high, int(values.max()))))
 
@@ -126,6 +124,10 @@ class Inventory:
         """Return whether messages of a channel are read."""
         return channel.type == JOINT_STATE or (channel.type == STRING
                                                and channel.topic.rpartition("/")[2] == _SCENE)
+
+    def refused(self, topic: str) -> int:
+        """Return the number of messages on a topic that could not be decoded."""
+        return sum(layouts.refused for (name, _), layouts in self._layouts.items() if name == topic)
 
     def take(self, batch: Batch, channels: Mapping[int, Channel]) -> None:
         """Take one chunk."""
@@ -198,8 +200,8 @@ class Inventory:
         topic, publishers = chain[0].topic, tuple(one.publisher for one in chain)
         names = sum((one.names for one in chain), Counter[tuple[str, ...]]())
         scenes = self._scenes_of(topic.rpartition("/")[0], publishers, recorded) if chain[0].able else ()
-        stamps = np.array([chain[0].stamps[0], chain[-1].stamps[1]])
-        start, end = (simulation_ns(stamps, zeros_of(one.text for one in scenes)) * 1e-9).tolist()
+        stamps = np.array([min(one.stamps[0] for one in chain), max(one.stamps[1] for one in chain)])
+        start, end = (simulation_ns(stamps, zeros_of(one.text for one in scenes)) / 1e9).tolist()
         return RecordedDriveline(topic, publishers[-1], names.most_common(1)[0][0],
                          (description_in(scenes[0].text) or "scene without a description") if scenes else None,
                          sum(names.values()), start, end, False, publishers,

@@ -115,8 +115,10 @@ class Run:
             self.result = together(self.result, contents.result)
         self.recorded_scenes = list(dict.fromkeys(self.recorded_scenes))  # Each part of a split recording repeats it.
         self._choice = choice
-        self.drivelines = self._inventory().drivelines(self.recorded_scenes, choice)
+        inventory = self._inventory()
+        self.drivelines = inventory.drivelines(self.recorded_scenes, choice)
         self._driveline = next((one for one in self.drivelines if one.read), None)
+        self._refused = inventory.refused(self.joint_states_topic)
         self._companions: dict[str, bool] = {}
 
     def _open(self, path: Path) -> None:
@@ -280,7 +282,7 @@ class Run:
         types = {(channel.topic, channel.type) for channel in self._every_channel()}
         zeros = zeros_of(scene.text for scene in self.scenes)
         every = [one for one in all_beside(topic, zeros) if (one.topic, one.type) in types]
-        self._layouts = Layouts(JOINT_STATE, self._choice.names, topics.topic("joint_states").fields, zeros)
+        layouts = Layouts(JOINT_STATE, self._choice.names, topics.topic("joint_states").fields, zeros)
         states, commands = GrowingStates(), Commands(topic, zeros)
         for data, messages, channels in order():
             ours = {number: channel for number, channel in channels.items() if self._ours(channel)}
@@ -289,7 +291,7 @@ class Run:
             begun = np.empty(0, np.int64)
             if mine := [number for number in _of(ours, here, topic, JOINT_STATE)
                         if channels[number].publisher in publishers]:
-                values = self._layouts.take(array, messages, mine)
+                values = layouts.take(array, messages, mine)
                 batch = joint_states(values)
                 for part in self._runs(batch, self._publisher(values.heads, channels), values.heads):
                     rows = window.rows(part) if window is not None else slice(0, len(part))
@@ -425,8 +427,8 @@ class Run:
                 except DamagedChunk as error:
                     self.warnings.place(f"the chunk at byte {packed.record.offset} is left out: {error}")
                     continue
-                unchecked = unchecked or not batch.checked
                 if len(batch.messages.channel):
+                    unchecked = unchecked or not batch.checked
                     seen.update(batch.counts)
                     yield batch, contents.channels
         known.channels = {**contents.channels, **known.channels}
@@ -447,9 +449,9 @@ class Run:
     def _pass_over(self, every: Sequence[Beside]) -> None:
         """Add warnings for messages and drivelines that were passed over."""
         topic = self.driveline.topic
-        for name, layouts in ((topic, self._layouts), *((one.topic, one.layouts) for one in every)):
-            if layouts.refused:
-                self.warnings.append(f"{counted(layouts.refused, 'message')} of {name} left out: their layout differs")
+        for name, refused in ((topic, self._refused), *((one.topic, one.layouts.refused) for one in every)):
+            if refused:
+                self.warnings.append(f"{counted(refused, 'message')} of {name} left out: their layout differs")
         others = [(number, one) for number, one in enumerate(self.drivelines) if not one.read]
         for number, one in others[:_MOST_TOPICS]:
             how = f"; --driveline {number} reads it" if one.able else ""

@@ -377,6 +377,8 @@ def starts_with(data: NDArray[np.uint8], offset: NDArray[np.int64], length: NDAr
                 start: bytes) -> NDArray[np.bool_]:
     """Return which of these messages start with some bytes."""
     found = length >= MESSAGE_HEAD + len(start)
+    if not found.any():
+        return found
     inside = offset[found] + MESSAGE_HEAD
     found[found] = (sliding_window_view(data, len(start))[inside] == np.frombuffer(start, np.uint8)).all(axis=1)
     return found

@@ -1,0 +1,632 @@
+"""One short recording, and every way of MCAP and rosbag2 to write it again."""
+
+import random
+import shutil
+import struct
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import yaml
+import zstandard
+from driveline_bags import START, TICK, ticked
+from mcap.records import Message as McapMessage
+from mcap.records import Metadata
+from mcap.stream_reader import StreamReader
+from mcap.writer import CompressionType, IndexType, Writer
+
+from tcc_sim.messages import cdr
+from tcc_sim.recording.bag import BagWriter
+from tcc_sim.scene import load_scene
+from tcc_sim.topics import FLOAT64, FLUID_PRESSURE, HEADER, JOINT_STATE, STRING
+
+SCENE = load_scene("commands").with_values({"rate": 1000.0})
+OWN, OTHER = "0" * 23 + "1", "0" * 23 + "2"
+"""Identifiers of the processes of driveline and controller."""
+STATES, SCENES = "/joint_states", "/scene"
+
+
+class Channel(NamedTuple):
+    topic: str
+    encoding: str
+    metadata: Mapping[str, str]
+    schema: tuple[str, str, bytes] | None
+
+
+class Message(NamedTuple):
+    channel: int
+    log: int
+    sent: int
+    number: int
+    data: bytes
+
+
+class Recording(NamedTuple):
+    """Channels by number, messages in the order of the file, and metadata records."""
+
+    channels: dict[int, Channel]
+    messages: list[Message]
+    metadata: list[tuple[str, dict[str, str]]]
+
+    def numbers(self, topic):
+        return {number for number, channel in self.channels.items() if channel.topic == topic}
+
+    def changed(self, topic, change):
+        """The recording with the data of every message of a topic replaced by change(k, data), None to leave it out."""
+        mine, out, k = self.numbers(topic), [], 0
+        for message in self.messages:
+            data = message.data
+            if message.channel in mine:
+                data, k = change(k, data), k + 1
+            if data is not None:
+                out.append(message._replace(data=data))
+        return self._replace(messages=out)
+
+    def channel(self, change):
+        return self._replace(channels={number: change(channel) for number, channel in self.channels.items()})
+
+    def beside(self, topic, kind, data, every=50, log=0, number=200):
+        """The recording with another topic's message before every so many of its own."""
+        out = []
+        for k, message in enumerate(self.messages):
+            if k % every == 0:
+                out.append(Message(number, message.log + log, message.sent, k, data))
+            out.append(message)
+        return self._replace(channels={**self.channels, number: Channel(topic, "cdr", {}, (kind, "ros2msg", b""))},
+                             messages=out)
+
+
+def made(folder, ticks=700):
+    """Write a driveline on commands, then on its fallback, as the recorder does; return the recording."""
+    said, sources = [], []
+    rows = ticked(SCENE, ticks, torque=lambda k: 300.0 + 250.0 * np.sin(0.15 * k) if 30 < k < 600 else None,
+                  pressure=lambda k: 2.4e5 + 1e3 * (k // 100) if 30 < k < 600 else None, said=said, sources=sources)
+    writer = BagWriter(folder, SCENE.text())
+    draw = random.Random(1)
+    one = {name: writer.channel(name, kind, publisher=who + end) for name, kind, who, end in (
+        (SCENES, STRING, OWN, "01"), ("/input_source", HEADER, OWN, "02"), (STATES, JOINT_STATE, OWN, "03"),
+        ("/applied_pressure", FLUID_PRESSURE, OWN, "04"), ("/slip_speed", FLOAT64, OWN, "05"),
+        ("/engine_torque", FLOAT64, OTHER, "01"), ("/actuation_pressure", FLUID_PRESSURE, OTHER, "02"))}
+    writer.write(one[SCENES], START - TICK, START - TICK, cdr.string(SCENE.text()), 1)
+    changes = {row: (stamp, text) for row, stamp, text in sources}
+    for k, (stamp, *values, pressure) in enumerate(rows):
+        sent = START + k * TICK
+        log = sent + draw.randrange(20_000, 60_000)
+        if k in changes:
+            writer.write(one["/input_source"], log - 1000, sent - 1000, cdr.header(*changes[k]), k + 1)
+        writer.write(one[STATES], log, sent, cdr.joint_state(stamp, *values), k + 1)
+        writer.write(one["/applied_pressure"], log + 1000, sent + 1000, cdr.fluid_pressure(stamp, pressure), k + 1)
+        writer.write(one["/slip_speed"], log + 2000, sent + 2000, cdr.float64(values[2] - values[3]), k + 1)
+        if 29 < k < 599:
+            writer.write(one["/engine_torque"], log + 3000, sent + 300_000, cdr.float64(rows[k + 1][5]), k + 1)
+            writer.write(one["/actuation_pressure"], log + 4000, sent + 310_000,
+                         cdr.fluid_pressure(stamp, rows[k + 1][7]), k + 1)
+        if k % 100 == 99:
+            writer.file.flush()
+    writer.close({"lost": {STATES: 0}})
+    return read(folder / f"{folder.name}_0.mcap")
+
+
+def read(path):
+    """Take an MCAP file apart by the mcap package."""
+    channels, messages, metadata, schemas = {}, [], [], {}
+    with path.open("rb") as file:
+        for record in StreamReader(file, validate_crcs=True).records:
+            kind = type(record).__name__
+            if kind == "Schema":
+                schemas[record.id] = (record.name, record.encoding, record.data)
+            elif kind == "Channel":
+                channels[record.id] = Channel(record.topic, record.message_encoding, dict(record.metadata),
+                                              schemas[record.schema_id])
+            elif isinstance(record, McapMessage):
+                messages.append(Message(record.channel_id, record.log_time, record.publish_time, record.sequence,
+                                        record.data))
+            elif isinstance(record, Metadata):
+                metadata.append((record.name, dict(record.metadata)))
+    return Recording(channels, messages, metadata)
+
+
+def save(path, source, *, metadata=True, start=None, end=None, own=True, **options):
+    """Write a file by the mcap package; `start(writer, file)` and `end(writer, file)` add records of their own."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    options.setdefault("compression", CompressionType.ZSTD)
+    options.setdefault("chunk_size", 20_000)
+    with path.open("wb") as file:
+        writer = Writer(file, **options)
+        writer.start(profile="ros2", library="other")
+        if start is not None:
+            start(writer, file)
+        scenes, others = ([one for one in source.metadata if (one[0] == "tcc_sim") is own] for own in (True, False))
+        for name, values in scenes if metadata else ():
+            writer.add_metadata(name, values)
+        schemas, numbers = {}, {}
+        for message in source.messages:
+            if message.channel not in numbers:
+                channel = source.channels[message.channel]
+                if channel.schema is not None and channel.schema not in schemas:
+                    schemas[channel.schema] = writer.register_schema(*channel.schema)
+                numbers[message.channel] = writer.register_channel(
+                    channel.topic, channel.encoding, schemas[channel.schema] if channel.schema else 0,
+                    dict(channel.metadata))
+            writer.add_message(numbers[message.channel], message.log, message.data, message.sent, message.number)
+        if end is not None:
+            end(writer, file)
+        for name, values in others if metadata else ():
+            if name != "rosbag2":
+                writer.add_metadata(name, values)
+        writer.finish()
+
+
+def listing(folder, names, **more):
+    (folder / "metadata.yaml").write_text(yaml.safe_dump({"rosbag2_bagfile_information": {
+        "version": 9, "storage_identifier": "mcap", "relative_file_paths": names, **more}}))
+
+
+def joints(data):
+    """Stamp (ns) and values of a message of the driveline's."""
+    record = np.frombuffer(data, cdr.JOINT_STATE)[0]
+    stamp, *values = (record[name].item() for name in ("sec", *cdr.JOINT_STATE.names[1:]))
+    return stamp * 10**9 + values[0], *values[1:]
+
+
+def joint_state(stamp, names, columns, frame=""):
+    """Serialise a JointState by the rules of CDR: names, and lists of positions, velocities and efforts."""
+    out = bytearray(struct.pack("<iI", *divmod(stamp, 10**9)))
+
+    def text(word):
+        out.extend(bytes(-len(out) % 4) + struct.pack("<I", len(word.encode()) + 1) + word.encode() + b"\0")
+
+    text(frame)
+    out.extend(bytes(-len(out) % 4) + struct.pack("<I", len(names)))
+    for name in names:
+        text(name)
+    for column in columns:
+        out.extend(bytes(-len(out) % 4) + struct.pack("<I", len(column)))
+        if column:
+            out.extend(bytes(-len(out) % 8) + struct.pack(f"<{len(column)}d", *column))
+    return b"\0\1\0\0" + bytes(out)
+
+
+def laid_out(names, frame="", efforts=True):
+    """Function that lays a state out again with these joints, flywheel and clutch_plate among them."""
+    def change(_, data):
+        stamp, *values = joints(data)
+        columns = []
+        for pair in zip(values[::2], values[1::2]):
+            given = dict(zip(("flywheel", "clutch_plate"), pair))
+            columns.append([given.get(name, 7.0) for name in names])
+        return joint_state(stamp, names, columns if efforts else [*columns[:2], []], frame)
+    return change
+
+
+FINGER = joint_state(123, ["finger"], [[0.0], [0.0], [0.0]])
+WAYS = {}
+DIFFERS = {}
+"""By way: names of the fields that may differ, and a part of the sentence that gives the reason."""
+
+
+def way(*fields, sentence=""):
+    """Register a function (folder, recording) that writes the recording again."""
+    def register(function):
+        WAYS[function.__name__] = function
+        if fields or sentence:
+            DIFFERS[function.__name__] = set(fields), sentence
+        return function
+    return register
+
+
+def plainly(name, *fields, sentence="", **options):
+    """Register a way that is an option of the writer."""
+    def write(folder, source):
+        save(folder / "run_0.mcap", source, **options)
+    write.__name__ = name
+    way(*fields, sentence=sentence)(write)
+
+
+UNCHECKED = "some messages have no checksum"
+plainly("lz4", compression=CompressionType.LZ4)
+plainly("no_compression", compression=CompressionType.NONE)
+plainly("no_summary", index_types=IndexType.NONE, repeat_channels=False, repeat_schemas=False, use_statistics=False,
+        use_summary_offsets=False)
+plainly("no_chunk_index", index_types=IndexType.ATTACHMENT | IndexType.METADATA)
+plainly("no_message_index", index_types=IndexType.CHUNK)
+plainly("no_statistics", use_statistics=False)
+plainly("outside_chunks", "warnings", sentence=UNCHECKED, use_chunking=False)
+plainly("no_checksums", "warnings", sentence=UNCHECKED, enable_crcs=False)
+plainly("small_chunks", chunk_size=200)
+plainly("one_chunk", chunk_size=1 << 30)
+plainly("data_checksum", enable_data_crcs=True)
+NO_PUBLISHER = ("drivelines",)
+
+
+@way()
+def by_topic(folder, source):
+    save(folder / "run_0.mcap", source._replace(messages=sorted(source.messages, key=lambda m: m.channel)))
+
+
+@way()
+def by_topic_backwards(folder, source):
+    save(folder / "run_0.mcap", source._replace(messages=sorted(source.messages, key=lambda m: -m.channel)),
+         chunk_size=5000)
+
+
+@way()
+def within_chunks_backwards(folder, source):
+    out = []
+    for begin in range(0, len(source.messages), 100):
+        out += source.messages[begin:begin + 100][::-1]
+    save(folder / "run_0.mcap", source._replace(messages=out))
+
+
+@way()
+def blocks_exchanged(folder, source):
+    blocks = [source.messages[k:k + 150] for k in range(0, len(source.messages), 150)]
+    for k in range(0, len(blocks) - 1, 2):
+        blocks[k], blocks[k + 1] = blocks[k + 1], blocks[k]
+    save(folder / "run_0.mcap", source._replace(messages=[m for block in blocks for m in block]))
+
+
+@way("drivelines", "topic")
+def namespace(folder, source):
+    save(folder / "run_0.mcap", source.channel(lambda c: c._replace(topic="/left/driveline" + c.topic)))
+
+
+@way()
+def no_leading_slash(folder, source):
+    save(folder / "run_0.mcap", source.channel(lambda c: c._replace(topic=c.topic[1:])))
+
+
+@way()
+def schema_without_text(folder, source):
+    save(folder / "run_0.mcap", source.channel(lambda c: c._replace(schema=(c.schema[0], "", b""))))
+
+
+@way()
+def schema_zero(folder, source):
+    save(folder / "run_0.mcap", source.channel(lambda c: c._replace(schema=None)))
+
+
+@way()
+def types_without_msg(folder, source):
+    save(folder / "run_0.mcap", source.channel(
+        lambda c: c._replace(schema=(c.schema[0].replace("/msg/", "/"), *c.schema[1:]))))
+
+
+def without_publishers(source):
+    return source.channel(lambda c: c._replace(metadata={k: v for k, v in c.metadata.items() if k != "publisher"}))
+
+
+@way(*NO_PUBLISHER)
+def no_publisher(folder, source):
+    save(folder / "run_0.mcap", without_publishers(source))
+
+
+@way(*NO_PUBLISHER)
+def no_publisher_and_number(folder, source):
+    source = without_publishers(source)
+    save(folder / "run_0.mcap", source._replace(messages=[m._replace(number=0) for m in source.messages]))
+
+
+def as_rosbag2(source):
+    """The recording as `ros2 bag record -a` makes it: no metadata, publisher, number or time of sending."""
+    source = without_publishers(source)
+    return source._replace(metadata=[], messages=[m._replace(number=0, sent=m.log) for m in source.messages])
+
+
+@way()
+def scene_on_its_topic(folder, source):
+    save(folder / "run_0.mcap", source, metadata=False)
+
+
+@way(*NO_PUBLISHER)
+def by_rosbag2(folder, source):
+    save(folder / "run_0.mcap", as_rosbag2(source))
+
+
+@way("real_time_factor", "warnings", sentence="times of receipt went back by 2.0000")
+def clock_set_back(folder, source):
+    half = len(source.messages) // 2
+    save(folder / "run_0.mcap", source._replace(messages=[
+        *source.messages[:half], *(m._replace(log=m.log - 2 * 10**9, sent=m.sent - 2 * 10**9)
+                                   for m in source.messages[half:])]))
+
+
+@way("real_time_factor", "command_age", "units")
+def log_times_zero(folder, source):
+    save(folder / "run_0.mcap", source._replace(messages=[m._replace(log=0, sent=0) for m in source.messages]))
+
+
+@way("real_time_factor", "command_age", "units")
+def coarse_log_times(folder, source):
+    save(folder / "run_0.mcap", source._replace(messages=[
+        m._replace(log=m.log // 50_000_000 * 50_000_000) for m in source.messages]))
+
+
+@way("messages", "warnings", "drivelines", sentence="700 repeated stamps left out")
+def every_message_twice(folder, source):
+    save(folder / "run_0.mcap", source._replace(messages=[m for m in source.messages for _ in range(2)]))
+
+
+@way("messages", "warnings", "drivelines", sentence="repeated stamps left out")
+def overlapping_parts(folder, source):
+    third = len(source.messages) // 3
+    for number, begin in enumerate((0, third, 2 * third)):
+        save(folder / f"run_{number}.mcap", source._replace(messages=source.messages[begin:begin + third + 300]))
+
+
+def in_parts(folder, source, names, **options):
+    size = len(source.messages) // len(names) + 1
+    for number, name in enumerate(names):
+        save(folder / name, source._replace(messages=source.messages[number * size:(number + 1) * size]), **options)
+
+
+OLD = [f"run_{number}.mcap" for number in range(11)]
+NEW = [f"{number}_run_2026_11_27-10_{58 - 5 * number:02d}_{50 - number}.mcap" for number in range(11)]
+
+
+@way()
+def parts(folder, source):
+    in_parts(folder, source, OLD)
+
+
+@way()
+def parts_listed(folder, source):
+    in_parts(folder, source, OLD)
+    listing(folder, OLD)
+
+
+@way()
+def parts_named_counter_first(folder, source):
+    in_parts(folder, source, NEW)
+    listing(folder, NEW)
+
+
+@way()
+def parts_named_counter_first_without_listing(folder, source):
+    in_parts(folder, source, NEW)
+
+
+@way()
+def parts_of_any_name_listed(folder, source):
+    names = ["z 1.mcap", "a'2.mcap", "m: 3.mcap"]
+    in_parts(folder, source, names)
+    (folder / "metadata.yaml").write_text("# quoted\nrosbag2_bagfile_information: {relative_file_paths: ["
+                                          "'z 1.mcap', \"a'2.mcap\", 'm: 3.mcap']}\n")
+
+
+@way("warnings", sentence="left out: metadata.yaml does not list copy_7.mcap")
+def part_not_listed(folder, source):
+    in_parts(folder, source, OLD[:3])
+    shutil.copy(folder / OLD[0], folder / "copy_7.mcap")
+    listing(folder, OLD[:3])
+
+
+@way("warnings", "complete", sentence="the part run_3.mcap, which metadata.yaml lists, is missing")
+def part_listed_and_absent(folder, source):
+    in_parts(folder, source, OLD[:3])
+    listing(folder, OLD[:4])
+
+
+@way("warnings", sentence="metadata.yaml lists no parts that can be read")
+def listing_not_valid(folder, source):
+    in_parts(folder, source, NEW[:3])
+    (folder / "metadata.yaml").write_text("rosbag2_bagfile_information: [\n")
+
+
+@way()
+def parts_that_alternate(folder, source):
+    for number in range(2):
+        save(folder / f"run_{number}.mcap", source._replace(messages=source.messages[number::2]))
+
+
+@way()
+def a_channel_for_every_tenth_message(folder, source):
+    """Channels of the same topic and publisher; their schemas have the same name and other texts."""
+    channels, out = {}, []
+    for k, message in enumerate(source.messages):
+        number, old = 1 + message.channel + 20 * (k % 10), source.channels[message.channel]
+        channels[number] = old._replace(schema=(old.schema[0], "ros2msg", old.schema[2] + b"#" * (k % 10)))
+        out.append(message._replace(channel=number))
+    save(folder / "run_0.mcap", source._replace(channels=channels, messages=out))
+
+
+def private(opcode, size):
+    def write(folder, source):
+        def add(_, file):
+            file.write(struct.pack("<BQ", opcode, size) + bytes(size))
+
+        save(folder / "run_0.mcap", source, start=add)
+    return write
+
+
+for code in (0x10, 0x7F, 0x80, 0xFF):
+    WAYS[f"record_{code:x}"] = private(code, 5)
+WAYS["large_private_record"] = private(0x91, 20 << 20)
+
+
+@way()
+def large_attachment(folder, source):
+    save(folder / "run_0.mcap", source, start=lambda writer, _: writer.add_attachment(0, 0, "x", "y", bytes(20 << 20)))
+
+
+@way()
+def chunk_without_messages(folder, source):
+    empty = struct.pack("<QQQI", 0, 0, 0, 0) + struct.pack("<I", 0) + struct.pack("<Q", 0)
+    save(folder / "run_0.mcap", source, start=lambda _, file: file.write(struct.pack("<BQ", 6, len(empty)) + empty))
+
+
+@way("warnings", sentence="is left out: its compression 'xz' is unknown")
+def chunk_of_unknown_compression(folder, source):
+    packed = struct.pack("<QQQI", 5, 6, 9, 0) + struct.pack("<I", 2) + b"xz" + struct.pack("<Q", 4) + b"abcd"
+    save(folder / "run_0.mcap", source, start=lambda _, file: file.write(struct.pack("<BQ", 6, len(packed)) + packed))
+
+
+@way()
+def chunk_of_unknown_compression_without_driveline(folder, source):
+    """Its index says that it holds another topic alone."""
+    packed = struct.pack("<QQQI", 5, 6, 9, 0) + struct.pack("<I", 2) + b"xz" + struct.pack("<Q", 4) + b"abcd"
+    index = struct.pack("<HIQQ", 1, 16, 5, 0)
+
+    def add(writer, file):
+        schema = writer.register_schema("sensor_msgs/msg/Image", "ros2msg", b"")
+        writer.register_channel("/image", "cdr", schema, {})
+        file.write(struct.pack("<BQ", 6, len(packed)) + packed + struct.pack("<BQ", 7, len(index)) + index)
+
+    save(folder / "run_0.mcap", source, start=add, use_statistics=False)
+
+
+@way()
+def blank_map_beside(folder, source):
+    save(folder / "run_0.mcap", source.beside("/map", "nav_msgs/msg/OccupancyGrid", bytes(1 << 20), every=10),
+         chunk_size=1 << 20)
+
+
+@way("warnings", sentence=UNCHECKED)
+def image_outside_chunks(folder, source):
+    save(folder / "run_0.mcap", source.beside("/image", "sensor_msgs/msg/Image", bytes(20 << 20), every=10**9),
+         use_chunking=False)
+
+
+@way()
+def no_data_end(folder, source):
+    save(folder / "x.mcap", source)
+    data = (folder / "x.mcap").read_bytes()
+    place = data.rindex(struct.pack("<BQ", 15, 4))
+    (folder / "run_0.mcap").write_bytes(data[:place] + data[place + 13:])
+    (folder / "x.mcap").unlink()
+
+
+@way()
+def wrong_summary_checksum(folder, source):
+    save(folder / "run_0.mcap", source)
+    data = bytearray((folder / "run_0.mcap").read_bytes())
+    data[-9] ^= 1
+    (folder / "run_0.mcap").write_bytes(data)
+
+
+@way("warnings", "complete", sentence="cut short")
+def no_footer(folder, source):
+    save(folder / "run_0.mcap", source)
+    data = (folder / "run_0.mcap").read_bytes()
+    (folder / "run_0.mcap").write_bytes(data[:-37])
+
+
+@way()
+def compressed_messages(folder, source):
+    pack = zstandard.ZstdCompressor().compress
+    save(folder / "run_0.mcap", source._replace(messages=[m._replace(data=pack(m.data)) for m in source.messages]))
+    listing(folder, ["run_0.mcap"], compression_format="zstd", compression_mode="MESSAGE")
+
+
+@way()
+def compressed_files(folder, source):
+    in_parts(folder, source, OLD[:3])
+    for name in OLD[:3]:
+        (folder / f"{name}.zstd").write_bytes(zstandard.ZstdCompressor().compress((folder / name).read_bytes()))
+        (folder / name).unlink()
+    listing(folder, [f"{name}.zstd" for name in OLD[:3]], compression_format="zstd", compression_mode="FILE")
+
+
+@way("drivelines", "warnings", sentence="not read: /joint_states")
+def another_node_on_the_topic(folder, source):
+    mine, out = source.numbers(STATES), []
+    for message in source.messages:
+        out += [message._replace(data=FINGER), message] if message.channel in mine else [message]
+    save(folder / "run_0.mcap", source._replace(messages=out))
+
+
+@way("drivelines", "warnings", sentence="not read: /joint_states: 69 states")
+def joint_states_of_a_robot_beside(folder, source):
+    source = source.channel(lambda c: c._replace(topic="/clutch" + c.topic))
+    save(folder / "run_0.mcap", source.beside(STATES, JOINT_STATE, FINGER, every=47))
+
+
+def twice(source, right):
+    """The recording with a copy of every message on other channels."""
+    return source._replace(
+        channels={**source.channels, **{100 + number: right(channel) for number, channel in source.channels.items()}},
+        messages=[one for m in source.messages for one in (m, m._replace(channel=m.channel + 100))])
+
+
+@way("drivelines", "warnings", sentence="not read: /right/joint_states")
+def left_and_right(folder, source):
+    left = source.channel(lambda c: c._replace(topic="/lef" + c.topic))
+    both = twice(left, lambda c: c._replace(topic=c.topic.replace("/lef/", "/right/")))
+    save(folder / "run_0.mcap", as_rosbag2(both))
+
+
+def forgotten(source, who):
+    """The recording beside an older driveline with another scene on the same topics, 50 messages ahead."""
+    older = twice(source, lambda c: c._replace(metadata={
+        **c.metadata, "publisher": who + c.metadata["publisher"][24:]}))
+    out = []
+    for message in older.messages:
+        topic = older.channels[message.channel].topic
+        if message.channel < 100:
+            out.append(message)
+        elif topic == STATES:
+            stamp, *values = joints(message.data)
+            out.append(message._replace(log=message.log - 50 * TICK, sent=message.sent - 50 * TICK,
+                                        data=cdr.joint_state(stamp + 70 * 10**9, *values)))
+        elif topic == SCENES:
+            out.append(message._replace(log=message.log - 50 * TICK, data=cdr.string(load_scene("fig02").text())))
+        elif topic == "/applied_pressure":
+            out.append(message._replace(data=cdr.fluid_pressure(cdr.read_stamp(message.data) + 70 * 10**9, 1.0)))
+        elif topic == "/input_source":
+            out.append(message._replace(data=cdr.header(0, "engine_torque: command, actuation_pressure: command")))
+    return older._replace(messages=sorted(out, key=lambda m: m.log))
+
+
+@way("drivelines", "warnings", sentence="not read: /joint_states of publisher 3")
+def forgotten_driveline(folder, source):
+    save(folder / "run_0.mcap", forgotten(source, "3" * 24))
+
+
+@way("drivelines")
+def further_joints(folder, source):
+    save(folder / "run_0.mcap", source.changed(STATES, laid_out(["wheel", "clutch_plate", "a", "flywheel"])))
+
+
+@way()
+def joints_that_alternate(folder, source):
+    ways = [laid_out(names) for names in (["flywheel", "clutch_plate"], ["clutch_plate", "flywheel"])]
+    save(folder / "run_0.mcap", source.changed(STATES, lambda k, data: ways[k % 2](k, data)))
+
+
+@way()
+def first_message_odd(folder, source):
+    odd = laid_out(["arm", "flywheel", "clutch_plate"])
+    save(folder / "run_0.mcap", source.changed(STATES, lambda k, data: data if k else odd(k, data)))
+
+
+@way()
+def frames(folder, source):
+    ways = [laid_out(["flywheel", "clutch_plate"], "x" * length) for length in range(9)]
+    source = source.changed(STATES, lambda k, data: ways[k % 9](k, data))
+    for topic in ("/applied_pressure", "/actuation_pressure"):
+        source = source.changed(topic, lambda k, data: framed(data, "f" * (k % 9)))
+    save(folder / "run_0.mcap", source)
+
+
+def framed(data, frame):
+    """A FluidPressure with a frame."""
+    body = data[4:12] + struct.pack("<I", len(frame) + 1) + frame.encode() + b"\0"
+    return data[:4] + body + bytes(-len(body) % 8) + data[20:36]
+
+
+@way("drivelines")
+def messages_of_another_type_on_the_topic(folder, source):
+    save(folder / "run_0.mcap", source.beside(STATES, "sensor_msgs/msg/Image", b"\0\1\0\0" + bytes(200)))
+
+
+@way("warnings", "drivelines", sentence="messages of /joint_states left out: their layout differs")
+def messages_that_are_no_joint_states(folder, source):
+    save(folder / "run_0.mcap", source.beside(STATES, JOINT_STATE, b"\0\1\0\0" + bytes(7)))
+
+
+def case(folder, name, source):
+    """Write the recording in one way, and return its path."""
+    folder.mkdir()
+    WAYS[name](folder, source)
+    return Path(folder)
