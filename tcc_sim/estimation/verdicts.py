@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from itertools import combinations
+from operator import attrgetter
 
 import numpy as np
 
@@ -167,6 +168,12 @@ BREAKAWAY = 1.5e-4
 """Longest time between samples that resolve the fall of friction just after breakaway, s."""
 
 
+AT_BOUND = 1e-9
+"""Largest distance from an end of a range at which a value counts as at it, relative to the end or to the scene's own
+value: the end may be 0.
+"""
+
+
 def _at_bound(model: Model, i: int, values: Floats) -> bool:
     """Return whether a value is at an end of its range; mu_s and mu_k, free or not, bound each other."""
     key, value = model.keys[i], float(values[i])
@@ -177,8 +184,9 @@ def _at_bound(model: Model, i: int, values: Floats) -> bool:
     ratio = named.get(STATIC, friction.static_coefficient) / named.get(KINETIC, friction.kinetic_coefficient)
     if key in (STATIC, KINETIC) and max(ratio, 1.0 / ratio) <= DEFAULTS.least_ratio * (1.0 + 1e-9):
         return True
-    quantity = QUANTITIES[key]
-    return value <= quantity.low * (1.0 + 1e-9) or value >= quantity.high * (1.0 - 1e-9)
+    quantity, own = QUANTITIES[key], abs(float(attrgetter(key)(model.system)))
+    return (value <= quantity.low + AT_BOUND * max(abs(quantity.low), own)
+            or value >= quantity.high - AT_BOUND * abs(quantity.high))
 
 
 def why_no_noise(white: Whiteness, gates: Gates) -> str:
