@@ -136,9 +136,10 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
     white, covariance = judge_residuals(model, levels, best, settings, exact)
     why = why_no_noise(white, gates) if fits else why_not(best, model, begin, levels, chi2, limit, gates)
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    if not errors.all():
-        raise InputError(f"{model.keys[int(errors.argmin())]} has no effect on this motion; it cannot be identified")
-    correlations = covariance / np.outer(errors, errors)
+    known = np.isfinite(errors)
+    best = replace(best, values=np.where(known, best.values, begin))
+    correlations, there = np.eye(len(errors)), np.ix_(known, known)
+    correlations[there] = covariance[there] / np.outer(errors[known], errors[known])
     shown = [i for i, key in enumerate(model.keys) if not key.startswith(CURVE)]
     curve = profile = None
     if len(shown) < len(model.keys):

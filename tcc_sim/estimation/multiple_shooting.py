@@ -15,7 +15,7 @@ the window before ends.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,12 +29,15 @@ from tcc_sim.estimation.windows import (
     LINEAR,
     STATIC,
     Model,
+    largest_errors,
     on_its_side,
     sensitivities,
     states_of,
 )
 from tcc_sim.trajectory import Floats
 
+NUDGE = 1e-4
+"""Relative change of an input for its derivatives."""
 INDEX = {"slip_speed": 0, "plate_angle": 1, "plate_speed": 2}
 """Index of a channel in the state."""
 
@@ -103,6 +106,7 @@ class MultipleShooting:
                                 noise.get("plate_speed", noise["slip_speed"])])
         slip = measured.channels["slip_speed"][:used:self.width]
         self.stuck = np.flatnonzero(np.abs(slip) < settings.stuck * noise["slip_speed"])
+        self.largest = largest_errors(model.keys)
         self.logarithmic = np.array([k not in LINEAR for k in model.keys])
 
     def first_starts(self, values: Floats) -> Floats:
@@ -165,8 +169,11 @@ class MultipleShooting:
         return values, starts
 
     def _step(self, normal: Normal, damping: float, values: Floats) -> tuple[Floats, Floats]:
-        """Return the steps of starts and parameters; parameters that would leave their range from a bound are held."""
-        held = np.zeros(len(values), dtype=bool)
+        """Return the steps of starts and parameters.
+
+        Parameters without an effect on the measurement, and those that would leave their range from a bound, are held.
+        """
+        held = np.sqrt(np.diag(normal.corner)) * self.largest < 1.0
         while True:
             by_start, by_key = (normal.holding(held) if held.any() else normal).solved(damping)
             beyond = (self._within(values, np.clip(by_key, -1.0, 1.0)) == values) & (by_key != 0.0)
@@ -265,12 +272,21 @@ class MultipleShooting:
         return Fit(values, starts, {name: fitted[:, i] * self.noise[i] for i, name in enumerate(self.channels)},
                    float(np.sum(fitted**2)) / freedom, float(np.abs(rows[:, -4:-1]).max()), freedom)
 
+    def _by_inputs(self, values: Floats, starts: Floats, states: Floats) -> Iterator[Floats]:
+        """Yield the derivatives of all states by scale and delay (s) of each measured input, (m, width + 1, 3, 1)."""
+        measured, n = self.model.measured, self.model.substeps(values)
+        for name, column in measured.inputs.items():
+            for change, size in ((column, NUDGE), (-np.gradient(column, measured.step), NUDGE * measured.step)):
+                moved = replace(measured, inputs={**measured.inputs, name: column + size * change})
+                other = states_of(replace(self.model, measured=moved), starts, self.width, values, n)
+                yield (other - states)[..., None] / size
+
     def explained(self, values: Floats, starts: Floats, weight: float) -> tuple[Floats, Floats, Floats, Floats]:
         """Return the residuals of a fit with the effect of changes of the keys and of the channels.
 
         These are residuals over the noise, (n, C), with their total derivatives, (n, C, Q), and the normal equations
         (Q, Q), (Q,). The starts follow the Q columns: keys, in logarithms except offsets, then offset, scale and delay
-        (s) of every channel.
+        (s) of every channel, then scale and delay of every measured input.
         """
         states, derivatives = sensitivities(self.model, starts, self.width, values, self.model.substeps(values))
         rows, size = self._rows(states, starts, weight), len(self.channels)
@@ -279,7 +295,7 @@ class MultipleShooting:
             signal = states[:, :, column]
             rate = np.gradient(signal, self.model.measured.step, axis=1)
             seen[:, :-1, column, 3 * i:3 * i + 3] = np.stack([np.ones_like(signal), signal, -rate], 2)[:, :-1]
-        by = np.concatenate([derivatives * self._scales(values), seen], 3)
+        by = np.concatenate([derivatives * self._scales(values), seen, *self._by_inputs(values, starts, states)], 3)
         normal = self._normal(rows, by, weight, math.inf)
         solved = normal.by_starts(0.0)
         columns = by[:, :-1][:, :, self.columns] / self.noise[:, None]

@@ -14,14 +14,15 @@ import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 from scipy.stats import chi2
 
-from tcc_sim.estimation.curve import CONSTANT
+from tcc_sim.estimation.curve import CONSTANT, CURVE
 from tcc_sim.estimation.multiple_shooting import Fit, MultipleShooting
 from tcc_sim.estimation.settings import DEFAULTS, FitSettings
-from tcc_sim.estimation.windows import FREE, LINEAR, OFFSETS, Model
+from tcc_sim.estimation.windows import FREE, LINEAR, OFFSETS, Model, largest_errors
 from tcc_sim.model.groups import TABULATED
 from tcc_sim.model.parameters import QUANTITIES, values_of
 from tcc_sim.result import reported
@@ -29,6 +30,10 @@ from tcc_sim.tables.chosen_columns import CHANNELS
 from tcc_sim.trajectory import Floats
 
 UNITS = {"engine_torque.offset": "N m", "actuation_pressure.offset": "Pa"}
+EMPTY, PART = 1e-12, 1e-3
+"""Information about a direction of the free keys, relative to that about single ones, that is rounding; and the least
+component of a key in such a direction.
+"""
 HIDDEN = 0.2
 """Relative error of a fixed key that residuals should show."""
 
@@ -41,6 +46,8 @@ class Explanation:
     amount: float = field(metadata=reported("size of the change; relative where the unit is %"))
     unit: str = field(metadata=reported("unit of the change"))
     errors: float = field(metadata=reported("the change over its standard error"))
+    alike: tuple[str, ...] = field(default=(), metadata=reported(
+        "other held quantities whose change would explain them as well, within 1 of chi-square"))
 
 
 @dataclass(frozen=True)
@@ -65,6 +72,9 @@ def judge_residuals(model: Model, levels: dict[str, float], found: Fit, settings
     levels : standard deviation of the noise by channel in the fit
     exact : whether the only noise is the error of the real-time solver. Such errors do not average out: the covariance
         is then that of perfectly correlated errors.
+
+    The variance of a key about which the measurement holds nothing, by itself or together with others, is infinite; the
+    others are judged without it.
     """
     curve = CONSTANT in model.keys or model.system.friction.curve is not None
     others = [key for key in FREE if key not in model.keys and not (curve and key in TABULATED)]
@@ -73,25 +83,54 @@ def judge_residuals(model: Model, levels: dict[str, float], found: Fit, settings
     last = settings.stages[-1]
     problem = MultipleShooting(replace(model, keys=(*model.keys, *others)), levels, settings, last.window)
     residuals, derivatives, squares, slope = problem.explained(values, found.starts, last.weight)
-    size, count = len(model.keys), len(residuals)
+    known = np.sqrt(np.maximum(np.diag(squares)[:len(model.keys)], 0.0)) * largest_errors(model.keys) >= 1.0
+    kept = np.flatnonzero(np.append(known, np.ones(len(squares) - len(known), dtype=bool)))
+    derivatives, squares, slope = derivatives[..., kept], squares[np.ix_(kept, kept)], slope[kept]
+    values, keys = values[kept[kept < len(values)]], tuple(key for key, there in zip(model.keys, known) if there)
+    size, count = len(keys), len(residuals)
     names = [*((key, UNITS.get(key) or QUANTITIES[key].unit) for key in others),
              *((f"the {kind} of {name}", unit or CHANNELS[name]) for name in problem.channels
-               for kind, unit in (("offset", ""), ("scale", "%"), ("delay", "s")))]
+               for kind, unit in (("offset", ""), ("scale", "%"), ("delay", "s"))),
+             *((f"the {kind} of {name}", unit) for name in model.measured.inputs
+               for kind, unit in (("scale", "%"), ("delay", "s")))]
     noise = [autoregression(residuals[:, i]) for i in range(len(problem.channels))]
     spread = sum((_spread(derivatives[:, i], each) for i, each in enumerate(noise)), np.zeros_like(squares))
-    scale = np.where([key in LINEAR for key in model.keys], 1.0, found.values)
-    # Exponentials of nearly equal rates are interchangeable: that changes the numbers, but not the curve.
-    least = 1e-11 if CONSTANT in model.keys else 1e-15
-    inverse = np.linalg.pinv(squares[:size, :size], rcond=least, hermitian=True)
+    scale = np.where([key in LINEAR for key in keys], 1.0, values[:size])
+    inverse, empty = _inverse_and_empty(squares[:size, :size], keys)
+
+    def covariance(of: Floats) -> Floats:
+        """Return the covariance of all free keys, from that of those with an effect."""
+        out = np.diag(np.where(known, 0.0, math.inf))
+        of = of * np.outer(scale, scale)
+        of[empty], of[:, empty] = 0.0, 0.0
+        out[np.ix_(known, known)] = of + np.diag(np.where(empty, math.inf, 0.0))
+        return out
+
     if exact:
         return (Whiteness(dict.fromkeys(problem.channels, 0.0), dict.fromkeys(problem.channels, 1.0), None, {}, True),
-                count * inverse * np.outer(scale, scale))
+                covariance(count * inverse))
     explanation = _explanation(squares, slope, spread, size, names, values)
     series = dict(zip(problem.channels, residuals.T))
     white = Whiteness({name: float(_correlations(each, 1)[1]) for name, each in series.items()},
                       {name: probability_of(each, by, model) for (name, each), by in zip(series.items(), noise)},
-                      explanation, _hidden(squares, spread, model.keys, others), False)
-    return white, inverse @ spread[:size, :size] @ inverse * np.outer(scale, scale)
+                      explanation, _hidden(squares, spread, keys, others), False)
+    return white, covariance(inverse @ spread[:size, :size] @ inverse)
+
+
+def _inverse_and_empty(squares: Floats, keys: tuple[str, ...]) -> tuple[Floats, NDArray[np.bool_]]:
+    """Return the inverse of the keys' normal equations, and the keys in directions without an effect.
+
+    Exponentials of a curve with nearly equal rates are interchangeable: that changes the numbers, but not the curve.
+    """
+    curve = np.array([key.startswith(CURVE) for key in keys], dtype=bool)
+    if curve.any():
+        return np.asarray(np.linalg.pinv(squares, rcond=1e-11, hermitian=True)), np.zeros(len(keys), dtype=bool)
+    root = np.sqrt(np.diag(squares))
+    sizes, vectors = np.linalg.eigh(squares / np.outer(root, root))
+    kept = sizes > EMPTY
+    empty = np.asarray((np.abs(vectors[:, ~kept]) > PART).any(axis=1))
+    inverse: Floats = vectors[:, kept] / sizes[kept] @ vectors[:, kept].T / np.outer(root, root)
+    return inverse, empty
 
 
 def _correlations(series: Floats, lags: int) -> Floats:
@@ -146,7 +185,7 @@ def probability_of(residuals: Floats, noise: Floats, model: Model) -> float:
 def _explanation(squares: Floats, slope: Floats, spread: Floats, size: int, names: list[tuple[str, str]],
                  values: Floats) -> Explanation | None:
     """Return the change of a held quantity with the largest ratio to its standard error, by one Gauss-Newton step."""
-    best: Explanation | None = None
+    found: list[Explanation] = []
     for place, (name, unit) in enumerate(names, size):
         of = np.ix_(which := [*range(size), place], which)
         sizes = np.diag(squares)[which]
@@ -161,9 +200,12 @@ def _explanation(squares: Floats, slope: Floats, spread: Floats, size: int, name
         amount = float(change[-1] / root[-1])
         if place < len(values) and name not in OFFSETS:
             amount *= float(values[place])
-        if best is None or abs(change[-1]) / error > abs(best.errors):
-            best = Explanation(name, amount, unit, float(change[-1] / error))
-    return best
+        found.append(Explanation(name, amount, unit, float(change[-1] / error)))
+    if not found:
+        return None
+    best = max(found, key=lambda each: abs(each.errors))
+    return replace(best, alike=tuple(each.what for each in found if each is not best and
+                                     each.errors**2 > best.errors**2 - 1.0))
 
 
 def _hidden(squares: Floats, spread: Floats, keys: tuple[str, ...], others: list[str]) -> dict[str, tuple[str, float]]:

@@ -133,20 +133,22 @@ def judged(model: Model, i: int, start: float, found: Fit, errors: Floats, corre
     relative = error / max(abs(value), 1e-300)
     verdict, why = "identified", f"the 95 % interval reaches {100.0 * WITHIN * relative:.3g} % to either side"
     if key in OFFSETS:
-        relative, why = 0.0, "an offset, with its 95 % interval"
+        relative, why = error / _size(model, OFFSETS[key]), "an offset, with its 95 % interval"
     if not accepted:
         verdict, why = "not identifiable", "the fit is refused"
-    elif _at_bound(model, i, found.values):
+    elif not math.isfinite(error):
+        verdict = "not identifiable"
+        why = f"the measurement holds nothing about it, so it keeps its start; {_told_by(key, step)}"
+    elif relative <= gates.relative and _at_bound(model, i, found.values, errors):
         verdict, why = "at its bound", "the fit ends at the largest or smallest allowed value"
         if key in (STATIC, KINETIC):
             why += "; if mu_s and mu_k meet, a start with a smaller value of the larger one leads to the other side"
-    elif not math.isfinite(error) or relative > gates.relative or others[most] > gates.correlated:
+    elif relative > gates.relative or others[most] > gates.correlated:
         verdict = "not identifiable"
         why = f"its standard error is {100.0 * relative:.3g} %"
         if others[most] > 0.9:
             why += f", and it depends on {keys[most]} (correlation {correlations[i, most]:.3f})"
-        told_by = TOLD_BY if step > BREAKAWAY else TOLD_BY_FAST
-        why += "; " + told_by.get(key, "a longer measurement would determine it, or one with larger motion")
+        why += f"; {_told_by(key, step)}"
     elif hidden is not None:
         why += (f", if {hidden[0]} is right: residuals would not show an error of {100.0 * HIDDEN:g} % in it, which "
                 f"moves this by {hidden[1]:.2g} standard errors")
@@ -174,15 +176,32 @@ value: the end may be 0.
 """
 
 
-def _at_bound(model: Model, i: int, values: Floats) -> bool:
-    """Return whether a value is at an end of its range; mu_s and mu_k, free or not, bound each other."""
+def _size(model: Model, name: str) -> float:
+    """Return the largest value of an input, N m or Pa."""
+    system = model.system
+    own = {"engine_torque": (system.engine.mean_torque, system.engine.torque_amplitude),
+           "actuation_pressure": (system.pressure.mean, system.pressure.amplitude)}[name]
+    return float(np.abs(model.measured.inputs.get(name, np.array(own))).max()) or 1.0
+
+
+def _told_by(key: str, step: float) -> str:
+    """Return the measurement that would determine a key, for samples every `step` s."""
+    told_by = TOLD_BY if step > BREAKAWAY else TOLD_BY_FAST
+    return told_by.get(key, "a longer measurement would determine it, or one with larger motion")
+
+
+def _at_bound(model: Model, i: int, values: Floats, errors: Floats) -> bool:
+    """Return whether a value is at an end of its range; mu_s and mu_k, free or not, bound each other unless one of them
+    is unknown.
+    """
     key, value = model.keys[i], float(values[i])
     if key in OFFSETS:
         return False
     named = dict(zip(model.keys, values))
     friction = model.system.friction
     ratio = named.get(STATIC, friction.static_coefficient) / named.get(KINETIC, friction.kinetic_coefficient)
-    if key in (STATIC, KINETIC) and max(ratio, 1.0 / ratio) <= DEFAULTS.least_ratio * (1.0 + 1e-9):
+    both = all(math.isfinite(error) for other, error in zip(model.keys, errors) if other in (STATIC, KINETIC))
+    if both and key in (STATIC, KINETIC) and max(ratio, 1.0 / ratio) <= DEFAULTS.least_ratio * (1.0 + 1e-9):
         return True
     quantity, own = QUANTITIES[key], abs(float(attrgetter(key)(model.system)))
     return (value <= quantity.low + AT_BOUND * max(abs(quantity.low), own)
@@ -195,8 +214,9 @@ def why_no_noise(white: Whiteness, gates: Gates) -> str:
     if what is not None and abs(what.errors) > gates.explained:
         by = f"{100.0 * what.amount:.3g} %" if what.unit == "%" else f"{what.amount:.3g} {what.unit}".rstrip()
         do = "mend the measurement" if " of " in what.what else "free it, or give its true value"
+        alike = f", and so would one of {' or '.join(what.alike)}" if what.alike else ""
         return (f"the residuals are not noise: a change of {what.what} by {by} would explain them "
-                f"({abs(what.errors):.3g} standard errors); {do}")
+                f"({abs(what.errors):.3g} standard errors){alike}; {do}")
     least = min(white.p_value, key=lambda name: white.p_value[name])
     if white.p_value[least] >= gates.white:
         return ""

@@ -18,7 +18,7 @@ from tcc_sim.estimation.measurement import Measurement
 from tcc_sim.estimation.settings import DEFAULTS
 from tcc_sim.model.groups import TABLE
 from tcc_sim.model.parameters import DEFAULTS as SCENE_KEYS
-from tcc_sim.model.parameters import System, replace, unknown_key
+from tcc_sim.model.parameters import QUANTITIES, System, replace, unknown_key
 from tcc_sim.solvers.fixed_step_sensitivity import advance_windows
 from tcc_sim.solvers.key_derivatives import (
     DECAYS,
@@ -31,7 +31,7 @@ from tcc_sim.solvers.key_derivatives import (
     key_derivatives,
 )
 from tcc_sim.solvers.terms import Terms, holding, least_mean_load, substeps, terms_of
-from tcc_sim.topics import INPUTS
+from tcc_sim.topics import INPUTS, topic
 from tcc_sim.trajectory import Floats
 
 OFFSETS = {f"{name}.offset": name for name in INPUTS}
@@ -43,6 +43,8 @@ LINEAR = {*OFFSETS, *SHARES}
 """Free parameters of either sign, whose logarithms a fit does not use."""
 CURVE_ROWS = dict(zip((*SHARES, *RATES), (*EXCESSES, *DECAYS)))
 """Rows of the derivatives for the numbers of a curve."""
+UNKNOWN = 100.0
+"""Standard error of a parameter's logarithm above which a measurement holds nothing about it."""
 STATIC, KINETIC = "friction.static_coefficient", "friction.kinetic_coefficient"
 
 
@@ -50,6 +52,14 @@ def on_its_side(value: float, other: float, ratio: float, falls: bool | None = N
     """Return a coefficient at least `ratio` above another one, or as much below it if friction does not fall."""
     above = value >= other if falls is None else falls
     return max(value, other * ratio) if above else min(value, other / ratio)
+
+
+def largest_errors(keys: tuple[str, ...]) -> Floats:
+    """Return the standard errors, (P,), of logarithms or of offsets, above which a measurement holds nothing about a
+    key; infinite for the numbers of a curve, which mean nothing individually.
+    """
+    return np.array([math.inf if key.startswith(CURVE) else
+                     QUANTITIES[topic(OFFSETS[key]).key].high if key in OFFSETS else UNKNOWN for key in keys])
 
 
 def check_key(key: str) -> None:

@@ -124,6 +124,7 @@ def _parameters(axis: Any, found: Any) -> None:
     sizes = np.array([abs(p.start) if p.start else max(abs(p.value), 1e-300) for p in found.parameters])
     values = np.array([p.value - p.start for p in found.parameters]) / sizes * 100.0
     errors = np.array([p.high - p.value for p in found.parameters]) / sizes * 100.0
+    errors[~np.isfinite(errors)] = np.nan   # Drawn without a bar.
     axis.errorbar(values, rows, xerr=errors, linestyle="none", marker="o", capsize=3.0)
     axis.axvline(0.0, color=style.INK, linewidth=0.7)
     axis.set_yticks(rows, [p.key.partition(".")[2].replace("_", " ") if not p.key.endswith("offset") else p.key

@@ -1,0 +1,79 @@
+"""Every key that may be free, against records that hold much, little or nothing about it."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+from fig02_measured import FIG02, ONCE
+from scipy.integrate import odeint
+
+from tcc_sim.estimation.identify import identify
+from tcc_sim.estimation.measurement import Measurement
+from tcc_sim.estimation.windows import FREE, OFFSETS
+from tcc_sim.model.parameters import values_of
+
+NOISE = {"slip_speed": 0.02, "plate_speed": 0.02}
+TRUE = {**dict(values_of(FIG02.system)), **dict.fromkeys(OFFSETS, 0.0)}
+NOTHING: dict[str, set[str]] = {"stuck": set(),
+           "fast": {"friction.static_coefficient", "friction.decay", "friction.smoothing"}}
+"""Keys without any effect on a record."""
+LITTLE = {"stuck": {*(key for key in FREE if key.startswith("friction.")), *OFFSETS},
+          "fast": {"driveline.plate_inertia"}}
+"""Keys with less effect than the noise."""
+
+
+@cache
+def record(name: str) -> Measurement:
+    """A clutch that sticks, or one that slips at 60 to 100 rad/s, by SciPy on the equations with the smoothed law."""
+    t = np.arange(0.2, 0.4, 1e-3)
+    mean, amplitude, pressure = (150.0, 60.0, 4e5) if name == "stuck" else (230.0, 80.0, 1.2e5)
+
+    def torque(at: float) -> float:
+        return mean + amplitude * math.sin(150.0 * at)
+
+    def rates(at: float, x: np.ndarray) -> list[float]:
+        shaft = 0.6 * x[2] + 3000.0 * x[1]
+        friction = (0.24 + 0.06 * math.exp(-2.0 * abs(x[0]))) * math.tanh(50.0 * x[0]) * 0.008 * pressure
+        return [(torque(at) - friction) / 0.2 - (friction - shaft) / 0.02, x[2], (friction - shaft) / 0.02]
+
+    begin = [0.0, 0.0, 0.0] if name == "stuck" else [80.0, 0.0, 0.0]
+    states = odeint(rates, begin, np.append(0.0, t), tfirst=True, rtol=1e-9, atol=1e-10, mxstep=100_000)[1:]
+    noise = 0.02 * np.random.default_rng(8).normal(size=(2, len(t)))
+    return Measurement(t, {"slip_speed": states[:, 0] + noise[0], "plate_speed": states[:, 2] + noise[1]},
+                       {"engine_torque": mean + amplitude * np.sin(150.0 * t),
+                        "actuation_pressure": 0.0 * t + pressure}, hold="smooth")
+
+
+@pytest.mark.parametrize("name", ["stuck", "fast"])
+@pytest.mark.parametrize("key", FREE)
+def test_what_a_record_holds_nothing_about_keeps_its_start_and_the_others_are_found(name: str, key: str) -> None:
+    beside = "driveline.damping" if key in ("driveline.stiffness", "driveline.plate_inertia") else "driveline.stiffness"
+    free = {key: 1.1 * float(TRUE[key]), beside: {"driveline.damping": 0.7, "driveline.stiffness": 3150.0}[beside]}
+    found = identify(record(name), free, scene=FIG02, noise=NOISE, gates=ONCE)
+    assert found.accepted, found.why
+    judged, other = found.parameters
+    assert abs(other.value - float(TRUE[other.key])) < 4.0 * other.standard_error
+    assert other.verdict == "identified"
+    if key in NOTHING[name]:
+        assert (judged.value, judged.standard_error) == (judged.start, math.inf)
+        assert "holds nothing about it, so it keeps its start" in judged.why
+    if key in NOTHING[name] | LITTLE[name]:
+        assert judged.verdict == "not identifiable"
+        assert not np.delete(found.correlations, 0, 0)[:, 0].any() or math.isfinite(judged.standard_error)
+    else:
+        assert judged.verdict == "identified"
+        assert abs(judged.value - float(TRUE[key])) < 4.0 * judged.standard_error
+    assert key in OFFSETS or found.scene.value(key) == judged.value
+
+
+def test_two_keys_of_which_a_record_holds_the_sum_alone_are_both_unknown() -> None:
+    """In stick the inertias move as one."""
+    found = identify(record("stuck"), {"driveline.flywheel_inertia": 0.21, "driveline.plate_inertia": 0.021,
+                                       "driveline.damping": 0.7}, scene=FIG02, noise=NOISE, gates=ONCE)
+    *inertias, damping = found.parameters
+    assert [p.verdict for p in inertias] == ["not identifiable"] * 2
+    assert sum(p.value for p in inertias) == pytest.approx(0.22, rel=1e-3)
+    assert damping.verdict == "identified"
