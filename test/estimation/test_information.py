@@ -20,7 +20,8 @@ TRUE = {**dict(values_of(FIG02.system)), **dict.fromkeys(OFFSETS, 0.0)}
 NOTHING: dict[str, set[str]] = {"stuck": set(),
            "fast": {"friction.static_coefficient", "friction.decay", "friction.smoothing"}}
 """Keys without any effect on a record."""
-LITTLE: dict[str, set[str]] = {"stuck": {*(key for key in FREE if key.startswith("friction.")), *OFFSETS}, "fast": set()}
+LITTLE: dict[str, set[str]] = {"stuck": {*(key for key in FREE if key.startswith("friction.")), *OFFSETS},
+                               "fast": set()}
 """Keys with less effect than the noise."""
 
 
