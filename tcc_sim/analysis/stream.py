@@ -137,7 +137,7 @@ class RunCycles:
         """
         if isinstance(self.clock, Tracked):
             return self.pieces[0].first, self.pieces[-1].first + len(self.pieces[-1].cycles)
-        begin, end = (self.clock.cycles_until(t) for t in (self.begin, self.end))
+        begin, end = (self.clock.cycles_until(t) for t in (self.begin - STAMP, self.end + STAMP))
         return math.ceil(begin - DEFAULTS.slack), math.floor(end + DEFAULTS.slack)
 
     def _start_of(self, number: int) -> float:

@@ -59,8 +59,8 @@ def test_a_doubtful_friction_table_is_a_warning_at_the_start_and_when_it_changes
     node = bench.driveline(scene="minimal", wait_for_subscribers=0, **table)
     assert capfd.readouterr().err.count("the fit of the friction table is 2.6%") == 1
     node.start()
-    for middle, warned in ((0.131, 1), (0.131, 0), (0.16, 0)):
-        table["friction.coefficients"] = [0.2, middle, 0.14]
+    for coefficients, warned in (([0.2, 0.131, 0.14], 1), ([0.2, 0.131, 0.14], 0), ([0.145, 0.143, 0.14], 0)):
+        table["friction.coefficients"] = coefficients
         assert node.set_parameters_atomically(overrides(table)).successful
         assert capfd.readouterr().err.count("the fit of the friction table") == warned
 

@@ -61,7 +61,7 @@ def missed_ticks(run: Run) -> list[tuple[int, int]]:
                 log_ns, = struct.unpack_from("<Q", data, offset + 6)
                 found.extend((log_ns, int(item.value)) for item in status.values if item.key == "missed ticks")
 
-    run.read(tap)
+    run.tapped(tap)
     return found
 
 
