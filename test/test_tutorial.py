@@ -21,8 +21,8 @@ PAGE = Path(__file__).resolve().parent.parent / ".github" / "guide" / "tutorial.
 STEP = re.compile(r"^```(python|text) ?(\S*)\n(.*?)^```|^    (\S[^\n]*)\n", re.DOTALL | re.MULTILINE)
 RECORDED, PACED = "--scene controlled --duration 3", "--scene paced.yaml --duration 1"
 """Options of the page, and those of the test: in lock-step, so that a busy machine makes no late commands."""
-NOT_RUN = ("tcc-sim demo --scene rig.yaml",)
-"""Commands that need a quiet machine: a node against the clock."""
+NOT_RUN = ("tcc-sim demo --scene rig.yaml", "tcc-sim analyse mine1")
+"""Commands that need a quiet machine, a node against the clock, and what is made of its recording."""
 NUMBER = r"[-+]?\d+(?:\.\d+)?"
 WITHIN = 0.02
 """Relative difference allowed between a number of the page and the printed one."""

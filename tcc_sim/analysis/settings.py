@@ -124,8 +124,36 @@ class Settings:
                                "first")
     settled_cycles: int = quantity(5, "least number of cycles to the end of a run that show that the mean stays",
                                    "periods of excitation")
-    settled: float = quantity(0.02, "part of the step, or of the target where that is larger, within which the cycle "
-                              "mean counts as settled")
+    settled: float = quantity(0.02, "part of the step of the target, or of the peak after a disturbance, within which "
+                              "the cycle mean counts as settled")
+    band: float = quantity(0.1, "least band that counts as settled, and least jump of a target and amplitude of an "
+                           "oscillation that count", "rad/s")
+    isolated: float = quantity(4.0, "a change of the target is a jump if it is larger than its neighbours by this "
+                               "factor; else the target moves")
 
+    # Verdicts on a controlled run (`loop_verdict.py`).
+    reversals: tuple[float, ...] = quantity((0.125, 0.34), "reversals that end a swing, parts of the range of the "
+                                            "second half of the run")
+    irregular: float = quantity(0.35, "standard deviation of the durations of swings, relative to their mean, that "
+                                "marks them as irregular")
+    swings: int = quantity(6, "most of the last swings that are judged")
+    fewest_swings: int = quantity(3, "fewest swings that make an oscillation")
+    nearly: float = quantity(0.8, "part of the size of the other swings that makes one at either end complete")
+    quiet_periods: float = quantity(3.0, "periods of the slowest oscillation left that a settled mean must last")
+    alive: float = quantity(2.0, "periods after the last swing within which another one may follow")
+    growth_of_swings: float = quantity(0.22, "least growth or decay of the swings, in natural logarithm")
+    scatter: float = quantity(2.0, "the same in standard deviations of the swings about it")
+    decays_on: float = quantity(0.34, "part of the rate of a decay that the last swings must show")
+    coherent: float = quantity(0.5, "part of the variance that an oscillation within the band must hold")
+    slowing: float = quantity(0.8, "part of the growth of the third before that the last third of a growth has at "
+                              "least")
+    blocks: int = quantity(32, "parts of a run whose means show a growth without oscillation")
+    growing_cycles: int = quantity(10, "least length of a growth without oscillation", "periods of excitation")
+    standing: float = quantity(0.05, "change of the error within the last third of the run, relative to it, that "
+                               "counts as none")
+    unexplained: float = quantity(0.2, "part of the variance of the error that a moving target may leave unexplained")
+    held: float = quantity(1e-5, "difference of pressures, relative to the largest, that counts as none")
+    at_a_limit: float = quantity(0.5, "part of the end of a run with the pressure at a limit that counts as saturated")
+    sticks: float = quantity(0.02, "part of the end of a run in stick that counts as sticking")
 
 DEFAULTS = Settings()

@@ -21,6 +21,8 @@ from tcc_sim.errors import InputError, counted, require
 from tcc_sim.output.terminal import say
 from tcc_sim.shown_units import show_in
 
+BAND = 0.1
+"""Copy of the default in `analysis.settings`."""
 DEFAULT_SCENE = "fig02"
 """Copy of the default in `scene`, which need not be imported for it."""
 
@@ -46,6 +48,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     part.add_argument("--discard", metavar="CYCLES", type=int,
                       help="periods of excitation dropped from the figures at the start (default 50, or half of them "
                       "if there are fewer than 100; 0 for a scene with profiles)")
+    loop = parser.add_argument_group("slip controller")
+    loop.add_argument("--target", metavar="V|T:V,T:V", type=targets, help="slip speed that a controller was to hold, "
+                      "rad/s (default: the recorded target_slip_speed); or slip speeds from simulation times, s, on")
+    loop.add_argument("--band", metavar="V", type=float, default=BAND, help="least error from the target that counts, "
+                      "and least jump of the target that begins a segment, rad/s (default %(default)g)")
     figures = parser.add_argument_group("further figures")
     figures.add_argument("--verify", action="store_true",
                          help="solve the run again from the recording alone and compare")
@@ -61,6 +68,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     rerun.add_argument("--layout", action="store_true", help="write a layout beside the recording, with which Rerun "
                        "shows its signals without conversion: rerun RUN_0.mcap RUN_0.rbl")
     add_outputs(parser, "the figures", "the samples of the analysed run as .csv or .npz, with units and scene")
+
+
+def targets(text: str) -> float | dict[float, float]:
+    """Return the target in `V`, or the targets by time in `T:V,T:V`."""
+    try:
+        if ":" not in text:
+            return float(text)
+        pairs = [part.split(":") for part in text.split(",")]
+        found = {float(t): float(value) for t, value in pairs}
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} must be a slip speed in rad/s, or T:V,T:V with times in "
+                                         "s") from None
+    if len(found) < len(pairs):
+        raise argparse.ArgumentTypeError(f"{text!r} has two targets for one time")
+    return found
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -87,7 +109,8 @@ def run(arguments: argparse.Namespace) -> int:
         say(f"layout: {write_layout(arguments.recording)}")
     found = replay(recording, rrd=arguments.rrd, spawn=arguments.spawn, connect=arguments.connect,
                    discard=arguments.discard, frequency=arguments.frequency,
-                   verify=arguments.verify, damping=arguments.damping, window=window, progress=True)
+                   verify=arguments.verify, damping=arguments.damping, window=window, target=arguments.target,
+                   band=arguments.band, progress=True)
     lines = found.lines()
     drawn: object = found
     # A manoeuvre is drawn whole, as by `simulate --plot`; any other run by its last cycles and its maxima.
@@ -128,7 +151,7 @@ def _table(arguments: argparse.Namespace) -> int:
     from tcc_sim.tables.measured_table import table_in
 
     others = ("rrd", "spawn", "connect", "out", "discard", "frequency", "damping", "verify", "run", "joints",
-              "topic", "driveline")
+              "topic", "driveline", "target")
     given = [f"--{name}" for name in others if getattr(arguments, name) not in (None, False)]
     if given:
         raise InputError(f"{', '.join(given)}: only for recordings; a table takes --orders, --spectrum, --columns, "

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from tcc_sim.analysis.multipliers import Lyapunov
     from tcc_sim.analysis.orders import OrderComparison, Orders
     from tcc_sim.analysis.spectra import Spectrum
+    from tcc_sim.analysis.tracking import Tracking
     from tcc_sim.sweeps.results import Grid, Sweep
     from tcc_sim.sweeps.scatter import Scattered
     from tcc_sim.sweeps.simulation import Simulation
@@ -171,6 +172,30 @@ def covers_row(summary: Summary, begin: float = math.nan, end: float = math.nan)
     lost = (f"; {summary.lost_seconds:.6g} s of them were lost, which leaves {summary.seconds:.6g} s"
             if summary.lost_seconds else "")
     return [("figures cover", f"{first:.6g} to {last:.6g} s{whole}{lost}")]
+
+
+def tracking_lines(found: Tracking) -> list[str]:
+    """Return the text of a tracking in lines: target and errors, peaks, verdict, and pressure commands."""
+    if not math.isfinite(found.rms_error):
+        return [f"target {speed(found.target)}: no verdict: {found.verdict_why}"]
+    moves = found.target_low < found.target_high
+    aim = speed(found.target_low, 6, found.target_high) if moves else speed(found.target)
+    sign = "+" if found.peak_deviation > 0.0 else ""
+    lines = [f"target {aim}: mean {speed(found.mean_slip)}, rms error {speed(found.rms_error, 4)}, "
+             f"largest {speed(found.largest_error, 4)}",
+             f"peak {sign}{speed(found.peak_deviation, 4)} at {found.peak_time:.6g} s, overshoot "
+             f"{speed(found.overshoot, 4)}"
+             + (f" at {found.overshoot_time:.6g} s" if math.isfinite(found.overshoot_time) else "")]
+    settled = f" after {found.settling_time:.4g} s" if found.settled else ""
+    lines.append(f"{found.verdict}{settled}: {found.verdict_why}")
+    if found.time_at_limit > 0.0:
+        lines.append(f"pressure at a limit for {100.0 * found.time_at_limit:.3g} % of the time")
+    if found.commands_applied is not None:
+        lines.append(f"{counted(found.commands_applied, 'command')} applied, {found.command_rate:.4g} a second, "
+                     f"{found.commands_superseded} superseded")
+    if found.lost_seconds > 0.0:
+        lines.append(f"over {found.seconds:.6g} s; {found.lost_seconds:.4g} s between were not observed")
+    return lines
 
 
 def damping_row(found: Damping) -> tuple[str, str]:

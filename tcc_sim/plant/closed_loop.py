@@ -5,21 +5,25 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tcc_sim.analysis.control import Control, CycleMeans, Steps, Tracking, joined_means, tracking_of
-from tcc_sim.analysis.engine_clock import Uniform, clock_of_scene
+from tcc_sim.analysis.control import Control, CycleMeans, Steps, joined_means
+from tcc_sim.analysis.engine_clock import EngineClock, Tracked, Uniform, clock_of_scene
+from tcc_sim.analysis.settings import DEFAULTS
+from tcc_sim.analysis.tracking import Counts, Limits, Loop, Tracking, loop_of, target_steps
 from tcc_sim.errors import InputError, counted
-from tcc_sim.model.parameters import QUANTITIES
+from tcc_sim.model.parameters import QUANTITIES, System
+from tcc_sim.model.profile import Origin, phase_at, profile_of
 from tcc_sim.model.quantity import apart
 from tcc_sim.plant.driveline import Plant, Reading
 from tcc_sim.plant.sensors import Sensor, Sensors
 from tcc_sim.scene import SceneLike, as_scene, meaning_of
 from tcc_sim.topics import FAR_END, INPUTS, topic
-from tcc_sim.trajectory import Floats, Trajectory
+from tcc_sim.trajectory import Floats, Trajectory, integral
 
 SAME = ("slip_speed", "plate_angle", "plate_speed", "engine_torque", "friction_torque", "flywheel_angle",
         "applied_pressure")
@@ -60,29 +64,70 @@ class ControlledRun(Trajectory):
     applied_pressure : (n,) array, pressure at the plates, Pa
     refused : number of refused commands
     refusal : reason of the last refusal
+    received : (n,) array, number of accepted pressure commands up to each sample
+    turns : (n,) array, phase of the excitation, periods, where its frequency was changed during the run; else None
+    before : mean slip speed of the last engine cycle before the run, rad/s; NaN at a start
     """
 
     commands: dict[str, Floats] = field(default_factory=dict)
     applied_pressure: Floats = field(default_factory=lambda: np.empty(0))
     refused: int = 0
     refusal: str = ""
+    received: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    turns: Floats | None = None
+    before: float = math.nan
 
-    def tracking_of(self, target: float, since: int = 0, limits: tuple[float, float] = (0.0, math.inf)) -> Tracking:
-        """Return the tracking error of the slip speed from the sample `since` on.
+    def tracking_of(self, target: float | Mapping[float, float], since: int = 0, limits: Limits | None = None,
+                    band: float = DEFAULTS.band) -> Tracking:
+        """Judge how the slip speed was held at a target from the sample `since` on.
 
         Parameters
         ----------
-        target : slip speed to hold, rad/s
-        limits : smallest and largest pressure, Pa
+        target : slip speed to hold, rad/s; or slip speeds by the time, s, from which each holds, such as
+            ``{0.0: 20.0, 3.0: 40.0}``
+        since : a sample; the step to the target counts from the last engine cycle before it
+        limits : smallest and largest pressure, Pa; by default those at which the pressure was held
+        band : least error that counts, rad/s
         """
-        columns: dict[str, Any] = {name: column[since:] for name, column in Trajectory.columns(self).items()}
-        part = replace(self, **columns)
-        return tracking_of(part, target, self.applied_pressure[since:], limits)
+        return self._tracking(target_steps(target), since, limits, band)
+
+    def _tracking(self, reference: Steps, since: int, limits: Limits | None = None,
+                  band: float = DEFAULTS.band) -> Tracking:
+        """Judge the samples from `since` on against a reference."""
+        commands = None
+        if "actuation_pressure" in self.commands and len(self.received):
+            new = np.diff(self.received[since:])
+            applied = int(np.count_nonzero(new))
+            commands = Counts(applied, int(new.sum()) - applied)
+        return self._loop(reference, limits, band).tracking(
+            float(self.t[since]), float(self.t[-1]), stepped=None if since else True, commands=commands)
+
+    def _loop(self, reference: Steps, limits: Limits | None = None, band: float = DEFAULTS.band) -> Loop:
+        """Return the run beside a reference."""
+        return loop_of(self, self.clock, reference, self.applied_pressure, limits, band, self.before)
+
+    @property
+    def last_mean(self) -> float:
+        """Mean slip speed of the last engine cycle's time, rad/s; NaN if the run is shorter."""
+        since = float(self.t[-1]) - self.cycle
+        if since < self.t[0] - 1e-9:
+            return math.nan
+        area = integral(self.slip_speed, self.t)
+        return float(area[-1] - np.interp(since, self.t, area)) / self.cycle
+
+    @property
+    def clock(self) -> EngineClock:
+        """Start times of the engine cycles, also where the frequency was changed during the run."""
+        if self.turns is None:
+            return Uniform(self.cycle) if self.system is None else clock_of_scene(self.system)
+        numbers = np.arange(math.ceil(self.turns[0] - 1e-9), math.floor(self.turns[-1] + 1e-9) + 1)
+        starts = np.interp(numbers, self.turns, self.t)
+        return Tracked(float(np.median(np.diff(starts))) if len(starts) > 1 else self.cycle, {0: (numbers, starts)})
 
     @property
     def control(self) -> Control:
         """Cycle means of the slip speed, target, and commanded and applied pressure, for pictures."""
-        running = CycleMeans(Uniform(self.cycle) if self.system is None else clock_of_scene(self.system))
+        running = CycleMeans(self.clock)
         ends, means = joined_means(running.feed(self.t, self.slip_speed))
         # A sample has the command of the tick before it.
         held = {name: Steps(self.t[:-1], values[1:]) for name, values in self.commands.items()}
@@ -108,15 +153,26 @@ class Samples:
     def __init__(self, plant: Plant) -> None:
         self._names = [name for name in INPUTS if topic(name).wanted(plant.scene.value)]
         self._readings: list[Reading] = []
+        self._systems: list[tuple[int, System, Origin]] = []
         self._rest: list[tuple[float, float | None, float | None]] = []
+        self._received: list[int] = []
 
     def __len__(self) -> int:
         return len(self._readings)
 
-    def add(self, plant: Plant, reading: Reading, torque: float | None, pressure: float | None) -> None:
-        """Add the current state and the commands of the tick before it."""
+    @property
+    def begins_later(self) -> bool:
+        """Whether the first sample is not that of a start or a reset."""
+        return self._readings[0].stamp_ns > 0
+
+    def add(self, plant: Plant, reading: Reading, torque: float | None, pressure: float | None, received: int) -> None:
+        """Add the current state, the commands of the tick before it, and the number of pressure commands so far."""
+        system = plant.scene.system
+        if not self._systems or self._systems[-1][1] is not system:
+            self._systems.append((len(self._readings), system, plant.origin))
         self._readings.append(reading)
-        self._rest.append((plant.scene.system.torque_per_pressure, torque, pressure))
+        self._rest.append((system.torque_per_pressure, torque, pressure))
+        self._received.append(received)
 
     def columns(self, plant: Plant) -> dict[str, object]:
         """Return the fields of a ControlledRun that come from the samples."""
@@ -129,7 +185,19 @@ class Samples:
             **{name: columns[name] for name in SAME}, "t": columns["stamp_ns"] / 1e9,
             "saturation_torque": per_pressure * columns["applied_pressure"],
             "state": columns["stick_slip_state"].astype(np.int8), "cycle": system.cycle, "solver": "fixed_step",
+            "received": np.array(self._received), "turns": self._turns(columns["stamp_ns"] / 1e9),
             "system": system, "commands": {name: values for name, values in zip(INPUTS, held) if name in self._names}}
+
+
+    def _turns(self, t: Floats) -> Floats | None:
+        """Return the phase of the excitation at each sample, periods; None if its frequency was not changed."""
+        if len({system.engine.frequency for _, system, _ in self._systems}) < 2 and not self._systems[0][2].time:
+            return None
+        turns, ends = np.empty(len(t)), [*(first for first, *_ in self._systems[1:]), len(t)]
+        for (first, system, origin), end in zip(self._systems, ends):
+            profile = profile_of(system.engine, system.pressure, system.inputs, origin)
+            turns[first:end] = phase_at(profile, t[first:end]) / (2.0 * math.pi)
+        return turns
 
 
 def changes_of(values: Mapping[str, object] | None, more: Mapping[str, object]) -> dict[str, object]:
@@ -188,7 +256,8 @@ class _Held:
         self.torque: float | None = None
         self.pressure: float | None = None
         self.output_speed: float | None = None
-        self.refused, self.refusal = 0, ""
+        self.received = self.refused = 0
+        self.refusal = ""
 
     def take(self, answer: Answer) -> None:
         """Apply an answer from the next tick on; a refused value leaves the value before it."""
@@ -200,8 +269,11 @@ class _Held:
                                                                                     (*given, None)))
         if torque is not None and not self._admitted(INPUTS[0], torque):
             torque = self.torque
-        if pressure is not None and not self._admitted(INPUTS[1], pressure, lambda p: self._plant.hold(torque, p)):
-            pressure = self.pressure
+        if pressure is not None:
+            if self._admitted(INPUTS[1], pressure, lambda p: self._plant.hold(torque, p)):
+                self.received += 1
+            else:
+                pressure = self.pressure
         if speed is not None and not self._admitted(FAR_END, speed):
             speed = self.output_speed
         self._plant.hold(torque, pressure)
@@ -283,7 +355,7 @@ def closed_loop(scene: SceneLike, law: Callable[[Reading], Answer], seconds: flo
     measuring, changes = Sensors(sensors), TimedChanges(rate)
     for t, values in (at or {}).items():
         changes.add(t, values)
-    samples.add(plant, reading, None, None)
+    samples.add(plant, reading, None, None, 0)
     for tick in range(round(seconds * rate)):
         measured = measuring.measure(reading)
         if tick % scene.operation.answer_ticks == 0 and not measuring.lost:
@@ -291,7 +363,7 @@ def closed_loop(scene: SceneLike, law: Callable[[Reading], Answer], seconds: flo
         if due := changes.due(tick):
             plant.use(plant.scene.with_values(due))
         reading = plant.advance()
-        samples.add(plant, reading, held.torque, held.pressure)
+        samples.add(plant, reading, held.torque, held.pressure, held.received)
     if held.refused:
         warnings.warn(f"{held.refusal} ({held.refused} refused)", stacklevel=2)
     return ControlledRun(**samples.columns(plant), refused=held.refused, refusal=held.refusal)  # type: ignore[arg-type]

@@ -66,11 +66,9 @@ def signals_of(line: Timeline, states: JointStates, clock: EngineClock, tick: in
         low, high = np.searchsorted(rows, [states.index, end])
         if high > low:
             signals[name] = states.stamp_ns[rows[low:high] - states.index], values[low:high]
-    stamps, values = signals.get(TARGET, (np.empty(0, np.int64), np.empty(0)))
-    target = line.target_before(states.index)
-    if target is not None and not (len(stamps) and stamps[0] == states.stamp_ns[0]):
-        # The target of the previous run applies until a new one is published.
-        signals[TARGET] = np.append(states.stamp_ns[0], stamps), np.append(target, values)
+    target = line.target_in(states)
+    if len(target.t):
+        signals[TARGET] = np.rint(target.t * 1e9).astype(np.int64), target.values
     if states.applied_pressure is not None:
         change = np.flatnonzero(np.diff(states.applied_pressure, prepend=np.nan) != 0.0)
         signals["applied_pressure"] = states.stamp_ns[change], states.applied_pressure[change]

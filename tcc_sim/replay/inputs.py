@@ -1,16 +1,26 @@
-"""Sources of the inputs of a recorded driveline, and ages of its commands."""
+"""Sources of the inputs of a recorded driveline, its commands by what became of them, and the ages of those held.
+
+A command counts as applied if the driveline held it. The announced sources and the recorded inputs show that; the order
+in which a recorder received the messages does not.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tcc_sim.errors import counted
+from tcc_sim.analysis.tracking import Counts
+from tcc_sim.errors import InputError, counted
+from tcc_sim.plant.closed_loop import check_command
 from tcc_sim.recording.columns import Commanded, JointStates
 from tcc_sim.replay.timeline import Timeline
 from tcc_sim.result import reported
 from tcc_sim.topics import INPUTS
+from tcc_sim.trajectory import Floats
 
 
 @dataclass(frozen=True)
@@ -26,6 +36,12 @@ class HeldInput:
     refused: int | None = field(metadata=reported(
         "number of commands that the driveline refused; null without recorded diagnostics"))
     publishers: int = field(metadata=reported("number of publishers of its commands"))
+    commands: int = field(default=0, metadata=reported("number of recorded commands"))
+    applied: int = field(default=0, metadata=reported("number of them that the driveline held during a tick or more"))
+    superseded: int = field(default=0, metadata=reported(
+        "number of them that a later one replaced before the next tick"))
+    ignored: int = field(default=0, metadata=reported(
+        "number of the others: the driveline refused them or never received them"))
 
     def sentence(self) -> str:
         """Return the sources as text."""
@@ -34,21 +50,125 @@ class HeldInput:
         held = [f"{seconds:.6g} s by {what}" for seconds, what in (
             (self.topic, "commands"), (self.fallback, "the fallback"), (self.scene, "the scene")) if seconds]
         counts = [counted(self.publishers, "publisher")] if self.publishers else []
-        counts += [f"{self.refused} refused"] if self.refused else []
+        if self.commands:
+            counts.append(f"{self.applied} of {counted(self.commands, 'command')} applied")
+        counts += [f"{number} {what}" for number, what in (
+            (self.superseded, "superseded"), (self.ignored, "not applied"), (self.refused, "refused")) if number]
         return "; ".join([f"for {', '.join(held)}" if held else "for no time", *counts])
 
 
 @dataclass(frozen=True)
 class CommandAge:
-    """Simulation time, s, from the state that a command answers to the first tick that applies it; 0 in lock-step."""
+    """Simulation time, s, from the state that the held command answers to each tick; 0 in lock-step."""
 
-    median: float = field(metadata=reported("median age", "s"))
+    median: float = field(metadata=reported("median age over the ticks", "s"))
     p95: float = field(metadata=reported("95th percentile of the age", "s"))
     largest: float = field(metadata=reported("largest age", "s"))
 
     def sentence(self) -> str:
         """Return the ages as text."""
         return f"median {self.median:.4g} s, 95 % within {self.p95:.4g} s, largest {self.largest:.4g} s"
+
+
+@dataclass(frozen=True)
+class HeldCommands:
+    """Commands on one topic in one run, (n,) arrays, and what each state shows of them.
+
+    t : simulation time of the first state after each command, s
+    acts : index of that state in the run
+    applied, superseded : whether the driveline held the command, and whether another one came before the next tick
+    stamps : stamp of the state that the command answers, ns; negative without
+    held : (m,) index of the command held through the tick before each state; -1 for none
+    values : (m,) the value of that command; NaN for none
+    """
+
+    t: Floats
+    acts: NDArray[np.int64]
+    applied: NDArray[np.bool_]
+    superseded: NDArray[np.bool_]
+    stamps: NDArray[np.int64]
+    held: NDArray[np.int64]
+    values: Floats
+
+    def counts(self, begin: float, end: float) -> Counts:
+        """Return the numbers of commands that acted after `begin` and up to `end`, s."""
+        inside = (self.t > begin + 1e-9) & (self.t <= end + 1e-9)
+        return Counts(int(self.applied[inside].sum()), int(self.superseded[inside].sum()))
+
+
+def held_commands(line: Timeline, states: JointStates, name: str) -> HeldCommands | None:
+    """Return the commands on one topic in a run; None if none were recorded.
+
+    Of the commands between two states the driveline holds the last; the others are superseded. Where the recorded input
+    differs from its value, it was not the one: the command acted a tick later, or another one of the same tick did, or
+    the driveline refused it or never received it. In ticks for which the driveline announced the fallback, none acted.
+    """
+    if name not in line.commands:
+        return None
+    rows, values, stamps = line.commands[name]
+    low, high = np.searchsorted(rows, [states.index, states.index + len(states)])
+    acts, values, stamps = np.maximum(rows[low:high] - states.index, 1), values[low:high], stamps[low:high]
+    inside = acts < len(states)
+    acts, values, stamps = acts[inside].astype(np.int64), values[inside], stamps[inside]
+    follows = _follows(line, states, name, acts)
+    good = follows[acts] & _valid(name, values)
+    shown = _shown(line, states, name)
+    if shown is not None:
+        good &= shown[acts] == values
+        late = follows[acts] & ~good & _valid(name, values) & (acts + 1 < len(states))
+        late[late] = shown[acts[late] + 1] == values[late]
+        acts, good = np.where(late, acts + 1, acts), good | late
+        order = np.argsort(acts, kind="stable")
+        acts, values, stamps, good = acts[order], values[order], stamps[order], good[order]
+    numbers = np.flatnonzero(good)
+    last = np.diff(acts[numbers], append=-1) != 0
+    applied, superseded = np.zeros(len(acts), np.bool_), np.zeros(len(acts), np.bool_)
+    applied[numbers[last]] = True
+    # A command of the same tick as an applied one, but before it, was replaced.
+    superseded = ~applied & np.isin(acts, acts[applied]) & _valid(name, values)
+    begins = acts[applied]
+    place = np.searchsorted(begins, np.arange(len(states)), side="right") - 1
+    held = np.where(follows & (place >= 0), np.flatnonzero(applied)[np.maximum(place, 0)] if applied.any() else -1, -1)
+    return HeldCommands(states.stamp_ns[acts].astype(np.float64) * 1e-9, acts, applied, superseded, stamps, held,
+                        np.where(held >= 0, values[np.maximum(held, 0)] if len(values) else np.nan, np.nan))
+
+
+def _follows(line: Timeline, states: JointStates, name: str, acts: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return for each state of a run whether a command acted in the tick before it, (n,).
+
+    Without announcements, the input counts as commanded from the first command on.
+    """
+    group = "engine" if name == INPUTS[0] else "pressure"
+    if getattr(line.scene_at(states.index).system, group).source != "topic":
+        return np.zeros(len(states), np.bool_)
+    found = line.commanded(states)[name]
+    if not line.sources:
+        found[:acts[0] if len(acts) else len(states)] = False
+    return found
+
+
+def _valid(name: str, values: Floats) -> NDArray[np.bool_]:
+    """Return which values are within the range of the input, (n,)."""
+    found = np.ones(len(values), np.bool_)
+    for value in np.unique(values):
+        try:
+            check_command(name, float(value))
+        except InputError:
+            found &= values != value
+    return found
+
+
+def _shown(line: Timeline, states: JointStates, name: str) -> Floats | None:
+    """Return the input that each state shows, if it is the command itself: an actuator changes a pressure."""
+    if name == INPUTS[0]:
+        return states.engine_torque
+    if line.scene_at(states.index).system.pressure.actuated or states.applied_pressure is None:
+        return None
+    return states.applied_pressure if np.isfinite(states.applied_pressure).any() else None
+
+
+A_YEAR = 365 * 86_400 * 1_000_000_000
+"""Time by which a stamp of the wall clock is ahead of simulation time at least, ns."""
 
 
 def held_inputs(line: Timeline) -> dict[str, HeldInput]:
@@ -71,8 +191,8 @@ def held_inputs(line: Timeline) -> dict[str, HeldInput]:
             elif topic is not None and fallback is not None:
                 held = _commanded(line, states, name)
                 topic, fallback = topic + held, fallback + span - held
-        refused = line.counts.get(f"{name} refused")
-        found[name] = HeldInput(topic, fallback, scene, refused=refused, publishers=line.publishers.get(name, 0))
+        found[name] = HeldInput(topic, fallback, scene, line.counts.get(f"{name} refused"),
+                                line.publishers.get(name, 0), *_became(line, name))
     return found
 
 
@@ -93,23 +213,81 @@ def _commanded(line: Timeline, states: JointStates, name: str) -> float:
     return total
 
 
-def command_age(line: Timeline, tick: int) -> CommandAge | None:
-    """Return the ages of the pressure commands with a stamp; None if most have none.
+def _became(line: Timeline, name: str) -> tuple[int, int, int, int]:
+    """Return the numbers of recorded, applied, superseded and ignored commands on one topic."""
+    runs = [held for states in line.runs if (held := held_commands(line, states, name)) is not None]
+    commands, applied, superseded = (sum(map(len, (held.t for held in runs))), *(
+        sum(int(getattr(held, what).sum()) for held in runs) for what in ("applied", "superseded")))
+    return commands, applied, superseded, commands - applied - superseded
+
+
+class Ages:
+    """Ages of the held pressure commands of a recording, and what their stamps are.
 
     Parameters
     ----------
     tick : time between stamps, ns
     """
-    rows, _, answers = line.commands.get("actuation_pressure", Commanded.none())
-    ages, count = [np.empty(0, np.int64)], 0
-    for states in line.runs:
-        low, high = np.searchsorted(rows, [states.index + 1, states.index + len(states)])
-        acts = np.diff(rows[low:high], append=-1) != 0  # The last of several commands before a tick acts.
-        answered, acted = answers[low:high][acts], states.stamp_ns[rows[low:high][acts] - states.index]
-        count += len(answered)
-        said = (answered > 0) & (answered >= states.stamp_ns[0]) & (answered < acted)  # 0 is no stamp.
-        ages.append(np.maximum(acted[said] - answered[said] - tick, 0))
-    every = np.concatenate(ages) * 1e-9
-    if 2 * len(every) <= count or not len(every):
-        return None
-    return CommandAge(*np.quantile(every, [0.5, 0.95, 1.0]).tolist())
+
+    def __init__(self, line: Timeline, tick: int) -> None:
+        self._line, self._tick = line, tick
+        self._runs = [(states, held) for states in line.runs
+                      if (held := held_commands(line, states, "actuation_pressure")) is not None]
+
+    @cached_property
+    def age(self) -> CommandAge | None:
+        """The ages over all ticks with a command; None if most of these commands carry no stamp of an earlier state."""
+        ages, ticks = [np.empty(0, np.int64)], 0
+        for states, held in self._runs:
+            acts = held.held >= 0
+            answered, acted = held.stamps[held.held[acts]], states.stamp_ns[acts]
+            ticks += len(acted)
+            said = (answered > 0) & (answered >= states.stamp_ns[0]) & (answered < acted)  # 0 is no stamp.
+            ages.append(np.maximum(acted[said] - answered[said] - self._tick, 0))
+        every = np.concatenate(ages) * 1e-9
+        if 2 * len(every) <= ticks or not len(every):
+            return None
+        return CommandAge(*np.quantile(every, [0.5, 0.95, 1.0]).tolist())
+
+    def stamps(self) -> Iterator[str]:
+        """Iterate over sentences on stamps that are not those of the answered states."""
+        wall = future = repeated = count = 0
+        for states, held in self._runs:
+            stamps, acted = held.stamps[held.applied], states.stamp_ns[held.acts[held.applied]]
+            ahead = stamps - acted
+            wall += int((ahead > A_YEAR).sum())
+            future += int(((ahead >= 0) & (ahead <= A_YEAR)).sum())
+            repeated += int(((np.diff(stamps) == 0) & (stamps[1:] > 0)).sum())
+            count += len(stamps)
+        if wall:
+            yield (f"{wall} of {counted(count, 'pressure command')} carry stamps of the wall clock, not of the state "
+                   "that they answer, so their age is unknown; copy the state's stamp, or set use_sim_time")
+        if future:
+            yield (f"{future} of {counted(count, 'pressure command')} carry stamps that are later than the state "
+                   "before which they acted, so their age is unknown")
+        if 2 * repeated > count:
+            yield (f"{repeated} of {counted(count, 'pressure command')} repeat the stamp of the command before, from "
+                   "which their age counts; copy the stamp of the newest state")
+
+
+def command_notes(inputs: Mapping[str, HeldInput], ages: Ages, tick: int, tracked: bool) -> Iterator[str]:
+    """Iterate over sentences on commands that did not act, acted late, or had no target.
+
+    Parameters
+    ----------
+    tick : time between stamps, ns
+    tracked : whether a target is known
+    """
+    for name, held in inputs.items():
+        if held.commands and not held.applied:
+            yield (f"none of the {counted(held.commands, 'recorded command')} on {name} was applied: the driveline "
+                   "takes commands where its source is topic, and from reliable publishers only, so check the scene "
+                   "and the publisher's quality of service")
+    yield from ages.stamps()
+    age = ages.age
+    if age is not None and tick and age.median >= tick * 1e-9 and tracked:
+        yield (f"the held pressure command was {age.median:.4g} s old (median), "
+               f"{counted(round(age.median * 1e9 / tick), 'tick')}: this delay adds to the tracking error")
+    if inputs["actuation_pressure"].applied and not tracked:
+        yield ("a controller commanded the pressure, but no target was recorded; give --target RAD_PER_S for tracking "
+               "errors and a verdict")

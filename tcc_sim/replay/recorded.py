@@ -137,7 +137,7 @@ class Recording(Result):
         """Segments, from each start, reset, restart or change of parameters to the next, with their figures."""
         timing = self._timing
         return segments_of(self.line(), timing.segment_clock, default_of(None, timing, self.scene),
-                           controlled=self.file.controlled, solver=self.file.solver)[0]
+                           solver=self.file.solver)[0]
 
     @cached_property
     def commands(self) -> Mapping[str, Command]:

@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tcc_sim.analysis.damping import damping_of_cycles
+from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.analysis.stream import CyclePiece, CycleStream
+from tcc_sim.analysis.tracking import LARGEST_BAND, target_steps
 from tcc_sim.errors import InputError, counted, printable
 from tcc_sim.model.parameters import System
 from tcc_sim.output.files import draft
@@ -20,7 +22,7 @@ from tcc_sim.recording.announcements import MOST_SCENES, MOST_SOURCES
 from tcc_sim.recording.columns import JointStates
 from tcc_sim.recording.window import Window
 from tcc_sim.replay.control import signals_of
-from tcc_sim.replay.inputs import command_age, held_inputs
+from tcc_sim.replay.inputs import Ages, command_notes, held_inputs
 from tcc_sim.replay.recorded import Recording
 from tcc_sim.replay.result import Replay
 from tcc_sim.replay.segments import MOST_SEGMENTS, segments_of
@@ -45,7 +47,8 @@ TAIL_SAMPLES = 200_000
 def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool = False, connect: str | None = None,
            discard: int | None = None, frequency: float | None = None, scene: str | None = None, verify: bool = False,
            damping: bool = False, window: Window | None = None, joints: Mapping[str, str] | None = None,
-           topic: str | None = None, driveline: int | None = None, progress: bool = False) -> Replay:
+           topic: str | None = None, driveline: int | None = None, target: float | Mapping[float, float] | None = None,
+           band: float = DEFAULTS.band, progress: bool = False) -> Replay:
     """Analyse a recording and optionally send it to Rerun.
 
     Parameters
@@ -61,6 +64,9 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
     damping : whether to compute the equivalent damping (21) of the last cycles
     window : a run and a part of its time; None for the whole recording
     joints, topic, driveline : see `replay.recorded.Recording`
+    target : slip speed that a controller was to hold, rad/s, in place of the recorded one; or slip speeds by the
+        simulation time, s, from which each holds
+    band : least error from the target that counts, rad/s, and least jump of the target that begins a segment
     progress : whether to show a progress bar on a terminal or in a notebook; elsewhere a line a minute
 
     Raises
@@ -84,6 +90,9 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
     run, own, part = recording.file, recording.scene, window or Window()
     if damping:
         _check_damping(own)
+    if not 0.0 < band <= LARGEST_BAND:
+        raise InputError(f"band is {band:g} rad/s; it must be above 0 and at most {LARGEST_BAND:g} rad/s")
+    aim = None if target is None else target_steps(target)
     with ExitStack() as stack:
         stack.enter_context(np.errstate(all="ignore"))  # A file may hold any double.
         bar = stack.enter_context(_Bar(progress))
@@ -91,13 +100,16 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
         line = whole.within(part)
         if not line.runs:
             part.refuse(run.stamps.runs)
+        if aim is not None:
+            line = line.with_target(aim)
         if damping and any(states.output_speed is not None and np.isfinite(states.output_speed).any()
                            for states in line.runs):
             raise InputError("the far end of the shaft moved; --damping is for recordings in which it stands still")
         timing = timing_of(own, frequency, line.runs, frequency_changes(run))
         where = (rrd, spawn, connect) if rrd is not None or spawn or connect is not None else None
-        view = _view(stack, printable(recording.path.name), timing, own, where, run.controlled) if where else None
-        found = _analysed(recording, line, timing, default_of(discard, timing, own), damping, view, bar, began)
+        view = _view(stack, printable(recording.path.name), timing, own, where,
+                     run.controlled or aim is not None) if where else None
+        found = _analysed(recording, line, timing, default_of(discard, timing, own), damping, view, bar, began, band)
         if verify:
             bar.begin("solving")
             found = replace(found, verification=verification_of(whole, run.size, bar.advance))
@@ -151,7 +163,7 @@ class _Bar:
 
 
 def _analysed(recording: Recording, line: Timeline, timing: Timing, discard: int | None, damping: bool,
-              view: RerunStream | None, bar: _Bar, began: float) -> Replay:
+              view: RerunStream | None, bar: _Bar, began: float, band: float) -> Replay:
     """Compute all figures except the verification."""
     run, scene, clock, system = recording.file, recording.scene, timing.clock, recording.scene.system
     if timing.source in ("given", "found"):
@@ -179,18 +191,15 @@ def _analysed(recording: Recording, line: Timeline, timing: Timing, discard: int
         warnings.append(f"{counted(stream.not_finite, 'state')} are not finite and count as lost")
     pace, note = pace_of(line)
     warnings += [note] if note else []
-    segments, count = segments_of(line, timing.segment_clock, discard, controlled=run.controlled, solver=run.solver,
-                                  elapsed_s=elapsed, stream=stream)
+    segments, count = segments_of(line, timing.segment_clock, discard, solver=run.solver, elapsed_s=elapsed,
+                                  stream=stream, band=band)
     if count > MOST_SEGMENTS:
         warnings.append(f"only the first {MOST_SEGMENTS} of {count} segments are analysed")
-    age = command_age(line, run.stamps.tick)
-    if age is not None and run.stamps.tick and age.median >= run.stamps.tick * 1e-9 and any(
-            segment.tracking is not None for segment in segments):
-        warnings.append(f"commands acted {age.median:.4g} s (median) after the state that they answer, "
-                        f"{counted(round(age.median * 1e9 / run.stamps.tick), 'tick')} late: this delay adds to the "
-                        "tracking error")
+    inputs, ages = held_inputs(line), Ages(line, run.stamps.tick)
+    tracked = any(segment.tracking is not None for segment in segments)
+    warnings += command_notes(inputs, ages, run.stamps.tick, tracked)
     return Replay(
-        inputs=held_inputs(line), command_age=age, missed_ticks=line.counts.get("missed ticks"),
+        inputs=inputs, command_age=ages.age, missed_ticks=line.counts.get("missed ticks"),
         path=recording.path, scene=scene, summary=summary,
         trajectory=trajectory_of(_end_of(states, clock.cycle), system, clock, run.solver), cycles=cycles,
         first_cycle=first, timing=timing, continuity=run.stamps, messages=run.stamps.messages,

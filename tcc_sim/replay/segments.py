@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
-from tcc_sim.analysis.control import MeansOfCycles, Tracking, tracking
-from tcc_sim.analysis.engine_clock import EngineClock
+import numpy as np
+
+from tcc_sim.analysis.engine_clock import EngineClock, Uniform, clock_of_scene
+from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.analysis.stream import CycleStream
-from tcc_sim.analysis.summary import Summary, default_discard
+from tcc_sim.analysis.summary import Summary
+from tcc_sim.analysis.tracking import Loop, LoopReader, Pressures, Tracking, target_jumps
 from tcc_sim.errors import InputError, counted
 from tcc_sim.model.parameters import values_of
-from tcc_sim.recording.columns import Commanded, JointStates
+from tcc_sim.output.tables import tracking_lines
+from tcc_sim.recording.columns import JointStates
 from tcc_sim.recording.commands import TARGET
+from tcc_sim.replay.inputs import HeldCommands, held_commands
 from tcc_sim.replay.timeline import Timeline, slip_between_gaps
 from tcc_sim.result import Described, reported
 from tcc_sim.scene import Scene
 from tcc_sim.shown_units import speed
+from tcc_sim.trajectory import Floats
 
 MOST_SEGMENTS = 1000
 """Largest number of segments that are analysed; the others are only counted."""
@@ -52,96 +58,155 @@ class Segment(Described):
                             f"{counted(s.cycles, 'cycle')}"))
         else:
             out.append(("", "no whole period of excitation after the dropped ones"))
-        if self.tracking is not None:
-            t = self.tracking
-            settled = f"settled after {t.settling_time:.4g} s" if math.isfinite(t.settling_time) else "not settled"
-            if not math.isfinite(t.mean_slip):
-                return [*out, ("", f"target {speed(t.target)}: no whole period of excitation to compare with it")]
-            out.append(("", f"target {speed(t.target)}: mean {speed(t.mean_slip)}, rms error {speed(t.rms_error, 4)}, "
-                            f"largest {speed(t.largest_error, 4)}, overshoot {speed(t.overshoot, 4)}, {settled}"))
-        return out
+        return out if self.tracking is None else [*out, *(("", text) for text in tracking_lines(self.tracking))]
 
 
 @dataclass(frozen=True)
 class Cut:
-    """A segment before analysis: states of one run, reason of the start, and first target (index of a state, value)."""
+    """A segment before analysis: its states, reason of the start, and whether the target jumps there or the run starts.
+    """
 
     states: JointStates
     began_by: str
     changes: Mapping[str, object]
     scene: Scene
-    target: tuple[int, float] | None
+    stepped: bool
 
 
-def cuts_of(line: Timeline) -> list[Cut]:
-    """Split a recording into segments."""
-    rows, values, _ = line.commands.get(TARGET, Commanded.none())
-    targets, changes = deque(zip(rows.tolist(), values.tolist())), deque(line.changes)
-    found: list[Cut] = []
+def cuts_of(line: Timeline, band: float = DEFAULTS.band, clock: EngineClock | None = None) -> list[list[Cut]]:
+    """Split the runs of a recording into segments.
+
+    Parameters
+    ----------
+    band : least jump of the target that begins a segment, rad/s
+    clock : start times of engine cycles; None for those of each scene
+    """
+    changes = deque(line.changes)
+    found: list[list[Cut]] = []
     scene, target = line.scene, None
     for states in line.runs:
-        opened: Cut | None = None
-        inside = {index for index, _ in (*changes, *targets) if states.index < index < states.index + len(states)}
+        end = states.index + len(states)
+        reference = line.target_in(states)
+        cycle = (clock or clock_of_scene(line.scene_at(states.index).system)).cycle
+        jumps = target_jumps(reference, band, DEFAULTS.settled_cycles * cycle)
+        at = states.index + np.searchsorted(states.stamp_ns, np.rint(jumps.t * 1e9).astype(np.int64))
+        targets = {index: value for index, value in zip(at.tolist(), jumps.values.tolist()) if index < end}
+        if len(reference.t) and reference.t[0] * 1e9 <= states.stamp_ns[0] + 0.5:
+            targets.setdefault(states.index, float(reference.values[0]))
+        cuts: list[Cut] = []
+        inside = {index for index in (*(index for index, _ in changes), *targets) if states.index < index < end}
         for index in [states.index, *sorted(inside)]:
-            before, aim = dict(values_of(scene.system)), target
+            before = dict(values_of(scene.system))
             while changes and changes[0][0] <= index:
                 scene = changes.popleft()[1]
-            while targets and targets[0][0] <= index:
-                target = targets.popleft()[1]
             changed: dict[str, object] = {key: value for key, value in values_of(scene.system) if value != before[key]}
-            if aim is not None and target != aim:
-                changed[TARGET] = target
-            if opened is None or changed:
-                if opened is not None:
-                    found.append(replace(opened, states=opened.states[:index - opened.states.index]))
-                opened = Cut(states[index - states.index:], "parameters" if opened else states.began.value, changed,
-                             scene, None)
-            if opened.target is None and target is not None:
-                opened = replace(opened, target=(index, target))
-        if opened is not None:
-            found.append(opened)
+            if index in targets:
+                if target not in (None, targets[index]):
+                    changed[TARGET] = targets[index]
+                target = targets[index]
+            if not cuts or changed:
+                if cuts:
+                    cuts[-1] = replace(cuts[-1], states=cuts[-1].states[:index - cuts[-1].states.index])
+                cuts.append(Cut(states[index - states.index:], "parameters" if cuts else states.began.value, changed,
+                                scene, not cuts or TARGET in changed))
+        if len(reference.t):
+            target = float(reference.values[-1])
+        found.append(cuts)
     return found
 
 
-def segments_of(line: Timeline, clock: EngineClock | None, discard: int | None, *, controlled: bool, solver: str,
-                elapsed_s: float = 0.0, stream: CycleStream | None = None) -> tuple[tuple[Segment, ...], int]:
+def segments_of(line: Timeline, clock: EngineClock | None, discard: int | None, *, solver: str, elapsed_s: float = 0.0,
+                stream: CycleStream | None = None, band: float = DEFAULTS.band) -> tuple[tuple[Segment, ...], int]:
     """Return the analysed first MOST_SEGMENTS segments, and the number of all segments.
 
     Parameters
     ----------
     clock : start times of engine cycles in every segment; None for each scene's own frequency
-    discard : number of engine cycles dropped from each segment; None for the default
-    controlled : whether a target slip speed was recorded
+    discard : number of engine cycles dropped from each segment; None for the default, which drops none from its
+        tracking
     solver, elapsed_s : values for the summaries
     stream : cycles of the whole recording, used if every segment is a run
+    band : least error of a controlled run that counts, rad/s
     """
-    cuts = cuts_of(line)
-    shared = stream if not line.changes and not controlled else None
-    found = [_judged(cut, clock, shared, discard) for cut in cuts[:MOST_SEGMENTS]]
-    return tuple(s if s.summary is None else replace(s, summary=replace(s.summary, solver=solver, elapsed_s=elapsed_s))
-                 for s in found), len(cuts)
+    runs = cuts_of(line, band, clock)
+    shared = stream if not line.changes and all(len(cuts) == 1 for cuts in runs) else None
+    found: list[Segment] = []
+    for cuts in runs:
+        judge = _Judge(line, cuts, clock, band)
+        for cut in cuts[:MOST_SEGMENTS - len(found)]:
+            segment = Segment(int(cut.states.stamp_ns[0]) * 1e-9, int(cut.states.stamp_ns[-1]) * 1e-9, cut.began_by,
+                              cut.changes, _summary(cut, clock, shared, discard), judge.tracking(cut, discard or 0))
+            found.append(segment if segment.summary is None else replace(
+                segment, summary=replace(segment.summary, solver=solver, elapsed_s=elapsed_s)))
+    return tuple(found), sum(map(len, runs))
 
 
-def _judged(cut: Cut, clock: EngineClock | None, shared: CycleStream | None, discard: int | None) -> Segment:
-    """Analyse one segment."""
-    states, stream = cut.states, shared or CycleStream(cut.scene.system, clock)
+def _summary(cut: Cut, clock: EngineClock | None, shared: CycleStream | None, discard: int | None) -> Summary | None:
+    """Return the summary of a segment; None without a whole cycle."""
+    stream = shared or CycleStream(cut.scene.system, clock)
     if shared is None:
-        for block in states.blocks():
+        for block in cut.states.blocks():
             stream.feed_states(block)
-    summary: Summary | None = None
-    if states.run in stream.numbers:
+    if cut.states.run in stream.numbers:
         with suppress(InputError):
-            summary = stream.summary(discard, number=stream.numbers[states.run])
-    judged = None
-    if cut.target is not None:
-        first, target = cut.target
-        running = MeansOfCycles(stream.clock)
-        for after_gap, t, slip in slip_between_gaps(states[first - states.index:], stream.continuity.tick):
+            return stream.summary(discard, number=stream.numbers[cut.states.run])
+    return None
+
+
+class _Judge:
+    """Tracking of the segments of one run, whose cycles are read once."""
+
+    def __init__(self, line: Timeline, cuts: list[Cut], clock: EngineClock | None, band: float) -> None:
+        self._line, self._cuts, self._band = line, cuts, band
+        self._states = next(states for states in line.runs if states.run == cuts[0].states.run)
+        self._clock = clock or clock_of_scene(cuts[0].scene.system)
+        # Without pulsation any slice of time gives the mean.
+        self._slices = isinstance(self._clock, Uniform) and not self._clock.told and _steps_only(
+            self._states.engine_torque)
+        if self._slices:
+            self._clock = Uniform(self._clock.cycle)
+        self._reference = line.target_in(self._states)
+
+    def tracking(self, cut: Cut, discard: int) -> Tracking | None:
+        """Return the tracking of a segment from its first target on; None without a target."""
+        begin, end = (float(cut.states.stamp_ns[k]) * 1e-9 for k in (0, -1))
+        reference = self._reference
+        if not len(reference.t) or reference.t[0] > end:
+            return None
+        late = float(reference.t[0]) > begin + 1e-9
+        begin = max(begin, float(reference.t[0]))
+        return self._loop.tracking(begin, end, stepped=cut.stepped or late, discard=discard,
+                                   commands=self._held.counts(begin, end) if self._held is not None else None)
+
+    @cached_property
+    def _held(self) -> HeldCommands | None:
+        """The pressure commands of the run; None if none were recorded."""
+        return held_commands(self._line, self._states, "actuation_pressure")
+
+    @cached_property
+    def _loop(self) -> Loop:
+        """The run as a loop."""
+        states = self._states
+        reader, stream = LoopReader(self._clock), CycleStream(self._cuts[0].scene.system, self._clock)
+        for block in states.blocks():
+            reader.extremes(stream.feed_states(block))
+        for after_gap, t, slip in slip_between_gaps(states, stream.continuity.tick):
             if after_gap:
-                running.interrupt()
-            running.feed(t, slip, states.run)
-        means = running.means()
-        dropped = default_discard(len(means)) if discard is None else discard
-        judged = tracking(target, means, stream.clock.cycle, dropped)
-    return Segment(int(states.stamp_ns[0]) * 1e-9, int(states.stamp_ns[-1]) * 1e-9, cut.began_by, cut.changes, summary,
-                   judged)
+                reader.interrupt()
+            reader.feed(t, slip, states.run)
+        pressure = states.applied_pressure
+        if pressure is None and self._held is not None:
+            pressure = self._held.values
+        bridged = [gap for run in stream.runs for gap in run.gaps
+                   if gap[1] - gap[0] <= DEFAULTS.bridged * stream.continuity.tick_s]
+        why = "" if self._clock.told else "periods of excitation could not be identified, so there is no cycle mean"
+        note = f"; means over {self._clock.cycle:.3g} s, as the engine torque does not pulsate" if self._slices else ""
+        return Loop(reader.course(), self._reference, None if pressure is None else Pressures(
+            states.stamp_ns.astype(np.float64) * 1e-9, pressure), floor=self._band, why=why, note=note,
+            bridged=np.array(bridged).reshape(-1, 2))
+
+
+def _steps_only(torque: Floats) -> bool:
+    """Return whether a torque, (n,) in N m, is constant apart from a few steps."""
+    torque = torque[np.isfinite(torque)]
+    return len(torque) > 0 and 100 * np.count_nonzero(np.diff(torque)) < len(torque)

@@ -10,7 +10,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from tcc_sim.analysis.control import Steps
 from tcc_sim.analysis.engine_clock import EngineClock
+from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
 from tcc_sim.recording.announcements import MOST_SCENES, InputSource, SceneRecord
@@ -86,11 +88,30 @@ class Timeline:
         last = np.searchsorted(begins, states.index + np.arange(len(states)), side="right") - 1
         return {name: np.array([name in held for _, held in self.sources])[np.maximum(last, 0)] for name in INPUTS}
 
-    def target_before(self, index: int) -> float | None:
-        """Return the last target slip speed before a state, or None."""
+    def target_in(self, states: JointStates) -> Steps:
+        """Return the target slip speed in a run, rad/s.
+
+        That of the run before applies until a new one is published.
+        """
         rows, values, _ = self.commands.get(TARGET, Commanded.none())
-        count = int(np.searchsorted(rows, index))
-        return float(values[count - 1]) if count else None
+        low, high = np.searchsorted(rows, [states.index, states.index + len(states)])
+        at, found = rows[low:high] - states.index, values[low:high]
+        if low and not (len(at) and at[0] == 0):
+            at, found = np.append(0, at), np.append(values[low - 1], found)
+        last = np.diff(at, append=-1) != 0
+        return Steps(states.stamp_ns[at[last]] * 1e-9, found[last])
+
+    def with_target(self, target: Steps) -> Timeline:
+        """Return the timeline with a target, rad/s from times (s) of every run on, in place of the recorded one."""
+        rows, values = [], []
+        for states in self.runs:
+            at = np.searchsorted(states.stamp_ns, np.rint(target.t * 1e9).astype(np.int64))
+            inside = at < len(states)
+            rows.append(states.index + at[inside])
+            values.append(target.values[inside])
+        row = np.concatenate([np.empty(0, np.int64), *rows])
+        given = Commanded(row, np.concatenate([np.empty(0), *values]), np.full(len(row), -1))
+        return replace(self, commands={**self.commands, TARGET: given})
 
 
 def _within(runs: Sequence[JointStates], every: Commanded) -> Commanded:
@@ -183,6 +204,8 @@ def _chosen(sure: list[list[int]], likely: list[list[int]], possible: list[list[
 def slip_between_gaps(states: JointStates, tick: int) -> Iterator[tuple[bool, Floats, Floats]]:
     """Iterate over gap-free parts of the finite slip speeds of a run: whether a gap precedes, times (s), slip speeds.
 
+    A single lost state is no gap.
+
     Parameters
     ----------
     tick : time between stamps, ns; 0 if unknown
@@ -192,7 +215,7 @@ def slip_between_gaps(states: JointStates, tick: int) -> Iterator[tuple[bool, Fl
         slip = block.flywheel_speed - block.plate_speed
         finite = np.isfinite(slip)
         stamps, slip = block.stamp_ns[finite], slip[finite]
-        gaps = np.flatnonzero(2 * np.diff(stamps, prepend=before) > 3 * tick).tolist() if tick else []
+        gaps = np.flatnonzero(np.diff(stamps, prepend=before) > DEFAULTS.bridged * tick).tolist() if tick else []
         for begin, end in zip([0, *gaps], [*gaps, len(stamps)]):
             if end > begin:
                 yield begin in gaps, stamps[begin:end].astype(np.float64) * 1e-9, slip[begin:end]

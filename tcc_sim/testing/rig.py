@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping
 
@@ -72,6 +73,7 @@ class Rig:
         self._target_topic = subscribe(self._node, Float64, "target_slip_speed", LATCHED)
         self._timed: set[str] = set()
         self._target: float | None = None
+        self._last_mean = math.nan
         self._worker = Worker()
         self._changes = TimedChanges(rate)
         self._commands: list[CommandedInput] = []
@@ -205,7 +207,8 @@ class Rig:
         samples = Samples(self._plant)
         samples.add(self._plant, self._plant.reading(), *self._held())
         before = {command.name: command.refused for command in commands}
-        missed, current = 0, self._target_from(target, None, 0)
+        missed, targets = 0, list[tuple[float, int]]()
+        self._take_target(target, targets, 0)
         for _ in range(count):
             if self._plant.stepper.tick % SERVED == 0:
                 self._requests.spin_once(timeout_sec=0.0)
@@ -217,12 +220,15 @@ class Rig:
             self._loop.step()
             self._loop.outputs.flush()
             samples.add(self._plant, self._plant.reading(), *self._held())
-            current = self._target_from(target, current, len(samples) - 1)
+            self._take_target(target, targets, len(samples) - 1)
             self._worker.beat()
         self._under_test.settle()
         refused = sum(command.refused - before[command.name] for command in commands)
-        return LockstepRun(**samples.columns(self._plant), refused=refused, missed=missed,  # type: ignore[arg-type]
-                         refusal=next((command.refusal for command in commands if command.refusal), ""), target=current)
+        run = LockstepRun(**samples.columns(self._plant), refused=refused, missed=missed,  # type: ignore[arg-type]
+                          refusal=next((command.refusal for command in commands if command.refusal), ""),
+                          targets=tuple(targets), before=self._last_mean if samples.begins_later else math.nan)
+        self._last_mean = run.last_mean
+        return run
 
     def _begin(self) -> list[CommandedInput]:
         """Return the inputs with a publisher, and publish the initial state once."""
@@ -307,18 +313,21 @@ class Rig:
             missed += command in awaited and command.received == received
         return missed
 
-    def _held(self) -> tuple[float | None, float | None]:
-        """Return the commanded engine torque (N m) and pressure (Pa), None without a command."""
-        return tuple(None if command is None else command.value  # type: ignore[return-value]
-                     for command in (self._loop.engine_command, self._loop.pressure_command))
+    def _held(self) -> tuple[float | None, float | None, int]:
+        """Return the commanded engine torque (N m) and pressure (Pa), None without a command, and the number of
+        accepted pressure commands.
+        """
+        torque, pressure = self._loop.engine_command, self._loop.pressure_command
+        return (None if torque is None else torque.value, None if pressure is None else pressure.value,
+                0 if pressure is None else pressure.received)
 
-    def _target_from(self, given: float | None, before: tuple[float, int] | None,
-                     sample: int) -> tuple[float, int] | None:
-        """Return the target (given or last published), rad/s, with its first sample; `before` if it is unchanged."""
+    def _take_target(self, given: float | None, targets: list[tuple[float, int]], sample: int) -> None:
+        """Append the target (given or last published), rad/s, with its first sample if it is new."""
         for data, _ in poll(self._target_topic):
             self._target = cdr.read_float64(data)
         target = self._target if given is None else given
-        return before if target is None or (before is not None and before[0] == target) else (target, sample)
+        if target is not None and (not targets or targets[-1][0] != target):
+            targets.append((target, sample))
 
     def _now(self) -> str:
         """Return the simulation time as text."""

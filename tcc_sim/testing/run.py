@@ -15,7 +15,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from tcc_sim.analysis.control import Steps, Tracking
+from tcc_sim.analysis.control import Steps
+from tcc_sim.analysis.tracking import Tracking
 from tcc_sim.background import begun
 from tcc_sim.errors import InputError, TccError
 from tcc_sim.plant.closed_loop import ControlledRun
@@ -37,29 +38,36 @@ class LockstepRun(ControlledRun):
     """Trajectory of a driveline under the commands of the nodes under test.
 
     missed : number of ticks in which an awaited input had no new command: it was dropped, late, or refused
-    target : target slip speed, rad/s, and its first sample; None without a target
+    targets : every target slip speed, rad/s, with its first sample
     """
 
     missed: int = 0
-    target: tuple[float, int] | None = None
+    targets: tuple[tuple[float, int], ...] = ()
+
+    @property
+    def target(self) -> tuple[float, int] | None:
+        """The last target slip speed, rad/s, and its first sample; None without a target."""
+        return self.targets[-1] if self.targets else None
 
     def target_steps(self) -> Steps:
-        """Return the last target slip speed, rad/s, as a step at its first sample."""
-        return Steps.none() if self.target is None else Steps(self.t[self.target[1]:][:1], np.array([self.target[0]]))
+        """Return the target slip speed, rad/s."""
+        return Steps(self.t[[sample for _, sample in self.targets]], np.array([value for value, _ in self.targets]))
 
     @cached_property
     def tracking(self) -> Tracking:
-        """Tracking error of the slip speed's cycle means since the last change of the target.
+        """Tracking error of the slip speed's cycle means since the last jump of the target.
 
         Raises
         ------
         InputError
             There is no target.
         """
-        if self.target is None:
+        if not self.targets:
             raise InputError("no target: no node published target_slip_speed, and run(target=...) was not given")
-        target, since = self.target
-        return self.tracking_of(target, since)
+        reference = self.target_steps()
+        jumps = self._loop(reference).jumps.t
+        since = int(np.searchsorted(self.t, jumps[-1] if len(jumps) else reference.t[0]))
+        return self._tracking(reference, since)
 
 
 class GivenUp(BaseException):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from contextlib import suppress
 from dataclasses import fields
 
 import numpy as np
@@ -11,9 +12,11 @@ import pytest
 from diagnostics_by_hand import diagnostics
 from driveline_bags import START, TICK, bag, by_hand, ticked
 
-from tcc_sim.analysis.control import Tracking
+import tcc_sim
+from tcc_sim.analysis.tracking import Tracking
 from tcc_sim.cli import main
 from tcc_sim.messages import cdr
+from tcc_sim.plant.slip_control import SlipController, Tuning
 from tcc_sim.recording.announcements import holding_from
 from tcc_sim.replay.recorded import read
 from tcc_sim.replay.replay import replay
@@ -111,14 +114,68 @@ def test_a_recorded_target_is_judged_and_a_new_one_begins_a_segment(tmp_path, ca
     for segment, target, step in ((first, 20.0, 130.0), (second, 50.0, -30.0)):
         judged = segment["tracking"]
         assert set(judged) == {item.name for item in fields(Tracking)}
-        assert judged["target"] == target
+        assert (judged["target"], judged["verdict"]) == (target, "settled")
         assert judged["mean_slip"] == pytest.approx(target, abs=0.01 * abs(step))
         assert judged["overshoot"] == pytest.approx(0.0, abs=1e-9)
-        band = 0.02 * max(abs(step), target)
-        assert judged["settling_time"] == pytest.approx(math.log(abs(step) / band) / 4.0, abs=2 * 2.0 * math.pi / 150.0)
+        assert judged["band"] == pytest.approx(0.02 * abs(step), rel=0.02)
+        assert judged["settling_time"] == pytest.approx(math.log(50.0) / 4.0, abs=2 * 2.0 * math.pi / 150.0)
     text = capsys.readouterr().out
     assert "target 20 rad/s: mean 20" in text
+    assert "settled after" in text
     assert "target_slip_speed = 50.0" in text
+
+
+def test_a_target_that_is_given_is_that_of_a_recorded_one(tmp_path):
+    rows = [*controlled(20.0), *shifted(controlled(50.0, start=20.0), 3001)]
+    recorded = replay(bag(tmp_path / "one", rows, SLIP, targets=[(0, 20.0), (3001, 50.0)])).segments
+    bare = bag(tmp_path / "two", rows, SLIP)
+    given = replay(bare, target={0.0: 20.0, 3.0005: 50.0})
+    assert [s.tracking for s in given.segments] == [s.tracking for s in recorded]
+    assert given.segments[1].changes == {"target_slip_speed": 50.0}
+    (whole,) = replay(bare, target=20.0).segments
+    assert whole.tracking.verdict == "off target"
+    assert "target_slip_speed" not in whole.changes
+
+
+@pytest.mark.parametrize(("words", "text"), [
+    (["--target", "fast"], "'fast' must be a slip speed in rad/s, or T:V,T:V with times in s"),
+    (["--target", "0:20,0:30"], "has two targets for one time"),
+    (["--target", "1e7"], "target is 1e+07 rad/s; it must be -100000 to 100000 rad/s"),
+    (["--target", "20", "--band", "0"], "band is 0 rad/s; it must be above 0 and at most 10000 rad/s")])
+def test_a_wrong_target_or_band_is_refused(tmp_path, capsys, words, text):
+    path = bag(tmp_path / "run", controlled(20.0, seconds=0.3), SLIP)
+    with suppress(SystemExit):
+        assert main(["analyse", str(path), *words]) == 2
+    assert text in capsys.readouterr().err
+
+
+def test_a_run_and_its_recording_have_one_tracking(tmp_path):
+    """The same samples by closed_loop and from a bag; the target jumps at 1.5 s."""
+    law = SlipController(Tuning())
+
+    def answer(reading):
+        law.target = 20.0 if reading.stamp_ns <= 1.5e9 else 30.0
+        return law.update(reading.slip_speed, reading.engine_torque)
+
+    scene = load_scene("controlled")
+    run = tcc_sim.closed_loop(scene, answer, 3.0)
+    rows = [(round(t * 1e9), angle, plate, v + speed, speed, engine, friction, pressure) for
+            t, angle, plate, v, speed, engine, friction, pressure in zip(
+                run.t, run.flywheel_angle, run.plate_angle, run.slip_speed, run.plate_speed, run.engine_torque,
+                run.friction_torque, run.applied_pressure)]
+    path = bag(tmp_path / "run", rows, scene, targets=[(0, 20.0), (1500, 30.0)])
+    of_bag = [s.tracking for s in replay(path).segments]
+    whole, jump = run.tracking_of({0.0: 20.0, 1.5: 30.0}), run.tracking_of({0.0: 20.0, 1.5: 30.0}, since=1500)
+    assert len(of_bag) == 2
+    beside = {"command_rate", "commands_applied", "commands_superseded"}
+    for name in {item.name for item in fields(Tracking)} - beside:
+        expected = getattr(jump, name)
+        if isinstance(expected, float):
+            assert getattr(of_bag[1], name) == pytest.approx(expected, rel=1e-9, abs=1e-9, nan_ok=True), name
+        elif name != "limits":
+            assert getattr(of_bag[1], name) == expected, name
+    assert jump.verdict == "settled"
+    assert whole.target_low < whole.target_high == 30.0
 
 
 def test_a_target_that_becomes_known_later_is_judged_from_there_on(tmp_path):
@@ -231,6 +288,6 @@ def test_the_age_of_commands_is_that_of_the_states_they_answer(tmp_path, late):
     age = found.as_json()["command_age"]
     same = dict.fromkeys(("median", "p95", "largest"), (late or 0) * 1e-3)
     assert age == (None if late is None else pytest.approx(same, abs=1e-12))
-    assert any("7 ticks late" in text for text in found.warnings) is (late == 7)
+    assert any("7 ticks: this delay adds" in text for text in found.warnings) is (late == 7)
     held = found.inputs["actuation_pressure"]
     assert (held.publishers, held.refused, found.missed_ticks) == (2, 7, 6)

@@ -8,4 +8,4 @@ def test_a_timer_of_5_ms_holds_the_target(driveline):
     plant.add(TimedController(parameter_overrides=[Parameter("use_sim_time", value=True)]))
     run = plant.run(seconds=2.4, target=20.0)
     assert abs(run.slip_speed[-1000:].mean() - 20.0) < 0.5
-    assert run.tracking.rms_error < 1.0
+    assert run.tracking.verdict == "settled"

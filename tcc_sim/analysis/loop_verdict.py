@@ -1,0 +1,347 @@
+"""LoopVerdict on the end of a controlled run, from the errors of its cycle means: settled or not, and why.
+
+An error is followed as swings between turning points. After a step, the swing from the start to the first turning point
+is the approach to the target and does not count as an oscillation.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tcc_sim.analysis.settings import DEFAULTS
+from tcc_sim.errors import counted
+from tcc_sim.shown_units import speed
+from tcc_sim.trajectory import Floats
+
+
+class LoopVerdict(Enum):
+    """Verdicts on a controlled run, in the order in which they are examined."""
+
+    UNKNOWN = "unknown"
+    SATURATED = "saturated"
+    STICKING = "sticking"
+    GROWING = "growing"
+    HUNTING = "hunting"
+    SETTLED = "settled"
+    OFF_TARGET = "off target"
+    TOO_SHORT = "too short"
+
+
+class Judged(NamedTuple):
+    """A verdict with its reason in a sentence, and the figures that belong to it (NaN: they do not).
+
+    since : index of the first cycle that counts as settled
+    amplitude, period : of an oscillation, rad/s and s
+    """
+
+    verdict: LoopVerdict
+    why: str
+    since: int = -1
+    amplitude: float = math.nan
+    period: float = math.nan
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of the cycle means of a segment.
+
+    t, error : (n,) middle of each observed cycle, s, and mean slip speed minus target in it, rad/s
+    reference : (n,) target in each cycle, rad/s
+    starts, ends : (n,) of the cycles, s
+    step : step of the reference from the last value before the segment, rad/s; 0 without
+    band : size of the error that counts as settled, rad/s
+    floor : the same for a step of any size, rad/s: smaller oscillations do not count
+    """
+
+    t: Floats
+    error: Floats
+    reference: Floats
+    starts: Floats
+    ends: Floats
+    step: float
+    band: float
+    floor: float
+
+    @property
+    def arrived(self) -> int:
+        """Index of the first cycle after a step whose mean has reached the target; the number of cycles if none has."""
+        if abs(self.step) <= self.floor:
+            return 0
+        there = np.flatnonzero((np.abs(self.error) <= self.band) | (self.error * self.step > 0.0))
+        return int(there[0]) if len(there) else len(self.error)
+
+    @property
+    def inside_from(self) -> int:
+        """Index of the first cycle from which on all errors are within the band."""
+        outside = np.flatnonzero(np.abs(self.error) > self.band)
+        return int(outside[-1]) + 1 if len(outside) else 0
+
+
+class Swings(NamedTuple):
+    """Complete swings of a signal: their sizes, rad/s, durations, s, and the time from the last one to the end, s.
+
+    cut : whether the end cuts the last one
+    flat : whether they are events with rest between them: few swings, with the signal near its median for most of the
+        time
+    """
+
+    sizes: Floats
+    durations: Floats
+    quiet: float
+    cut: bool = False
+    flat: bool = False
+
+    @property
+    def period(self) -> float:
+        """Period of the last swings, s: the upper median of two in succession."""
+        last = self.durations[-DEFAULTS.swings:]
+        pairs = np.sort(last[1:] + last[:-1]) if len(last) > 1 else 2.0 * last
+        return float(pairs[len(pairs) // 2])
+
+    @property
+    def alive(self) -> bool:
+        """Whether the end comes so soon after the last swing that another one may follow."""
+        return len(self.sizes) > 0 and self.quiet < DEFAULTS.alive * self.period and not self.flat
+
+
+def turning_points(signal: Floats, reversal: float) -> NDArray[np.int64]:
+    """Return the indices of alternating maxima and minima that a reversal larger than `reversal` confirms."""
+    found: list[int] = []
+    values = signal.tolist()
+    low = high = 0
+    rising = 0
+    for k, value in enumerate(values):
+        if value > values[high]:
+            high = k
+        if value < values[low]:
+            low = k
+        if rising >= 0 and values[high] - value > reversal:
+            found.append(high)
+            rising, low = -1, k
+        elif rising <= 0 and value - values[low] > reversal:
+            found.append(low)
+            rising, high = 1, k
+    return np.array(found, dtype=np.int64)
+
+
+def swings_of(t: Floats, signal: Floats, floor: float, from_start: bool = False) -> Swings:
+    """Return the complete swings of a signal, (n,) arrays.
+
+    A swing that the end cuts counts if it is nearly as large as the others. Noise on a slow swing would cut it into
+    pieces: of reversals of an eighth and a third of the range of the second half, the first whose swings are regular
+    counts.
+
+    Parameters
+    ----------
+    floor : least reversal that ends a swing
+    from_start : whether the same holds for the swing from the start, as no step leads to it
+    """
+    second = signal[len(signal) // 2:]
+    found = Swings(np.empty(0), np.empty(0), math.inf)
+    for part in DEFAULTS.reversals:
+        reversal = max(floor, part * float(np.ptp(second)) if len(second) else 0.0)
+        points = turning_points(signal, reversal)
+        if len(points) and abs(signal[points[0]] - signal[0]) < reversal:
+            points = points[1:]  # No swing leads to it.
+        if not len(points):
+            break
+        sizes = np.abs(np.diff(signal[points]))
+        if not len(sizes):
+            break
+        whole = DEFAULTS.nearly * float(np.median(sizes))
+        if from_start and abs(signal[points[0]] - signal[0]) >= whole:
+            points = np.append(0, points)
+        cut = bool(abs(signal[-1] - signal[points[-1]]) >= whole)
+        if cut:
+            points = np.append(points, len(signal) - 1)
+        sizes = np.abs(np.diff(signal[points]))
+        between = signal[points[0]:points[-1] + 1]
+        away = np.abs(between - np.median(between))
+        near = np.count_nonzero(away <= max(floor, float(np.median(sizes)) / 6.0)) > 0.5 * len(away)
+        found = new = Swings(sizes, np.diff(t[points]), float(t[-1] - t[points[-1]]), cut,
+                             bool(near) and len(sizes) < DEFAULTS.swings)
+        if _regular(new):
+            break
+    return found
+
+
+def _regular(swings: Swings) -> bool:
+    """Return whether the last periods, of two swings each, last equally long."""
+    last = swings.durations[-DEFAULTS.swings:]
+    last = last[1:] + last[:-1]
+    return len(last) < 2 or float(last.std()) <= DEFAULTS.irregular * float(last.mean())
+
+
+def loop_verdict(errors: Errors, whole: float) -> Judged:
+    """Return the verdict on the errors of a segment that neither a limit of the pressure nor stick explains.
+
+    Parameters
+    ----------
+    whole : length of the segment, s
+    """
+    n = len(errors.error)
+    if n < DEFAULTS.settled_cycles:
+        return Judged(LoopVerdict.TOO_SHORT, f"{counted(n, 'whole period')} of excitation; a verdict needs "
+                                         f"{DEFAULTS.settled_cycles}")
+    first = errors.arrived if errors.arrived < n else 0
+    free, forced = _without_forced(errors, first)
+    swings = swings_of(errors.t[first:], free[first:], errors.floor, errors.step == 0.0)
+    found = _oscillating(swings, errors, free) or _running_away(errors, whole)
+    return found or _at_the_end(errors, swings, forced)
+
+
+def _oscillating(swings: Swings, errors: Errors, free: Floats) -> Judged | None:
+    """Return the verdict on an oscillation that is still there at the end, if it neither decays nor is too small.
+
+    Within the band only a regular oscillation counts: the rest is noise.
+    """
+    if len(swings.sizes) < DEFAULTS.fewest_swings or not swings.alive:
+        return None
+    whole = slice(None, -1 if swings.cut and len(swings.sizes) > DEFAULTS.fewest_swings else None)
+    sizes, durations = swings.sizes[whole], swings.durations[whole]
+    last = slice(-max(DEFAULTS.swings, len(sizes) // 2), None)
+    middle = (np.cumsum(durations) - 0.5 * durations)[last]
+    sizes, durations = sizes[last], durations[last]
+    rate, start = np.polyfit(middle - middle[0], np.log(sizes), 1)
+    span = float(middle[-1] - middle[0])
+    scatter = float(np.std(np.log(sizes) - start - rate * (middle - middle[0])))
+    least = max(DEFAULTS.growth_of_swings, DEFAULTS.scatter * scatter)
+    cycle = float(np.median(errors.ends - errors.starts))
+    amplitude = 0.5 * float(np.median(sizes)) / max(float(np.sinc(cycle / swings.period)), 0.5)
+    if amplitude <= errors.floor:
+        return None
+    if rate * span < -least and _decays_on(swings, float(rate)):
+        return None
+    if len(sizes) < DEFAULTS.swings and not (_regular(swings) and scatter <= DEFAULTS.irregular):
+        return None
+    part = errors.t >= errors.t[-1] - swings.quiet - float(durations.sum())
+    share, period = _line(errors.t[part], free[part], swings.period)
+    regular = share >= DEFAULTS.coherent
+    period = period if regular else swings.period
+    if not regular and float(np.abs(errors.error[part]).max()) <= errors.band:
+        return None
+    grows_on = math.log(float(sizes[-1] / sizes[-2])) > DEFAULTS.decays_on * rate * float(middle[-1] - middle[-2])
+    if rate * span > least and grows_on:
+        return Judged(LoopVerdict.GROWING, f"an oscillation with a period of {period:.3g} s grows by a factor of "
+                      f"{math.exp(rate):.3g} per second, to +-{speed(0.5 * sizes[-1], 3)}", -1, 0.5 * float(sizes[-1]),
+                      period)
+    how = "with a period of" if regular or _regular(swings) else "irregularly, about every"
+    return Judged(LoopVerdict.HUNTING, f"the mean oscillates by +-{speed(amplitude, 3)} {how} {period:.3g} s", -1,
+                  amplitude, period)
+
+
+def _decays_on(swings: Swings, rate: float) -> bool:
+    """Return whether the last two swings are smaller than those before as the rate (1/s) of a decay lets expect.
+
+    A decay towards an oscillation of lasting size ends.
+    """
+    sizes = swings.sizes
+    if len(sizes) < 4:
+        return True
+    apart = 0.5 * float(swings.durations[-4:].sum())
+    return math.log(float(sizes[-2:].mean()) / float(sizes[-4:-2].mean())) < DEFAULTS.decays_on * rate * apart
+
+
+def _line(t: Floats, signal: Floats, period: float) -> tuple[float, float]:
+    """Return the part of a signal's variance that a sine of about this period, s, holds, and its best period."""
+    about, best = signal - signal.mean(), (0.0, period)
+    for near in (np.linspace(0.8, 1.25, 19), np.linspace(0.98, 1.02, 9)):
+        for each in best[1] * near:
+            phase = 2.0 * math.pi / each * t
+            columns = np.stack([np.cos(phase), np.sin(phase)], axis=1)
+            part = columns @ np.linalg.lstsq(columns, about, rcond=None)[0]
+            best = max(best, (float(part @ part), float(each)))
+    return best[0] / max(float(about @ about), 1e-300), best[1]
+
+
+def _running_away(errors: Errors, whole: float) -> Judged | None:
+    """Return the verdict on an error that grows to the end without oscillation, for a fifth of the segment."""
+    each = max(len(errors.error) // DEFAULTS.blocks, 1)
+    count = len(errors.error) // each
+    tail = slice(len(errors.error) - count * each, None)
+    error, t = (column[tail].reshape(count, each).mean(axis=1) for column in (errors.error, errors.t))
+    sign = math.copysign(1.0, error[-1])
+    back = np.flatnonzero((np.diff(error) * sign <= 0.0) | (error[1:] * sign <= errors.band))
+    begin = int(back[-1]) + 1 if len(back) else 0
+    if (count - begin) * each < DEFAULTS.growing_cycles or t[-1] - t[begin] < 0.2 * whole:
+        return None
+    third = (count - begin) // 3
+    early, middle, late = (sign * float(error[k]) for k in (-1 - 2 * third, -1 - third, -1))
+    if late - middle <= DEFAULTS.slowing * (middle - early):
+        return None
+    rate = (late - middle) / float(t[-1] - t[-1 - third])
+    return Judged(LoopVerdict.GROWING, f"the error grows to the end, last by {speed(rate, 3)} per second")
+
+
+def _at_the_end(errors: Errors, swings: Swings, forced: bool) -> Judged:
+    """Return the verdict on an error without lasting oscillation: settled, off target, or still moving."""
+    n, since = len(errors.error), errors.inside_from
+    if n - since >= DEFAULTS.settled_cycles:
+        rest = float(errors.ends[-1] - errors.starts[since])
+        left = swings_of(errors.t[since:], errors.error[since:], errors.floor)
+        # An oscillation that has ended stays away for a period of its own, unless its last turning point is inside.
+        outside = swings.alive and float(errors.t[-1]) - swings.quiet < errors.starts[since]
+        many, period = 1.0, swings.period if outside else 0.0
+        if len(left.sizes) and not left.flat:
+            many, period = DEFAULTS.quiet_periods, 2.0 * float(left.durations.max())
+        if not forced and rest < many * period:
+            return Judged(LoopVerdict.TOO_SHORT, f"within {speed(errors.band, 3)} for the last {rest:.3g} s, less than "
+                          f"{counted(round(many), 'period')} of an oscillation of {period:.3g} s")
+        if _leaves(errors, since):
+            return Judged(LoopVerdict.TOO_SHORT, f"within {speed(errors.band, 3)} for the last {rest:.3g} s, but still "
+                          "moving through this band")
+        return Judged(LoopVerdict.SETTLED, f"within {speed(errors.band, 3)} for the last {rest:.3g} s", since)
+    if forced:
+        size = float(np.abs(errors.error[n // 2:]).max())
+        return Judged(LoopVerdict.OFF_TARGET, f"the error follows the moving target, by up to {speed(size, 3)}")
+    last = errors.error[-(n // 3 + 1):]
+    mean, spread = float(last.mean()), float(np.abs(last - last.mean()).max())
+    early, late = (float(part.mean()) for part in np.array_split(last, 2))
+    moved = abs(late - early)
+    if moved <= DEFAULTS.standing * abs(mean) and spread <= max(2.0 * errors.floor, 0.5 * abs(mean)):
+        side = "above" if mean > 0.0 else "below"
+        return Judged(LoopVerdict.OFF_TARGET, f"the mean stays {speed(abs(mean), 3)} {side} the target")
+    if swings.alive:
+        return Judged(LoopVerdict.TOO_SHORT, f"an oscillation with a period of {swings.period:.3g} s has not decayed")
+    return Judged(LoopVerdict.TOO_SHORT, f"still moving at the end, {speed(abs(float(errors.error[-1])), 3)} "
+                                     f"{'above' if errors.error[-1] > 0.0 else 'below'} the target")
+
+
+def _leaves(errors: Errors, since: int) -> bool:
+    """Return whether the error, extrapolated from the thirds of the rest, leaves the band again.
+
+    An approach slows down from third to third; d3^2/(d2 - d3) is what is left of a geometric one. An oscillation that
+    passes the target does not slow down and goes on for as long as the rest.
+    """
+    rest = errors.error[since:]
+    a, b, c = (float(part.mean()) for part in np.array_split(rest, 3))
+    early, late = b - a, c - b
+    if early * late <= 0.0:
+        return False
+    left = late * late / (abs(early) - abs(late)) if abs(late) < abs(early) else math.inf
+    return abs(c + math.copysign(min(left, 3.0 * abs(late)), late)) > errors.band
+
+
+def _without_forced(errors: Errors, first: int) -> tuple[Floats, bool]:
+    """Return the errors without the part that a moving reference and its rate explain, and whether they explain most.
+
+    A loop that lags behind a moving target does not hunt.
+    """
+    error, reference = errors.error, errors.reference
+    first = max(first, 1)  # The target may jump within the first cycle.
+    if len(error) - first < DEFAULTS.growing_cycles or float(np.ptp(reference[first:])) <= errors.floor:
+        return error, False
+    rate = np.gradient(reference, errors.t)
+    columns = np.stack([np.ones(len(error)), reference, rate], axis=1)
+    part = slice(first, None)
+    found = np.linalg.lstsq(columns[part], error[part], rcond=None)[0]
+    left = error - columns @ found
+    about = error[part] - error[part].mean()
+    explains = float(np.sum(left[part] ** 2)) < DEFAULTS.unexplained * float(np.sum(about ** 2))
+    return (left, True) if explains else (error, False)

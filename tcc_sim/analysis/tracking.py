@@ -1,0 +1,508 @@
+"""Tracking of a target slip speed: errors of the cycle means, peaks, pressures, and the verdict on a run or segment.
+
+The target is a signal. Each engine cycle has the mean of the target over it, also a cycle in which the target jumps.
+The first cycle of a segment is the one that contains its start, so that nothing after a change is left out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tcc_sim.analysis.control import CycleMeans, Steps
+from tcc_sim.analysis.engine_clock import EngineClock
+from tcc_sim.analysis.loop_verdict import Errors, Judged, LoopVerdict, loop_verdict
+from tcc_sim.analysis.settings import DEFAULTS
+from tcc_sim.analysis.stream import CyclePiece, CycleStream
+from tcc_sim.errors import InputError
+from tcc_sim.result import reported
+from tcc_sim.shown_units import speed
+from tcc_sim.trajectory import Floats, Trajectory
+
+Limits = tuple[float, float]
+UNKNOWN: Limits = (math.nan, math.nan)
+LARGEST_BAND = 1e4
+"""Largest band, rad/s."""
+SPEEDS = (-1e5, 1e5)
+"""Smallest and largest target, rad/s."""
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """Slip speed against a target; the fields are JSON keys of `analyse`. NaN marks what was not observed."""
+
+    target: float = field(metadata=reported("target slip speed at the end", "rad/s"))
+    mean_slip: float = field(default=math.nan, metadata=reported("mean slip speed over the kept cycles", "rad/s"))
+    rms_error: float = field(default=math.nan, metadata=reported(
+        "rms of the cycle mean minus the target over the kept cycles, which are all unless --discard is given",
+        "rad/s"))
+    largest_error: float = field(default=math.nan, metadata=reported("largest size of that difference", "rad/s"))
+    overshoot: float = field(default=math.nan, metadata=reported(
+        "how far the cycle mean went beyond the target in the direction of the step to it, which counts from the last "
+        "cycle mean before it; without a step, how far it went to either side", "rad/s"))
+    settling_time: float = field(default=math.nan, metadata=reported(
+        "time from the start of the segment until the cycle mean stays within `band` of the target; null unless the "
+        "verdict is settled", "s"))
+    target_low: float = field(default=math.nan, metadata=reported("smallest target; that of a moving target is below "
+                                                                  "`target_high`", "rad/s"))
+    target_high: float = field(default=math.nan, metadata=reported("largest target", "rad/s"))
+    verdict: str | None = field(default=None, metadata=reported(
+        "settled, hunting, growing, saturated, sticking, off target (the error stays outside of the band) or too short "
+        "to judge; null if there is no cycle mean"))
+    verdict_why: str = field(default="", metadata=reported("reason of the verdict, or why there is none"))
+    band: float = field(default=math.nan, metadata=reported(
+        "error within which the mean counts as settled: 2 % of the step or of the peak deviation, and --band at least",
+        "rad/s"))
+    overshoot_time: float = field(default=math.nan, metadata=reported("simulation time of the overshoot", "s"))
+    peak_deviation: float = field(default=math.nan, metadata=reported(
+        "largest deviation of the cycle mean from the target, signed, after the mean has first reached the target "
+        "behind a step; in the approach to it, only a deviation larger than the step counts", "rad/s"))
+    peak_time: float = field(default=math.nan, metadata=reported("simulation time of that peak", "s"))
+    hunting_amplitude: float = field(default=math.nan, metadata=reported(
+        "amplitude of an oscillation of the cycle mean that does not decay; null without one", "rad/s"))
+    hunting_period: float = field(default=math.nan, metadata=reported("its period; null without one", "s"))
+    peak_mean: float = field(default=math.nan, metadata=reported(
+        "largest size of the deviation of the cycle mean in all cycles, the approach included", "rad/s"))
+    peak_slip: float = field(default=math.nan, metadata=reported(
+        "largest size of the deviation of the slip speed itself, likewise", "rad/s"))
+    iae: float = field(default=math.nan, metadata=reported(
+        "integral of the cycle mean's |error| over all cycles", "rad"))
+    ripple: float = field(default=math.nan, metadata=reported(
+        "rms of the slip speed about its mean over each cycle", "rad/s"))
+    stick_fraction: float = field(default=math.nan, metadata=reported("time in stick over time"))
+    pressure_low: float = field(default=math.nan, metadata=reported("least applied pressure", "Pa"))
+    pressure_high: float = field(default=math.nan, metadata=reported("largest applied pressure", "Pa"))
+    pressure_rate: float = field(default=math.nan, metadata=reported("rms of the rate of the applied pressure", "Pa/s"))
+    time_at_limit: float = field(default=math.nan, metadata=reported(
+        "share of time in which the applied pressure is at one of `limits`"))
+    limits: Limits = field(default=UNKNOWN, metadata=reported(
+        "lower and upper limit of the pressure: as given; else 0, and the pressure that was held for five cycles or "
+        "more while the error kept its sign, if there was one, else null", "Pa"))
+    command_rate: float = field(default=math.nan, metadata=reported(
+        "applied pressure commands per second of simulated time; null without recorded commands", "Hz"))
+    commands_applied: int | None = field(default=None, metadata=reported(
+        "number of pressure commands that the driveline held during a tick or more; null likewise"))
+    commands_superseded: int | None = field(default=None, metadata=reported(
+        "number of pressure commands that a later one replaced before the next tick; null likewise"))
+    seconds: float = field(default=0.0, metadata=reported("time of the observed cycles of these figures", "s"))
+    lost_seconds: float = field(default=0.0, metadata=reported(
+        "time within them and between them for which no states were recorded", "s"))
+
+    @property
+    def settled(self) -> bool:
+        """Whether the verdict is settled."""
+        return self.verdict == LoopVerdict.SETTLED.value
+
+
+class LoopCycles(NamedTuple):
+    """Observed engine cycles of a run, (n,) arrays.
+
+    starts, ends : s
+    mean, square : mean slip speed, rad/s, and mean of its square, (rad/s)^2
+    highest, lowest, stick_time : extremes of the slip speed, rad/s, and time in stick, s
+    """
+
+    starts: Floats
+    ends: Floats
+    mean: Floats
+    square: Floats
+    highest: Floats
+    lowest: Floats
+    stick_time: Floats
+
+    def within(self, begin: float, end: float) -> LoopCycles:
+        """Return the cycles that end after `begin` and up to `end`, s."""
+        near = 1e-9 + 1e-6 * (end - begin)
+        rows = slice(*np.searchsorted(self.ends, [begin + min(near, 1e-7), end + near]).tolist())
+        return LoopCycles(*(column[rows] for column in self))
+
+
+class LoopReader:
+    """Collector of the cycles of a run from batches of samples and from cycles of a CycleStream with the same clock."""
+
+    def __init__(self, clock: EngineClock) -> None:
+        self._means, self._squares = CycleMeans(clock), CycleMeans(clock)
+        self._rows: dict[int, tuple[float, ...]] = {}
+        self._extremes: list[CyclePiece] = []
+
+    def interrupt(self) -> None:
+        """Begin after a gap."""
+        self._means.restart()
+        self._squares.restart()
+
+    def feed(self, t: Floats, v: Floats, run: int = 0) -> None:
+        """Take the next samples of a run, (n,) arrays: time, s, and slip speed, rad/s."""
+        fed = self._means.feed(t, v, run), self._squares.feed(t, v * v, run)
+        for (first, ends, means), (_, _, squares) in zip(*fed):
+            self._rows |= zip(range(first, first + len(ends)),
+                              zip(ends.tolist(), means.tolist(), squares.tolist()))
+
+    def extremes(self, pieces: Iterable[CyclePiece]) -> None:
+        """Take the extremes of cycles."""
+        self._extremes += pieces
+
+    def course(self) -> LoopCycles:
+        """Return the cycles in order of time."""
+        numbers = np.array(sorted(self._rows), dtype=np.int64)
+        ends, mean, square = np.array([self._rows[k] for k in numbers.tolist()]).reshape(-1, 3).T
+        columns = np.full((4, len(numbers)), math.nan)
+        for piece in self._extremes:
+            cycles = piece.cycles
+            assert cycles.starts is not None
+            at = np.searchsorted(numbers, piece.first + np.arange(len(cycles)))
+            known = (at < len(numbers)) & (numbers[np.minimum(at, len(numbers) - 1)]
+                                           == piece.first + np.arange(len(cycles))) if len(numbers) else at < 0
+            columns[:, at[known]] = np.stack([cycles.starts[:-1], cycles.highest, cycles.lowest,
+                                              cycles.stick_time])[:, known]
+        starts = columns[0]
+        follows = np.diff(numbers, prepend=-1) == 1
+        starts = np.where(np.isfinite(starts) | ~follows, starts, np.append(0.0, ends)[:len(ends)])
+        if len(ends) and not np.isfinite(starts).all():  # After a gap, without extremes.
+            lengths = ends - starts
+            usual = float(np.nanmedian(lengths)) if np.isfinite(lengths).any() else 0.0
+            starts = np.where(np.isfinite(starts), starts, ends - usual)
+        return LoopCycles(starts, ends, mean, square, *columns[1:])
+
+
+class Pressures(NamedTuple):
+    """Applied pressure, Pa, through the time from each sample before to t, s, (n,) arrays."""
+
+    t: Floats
+    values: Floats
+
+
+class Counts(NamedTuple):
+    """Numbers of applied and superseded pressure commands."""
+
+    applied: int
+    superseded: int
+
+
+def target_steps(target: float | Mapping[float, float]) -> Steps:
+    """Return a target, rad/s, or targets from times (s) on, as steps.
+
+    Raises
+    ------
+    InputError
+        There is no target, or one is out of range.
+    """
+    given = target if isinstance(target, Mapping) else {0.0: target}
+    times = sorted(float(t) for t in given)
+    values = [float(given[t]) for t in sorted(given)]
+    if not values:
+        raise InputError("there is no target; give a slip speed, or times with slip speeds")
+    for value in values:
+        if not SPEEDS[0] <= value <= SPEEDS[1]:
+            raise InputError(f"target is {value:g} rad/s; it must be {SPEEDS[0]:g} to {SPEEDS[1]:g} rad/s")
+    if not all(math.isfinite(t) for t in times):
+        raise InputError("a time of the target is not a number; it must be a time in s")
+    return Steps(np.array(times), np.array(values))
+
+
+def target_jumps(reference: Steps, least: float, near: float) -> Steps:
+    """Return the jumps of a reference: their times, s, and the values after them, rad/s.
+
+    A target that moves is published as many small steps, or as larger ones far apart. A change is a jump if it is
+    larger than `least`, rad/s, and four times as large as the changes within `near`, s, before and after it.
+    """
+    change = np.diff(reference.values)
+    rows = np.flatnonzero(change) + 1
+    size, t = np.abs(change[rows - 1]), reference.t[rows]
+    apart = np.diff(t) > near
+    before = np.append(0.0, np.where(apart, 0.0, size[:-1])) if len(rows) else size
+    after = np.append(np.where(apart, 0.0, size[1:]), 0.0) if len(rows) else size
+    jumps = rows[(size > least) & (size >= DEFAULTS.isolated * np.maximum(before, after))]
+    return Steps(reference.t[jumps], reference.values[jumps])
+
+
+def value_at(reference: Steps, t: float) -> float:
+    """Return the value of a reference at t, s; before the first, the first."""
+    return float(reference.values[max(int(np.searchsorted(reference.t, t + 1e-9, side="right")) - 1, 0)])
+
+
+def mean_between(reference: Steps, starts: Floats, ends: Floats) -> Floats:
+    """Return the mean of a reference over each cycle, (n,); before its first value, that holds."""
+    t, values = reference.t, reference.values
+    area = np.append(0.0, np.cumsum(values[:-1] * np.diff(t)))
+
+    def integral_to(at: Floats) -> Floats:
+        row = np.maximum(np.searchsorted(t, at, side="right") - 1, 0)
+        return np.asarray(area[row] + values[row] * (at - t[row]), dtype=np.float64)
+
+    return np.where(ends > starts, (integral_to(ends) - integral_to(starts)) / np.maximum(ends - starts, 1e-300),
+                    values[np.maximum(np.searchsorted(t, ends, side="right") - 1, 0)])
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A run of a controlled driveline, of which segments are judged.
+
+    course : its engine cycles
+    reference : target slip speed, rad/s
+    pressures : applied pressure of every sample; None if it was not recorded
+    limits : of the pressure, Pa; None to find them
+    floor : least band that counts as settled, rad/s
+    why : reason in a sentence if there are no cycle means
+    note : sentence that every reason of a verdict ends with
+    before : mean slip speed of the last cycle before the run, rad/s; NaN if unknown
+    bridged : (m, 2) times of the states before and after each single lost one, s
+    """
+
+    course: LoopCycles
+    reference: Steps
+    pressures: Pressures | None = None
+    limits: Limits | None = None
+    floor: float = DEFAULTS.band
+    why: str = ""
+    note: str = ""
+    before: float = math.nan
+    bridged: Floats = field(default_factory=lambda: np.empty((0, 2)))
+
+    @cached_property
+    def jumps(self) -> Steps:
+        """Jumps of the target, which begin segments."""
+        lengths = self.course.ends - self.course.starts
+        cycle = float(np.median(lengths)) if len(lengths) else 0.0
+        return target_jumps(self.reference, self.floor, DEFAULTS.settled_cycles * cycle)
+
+    def tracking(self, begin: float, end: float, *, stepped: bool | None = None, discard: int = 0,
+                 commands: Counts | None = None) -> Tracking:
+        """Judge the time from `begin` to `end`, s.
+
+        Parameters
+        ----------
+        stepped : whether the segment begins with a step of the target or a start of the driveline; None if it may.
+            Without a recorded step, one counts that is larger than a quarter of what follows
+        discard : cycles left out of mean and errors
+        commands : numbers of commands in this time
+        """
+        course = self.course.within(begin, end)
+        target = value_at(self.reference, end)
+        counts: dict[str, Any] = {} if commands is None else {
+            "command_rate": commands.applied / (end - begin) if end > begin else math.nan,
+            "commands_applied": commands.applied, "commands_superseded": commands.superseded}
+        pressed = self._pressed(begin, end)
+        if not len(course.mean):
+            return Tracking(target, verdict=None if self.why else LoopVerdict.TOO_SHORT.value,
+                            verdict_why=self.why or "no whole period of excitation", **counts,
+                            **self._pressure_figures(pressed, self._own_limits()))
+        step = self._step(course, begin, stepped)
+        errors, peak = self._errors(course, *step)
+        error = errors.error
+        kept = error[discard:]
+        length = errors.ends - errors.starts
+        first, last = float(errors.starts[0]), float(errors.ends[-1])
+        seconds = float(length.sum()) - float(np.diff(np.clip(self.bridged, first, last), axis=1).sum())
+        lost = last - first - seconds
+        held = self.reference
+        aimed = np.append(value_at(held, begin), held.values[(held.t > begin + 1e-9) & (held.t <= end)])
+        limits = self._limits(errors, pressed)
+        found = self._verdict(errors, course, pressed, limits, end - begin)
+        beyond = np.abs(error) if errors.step == 0.0 else error * math.copysign(1.0, errors.step)
+        over = int(beyond.argmax())
+        settled = found.verdict is LoopVerdict.SETTLED
+        known = np.isfinite(course.stick_time)
+        return Tracking(
+            target=target, target_low=float(aimed.min()), target_high=float(aimed.max()),
+            mean_slip=float(course.mean[discard:].mean()) if len(kept) else math.nan,
+            rms_error=float(np.sqrt(np.mean(kept * kept))) if len(kept) else math.nan,
+            largest_error=float(np.abs(kept).max()) if len(kept) else math.nan,
+            overshoot=abs(max(float(beyond[over]), 0.0)),
+            overshoot_time=float(errors.t[over]) if beyond[over] > 0.0 else math.nan,
+            settling_time=max(float(errors.starts[found.since]) - begin, 0.0) if settled else math.nan,
+            verdict=found.verdict.value, verdict_why=found.why + self.note, band=errors.band,
+            peak_deviation=float(error[peak]), peak_time=float(errors.t[peak]),
+            hunting_amplitude=found.amplitude, hunting_period=found.period,
+            peak_mean=float(np.abs(error).max()), peak_slip=self._peak_slip(course, errors),
+            iae=float((np.abs(error) * length).sum()),
+            ripple=math.sqrt(max(float(np.mean(np.maximum(course.square - course.mean**2, 0.0))), 0.0)),
+            stick_fraction=float(course.stick_time[known].sum() / length[known].sum()) if known.any() else math.nan,
+            seconds=seconds, lost_seconds=lost if lost > 1e-9 * (last - first) else 0.0,
+            **counts, **self._pressure_figures(pressed, limits))
+
+    def _step(self, course: LoopCycles, begin: float, stepped: bool | None) -> tuple[float, bool]:
+        """Return the step from the last value before `begin` to the target, rad/s, 0 if no step begins the segment, and
+        whether it is certain.
+
+        The value before a start is extrapolated from the first two cycles.
+        """
+        if stepped is False:
+            return 0.0, True
+        target = value_at(self.reference, begin)
+        cycle = float(course.ends[0] - course.starts[0])
+        before = np.flatnonzero((self.course.ends <= begin + 1e-7) & (self.course.ends > begin - 1.5 * cycle))
+        if len(before):
+            return target - float(self.course.mean[before[-1]]), stepped is True
+        if math.isfinite(self.before):
+            return target - self.before, True
+        first = course.mean[:2]
+        return target - float(first[0] if len(first) < 2 else 1.5 * first[0] - 0.5 * first[1]), False
+
+    def _errors(self, course: LoopCycles, step: float, certain: bool) -> tuple[Errors, int]:
+        """Return the errors of the cycle means with their band, and the index of the peak of the deviation."""
+        reference = mean_between(self.reference, course.starts, course.ends)
+        error = course.mean - reference
+        if not certain and abs(step) < 0.25 * float(np.abs(error).max()):
+            step = 0.0
+        step = step if abs(step) > self.floor else 0.0
+        band = max(self.floor, DEFAULTS.settled * abs(step))
+        errors = Errors(0.5 * (course.starts + course.ends), error, reference, course.starts, course.ends, step, band,
+                        self.floor)
+        first = errors.arrived
+        counts = (np.arange(len(error)) >= first) | (np.abs(error) > abs(step) + band)
+        counts = counts if first < len(error) else np.full(len(error), True)
+        peak = int(np.where(counts, np.abs(error), -1.0).argmax())
+        fine = self._fine_step(float(course.starts[0]), float(course.ends[-1]))
+        return replace(errors, band=max(band, fine, DEFAULTS.settled * abs(float(error[peak]))),
+                       floor=max(self.floor, fine)), peak
+
+    def _fine_step(self, begin: float, end: float) -> float:
+        """Return the largest step of a moving target within a time, rad/s: no loop follows it more closely."""
+        inside = (self.reference.t[1:] > begin) & (self.reference.t[1:] <= end)
+        moves = inside & ~np.isin(self.reference.t[1:], self.jumps.t)
+        return float(np.abs(np.diff(self.reference.values))[moves].max(initial=0.0))
+
+    def _peak_slip(self, course: LoopCycles, errors: Errors) -> float:
+        """Return the largest deviation of the slip speed itself, rad/s; NaN if its extremes are unknown."""
+        away = np.maximum(course.highest - errors.reference, errors.reference - course.lowest)
+        away = away[np.isfinite(away)]
+        return float(away.max()) if len(away) else math.nan
+
+    def _pressed(self, begin: float, end: float) -> Pressures | None:
+        """Return the pressures within a time; None if there are none."""
+        if self.pressures is None:
+            return None
+        rows = slice(*np.searchsorted(self.pressures.t, [begin + 1e-9, end + 1e-9]).tolist())
+        found = Pressures(self.pressures.t[rows], self.pressures.values[rows])
+        return found if np.isfinite(found.values).any() else None
+
+    def _own_limits(self) -> Limits:
+        """Return the limits that are given, else the scene's: no pressure is below 0."""
+        return self.limits or (0.0, math.nan)
+
+    def _limits(self, errors: Errors, pressed: Pressures | None) -> Limits:
+        """Return the limits of the pressure: as given, or what it was held at while the error kept its sign."""
+        limits = self._own_limits()
+        if self.limits is not None or pressed is None or self.pressures is None:
+            return limits
+        low, high = limits
+        end = pressed.values[len(pressed.values) // 2:]
+        for value in (np.nanmax(self.pressures.values), np.nanmin(self.pressures.values), np.nanmedian(end)):
+            side = self._held_at(float(value), errors, pressed)
+            if side > 0:
+                high = float(value) if math.isnan(high) else max(high, float(value))
+            elif side < 0:
+                low = max(low, float(value))
+        return low, high
+
+    def _held_at(self, value: float, errors: Errors, pressed: Pressures) -> int:
+        """Return 1 if a pressure was held as an upper limit, -1 as a lower one, and 0 if it was not held.
+
+        It must be held for five cycles, and three times as long as the pressure usually is between two changes, while
+        the size of the slip speed stays above the target's (upper limit) or below it.
+        """
+        there = at_level(pressed.values, value)
+        edges = np.flatnonzero(np.diff(there.astype(np.int8), prepend=0, append=0))
+        changes = np.diff(pressed.t[np.flatnonzero(np.diff(pressed.values))])
+        usual = float(np.median(changes)) if len(changes) > 2 else 0.0
+        cycle = float(np.median(errors.ends - errors.starts))
+        least = max(DEFAULTS.settled_cycles * cycle, 3.0 * usual)
+        size = np.abs(errors.error + errors.reference) - np.abs(errors.reference)
+        for begin, end in zip(edges[::2].tolist(), (edges[1::2] - 1).tolist()):
+            if pressed.t[end] - pressed.t[begin] < least:
+                continue
+            inside = (errors.starts >= pressed.t[begin] - cycle) & (errors.ends <= pressed.t[end] + 1e-9)
+            away = size[inside]
+            for side in (1, -1):
+                if (len(away) >= DEFAULTS.settled_cycles and (side * away > -errors.band).all()
+                        and 2 * np.count_nonzero(side * away > errors.band) > len(away)):
+                    return side
+        return 0
+
+    def _pressure_figures(self, pressed: Pressures | None, limits: Limits) -> dict[str, Any]:
+        """Return the fields of a Tracking that come from the applied pressure."""
+        if pressed is None:
+            return {"limits": limits if self.limits is not None else UNKNOWN}
+        finite = np.isfinite(pressed.values)
+        t, p = pressed.t[finite], pressed.values[finite]
+        step = np.diff(t, prepend=t[0] - (t[1] - t[0] if len(t) > 1 else 0.0))
+        total = float(step.sum())
+        at_limit = at_level(p, limits[0], -1) | at_level(p, limits[1], 1)
+        return {"pressure_low": float(p.min()), "pressure_high": float(p.max()), "limits": limits,
+                "pressure_rate": math.sqrt(float(np.sum(np.diff(p) ** 2 / step[1:])) / total) if len(p) > 1 else 0.0,
+                "time_at_limit": float(step[at_limit].sum()) / total if total else math.nan}
+
+    def _verdict(self, errors: Errors, course: LoopCycles, pressed: Pressures | None, limits: Limits,
+                 whole: float) -> Judged:
+        """Return the verdict on a segment."""
+        since = max(errors.ends[-1] - max(whole / 3.0, DEFAULTS.settled_cycles * float(course.ends[0]
+                                                                                        - course.starts[0])), 0.0)
+        tail = errors.starts >= since - 1e-9
+        own = loop_verdict(errors, whole)
+        if len(errors.error) < DEFAULTS.settled_cycles or not tail.any():
+            return own
+        known = np.isfinite(course.stick_time[tail])
+        stick = course.stick_time[tail][known]
+        lasts = float((errors.ends - errors.starts)[tail][known].sum())
+        share = float(stick.sum()) / lasts if lasts else 0.0
+        sticks = (share >= DEFAULTS.sticks and 2 * np.count_nonzero(stick) > len(stick)
+                  and float(np.abs(errors.reference[tail]).min()) > errors.floor)
+        limit = self._saturated(errors, tail, pressed, limits, float(since))
+        if limit and not (sticks and share > 0.9 and "lower" not in limit):
+            return Judged(LoopVerdict.SATURATED, limit)
+        if sticks:
+            return Judged(LoopVerdict.STICKING, f"in stick for {100.0 * share:.3g} % of the last {lasts:.3g} s")
+        return own
+
+    def _saturated(self, errors: Errors, tail: np.ndarray, pressed: Pressures | None, limits: Limits,
+                   since: float) -> str:
+        """Return the reason for the verdict saturated; empty if the end of the segment is not."""
+        error = errors.error[tail]
+        if pressed is None or not ((error > errors.band).all() or (error < -errors.band).all()):
+            return ""
+        values = pressed.values[pressed.t > since]
+        for name, value, side in (("upper", limits[1], 1), ("lower", limits[0], -1)):
+            share = float(at_level(values, value, side).mean()) if len(values) else 0.0
+            if share >= DEFAULTS.at_a_limit:
+                away = speed(float(np.abs(error).mean()), 3)
+                return (f"the pressure is at its {name} limit, {value:.6g} Pa, for {100.0 * share:.3g} % of the last "
+                        f"{errors.ends[-1] - since:.3g} s, and the mean {away} "
+                        f"{'above' if error[0] > 0.0 else 'below'} the target")
+        return ""
+
+
+def loop_of(run: Trajectory, clock: EngineClock, reference: Steps, pressure: Floats | None = None,
+            limits: Limits | None = None, floor: float = DEFAULTS.band, before: float = math.nan) -> Loop:
+    """Return a run as a Loop; without its system the extremes and the time in stick of the cycles are unknown.
+
+    Parameters
+    ----------
+    run : samples
+    clock : start times of the engine cycles
+    reference : target slip speed, rad/s
+    pressure : (n,) applied pressure before each sample, Pa
+    limits : of the pressure, Pa; None to find them
+    floor : least band that counts as settled, rad/s
+    before : mean slip speed of the last cycle before the run, rad/s; NaN if unknown
+    """
+    reader = LoopReader(clock)
+    reader.feed(run.t, run.slip_speed)
+    if run.system is not None and len(run.t) > 1:
+        stream = CycleStream(run.system, clock)
+        reader.extremes(stream.feed(np.rint(run.t * 1e9).astype(np.int64), run.slip_speed, run.plate_angle,
+                                    run.plate_speed, run.engine_torque, run.friction_torque, far=run.far_end))
+    return Loop(reader.course(), reference, None if pressure is None else Pressures(run.t, pressure), limits, floor,
+                before=before)
+
+
+def at_level(pressure: Floats, level: float, side: int = 0) -> np.ndarray:
+    """Return which pressures are at a level, Pa, or beyond it on one side (1: above, -1: below); none at NaN."""
+    near = DEFAULTS.held * max(abs(level), float(np.nanmax(np.abs(pressure), initial=0.0)) * 1e-3)
+    if side:
+        return np.asarray(side * (pressure - level) >= -near)
+    return np.asarray(np.abs(pressure - level) <= near)
