@@ -96,6 +96,18 @@ class Settings:
     hop: int = quantity(4, "from one window to the next", "periods of excitation")
     per_cycle: int = quantity(64, "points in a period of excitation after resampling")
     bridged_hole: float = quantity(0.0625, "longest hole of a table that a cubic bridges", "periods of excitation")
+    hysteresis: float = quantity(0.2, "level above and below the middle of a tacho's range that an edge must pass, "
+                                 "relative to the range")
+    samples_per_pulse: float = quantity(3.5, "samples from pulse to pulse that a tacho must have", "samples")
+    plausible: float = quantity(0.25, "largest deviation of an interval between pulses from its neighbours, relative")
+    implausible: float = quantity(0.02, "largest share of pulses that may be missing or extra")
+    jittery: float = quantity(0.005, "jitter of pulses from which on a sentence names it, relative to their distance")
+    jump: float = quantity(0.2, "largest change of an engine speed from row to row, relative")
+    lost_speed: float = quantity(0.25, "largest share of rows in which an engine speed may be implausible")
+    bridged_phase: float = quantity(0.1, "uncertainty of the phase across rows without a plausible speed up to which "
+                                    "they are bridged", "periods of excitation")
+    sharp: float = quantity(0.2, "share of a torque's variance in its strongest line that makes the line certain")
+    agreement: float = quantity(0.01, "largest deviation of that line from a multiple of the excitation, relative")
     highest_order: int = quantity(10, "highest order that is given")
     least_samples: int = quantity(8, "samples that a cycle must have on average; orders up to a quarter of them, and "
                                   "`highest_order` at most, are given")

@@ -16,6 +16,7 @@ from tcc_sim.cli.arguments import (
     plot_result,
     present,
     recording_of,
+    say_of_table,
 )
 from tcc_sim.errors import InputError, counted, require
 from tcc_sim.output.terminal import say
@@ -164,8 +165,8 @@ def _table(arguments: argparse.Namespace) -> int:
     table = table_in(arguments.recording, ("slip_speed",), columns=arguments.columns)
     found = analyse_table(table.part(arguments.start, arguments.end), scene.system, orders=arguments.orders,
                           spectrum=arguments.spectrum, pulses=arguments.pulses)
-    lines = [f"{arguments.recording}: {counted(found.samples, 'row')} over {found.seconds:.6g} s",
-             *(f"note: {note}" for note in found.notes)]
+    lines = [f"{arguments.recording}: {counted(found.samples, 'row')} over {found.seconds:.6g} s"]
+    say_of_table(found.warnings)
     lines += order_lines(found.orders) if found.orders is not None else []
     lines += spectrum_lines(found.spectrum) if found.spectrum is not None else []
     plot_result(arguments, found.orders or found.spectrum, arguments.recording.name)

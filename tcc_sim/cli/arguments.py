@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tcc_sim.errors import InputError, check_folder, check_suffix, printable, require
+from tcc_sim.errors import InputError, check_folder, check_suffix, one_line, printable, require
 from tcc_sim.output.files import STANDARD_OUTPUT, check_name, draft, replaceable, write_json
 from tcc_sim.output.terminal import say
 from tcc_sim.shown_units import UNITS, show_in
@@ -140,6 +140,12 @@ def add_columns(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--columns", metavar="NAME=COLUMN[:UNIT],...",
                        help="columns of a table under other names or in units that it does not state, for example "
                        "slip_speed=n_slip:rpm,t=Time:ms")
+
+
+def say_of_table(sentences: Iterable[str]) -> None:
+    """Print sentences on how a table was read on standard error."""
+    for sentence in sentences:
+        print(f"tcc-sim: {one_line(sentence)}", file=sys.stderr)
 
 
 def add_part_of_table(group: argparse._ArgumentGroup) -> None:

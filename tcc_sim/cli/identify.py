@@ -20,6 +20,7 @@ from tcc_sim.cli.arguments import (
     plot_result,
     present,
     refuse_driveline,
+    say_of_table,
 )
 from tcc_sim.errors import InputError, counted
 from tcc_sim.shown_units import speed
@@ -73,6 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
     scene, fit = problem_of(arguments)
     check_outputs(arguments, [".yaml"])
     found = fit(progress=True)
+    say_of_table(found.warnings)
     plot_result(arguments, found, scene.name)
     present(arguments, scene, found, _lines(found))
     if not found.accepted:
@@ -114,8 +116,7 @@ def fit_again(arguments: argparse.Namespace) -> Identification:
 
 
 def _lines(found: Identification) -> Iterator[str]:
-    """Yield notes on the table, the quality of the fit, and a line for each parameter."""
-    yield from (f"note: {note}" for note in found.notes)
+    """Yield the quality of the fit, and a line for each parameter."""
     yield (f"{counted(len(found.measurement.t), 'sample')} of {', '.join(found.noise)}; chi-square per degree of "
            f"freedom {found.chi2_per_dof:.4g}, {counted(found.starts, 'start')}, {found.seconds:.3g} s")
     if found.hold is not None:

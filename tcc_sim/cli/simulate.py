@@ -105,7 +105,7 @@ def run(arguments: argparse.Namespace) -> int:
 
         if table is not None:
             found = replace(found, notes=(*table.notes, *doubts_about(table), *(measured.notes if measured else ())))
-            lines += [f"note: {note}" for note in found.notes]
+            common.say_of_table(found.notes)
         if table is not None and arguments.hold is None and (smooth := smooth_inputs(table)):
             lines.append(f"note: {' and '.join(smooth)} of {arguments.inputs.name} changes smoothly from row to row "
                          "but is held constant between rows; --hold smooth joins the rows")

@@ -64,7 +64,7 @@ class Identification(Result):
         "profile likelihood of one key", asked_for=True))
     curve: IdentifiedCurve | None = field(default=None, metadata=reported(
         "sliding friction over slip speed, if friction.curve was free", asked_for=True))
-    notes: tuple[str, ...] = field(default=(), metadata=reported(
+    warnings: tuple[str, ...] = field(default=(), metadata=reported(
         "sentences on how a table was read, and on what was converted or mended"))
 
     def _text(self) -> str:

@@ -34,7 +34,7 @@ class MeasuredRun(Result):
         "orders, transmissibility and judder", asked_for=True))
     spectrum: Spectrum | None = field(default=None, metadata=reported(
         "amplitudes over frequency and order", asked_for=True))
-    notes: tuple[str, ...] = field(default=(), metadata=reported(
+    warnings: tuple[str, ...] = field(default=(), metadata=reported(
         "sentences on how the table was read, and on what was converted, mended or left out"))
 
     def columns(self) -> dict[str, Floats]:

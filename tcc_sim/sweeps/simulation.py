@@ -148,6 +148,7 @@ class Simulation(Result):
     summary : None if the solver failed
     angles : plate angle on the section over the last `Plan.section_points` cycles, oldest first, rad, (n,)
     end : state from which a run may continue; the start if the solver failed
+    notes : sentences on how the table of inputs was read, and on what was converted, mended or left out
 
     Examples
     --------
@@ -169,8 +170,7 @@ class Simulation(Result):
         "the same of the measurement in --inputs", asked_for=True))
     spectrum: Spectrum | None = field(default=None, metadata=reported(
         "amplitudes over frequency and order", asked_for=True))
-    notes: tuple[str, ...] = field(default=(), metadata=reported(
-        "sentences on how the table of --inputs was read, and on what was converted, mended or left out"))
+    notes: tuple[str, ...] = ()
 
     def _text(self) -> str:
         if self.summary is None:
@@ -192,7 +192,8 @@ class Simulation(Result):
     def warnings(self) -> list[str] | None:
         """Doubts about the solution; None if there are none."""
         run = self.trajectory
-        return [f"{run.solver}: {run.detail}"] if run.status is Status.DONE and run.detail else None
+        doubts = [f"{run.solver}: {run.detail}"] if run.status is Status.DONE and run.detail else []
+        return [*doubts, *self.notes] or None
 
     def raise_for_status(self) -> Simulation:
         """Return this simulation; raise InputError for a refused case, NumericalFailure for an early stop."""
