@@ -27,7 +27,7 @@ from llvmlite import binding
 from tcc_sim.background import awaited
 from tcc_sim.compiling import kernel_cache
 from tcc_sim.compiling.kernel_cache import Dependencies
-from tcc_sim.compiling.processor import processor
+from tcc_sim.compiling.processor import LEVEL, processor
 from tcc_sim.model import equations, friction, profile
 
 Function = TypeVar("Function", bound=Callable[..., object])
@@ -241,6 +241,13 @@ def _compiler() -> tuple[str, ...]:
     room = Path(__file__).parent
     texts = room / "numba_registration.py", room / "linked.py", room / "unrolled.py"
     return _numba()[1], *(text.read_text() for text in texts), llvmlite.__version__, *processor()
+
+
+def not_to_ship() -> str:
+    """Return why code that is compiled here does not go with the package; empty if it does."""
+    if not numba_supported():
+        return f"the build has Numba {_numba()[0]}, not one of {TESTED[0]} to {TESTED[1]}"
+    return "" if processor().name == LEVEL else f"the build's processor is not {LEVEL}"
 
 
 def loaded(content: bytes, words: Words) -> EntryPoint:

@@ -23,6 +23,7 @@ import stat
 import sys
 import tempfile
 import time
+import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from enum import Enum
@@ -53,6 +54,8 @@ MOST_OF_AN_INDEX = 1 << 16
 """Bytes at the end of a file that contain its index."""
 new_parts: dict[str, bytes] = {}
 """Parts that this process has compiled and not stored yet."""
+used: set[str] = set()
+"""Names of the kernels that this process has asked for."""
 announced: set[str] = set()
 """Kinds of messages that were printed; compilations are announced unless "compiling" is among them."""
 _PACKAGE = __name__.partition(".")[0]
@@ -266,6 +269,7 @@ def load_or_build(name: str, seconds: Callable[[], float], make: Callable[[], by
     """Load the stored kernel of this name, from the package or the private directory, or make and store it with the new
     parts; `seconds` estimates the time.
     """
+    used.add(name)
     if (out := _stored(SHIPPED / name, load)) is not None:
         return out
     place = directory()
@@ -283,6 +287,7 @@ def load_or_build(name: str, seconds: Callable[[], float], make: Callable[[], by
         remove_unused(place, time.time())
         try:
             _write(path, _whole(code, new_parts))
+            stored_parts().update(dict.fromkeys(new_parts, path))
             new_parts.clear()
         except OSError as error:
             print_once("cache", f"compiled kernels are not kept: {_reason(error)}")
@@ -310,7 +315,7 @@ def _stored(path: Path, load: Callable[[bytes], Loaded]) -> Loaded | None:
 
 @cache
 def stored_parts() -> dict[str, Path]:
-    """Return the files of all parts that are stored when this process first asks."""
+    """Return the files of the parts that are stored when this process first asks, and of those that it has stored."""
     found: dict[str, Path] = {}
     for path in (path for place in (directory(), SHIPPED) if place is not None for path in place.glob("*-*-*")):
         with suppress(OSError, ValueError), open(path, "rb") as file:
@@ -334,8 +339,13 @@ def part(name: str) -> bytes | None:
         content, index = _read_once(stored_parts()[name])
         if name in index:
             start, size = index[name]
-            return content[start:start + size]
+            return zlib.decompress(content[start:start + size])
     return None
+
+
+def keep_part(name: str, content: bytes) -> None:
+    """Store a part with the next kernel."""
+    new_parts[name] = zlib.compress(content)
 
 
 @contextmanager

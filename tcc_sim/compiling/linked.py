@@ -183,7 +183,7 @@ class PartStore(NullCache):  # type: ignore[misc]
         except (pickle.PicklingError, AttributeError):
             return
         code: bytes = part.library._final_module.as_bitcode()
-        kernel_cache.new_parts[name] = len(head).to_bytes(8, "little") + head + code
+        kernel_cache.keep_part(name, len(head).to_bytes(8, "little") + head + code)
         part.library.key, self._parts[name] = name, part
 
     @classmethod

@@ -1,0 +1,114 @@
+"""Kernels that an installation compiles ahead, so that first runs need not wait: those of the bundled scenes and of the
+commands on the pages. `python -m tcc_sim.study.cli.ahead FOLDER` compiles them into a folder, on two processors.
+
+A use calls the package's own functions on a scene, for an engine cycle or a tick, so the kinds of kernels follow from
+the scenes.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from tcc_sim.compiling import kernel_cache
+from tcc_sim.plant.driveline import Plant
+from tcc_sim.scene import Scene, bundled_scenes, load_scene
+from tcc_sim.solvers import solve
+from tcc_sim.solvers.fixed_step import advance
+from tcc_sim.solvers.fixed_step_sensitivity import advance_windows
+from tcc_sim.solvers.key_derivatives import key_derivatives
+from tcc_sim.solvers.stroboscopic import sections, stroboscopic_map
+from tcc_sim.solvers.terms import terms_of
+from tcc_sim.study.paper.catalogue import FIGURES, FigureOptions, series_system
+from tcc_sim.study.paper.figures import SOLVER_CURVES
+
+Use = Callable[[Scene], object]
+NEAR_REST = np.array([0.1, 0.1, 0.0])
+
+
+def solved(scene: Scene) -> None:
+    """Solve one cycle."""
+    solve(scene, cycles=1).raise_for_status()
+
+
+def mapped(scene: Scene) -> None:
+    """Map the section by one cycle, with derivatives."""
+    stroboscopic_map(scene.system, NEAR_REST, 1.0, parameters=("engine.frequency",))
+
+
+def crossed(scene: Scene) -> None:
+    """Find section points of many motions."""
+    sections(scene.system, NEAR_REST[None], 0, 1, 1e-9)
+
+
+def stepped(scene: Scene) -> None:
+    """Make ticks of the node, alone and with every term, and ticks with the states between."""
+    plant = Plant(scene)
+    plant.warm_up()
+    plant.warm_up_general()
+    advance(np.zeros(3), 0.0, 1e-6, 1, plant.stepper.terms, None, np.empty((1, 3)))
+
+
+def fitted(scene: Scene) -> None:
+    """Make ticks with derivatives by a key."""
+    by = key_derivatives(scene.system, ("friction.kinetic_coefficient",))
+    advance_windows(NEAR_REST[None], 0.0, 1e-6, 1, 1, terms_of(scene.system), None, by)
+
+
+def drawn(scene: Scene) -> None:
+    """Solve a cycle of every curve of the paper's figures, and of Fig. 2 by every solver; `scene` is not used."""
+    for row in FIGURES.values():
+        for series in row.series:
+            solve(series_system(series, FigureOptions()), cycles=1)
+    for solver, (_, law, changes) in SOLVER_CURVES.items():
+        solve(series_system(FIGURES[2].series[0], FigureOptions(law=law)), cycles=1, solver=solver, **changes)
+
+
+USES: tuple[tuple[Use, tuple[str, ...]], ...] = (
+    (solved, tuple(bundled_scenes())), (stepped, tuple(bundled_scenes())), (fitted, ("commands", "controlled")),
+    (mapped, ("chaos", "minimal")), (crossed, ("chaos",)), (drawn, ("minimal",)))
+"""Every use with its scenes: all bundled ones for a run and the nodes, those of the pages for other verbs."""
+PARTS = slice(0, 3), slice(3, None)
+"""Two halves of the work, in processes of their own."""
+
+
+def make(part: int) -> None:
+    """Make the uses of a part of USES, and print the names of their kernels; a use that fails leaves the others."""
+    kernel_cache.announced.add("compiling")
+    for use, scenes in USES[PARTS[part]]:
+        for name in scenes:
+            try:
+                use(load_scene(name))
+            except Exception as error:
+                print(f"tcc_sim: not compiled ahead: {use.__name__} of {name}: {error}", file=sys.stderr)
+    print(*sorted(kernel_cache.used), sep="\n")
+
+
+def ship(folder: Path) -> int:
+    """Compile the kernels into a folder, which then holds nothing else; return their number."""
+    with tempfile.TemporaryDirectory() as cache:
+        workers = [subprocess.Popen([sys.executable, "-m", "tcc_sim.study.cli.ahead", "part", str(part)],
+                                    stdout=subprocess.PIPE, text=True, env={**os.environ, "NUMBA_CACHE_DIR": cache})
+                   for part in range(len(PARTS))]
+        names = {name for worker in workers for name in worker.communicate()[0].split()}
+        found = {name: path.read_bytes() for name in sorted(names)
+                 for path in (kernel_cache.SHIPPED / name, Path(cache, "tcc_sim", name)) if path.exists()}
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    for name, content in found.items():
+        (folder / name).write_bytes(content)
+    return len(found)
+
+
+if __name__ == "__main__":
+    if len(sys.argv) == 2:
+        print(f"tcc_sim: {ship(Path(sys.argv[1]))} kernels compiled ahead", file=sys.stderr)
+    else:
+        make(int(sys.argv[2]))
