@@ -1,5 +1,7 @@
 """The packages: an sdist with everything for its tests, a wheel that works by itself, and metadata."""
 
+import os
+import platform
 import re
 import shutil
 import subprocess
@@ -13,28 +15,105 @@ import pytest
 import yaml
 
 from tcc_sim import __version__, errors
+from tcc_sim.compiling.compiled import not_to_ship
 
 ROOT = Path(__file__).resolve().parent.parent
 CONFIGURATION = ConfigParser()
 CONFIGURATION.read(ROOT / "setup.cfg")
 
 
-@pytest.fixture(scope="module")
-def built(tmp_path_factory):
-    """Sdist and wheel, made in a copy of the tree with the setuptools that is installed."""
+STAND_IN = """
+import sys
+from pathlib import Path
+folder = Path(sys.argv[1])
+folder.mkdir(parents=True)
+(folder / "kernel-1-2").write_bytes(b"code")
+"""
+"""Compiles nothing, in the place of `ahead.py`, which takes half a minute."""
+
+
+def build(folder, steps, without="", stand_in=STAND_IN):
+    """Standard error of `setuptools.build_meta`, run in a copy of the tree with the setuptools that is installed."""
     pytest.importorskip("setuptools", minversion="68")
-    folder = tmp_path_factory.mktemp("built")
     source = folder / "source"
     shutil.copytree(ROOT, source, ignore=shutil.ignore_patterns(
-        "__pycache__", ".git", ".venv", "build", "dist", "install", "log", "*.egg-info", ".*_cache", ".hypothesis"))
-    code = ("import sys; from setuptools import build_meta as b; folder = sys.argv[1]\n"
-            "b.build_sdist(folder); b.build_wheel(folder)")  # building changes sys.argv
-    ended = subprocess.run([sys.executable, "-c", code, str(folder)], cwd=source, capture_output=True, text=True,
-                           check=False)
+        "__pycache__", ".git", ".venv", "build", "dist", "install", "log", "*.egg-info", ".*_cache", ".hypothesis",
+        "shipped"))
+    (source / "tcc_sim" / "study" / "cli" / "ahead.py").write_text(stand_in)
+    code = ("import sys; from setuptools import build_meta as b; folder = sys.argv[1]; steps = sys.argv[2:]\n"
+            "for step in steps: getattr(b, step)(folder)")  # building changes sys.argv
+    ended = subprocess.run([sys.executable, "-c", code, str(folder), *steps], cwd=source, capture_output=True,
+                           text=True, check=False, env={**os.environ, "TCC_SIM_KERNELS": without})
     assert ended.returncode == 0, ended.stderr[-2000:]
+    return ended.stderr
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    """Sdist and wheel."""
+    folder = tmp_path_factory.mktemp("built")
+    build(folder, ["build_sdist", "build_wheel"])
     sdist, = folder.glob("*.tar.gz")
     wheel, = folder.glob("*.whl")
     return sdist, wheel
+
+
+SHIPPED = "tcc_sim/compiling/shipped/kernel-1-2"
+LEVEL_HERE = pytest.mark.skipif(bool(not_to_ship()), reason="no kernels are compiled ahead here")
+
+
+@LEVEL_HERE
+def test_the_wheel_has_the_kernels_and_names_the_platform_and_the_sdist_has_none(built):
+    sdist, wheel = built
+    with zipfile.ZipFile(wheel) as file:
+        assert file.read(SHIPPED) == b"code"
+        assert [name for name in file.namelist() if name.startswith("tcc_sim/compiling/shipped")] == [SHIPPED]
+    assert wheel.name.endswith(f"-linux_{platform.machine()}.whl")
+    with tarfile.open(sdist) as file:
+        assert not [name for name in file.getnames() if "shipped" in name]
+
+
+@LEVEL_HERE
+def test_an_editable_installation_has_the_kernels_beside_the_source(tmp_path):
+    build(tmp_path, ["build_editable"])
+    assert (tmp_path / "source" / SHIPPED).read_bytes() == b"code"
+
+
+@pytest.mark.parametrize("reason", ["absent", "other", "none", "processor"])
+def test_without_its_numba_a_wheel_is_pure_and_a_line_gives_the_reason(tmp_path, monkeypatch, reason):
+    without, said = "", "the build has no package numba"
+    if reason == "none":
+        without, said = "none", "TCC_SIM_KERNELS is none"
+    elif reason == "processor":
+        monkeypatch.setenv("NUMBA_CPU_NAME", "x86-64-v2")
+        said = "the build's processor is not x86-64-v3"
+    else:  # A package that hides the installed one.
+        hiding = tmp_path / "hiding" / "numba"
+        hiding.mkdir(parents=True)
+        (hiding / "__init__.py").write_text("raise ModuleNotFoundError(name='numba')")
+        if reason == "other":
+            (hiding / "_version.py").write_text('{"version": "0.58.1"}')
+            said = "the build has Numba 0.58.1, not one of 0.62 to 0.68"
+        else:
+            monkeypatch.setenv("NO_NUMBA", "1")
+            (tmp_path / "hiding" / "sitecustomize.py").write_text(
+                "import importlib.util as u\nfind = u.find_spec\n"
+                "u.find_spec = lambda name, *more: None if name == 'numba' else find(name, *more)\n")
+        monkeypatch.setenv("PYTHONPATH", str(tmp_path / "hiding"))
+    err = build(tmp_path, ["build_wheel"], without)
+    assert f"tcc_sim: built without kernels, so first runs compile them: {said}\n" in err
+    wheel, = tmp_path.glob("*.whl")
+    assert wheel.name.endswith("-py3-none-any.whl")
+    with zipfile.ZipFile(wheel) as file:
+        assert SHIPPED not in file.namelist()
+
+
+@LEVEL_HERE
+def test_a_failure_to_compile_ahead_leaves_a_package_that_works(tmp_path):
+    build(tmp_path, ["build_wheel"], stand_in="raise SystemExit(1)")
+    wheel, = tmp_path.glob("*.whl")
+    with zipfile.ZipFile(wheel) as file:
+        assert "tcc_sim/__init__.py" in file.namelist()
 
 
 def test_the_sdist_holds_every_file_of_package_tests_and_scenes(built):

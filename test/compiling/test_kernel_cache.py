@@ -14,15 +14,21 @@ from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from full_disk import full_disk
 from kernels_on_disk import CALLEE, CALLER, forget, hits, modules
+from llvmlite import binding
 from numba.core import compiler
 
 from tcc_sim.compiling import compiled as compiled_module
-from tcc_sim.compiling import kernel_cache
-from tcc_sim.compiling.compiled import CODE, LOWERING, compiled
+from tcc_sim.compiling import kernel_cache, linked
+from tcc_sim.compiling.compiled import CODE, LOWERING, Kernel, compiled
 from tcc_sim.compiling.kernel_cache import Dependencies
+from tcc_sim.compiling.processor import Processor, processor
+from tcc_sim.scene import system_of
+from tcc_sim.solvers import fixed_step
+from tcc_sim.solvers.terms import terms_of
 
 
 def test_the_second_process_finds_what_the_first_compiled(cache, tmp_path, capsys):
@@ -383,3 +389,100 @@ def test_a_process_killed_while_it_writes_leaves_nothing_that_is_loaded(cache, t
     assert not left.exists()
     kernel = modules(tmp_path, name="killed")
     assert (kernel(3.0), hits(kernel)) == (7.0, 1)
+
+
+@pytest.fixture
+def package(cache, tmp_path, monkeypatch):
+    """Folder of a package's code that holds one kernel, `modules(..., name="shipped")`, whose sources are rewritten."""
+    folder = tmp_path / "shipped"
+    folder.mkdir(mode=0o755)
+    assert modules(tmp_path, name="shipped")(3.0) == 7.0
+    for path in cache.iterdir():
+        path.rename(folder / path.name)
+    monkeypatch.setattr(kernel_cache, "SHIPPED", folder)
+    forget()
+    return folder
+
+
+def test_code_in_the_package_is_used_without_a_private_directory(package, cache, tmp_path, capsys):
+    cache.rmdir()
+    for path in package.iterdir():
+        os.utime(path, (0.0, 0.0))  # The age is no part of the key.
+    kernel = modules(tmp_path, name="shipped")
+    assert (kernel(3.0), hits(kernel), cache.exists()) == (7.0, 1, False)
+    changed = modules(tmp_path, CALLEE.replace("GAIN = 2.0", "GAIN = 5.0"), name="shipped")
+    assert (changed(3.0), hits(changed)) == (16.0, 0)
+    assert capsys.readouterr().err == ""
+    assert len(list(package.iterdir())) == 1
+
+
+@pytest.mark.parametrize(("fault", "reason"), [
+    ("flipped", "is damaged"), ("cut", "is damaged"), ("empty", "is damaged"), ("writable", "is not a private file"),
+    pytest.param("foreign", "is not a private file", marks=pytest.mark.skipif(os.geteuid() != 0, reason="needs root"))])
+def test_foreign_and_damaged_code_in_the_package_is_refused_and_left_there(package, cache, tmp_path, capsys, fault,
+                                                                            reason):
+    if fault in ("flipped", "cut", "empty"):
+        damage(package, fault)
+    else:
+        (other,) = package.iterdir()
+        modules(tmp_path, CALLEE.replace("GAIN = 2.0", "GAIN = 5.0"))(3.0)
+        (planted,) = cache.iterdir()
+        other.write_bytes(planted.read_bytes())
+        planted.unlink()
+        other.chmod(0o666 if fault == "writable" else 0o644)
+        os.chown(other, *((12345, 12345) if fault == "foreign" else (-1, -1)))
+    kernel = modules(tmp_path, name="shipped")
+    assert (kernel(3.0), hits(kernel)) == (7.0, 0)
+    err = capsys.readouterr().err
+    assert "since the code in the package is of no use: " in err
+    assert reason in err
+    assert len(list(package.iterdir())) == len(list(cache.iterdir())) == 1
+
+
+def test_a_file_may_be_as_writable_as_the_source_beside_it(package, tmp_path, monkeypatch):
+    source = tmp_path / "source.py"
+    source.touch()
+    source.chmod(0o664)  # As pip leaves both where new files are the group's.
+    for path in package.iterdir():
+        path.chmod(0o664)
+    monkeypatch.setattr(kernel_cache, "__file__", str(source))
+    kernel = modules(tmp_path, name="shipped")
+    assert (kernel(3.0), hits(kernel)) == (7.0, 1)
+
+
+@pytest.mark.parametrize("what", ["Numba", "processor"])
+def test_the_key_names_numba_and_the_processor(cache, tmp_path, monkeypatch, what):
+    def name():
+        compiled_module._compiler.cache_clear()
+        kernel = modules(tmp_path, name=f"keyed_{what}")
+        return kernel.file_name(("d",))
+
+    before = name()
+    assert name() == before
+    if what == "Numba":
+        monkeypatch.setattr(compiled_module, "_numba", lambda: ("0.67.0", ""))
+    else:
+        monkeypatch.setattr(compiled_module, "processor", lambda: ("x86_64-unknown-linux-gnu", "x86-64-v2", ""))
+    assert name() != before
+    monkeypatch.undo()
+    compiled_module._compiler.cache_clear()
+
+
+def test_code_for_the_level_has_the_bits_of_code_for_this_processor(cache, monkeypatch):
+    """A hundred ticks: the shipped code is for x86-64-v3."""
+    host = Processor(binding.get_process_triple(), binding.get_host_cpu_name(),
+                     binding.get_host_cpu_features().flatten())
+    system, states = system_of("chaos"), []
+    for target in (processor(), host):
+        monkeypatch.setattr(linked, "processor", lambda target=target: target)
+        linked._machine.cache_clear()
+        forget()
+        state = np.array([20.0, 0.1, 1.0])
+        kernel = Kernel(fixed_step.advance.py_func, fixed_step.advance.options)
+        monkeypatch.setattr(kernel_cache, "SHIPPED", Path("/nonexistent"))
+        for path in cache.glob("*"):
+            path.unlink()
+        kernel(state, 0.0, 1e-5, 2000, terms_of(system), None, None)
+        states.append(state.tobytes())
+    linked._machine.cache_clear()
+    assert states[0] == states[1]
