@@ -14,14 +14,14 @@ from tcc_sim.cli.verbs import VERBS
 from tcc_sim.compiling.compiled import Kernel
 from tcc_sim.scene import bundled_scenes, load_scene
 from tcc_sim.study.cli import ahead
-from tcc_sim.study.cli.ahead import crossed, drawn, fitted, mapped, solved, stepped
+from tcc_sim.study.cli.ahead import solve_figures, find_sections, make_ticks, make_windows, map_cycle, solve_cycle
 
 ROOT = Path(__file__).resolve().parents[2]
 OF_VERB = {
-    "simulate": [solved], "sweep": [solved], "linearise": [solved, mapped, stepped], "continue": [solved, mapped],
-    "basins": [solved, mapped, crossed], "explain": [stepped], "demo": [stepped], "fmu": [stepped],
-    "identify": [fitted],
-    "figure": [drawn], "realtime": [stepped]}
+    "simulate": [solve_cycle], "sweep": [solve_cycle], "continue": [solve_cycle, map_cycle],
+    "basins": [solve_cycle, map_cycle, find_sections], "linearise": [solve_cycle, map_cycle, make_ticks],
+    "explain": [make_ticks], "demo": [make_ticks], "realtime": [make_ticks], "fmu": [make_ticks],
+    "identify": [make_windows], "figure": [solve_figures]}
 """Uses that a verb makes of its scene."""
 LONG = {"claims", "precision", "stability"}
 """Verbs that run for minutes, of which compiling is a small part."""
@@ -86,10 +86,10 @@ def test_a_verb_calls_only_kernels_that_are_compiled_ahead(shipped, line, tmp_pa
 
 
 def test_what_cannot_be_compiled_ahead_is_reported_and_leaves_the_rest(monkeypatch, capsys):
-    monkeypatch.setattr(ahead, "USES", ((stepped, ("no_such_scene", "fig02")), *ahead.USES[1:]))
+    monkeypatch.setattr(ahead, "USES", ((make_ticks, ("no_such_scene", "fig02")), *ahead.USES[1:]))
     monkeypatch.setattr(ahead, "PARTS", (slice(0, 1),))
     ahead.make(0)
     out, err = capsys.readouterr()
-    assert err.startswith("tcc_sim: not compiled ahead: stepped of no_such_scene: ")
+    assert err.startswith("tcc_sim: not compiled ahead: make_ticks of no_such_scene: ")
     assert err.count("\n") == 1
     assert "fixed_step.tick-" in out

@@ -33,22 +33,22 @@ Use = Callable[[Scene], object]
 NEAR_REST = np.array([0.1, 0.1, 0.0])
 
 
-def solved(scene: Scene) -> None:
+def solve_cycle(scene: Scene) -> None:
     """Solve one cycle."""
     solve(scene, cycles=1).raise_for_status()
 
 
-def mapped(scene: Scene) -> None:
+def map_cycle(scene: Scene) -> None:
     """Map the section by one cycle, with derivatives."""
     stroboscopic_map(scene.system, NEAR_REST, 1.0, parameters=("engine.frequency",))
 
 
-def crossed(scene: Scene) -> None:
+def find_sections(scene: Scene) -> None:
     """Find section points of many motions."""
     sections(scene.system, NEAR_REST[None], 0, 1, 1e-9)
 
 
-def stepped(scene: Scene) -> None:
+def make_ticks(scene: Scene) -> None:
     """Make ticks of the node, alone and with every term, and ticks with the states between."""
     plant = Plant(scene)
     plant.warm_up()
@@ -56,13 +56,13 @@ def stepped(scene: Scene) -> None:
     advance(np.zeros(3), 0.0, 1e-6, 1, plant.stepper.terms, None, np.empty((1, 3)))
 
 
-def fitted(scene: Scene) -> None:
+def make_windows(scene: Scene) -> None:
     """Make ticks with derivatives by a key."""
     by = key_derivatives(scene.system, ("friction.kinetic_coefficient",))
     advance_windows(NEAR_REST[None], 0.0, 1e-6, 1, 1, terms_of(scene.system), None, by)
 
 
-def drawn(scene: Scene) -> None:
+def solve_figures(scene: Scene) -> None:
     """Solve a cycle of every curve of the paper's figures, and of Fig. 2 by every solver; `scene` is not used."""
     for row in FIGURES.values():
         for series in row.series:
@@ -72,8 +72,9 @@ def drawn(scene: Scene) -> None:
 
 
 USES: tuple[tuple[Use, tuple[str, ...]], ...] = (
-    (solved, tuple(bundled_scenes())), (stepped, tuple(bundled_scenes())), (fitted, ("commands", "controlled")),
-    (mapped, ("chaos", "minimal")), (crossed, ("chaos",)), (drawn, ("minimal",)))
+    (solve_cycle, tuple(bundled_scenes())), (make_ticks, tuple(bundled_scenes())),
+    (make_windows, ("commands", "controlled")), (map_cycle, ("chaos", "minimal")), (find_sections, ("chaos",)),
+    (solve_figures, ("minimal",)))
 """Every use with its scenes: all bundled ones for a run and the nodes, those of the pages for other verbs."""
 PARTS = slice(0, 3), slice(3, None)
 """Two halves of the work, in processes of their own."""
