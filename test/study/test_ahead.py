@@ -14,7 +14,7 @@ from tcc_sim.cli.verbs import VERBS
 from tcc_sim.compiling.compiled import Kernel
 from tcc_sim.scene import bundled_scenes, load_scene
 from tcc_sim.study.cli import ahead
-from tcc_sim.study.cli.ahead import solve_figures, find_sections, make_ticks, make_windows, map_cycle, solve_cycle
+from tcc_sim.study.cli.ahead import find_sections, make_ticks, make_windows, map_cycle, solve_cycle, solve_figures
 
 ROOT = Path(__file__).resolve().parents[2]
 OF_VERB = {
