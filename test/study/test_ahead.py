@@ -20,12 +20,12 @@ ROOT = Path(__file__).resolve().parents[2]
 OF_VERB = {
     "simulate": [solve_cycle], "sweep": [solve_cycle], "continue": [solve_cycle, map_cycle],
     "basins": [solve_cycle, map_cycle, find_sections], "linearise": [solve_cycle, map_cycle, make_ticks],
-    "explain": [make_ticks], "demo": [make_ticks], "realtime": [make_ticks], "fmu": [make_ticks],
+    "demo": [make_ticks], "realtime": [make_ticks], "fmu": [make_ticks],
     "identify": [make_windows], "figure": [solve_figures]}
 """Uses that a verb makes of its scene."""
 LONG = {"claims", "precision", "stability"}
 """Verbs that run for minutes, of which compiling is a small part."""
-WITHOUT = {"scenes", "analyse", "recover", "watch", "control", "plot"}
+WITHOUT = {"scenes", "explain", "analyse", "recover", "watch", "control", "plot"}
 """Verbs without kernels, or with those of a recording's scene, which is that of another command."""
 LINES = sorted({line for page in (ROOT / "README.md", *sorted((ROOT / ".github" / "guide").glob("*.md")))
                 for line in re.findall(r"^    (?:\S*/)?tcc-sim (.*)$", page.read_text(), re.MULTILINE)}
@@ -76,7 +76,7 @@ def test_every_command_on_the_pages_meets_kernels_that_are_compiled_ahead(shippe
     "sweep chaos --over friction.kinetic_coefficient=0.2,0.21 --lyapunov --cycles 30 --discard 20",
     "continue chaos --over friction.kinetic_coefficient=0.29:0.291",
     "basins chaos --plane initial.slip_speed=-1:1:2 --plane initial.plate_angle=0:0.1:2",
-    "linearise controlled --slip 20", "explain fig02", "figure 2"])
+    "linearise controlled --slip 20", "figure 2"])
 def test_a_verb_calls_only_kernels_that_are_compiled_ahead(shipped, line, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with called() as names:
