@@ -108,6 +108,16 @@ class Orders(Result):
         return found
 
 
+def slip_about_cycle_mean(signals: Signals) -> tuple[Floats, Floats]:
+    """Return times, (n,) s, in equal steps of the phase over whole engine cycles, and the slip speed there less its
+    mean over each of these cycles, (n,) rad/s.
+    """
+    begin = math.ceil(float(signals.turns[0]) - 1e-9)
+    count = max(math.floor(float(signals.turns[-1]) + 1e-9) - begin, 0) * DEFAULTS.per_cycle
+    at = signals.when(begin + np.arange(count + 1) / DEFAULTS.per_cycle)
+    return at[:-1], _about_cycle_mean(signals.at(at)[0])[:-1]
+
+
 def orders_of(run: Trajectory | Signals) -> Orders:
     """Return the orders of a run from its samples; windows with a gap between samples are left out.
 

@@ -23,7 +23,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     common.add_scene(parser)
     values = parser.add_argument_group("values")
     values.add_argument("--over", metavar="KEY=START:STOP:COUNT[:log]|KEY=V,V,...", action="append", default=[],
-                        help="scene key and its values; given twice, a grid of two keys")
+                        help="scene key and its values; given twice, a grid of two keys; friction.coefficients takes "
+                        "factors of a whole table")
     values.add_argument("--direction", choices=("cold", "up", "down"), default="cold",
                         help="start of each value of the first key: cold from the scene's initial state (default), up "
                         "or down from the last state of the neighbour below or above, with the phases of torque and "
@@ -34,6 +35,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                          "quantiles of every result")
     samples.add_argument("--samples", metavar="N", type=int, help="number of samples; best a power of 2")
     samples.add_argument("--seed", metavar="N", type=int, default=0, help="seed of the samples (default 0)")
+    samples.add_argument("--quantiles", metavar="P,P,...", help="probabilities of the quantiles, such as "
+                         "0.025,0.5,0.975 (default 0.05,0.5,0.95)")
     samples.add_argument("--every-sample", action="store_true",
                          help="include samples that ran away or have not settled in the quantiles")
     length = parser.add_argument_group("length")
@@ -44,7 +47,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     length.add_argument("--discard", metavar="N|auto", default=None,
                         help="cycles dropped (default 50); auto stops as soon as the section has settled, and drops "
                         "the cycles before")
-    common.add_solver(parser)
+    figures = common.add_solver(parser)
+    figures.add_argument("--orders", metavar="SPEED,...", nargs="?", const="", help="add judder, and "
+                         "amplitudes of the first four orders of slip speed and shaft torque at these frequencies of "
+                         "the excitation, rad/s (default: five within the range of each run, or its constant one)")
     common.add_workers(parser)
     common.add_outputs(parser, "results in value order", "each point as soon as it is solved; the same command resumes "
                        "from this file", force="replace an existing --json file or picture")
@@ -58,7 +64,8 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.sweeps.sweep import sweep_curves
 
     scene = common.scene_of(arguments)
-    plan = common.plan_of(arguments, direction=arguments.direction)
+    orders = None if arguments.orders is None else _numbers("--orders", arguments.orders)
+    plan = common.plan_of(arguments, direction=arguments.direction, orders=orders)
     common.check_outputs(arguments)
     curves, gather = _work(arguments, scene.system)
     ended = ""
@@ -90,9 +97,17 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _numbers(option: str, text: str) -> tuple[float, ...]:
+    """Return the numbers of an option, separated by commas; none for an empty text."""
+    try:
+        return tuple(float(word) for word in text.split(",") if text)
+    except ValueError:
+        raise InputError(f"{option} is {text!r}; it must be numbers separated by commas") from None
+
+
 def _work(arguments: argparse.Namespace, system: System) -> tuple[list[Curve], Callable[[list[Sweep]], Any]]:
     """Return the curves to solve, and the function that makes a result of the solved ones."""
-    from tcc_sim.sweeps.scatter import Scattered, Tolerances, scattered_curves
+    from tcc_sim.sweeps.scatter import PROBABILITIES, Scattered, Tolerances, scattered_curves
     from tcc_sim.sweeps.sweep import Curve, Grid, curves_of
 
     over = [values_of_range(text) for text in arguments.over]
@@ -103,10 +118,14 @@ def _work(arguments: argparse.Namespace, system: System) -> tuple[list[Curve], C
             raise InputError("--over is given twice; with --scatter it can be given once")
         if arguments.samples is None:
             raise InputError("--scatter needs --samples N, the number of samples")
-        tolerances, (key, values) = Tolerances(bounds, arguments.samples, arguments.seed), (*over, ("", []))[0]
+        told = PROBABILITIES if arguments.quantiles is None else _numbers("--quantiles", arguments.quantiles)
+        tolerances = Tolerances(bounds, arguments.samples, arguments.seed, told)
+        key, values = (*over, ("", []))[0]
         every = arguments.every_sample
         return (scattered_curves(system, tolerances, key, values),
                 lambda sweeps: Scattered(tolerances, key, sweeps, every))
+    if arguments.quantiles is not None:
+        raise InputError("--quantiles needs --scatter KEY=LOW:HIGH")
     if arguments.every_sample:
         raise InputError("--every-sample needs --scatter KEY=LOW:HIGH")
     if arguments.samples is not None:

@@ -115,7 +115,6 @@ def check_table(slip_speeds: tuple[float, ...], coefficients: tuple[float, ...])
     check_rising(speeds, slip_speeds, "slip speed", "rad/s")
 
 
-@lru_cache(maxsize=64)
 def fit_curve(slip_speeds: tuple[float, ...], coefficients: tuple[float, ...]) -> FrictionCurve:
     """Fit a friction table by a constant and the fewest exponentials, at most three, that the points justify.
 
@@ -140,6 +139,15 @@ def fit_curve(slip_speeds: tuple[float, ...], coefficients: tuple[float, ...]) -
         The lists form no table, or the error of every such curve exceeds 5 % of the largest coefficient.
     """
     check_table(slip_speeds, coefficients)
+    size = max(coefficients)
+    # Tables that differ by a factor have one fit, so that a sweep over the factor does not fit each of them.
+    fit = _fit_of(slip_speeds, tuple(float(f"{x / size:.12g}") for x in coefficients))
+    return replace(fit, constant=size * fit.constant, amplitudes=tuple(size * c for c in fit.amplitudes))
+
+
+@lru_cache(maxsize=64)
+def _fit_of(slip_speeds: tuple[float, ...], coefficients: tuple[float, ...]) -> FrictionCurve:
+    """Return the fit of a table whose largest coefficient is 1."""
     v, mu = np.array(slip_speeds), np.array(coefficients)
     best: FrictionCurve | None = None
     least, most = math.inf, min(MOST_TERMS, len(v) - 2)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from tcc_sim.analysis.manoeuvre import JudderFigures
 from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.analysis.summary import Summary, runaway_cause
 from tcc_sim.errors import counted
@@ -34,6 +35,8 @@ SWEPT = ("max_slip_speed", "period", "stick_fraction", "regime", "equivalent_dam
 """Columns of a sweep that its table shows, as far as they were computed."""
 QUANTILES = ("max_slip_speed", "stick_fraction", "clutch_energy", "max_shaft_torque")
 """Results whose quantiles are printed."""
+MANOEUVRE = ("breakaways", "judder_rms", "judder_peak")
+"""Further ones of manoeuvres and with orders."""
 
 
 def aligned(pairs: list[tuple[str, str]]) -> list[str]:
@@ -229,7 +232,9 @@ def sweep_lines(found: Sweep | Grid, width: int | None = None) -> list[str]:
         own.append(_padded([key.rpartition(".")[2], unit, *(f"{x * factor:.8g}" for x in columns[key].tolist())]))
     tables: list[list[list[str]]] = []
     used = math.inf
-    for name in (name for name in SWEPT if name in columns):
+    shown = SWEPT if "judder_rms" not in columns else (
+        *SWEPT, "clutch_energy", "max_shaft_torque", *MANOEUVRE, *(name for name in columns if "_order_" in name))
+    for name in (name for name in shown if name in columns):
         unit, factor = shown_unit(units.get(name, ""))
         cells = [_cell(columns, name, k, factor) for k in range(len(status))]
         column = _padded([name, "periods" if name == "period" else unit, *cells])
@@ -286,8 +291,6 @@ def _remedy(sweeps: Sequence[Sweep]) -> str:
 
 def quantile_lines(found: Scattered) -> list[str]:
     """Return quantiles of the main results over the samples, for each value of a swept key."""
-    from tcc_sim.sweeps.scatter import PROBABILITIES
-
     values = found.sweeps[0].curve.values if found.over else ()
     lines = [f"{counted(found.tolerances.samples, 'sample')} of "
              + ", ".join(key_value(key, low, 6, high) for key, low, high in found.tolerances.bounds)]
@@ -296,13 +299,25 @@ def quantile_lines(found: Scattered) -> list[str]:
         lines.append(f"quantiles leave out {counted(left_out['runaway'], 'result')} that ran away and "
                      f"{left_out['not_settled']} that have not settled; {_remedy(found.sweeps)}, or give "
                      "--every-sample")
-    units = units_of_columns(Summary, QUANTILES)
-    for name in QUANTILES:
+    shares = "".join(f"  {100.0 * p:g} %" for p in found.tolerances.probabilities)
+    starts = [f"  {key_value(found.over, value, 8)}" for value in values] or [" "]
+    names = [*QUANTILES, *(MANOEUVRE if found.sampled else ())]
+    units = units_of_columns(Summary, QUANTILES) | units_of_columns(JudderFigures, MANOEUVRE)
+    for name in names:
         unit, factor = shown_unit(units.get(name, ""))
-        lines.append(f"{name}{unit and f' ({unit})'}" + "".join(f"  {100.0 * p:g} %" for p in PROBABILITIES))
-        for k, row in enumerate(factor * found.quantiles(name)):
-            start = f"  {key_value(found.over, values[k], 8)}" if found.over else " "
-            lines.append(start + "".join(f"  {x:.6g}" for x in row))
+        lines.append(f"{name}{unit and f' ({unit})'}{shares}")
+        lines += [start + "".join(f"  {x:.6g}" for x in row)
+                  for start, row in zip(starts, factor * found.quantiles(name))]
+    orders, quantiles = found.orders, found.order_quantiles
+    if orders is not None and quantiles is not None:
+        for name, unit in (("slip_speed", "rad/s"), ("shaft_torque", "N m")):
+            shown, factor = shown_unit(unit)
+            rows = quantiles[name] if found.over else quantiles[name][None]
+            for i, omega in enumerate(orders.speeds):
+                for k, order in enumerate(orders.order):
+                    lines.append(f"{name} of order {order:g} at {engine_speed(omega)} ({shown}){shares}")
+                    lines += [start + "".join(f"  {factor * x:.6g}" for x in row[i, k])
+                              for start, row in zip(starts, rows)]
     return lines
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.analysis.damping import Damping
+from tcc_sim.analysis.manoeuvre import JudderFigures, OrdersAtSpeeds
 from tcc_sim.analysis.multipliers import Lyapunov
 from tcc_sim.analysis.summary import Summary
 from tcc_sim.errors import InputError
@@ -25,13 +26,16 @@ SUMMARY_KEYS = tuple(item.name for item in fields(Summary) if item.name != "sect
 """Keys of `simulate --json` that a sweep has per value."""
 MAY_BE_NAN = ("section_change", *(item.name for item in fields(Summary)
                                   if item.type == "float" and item.default is not MISSING))
+SCALED = "friction.coefficients"
+"""Key of a table, which is scaled as a whole."""
 NOT_SOLVED = "not solved: the sweep was interrupted"
 EMPTY: dict[str, float | int | bool | str] = {"float": np.nan, "int": -1, "int | None": -1, "bool": False, "str": ""}
 """Value of an empty table cell by the type of its field."""
 COLUMNS: dict[str, float | int | bool | str] = {
     **{item.name: EMPTY[str(item.type)] for item in fields(Summary) if item.type in EMPTY}, "confirmed": False,
     **dict.fromkeys(names_in(Damping), np.nan),
-    **{f"lyapunov_{item.name}": EMPTY[str(item.type)] for item in fields(Lyapunov) if item.type in EMPTY}, "status": ""}
+    **{f"lyapunov_{item.name}": EMPTY[str(item.type)] for item in fields(Lyapunov) if item.type in EMPTY},
+    **dict.fromkeys(names_in(JudderFigures), np.nan), "status": ""}
 """Columns of a table with a row per value, and the value of their empty cells."""
 
 
@@ -55,6 +59,10 @@ class Point:
     damping: Damping | None = field(metadata=reported("equivalent damping", spread=True, asked_for=True))
     lyapunov: Lyapunov | None = field(metadata=reported("largest Lyapunov exponent", asked_for=True))
     end: Start
+    judder: JudderFigures | None = field(default=None, metadata=reported(
+        "judder of a manoeuvre or with orders", spread=True, asked_for=True))
+    orders: OrdersAtSpeeds | None = field(default=None, metadata=reported(
+        "orders at given speeds of the engine", asked_for=True))
 
     def as_record(self) -> dict[str, Any]:
         """Return the value, the results and the end of the motion as JSON values: a line in the file of a sweep."""
@@ -63,10 +71,11 @@ class Point:
 
     def number(self, name: str) -> float:
         """Return a result in numbers by its name in JSON; NaN for one that is missing or not finite."""
-        damping = {entry.name: attribute for attribute, entry in reported_of(Damping).items()}
-        part = (self if name == "confirmed" else self.damping if name in damping else
+        damping, judder = ({entry.name: attribute for attribute, entry in reported_of(kind).items()}
+                           for kind in (Damping, JudderFigures))
+        part = (self if name == "confirmed" else self.damping if name in damping else self.judder if name in judder else
                 self.lyapunov if name.startswith("lyapunov_") else self.summary)
-        value = getattr(part, damping.get(name, name.removeprefix("lyapunov_")), None)
+        value = getattr(part, (damping | judder).get(name, name.removeprefix("lyapunov_")), None)
         return float(value) if value is not None and math.isfinite(value) else math.nan
 
     @staticmethod
@@ -88,17 +97,41 @@ class Point:
         if "lyapunov" in record:
             values: dict[str, Any] = {k: math.nan if v is None else v for k, v in record["lyapunov"].items()}
             lyapunov = Lyapunov(**values)
+        judder = orders = None
+        if "judder_rms" in record:
+            judder = JudderFigures(*(math.nan if record[name] is None else float(record[name])
+                                     for name in names_in(JudderFigures)))
+        if "orders" in record:
+            orders = OrdersAtSpeeds(**{name: np.array(values, dtype=np.float64)
+                                       for name, values in record["orders"].items()})
         v, angle, speed = map(float, record["final"])
         return Point(float(record["value"]), summary, np.array(record["section"], dtype=np.float64).reshape(-1, 2),
                      bool(record["confirmed"]), str(record["status"]),
                      np.array(record["theta2"], dtype=np.float64).reshape(-1) if "theta2" in record else None,
                      damping, lyapunov,
-                     Start(State(v, angle, speed), int(record["final_cycle"])))
+                     Start(State(v, angle, speed), int(record["final_cycle"])), judder, orders)
+
+
+def varied(system: System, key: str, value: float) -> System:
+    """Return the system with one scene key changed; SCALED is a table, and the value is the factor of its coefficients.
+
+    Raises
+    ------
+    InputError
+        An unknown key, a value out of its range, or no table.
+    """
+    if key != SCALED:
+        return replace(system, {key: value})
+    if not system.friction.coefficients:
+        raise InputError(f"{SCALED} is empty; a factor scales the friction table of a scene")
+    if not 0.0 < value < math.inf:
+        raise InputError(f"the factor of {SCALED} is {value:g}; it must be above 0")
+    return replace(system, {SCALED: [value * x for x in system.friction.coefficients]})
 
 
 @dataclass(frozen=True)
 class Curve:
-    """A system at many values of one scene key.
+    """A system at many values of one scene key, see `varied`.
 
     Raises
     ------
@@ -114,11 +147,11 @@ class Curve:
         if not 1 <= len(self.values) <= DEFAULTS.most_values:
             raise InputError(f"a sweep has {len(self.values)} values; it must have 1 to {DEFAULTS.most_values}")
         for value in self.values:
-            replace(self.system, {self.key: value})
+            varied(self.system, self.key, value)
 
     def at(self, index: int) -> System:
         """Return the system at one of the values."""
-        return replace(self.system, {self.key: self.values[index]})
+        return varied(self.system, self.key, self.values[index])
 
 
 @dataclass(frozen=True)
@@ -187,7 +220,18 @@ class Sweep(Result):
         there = {name for r in flat for name in r}
         return {self.curve.key: self.values,
                 **{name: np.array([none if r.get(name) is None else r[name] for r in flat], dtype=type(none))
-                   for name, none in COLUMNS.items() if name in there}}
+                   for name, none in COLUMNS.items() if name in there}, **self._order_columns()}
+
+    def _order_columns(self) -> dict[str, NDArray[np.float64]]:
+        """Return the amplitudes of every order at every speed, rad/s and N m, (n,) each."""
+        known = next((p.orders for p in self.points if p is not None and p.orders is not None), None)
+        if known is None:
+            return {}
+        empty = np.full((len(known.speeds), len(known.order)), np.nan)
+        return {f"{name}_order_{order:g}_at_{speed:.6g}": np.array([
+            (empty if p is None or p.orders is None else getattr(p.orders, name))[i, k] for p in self.points])
+            for name in ("slip_speed", "shaft_torque") for i, speed in enumerate(known.speeds)
+            for k, order in enumerate(known.order)}
 
     def _flat(self) -> list[dict[str, Any]]:
         """Return the records of all values, with the exponent's fields beside the others."""
@@ -266,7 +310,8 @@ def lists_of(sweeps: Sequence[Sweep]) -> dict[str, list[Any]]:
 def stacked(sweeps: Sequence[Sweep]) -> dict[str, NDArray[Any]]:
     """Return the columns of sweeps of equal length below each other."""
     rows, length = [s.columns() for s in sweeps], len(sweeps[0].points)
-    return {name: np.concatenate([row[name] if name in row else np.full(length, COLUMNS[name]) for row in rows])
+    return {name: np.concatenate([row[name] if name in row else np.full(length, COLUMNS.get(name, np.nan))
+                                  for row in rows])
             for name in dict.fromkeys(name for row in rows for name in row)}
 
 

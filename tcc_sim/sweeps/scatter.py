@@ -11,22 +11,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.analysis.damping import Damping
+from tcc_sim.analysis.manoeuvre import JudderFigures, OrdersAtSpeeds
 from tcc_sim.analysis.summary import Summary
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.quantity import sequence_of_numbers
 from tcc_sim.result import Result, reported, reported_of, reporting
 from tcc_sim.scene import Scene, system_of
-from tcc_sim.sweeps.results import Course, Point, Sweep, lists_of, stacked
+from tcc_sim.sweeps.results import SCALED, Course, Point, Sweep, lists_of, stacked, varied
 from tcc_sim.sweeps.settings import DEFAULTS
 from tcc_sim.sweeps.simulation import Plan, with_plan_fields
 from tcc_sim.sweeps.sweep import Curve, sweep_curves
 
 PROBABILITIES = (0.05, 0.5, 0.95)
+"""Default probabilities of quantiles."""
 COUNTED = ("runaway", "not_settled")
 """Reasons for leaving a sample out of quantiles."""
-NUMBERS = tuple(entry.name or name for kind in (Summary, Damping) for name, entry in reported_of(kind).items()
-                if entry.scatters)
+NUMBERS = tuple(entry.name or name for kind in (Summary, Damping, JudderFigures)
+                for name, entry in reported_of(kind).items() if entry.scatters)
 """Results that have quantiles; a truth value counts as 0 or 1."""
 
 
@@ -36,6 +38,7 @@ class Tolerances:
 
     bounds : key, lowest and highest value
     samples : a power of 2 fills the bounds most evenly
+    probabilities : of the quantiles, rising
 
     Raises
     ------
@@ -46,6 +49,7 @@ class Tolerances:
     bounds: tuple[tuple[str, float, float], ...]
     samples: int = field(metadata=reported("number of samples"))
     seed: int = field(default=0, metadata=reported("seed of the scrambling; the same seed gives the same samples"))
+    probabilities: tuple[float, ...] = field(default=PROBABILITIES, metadata=reported("probabilities of the quantiles"))
 
     def __post_init__(self) -> None:
         keys = [key for key, _, _ in self.bounds]
@@ -58,18 +62,16 @@ class Tolerances:
             raise InputError(f"samples is {self.samples}; it must be 2 to {DEFAULTS.most_values}")
         if not 0 <= self.seed < 1 << 32:
             raise InputError(f"seed is {self.seed}; it must be 0 to {(1 << 32) - 1}")
+        told = self.probabilities
+        if not told or not all(0.0 <= p <= 1.0 for p in told) or list(told) != sorted(set(told)):
+            raise InputError(f"quantiles are {', '.join(f'{p:g}' for p in told) or 'none'}; they must be probabilities "
+                             "from 0 to 1 that increase")
 
     @property
     @reporting("scattered keys with their lowest and highest value", "{*}")
     def scatter(self) -> dict[str, tuple[float, float]]:
         """Bounds by key."""
         return {key: (low, high) for key, low, high in self.bounds}
-
-    @property
-    @reporting("probabilities of the quantiles")
-    def probabilities(self) -> tuple[float, ...]:
-        """PROBABILITIES."""
-        return PROBABILITIES
 
     @property
     @reporting("values of the scattered keys in the order of samples", "{*}")
@@ -109,20 +111,41 @@ class Scattered(Result):
         return np.array([sweep.column(name) for sweep in self.sweeps])
 
     def _unsteady(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Return which results, (samples, values), are those of a runaway and of a transient."""
-        return self.result("runaway") == 1.0, self.result("transient") == 1.0
+        """Return which results, (samples, values), are those of a runaway and of a transient; a manoeuvre is none."""
+        away, transient = self.result("runaway") == 1.0, self.result("transient") == 1.0
+        return away, np.zeros_like(transient) if self.manoeuvre else transient
+
+    @property
+    def orders(self) -> OrdersAtSpeeds | None:
+        """Orders of the first sample that has them."""
+        return next((p.orders for s in self.sweeps for p in s.points if p is not None and p.orders is not None), None)
+
+    @property
+    def sampled(self) -> bool:
+        """Whether judder was computed."""
+        return any(p is not None and p.judder is not None for s in self.sweeps for p in s.points)
+
+    @property
+    def manoeuvre(self) -> bool:
+        """Whether the excitation varies in time, so that the motion is no steady state."""
+        return self.sweeps[0].curve.system.profile is not None
 
     def quantiles(self, name: str) -> NDArray[np.float64]:
-        """Return the quantiles 0.05, 0.5 and 0.95 of one result over the samples, (values, 3); NaN without a sample.
+        """Return the quantiles of one result over the samples, (values, probabilities); NaN without a sample.
 
-        Unless `every`, they leave out samples that ran away or have not settled; the quantiles of `runaway` do not.
+        Unless `every`, they leave out samples that ran away or have not settled; the quantiles of `runaway` do not. A
+        manoeuvre, whose scene has profiles, does not settle, and counts.
         """
-        found = self.result(name)
+        return np.moveaxis(self._quantiles(self.result(name), name), 0, -1)
+
+    def _quantiles(self, found: NDArray[np.float64], name: str) -> NDArray[np.float64]:
+        """Return the quantiles of results (samples, values, ...), (probabilities, values, ...)."""
         if not self.every and name != "runaway":
-            found = np.where(np.logical_or(*self._unsteady()), np.nan, found)
+            left_out = np.logical_or(*self._unsteady())
+            found = np.where(left_out.reshape(left_out.shape + (1,) * (found.ndim - 2)), np.nan, found)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # It warns where no sample has the result.
-            return np.asarray(np.nanquantile(found, PROBABILITIES, axis=0).T)
+            return np.asarray(np.nanquantile(found, self.tolerances.probabilities, axis=0))
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """Return the columns of `Sweep` for all samples below each other, the scattered keys first."""
@@ -143,6 +166,23 @@ class Scattered(Result):
         """Quantiles of every computed result in numbers."""
         there = self.sweeps[0].lists
         return {name: self.quantiles(name)[slice(None) if self.over else 0] for name in NUMBERS if name in there}
+
+    @property
+    @reporting("quantiles of the amplitudes of orders over the samples: slip_speed (rad/s) and shaft_torque (N m), for "
+               "each speed a list of orders with a quantile for each probability; with over, a list of them per value",
+               asked_for=True)
+    def order_quantiles(self) -> dict[str, NDArray[np.float64]] | None:
+        """Quantiles of `OrdersAtSpeeds`; None without orders."""
+        orders = [[None if p is None else p.orders for p in sweep.points] for sweep in self.sweeps]
+        if self.orders is None:
+            return None
+        shape = self.orders.slip_speed.shape
+        out = {}
+        for name in ("slip_speed", "shaft_torque"):
+            found = np.array([[np.full(shape, np.nan) if each is None else getattr(each, name) for each in row]
+                              for row in orders])
+            out[name] = np.moveaxis(self._quantiles(found, name), 0, -1)[slice(None) if self.over else 0]
+        return out
 
     @property
     @reporting("value swept over", spread=True, asked_for=True)
@@ -182,15 +222,18 @@ def scattered_curves(system: System, tolerances: Tolerances, over: str = "",
     first = tolerances.bounds[0][0]
     out = []
     for k in range(tolerances.samples):
-        mine = replace(system, {key: float(column[k]) for key, column in sampled.items()})
-        out.append(Curve(mine, over, tuple(values)) if over else
-                   Curve(mine, first, (float(sampled[first][k]),)))
+        own = {key: float(column[k]) for key, column in sampled.items() if over or key != first}
+        factor = own.pop(SCALED, None)
+        mine = replace(system, own)
+        mine = mine if factor is None else varied(mine, SCALED, factor)
+        out.append(Curve(mine, over, tuple(values)) if over else Curve(mine, first, (float(sampled[first][k]),)))
     return out
 
 
 @with_plan_fields
 def scatter(scene: Scene | System | str, bounds: Mapping[str, tuple[float, float]], samples: int, *, seed: int = 0,
-            over: str = "", values: Sequence[float] = (), every: bool = False, plan: Plan | None = None,
+            over: str = "", values: Sequence[float] = (), every: bool = False,
+            quantiles: Sequence[float] = PROBABILITIES, plan: Plan | None = None,
             jobs: int | None = None, dask: str | None = None, progress: bool = False, **settings: Any) -> Scattered:
     """Solve a scene with some keys scattered within bounds.
 
@@ -201,6 +244,7 @@ def scatter(scene: Scene | System | str, bounds: Mapping[str, tuple[float, float
     samples, seed : number of samples, and seed of their scrambling
     over, values : another key over which every sample is swept
     every : whether quantiles include samples that ran away or have not settled
+    quantiles : their probabilities, rising
     plan, jobs, dask, progress : as for `sweep`
 
     Raises
@@ -216,7 +260,8 @@ def scatter(scene: Scene | System | str, bounds: Mapping[str, tuple[float, float
     >>> found.quantiles("max_slip_speed").shape
     (1, 3)
     """
-    told = Tolerances(tuple((key, float(low), float(high)) for key, (low, high) in bounds.items()), samples, seed)
+    told = Tolerances(tuple((key, float(low), float(high)) for key, (low, high) in bounds.items()), samples, seed,
+                      sequence_of_numbers("quantiles", quantiles))
     curves = scattered_curves(system_of(scene), told, over, sequence_of_numbers(over, values))
     return Scattered(told, over, sweep_curves(curves, Plan.of(plan, settings), jobs=jobs, dask=dask,
                                               progress=progress), every)

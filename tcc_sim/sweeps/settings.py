@@ -22,6 +22,8 @@ class Settings:
     longest_line: int = quantity(1 << 28, "longest line of a file of points; the first one of a sweep over a million "
                                  "values has a tenth of that", "bytes")
 
+    order_samples: int = quantity(64, "samples of a run whose judder or orders are computed, per period of excitation")
+
     # When a motion counts as settled (`steady_state.py`).
     settled: float = quantity(1e-6, "repetition of a settled section, relative to the size of the motion")
     settled_window: int = quantity(50, "length over which it repeats: three longest periods", "periods of excitation")

@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from tcc_sim.analysis.damping import Damping, damping_of_cycles
+from tcc_sim.analysis.manoeuvre import OrdersAtSpeeds, orders_at_speeds
 from tcc_sim.analysis.multipliers import Lyapunov
 from tcc_sim.analysis.orders import Orders
 from tcc_sim.analysis.periodicity import repeats_finely, stays
@@ -31,6 +32,7 @@ from tcc_sim.analysis.summary import (
 from tcc_sim.errors import InputError
 from tcc_sim.later_rooms import from_later_room
 from tcc_sim.model.parameters import System
+from tcc_sim.model.quantity import sequence_of_numbers
 from tcc_sim.result import Result, reported, reporting
 from tcc_sim.scene import Scene, system_of
 from tcc_sim.solvers import check_duration, check_setting, choose, solve
@@ -59,6 +61,8 @@ class Plan:
     damping : whether (21) is computed
     lyapunov : whether the largest Lyapunov exponent is computed
     lyapunov_cycles : cycles over which it is averaged if there is no period
+    orders : frequencies of the excitation, rad/s, at which amplitudes of orders are computed; empty for five within the
+        range of the run, or its constant one; None for no orders
 
     Raises
     ------
@@ -77,6 +81,7 @@ class Plan:
     damping: bool = False
     lyapunov: bool = False
     lyapunov_cycles: int = DEFAULTS.lyapunov_cycles
+    orders: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         if self.direction not in DIRECTIONS:
@@ -93,6 +98,11 @@ class Plan:
             raise InputError(f"discard is {self.discard!r}; it must be a number of cycles or auto")
         if isinstance(self.discard, int) and self.discard < 0:
             raise InputError(f"discard is {self.discard}; it must be 0 or more cycles, or auto")
+        if self.orders is not None:
+            object.__setattr__(self, "orders", sequence_of_numbers("orders", self.orders))
+            if not all(0.0 < speed < math.inf for speed in self.orders):
+                raise InputError(f"orders has the speeds {', '.join(f'{x:g}' for x in self.orders)} rad/s; they must "
+                                 "be above 0")
         if not 0 <= self.section_points <= 10_000_000:
             raise InputError(f"section_points is {self.section_points}; it must be 0 to 10000000")
 
@@ -168,6 +178,8 @@ class Simulation(Result):
         "orders, transmissibility and judder", asked_for=True))
     measured_orders: Orders | None = field(default=None, metadata=reported(
         "the same of the measurement in --inputs", asked_for=True))
+    orders_at_speeds: OrdersAtSpeeds | None = field(default=None, metadata=reported(
+        "amplitudes of orders at given speeds of the engine", asked_for=True))
     spectrum: Spectrum | None = field(default=None, metadata=reported(
         "amplitudes over frequency and order", asked_for=True))
     notes: tuple[str, ...] = ()
@@ -247,6 +259,8 @@ def simulate(scene: Scene | System | str | Path, plan: Plan | None = None, *, sa
     if start is None:
         i = system.initial
         start = Start(State(i.slip_speed, i.plate_angle, i.plate_speed, i.plate_angle), 0)
+    if plan.orders is not None:
+        samples_per_cycle = samples_per_cycle or DEFAULTS.order_samples
     kept = {"samples_per_cycle": samples_per_cycle, "flywheel_angle": flywheel_angle}
     if (duration := plan.seconds(system)) is not None:
         run, cycles, discarded = _timed_run(system, plan, start, duration, kept)
@@ -256,7 +270,11 @@ def simulate(scene: Scene | System | str | Path, plan: Plan | None = None, *, sa
         discarded = plan.dropped(plan.most, default_discard(plan.most) if system.profile is None else 0)
         run = _solve(system, plan, start, cycles=plan.most, loads_from=discarded, **kept)
         cycles = run.cycles
-    return replace(_judged(system, plan, start, run, cycles, discarded), plan=plan)
+    found = _judged(system, plan, start, run, cycles, discarded)
+    at = None
+    if plan.orders is not None and found.summary is not None:
+        at = orders_at_speeds(run, plan.orders, found.summary.covers[0])
+    return replace(found, plan=plan, orders_at_speeds=at)
 
 
 def _solve(system: System, plan: Plan, start: Start, **span: Any) -> Trajectory:

@@ -19,8 +19,9 @@ from typing import Any
 import numpy as np
 
 from tcc_sim import __version__
+from tcc_sim.analysis.manoeuvre import judder_of
 from tcc_sim.errors import InputError, SweepInterrupted, WorkersLost
-from tcc_sim.model.parameters import System, replace, values_of
+from tcc_sim.model.parameters import System, values_of
 from tcc_sim.model.quantity import sequence_of_numbers
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.result import json_of
@@ -29,7 +30,7 @@ from tcc_sim.solvers import SOLVERS, choose
 from tcc_sim.sweeps.executors import Attendance, each_done, workers
 from tcc_sim.sweeps.file import SweepFile
 from tcc_sim.sweeps.progress import progress_bar
-from tcc_sim.sweeps.results import Curve, Grid, Point, Sweep
+from tcc_sim.sweeps.results import Curve, Grid, Point, Sweep, varied
 from tcc_sim.sweeps.settings import DEFAULTS
 from tcc_sim.sweeps.simulation import PAPER, Plan, simulate, with_plan_fields
 from tcc_sim.sweeps.steady_state import Start
@@ -96,7 +97,7 @@ def curves_of(system: System, key: str, values: Sequence[float], second_key: str
         raise InputError(f"a grid has {len(values)} by {len(second_values)} values; it must have 1 to "
                          f"{DEFAULTS.most_values}")
     row = tuple(map(float, values))
-    return [Curve(replace(system, {second_key: float(x)}), key, row) for x in second_values]
+    return [Curve(varied(system, second_key, float(x)), key, row) for x in second_values]
 
 
 def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | None = None, dask: str | None = None,
@@ -225,13 +226,16 @@ def solve_point(system: System, value: float, plan: Plan, start: Start | None = 
 
     A numerical failure is the status of the point, without a summary, and its last state is not passed on.
     """
-    found = simulate(system, with_sweep_tolerance(system, plan), start=start)
-    summary, section = found.summary, np.empty((0, 2))
+    sampled = system.profile is not None or plan.orders is not None
+    found = simulate(system, with_sweep_tolerance(system, plan), start=start,
+                     samples_per_cycle=DEFAULTS.order_samples if sampled else 0)
+    summary, section, judder = found.summary, np.empty((0, 2)), None
     if summary is not None:
+        judder = judder_of(found.trajectory, summary.covers[0]) if sampled else None
         section = np.array(summary.section, dtype=np.float64).reshape(-1, 2)
         summary = dataclasses.replace(summary, section=[], section_states=None)
     return Point(value, summary, section, found.confirmed, found.status, found.angles if plan.section_points else None,
-                 found.damping, found.lyapunov, found.end)
+                 found.damping, found.lyapunov, found.end, judder, found.orders_at_speeds)
 
 
 def with_sweep_tolerance(system: System, plan: Plan) -> Plan:

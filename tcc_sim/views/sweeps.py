@@ -23,6 +23,9 @@ REGIMES = {"stick": style.GREY, "stick-slip": style.BLUE, "slip": style.GREEN, "
 RESULTS = (("max_slip_speed", "max |slip speed|\n(rad/s)", 1.0), ("stick_fraction", "stick (%)", 100.0),
            ("clutch_energy", "clutch energy (J)", 1.0))
 """Results drawn for scattered keys, with the labels of their axes, and factors to the units of the axes."""
+OF_MANOEUVRE = (RESULTS[0], ("max_shaft_torque", "max shaft\ntorque (N m)", 1.0), RESULTS[2],
+                ("judder_rms", "judder, rms\n(rad/s)", 1.0))
+"""The same for scenes with profiles in time."""
 JUMP, SHARPER = 0.05, 4.0
 """A line has a gap between neighbours that differ by more than JUMP of the curve's range and more than SHARPER times
 the median difference of the two pairs on either side.
@@ -184,13 +187,14 @@ def _period_map(drawn: Any, axis: Any, x: Floats, y: Floats, values: Mapping[str
 
 
 def draw_scatter(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
-    """Draw bands of the quantiles 0.05 to 0.95 over the swept key, or without one samples over each scattered key."""
+    """Draw bands of the outer quantiles over the swept key, or without one samples over each scattered key."""
     values = style.json_values(found)
+    results = OF_MANOEUVRE if values.get("varying") else RESULTS
     over = values.get("over", "")
     keys = [] if over else list(values["scatter"])[:4 if style.wide(width) else 2]
     with style.figure(width, 5.0, title) as drawn:
-        axes = drawn.subplots(len(RESULTS), max(len(keys), 1), sharex="col", sharey="row", squeeze=False)
-        for row, (name, label, scale) in zip(axes, RESULTS):
+        axes = drawn.subplots(len(results), max(len(keys), 1), sharex="col", sharey="row", squeeze=False)
+        for row, (name, label, scale) in zip(axes, results):
             row[0].set_ylabel(label)
             if over:
                 draw_band(row[0], values, name, scale)
@@ -216,11 +220,15 @@ def draw_scattered(axis: Any, found: Any) -> None:
 
 
 def draw_band(axis: Any, values: Mapping[str, Any], name: str, scale: float = 1.0) -> None:
-    """Draw median and band of one result."""
-    x = numbers(values["values"])
-    low, middle, high = scale * np.array([numbers(row) for row in values["quantiles"][name]]).T
-    axis.fill_between(x, low, high, color=style.SKY, alpha=0.45, linewidth=0.0, label="5 to 95 %")
-    axis.plot(x, middle, color=style.BLUE, linewidth=1.1, label="median")
+    """Draw the band between the outer quantiles of one result, and those between them as lines."""
+    x, told = numbers(values["values"]), [100.0 * p for p in values["probabilities"]]
+    rows = scale * np.array([numbers(row) for row in values["quantiles"][name]]).T
+    if len(told) > 1:
+        axis.fill_between(x, rows[0], rows[-1], color=style.SKY, alpha=0.45, linewidth=0.0,
+                          label=f"{told[0]:g} to {told[-1]:g} %")
+    for share, row in zip(told, rows):
+        if len(told) == 1 or share not in (told[0], told[-1]):
+            axis.plot(x, row, color=style.BLUE, linewidth=1.1, label="median" if share == 50.0 else f"{share:g} %")
     if len(x) > 1:
         axis.set_xlim(x.min(), x.max())
 
@@ -231,10 +239,11 @@ def _samples(axis: Any, values: Mapping[str, Any], name: str, key: str, scale: f
     for regime, (colour, mine) in classes(values["regime"], values["runaway"]).items():
         axis.plot(x[mine], y[mine], linestyle="none", marker="o", markersize=2.4, markeredgewidth=0.0,
                   color=colour, label=regime)
-    draw_open(axis, x, y, transients(values["regime"], values["transient"]), 2.4)
-    for level, line, label in zip(scale * numbers(values["quantiles"][name]), (":", "-", ":"),
-                                  ("5 and 95 %", "median", None)):
-        axis.axhline(level, color=style.INK, linewidth=0.8, linestyle=line, label=label)
+    if not values.get("varying"):   # A manoeuvre does not settle.
+        draw_open(axis, x, y, transients(values["regime"], values["transient"]), 2.4)
+    for level, share in zip(scale * numbers(values["quantiles"][name]), values["probabilities"]):
+        axis.axhline(level, color=style.INK, linewidth=0.8, linestyle="-" if share == 0.5 else ":",
+                     label="median" if share == 0.5 else f"{100.0 * share:g} %")
 
 
 def classes(regimes: Sequence[str | None], runaway: Sequence[bool | None]) -> dict[str, tuple[str, Bools]]:

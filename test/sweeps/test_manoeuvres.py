@@ -1,0 +1,113 @@
+"""Sweeps and scatter of manoeuvres against closed forms and single runs, quantiles, and scaled tables."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+from documents import valid
+
+from tcc_sim.cli import main
+from tcc_sim.errors import InputError
+from tcc_sim.scene import load_scene
+from tcc_sim.sweeps.scatter import Tolerances, scatter
+from tcc_sim.sweeps.simulation import simulate
+from tcc_sim.sweeps.sweep import sweep
+
+KINETIC = "friction.kinetic_coefficient"
+SLIPS = load_scene("slip").with_values({
+    "engine.frequency_times": [0.0, 1.0, 6.0], "engine.frequency_values": [100.0, 100.0, 250.0],
+    "initial.slip_speed": 400.0, "initial.plate_angle": load_scene("slip").system.saturation_mean / 3000.0})
+"""A run-up that slips throughout under constant friction, with the plate at rest: v' = (Te - Tsm)/I1."""
+
+
+def test_orders_and_judder_of_a_run_up_in_pure_slip_are_those_of_the_flywheel_alone() -> None:
+    system, speeds = SLIPS.system, (130.0, 180.0, 240.0)
+    point, = sweep(system, "driveline.stiffness", [system.driveline.stiffness], orders=(*speeds, 300.0)).points
+    found, amplitude = point.orders, system.engine.torque_amplitude / system.driveline.flywheel_inertia
+    assert found.order.tolist() == [1.0, 2.0, 3.0, 4.0]
+    assert found.slip_speed[:3, 0] == pytest.approx([amplitude / x for x in speeds], rel=0.01)
+    assert np.isnan(found.slip_speed[3]).all()   # The run does not reach 300 rad/s.
+    assert point.judder.peak == pytest.approx(amplitude / 100.0, rel=0.02)
+    steady = sweep(system, "engine.frequency_values[3]", [100.0], orders=()).points[0]
+    assert steady.orders.speeds == pytest.approx([100.0])
+    assert steady.orders.slip_speed[0, 0] == pytest.approx(amplitude / 100.0, rel=1e-3)
+    assert steady.judder.rms == pytest.approx(amplitude / 100.0 / math.sqrt(2.0), rel=0.01)
+
+
+def test_quantiles_of_a_tip_in_are_those_of_single_runs(tmp_path, capsys) -> None:
+    told, path = (0.1, 0.5, 0.9), tmp_path / "tip_in.json"
+    words = ["sweep", "tip_in", "--scatter", f"{KINETIC}=0.22:0.26", "--samples", "4", "--quantiles", "0.1,0.5,0.9",
+             "--orders", "--json", str(path), "--out", str(tmp_path / "points.jsonl"), "--plot",
+             str(tmp_path / "tip_in.png")]
+    assert main(words) == 0
+    found = valid("sweep", json.loads(path.read_text()))
+    assert found["probabilities"] == list(told)
+    assert found["left_out"] == {"runaway": 0, "not_settled": 0}
+    runs = [simulate(load_scene("tip_in").with_values({KINETIC: x}), rtol=1e-6).summary
+            for x in found["sampled"][KINETIC]]
+    for name in ("max_slip_speed", "max_shaft_torque", "clutch_energy", "breakaways", "stick_fraction"):
+        assert found["quantiles"][name] == pytest.approx(np.quantile([getattr(x, name) for x in runs], told), rel=1e-9)
+    for name in ("judder_rms", "judder_peak"):
+        assert found["quantiles"][name] == pytest.approx(np.quantile(found[name], told))
+    torque = np.array([each["shaft_torque"] for each in found["orders"]])
+    assert np.array(found["order_quantiles"]["shaft_torque"]) == pytest.approx(
+        np.moveaxis(np.quantile(torque, told, axis=0), 0, -1))
+    assert (tmp_path / "tip_in.png").stat().st_size > 10000
+    before = (tmp_path / "points.jsonl").read_text()
+    assert main([*words, "--force"]) == 0   # Nothing is solved again.
+    assert (tmp_path / "points.jsonl").read_text() == before
+    again = json.loads(path.read_text())
+    assert (again["judder_rms"], again["orders"]) == (found["judder_rms"], found["orders"])
+    capsys.readouterr()
+    assert main(["sweep", "tip_in", "--scatter", f"{KINETIC}=0.22:0.26", "--samples", "2", "--orders"]) == 0
+    out = capsys.readouterr().out
+    assert "judder_rms (rad/s)  5 %  50 %  95 %" in out
+    assert "shaft_torque of order 2 at engine frequency 150 rad/s (N m)" in out
+    assert "nan" not in out
+
+
+def test_judder_is_that_of_the_samples_about_their_cycle_means() -> None:
+    tip_in = load_scene("tip_in")
+    point, = sweep(tip_in, KINETIC, [0.24]).points
+    run = simulate(tip_in, rtol=1e-6, samples_per_cycle=64).trajectory
+    cycle = tip_in.system.cycle
+    whole = int(run.t[-1] / cycle)
+    at = np.arange(whole * 512) * cycle / 512
+    v = np.interp(at, run.t, run.slip_speed).reshape(whole, 512)
+    apart = v - v.mean(axis=1, keepdims=True)
+    assert point.judder.rms == pytest.approx(math.sqrt(np.mean(apart**2)), rel=0.02)
+    assert point.judder.peak == pytest.approx(np.abs(apart).max(), rel=0.02)
+
+
+def test_a_whole_table_is_scaled(tmp_path) -> None:
+    scene = load_scene("fresh_fluid")
+    own = np.array(scene.value("friction.coefficients"))
+    found = sweep(scene, "friction.coefficients", [0.95, 1.1], cycles=60)
+    for factor, point in zip((0.95, 1.1), found.points):
+        alone = simulate(scene.with_values({"friction.coefficients": (factor * own).tolist()}), cycles=60, rtol=1e-6)
+        assert point.summary.max_slip_speed == pytest.approx(alone.summary.max_slip_speed, rel=1e-6)
+    spread = scatter(scene, {"friction.coefficients": (0.9, 1.1), "pressure.mean": (3.0e5, 3.2e5)}, 2, cycles=20)
+    assert len(set(spread.result("max_slip_speed").ravel())) == 2
+    for name, bounds, words in (("fig02", (0.9, 1.1), "friction.coefficients is empty; a factor scales"),
+                                ("fresh_fluid", (-1.0, 1.1), "factor of friction.coefficients is -"),
+                                ("fresh_fluid", (0.9, 90.0), "friction.coefficients is .* must be above 0 to 2")):
+        with pytest.raises(InputError, match=words):
+            scatter(name, {"friction.coefficients": bounds}, 8, cycles=20)
+
+
+@pytest.mark.parametrize("told", [(), (0.5, 0.1), (0.5, 0.5), (-0.1, 0.5), (0.5, 1.1), (math.nan,)])
+def test_probabilities_that_do_not_rise_within_0_and_1_are_refused(told) -> None:
+    with pytest.raises(InputError, match="they must be probabilities from 0 to 1 that increase"):
+        Tolerances(((KINETIC, 0.2, 0.3),), 2, 0, told)
+
+
+@pytest.mark.parametrize(("words", "message"), [
+    (["--scatter", f"{KINETIC}=0.2:0.3", "--samples", "2", "--quantiles", "0.1;0.5"], "numbers separated by commas"),
+    (["--over", f"{KINETIC}=0.2:0.3:2", "--quantiles", "0.1"], "--quantiles needs --scatter"),
+    (["--over", f"{KINETIC}=0.2:0.3:2", "--orders=-3"], "orders has the speeds -3 rad/s; they must be above 0"),
+    (["--over", f"{KINETIC}=0.2:0.3:2", "--orders", "--duration", "0.2"], "orders need 16 periods")])
+def test_wrong_options_are_refused(refused, words, message) -> None:
+    assert message in refused("sweep", "tip_in", *words)
