@@ -42,6 +42,6 @@ def run(arguments: argparse.Namespace) -> int:
             say(f"viewer: {viewer.page}", flush=True)
             url = viewer.url
         spawn = arguments.rrd is None and url is None
-        say(watch(arguments.namespace, lambda text: print(text, file=sys.stderr), file=arguments.rrd, spawn=spawn,
-                  url=url))
+        say(watch(arguments.namespace, lambda text: print(text, file=sys.stderr), web=arguments.web, file=arguments.rrd,
+                  spawn=spawn, url=url))
     return 0

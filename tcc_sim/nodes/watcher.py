@@ -34,7 +34,7 @@ from tcc_sim.nodes.middleware import (
 from tcc_sim.nodes.process import node_of_command
 from tcc_sim.recording.announcements import simulation_ns, zeros_of
 from tcc_sim.scene import Scene, parse_scene
-from tcc_sim.solvers.terms import natural_frequency, stick_speed_of, terms_of
+from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.topics import topic
 from tcc_sim.trajectory import Floats, modes_of
 from tcc_sim.views.rerun_stream import RerunStream
@@ -48,6 +48,15 @@ FILE_PERIOD = 2.0
 """
 FOUND_WITHIN = 5.0
 """Longest real time to receive a driveline's scene, s."""
+WEB_PERIOD, WEB_HISTORY = 0.5, 2.0
+"""Real time between two updates of a browser, and time shown in its time series, s. Where new data came, Rerun draws
+the axis of the picture before: a browser without a graphics processor, which draws two pictures a second, would show
+no line in a shorter window.
+"""
+SUMMARY_PERIOD = 1.0
+"""Real time between two summaries, s."""
+RECENT_CYCLES = 100
+"""Largest number of engine cycles that a summary covers."""
 SILENCE = 3.0
 """Real time without states after which the watcher reports it, s."""
 MOST_WAITING = 20_000
@@ -142,7 +151,7 @@ class Watcher:
 
     def __init__(self, node: Node, say: Callable[[str], Any], period: float = 0.0) -> None:
         self._node, self._say = node, say
-        self._period, self._shown = period, time.monotonic()
+        self._period, self._shown = period, -math.inf
         self._waiting: list[tuple[NDArray[np.void], NDArray[np.int64]]] = []
         self._scenes = _subscribed(node, "scene", LATCHED)
         self._states = _subscribed(node, "joint_states", QoSProfile(depth=DEPTH))
@@ -151,6 +160,8 @@ class Watcher:
         self._reported, self._reported_at = 0, 0.0
         self._last_stamp = -1
         self._heard, self._silent = time.monotonic(), False
+        self._recent: deque[tuple[float, float]] = deque(maxlen=RECENT_CYCLES)
+        self._summarised = -math.inf
         self._layout = cdr.joint_state_layout()
         self._zeros = zeros_of(())
         self.scene = self._await_scene()
@@ -187,7 +198,7 @@ class Watcher:
         name = self._node.resolve_topic_name("driveline")
         commanded = "topic" in (system.engine.source, system.pressure.source)
         controlled = commanded or self._node.count_publishers("target_slip_speed") > 0
-        return RerunStream(name, system.cycle, natural_frequency(terms_of(system)), controlled=controlled, **where)
+        return RerunStream(name, system.cycle, controlled=controlled, **where)
 
     def drain(self, view: RerunStream, everything: bool = False) -> None:
         """Take the messages that have arrived, and show them if an update is due or `everything` is set."""
@@ -208,7 +219,25 @@ class Watcher:
             cuts = 1 + np.flatnonzero(np.diff(stamps) < 0)
             for piece in np.split(np.arange(len(rows)), cuts):
                 self._show(view, stamps[piece], rows[piece], received[piece])
+        if everything or now - self._summarised >= SUMMARY_PERIOD:
+            self._summarised = now
+            view.text(self.summary())
         self._report()
+
+    def summary(self) -> str:
+        """Return what is watched and the figures of the last cycles as Markdown, in few lines."""
+        scene, system = self.scene, self.scene.system
+        torque = "commanded" if system.engine.source == "topic" else f"{system.engine.mean_torque:g} N m on average"
+        pressure = "commanded" if system.pressure.source == "topic" else f"{system.pressure.mean:g} Pa on average"
+        lines = [f"**{self._node.resolve_topic_name('driveline')}**, {max(self._last_stamp, 0) * 1e-9:.1f} s at "
+                 f"{scene.operation.rate:g} Hz: {counted(self.states, 'state')} shown, {self.numbers.lost} missed"]
+        if self._recent:
+            largest, stick = np.array(self._recent).T
+            lines += [f"last {counted(len(largest), 'cycle')}: largest slip speed {largest.max():.4g} rad/s, "
+                      f"{100.0 * stick.mean():.3g} % of the time in stick"]
+        lines += [f"{system.friction.law} friction, engine torque {torque}, pressure {pressure}",
+                  scene.description or scene.name]
+        return "  \n".join(lines)
 
     def _taken(self) -> tuple[NDArray[np.void], NDArray[np.int64]]:
         """Return the arrived states (except other layouts) and their times of receipt (ns); count lost ones."""
@@ -239,6 +268,9 @@ class Watcher:
         self.states += len(stamps)
         for piece in pieces:
             view.cycles(piece.cycles, piece.first)
+            cycles = piece.cycles
+            lengths = self.scene.system.cycle if cycles.starts is None else np.diff(cycles.starts)
+            self._recent.extend(zip(cycles.largest.tolist(), (cycles.stick_time / lengths).tolist()))
         view.control(*self._control.beside(stamps, received, slip_speed, new_run=new_run,
                                            zeros=self._zeros))
         # No figures are computed at the end, so cycles are not stored.
@@ -259,13 +291,14 @@ class Watcher:
         self._silent = silent
 
 
-def watch(namespace: str, say: Callable[[str], Any], **where: Any) -> str:
+def watch(namespace: str, say: Callable[[str], Any], web: bool = False, **where: Any) -> str:
     """Show a running driveline until KeyboardInterrupt and return a summary sentence.
 
     Parameters
     ----------
     namespace : namespace of the driveline
     say : function that takes a sentence for the user
+    web : whether the viewer is a browser
     where : one of `file`, `spawn` or `url`, as in RerunStream
 
     Raises
@@ -278,8 +311,8 @@ def watch(namespace: str, say: Callable[[str], Any], **where: Any) -> str:
         rerun-sdk is not installed.
     """
     with node_of_command("watcher", namespace) as node:
-        watcher = Watcher(node, say, 0.0 if where.get("file") is None else FILE_PERIOD)
-        with watcher.view(**where) as view:
+        watcher = Watcher(node, say, WEB_PERIOD if web else FILE_PERIOD if where.get("file") is not None else 0.0)
+        with watcher.view(**where, history=WEB_HISTORY if web else 0.0) as view:
             what = watcher.scene.description or "a scene"
             say(f"watching {node.resolve_topic_name('driveline')}: {what}; Ctrl-C ends it")
             try:

@@ -30,7 +30,7 @@ from tcc_sim.replay.timeline import Timeline, trajectory_of
 from tcc_sim.replay.timing import Timing, default_of, frequency_changes, pace_of, timing_of
 from tcc_sim.replay.verification import verify as verification_of
 from tcc_sim.scene import Scene
-from tcc_sim.solvers.terms import natural_frequency, stick_speed_of, terms_of
+from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.sweeps.progress import begin_progress
 from tcc_sim.trajectory import modes_of
 
@@ -256,5 +256,5 @@ def _view(stack: ExitStack, name: str, timing: Timing, scene: Scene, where: tupl
     file = stack.enter_context(draft(rrd)) if rrd is not None else None
     system = scene.system
     commanded = "topic" in (system.engine.source, system.pressure.source)
-    return stack.enter_context(RerunStream(name, timing.clock.cycle, natural_frequency(terms_of(system)), file=file,
-                                           spawn=spawn, url=connect, controlled=controlled or commanded))
+    return stack.enter_context(RerunStream(name, timing.clock.cycle, file=file, spawn=spawn, url=connect,
+                                           controlled=controlled or commanded))

@@ -39,92 +39,94 @@ CONTROL_CYCLES = 400
 """Number of engine cycles before the cursor in the views of target and pressure."""
 PORTRAIT_CYCLES = 100
 """Number of engine cycles before the cursor in the phase portrait."""
-TICKS = 5
-MARGIN = 0.16
-"""Margin for the labels of the axes, relative to the longer axis."""
+ANGLE_TICKS, SPEED_TICKS = 2, 3
+"""Number of intervals between ticks of the phase portrait's axes; its labels must not overlap at 1280 x 800 pixels."""
+WIDTH = 2.1
+"""Width of the phase portrait's box; its height is 1."""
+BOUNDS = (-0.42, WIDTH + 0.2), (-0.28, 1.48)
+"""Ranges of the view around the box, x and y (downwards), with room for the labels."""
 
 
 @dataclass(frozen=True)
 class PhaseAxes:
-    """Axes of the phase portrait, which end at round numbers in rad and rad/s.
-
-    `scale` is the natural frequency omega_n, rad/s, by which the plate angle is multiplied so both axes are speeds.
-    """
+    """Axes of the phase portrait, which end at round numbers in rad and rad/s and fill the box."""
 
     angle: tuple[float, float]
     speed: tuple[float, float]
-    scale: float
 
     @staticmethod
-    def around(low: Floats, high: Floats, scale: float) -> PhaseAxes:
+    def around(low: Floats, high: Floats) -> PhaseAxes:
         """Return axes that contain `low` to `high`, (2,) arrays: plate angle (rad), slip speed (rad/s)."""
-        span = np.maximum((high - low) * (scale, 1.0), 0.0)
-        least = max(0.15 * float(span.max()), 1e-9) / np.array([scale, 1.0])
+        least = np.maximum(1e-6 * np.maximum(np.abs(low), np.abs(high)), 1e-9)  # Single precision has seven digits.
         middle, half = 0.5 * (low + high), 0.5 * np.maximum(high - low, least)
-        ends = [_round_ends(float(m - h), float(m + h)) for m, h in zip(middle, half)]
-        return PhaseAxes(ends[0], ends[1], scale)
+        ends = [_round_ends(float(m - h), float(m + h), ticks)
+                for m, h, ticks in zip(middle, half, (ANGLE_TICKS, SPEED_TICKS))]
+        return PhaseAxes(ends[0], ends[1])
 
     def hold(self, low: Floats, high: Floats) -> bool:
-        """Return whether `low` to `high` is inside and not in a small corner."""
+        """Return whether `low` to `high` is inside and not in a small part of either axis."""
         ends = np.array([self.angle, self.speed])
         inside = bool((ends[:, 0] <= low).all() and (high <= ends[:, 1]).all())
-        return inside and bool(((high - low) >= 0.3 * (ends[:, 1] - ends[:, 0])).any())
+        return inside and bool(((high - low) >= 0.3 * (ends[:, 1] - ends[:, 0])).all())
 
-    def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Return the ranges of the view, x and y (downwards), with margins for the labels."""
-        x, y = (self.scale * self.angle[0], self.scale * self.angle[1]), (-self.speed[1], -self.speed[0])
-        room = MARGIN * max(x[1] - x[0], y[1] - y[0])
-        return (x[0] - 1.5 * room, x[1] + room), (y[0] - room, y[1] + room)
+    def transform(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Return translation and scale that take (plate angle, -slip speed) into the box."""
+        scale = WIDTH / (self.angle[1] - self.angle[0]), 1.0 / (self.speed[1] - self.speed[0])
+        return (-self.angle[0] * scale[0], self.speed[1] * scale[1]), scale
+
+    def places(self) -> tuple[list[tuple[float, str]], list[tuple[float, str]]]:
+        """Return the ticks of both axes: x and y in the box, and the number."""
+        (right, down), (across, along) = self.transform()
+        return ([(right + across * a, f"{a:.6g}") for a in _ticks(*self.angle, ANGLE_TICKS)],
+                [(down - along * v, f"{v:.6g}") for v in _ticks(*self.speed, SPEED_TICKS)])
 
     def strips(self) -> list[list[tuple[float, float]]]:
         """Return both axes as lines, with a short line at every tick."""
-        (left, right), bottom, top = (self.scale * a for a in self.angle), -self.speed[0], -self.speed[1]
-        tick = 0.015 * max(right - left, bottom - top)
-        out = [[(left, top), (left, bottom), (right, bottom)]]
-        out += [[(self.scale * a, bottom), (self.scale * a, bottom + tick)] for a in _ticks(*self.angle)]
-        return out + [[(left, -v), (left - tick, -v)] for v in _ticks(*self.speed)]
+        across, along = self.places()
+        out = [[(0.0, 0.0), (0.0, 1.0), (WIDTH, 1.0)]]
+        out += [[(x, 1.0), (x, 1.02)] for x, _ in across]
+        return out + [[(0.0, y), (-0.02, y)] for y, _ in along]
 
     def labels(self) -> tuple[list[tuple[float, float]], list[str]]:
-        """Return positions and texts of the tick labels and of the names of the axes."""
-        (left, right), bottom, top = (self.scale * a for a in self.angle), -self.speed[0], -self.speed[1]
-        room = 0.05 * max(right - left, bottom - top)
-        places = [(self.scale * a, bottom + room) for a in _ticks(*self.angle)]
-        places += [(left - 1.5 * room, -v) for v in _ticks(*self.speed)]
-        texts = [f"{a:.6g}" for a in (*_ticks(*self.angle), *_ticks(*self.speed))]
-        places += [(0.5 * (left + right), bottom + 2.2 * room), (left, top - room)]
-        return places, [*texts, "plate angle (rad)", "slip speed (rad/s)"]
+        """Return positions and texts of the tick labels and of the names of the axes; a label hangs below its position.
+        """
+        across, along = self.places()
+        named = [(x, 1.11, text) for x, text in across] + [(-0.19, y - 0.07, text) for y, text in along]
+        named += [(0.5 * WIDTH, 1.29, "plate angle (rad)"), (0.1, -0.265, "slip speed (rad/s)")]
+        return [(x, y) for x, y, _ in named], [text for *_, text in named]
 
 
-def _step(low: float, high: float) -> float:
+def _step(low: float, high: float, intervals: int) -> float:
     """Return a distance between ticks: 1, 2 or 5 times a power of ten."""
-    raw = max(high - low, 1e-12) / TICKS
+    raw = max(high - low, 1e-12) / intervals
     power = 10.0 ** math.floor(math.log10(raw))
     return next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= raw * (1.0 - 1e-9))
 
 
-def _round_ends(low: float, high: float) -> tuple[float, float]:
+def _round_ends(low: float, high: float, intervals: int) -> tuple[float, float]:
     """Return the ticks just outside a range."""
-    step = _step(low, high)
+    step = _step(low, high, intervals)
     return math.floor(low / step + 1e-9) * step, math.ceil(high / step - 1e-9) * step
 
 
-def _ticks(low: float, high: float) -> list[float]:
+def _ticks(low: float, high: float, intervals: int) -> list[float]:
     """Return the positions of the ticks."""
-    step = _step(low, high)
+    step = _step(low, high, intervals)
     return [k * step for k in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)]
 
 
-def blueprint(cycle: float, controlled: bool = False, axes: PhaseAxes | None = None) -> Any:
+def blueprint(cycle: float, controlled: bool = False, least: float = 0.0) -> Any:
     """Return the blueprint: torques, slip, mode and plate on the left; portrait, maxima, events, summary on the right.
 
-    In a test of a controller, its target and the pressures over more cycles replace the plate.
+    In a test of a controller, its target and the pressures over more cycles replace the plate. The time series show
+    `least` seconds, or HISTORY_CYCLES engine cycles where these are longer.
     """
     rrb = rerun().blueprint
 
     def before(cycles: float) -> tuple[Any, Any]:
         """Return the range from some engine cycles before the cursor to the cursor."""
         boundary = rrb.TimeRangeBoundary
-        return boundary.cursor_relative(seconds=-cycles * cycle), boundary.cursor_relative(seconds=0.0)
+        return boundary.cursor_relative(seconds=-max(cycles * cycle, least)), boundary.cursor_relative(seconds=0.0)
 
     def recent(cycles: float = HISTORY_CYCLES) -> Any:
         """Return a time axis that follows the cursor."""
@@ -143,12 +145,11 @@ def blueprint(cycle: float, controlled: bool = False, axes: PhaseAxes | None = N
     rows = [history("torque", "Torques (N m)"), history("slip", "Slip speed (rad/s)", marked=True),
             rrb.StateTimelineView(origin="state", name="Stick and slip", time_view=recent())]
     histories = rrb.Vertical(*rows, *(control if controlled else plate),
-                             row_shares=[3, 3, 1.2, *((3, 2.5) if controlled else (2, 2))])
+                             row_shares=[3, 3, 1.6, *((3, 2.5) if controlled else (2, 2))])
     start, end = before(PORTRAIT_CYCLES)
-    x, y = axes.bounds() if axes is not None else (None, None)
     figures = rrb.Vertical(
-        rrb.Spatial2DView(origin="phase", name="Phase portrait and section: plate angle (rad), slip speed (rad/s)",
-                          visual_bounds=rrb.VisualBounds2D(x_range=x, y_range=y) if axes is not None else None,
+        rrb.Spatial2DView(origin="phase", name=f"Phase portrait and section of the last {PORTRAIT_CYCLES} cycles",
+                          visual_bounds=rrb.VisualBounds2D(x_range=BOUNDS[0], y_range=BOUNDS[1]),
                           time_ranges=rrb.VisibleTimeRange(ELAPSED, start=start, end=end)),
         rrb.TimeSeriesView(origin="cycles", name="Largest and smallest slip speed of each cycle (rad/s)",
                            plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop)),

@@ -39,19 +39,18 @@ _ENDING = 3.0
 class RerunStream:
     """Stream of a run to a file, a started viewer or a running one; a context manager.
 
-    The phase portrait shows the slip speed over the plate angle times the natural frequency omega_n, so that both axes
-    are speeds. It has one strip for each engine cycle, and shows the last 100 cycles before the cursor with their
-    section points.
+    The phase portrait shows the slip speed over the plate angle. It has one strip for each engine cycle, and shows the
+    last 100 cycles before the cursor with their section points, stretched so that they fill their box.
 
     Parameters
     ----------
     name : name of the run in the viewer
     cycle : duration of an engine cycle, s
-    natural_frequency : omega_n, rad/s
     file : new .rrd file
     spawn : whether to start a viewer
     url : URL of a running viewer, rerun+http://HOST:PORT/proxy
     controlled : whether to show target and pressures, which `control` sends
+    history : least time before the cursor in the time series, s; they show some engine cycles at least
 
     Raises
     ------
@@ -64,8 +63,8 @@ class RerunStream:
         The viewer does not start.
     """
 
-    def __init__(self, name: str, cycle: float, natural_frequency: float, *, file: Path | None = None,
-                 spawn: bool = False, url: str | None = None, controlled: bool = False) -> None:
+    def __init__(self, name: str, cycle: float, *, file: Path | None = None,
+                 spawn: bool = False, url: str | None = None, controlled: bool = False, history: float = 0.0) -> None:
         if (file is not None) + spawn + (url is not None) != 1:
             raise InputError("give one of a file, a viewer to start and the URL of a running viewer")
         self._rr = layout.rerun()
@@ -75,7 +74,6 @@ class RerunStream:
             _create(file)
         self._file = file
         self._cycle = cycle
-        self._frequency = natural_frequency
         self._state: int | None = None
         self._elapsed_ns = 0
         self._offset_ns = 0
@@ -84,7 +82,7 @@ class RerunStream:
         self._cycle_number: int | None = None
         self._mean = 0.0
         self._target: float | None = None
-        self._controlled = controlled
+        self._controlled, self._history = controlled, history
         self._extents: deque[Floats] = deque(maxlen=layout.PORTRAIT_CYCLES)
         self._axes: layout.PhaseAxes | None = None
         try:
@@ -99,7 +97,7 @@ class RerunStream:
         self.recording = self._rr.RecordingStream("tcc_sim", send_properties=True)
         self.recording.set_log_time_enabled(False)
         self.recording.set_log_tick_enabled(False)
-        shown, file = layout.blueprint(self._cycle, self._controlled), self._file
+        shown, file = layout.blueprint(self._cycle, self._controlled, self._history), self._file
         if file is not None:
             _writable(file, LAYOUT)  # Rerun would wait for ever for a writer that ends here.
             self.recording.save(file, default_blueprint=shown)
@@ -127,7 +125,9 @@ class RerunStream:
         """
         if not len(stamp_ns):
             return
-        if new_run and self._last_ns is not None:
+        if self._last_ns is None:
+            self._event(int(stamp_ns[0]), "the first state that is shown", "INFO")
+        elif new_run:
             self._offset_ns = self._elapsed_ns + 1_000_000 - int(stamp_ns[0])
             self._strip, self._state, self._cycle_number = np.empty((0, 2)), None, None
             self._mark(int(stamp_ns[0]), "simulation time starts again: the driveline was reset or restarted")
@@ -221,10 +221,14 @@ class RerunStream:
 
     def _mark(self, stamp_ns: int, text: str) -> None:
         """Send an event to the log, and as a mark to the time series."""
+        self._event(stamp_ns, text, "WARN")
+        self.recording.log("event/mark", self._rr.Scalars(self._mean))
+
+    def _event(self, stamp_ns: int, text: str, level: str) -> None:
+        """Send an event to the log."""
         self.recording.set_time(layout.ELAPSED, duration=np.timedelta64(stamp_ns + self._offset_ns, "ns"))
         self.recording.set_time(layout.SIMULATION, duration=np.timedelta64(stamp_ns, "ns"))
-        self.recording.log("events", self._rr.TextLog(text, level="WARN"))
-        self.recording.log("event/mark", self._rr.Scalars(self._mean))
+        self.recording.log("events", self._rr.TextLog(text, level=level))
 
     def _send(self, path: str, stamp_ns: NDArray[np.int64], columns: Any) -> None:
         """Send rows of columns on both timelines."""
@@ -235,7 +239,7 @@ class RerunStream:
 
     def _plane(self, plate_angle: Floats, slip_speed: Floats) -> NDArray[np.float32]:
         """Return points of the phase portrait; the second axis of a Rerun 2D view points down."""
-        return np.stack([self._frequency * plate_angle, -slip_speed], axis=1).astype(np.float32)
+        return np.stack([plate_angle, -slip_speed], axis=1).astype(np.float32)
 
     def _lanes(self, stamp_ns: NDArray[np.int64], state: NDArray[np.int8]) -> None:
         """Send changes of state."""
@@ -266,20 +270,24 @@ class RerunStream:
             self._send("phase/orbit", stamp_ns[ends], self._rr.LineStrips2D.columns(strips=strips))
 
     def _frame(self) -> None:
-        """Send new axes of the portrait if its cycles exceed the present ones or use only a small corner of them."""
+        """Send new axes of the portrait if its cycles exceed the present ones or use only a small part of one."""
         low, high = np.min([e[0] for e in self._extents], axis=0), np.max([e[1] for e in self._extents], axis=0)
-        scale = self._frequency
-        least, most = np.array([low[0] / scale, -high[1]]), np.array([high[0] / scale, -low[1]])
+        least, most = np.array([low[0], -high[1]]), np.array([high[0], -low[1]])
         if not (np.isfinite(least).all() and np.isfinite(most).all()):
             return
         if self._axes is not None and self._axes.hold(least, most):
             return
-        self._axes = layout.PhaseAxes.around(least, most, scale)
+        axes = layout.PhaseAxes.around(least, most)
+        if axes == self._axes:
+            return
+        self._axes = axes
         rr, (places, texts), grey = self._rr, self._axes.labels(), layout.rgb(style.GREY)
         self._always("phase/axes", rr.LineStrips2D(self._axes.strips(), colors=grey, radii=rr.Radius.ui_points(0.5)))
         self._always("phase/labels", rr.Points2D(places, labels=texts, show_labels=True, colors=grey,
                                                  radii=rr.Radius.ui_points(0.0)))
-        self.recording.send_blueprint(layout.blueprint(self._cycle, self._controlled, self._axes))
+        move, scale = self._axes.transform()
+        for path in ("phase/orbit", "phase/section"):
+            self._always(path, rr.Transform3D(translation=(*move, 0.0), scale=(*scale, 1.0)))
 
     def _always(self, path: str, shown: Any) -> None:
         """Send data that apply at every time."""

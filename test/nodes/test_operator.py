@@ -264,10 +264,11 @@ def test_watch_shows_what_the_driveline_does_and_what_held_its_inputs_to_the_sta
     assert bool(missed) == ("missed " in said)
     assert said.startswith("watching /driveline: ")
     assert rows.pop("interrupts") == 1
-    rows["/events"], found = len(given), rerun_rows(tmp_path / "live.rrd")
+    rows["/events"], found = 1 + len(given), rerun_rows(tmp_path / "live.rrd")
     assert {entity: found[entity] - STATIC * (entity != "/events") for entity in rows} == rows
     assert rows.keys() >= {"/torque/engine_command", "/pressure/command", "/pressure/applied", "/control/mean"}
     assert found["/cycles/largest"] > STATIC
+    assert found["/summary"] > 1
 
 
 @pytest.mark.parametrize("what", ["torque", "pressure"])

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
-import re
 import socket
 import sys
 import threading
+from collections import Counter
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -49,7 +50,7 @@ def cycles_of(count):
 
 def test_the_file_is_accepted_and_holds_every_sample(tmp_path):
     path = tmp_path / "run.rrd"
-    with RerunStream("by hand", CYCLE, 387.0, file=path) as stream:
+    with RerunStream("by hand", CYCLE, file=path) as stream:
         for first in range(0, 1000, 125):
             stream.samples(*batch(first, 125))
         stream.cycles(cycles_of(19), 0)
@@ -62,17 +63,18 @@ def test_the_file_is_accepted_and_holds_every_sample(tmp_path):
     static = 1
     for entity in ("/torque/engine", "/torque/friction", "/slip/speed", "/plate/angle", "/plate_speed/speed"):
         assert found[entity] == 1500 + static
-    for entity in ("/cycles/largest", "/cycles/smallest", "/phase/section"):
+    for entity in ("/cycles/largest", "/cycles/smallest"):
         assert found[entity] == 28 + static
-    assert found["/phase/orbit"] == 28 + static
-    assert found["/events"] == 1
+    for entity in ("/phase/section", "/phase/orbit"):
+        assert found[entity] == 28 + static + 1  # Its place in the box.
+    assert found["/events"] == 2
     states = [batch(0, 1000)[6], batch(0, 500)[6]]
     assert found["/state"] == sum(1 + np.count_nonzero(np.diff(s)) for s in states) + static
 
 
 def test_it_streams_while_it_is_fed(tmp_path):
     path = tmp_path / "run.rrd"
-    with RerunStream("by hand", CYCLE, 387.0, file=path) as stream:
+    with RerunStream("by hand", CYCLE, file=path) as stream:
         for first in range(0, 200_000, 50_000):
             stream.samples(*batch(first, 50_000))
         stream.recording.flush(timeout_sec=20.0)
@@ -84,10 +86,10 @@ def test_an_existing_file_is_not_overwritten(tmp_path):
     path = tmp_path / "run.rrd"
     path.write_text("mine")
     with pytest.raises(InputError, match="exists already"):
-        RerunStream("by hand", CYCLE, 387.0, file=path)
+        RerunStream("by hand", CYCLE, file=path)
     assert path.read_text() == "mine"
     with pytest.raises(InputError, match="cannot be written"):
-        RerunStream("by hand", CYCLE, 387.0, file=tmp_path / "no" / "run.rrd")
+        RerunStream("by hand", CYCLE, file=tmp_path / "no" / "run.rrd")
 
 
 def test_what_ends_before_anything_is_shown_leaves_no_file(monkeypatch, tmp_path):
@@ -96,19 +98,19 @@ def test_what_ends_before_anything_is_shown_leaves_no_file(monkeypatch, tmp_path
 
     monkeypatch.setattr(layout, "blueprint", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        RerunStream("run", 0.04, 400.0, file=tmp_path / "run.rrd")
+        RerunStream("run", 0.04, file=tmp_path / "run.rrd")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_one_goal_and_a_url_that_answers():
     with pytest.raises(InputError, match="one of"):
-        RerunStream("by hand", CYCLE, 387.0)
+        RerunStream("by hand", CYCLE)
     with pytest.raises(InputError, match="is not the URL"):
-        RerunStream("by hand", CYCLE, 387.0, url="http://example.org")
+        RerunStream("by hand", CYCLE, url="http://example.org")
     with socket.socket() as unused:
         unused.bind(("127.0.0.1", 0))
         with pytest.raises(InputError, match="no Rerun viewer answers"):
-            RerunStream("by hand", CYCLE, 387.0, url=f"rerun+http://127.0.0.1:{unused.getsockname()[1]}/proxy")
+            RerunStream("by hand", CYCLE, url=f"rerun+http://127.0.0.1:{unused.getsockname()[1]}/proxy")
 
 
 def printed(path):
@@ -120,48 +122,73 @@ def printed(path):
 
 def test_the_phase_portrait_has_axes_in_its_units_and_nothing_is_clipped(tmp_path):
     path = tmp_path / "run.rrd"
-    with RerunStream("by hand", CYCLE, 387.0, file=path) as stream:
+    with RerunStream("by hand", CYCLE, file=path) as stream:
         for first in range(0, 1000, 125):
             stream.samples(*batch(first, 125))
     every = printed(path)
     assert all(text in every for text in ("plate angle (rad)", "slip speed (rad/s)", "0.2", "-20", "20"))
-    ranges = re.findall(r"x_range: \[([-\d.e]+), ([-\d.e]+)\], y_range: \[([-\d.e]+), ([-\d.e]+)\]", every)
-    assert ranges
-    left, right, top, bottom = map(float, ranges[-1])
-    # The orbit of `batch` is |v| <= 20 rad/s, |angle| <= 0.2 rad.
-    places = PhaseAxes.around(np.array([-0.2, -20.0]), np.array([0.2, 20.0]), 387.0).labels()[0]
-    inside = [*places, (-0.2 * 387.0, 20.0), (0.2 * 387.0, -20.0)]
-    assert all(left < x < right and top < y < bottom for x, y in inside)
+    # The orbit of `batch` is |v| <= 20 rad/s, |angle| <= 0.2 rad: the axes are +-0.2 rad and +-20 rad/s.
+    move, scale = PhaseAxes.around(np.array([-0.2, -20.0]), np.array([0.2, 20.0])).transform()
+    assert move == pytest.approx((0.5 * layout.WIDTH, 0.5))
+    assert scale == pytest.approx((layout.WIDTH / 0.4, 1.0 / 40.0))
 
 
-@pytest.mark.parametrize(("low", "high", "scale"),
-                         [((-0.03, 0.0), (0.24, 36.4), 387.3), ((0.1, -1e-4), (0.1, 1e-4), 387.3),
-                          ((-3.0, -150.0), (2.0, 151.0), 10.0),
-                          ((0.0, 0.0), (0.0, 0.0), 387.0)])
-def test_axes_are_round_and_hold_the_motion(low, high, scale):
+@pytest.mark.parametrize(("low", "high"), [((-0.03, 0.0), (0.24, 36.4)), ((0.1, -1e-4), (0.1, 1e-4)),
+                                           ((0.06661, 11.7), (0.06673, 28.4)), ((-3.0, -150.0), (2.0, 151.0)),
+                                           ((0.0, 0.0), (0.0, 0.0))])
+def test_axes_are_round_fill_the_box_and_their_labels_do_not_overlap(low, high):
     low, high = np.array(low), np.array(high)
-    axes = PhaseAxes.around(low, high, scale)
-    (left, right), (top, bottom) = axes.bounds()
-    for x, y in ((scale * low[0], -low[1]), (scale * high[0], -high[1])):
-        assert left < x < right
-        assert top < y < bottom
+    axes = PhaseAxes.around(low, high)
+    move, scale = np.array(axes.transform())
+    corners = move + scale * np.array([[low[0], -high[1]], [high[0], -low[1]]])
+    assert (corners >= -1e-9).all()
+    assert (corners <= np.array([layout.WIDTH, 1.0]) + 1e-9).all()
     places, texts = axes.labels()
-    assert len(places) == len(texts)
-    assert 4 <= len(texts) - 2 <= 30
-    for place, text in zip(places[:-2], texts[:-2]):
-        tick = float(text)
-        assert min(abs(place[0] - scale * tick), abs(place[1] + tick)) < 1e-6 * (1.0 + scale)
-        assert left < place[0] < right
-        assert top < place[1] < bottom
-    if (high > low).any():
+    across, along = axes.places()
+    assert len(texts) == len(places) == len(across) + len(along) + 2
+    assert [float(text) for _, text in across] == pytest.approx([(x - move[0]) / scale[0] for x, _ in across], abs=1e-5)
+    assert [float(text) for _, text in along] == pytest.approx([(move[1] - y) / scale[1] for y, _ in along], abs=1e-5)
+    # The view is at least 512 x 236 pixels; a label is 24 pixels high, and 5.5 a letter and 16 wide.
+    (left, right), (top, bottom) = layout.BOUNDS
+    pixels = min(512.0 / (right - left), 236.0 / (bottom - top))
+    boxes = [(x - (2.75 * len(text) + 8.0) / pixels, y, x + (2.75 * len(text) + 8.0) / pixels, y + 24.0 / pixels)
+             for (x, y), text in zip(places, texts)]
+    assert all(left <= x0 and x1 <= right and top <= y0 and y1 <= bottom for x0, y0, x1, y1 in boxes)
+    assert not [(a, b) for a, b in combinations(boxes, 2)
+                if a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]]
+    if (high > low).all():
         assert axes.hold(low, high)
         assert not axes.hold(low, high + 3.0 * (high - low))
-        assert not axes.hold(low, low + 0.05 * (high - low))
+        for axis in (0, 1):
+            small = high.copy()
+            small[axis] = low[axis] + 0.05 * (high - low)[axis]
+            assert not axes.hold(low, small)
+
+
+def panels(part):
+    """The views of a blueprint."""
+    return [view for inner in part.contents for view in panels(inner)] if hasattr(part, "row_shares") else [part]
+
+
+@pytest.mark.parametrize("controlled", [False, True])
+def test_no_panel_is_empty_after_the_first_two_cycles(controlled, tmp_path):
+    path = tmp_path / "run.rrd"
+    with RerunStream("by hand", CYCLE, file=path, controlled=controlled) as stream:
+        stream.samples(*batch(0, 101))
+        stream.cycles(cycles_of(2), 0)
+        at, value = np.array([100_000_000]), np.ones(1)
+        stream.control(dict.fromkeys(["mean_slip", *(["applied_pressure"] if controlled else [])], (at, value)))
+        stream.text("what is watched")
+    found, looks = rerun_rows(path), Counter(f"/{entity}" for entity, _ in layout.looks(controlled))
+    shown = panels(layout.blueprint(CYCLE, controlled).root_container)
+    assert len(shown) == (11 if controlled else 9)
+    assert [view.name for view in shown if not any(
+        found[entity] > looks[entity] for entity in found if f"{entity}/".startswith(f"/{view.origin}/"))] == []
 
 
 def test_a_controllers_test_is_in_the_file_and_in_the_layout(tmp_path):
     path = tmp_path / "run.rrd"
-    with RerunStream("by hand", CYCLE, 387.0, file=path, controlled=True) as stream:
+    with RerunStream("by hand", CYCLE, file=path, controlled=True) as stream:
         stream.samples(*batch(0, 500))
         at = np.array([100, 300]) * 1_000_000
         stream.control({"mean_slip": (at, np.array([3.0, 4.0])), "target_slip_speed": (at[:1], np.array([20.0])),
@@ -174,11 +201,11 @@ def test_a_controllers_test_is_in_the_file_and_in_the_layout(tmp_path):
     expected = {"/control/mean": 2, "/control/target": 2, "/pressure/applied": 2, "/pressure/command": 1,
                 "/torque/engine_command": 1, "/event/mark": 2}
     assert {entity: found[entity] for entity in expected} == {entity: n + static for entity, n in expected.items()}
-    assert found["/events"] == 2
+    assert found["/events"] == 3
     for words in ("pressure falls back: no command for 0.5 s", "reset or restarted", "Target and cycle mean (rad/s)",
                   "Actuation pressure (Pa)"):
         assert words in every
-    with RerunStream("by hand", CYCLE, 387.0, file=tmp_path / "plain.rrd") as stream:
+    with RerunStream("by hand", CYCLE, file=tmp_path / "plain.rrd") as stream:
         stream.samples(*batch(0, 500))
     assert "Actuation pressure (Pa)" not in printed(tmp_path / "plain.rrd")
 
@@ -196,12 +223,12 @@ def test_the_viewer_is_found_beside_python_and_one_that_does_not_start_is_one_li
     monkeypatch.setenv("PATH", "/usr/bin")
     monkeypatch.setattr(rerun.RecordingStream, "spawn", spawn)
     with pytest.raises(TccError, match=r"^Rerun's viewer does not start: Failed to find [^\n]* in PATH\.$"):
-        RerunStream("run", 0.04, 100.0, spawn=True)
+        RerunStream("run", 0.04, spawn=True)
     assert searched == [["/usr/bin", str(Path(sys.executable).parent)]]
 
 
 def test_a_file_is_waited_for_as_long_as_it_grows(monkeypatch, tmp_path):
-    stream, waits = RerunStream("run", CYCLE, 300.0, file=tmp_path / "run.rrd"), []
+    stream, waits = RerunStream("run", CYCLE, file=tmp_path / "run.rrd"), []
     stream.recording.flush(timeout_sec=20.0)
 
     def flush(timeout_sec):
@@ -224,7 +251,7 @@ def test_a_rerun_that_does_not_end_is_left_behind(monkeypatch, tmp_path):
     left, unregistered = threading.Event(), []
     monkeypatch.setattr(rerun_stream, "_ENDING", 0.05)
     monkeypatch.setattr(rerun, "unregister_shutdown", lambda: unregistered.append(True))
-    stream = RerunStream("run", CYCLE, 300.0, file=tmp_path / "run.rrd")
+    stream = RerunStream("run", CYCLE, file=tmp_path / "run.rrd")
     disconnect = stream.recording.disconnect
     monkeypatch.setattr(stream.recording, "disconnect", left.wait)
     stream.close(wait=False)
@@ -236,7 +263,7 @@ def test_a_rerun_that_does_not_end_is_left_behind(monkeypatch, tmp_path):
 def test_a_disk_that_has_no_room_for_the_layout_is_refused_at_once(tmp_path):
     """Rerun waits for ever for a writer that ends while the layout is sent."""
     with full_disk(10_000), pytest.raises(OSError, match="File too large"):
-        RerunStream("run", CYCLE, 300.0, file=tmp_path / "run.rrd")
+        RerunStream("run", CYCLE, file=tmp_path / "run.rrd")
 
 
 def test_a_viewer_that_hangs_up_is_named():
@@ -244,7 +271,7 @@ def test_a_viewer_that_hangs_up_is_named():
         viewer.bind(("127.0.0.1", 0))
         viewer.listen()
         url = f"rerun+http://127.0.0.1:{viewer.getsockname()[1]}/proxy"
-        with pytest.raises(InputError, match="viewer did not take the run"), RerunStream("run", CYCLE, 3.0, url=url):
+        with pytest.raises(InputError, match="viewer did not take the run"), RerunStream("run", CYCLE, url=url):
             viewer.shutdown(socket.SHUT_RDWR)
 
 
