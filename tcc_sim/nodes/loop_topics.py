@@ -28,7 +28,7 @@ from tcc_sim.nodes.middleware import (
     taker,
 )
 from tcc_sim.nodes.track import unsent_message
-from tcc_sim.plant.closed_loop import check_command
+from tcc_sim.plant.closed_loop import check_command, doubt_of
 from tcc_sim.plant.driveline import Reading
 from tcc_sim.plant.sensors import Sensors
 from tcc_sim.scene import Scene
@@ -68,11 +68,17 @@ class CommandedInput:
         self.value: float | None = None
         self.received = self.refused = self.timeouts = 0
         self.refusal = ""
+        self._largest, self._first_tick = 0.0, 0
         self._last_tick = self.since = self.unstamped = self.period_ns = 0
         self.timed, self._early = False, (b"", math.inf)
         self._stamped = row.type == FLUID_PRESSURE
         self.subscription: Any = subscribe(node, message_class(row.type), row.name, COMMANDS)
         self._take = taker(self.subscription)
+
+    def doubt(self, tick: int, after: float) -> str:
+        """Return a sentence on a probable wrong unit if all commands in more than `after` ticks suggest it; else empty.
+        """
+        return doubt_of(self.name, self._largest) if self.received and tick - self._first_tick > after else ""
 
     @property
     def fallen_back(self) -> bool:
@@ -147,6 +153,8 @@ class CommandedInput:
             check_command(self.name, value, self._admit)
         except InputError as error:
             return self._refuse(str(error))
+        self._largest = max(self._largest, abs(value))
+        self._first_tick = tick if not self.received else self._first_tick
         self.value, self._last_tick = value, tick
         self.received += 1
         return True

@@ -29,6 +29,7 @@ from tcc_sim.model.parameters import QUANTITIES, coerce
 from tcc_sim.nodes.middleware import COMMANDS, DIAGNOSTICS, message_class, poll, subscribe
 from tcc_sim.nodes.parameters import without_arrays
 from tcc_sim.nodes.process import Spinner, node_of_command
+from tcc_sim.plant.closed_loop import doubt_of
 from tcc_sim.scene import Operation, meaning_of
 from tcc_sim.topics import FLUID_PRESSURE, topic
 
@@ -40,8 +41,6 @@ NAMED_WITHIN = 0.3
 """Real time for discovering other drivelines of the domain, s."""
 COUNTED_WITHIN = 30.0
 """Longest real time until the diagnostics of a driveline on a busy machine count a command, s."""
-SMALL_PRESSURE = 1000.0
-"""Pressure below which the user may have meant bar, Pa."""
 LISTENED_FOR = 0.5
 """Longest real time to wait for a state, s; a paused driveline sends none."""
 SETTLED = 1.0
@@ -174,8 +173,8 @@ class Operator:
             notes.append(f"not seen applied within {HEARD_WITHIN:g} s")
         if others > 0:
             notes.append(f"{counted(others, 'other publisher')} on {publisher.topic_name}: the newest command counts")
-        if what == "pressure" and 0.0 < abs(value) < SMALL_PRESSURE:
-            notes.append(f"the unit is Pa: {value:g} bar would be {value * 1e5:g}")
+        if doubt := doubt_of(row.name, value):
+            notes.append(doubt.partition("; ")[2])
         return f"{row.name} {value:g} {unit}, {'; '.join(notes)}{self._namesakes()}"
 
     @staticmethod

@@ -30,6 +30,8 @@ SAME = ("slip_speed", "plate_angle", "plate_speed", "engine_torque", "friction_t
 """Names that fields of a Reading share with fields of a ControlledRun."""
 _RANGES = {name: QUANTITIES[topic(name).key] for name in (*INPUTS, FAR_END)}
 MOST_TICKS = 100_000_000
+SMALL_PRESSURE = 1000.0
+"""Pressure below which the user may have meant bar, Pa."""
 Answer = float | tuple[float | None, ...] | None
 """A pressure (Pa), or engine torque (N m) and pressure, or these two and the speed of the shaft's far end (rad/s); None
 leaves an input to the scene, and the far end still.
@@ -53,6 +55,13 @@ def check_command(name: str, value: float, admit: Callable[[float], None] = lamb
         admit(value)
     except InputError as error:
         raise InputError(f"{name} command of {value:g} {meant.unit} refused: {error}") from None
+
+
+def doubt_of(name: str, largest: float) -> str:
+    """Return a sentence if the largest command on a topic is plausible only in another unit; else empty."""
+    if name != INPUTS[1] or not 0.0 < abs(largest) < SMALL_PRESSURE:
+        return ""
+    return f"the largest {name} command is {largest:g} Pa; the unit is Pa: {largest:g} bar would be {largest * 1e5:g}"
 
 
 @dataclass(frozen=True, repr=False)

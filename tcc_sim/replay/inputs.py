@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tcc_sim.analysis.tracking import Counts
 from tcc_sim.errors import InputError, counted
-from tcc_sim.plant.closed_loop import check_command
+from tcc_sim.plant.closed_loop import check_command, doubt_of
 from tcc_sim.recording.columns import Commanded, JointStates
 from tcc_sim.replay.timeline import Timeline
 from tcc_sim.result import reported
@@ -115,8 +115,8 @@ def held_commands(line: Timeline, states: JointStates, name: str) -> HeldCommand
     shown = _shown(line, states, name)
     if shown is not None:
         good &= shown[acts] == values
-        late = follows[acts] & ~good & _valid(name, values) & (acts + 1 < len(states))
-        late[late] = shown[acts[late] + 1] == values[late]
+        late = ~good & _valid(name, values) & (acts + 1 < len(states))
+        late[late] = follows[acts[late] + 1] & (shown[acts[late] + 1] == values[late])
         acts, good = np.where(late, acts + 1, acts), good | late
         order = np.argsort(acts, kind="stable")
         acts, values, stamps, good = acts[order], values[order], stamps[order], good[order]
@@ -249,6 +249,12 @@ class Ages:
             return None
         return CommandAge(*np.quantile(every, [0.5, 0.95, 1.0]).tolist())
 
+    @property
+    def largest(self) -> float:
+        """The largest size of an applied pressure command, Pa; 0 without one."""
+        return max((float(np.nanmax(np.abs(held.values))) for _, held in self._runs if (held.held >= 0).any()),
+                   default=0.0)
+
     def stamps(self) -> Iterator[str]:
         """Iterate over sentences on stamps that are not those of the answered states."""
         wall = future = repeated = count = 0
@@ -284,6 +290,8 @@ def command_notes(inputs: Mapping[str, HeldInput], ages: Ages, tick: int, tracke
                    "takes commands where its source is topic, and from reliable publishers only, so check the scene "
                    "and the publisher's quality of service")
     yield from ages.stamps()
+    if doubt := doubt_of(INPUTS[1], ages.largest):
+        yield doubt
     age = ages.age
     if age is not None and tick and age.median >= tick * 1e-9 and tracked:
         yield (f"the held pressure command was {age.median:.4g} s old (median), "
