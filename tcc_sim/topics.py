@@ -119,7 +119,7 @@ TOPICS: tuple[Topic, ...] = (
           "number of messages, by topic, that the middleware has refused from the driveline since its start; published "
           "when it grows", latched=True),
     Topic("/diagnostics", DIAGNOSTIC_ARRAY, "", "out", (("publish_diagnostics", True),),
-          "rate reached, missed ticks, lateness, iterations, refused and timed-out commands; once a second"),
+          "rate reached, missed and late ticks, lateness, iterations, refused and timed-out commands; once a second"),
     Topic(CLOCK_TOPIC, CLOCK, "", "out", (("publish_clock", True),),
           "the stamp of joint_states; in lock-step also where a node with use_sim_time listens; never beside another "
           "publisher",

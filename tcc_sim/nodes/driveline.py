@@ -39,6 +39,7 @@ from tcc_sim.nodes.options import TEXT
 from tcc_sim.nodes.process import Spinner, Throttle, deliver, log, run_node, warn
 from tcc_sim.nodes.waiting import Waiting
 from tcc_sim.recording.announcements import holding_from
+from tcc_sim.recording.commands import LATE_SHARE
 from tcc_sim.scene import Scene
 from tcc_sim.topics import FAR_END, topic
 
@@ -46,6 +47,8 @@ SWITCH_INTERVAL = 1e-4
 """Time after which the real-time loop interrupts another thread in the interpreter, s."""
 COMPILING = 1.0
 """Real time for which a change waits for the kernel that it needs, s."""
+DOUBTED_AFTER = 0.5
+"""Simulation time after which commands that are too small for their unit cause a warning, s: a ramp begins at 0."""
 DIAGNOSTICS_PERIOD = 1.0
 """Real time between two messages on /diagnostics, s."""
 
@@ -109,6 +112,8 @@ class DrivelineNode(Node):
             for sentence in self.loop.refused_wishes:
                 warn(self, sentence)
         for command in self.loop.commands:
+            if doubt := command.doubt(self.loop.plant.stepper.tick, DOUBTED_AFTER * self.scene.operation.rate):
+                self._throttle.once(f"{command.name} unit", doubt)
             self._throttle.warn(f"{command.name} refused", command.refusal, command.refused)
             self._throttle.warn(f"{command.name} time-outs", f"no command on {command.name} within command_timeout; "
                                 "the fallback applied", command.timeouts)
@@ -116,6 +121,11 @@ class DrivelineNode(Node):
             self._throttle.warn(what, sentence)
         for name, sentence in self.waiting.unstamped().items():
             self._throttle.once(f"{name} stamps", sentence)
+        pacer = self.loop.pacer
+        self._throttle.warn("missed ticks", f"the real-time loop was {pacer.missed_by:.3g} s late, as after a pause of "
+                            "the process; ticks were missed in real time, none in simulation time", pacer.missed_ticks)
+        if self.diagnostics is not None and self.diagnostics.lateness:
+            self._throttle.once("late ticks", self.diagnostics.lateness)
         if self.loop.failure is not None:
             raise self.loop.failure
 
@@ -210,6 +220,10 @@ class Diagnostics:
     """Publisher of the node's state on /diagnostics once a second: rate, lateness, iterations, commands, regime.
 
     Counts are since the start.
+
+    Attributes
+    ----------
+    lateness : sentence on the ticks since the message before, if many were late; else empty
     """
 
     def __init__(self, node: Node, loop: RealTimeLoop, waiting: Waiting) -> None:
@@ -217,7 +231,8 @@ class Diagnostics:
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", DIAGNOSTICS)
         self._due = time.monotonic() + DIAGNOSTICS_PERIOD
         self._since = time.monotonic()
-        self._late = self._stick = self._slip = 0
+        self._missed = self._stick = self._slip = self._ticks = self._late = 0
+        self.lateness = ""
 
     def publish_when_due(self) -> None:
         """Publish if a second has passed; a message that the middleware refuses is dropped."""
@@ -239,12 +254,18 @@ class Diagnostics:
         still = "paused" if loop.paused else "waiting"
         regime = still if not stick + slip else "stick" if not slip else "slip" if not stick else "stick-slip"
         middle, high = pacer.lateness()
+        paced, late = pacer.ticks - self._ticks, pacer.late_ticks - self._late
+        share = late / paced if paced > 0 else 0.0
+        self.lateness = "" if share <= LATE_SHARE else (
+            f"{100.0 * share:.3g} % of the ticks were late by more than a period of {pacer.period_ns * 1e-6:.3g} ms; "
+            f"since the start at most by {pacer.lateness_max:.3g} s")
         values = {
             "scene": loop.scene.name, "simulation time (s)": f"{stepper.tick * stepper.step:.3f}",
             "regime": regime,
             "rate (Hz)": f"{rate:.1f}", "rate wanted (Hz)": f"{operation.rate * (operation.real_time_factor or 1.0):g}",
             "real-time factor": f"{rate / operation.rate:.4f}",
             "missed ticks": str(pacer.missed_ticks), "late ticks": str(pacer.late_ticks),
+            "paced ticks": str(pacer.ticks), "late share": f"{share:.4f}",
             "messages not sent": str(sum(dict(loop.outputs.unsent).values())),
             "lateness p50 (s)": f"{middle:.6f}", "lateness p99 (s)": f"{high:.6f}",
             "lateness max (s)": f"{pacer.lateness_max:.6f}",
@@ -263,11 +284,14 @@ class Diagnostics:
             values |= {"commanded pressure (Pa)": f"{commanded:.6g}", "applied pressure (Pa)": f"{applied:.6g}"}
         waiting = [c.name for c in loop.commands if c.fallen_back]
         wrong = []
-        if pacer.missed_ticks > self._late:
-            wrong.append(f"{counted(pacer.missed_ticks - self._late, 'tick')} missed in real time")
+        if pacer.missed_ticks > self._missed:
+            wrong.append(f"{counted(pacer.missed_ticks - self._missed, 'tick')} missed in real time")
+        if self.lateness:
+            wrong.append(self.lateness)
         if waiting:
             wrong.append(f"no command on {' and '.join(waiting)}; the scene's fallback applies")
-        self._since, self._late = now, pacer.missed_ticks
+        self._since, self._missed = now, pacer.missed_ticks
+        self._ticks, self._late = pacer.ticks, pacer.late_ticks
         self._stick, self._slip = self._stick + stick, self._slip + slip
         return DiagnosticStatus(level=DiagnosticStatus.WARN if wrong else DiagnosticStatus.OK,
                                 name=f"{self._node.get_fully_qualified_name()}: driveline", hardware_id="simulation",

@@ -57,6 +57,12 @@ class Pacer:
     clock : function that returns monotonic time, ns
     sleep : function that sleeps for a number of seconds
     lead : largest time by which a sleep ends before the deadline, s; 0 to sleep until the deadline
+
+    Attributes
+    ----------
+    ticks, late_ticks : numbers of ticks, and of those more than a period late
+    missed_ticks : number of ticks missed in real time
+    missed_by : lateness at the last ticks that were missed, s
     """
 
     def __init__(self, period: float, kept: int = 10_000, clock: Callable[[], int] = time.monotonic_ns,
@@ -66,7 +72,7 @@ class Pacer:
         self.ticks = 0
         self.late_ticks = 0
         self.missed_ticks = 0
-        self.lateness_max = 0.0
+        self.lateness_max = self.missed_by = 0.0
         self._lead_limit = lead * 1e9
         self._lead = 0.0
         self._recent = [0.0] * kept
@@ -111,6 +117,7 @@ class Pacer:
             self.late_ticks += 1
         if lateness > CATCH_UP:
             self.missed_ticks += int(late // self.period_ns)
+            self.missed_by = lateness
             self._anchor, self._anchor_tick = now, self.ticks
         return True
 

@@ -22,7 +22,9 @@ COMMANDS = {"engine_torque": FLOAT64, "actuation_pressure": FLUID_PRESSURE, TARG
 """Topics of commands to the driveline or its controller, with their types."""
 _LATEST, _DIGITS = 1 << 31, 19
 DIAGNOSTICS = "/diagnostics"
-COUNTED = ("missed ticks",)
+LATE_SHARE = 0.05
+"""Share of ticks more than a period late above which the driveline and `analyse` warn."""
+COUNTED = ("missed ticks", "late ticks", "paced ticks")
 """Keys of counts in the driveline's diagnostics, in addition to those of refused commands."""
 SET_BACK = 50_000_000
 """Backward jump of the recorder's clock above which the clock was set, ns."""

@@ -114,6 +114,10 @@ class Replay(Result):
         "drivelines of the recording, and other nodes with joint states"))
     missed_ticks: int | None = field(default=None, metadata=reported(
         "number of ticks that the driveline missed in real time; null without recorded diagnostics"))
+    late_ticks: int | None = field(default=None, metadata=reported(
+        "number of ticks that came more than a period late; null likewise"))
+    late_share: float = field(default=math.nan, metadata=reported(
+        "the same as a share of the ticks that were paced in real time; null likewise"))
     orders: Orders | None = field(default=None, metadata=reported(
         "orders, transmissibility and judder", asked_for=True))
     spectrum: Spectrum | None = field(default=None, metadata=reported(
@@ -170,6 +174,9 @@ class Replay(Result):
             table.append(("command age", self.command_age.sentence()))
         if self.missed_ticks:
             table.append(("missed ticks", f"{self.missed_ticks} in real time"))
+        if self.late_ticks:
+            share = f"{100.0 * self.late_share:.3g} %"
+            table.append(("late ticks", f"{self.late_ticks}, {share} of the paced ones, by more than a period"))
         if self.damping is not None:
             table.append(damping_row(self.damping))
         if self.verification is not None:

@@ -147,7 +147,7 @@ def test_realtime_gives_every_figure(tmp_path: Path) -> None:
                    cwd=tmp_path)
     assert ended.returncode == 0, ended.stderr
     found = valid("realtime", json.loads((tmp_path / "pacing.json").read_text()))
-    names = {"lateness_p50_s", "lateness_p99_s", "lateness_max_s", "cpu_fraction"}
+    names = {"lateness_p50_s", "lateness_p99_s", "lateness_max_s", "late_share", "cpu_fraction"}
     about = {"format", "version", "scene", "command", "units"}
     assert set(found) - about == {"rate", "ticks", "missed_ticks", "drift_s", "settings", *names,
                                   *(f"bare_{n}" for n in names)}
@@ -155,6 +155,7 @@ def test_realtime_gives_every_figure(tmp_path: Path) -> None:
     assert all(names | {"name", "refused"} == set(trial) for trial in found["settings"])
     assert found["settings"][0]["refused"] == found["settings"][1]["refused"] == []
     assert found["rate"] == 500.0
+    assert 0.0 <= found["late_share"] <= 1.0
     assert found["ticks"] > 0
 
 

@@ -75,6 +75,7 @@ def test_beyond_the_catch_up_the_deadlines_move_and_what_was_missed_is_counted(l
     began = clock.now
     assert pacer.wait(never)
     assert pacer.missed_ticks == missed
+    assert pacer.missed_by == pytest.approx(late if missed else 0.0)
     assert pacer.wait(never)
     assert clock.now == (began + 1_000_000 if missed else began)
 

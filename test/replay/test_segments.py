@@ -281,7 +281,8 @@ def test_the_age_of_commands_is_that_of_the_states_they_answer(tmp_path, late):
                       ("aa", "bb")[k % 2])] if k >= (late or 0) else []
         if k in (500, 1000, 1400):  # After a restart counts begin at 0.
             counts = {500: (3, 5), 1000: (4, 6), 1400: (2, 1)}[k]
-            data = diagnostics({"missed ticks": counts[0], "actuation_pressure refused": counts[1], "regime": "slip"})
+            data = diagnostics({"missed ticks": counts[0], "actuation_pressure refused": counts[1], "regime": "slip",
+                                "late ticks": 10 * counts[0], "paced ticks": 100 * counts[1]})
             beside[k].append(("/diagnostics", DIAGNOSTIC_ARRAY, log, log, data))
     bag(tmp_path / "run", rows, COMMANDS, targets=[(0, 20.0)], beside=beside)
     found = replay(tmp_path / "run", discard=0)
@@ -291,3 +292,5 @@ def test_the_age_of_commands_is_that_of_the_states_they_answer(tmp_path, late):
     assert any("7 ticks: this delay adds" in text for text in found.warnings) is (late == 7)
     held = found.inputs["actuation_pressure"]
     assert (held.publishers, held.refused, found.missed_ticks) == (2, 7, 6)
+    assert (found.late_ticks, found.late_share) == (60, 60 / 700)
+    assert any("8.57 % of the ticks came more than a period late" in text for text in found.warnings)

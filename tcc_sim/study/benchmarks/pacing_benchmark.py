@@ -72,6 +72,7 @@ class LoopFigures:
     lateness_p50_s: float = field(metadata=reported("median lateness of a tick", "s"))
     lateness_p99_s: float = field(metadata=reported("99th percentile of the lateness", "s"))
     lateness_max_s: float = field(metadata=reported("largest lateness", "s"))
+    late_share: float = field(metadata=reported("share of ticks more than a period late"))
     cpu_fraction: float = field(metadata=reported("processor time, as a fraction of one core"))
 
 
@@ -94,6 +95,7 @@ class PacingFigures(LoopFigures, Described):
     bare_lateness_p50_s: float = field(metadata=reported("median lateness of the bare loop", "s"))
     bare_lateness_p99_s: float = field(metadata=reported("99th percentile of the lateness of the bare loop", "s"))
     bare_lateness_max_s: float = field(metadata=reported("largest lateness of the bare loop", "s"))
+    bare_late_share: float = field(metadata=reported("share of ticks of the bare loop more than a period late"))
     bare_cpu_fraction: float = field(metadata=reported("processor time of the bare loop, as a fraction of one core"))
     settings: list[Trial] = field(metadata=reported("the bare loop with each setting by itself"))
 
@@ -114,11 +116,15 @@ class Stretches:
         self.pacers.append(pacer)
 
     def figures(self, prefix: str) -> dict[str, float]:
-        """Return percentiles and maximum of the lateness, s, and processor time as a fraction of one core."""
+        """Return percentiles and maximum of the lateness, s, share of late ticks, and processor time as a fraction of
+        one core.
+        """
         late = np.concatenate([p.latenesses() for p in self.pacers])
         middle, high = np.percentile(late, (50, 99))
         return {f"{prefix}lateness_p50_s": float(middle), f"{prefix}lateness_p99_s": float(high),
-                f"{prefix}lateness_max_s": float(late.max()), f"{prefix}cpu_fraction": self.cpu / self.wall}
+                f"{prefix}lateness_max_s": float(late.max()),
+                f"{prefix}late_share": sum(p.late_ticks for p in self.pacers) / sum(p.ticks for p in self.pacers),
+                f"{prefix}cpu_fraction": self.cpu / self.wall}
 
 
 def measure(rate: float, duration: float, progress: Callable[[float], Any], recorder: bool = False,

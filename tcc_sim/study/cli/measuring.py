@@ -136,12 +136,13 @@ def _realtime(arguments: argparse.Namespace) -> PacingFigures:
         figures = measure(arguments.rate, arguments.duration, lambda part: done(2.0 * arguments.duration * part),
                           arguments.recorder, settings)
     found = figures.as_json()
-    say(f"{found['ticks']:.0f} ticks at {found['rate']:g} Hz, {found['missed_ticks']:.0f} missed, "
-        f"drift {found['drift_s'] * 1e3:.3f} ms")
+    say(f"{found['ticks']:.0f} ticks at {found['rate']:g} Hz, {100.0 * found['late_share']:.3g} % more than a period "
+        f"late, {found['missed_ticks']:.0f} missed, drift {found['drift_s'] * 1e3:.3f} ms")
     say(f"{'':22}{'driveline node':>15}{'bare loop':>15}{'ratio':>8}")
     for key, name, factor in (("lateness_p50_s", "lateness p50 (us)", 1e6),
                               ("lateness_p99_s", "lateness p99 (us)", 1e6),
                               ("lateness_max_s", "lateness max (us)", 1e6),
+                              ("late_share", "late by a period (%)", 100.0),
                               ("cpu_fraction", "CPU (% of a core)", 100.0)):
         node, bare = found[key] * factor, found[f"bare_{key}"] * factor
         say(f"{name:<22}{node:>15.1f}{bare:>15.1f}{node / bare if bare > 0.0 else float('nan'):>8.2f}")
