@@ -59,6 +59,7 @@ class Orders(Result):
         "natural frequencies with the clutch stuck and slipping", "rad/s"))
     per_revolution: float = field(default=1.0, metadata=reported(
         "engine.order, periods of the excitation in a crank revolution"))
+    left_out: int = field(default=0, metadata=reported("number of windows left out because of gaps between samples"))
 
     def _text(self) -> str:
         return (f"Orders: {len(self.time)} windows, {self.frequency.min():.6g} to {self.frequency.max():.6g} rad/s, "
@@ -146,7 +147,8 @@ def orders_of(run: Trajectory | Signals) -> Orders:
     v, shaft, torque = signals.at(at)
     length = DEFAULTS.window * per_cycle
     starts = np.arange(0, count - length, DEFAULTS.hop * per_cycle)
-    starts = starts[~_with_hole(signals, (begin + starts) / per_cycle)]
+    hidden = _with_hole(signals, (begin + starts) / per_cycle)
+    starts = starts[~hidden]
     if not len(starts):
         raise InputError(f"every window of {DEFAULTS.window} periods of the excitation has a gap between samples: "
                          f"{in_words(signals.holes)}")
@@ -171,7 +173,8 @@ def orders_of(run: Trajectory | Signals) -> Orders:
         time=middle, frequency=2.0 * np.pi * DEFAULTS.window / lasted, order=each * order, slip_speed=spectra[0],
         shaft_torque=spectra[1], torque_order=each * driven, transmissibility=passed,
         judder=judder, heat=np.interp(middle, signals.t, signals.heat),
-        modes=(system.stuck_natural_frequency, system.natural_frequency), per_revolution=each)
+        modes=(system.stuck_natural_frequency, system.natural_frequency), per_revolution=each,
+        left_out=int(hidden.sum()))
 
 
 @dataclass(frozen=True, repr=False)

@@ -87,17 +87,22 @@ def run_signals(run: Trajectory, phase: Phase | None = None) -> Signals:
                 hermite(times, run.t, shaft, d.damping * plate + d.stiffness * twisting),
                 hermite(times, run.t, run.engine_torque, np.gradient(run.engine_torque, run.t)))
 
+    holes, cycles = gaps_between(turns, when(turns)), run.cycles
+    if system.engine.source == "topic" and cycles is not None and cycles.starts is not None:
+        unknown = np.isnan(cycles.highest)
+        holes = np.concatenate([holes, np.stack([cycles.starts[:-1], cycles.starts[1:]], axis=1)[unknown]])
     given = system.engine.source == "topic" or (system.inputs is not None and system.inputs.torque is not None)
     return Signals(system, turns, when, at, None if given else driven_orders(system), _breakaways(run), run.t,
-                   integral(run.friction_torque * run.slip_speed, run.t), gaps_between(turns, when(turns)))
+                   integral(run.friction_torque * run.slip_speed, run.t), holes)
 
 
 def gaps_between(turns: Floats, t: Floats) -> Floats:
     """Return the gaps between samples, which passed `turns` periods of the excitation at the times t, (k, 2), s.
 
-    In a run-up of equal steps of time those of the phase grow, and the other way round: a gap is wide in both.
+    In a run-up of equal steps of time those of the phase grow, and the other way round: a gap is wide in both. A single
+    lost sample makes none.
     """
-    wide = [np.diff(x) > DEFAULTS.gap * np.median(np.diff(x)) for x in (turns, t)]
+    wide = [np.diff(x) > DEFAULTS.bridged * np.median(np.diff(x)) for x in (turns, t)]
     gaps = np.flatnonzero(wide[0] & wide[1])
     return np.stack([t[gaps], t[gaps + 1]], axis=1)
 

@@ -14,7 +14,7 @@ from tcc_sim.analysis.summary import Summary, runaway_cause
 from tcc_sim.errors import counted
 from tcc_sim.result import units_of_columns
 from tcc_sim.shown_units import engine_speed, key_unit, key_value, shown_unit, speed
-from tcc_sim.trajectory import Status
+from tcc_sim.trajectory import Floats, Status
 
 if TYPE_CHECKING:
     from tcc_sim.analysis.damping import Damping
@@ -76,15 +76,21 @@ def order_lines(found: Orders) -> list[str]:
     """Return the main results of an order analysis."""
     pairs = [("orders", f"{counted(len(found.time), 'window')} from "
                         f"{engine_speed(found.frequency.min(), 6, found.frequency.max())}, up to order "
-                        f"{found.order[-1]:g}")]
+                        f"{found.order[-1]:g}"
+                        + (f"; {found.left_out} more left out because of gaps between samples" if found.left_out
+                           else ""))]
+    unknown = np.isnan(found.shaft_torque).all()
     for order, passed in zip(found.torque_order, found.transmissibility.T):
-        if np.isfinite(passed).any():
-            pairs.append((f"order {order:g}", f"shaft torque over engine torque at most {np.nanmax(passed):.4g}, at "
-                                              + engine_speed(found.frequency[np.nanargmax(passed)])))
+        at_most = (f"shaft torque over engine torque at most {np.nanmax(passed):.4g}, at "
+                   f"{engine_speed(found.frequency[np.nanargmax(passed)])}" if np.isfinite(passed).any() else
+                   f"no transmissibility: the {'shaft' if unknown else 'engine'} torque is not known")
+        pairs.append((f"order {order:g}", at_most))
+    if not len(found.torque_order):
+        pairs.append(("transmissibility", "none: the engine torque has no order of the excitation"))
     judder = found.judder
     most = f"at most {speed(judder.peak.max())} about the cycle mean, rms {speed(judder.rms.max())}"
-    if not np.isnan(judder.breakaways).any():
-        most += f"; {judder.breakaways.max():.4g} breakaways per second"
+    most += ("; breakaways are not known: a table has no states of stick and slip"
+             if np.isnan(judder.breakaways).any() else f"; {judder.breakaways.max():.4g} breakaways per second")
     pairs.append(("judder", most))
     return aligned(pairs)
 
@@ -98,6 +104,7 @@ def comparison_lines(found: OrderComparison) -> list[str]:
         for order in found.measured.cuts:
             measured = level(found.measured.cut(order, name))
             if np.isnan(measured).all():
+                pairs.append((f"order {order:g} of {name.replace('_', ' ')}", "not compared: it was not measured"))
                 continue
             apart = np.abs(found.difference(name, order))[measured > np.nanmax(measured) - 30.0]
             pairs.append((f"order {order:g} of {name.replace('_', ' ')}", f"simulated and measured differ by at "
@@ -114,7 +121,8 @@ def spectrum_lines(found: Spectrum) -> list[str]:
             torque = found.shaft_torque[k]
             pairs.append((f"order {found.order[k]:g}",
                           f"{speed(found.frequency[k])}: slip speed {speed(found.slip_speed[k])}"
-                          + ("" if math.isnan(torque) else f", shaft torque {torque:.6g} N m")))
+                          + (", shaft torque not measured" if math.isnan(torque) else
+                             f", shaft torque {torque:.6g} N m")))
         if len(found.subharmonics):
             shown = ", ".join(f"{order:g}" for order in found.subharmonics[:LINES_SHOWN])
             more = len(found.subharmonics) - LINES_SHOWN
@@ -136,13 +144,13 @@ def summary_rows(summary: Summary, advice: str) -> list[tuple[str, str]]:
     else:
         most = summary.longest_period
         period = f"none up to {counted(most, 'period')} of excitation" if most else _too_few(summary)
-        period += ", a third of those kept" if 0 < most < DEFAULTS.maximum_period else ""
+        period += (f", a third of those {'in a row at the end' if summary.broken else 'kept'}"
+                   if 0 < most < DEFAULTS.maximum_period else "")
         period += f"; the motion has not settled: {advice}" if summary.transient else ""
     out = [("largest |slip speed|", speed(summary.max_slip_speed, 9)),
            ("smallest slip speed", speed(summary.min_slip_speed, 9)),
            ("regime", f"{summary.regime}, in stick for {100.0 * summary.stick_fraction:.2f} % of the time")]
-    if summary.cycles:
-        out.append(("period", period))
+    out.append(("period", period if summary.cycles else "none: no whole period of excitation is known"))
     for number, (angle, slip) in enumerate(summary.section[:SECTION_LINES] if summary.period else []):
         out.append(("section: plate angle, slip speed" if number == 0 else "", f"{angle:.9g} rad, {speed(slip, 9)}"))
     if not summary.period and summary.section:
@@ -150,8 +158,11 @@ def summary_rows(summary: Summary, advice: str) -> list[tuple[str, str]]:
     if not math.isnan(summary.clutch_energy):
         out += [("clutch", f"{summary.clutch_energy:.6g} J turned into heat, {summary.mean_power:.6g} W on average, at "
                  f"most {summary.peak_power:.6g} W"
-                 + (f"; {counted(summary.breakaways, 'breakaway')}" if summary.breakaways is not None else "")),
+                 + (f"; {counted(summary.breakaways, 'breakaway')}" if summary.breakaways is not None else
+                    "; breakaways were not counted")),
                 ("shaft torque", f"{summary.min_shaft_torque:.6g} to {summary.max_shaft_torque:.6g} N m")]
+    else:
+        out.append(("clutch, shaft torque", f"none: solver {summary.solver} did not compute them"))
     dropped = f"the first {summary.discarded}" if summary.discarded else "none"
     out.append(("periods of excitation", f"{summary.cycles}, {dropped} dropped"))
     return out
@@ -160,8 +171,8 @@ def summary_rows(summary: Summary, advice: str) -> list[tuple[str, str]]:
 def _too_few(summary: Summary) -> str:
     """Return the reason for which no period could be looked for."""
     if summary.broken:
-        return (f"none: it needs {DEFAULTS.after_a_gap} or more periods of excitation after the last gap; "
-                f"{summary.broken} of {summary.cycles - summary.discarded} are not whole")
+        return (f"none: it needs {DEFAULTS.after_a_gap} or more whole periods of excitation in a row at the end; "
+                f"{summary.broken} of {summary.cycles - summary.discarded} kept ones are not whole or not known")
     return "none: too few were solved"
 
 
@@ -299,6 +310,10 @@ def quantile_lines(found: Scattered) -> list[str]:
         lines.append(f"quantiles leave out {counted(left_out['runaway'], 'result')} that ran away and "
                      f"{left_out['not_settled']} that have not settled; {_remedy(found.sweeps)}, or give "
                      "--every-sample")
+    failed = [p.status for sweep in found.sweeps for p in sweep.points if p is not None and p.summary is None]
+    if failed:
+        lines.append(f"quantiles leave out {counted(len(failed), 'result')} whose solver failed, the first one: "
+                     f"{failed[0]}")
     shares = "".join(f"  {100.0 * p:g} %" for p in found.tolerances.probabilities)
     starts = [f"  {key_value(found.over, value, 8)}" for value in values] or [" "]
     names = [*QUANTILES, *(MANOEUVRE if found.sampled else ())]
@@ -306,8 +321,7 @@ def quantile_lines(found: Scattered) -> list[str]:
     for name in names:
         unit, factor = shown_unit(units.get(name, ""))
         lines.append(f"{name}{unit and f' ({unit})'}{shares}")
-        lines += [start + "".join(f"  {x:.6g}" for x in row)
-                  for start, row in zip(starts, factor * found.quantiles(name))]
+        lines += [start + _row_of_quantiles(row) for start, row in zip(starts, factor * found.quantiles(name))]
     orders, quantiles = found.orders, found.order_quantiles
     if orders is not None and quantiles is not None:
         for name, unit in (("slip_speed", "rad/s"), ("shaft_torque", "N m")):
@@ -316,9 +330,13 @@ def quantile_lines(found: Scattered) -> list[str]:
             for i, omega in enumerate(orders.speeds):
                 for k, order in enumerate(orders.order):
                     lines.append(f"{name} of order {order:g} at {engine_speed(omega)} ({shown}){shares}")
-                    lines += [start + "".join(f"  {factor * x:.6g}" for x in row[i, k])
-                              for start, row in zip(starts, rows)]
+                    lines += [start + _row_of_quantiles(factor * row[i, k]) for start, row in zip(starts, rows)]
     return lines
+
+
+def _row_of_quantiles(row: Floats) -> str:
+    """Return the quantiles of one result as text."""
+    return "  none: no sample is left" if np.isnan(row).all() else "".join(f"  {x:.6g}" for x in row)
 
 
 def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]], align: str = "---",

@@ -198,9 +198,9 @@ class Replay(Result):
         return f"closed properly; {counted(self.lost_messages, 'message')} lost" if self.lost_messages else "complete"
 
     def _pace(self) -> list[tuple[str, str]]:
-        """Return the row of the reached rate, if real time was recorded."""
+        """Return the row of the reached rate."""
         if not math.isfinite(self.pace) or not self.continuity.tick:
-            return []
+            return [("rate", "not known: the times of receipt do not show it")]
         return [("rate", f"{self.pace * 1e9 / self.continuity.tick:.2f} Hz reached, {self.pace:.5f} of real time")]
 
     def markdown(self) -> str:

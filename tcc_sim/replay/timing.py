@@ -38,6 +38,9 @@ CLOCK_STEP, CLOCK_SHARE = 1e8, 0.2
 time between two receipts.
 """
 
+FEWEST_CHUNKS, FEWEST_FOR_STEPS = 2, 4
+"""Least number of times between receipts of chunks that show the real time, and that show a usual one."""
+
 
 @dataclass(frozen=True)
 class Timing:
@@ -174,13 +177,14 @@ def pace_of(line: Timeline) -> tuple[float, str]:
     receipt advances against simulation time and the next stretch does not make up for it: somebody set
     the clock, or the driveline paused or stalled. Times of receipt alone cannot distinguish these.
     """
-    simulated, real, at, ahead, count = 0, 0, 0.0, 0, 0
+    simulated, real, at, ahead, count, chunks = 0, 0, 0.0, 0, 0, 0
     for states in line.runs:
         ends = np.flatnonzero(np.diff(states.stamp_ns // STRETCH, append=-1))
         if np.array_equal(states.log_ns[ends], states.stamp_ns[ends]):  # `simulate --out` has no other times.
             continue
         stamps, received = np.diff(states.stamp_ns[ends]), np.diff(states.log_ns[ends])
         steps = _steps(stamps, received)
+        chunks += len(steps)
         simulated += int(stamps[~steps].sum())
         real += int(received[~steps].sum())
         if steps.any():
@@ -190,7 +194,7 @@ def pace_of(line: Timeline) -> tuple[float, str]:
     note = (f"times of receipt went {'ahead' if ahead > 0 else 'back'} by {abs(ahead) * 1e-9:.6g} s against simulation "
             f"time, {counted(count, 'time')}, first after {at:.6g} s: the clock was set, or the driveline paused or "
             "stalled; the rate leaves this out") if count else ""
-    return simulated / real if real > 0 else math.nan, note
+    return simulated / real if real > 0 and chunks >= FEWEST_CHUNKS else math.nan, note
 
 
 def _steps(stamps: Stamps, received: Stamps) -> NDArray[np.bool_]:
@@ -202,7 +206,7 @@ def _steps(stamps: Stamps, received: Stamps) -> NDArray[np.bool_]:
     """
     back = received < 0
     advancing = ~back & (stamps > 0)
-    if not advancing.any():
+    if np.count_nonzero(advancing) < FEWEST_FOR_STEPS:
         return back
     ratios = np.sort(received[advancing] / stamps[advancing])
     typical = float(ratios[(len(ratios) - 1) // 2])

@@ -117,7 +117,8 @@ def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats
                         _cubic(u, plate_speed[left], h * plate_acceleration[left], plate_speed[left + 1],
                                h * plate_acceleration[left + 1])], axis=1)
     if len(starts) < 2:
-        return Cycles(section, *np.empty((3, 0)), None if linear is None else Loads(*np.empty((len(fields(Loads)), 0))))
+        none = np.empty(0)
+        return Cycles(section, none, none, none, None if linear is None else Loads(*[none] * len(fields(Loads))))
 
     p, dp, q, dq = _cut(grid, v, leaving, arriving)
     if stick_speed == 0.0:

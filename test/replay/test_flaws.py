@@ -206,5 +206,5 @@ def test_what_a_flaw_hides_is_said(results: Any, name: str) -> None:
     assert (f"{truth.lost:.6g} s of them were lost" in text) is (truth.lost > 0.0)
     summary = found.summary
     assert summary.covers[1] - summary.covers[0] == pytest.approx(summary.seconds + summary.lost_seconds, rel=1e-12)
-    assert summary.period == 2 or (summary.period == 0 and "it needs 16 or more periods" in text)
+    assert summary.period == 2 or (summary.period == 0 and "it needs 16 or more whole periods" in text)
     assert found.pace == pytest.approx(1.0, abs=2e-3)

@@ -225,7 +225,7 @@ def test_a_gap_is_not_taken_for_a_period(tmp_path, settling, gap, period):
     rows = settling[:gap[0]] + settling[gap[1]:]
     found = replay(bag(tmp_path / "run", rows, load_scene("fig02")))
     assert (found.summary.period, found.summary.settled) == (period, False)
-    said = "it needs 16 or more periods of excitation after the last gap" in "\n".join(found.lines())
+    said = "it needs 16 or more whole periods of excitation in a row" in "\n".join(found.lines())
     assert said is (period == 0)
 
 
