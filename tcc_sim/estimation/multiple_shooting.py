@@ -276,7 +276,7 @@ class MultipleShooting:
         """Yield the derivatives of all states by scale and delay (s) of each measured input, (m, width + 1, 3, 1)."""
         measured, n = self.model.measured, self.model.substeps(values)
         for name, column in measured.inputs.items():
-            for change, size in ((column, NUDGE), (-np.gradient(column, measured.step), NUDGE * measured.step)):
+            for change, size in ((column, NUDGE), (-np.gradient(column, measured.step, axis=0), NUDGE * measured.step)):
                 moved = replace(measured, inputs={**measured.inputs, name: column + size * change})
                 other = states_of(replace(self.model, measured=moved), starts, self.width, values, n)
                 yield (other - states)[..., None] / size
