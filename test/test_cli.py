@@ -94,6 +94,10 @@ def test_scenes_and_explain_take_changes(capsys: pytest.CaptureFixture[str], ref
     assert cli.main(["scenes", "--show", "fig02", "--set", "engine.frequency=120"]) == 0
     assert "frequency: 120.0" in capsys.readouterr().out
     assert "--show" in refused("scenes", "--set", "engine.frequency=120")
+    assert cli.main(["explain", "fig02"]) == 0
+    out = capsys.readouterr().out
+    assert "\nterms\n" in out
+    assert not re.search("^(topics|modules|kernel arguments)$", out, re.MULTILINE)
 
 
 @pytest.mark.parametrize("name", cli.VERBS)

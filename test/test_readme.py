@@ -83,7 +83,7 @@ def tables() -> dict[str, str]:
         "solvers": table(("solver", "what it is", "friction law", "setting"), [
             (f"`{n}`", s.description, " or ".join(s.laws), s.setting) for n, s in SOLVERS.items()]),
         "verdicts": report(".github/paper/claims.md", "The paper's claims"),
-        "refuted": judged("Not confirmed"), "in part": judged("Depends"),
+        "not confirmed": judged("Not confirmed"), "in part": judged("Depends"),
     }
 
 
@@ -93,11 +93,13 @@ def judged(verdict: str) -> str:
     for section in (ROOT / ".github" / "paper" / "claims.md").read_text().split("\n## ")[1:]:
         head, _, body = section.partition("\n")
         criterion, *rest = body.strip().split("\n\n")
-        if criterion.startswith(f"**{verdict}**"):
+        if (found := re.match(rf"\*\*{verdict}(?: on the (\w+)|: it holds in (part))?\*\*", criterion)) is not None:
             figure, _, claim = head.partition(": ")
             lines = [line.removeprefix("- ").rstrip(".") for line in rest[0].split("\n")[:2]]
-            rows.append((figure, claim, "; ".join(lines if len("".join(lines)) < 250 else lines[:1])))
-    return table(("Fig. or equation", "the paper says", "reason"), rows)
+            on = [next(filter(None, found.groups()))] if verdict == "Depends" else []
+            rows.append((figure, claim, *on, "; ".join(lines if len("".join(lines)) < 250 else lines[:1])))
+    head = ["Fig. or equation", "the paper says", *(["depends on"] if verdict == "Depends" else []), "reason"]
+    return table(tuple(head), rows)
 
 
 def report(page: str, heading: str) -> str:
@@ -161,7 +163,8 @@ def test_every_module_that_contributing_names_is_there() -> None:
 def test_the_numbers_of_the_findings_are_those_of_the_reports() -> None:
     folder = ROOT / ".github" / "paper"
     reports = "".join((folder / f"{name}.md").read_text() for name in ("claims", "errata", "motions"))
-    text = between("(?:refuted|in part)").sub("", (folder / "findings.md").read_text().partition("## What depends")[0])
+    judged = between("(?:not confirmed|in part)")
+    text = judged.sub("", (folder / "findings.md").read_text().partition("## What depends")[0])
     numbers = re.findall(r"(?<![\w.])\d+\.\d+", text)
     assert len(numbers) >= 8
     assert [number for number in numbers if not re.search(rf"(?<![\d.]){re.escape(number)}", reports)] == []

@@ -14,8 +14,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the scene, the cost measurement, and outputs."""
     add_scene(parser)
     parser.add_argument_group("further figures").add_argument(
-        "--cost", action="store_true", help="measure the run time of one tick of the real-time solver, and the "
-        "share of each term; this compiles one kernel per term")
+        "--cost", action="store_true", help="print topics, optional packages and kernel arguments too, and measure the "
+        "run time of one tick of the real-time solver and the share of each term; this compiles one kernel per term")
     add_outputs(parser, "the estimates and terms")
 
 
@@ -34,10 +34,11 @@ def run(arguments: argparse.Namespace) -> int:
     torque = "published" if scene.operation.publish_shaft_torque else "not published (publish_shaft_torque)"
     say(f"far end of the shaft: still, until output_speed moves it; shaft_torque is {torque}")
     say(f"solver offline: {found['solver']}")
-    for what in ("terms", "topics", "modules"):
+    for what in ("terms", "topics", "modules") if arguments.cost else ("terms",):
         say(f"{what}\n  in use:   {', '.join(found[what]['held']) or 'none'}"
             f"\n  left out: {', '.join(found[what]['left_out']) or 'none'}")
-    say("kernel arguments\n  " + "; ".join(f"{name}: {kind}" for name, kind in found["kernel"].items()))
+    if arguments.cost:
+        say("kernel arguments\n  " + "; ".join(f"{name}: {kind}" for name, kind in found["kernel"].items()))
     _say_step(found["step"], arguments.cost)
     plot_result(arguments, scene, scene.name)
     present(arguments, scene, explanation)

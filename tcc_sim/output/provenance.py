@@ -5,7 +5,12 @@ Keys may be added within a format; a key that changes its meaning makes a new on
 
 from __future__ import annotations
 
+import platform
 from collections.abc import Sequence
+from contextlib import suppress
+from functools import cache
+from importlib import metadata
+from pathlib import Path
 from typing import Any
 
 from tcc_sim import __version__
@@ -21,6 +26,7 @@ FORMATS: dict[str, int] = {
 """Format number of each kind of JSON; files of sweep_points and basin_rows have one line per point or row."""
 HEAD = {"format": "kind of file and number of its format", "version": "version of the package that wrote it",
         "scene": "every key of the scene with its value; node options too where a whole scene was given",
+        "environment": "versions of python, numpy, scipy and numba (null where not installed), and the processor",
         "command": "arguments of tcc-sim, the verb first", "units": "unit by field",
         "warnings": "sentences on the scene, where there are some"}
 """Keys that begin every JSON, with their meaning."""
@@ -32,7 +38,7 @@ def format_of(kind: str) -> str:
 
 
 def head_of(kind: str, scene: Scene | System, command: Sequence[str]) -> dict[str, Any]:
-    """Return the keys that begin every JSON: four, and `warnings` if the scene has any.
+    """Return the keys that begin every JSON: five, and `warnings` if the scene has any.
 
     Parameters
     ----------
@@ -40,8 +46,25 @@ def head_of(kind: str, scene: Scene | System, command: Sequence[str]) -> dict[st
     scene : the solved or recorded scene; for several scenes, the one from which they differ
     command : arguments of `tcc-sim`, the verb first
     """
-    values = {"format": format_of(kind), "version": __version__, "scene": scene_values(scene), "command": list(command)}
+    values = {"format": format_of(kind), "version": __version__, "environment": environment(),
+              "scene": scene_values(scene), "command": list(command)}
     return {**values, "warnings": warnings} if (warnings := warnings_of(scene)) else values
+
+
+@cache
+def environment() -> dict[str, str | None]:
+    """Return the versions of the packages that compute, without loading them, and the name of the processor."""
+    found: dict[str, str | None] = {"python": platform.python_version()}
+    for name in ("numpy", "scipy", "numba"):
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            found[name] = None
+    with suppress(OSError):
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines():
+            if line.startswith("model name"):
+                return {**found, "processor": line.partition(":")[2].strip()}
+    return {**found, "processor": platform.processor() or platform.machine()}
 
 
 def warnings_of(scene: Scene | System) -> list[str]:

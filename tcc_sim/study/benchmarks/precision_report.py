@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib import metadata
-from pathlib import Path
 
+from tcc_sim.output.provenance import environment
 from tcc_sim.output.tables import markdown_table
 from tcc_sim.result import Described, reported, reporting
 from tcc_sim.solvers import SOLVERS
@@ -193,18 +191,9 @@ def _head(found: PrecisionReport) -> list[str]:
 
 def machine() -> str:
     """Name the processor and the versions that times depend on."""
-    cpu = next((line.split(":", 1)[1].strip() for line in _lines("/proc/cpuinfo") if line.startswith("model name")),
-               platform.processor() or platform.machine())
-    packages = ", ".join(f"{name} {metadata.version(name)}" for name in ("numpy", "scipy", "numba"))
-    return f"{cpu} (Python {platform.python_version()}, {packages})"
-
-
-def _lines(path: str) -> list[str]:
-    """Return the lines of a file; none if it cannot be read."""
-    try:
-        return Path(path).read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return []
+    found = environment()
+    packages = ", ".join(f"{name} {found[name]}" for name in ("numpy", "scipy", "numba"))
+    return f"{found['processor']} (Python {found['python']}, {packages})"
 
 
 def _range(values: list[float]) -> str:

@@ -98,6 +98,21 @@ class Verdict:
         return found.pop() if len(found := set(self.pressures.values())) == 1 else DEPENDS
 
     @property
+    @reporting("pressure, tolerance or part (of the claim), on which the verdict depends; null for another verdict")
+    def depends_on(self) -> str | None:
+        """Pressure, tolerance or part (of the claim), on which the verdict depends; None for another verdict."""
+        if self.verdict != DEPENDS:
+            return None
+        tolerances = any(len(set(v)) > 1 for v in self.judged.values())
+        return "pressure" if len(set(self.pressures.values())) > 1 else "tolerance" if tolerances else "part"
+
+    @property
+    def words(self) -> str:
+        """The verdict as words of the page."""
+        on = {None: "", "pressure": " on the pressure", "tolerance": " on the tolerance", "part": ": it holds in part"}
+        return self.verdict + on[self.depends_on]
+
+    @property
     @reporting("explanation of the verdict")
     def why(self) -> str:
         """Explanation of the verdict."""
@@ -189,7 +204,7 @@ def claims_page(verdicts: Sequence[Verdict], *, complete: bool = True) -> str:
 def claim_row(v: Verdict) -> list[str]:
     """Return the cells of the table on one claim."""
     at = "any" if v.row.alone else ", ".join(VERDICTS[x][0] for x in v.pressures.values())
-    return [v.row.figure, v.row.where, escape(v.row.sentence), v.verdict, at + " (fitted)" * v.row.fitted]
+    return [v.row.figure, v.row.where, escape(v.row.sentence), v.words, at + " (fitted)" * v.row.fitted]
 
 
 def threshold_row(verdicts: Sequence[Verdict], item: Field[float]) -> list[str]:
@@ -205,7 +220,7 @@ def threshold_row(verdicts: Sequence[Verdict], item: Field[float]) -> list[str]:
 def claim_section(v: Verdict) -> list[str]:
     """Return the part of the page on one claim."""
     lines = [f"## {v.row.figure}: {escape(v.row.sentence)}", "",
-             f"**{v.verdict.capitalize()}**. Criterion: {escape(v.row.criterion.words)}."]
+             f"**{v.words.capitalize()}**. Criterion: {escape(v.row.criterion.words)}."]
     if v.why:
         lines += ["", f"{escape(v.why[0].upper() + v.why[1:])}."]
     lines += listed_numbers(json_of(v.finding.values))
