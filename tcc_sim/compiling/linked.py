@@ -48,8 +48,6 @@ OPTIMISATION = 1
 """LLVM's level: the kernels are as fast as at level 3, whose passes take a quarter longer."""
 WHICH = 16
 """Digits of the digest that tells a function for some types of arguments from all other code."""
-_digests: dict[FunctionType, str] = {}
-"""Digest of all code that a function can reach, for every function that has a dispatcher."""
 
 
 class PartLibrary(JITCodeLibrary):  # type: ignore[misc]
@@ -123,12 +121,17 @@ class PresentArguments(FunctionPass):  # type: ignore[misc]
 
 
 class PartCompiler(compiler.CompilerBase):  # type: ignore[misc]
-    """Numba's compiler for functions that compiled functions call."""
+    """Numba's compiler for functions that compiled functions call.
+
+    digest : of all code that the function can reach, with its options; each dispatcher has a class of its own
+    """
+
+    digest: str
 
     def define_pipelines(self) -> list[PassManager]:
         """Return Numba's pipeline, reduced to NEEDED; names in the code are the same in every process."""
         identity = self.state.func_id
-        if (name := part_name(identity.func, self.state.args)) is not None:
+        if (name := part_name(self.digest, self.state.args)) is not None:
             identity.unique_id = int(name[-WHICH:], 16)
             identity.unique_name = f"{identity.func_qualname}${identity.unique_id}"
         self.state.library = PartLibrary(self.state.targetctx.codegen(), identity.func_qualname)
@@ -155,12 +158,12 @@ class PartStore(NullCache):  # type: ignore[misc]
 
     _parts: dict[str, StoredPart] = {}  # noqa: RUF012  Of the whole process, by their names on disk.
 
-    def __init__(self, function: FunctionType) -> None:
-        self.function = function
+    def __init__(self, digest: str) -> None:
+        self.digest = digest
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return Numba's result for these types of arguments from disk, or None."""
-        name = part_name(self.function, sig)
+        name = part_name(self.digest, sig)
         part = None if name is None else self._part(name, target_context)
         if part is None:
             return None
@@ -173,7 +176,7 @@ class PartStore(NullCache):  # type: ignore[misc]
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Store Numba's result, unless it calls a part that is not stored, or has a type without a name."""
-        name, part = part_name(self.function, sig), StoredPart(data.signature, data.fndesc, data.library)
+        name, part = part_name(self.digest, sig), StoredPart(data.signature, data.fndesc, data.library)
         called = [other.key for other in part.library._linking_libraries]
         if name is None or None in called or part.descriptor.global_dict is not None:
             return
@@ -212,13 +215,14 @@ class PartStore(NullCache):  # type: ignore[misc]
         return StoredPart(signature, descriptor, library)
 
 
-def part_name(function: FunctionType, kinds: Any) -> str | None:
-    """Return the name on disk of a function for types of arguments; None where one of them is a function."""
+def part_name(digest: str, kinds: Any) -> str | None:
+    """Return the name on disk of a function for types of arguments; None where one of them is a function. `digest` is
+    that of all code that the function can reach.
+    """
     try:
         types = repr([*map(_described, kinds)])
     except TypeError:
         return None
-    digest = _digests[function]
     return f"{digest[:kernel_cache.DIGITS]}-{hashlib.sha256((digest + types).encode()).hexdigest()[:WHICH]}"
 
 
@@ -234,11 +238,11 @@ def _described(kind: Any) -> object:
 
 def dispatcher(function: FunctionType, options: dict[str, Any], digest: str) -> Any:
     """Return Numba's dispatcher of a function, whose `machine_code` makes a kernel of it; `digest` is that of all code
-    that it can reach.
+    that it can reach, and of the options.
     """
-    _digests[function] = digest
-    out = registered(function, options, pipeline_class=PartCompiler, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-    out._cache = PartStore(function)
+    own = type("PartCompiler", (PartCompiler,), {"digest": digest})
+    out = registered(function, options, pipeline_class=own, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+    out._cache = PartStore(digest)
     out.machine_code = lambda arguments: machine_code(out, arguments)
     return out
 

@@ -259,6 +259,29 @@ def test_another_kind_of_arguments_lowers_only_the_parts_that_differ(cache, tmp_
     assert with_parts[:index[""][1]] == without[:other[""][1]]  # The same machine code, to the last bit.
 
 
+TWICE = """
+from tcc_sim.compiling.compiled import compiled, fast
+def weighted(x):
+    return 0.1 * x * x + x
+exact, fused = compiled(weighted), fast(weighted)
+@compiled
+def kernel(x, more):
+    return exact(x) - fused(x) if more is None else fused(x) - more
+"""
+
+
+def test_a_function_with_two_sets_of_options_has_two_parts(cache, tmp_path):
+    def fresh():
+        return modules(tmp_path, caller=TWICE, name=f"twice_{tmp_path.name}")
+
+    def once(more):
+        return lowered(fresh(), 1.7, more)[0]
+
+    assert abs(once(None)) < 1e-15
+    assert once(1.0) == once(1.0) == pytest.approx(0.989)
+    assert len({name for name in kernel_cache.stored_parts() if name}) == 4  # Two kernels, each once, and two parts.
+
+
 def test_parts_that_are_damaged_are_compiled_anew(cache, tmp_path):
     lowered(modules(tmp_path, caller=SEVERAL, name=f"broken_{tmp_path.name}"), 1.0, None)
     damage(cache, "flipped")
