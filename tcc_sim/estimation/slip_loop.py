@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
+from scipy.optimize import brentq
 
 from tcc_sim.analysis.multipliers import largest_first
 from tcc_sim.errors import InputError, NumericalFailure
@@ -32,7 +33,7 @@ MOST_LATE = 512
 """Longest tested delay of commands, ticks."""
 HIGHEST = 1000.0
 """Largest tested factor of the gains."""
-LOWEST, SLOWER, WITHIN = 0.1, 0.93, 0.01
+LOWEST, SLOWER, WITHIN = 0.1, 0.93, 1e-3
 """Least tested slip speed, relative to the motion's; factor from one to the next; relative error of the result."""
 
 
@@ -56,8 +57,9 @@ class SlipLoop(Described):
         "delay of commands, in whole ticks, from which on the loop is unstable; null where it is unstable already or "
         "stable up to 512 ticks", "s"))
     smallest_stable_slip: float | None = field(metadata=reported(
-        "mean slip speed down to which the loop with these gains remains stable, tried in steps of 7 %; null where it "
-        "is unstable already, and 0 where it is stable down to a tenth of the mean slip speed", "rad/s"))
+        "mean slip speed down to which the loop with these gains remains stable, a root within 0.1 % in the first "
+        "step of 7 % down to an unstable one; null where it is unstable already, and 0 where it is stable down to a "
+        "tenth of the mean slip speed", "rad/s"))
 
 
 def slip_loop(motion: Constant | Periodic, gains: tuple[float, float], rate: float,
@@ -153,7 +155,11 @@ class _Loop:
 
     def stable(self, factor: float = 1.0, late: int = 0) -> bool:
         """Return whether every multiplier is inside the unit circle."""
-        return bool(np.abs(self.multipliers(factor, late)).max() < 1.0)
+        return self.growth(factor, late) < 0.0
+
+    def growth(self, factor: float = 1.0, late: int = 0) -> float:
+        """Return the logarithm of the largest multiplier's modulus."""
+        return math.log(max(float(np.abs(self.multipliers(factor, late)).max()), 1e-300))
 
     def gain_margin(self) -> float | None:
         """Return the least factor of both gains that makes a stable loop unstable."""
@@ -199,26 +205,33 @@ class _Loop:
 
 
 def _smallest_slip(motion: Constant | Periodic, ticks: int, gains: tuple[float, float], progress: bool) -> float:
-    """Return the mean slip speed down to which a loop remains stable, rad/s; 0 if it does down to LOWEST."""
-    at = motion.mean_slip
-    least, high = LOWEST * at, (at, motion)
-    low: float | None = None
+    """Return the mean slip speed down to which a loop remains stable, rad/s; 0 if it does down to LOWEST.
+
+    It is the root of the logarithm of the largest multiplier, between the first two tried slip speeds of which one is
+    unstable. They are powers of SLOWER, so that the result does not depend on the motion that the search begins with.
+    """
+    near, known = motion, {motion.mean_slip: _Loop.about(motion, ticks, gains).growth()}
+
     with progress_bar("slip speed", shown=progress, leave=False) as bar:
-        while low is None or high[0] - low > WITHIN * high[0]:
-            slip = SLOWER * high[0] if low is None else 0.5 * (low + high[0])
-            if slip < least:
-                return 0.0
-            bar.update()
-            try:
-                near = _with_slip(high[1], slip)
-                stable = _Loop.about(near, ticks, gains).stable()
-            except (InputError, NumericalFailure):  # No motion of this slip speed repeats.
-                stable = False
-            if stable:
-                high = slip, near
-            else:
-                low = slip
-    return high[0]
+        def growth(slip: float) -> float:
+            nonlocal near
+            if slip not in known:
+                bar.update()
+                try:
+                    found = _with_slip(near, slip)
+                    known[slip] = _Loop.about(found, ticks, gains).growth()
+                    near = found if known[slip] < 0.0 else near
+                except (InputError, NumericalFailure):   # No motion of this slip speed repeats.
+                    known[slip] = 1.0
+            return known[slip]
+
+        high = motion.mean_slip
+        power = math.floor(math.log(high) / math.log(SLOWER)) + 1
+        while (low := SLOWER**power) >= LOWEST * motion.mean_slip:
+            if growth(low) >= 0.0:
+                return float(brentq(growth, low, high, xtol=0.5 * WITHIN * low, rtol=0.5 * WITHIN))
+            high, power = low, power + 1
+        return 0.0
 
 
 def _with_slip(motion: Constant | Periodic, slip: float) -> Constant | Periodic:

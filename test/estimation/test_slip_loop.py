@@ -65,10 +65,15 @@ def test_the_largest_delay_is_found_in_lock_step(loop: SlipLoop) -> None:
 
 
 def test_the_smallest_stable_slip_is_found_in_lock_step(loop: SlipLoop) -> None:
-    slower = linearise("controlled", slip=0.985 * loop.smallest_stable_slip, frequencies=[10.0], controller=GAINS)
+    slower = linearise("controlled", slip=0.998 * loop.smallest_stable_slip, frequencies=[10.0], controller=GAINS)
     assert not slower.controller.stable
     assert swing(Raised(target=1.1 * loop.smallest_stable_slip)) < 0.1
     assert swing(Raised(target=0.9 * loop.smallest_stable_slip)) > 0.4
+
+
+def test_the_smallest_stable_slip_does_not_depend_on_where_the_search_begins(loop: SlipLoop) -> None:
+    other = linearise("controlled", slip=0.97 * TUNING.target, frequencies=[10.0], controller=GAINS).controller
+    assert other.smallest_stable_slip == pytest.approx(loop.smallest_stable_slip, rel=1e-3)
 
 
 def test_an_actuator_costs_the_loop_margin_and_makes_it_unstable_where_lock_step_does(
