@@ -82,7 +82,7 @@ def test_the_first_comment_is_the_description() -> None:
     ("engine.frequncy: 1.0", ["engine.frequncy is not a scene key", "did you mean engine.frequency?"]),
     ("engin.mean_torque: 1.0", ["did you mean engine.mean_torque?"]),
     ("publish_clok: true", ["publish_clok", "did you mean publish_clock?"]),
-    ("driveline.stiffness: 0.0", ["driveline.stiffness is 0 N m/rad", "above 0"]),
+    ("driveline.stiffness: 0.0", ["driveline.stiffness is 0 N m/rad", "0.001 to 1e+08"]),
     ("pressure.mean: -1", ["pressure.mean is -1 Pa", "0 to 1e+07 Pa"]),
     ("friction.law: coulomb", ["friction.law is 'coulomb'", "smoothed or set_valued"]),
     ("friction.law: 3", ["friction.law is '3'", "smoothed or set_valued"]),

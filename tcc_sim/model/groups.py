@@ -36,7 +36,7 @@ class Driveline(Group):
                                     1e3, label="clutch plate inertia $I_2$")
     damping: float = quantity(0.6, "driveline viscous damping C23", "N m s/rad", 0.0, 1e4,
                               label="driveline damping $C_{23}$")
-    stiffness: float = quantity(3000.0, "driveline stiffness K23", "N m/rad", 0.0, 1e8, above=True,
+    stiffness: float = quantity(3000.0, "driveline stiffness K23", "N m/rad", 1e-3, 1e8,
                                 label="driveline stiffness $K_{23}$")
 
 
@@ -47,19 +47,19 @@ class Friction(Group):
     law: str = quantity("smoothed", "friction law: (7) smoothed or (6) set_valued", choices=("smoothed", "set_valued"),
                         otherwise="; laws with memory, such as LuGre, are not modelled: sweep over friction "
                         "tables instead")
-    static_coefficient: float = quantity(0.3, "static friction coefficient mu_s", "", 0.0, 2.0, above=True, live=True,
+    static_coefficient: float = quantity(0.3, "static friction coefficient mu_s", "", 1e-6, 2.0, live=True,
                                          label=r"static friction coefficient $\mu_s$")
-    kinetic_coefficient: float = quantity(0.24, "kinetic friction coefficient mu_k, of fast slip", "", 0.0, 2.0,
-                                          above=True, live=True, label=r"kinetic friction coefficient $\mu_k$")
-    decay: float = quantity(2.0, "decay alpha of the friction coefficient with slip speed", "s/rad", 0.0, 1e3,
-                            label=r"decay of friction $\alpha$")
+    kinetic_coefficient: float = quantity(0.24, "kinetic friction coefficient mu_k, of fast slip", "", 1e-6, 2.0,
+                                          live=True, label=r"kinetic friction coefficient $\mu_k$")
+    decay: float = quantity(2.0, "decay alpha of the friction coefficient with slip speed", "s/rad", 1e-9, 1e3,
+                            zero=True, label=r"decay of friction $\alpha$")
     smoothing: float = quantity(50.0, "smoothing factor sigma of law (7)", "s/rad", 1.0, 1e12,
                                 label=r"smoothing factor $\sigma$")
     slip_speeds: tuple[float, ...] = quantity((), "slip speeds at which friction.coefficients were measured, the first "
                                               "0", "rad/s", 0.0, 1e4, live=True)
     coefficients: tuple[float, ...] = quantity((), "measured friction coefficients; friction.static_coefficient, "
-                                               "kinetic_coefficient and decay are then not used", "", 0.0, 2.0,
-                                               above=True, live=True)
+                                               "kinetic_coefficient and decay are then not used", "", 1e-6, 2.0,
+                                               live=True)
 
     @property
     def curve(self) -> FrictionCurve | None:
@@ -131,8 +131,8 @@ class Friction(Group):
 class Clutch(Group):
     """Geometry of the clutch, which relates pressure and torque."""
 
-    area: float = quantity(0.08, "pressure area A", "m^2", 0.0, 10.0, above=True, label="pressure area $A$")
-    radius: float = quantity(0.1, "friction moment arm R", "m", 0.0, 10.0, above=True, label="moment arm $R$")
+    area: float = quantity(0.08, "pressure area A", "m^2", 1e-6, 10.0, label="pressure area $A$")
+    radius: float = quantity(0.1, "friction moment arm R", "m", 1e-6, 10.0, label="moment arm $R$")
 
 
 @dataclass(frozen=True)
@@ -201,7 +201,7 @@ class Pressure(Excitation):
                            label="mean pressure $P_m$")
     amplitude: float = quantity(FIG02_PRESSURE / 5.0, "pressure amplitude Pp; the sum is clamped at 0", "Pa", 0.0,
                                 PRESSURE_MAXIMUM, live=True, label="pressure amplitude $P_p$")
-    frequency_ratio: float = quantity(1.0, "omega_f/omega", "", 0.0, 100.0, above=True, live=True,
+    frequency_ratio: float = quantity(1.0, "omega_f/omega", "", 1e-6, 100.0, live=True,
                                       label=r"pressure frequency $\omega_f/\omega$")
     phase: float = quantity(0.0, "pressure phase psi relative to the engine torque", "rad", -100.0, 100.0, live=True,
                             label=r"pressure phase $\psi$")

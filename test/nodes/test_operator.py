@@ -106,7 +106,7 @@ def test_it_does_what_the_ros2_commands_do_and_refusals_are_the_nodes_own(quick:
             ("set", "pressure.mean=.nan"): "pressure.mean is nan Pa; it must be 0 to 1e+07 Pa",
             ("set", "real_time_factor=-1.5"): "real_time_factor is -1.5; it must be 0 to 1000",
             ("set", "friction.coefficients=x"):
-                "friction.coefficients is 'x'; it must be a list of numbers, each above 0 to 2",
+                "friction.coefficients is 'x'; it must be a list of numbers, each 1e-06 to 2",
             ("set", "friction.coefficients[2]=0.1"):
                 "friction.coefficients[2] does not exist: friction.coefficients is empty; give the whole list first",
             ("get", "rate", "engine.harmonic_phases[1]"):

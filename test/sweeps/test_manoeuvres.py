@@ -93,7 +93,7 @@ def test_a_whole_table_is_scaled(tmp_path) -> None:
     assert len(set(spread.result("max_slip_speed").ravel())) == 2
     for name, bounds, words in (("fig02", (0.9, 1.1), "friction.coefficients is empty; a factor scales"),
                                 ("fresh_fluid", (-1.0, 1.1), "factor of friction.coefficients is -"),
-                                ("fresh_fluid", (0.9, 90.0), "friction.coefficients is .* must be above 0 to 2")):
+                                ("fresh_fluid", (0.9, 90.0), "friction.coefficients is .* must be 1e-06 to 2")):
         with pytest.raises(InputError, match=words):
             scatter(name, {"friction.coefficients": bounds}, 8, cycles=20)
 
