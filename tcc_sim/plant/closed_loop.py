@@ -28,7 +28,8 @@ from tcc_sim.trajectory import Floats, Trajectory, integral
 SAME = ("slip_speed", "plate_angle", "plate_speed", "engine_torque", "friction_torque", "flywheel_angle",
         "applied_pressure")
 """Names that fields of a Reading share with fields of a ControlledRun."""
-_RANGES = {name: QUANTITIES[topic(name).key] for name in (*INPUTS, FAR_END)}
+COMMAND_RANGES = {name: QUANTITIES[topic(name).key] for name in (*INPUTS, FAR_END)}
+"""Unit and range of the commands by topic."""
 MOST_TICKS = 100_000_000
 SMALL_PRESSURE = 1000.0
 """Pressure below which the user may have meant bar, Pa."""
@@ -47,7 +48,7 @@ def check_command(name: str, value: float, admit: Callable[[float], None] = lamb
     value : commanded value, in the unit of the input
     admit : function that raises InputError if a value within the range cannot be applied now
     """
-    meant = _RANGES[name]
+    meant = COMMAND_RANGES[name]
     if not meant.low <= value <= meant.high:
         raise InputError(f"{name} command of {apart(value, meant.low, meant.high)} {meant.unit} refused; it must be "
                          f"{meant.interval()}")

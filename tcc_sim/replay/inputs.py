@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.analysis.tracking import Counts
-from tcc_sim.errors import InputError, counted
-from tcc_sim.plant.closed_loop import check_command, doubt_of
+from tcc_sim.errors import counted
+from tcc_sim.plant.closed_loop import COMMAND_RANGES, doubt_of
 from tcc_sim.recording.columns import Commanded, JointStates
 from tcc_sim.replay.timeline import Timeline
 from tcc_sim.result import reported
@@ -100,8 +100,9 @@ def held_commands(line: Timeline, states: JointStates, name: str) -> HeldCommand
     """Return the commands on one topic in a run; None if none were recorded.
 
     Of the commands between two states the driveline holds the last; the others are superseded. Where the recorded input
-    differs from its value, it was not the one: the command acted a tick later, or another one of the same tick did, or
-    the driveline refused it or never received it. In ticks for which the driveline announced the fallback, none acted.
+    differs from its value, it was not the one: the command acted in a later tick, which shows its value, or one that
+    came later superseded it, or the driveline refused it or never received it. In ticks for which the driveline
+    announced the fallback, none acted.
     """
     if name not in line.commands:
         return None
@@ -110,22 +111,28 @@ def held_commands(line: Timeline, states: JointStates, name: str) -> HeldCommand
     acts, values, stamps = np.maximum(rows[low:high] - states.index, 1), values[low:high], stamps[low:high]
     inside = acts < len(states)
     acts, values, stamps = acts[inside].astype(np.int64), values[inside], stamps[inside]
-    follows = _follows(line, states, name, acts)
-    good = follows[acts] & _valid(name, values)
+    follows, meant = _follows(line, states, name, acts), COMMAND_RANGES[name]
+    valid = (values >= meant.low) & (values <= meant.high)
+    good, due = follows[acts] & valid, acts
     shown = _shown(line, states, name)
     if shown is not None:
         good &= shown[acts] == values
-        late = ~good & _valid(name, values) & (acts + 1 < len(states))
-        late[late] = follows[acts[late] + 1] & (shown[acts[late] + 1] == values[late])
-        acts, good = np.where(late, acts + 1, acts), good | late
-        order = np.argsort(acts, kind="stable")
-        acts, values, stamps, good = acts[order], values[order], stamps[order], good[order]
-    numbers = np.flatnonzero(good)
-    last = np.diff(acts[numbers], append=-1) != 0
-    applied, superseded = np.zeros(len(acts), np.bool_), np.zeros(len(acts), np.bool_)
-    applied[numbers[last]] = True
-    # A command of the same tick as an applied one, but before it, was replaced.
-    superseded = ~applied & np.isin(acts, acts[applied]) & _valid(name, values)
+        acts = _acted(acts, values, valid & ~good, np.where(follows, shown, np.nan), states.stamp_ns)
+        good |= acts > due
+    order = np.argsort(acts, kind="stable")
+    numbers = order[good[order]]
+    applied = np.zeros(len(acts), np.bool_)
+    applied[numbers[np.append(np.diff(acts[numbers]) != 0, True)[:len(numbers)]]] = True
+    # Those of one publisher arrive in their order, so that one before another that acted was replaced; of several
+    # publishers, one may be ignored, and a replaced command was no later than the one that replaced it.
+    numbers = np.flatnonzero(applied)
+    following = np.searchsorted(numbers, np.arange(len(acts)))
+    superseded = valid & ~applied & (following < len(numbers))
+    if line.publishers.get(name, 0) > 1:
+        others = numbers[following[superseded]]
+        superseded[superseded] = due[others] - due[superseded] <= acts[others] - due[others]
+    acts, values, stamps = acts[order], values[order], stamps[order]
+    applied, superseded = applied[order], superseded[order]
     begins = acts[applied]
     place = np.searchsorted(begins, np.arange(len(states)), side="right") - 1
     held = np.where(follows & (place >= 0), np.flatnonzero(applied)[np.maximum(place, 0)] if applied.any() else -1, -1)
@@ -147,15 +154,29 @@ def _follows(line: Timeline, states: JointStates, name: str, acts: NDArray[np.in
     return found
 
 
-def _valid(name: str, values: Floats) -> NDArray[np.bool_]:
-    """Return which values are within the range of the input, (n,)."""
-    found = np.ones(len(values), np.bool_)
-    for value in np.unique(values):
-        try:
-            check_command(name, float(value))
-        except InputError:
-            found &= values != value
-    return found
+def _acted(due: NDArray[np.int64], values: Floats, unseen: NDArray[np.bool_], shown: Floats,
+           stamp_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the state at which each command acts: `due`, or that of a later change of the input to its value.
+
+    Parameters
+    ----------
+    due : (n,) index of the first state after each command
+    unseen : (n,) which commands that state does not show
+    shown : (m,) input that each state shows
+    """
+    changes = 1 + np.flatnonzero(shown[1:] != shown[:-1])
+    changes = np.setdiff1d(changes[np.isfinite(shown[changes])], due[~unseen])
+    numbers = np.flatnonzero(unseen)
+    numbers = numbers[np.argsort(values[numbers], kind="stable")]
+    if not (len(numbers) and len(changes)):
+        return due
+    place = np.searchsorted(values[numbers], shown[changes], side="right") - 1
+    found = numbers[np.maximum(place, 0)]
+    same = (place >= 0) & (values[found] == shown[changes]) & (due[found] < changes) & (
+        stamp_ns[changes] - stamp_ns[due[found]] <= LATEST)
+    acts: NDArray[np.int64] = due.copy()
+    acts[found[same]] = changes[same]
+    return acts
 
 
 def _shown(line: Timeline, states: JointStates, name: str) -> Floats | None:
@@ -167,6 +188,8 @@ def _shown(line: Timeline, states: JointStates, name: str) -> Floats | None:
     return states.applied_pressure if np.isfinite(states.applied_pressure).any() else None
 
 
+LATEST = 250_000_000
+"""Longest simulation time from the first state after a command to the one that shows it, ns."""
 A_YEAR = 365 * 86_400 * 1_000_000_000
 """Time by which a stamp of the wall clock is ahead of simulation time at least, ns."""
 
