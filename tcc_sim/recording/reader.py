@@ -252,6 +252,10 @@ class Run:
         if not self.stamps.messages:
             raise RecordingError(f"{self.paths[0]}: no {topic} can be read" +
                                  (f" ({self.warnings[0]})" if self.warnings else ""))
+        if self.stamps.repeated == self.stamps.messages - 1 > 0:
+            raise RecordingError(f"all {self.stamps.messages} stamps of {topic} are "
+                                 f"{int(found.runs[0].stamp_ns[0]) * 1e-9:g} s: its publisher does not set them, and "
+                                 "without times nothing can be analysed")
         if self.stamps.mixed:
             raise RecordingError(f"{topic}: simulation time jumps back and forth "
                                  f"{counted(self.stamps.returns, 'time')} between two runs; publishers are mixed and "

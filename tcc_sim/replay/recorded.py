@@ -183,7 +183,7 @@ class Recording(Result):
         """
         window = Window(run, start, end)
         line = self.line(window)
-        (states,) = line.runs
+        (states,) = line.with_torques().runs
         system = line.scene_at(states.index).system
         timing = self._timing if self._line is not None else self._timing_of(line)
         clock = timing.clock if timing.source == "found" else timing_of(replace(self.scene, system=system), None,

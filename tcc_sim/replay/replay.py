@@ -107,6 +107,7 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
         if damping and any(states.output_speed is not None and np.isfinite(states.output_speed).any()
                            for states in line.runs):
             raise InputError("the far end of the shaft moved; --damping is for recordings in which it stands still")
+        note, line = line.torques_note(), line.with_torques()
         timing = timing_of(own, frequency, line.runs, frequency_changes(run))
         where = (rrd, spawn, connect) if rrd is not None or spawn or connect is not None else None
         view = _view(stack, printable(recording.path.name), timing, own, where,
@@ -115,6 +116,8 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
         if verify:
             bar.begin("solving")
             found = replace(found, verification=verification_of(whole, run.size, bar.advance))
+        if note:
+            found = replace(found, warnings=(*found.warnings, note))
         if part.sentence():
             found = replace(found, warnings=(*found.warnings, part.sentence()))
         if view is not None:

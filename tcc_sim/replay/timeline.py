@@ -14,6 +14,7 @@ from tcc_sim.analysis.control import Steps
 from tcc_sim.analysis.engine_clock import EngineClock
 from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.errors import InputError
+from tcc_sim.model.equations import accelerations, linear_of
 from tcc_sim.model.parameters import System
 from tcc_sim.recording.announcements import MOST_SCENES, InputSource, SceneRecord
 from tcc_sim.recording.columns import Commanded, JointStates
@@ -22,12 +23,14 @@ from tcc_sim.recording.reader import Run
 from tcc_sim.recording.window import Window
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.solvers.terms import stick_speed_of, terms_of, torques_at
-from tcc_sim.topics import INPUTS
-from tcc_sim.trajectory import Floats, Trajectory, modes_of, no_cycles
+from tcc_sim.topics import INPUTS, topic
+from tcc_sim.trajectory import Floats, Trajectory, far_end_of, modes_of, no_cycles
 
 Held = tuple[tuple[int, frozenset[str]], ...]
 MOST_CANDIDATES = 1_000_000
 """Largest number of candidate states considered, in addition to those that the clock settles."""
+
+_TORQUES = ("engine_torque", "friction_torque")
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,36 @@ class Timeline:
             return self
         runs = tuple(states[rows] for states in self.runs for rows in [window.rows(states)] if rows.stop > rows.start)
         return replace(self, runs=runs, commands={name: _within(runs, every) for name, every in self.commands.items()})
+
+    @cached_property
+    def absent(self) -> tuple[str, ...]:
+        """Names of the columns of joint_states that hold no number in any state."""
+        return tuple(name for name in topic("joint_states").fields
+                     if not any(np.isfinite(getattr(states, name)).any() for states in self.runs))
+
+    def with_torques(self) -> Timeline:
+        """Return the timeline with torques that were not recorded, as estimates: (2a) and (2b) with central differences
+        of the recorded speeds.
+
+        Raises
+        ------
+        InputError
+            An angle of the plate or a speed was not recorded.
+        """
+        missing = [name for name in self.absent if name not in (*_TORQUES, "flywheel_angle")]
+        if missing:
+            raise InputError(f"{', '.join(missing)} of the joint states: no state holds a number; positions and "
+                             "velocities of flywheel and clutch plate are needed")
+        if not set(self.absent) & set(_TORQUES):
+            return self
+        return replace(self, runs=tuple(_with_torques(states, self.scene_at(states.index).system, self.absent)
+                                        for states in self.runs))
+
+    def torques_note(self) -> str:
+        """Return a sentence about torques that were not recorded, or an empty text."""
+        found = [name for name in _TORQUES if name in self.absent]
+        return (f"no state has a number for {' and '.join(found)} (efforts): estimated from the recorded speeds by "
+                "(2a) and (2b)") if found else ""
 
     @cached_property
     def changes(self) -> list[tuple[int, Scene]]:
@@ -112,6 +145,26 @@ class Timeline:
         row = np.concatenate([np.empty(0, np.int64), *rows])
         given = Commanded(row, np.concatenate([np.empty(0), *values]), np.full(len(row), -1))
         return replace(self, commands={**self.commands, TARGET: given})
+
+
+def _with_torques(states: JointStates, system: System, absent: Sequence[str]) -> JointStates:
+    """Return states of a run with estimates of the torques that are absent."""
+    linear, t = linear_of(system), states.stamp_ns * 1e-9
+    if len(states) < 2:
+        return states
+    slip = states.flywheel_speed - states.plate_speed
+    far = far_end_of(states.output_angle, states.output_speed)
+    # Both accelerations are linear in the torques, with the coefficients 1/I1, and -1/I1 - 1/I2 and 1/I2.
+    slip_free, plate_free = accelerations(slip, states.plate_angle, states.plate_speed, 0.0, 0.0, linear,
+                                           far.angle, far.speed)
+    friction = states.friction_torque
+    if "friction_torque" in absent:
+        friction = (np.gradient(states.plate_speed, t) - plate_free) * linear.plate
+    engine = states.engine_torque
+    if "engine_torque" in absent:
+        engine = (np.gradient(slip, t) - slip_free) * linear.flywheel
+        engine += friction * (1.0 + linear.flywheel / linear.plate)
+    return replace(states, friction_torque=friction, engine_torque=engine)
 
 
 def _within(runs: Sequence[JointStates], every: Commanded) -> Commanded:

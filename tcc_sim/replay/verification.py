@@ -63,6 +63,7 @@ class _Verifier:
     def __init__(self, line: Timeline, size: int) -> None:
         self._scenes, self._places, self._place = line.scenes, line.places, -1
         self._line, self._commanded = line, (True, True)
+        self._absent = np.isin(COLUMNS, line.absent)
         self._next_place = 0
         self._work = self._work_limit = SMALLEST_WORK + WORK_PER_BYTE * size
         self._leapt = 0
@@ -133,6 +134,8 @@ class _Verifier:
                       "or mixed up")
         elif not self._solved:
             detail = "there is no state before any of them to solve from"
+        if self._absent.any():
+            detail += f"; not recorded, so not compared: {', '.join(self._line.absent)}"
         verified = self._first is None and self._solved > 0 and not self._unknown and self._broken is None
         return Verification(verified, largest, self._compared, self._solved, self._exactly, self._first, detail)
 
@@ -267,6 +270,7 @@ class _Verifier:
         """Add the differences of a batch."""
         difference = np.abs(recorded - solved)
         difference[np.isnan(difference)] = math.inf
+        difference[:, self._absent] = 0.0
         self._largest = np.maximum(self._largest, difference.max(axis=0))
         self._compared += len(batch)
         self._exactly += int(np.count_nonzero(exact))

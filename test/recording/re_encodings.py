@@ -98,7 +98,7 @@ def made(folder, ticks=700):
         writer.write(one[STATES], log, sent, cdr.joint_state(stamp, *values), k + 1)
         writer.write(one["/applied_pressure"], log + 1000, sent + 1000, cdr.fluid_pressure(stamp, pressure), k + 1)
         writer.write(one["/slip_speed"], log + 2000, sent + 2000, cdr.float64(values[2] - values[3]), k + 1)
-        if 29 < k < 599:
+        if 29 < k < min(599, ticks - 1):
             writer.write(one["/engine_torque"], log + 3000, sent + 300_000, cdr.float64(rows[k + 1][5]), k + 1)
             writer.write(one["/actuation_pressure"], log + 4000, sent + 310_000,
                          cdr.fluid_pressure(stamp, rows[k + 1][7]), k + 1)
@@ -188,7 +188,17 @@ def joint_state(stamp, names, columns, frame=""):
     return b"\0\1\0\0" + bytes(out)
 
 
-def laid_out(names, frame="", efforts=True):
+def without(what):
+    """Function that leaves out the positions or efforts of a state, or makes its efforts NaN."""
+    def change(_, data):
+        stamp, *values = joints(data)
+        columns = {"positions": values[:2], "velocities": values[2:4], "efforts": values[4:]}
+        columns |= {"efforts": [np.nan] * 2} if what == "NaN" else {what: []}
+        return joint_state(stamp, ["flywheel", "clutch_plate"], list(columns.values()))
+    return change
+
+
+def laid_out(names, frame=""):
     """Function that lays a state out again with these joints, flywheel and clutch_plate among them."""
     def change(_, data):
         stamp, *values = joints(data)
@@ -196,7 +206,7 @@ def laid_out(names, frame="", efforts=True):
         for pair in zip(values[::2], values[1::2]):
             given = dict(zip(("flywheel", "clutch_plate"), pair))
             columns.append([given.get(name, 7.0) for name in names])
-        return joint_state(stamp, names, columns if efforts else [*columns[:2], []], frame)
+        return joint_state(stamp, names, columns, frame)
     return change
 
 

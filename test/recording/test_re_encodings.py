@@ -1,11 +1,33 @@
 """Every way to write a recording again gives the same figures, or a sentence that names the reason."""
 
 import pytest
-from re_encodings import DIFFERS, WAYS, case, made
+from driveline_bags import bag, ticked
+from re_encodings import (
+    DIFFERS,
+    SCENE,
+    STATES,
+    WAYS,
+    another_node_on_the_topic,
+    as_rosbag2,
+    case,
+    forgotten,
+    laid_out,
+    left_and_right,
+    made,
+    save,
+    without,
+)
 
+from tcc_sim.cli import main
+from tcc_sim.errors import InputError
+from tcc_sim.estimation.identify import given as measured_and_scene
+from tcc_sim.messages import cdr
 from tcc_sim.output.provenance import document
+from tcc_sim.recording.bag import BagWriter
 from tcc_sim.replay.recorded import read
 from tcc_sim.replay.replay import replay
+from tcc_sim.scene import load_scene
+from tcc_sim.topics import JOINT_STATE
 
 NOT_COMPARED = {"elapsed_s", "command", "version"}
 
@@ -49,3 +71,152 @@ def test_a_recording_written_again_is_the_same(tmp_path, original, name):
     assert found.keys() == expected.keys()
     new = [text for text in warnings if text not in before]
     assert any(sentence in text for text in new) if sentence else "warnings" in fields or not new
+
+
+def refusal(folder):
+    with pytest.raises(InputError) as error:
+        replay(folder)
+    return str(error.value)
+
+
+def no_time(_, data):
+    return data[:4] + bytes(8) + data[12:]
+
+
+def chat(source):
+    return source.channel(lambda c: c._replace(topic="/chatter", schema=("std_msgs/msg/String", "ros2msg", b"")))
+
+
+def of_ros1(source):
+    return source.channel(lambda c: c._replace(encoding="ros1", schema=(
+        c.schema[0].replace("/msg/", "/"), "ros1msg", b"")))
+
+
+def two_that_cannot_be_told_apart(source):
+    return as_rosbag2(forgotten(source, "3" * 24))
+
+
+@pytest.mark.parametrize(("change", "sentence"), [
+    (lambda source: source.changed(STATES, no_time), "all 700 stamps of /joint_states are 0 s: its publisher does not"),
+    (lambda source: source.changed(STATES, laid_out(["engine", "turbine"])), "its joints are engine, turbine; say"),
+    (lambda source: source.changed(STATES, without("positions")),
+     "plate_angle of the joint states: no state holds a number"),
+    (chat, "holds no sensor_msgs/msg/JointState, so no driveline; its topics are /chatter (std_msgs/msg/String)"),
+    (of_ros1, "the messages of /joint_states are in the encoding ros1; only cdr, that of ROS 2, is read"),
+    (two_that_cannot_be_told_apart, "publishers are mixed and cannot be separated"),
+    (lambda source: source._replace(metadata=[], messages=[m for m in source.messages if m.channel != 1]),
+     "holds no scene; name the scene of the recorded driveline with --scene"),
+], ids=str)
+def test_a_recording_that_cannot_be_analysed_is_refused_for_its_own_reason(tmp_path, original, change, sentence):
+    save(tmp_path / "run" / "run_0.mcap", change(original[0]))
+    assert sentence in refusal(tmp_path / "run")
+
+
+def test_a_file_of_another_kind_is_named(tmp_path):
+    for name, start, sentence in (("a.bag", b"#ROSBAG V2.0\n", "it is a bag of ROS 1"), ("b.mcap", b"x", "not an MCAP"),
+                                  ("c.mcap", b"SQLite format 3\0", "it is a bag in SQLite"),
+                                  ("d.db3", b"SQLite format 3\0", "is a bag in SQLite")):
+        (tmp_path / name).write_bytes(start + bytes(100))
+        assert sentence in refusal(tmp_path / name)
+    for name, sentence in (("x_0.mcap.lz4", "is compressed as .lz4"), ("x_0.db3", "is a bag in SQLite"),
+                           ("x.bag", "x.bag is a bag of ROS 1")):
+        folder = tmp_path / name.replace(".", "_")
+        folder.mkdir()
+        (folder / name).write_bytes(bytes(100))
+        assert sentence in refusal(folder)
+
+
+@pytest.mark.parametrize("what", ["NaN", "efforts"])
+def test_torques_that_were_not_recorded_are_estimated_with_a_note(tmp_path, what):
+    """Central differences of the recorded speeds give them back, but for states next to a change of stick and slip."""
+    scene = load_scene("fig02")
+    rows, change = ticked(scene, 1000), without(what)
+    expected, _ = figures(bag(tmp_path / "whole", rows, scene))
+    writer = BagWriter(tmp_path / "run", scene.text())
+    channel = writer.channel(STATES, JOINT_STATE)
+    for k, (stamp, *values, _) in enumerate(rows):
+        writer.write(channel, stamp, stamp, change(k, cdr.joint_state(stamp, *values)), k)
+    writer.close()
+    found, warnings = figures(tmp_path / "run")
+    assert "no state has a number for engine_torque and friction_torque (efforts)" in warnings[0]
+    assert found["verified"] is True  # The scene gives the torques.
+    assert found["verification"].endswith("; not recorded, so not compared: engine_torque, friction_torque")
+    for name, error in (("max_slip_speed", 1e-2), ("clutch_energy", 2e-2), ("max_shaft_torque", 1e-3)):
+        assert found[name] == pytest.approx(expected[name], rel=error)
+        assert found[name] != expected[name]
+    assert (found["cycles"], found["breakaways"]) == (expected["cycles"], expected["breakaways"])
+
+
+def test_a_state_without_a_number_costs_itself_and_is_counted(tmp_path, original):
+    source, (expected, _) = original
+    nan = without("NaN")
+    save(tmp_path / "run" / "run_0.mcap", source.changed(STATES, lambda k, data: nan(k, data) if k == 300 else data))
+    found, warnings = figures(tmp_path / "run")
+    assert found["lost_seconds"] == pytest.approx(0.002)
+    assert any("not finite" in text for text in warnings)
+    assert found["cycles"] == expected["cycles"]
+
+
+@pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
+def test_bags_that_rosbags_converts_verify(tmp_path, original, storage):
+    """Through SQLite, and compressed message by message: the scene is on its topic, and no publisher is known."""
+    converter = pytest.importorskip("rosbags.convert.converter")
+    _, (expected, _) = original
+    made(tmp_path / "own", 200)
+
+    def convert(here, there, kind, mode):
+        converter.convert([here], there, kind, 9, mode and "zstd", mode or "file", None, None, [], [], [], [])
+
+    convert(tmp_path / "own", tmp_path / "other", storage, "" if storage == "sqlite3" else "message")
+    if storage == "sqlite3":
+        assert "--dst-storage mcap" in refusal(tmp_path / "other")
+        convert(tmp_path / "other", tmp_path / "again", "mcap", "file")
+    found, _ = figures(tmp_path / ("again" if storage == "sqlite3" else "other"))
+    assert (found["verified"], found["states"], found["scene"]) == (True, 200, expected["scene"])
+
+
+def test_a_driveline_is_chosen_by_topic_or_number(tmp_path, original):
+    left_and_right(tmp_path / "run", original[0])
+    right = {"topic": "right/joint_states"}
+    for options, number in (({}, 0), (right, 1), ({"driveline": 1}, 1), ({"driveline": 0}, 0)):
+        assert [one.read for one in read(tmp_path / "run", **options).drivelines] == [number == 0, number == 1]
+    for options, sentence in (({"driveline": 2}, "driveline is 2; the recording holds 2 drivelines, counted from 0"),
+                              ({"topic": "/x"}, "no joint_states were recorded on /x"),
+                              ({"topic": "/x", "driveline": 0}, "driveline 0 is on /lef/joint_states, not on /x")):
+        with pytest.raises(InputError, match=sentence):
+            read(tmp_path / "run", **options)
+
+
+def test_a_joint_state_of_another_node_is_asked_for_its_joints(tmp_path, original):
+    another_node_on_the_topic(tmp_path / "run", original[0])
+    with pytest.raises(InputError, match="its joints are finger; say which of them"):
+        read(tmp_path / "run", driveline=1)
+
+
+@pytest.mark.parametrize("verb", [
+    ["analyse", "{bag}", "--scene", "{scene}", "--driveline", "0", "--joints", "flywheel=flywheel"],
+    ["simulate", "{scene}", "--inputs", "{bag}", "--scene", "{scene}", "--topic", "/joint_states"],
+    ["simulate", "{scene}", "--inputs", "{bag}", "--topic", "joint_states"],
+])
+def test_every_verb_takes_the_same_recordings_and_options(tmp_path, original, capsys, verb):
+    """A bag with the scene on its topic, and with `--scene` one without a scene."""
+    source = as_rosbag2(original[0])
+    if verb[-1] != "joint_states":
+        source = source._replace(messages=[m for m in source.messages if m.channel != 1])
+    save(tmp_path / "run" / "run_0.mcap", source)
+    (tmp_path / "scene.yaml").write_text(SCENE.text())
+    words = [word.format(bag=tmp_path / "run", scene=tmp_path / "scene.yaml") for word in verb]
+    assert main(words) == 0, capsys.readouterr().err
+    measured, scene = measured_and_scene(tmp_path / "run", SCENE, topic=STATES)
+    assert (len(measured.t), scene.system) == (700, SCENE.system)
+
+
+def test_options_of_a_recording_are_refused_where_none_is_read(tmp_path, refused):
+    (tmp_path / "x.csv").write_text("t,slip_speed\n0,1\n1,1\n2,1\n3,1\n")
+    table = tmp_path / "x.csv"
+    assert "--topic: only for recordings" in refused("simulate", "minimal", "--topic", "/x")
+    assert "--driveline: only for recordings" in refused("simulate", "minimal", "--inputs", table, "--driveline", "0")
+    assert "--scene is for a recording" in refused("simulate", "minimal", "--scene", "fig02")
+    assert "--topic: only for recordings" in refused("identify", table, "--scene", "minimal", "--free",
+                                                     "driveline.damping", "--topic", "/x")
+    assert "--topic: only for recordings" in refused("analyse", table, "--orders", "--topic", "/x")
