@@ -97,7 +97,6 @@ class Columns:
     """Data of one driveline in a recording.
 
     runs : the states of each run, views of common arrays
-    parts : (n,) index of the first state of each chunk and run
     commands : commands by the name of their topic
     sources : announced sources of the inputs, in the order of publication
     publishers : number of publishers of commands, by topic
@@ -105,7 +104,6 @@ class Columns:
     """
 
     runs: tuple[JointStates, ...]
-    parts: NDArray[np.int64]
     commands: Mapping[str, Commanded]
     sources: tuple[InputSource, ...]
     publishers: Mapping[str, int]
@@ -118,7 +116,6 @@ class GrowingStates:
     def __init__(self) -> None:
         self.count = 0
         self._columns = {name: np.empty(0, np.int64 if name.endswith("_ns") else np.float64) for name in _COLUMNS}
-        self._parts: list[int] = []
         self._runs: list[tuple[int, Break, int]] = []
 
     def add(self, part: JointStates) -> None:
@@ -128,13 +125,12 @@ class GrowingStates:
             if self.count > len(column):
                 column.resize(max(self.count, len(column) * 5 // 4, BLOCK), refcheck=False)
             column[first:self.count] = getattr(part, name)
-        self._parts.append(first)
         if not self._runs or self._runs[-1][0] != part.run:
             self._runs.append((part.run, part.began, first))
 
     def runs(self, beside: Sequence[Beside]) -> Found:
-        """Return the states of every run with the columns of `beside`, the index of the first state of each part, and
-        the number of states whose applied pressure is missing although the topic was recorded.
+        """Return the states of every run with the columns of `beside`, and the number of states whose applied pressure
+        is missing although the topic was recorded.
         """
         for column in self._columns.values():
             column.resize(self.count, refcheck=False)
@@ -148,10 +144,10 @@ class GrowingStates:
                 one.join(run, part)
             missing += int(np.isnan(part["applied_pressure"]).sum()) if "applied_pressure" in part else 0
             found.append(JointStates(**part, run=run, began=began, index=first))
-        return tuple(found), np.array(self._parts, dtype=np.int64), missing
+        return tuple(found), missing
 
 
-Found = tuple[tuple[JointStates, ...], NDArray[np.int64], int]
+Found = tuple[tuple[JointStates, ...], int]
 
 
 class Beside:

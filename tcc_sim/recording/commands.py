@@ -28,20 +28,34 @@ COUNTED = ("missed ticks", "late ticks", "paced ticks")
 """Keys of counts in the driveline's diagnostics, in addition to those of refused commands."""
 SET_BACK = 50_000_000
 """Backward jump of the recorder's clock above which the clock was set, ns."""
+STRETCH = 500_000_000
+"""Length of the stretches of receipt in which the clocks of publisher and recorder are compared, ns."""
+FEW = 10
+"""Number of messages in a stretch below which the next stretches with as many count too."""
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
 
 class _Sent(NamedTuple):
-    """Commands of one topic in one chunk, (n,) arrays: time (ns of the recorder's clock), value, and stamp of the state
-    that each answers (ns); and the numbers of states before the chunk and up to its end.
+    """Commands of one topic in one chunk, (n,) arrays: offset in the chunk, number of the publisher, time of sending
+    (ns; of the recorder's clock after `_Sent.by`) and of receipt, value, and stamp of the state that each answers (ns);
+    and the numbers of states before the chunk and up to its end.
     """
 
+    offset: Rows
+    publisher: Rows
     times: Stamps
+    log: Stamps
     values: Floats
     answers: Stamps
     before: int
     until: int
+
+    def by(self, delay: Stamps) -> _Sent:
+        """Return the commands by the recorder's clock, in the order of sending."""
+        times = self.times + delay
+        order = np.argsort(self.offset if (np.diff(times) < -SET_BACK).any() else times, kind="stable")
+        return self._replace(times=times[order], values=self.values[order], answers=self.answers[order])
 
 
 class Commands:
@@ -63,6 +77,7 @@ class Commands:
         self._names = {f"{space}/{name}": name for name in (*COMMANDS, SOURCE)}
         self._sent: dict[str, list[_Sent]] = {name: [] for name in COMMANDS}
         self._sources: dict[InputSource, None] = {}
+        self._numbers: dict[str, int] = {}
         self.publishers: dict[str, set[str]] = {}
         """Publishers of commands, by topic."""
         self.counts = Counter[str]()
@@ -76,7 +91,7 @@ class Commands:
 
     def take(self, data: bytes, messages: Messages, channels: Mapping[int, Channel], before: int, until: int) -> None:
         """Take one chunk, with `before` states before it and `until` states up to its end."""
-        found: dict[str, list[tuple[Stamps, Stamps, Floats, Stamps]]] = {}
+        found: dict[str, list[tuple[Rows, Rows, Stamps, Stamps, Floats, Stamps]]] = {}
         for number, row in channels.items():
             if (row.topic, row.type) == (DIAGNOSTICS, DIAGNOSTIC_ARRAY):
                 mine = messages.channel == number
@@ -94,12 +109,12 @@ class Commands:
             offset, log, sent, values, answers = _decoded(np.frombuffer(data, dtype=np.uint8), offset, length, row.type)
             if len(offset):
                 self.publishers.setdefault(name, set()).add(row.publisher)
-                answers = simulation_ns(answers, self._zeros)
-                found.setdefault(name, []).append((offset, sent + (log - sent).min(), values, answers))
+                who = self._numbers.setdefault(row.publisher, len(self._numbers))
+                found.setdefault(name, []).append((offset, np.full(len(offset), who), sent, log, values,
+                                                   simulation_ns(answers, self._zeros)))
         for name, parts in found.items():
-            offset, times, values, answers = (np.concatenate(columns) for columns in zip(*parts))
-            order = np.argsort(offset if (np.diff(times) < -SET_BACK).any() else times, kind="stable")
-            self._sent[name].append(_Sent(times[order], values[order], answers[order], before, until))
+            offset, publisher, sent, log, values, answers = (np.concatenate(columns) for columns in zip(*parts))
+            self._sent[name].append(_Sent(offset, publisher, sent, log, values, answers, before, until))
 
     def _announced(self, data: bytes, offsets: Sequence[int], lengths: Sequence[int]) -> None:
         """Take messages that announce the sources of the inputs."""
@@ -122,19 +137,41 @@ class Commands:
                     self._counted[key] = int(text)
                     self.counts[key] += int(text) - (before if int(text) >= before else 0)
 
-    def beside(self, runs: Sequence[JointStates], parts: Rows) -> dict[str, Commanded]:
-        """Return the commands by the name of their topic.
-
-        Parameters
-        ----------
-        runs : all states
-        parts : (n,) index of the first state of each chunk and run
-        """
+    def beside(self, runs: Sequence[JointStates]) -> dict[str, Commanded]:
+        """Return the commands by the name of their topic, beside all states."""
         wanted = {name: sent for name, sent in self._sent.items() if sent}
         if not wanted or not runs:
             return {}
-        clock = _Clock(runs, parts)
-        return {name: clock.rows(sent) for name, sent in wanted.items()}
+        clock = _Clock(runs)
+        return {name: clock.rows(_by_clock(sent)) for name, sent in wanted.items()}
+
+
+def _delay(log: Stamps, sent: Stamps) -> Stamps:
+    """Return the shortest time from sending to receipt, ns, in the stretch of receipt around each message, (n,).
+
+    It is the difference of the clocks of publisher and recorder. For a stretch with few messages, which may all be
+    late, the next stretches with more count too.
+    """
+    stretches, inverse, counts = np.unique(log // STRETCH, return_inverse=True, return_counts=True)
+    shortest = np.full(len(stretches), np.iinfo(np.int64).max)
+    np.minimum.at(shortest, inverse, log - sent)
+    full = np.flatnonzero(counts >= FEW)
+    if len(full):
+        after = np.searchsorted(full, np.arange(len(stretches))).clip(max=len(full) - 1)
+        known = np.minimum(shortest[full[after]], shortest[full[np.maximum(after - 1, 0)]])
+        shortest = np.where(counts < FEW, np.minimum(shortest, known), shortest)
+    return np.asarray(shortest[inverse])
+
+
+def _by_clock(sent: Sequence[_Sent]) -> list[_Sent]:
+    """Return the commands of each chunk by the recorder's clock."""
+    who, times, log = (np.concatenate([getattr(one, name) for one in sent]) for name in ("publisher", "times", "log"))
+    delay = np.empty(len(log), np.int64)
+    for number in np.unique(who):
+        mine = who == number
+        delay[mine] = _delay(log[mine], times[mine])
+    ends = np.cumsum([len(one.times) for one in sent])
+    return [one.by(part) for one, part in zip(sent, np.split(delay, ends[:-1]))]
 
 
 class _Clock:
@@ -144,11 +181,9 @@ class _Clock:
     does not show on which side of a step a command was sent, the neighbouring states in the file decide.
     """
 
-    def __init__(self, runs: Sequence[JointStates], parts: Rows) -> None:
+    def __init__(self, runs: Sequence[JointStates]) -> None:
         times = np.concatenate([states.sent_ns for states in runs])
-        delay = np.concatenate([states.log_ns for states in runs])
-        delay -= times
-        times += np.repeat(np.minimum.reduceat(delay, parts), np.diff(parts, append=len(times)))
+        times += np.concatenate([_delay(states.log_ns, states.sent_ns) for states in runs])
         steps = np.diff(times)
         self._cuts = 1 + np.flatnonzero(steps < -SET_BACK)
         self._shift = np.zeros(len(self._cuts) + 1, np.int64)
@@ -162,8 +197,10 @@ class _Clock:
         """Return each command with the first state after it; commands after the last state are left out."""
         times = np.concatenate([self._unrolled(one) if len(self._cuts) else one.times for one in sent])
         values, answers = (np.concatenate(columns) for columns in zip(*((one.values, one.answers) for one in sent)))
+        again = (np.diff(times, prepend=-1) == 0) & (np.diff(answers, prepend=-2) == 0)
+        again &= np.append(False, values[1:] == values[:-1])  # The same message, recorded twice.
         rows = np.searchsorted(self._times, np.maximum.accumulate(times), side="left")
-        inside = rows < len(self._times)
+        inside = (rows < len(self._times)) & ~again
         return Commanded(rows[inside].astype(np.int64), values[inside], answers[inside])
 
     def _unrolled(self, sent: _Sent) -> Stamps:

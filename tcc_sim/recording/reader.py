@@ -33,7 +33,7 @@ from tcc_sim.recording.parts import (
     records_of,
     unpacked_file,
 )
-from tcc_sim.recording.records import DamagedChunk, Expansion, Messages, RecordStream, Warnings, joined
+from tcc_sim.recording.records import DamagedChunk, Expansion, Messages, RecordStream, Warnings, joined, with_places
 from tcc_sim.recording.stamps import Break, StampCounter
 from tcc_sim.recording.window import Window
 from tcc_sim.topics import JOINT_STATE
@@ -288,7 +288,11 @@ class Run:
         every = [one for one in all_beside(topic, zeros) if (one.topic, one.type) in types]
         layouts = Layouts(JOINT_STATE, self._choice.names, topics.topic("joint_states").fields, zeros)
         states, commands = GrowingStates(), Commands(topic, zeros)
+        place = self._untimed = 0
         for data, messages, channels in order():
+            if (numbered := with_places(data, messages, place)) is not None:
+                data, self._untimed = numbered, self._untimed + len(messages.channel)
+            place += len(messages.channel)
             ours = {number: channel for number, channel in channels.items() if self._ours(channel)}
             array, before = np.frombuffer(data, dtype=np.uint8), states.count
             here = np.flatnonzero(np.bincount(messages.channel)).tolist() if len(messages.channel) else []
@@ -309,11 +313,14 @@ class Run:
                     one.take(array, messages, mine, self.stamps.runs - int(np.count_nonzero(begun > first)),
                              partial(self._publisher, channels=channels))
             commands.take(data, messages, ours, before, states.count)
-        runs, parts, missing = states.runs(every)
+        runs, missing = states.runs(every)
         if missing:
             self.warnings.append(f"the applied pressure is missing at {counted(missing, 'tick')}")
         self._pass_over(every)
-        return Columns(runs, parts, commands.beside(runs, parts), commands.sources,
+        if 2 * self._untimed > place:
+            self.warnings.append("no time of receipt or sending was recorded (all are 0): a command belongs to the "
+                                 "next state in the file")
+        return Columns(runs, commands.beside(runs), commands.sources,
                        {name: len(who) for name, who in commands.publishers.items()}, commands.counts)
 
     def _every_channel(self) -> Iterator[Channel]:

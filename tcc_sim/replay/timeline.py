@@ -18,7 +18,7 @@ from tcc_sim.model.equations import accelerations, linear_of
 from tcc_sim.model.parameters import System
 from tcc_sim.recording.announcements import MOST_SCENES, InputSource, SceneRecord
 from tcc_sim.recording.columns import Commanded, JointStates
-from tcc_sim.recording.commands import TARGET, Rows
+from tcc_sim.recording.commands import TARGET
 from tcc_sim.recording.reader import Run
 from tcc_sim.recording.window import Window
 from tcc_sim.scene import Scene, parse_scene
@@ -43,7 +43,6 @@ class Timeline:
     places : (index of the first state, number of the scene that applies from it on), not descending
     commands : commands by topic
     sources : (index of the first state, inputs that follow commands from it on)
-    starts : (n,) index of the first state of each chunk and run
     publishers : number of publishers of commands, by topic
     counts : counts of the driveline's diagnostics over the whole recording, by key
     """
@@ -54,7 +53,6 @@ class Timeline:
     places: tuple[tuple[int, int], ...]
     commands: Mapping[str, Commanded]
     sources: Held
-    starts: Rows
     publishers: Mapping[str, int]
     counts: Mapping[str, int]
 
@@ -190,7 +188,7 @@ def timeline_of(run: Run, scene: Scene, window: Window | None = None) -> Timelin
     found = run.columns(window)
     held = tuple((index, found.sources[number].commanded) for index, number in places_of(found.sources, found.runs))
     line = Timeline(found.runs, scene, run.scenes, tuple(places_of(run.scenes[:MOST_SCENES], found.runs)),
-                    found.commands, held, found.parts, found.publishers, found.counts)
+                    found.commands, held, found.publishers, found.counts)
     return line if window is None else line.within(window)
 
 

@@ -28,6 +28,8 @@ SLICE, TICKS = 0.1, 20
 """Length of a time slice without engine cycles, s, and its smallest number of samples."""
 MOST_LOOKED_AT = 1000
 """Largest number of scenes searched for a change of frequency."""
+LEAST_REAL = 1e-5
+"""Smallest real time per simulated time; a recording with less has no times of receipt."""
 STRETCH = 100_000_000
 """Length of the stretches of simulation time whose times of receipt are compared, ns."""
 COMPLETE = 0.98
@@ -38,8 +40,8 @@ CLOCK_STEP, CLOCK_SHARE = 1e8, 0.2
 time between two receipts.
 """
 
-FEWEST_CHUNKS, FEWEST_FOR_STEPS = 2, 4
-"""Least number of times between receipts of chunks that show the real time, and that show a usual one."""
+FEWEST_STRETCHES, FEWEST_FOR_STEPS = 2, 4
+"""Least number of times between receipts of stretches that show the real time, and that show a usual one."""
 
 
 @dataclass(frozen=True)
@@ -177,14 +179,14 @@ def pace_of(line: Timeline) -> tuple[float, str]:
     receipt advances against simulation time and the next stretch does not make up for it: somebody set
     the clock, or the driveline paused or stalled. Times of receipt alone cannot distinguish these.
     """
-    simulated, real, at, ahead, count, chunks = 0, 0, 0.0, 0, 0, 0
+    simulated, real, at, ahead, count, stretches = 0, 0, 0.0, 0, 0, 0
     for states in line.runs:
         ends = np.flatnonzero(np.diff(states.stamp_ns // STRETCH, append=-1))
         if np.array_equal(states.log_ns[ends], states.stamp_ns[ends]):  # `simulate --out` has no other times.
             continue
         stamps, received = np.diff(states.stamp_ns[ends]), np.diff(states.log_ns[ends])
         steps = _steps(stamps, received)
-        chunks += len(steps)
+        stretches += len(steps)
         simulated += int(stamps[~steps].sum())
         real += int(received[~steps].sum())
         if steps.any():
@@ -194,7 +196,8 @@ def pace_of(line: Timeline) -> tuple[float, str]:
     note = (f"times of receipt went {'ahead' if ahead > 0 else 'back'} by {abs(ahead) * 1e-9:.6g} s against simulation "
             f"time, {counted(count, 'time')}, first after {at:.6g} s: the clock was set, or the driveline paused or "
             "stalled; the rate leaves this out") if count else ""
-    return simulated / real if real > 0 and chunks >= FEWEST_CHUNKS else math.nan, note
+    known = stretches >= FEWEST_STRETCHES and real > LEAST_REAL * simulated
+    return simulated / real if known else math.nan, note
 
 
 def _steps(stamps: Stamps, received: Stamps) -> NDArray[np.bool_]:

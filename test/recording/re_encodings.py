@@ -99,6 +99,7 @@ def made(folder, ticks=700):
         writer.write(one["/applied_pressure"], log + 1000, sent + 1000, cdr.fluid_pressure(stamp, pressure), k + 1)
         writer.write(one["/slip_speed"], log + 2000, sent + 2000, cdr.float64(values[2] - values[3]), k + 1)
         if 29 < k < min(599, ticks - 1):
+            log += 300_000
             writer.write(one["/engine_torque"], log + 3000, sent + 300_000, cdr.float64(rows[k + 1][5]), k + 1)
             writer.write(one["/actuation_pressure"], log + 4000, sent + 310_000,
                          cdr.fluid_pressure(stamp, rows[k + 1][7]), k + 1)
@@ -342,13 +343,14 @@ def clock_set_back(folder, source):
                                    for m in source.messages[half:])]))
 
 
-@way("real_time_factor", "command_age", "units")
+@way("real_time_factor", "warnings", sentence="no time of receipt or sending was recorded")
 def log_times_zero(folder, source):
     save(folder / "run_0.mcap", source._replace(messages=[m._replace(log=0, sent=0) for m in source.messages]))
 
 
-@way("real_time_factor", "command_age", "units")
+@way("real_time_factor", "inputs", "command_age", "units", "warnings", sentence="so their age is unknown")
 def coarse_log_times(folder, source):
+    """Too coarse to compare the clocks of driveline and controller within a tick."""
     save(folder / "run_0.mcap", source._replace(messages=[
         m._replace(log=m.log // 50_000_000 * 50_000_000) for m in source.messages]))
 

@@ -106,7 +106,7 @@ def two_that_cannot_be_told_apart(source):
     (two_that_cannot_be_told_apart, "publishers are mixed and cannot be separated"),
     (lambda source: source._replace(metadata=[], messages=[m for m in source.messages if m.channel != 1]),
      "holds no scene; name the scene of the recorded driveline with --scene"),
-], ids=str)
+], ids=["stamps", "joints", "positions", "no driveline", "ROS 1", "mixed", "no scene"])
 def test_a_recording_that_cannot_be_analysed_is_refused_for_its_own_reason(tmp_path, original, change, sentence):
     save(tmp_path / "run" / "run_0.mcap", change(original[0]))
     assert sentence in refusal(tmp_path / "run")
