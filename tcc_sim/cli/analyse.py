@@ -68,7 +68,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where.add_argument("--connect", metavar="URL", help="stream to a running viewer, rerun+http://HOST:9876/proxy")
     rerun.add_argument("--layout", action="store_true", help="write a layout beside the recording, with which Rerun "
                        "shows its signals without conversion: rerun RUN_0.mcap RUN_0.rbl")
-    add_outputs(parser, "the figures", "the samples of the analysed run as .csv or .npz, with units and scene")
+    add_outputs(parser, "the figures", "the samples of the analysed run as .csv, .npz, .parquet or .mat, "
+                "with units and scene")
 
 
 def targets(text: str) -> float | dict[float, float]:
@@ -88,7 +89,7 @@ def targets(text: str) -> float | dict[float, float]:
 
 def run(arguments: argparse.Namespace) -> int:
     """Check the outputs, analyse the recording, write the files, and print the figures."""
-    from tcc_sim.output.samples import write_samples
+    from tcc_sim.output.samples import TABLES, write_samples
     from tcc_sim.output.tables import order_lines, spectrum_lines
     from tcc_sim.recording.window import Window
     from tcc_sim.replay.replay import replay
@@ -99,7 +100,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.columns is not None:
         raise InputError(f"--columns is for tables, and {arguments.recording} is a recording")
     window = Window(arguments.run, arguments.start, arguments.end)
-    check_outputs(arguments, (".csv", ".npz"), arguments.rrd)
+    check_outputs(arguments, TABLES, arguments.rrd)
     if arguments.rrd is not None or arguments.spawn or arguments.connect is not None:
         require("rerun", "Rerun")
     recording = recording_of(arguments, arguments.recording, arguments.scene)

@@ -122,10 +122,12 @@ def scene_of(arguments: argparse.Namespace, more: Mapping[str, Any] | None = Non
 
 
 def refuse_swept(assignments: list[str], keys: Sequence[str]) -> None:
-    """Raise InputError if --set fixes a key that the command varies."""
+    """Raise InputError if --set fixes a key that the command varies, or engine.speed for engine.frequency."""
+    from tcc_sim.model.crank_speed import FREQUENCY, SPEED
+
     for word in assignments:
         key = word.partition("=")[0]
-        if key in keys:
+        if key in keys or key.replace(SPEED, FREQUENCY) in [swept.replace(SPEED, FREQUENCY) for swept in keys]:
             raise InputError(f"--set {word}: the command itself varies {key}; remove one of the two")
 
 
@@ -245,6 +247,8 @@ def check_outputs(arguments: argparse.Namespace, suffixes: Sequence[str] = (), *
     plot, out = getattr(arguments, "plot", None), getattr(arguments, "out", None)
     if out is not None and suffixes:
         check_suffix(out, suffixes, "--out ")
+        if out.suffix == ".parquet":
+            require("pyarrow", "a Parquet file")
     named = [path for path in (arguments.json, out, plot, *more) if path not in (None, STANDARD_OUTPUT)]
     for k, path in enumerate(named):
         if path.absolute() in [other.absolute() for other in named[:k]]:

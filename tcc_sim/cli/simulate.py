@@ -54,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                          help="add orders, transmissibility and judder; --plot then draws the order map, and beside it "
                          "the map of the slip speed measured in the table of --inputs")
     common.add_spectrum(figures)
-    output = common.add_outputs(parser, "the summary", "the samples: .npz, .csv or .mcap")
+    output = common.add_outputs(parser, "the summary", "the samples: .npz, .csv, .parquet, .mat or .mcap")
     output.add_argument("--samples", metavar="N", type=int, default=SAMPLES,
                         help=f"samples per period of excitation in --out (default {SAMPLES})")
 

@@ -12,11 +12,14 @@ import numpy as np
 from tcc_sim.errors import check_suffix
 from tcc_sim.messages import cdr
 from tcc_sim.output.files import draft
+from tcc_sim.tables.binary import write_mat, write_parquet
 from tcc_sim.tables.measured_table import hold_line
 from tcc_sim.topics import FAR_END, INPUTS, topic
 from tcc_sim.trajectory import UNITS, Cycles, Trajectory, integral
 
-SUFFIXES = (".npz", ".csv", ".mcap")
+TABLES = (".npz", ".csv", ".parquet", ".mat")
+SUFFIXES = (*TABLES, ".mcap")
+"""Suffixes of files of samples: tables, and recordings."""
 
 
 def documented(document: Mapping[str, Any]) -> dict[str, Any]:
@@ -43,15 +46,16 @@ def _cycle_columns(cycles: Cycles | None) -> dict[str, Any]:
 
 def write_samples(path: Path, trajectory: Trajectory, scene_text: str, *, recorded: bool = False,
                   document: Mapping[str, Any] | None = None) -> None:
-    """Write every sample of `trajectory` to a .npz, .csv or .mcap file.
+    """Write every sample of `trajectory` to a .npz, .csv, .parquet, .mat or .mcap file.
 
     A .npz contains the columns, their units in the same order, the scene (YAML), the JSON `document` if given, and the
     engine cycles of the solver: `section_states` (plate angle, slip speed, plate speed at the start of each cycle and
     at the end of the last), `cycle_highest`, `cycle_lowest` (rad/s), `cycle_stick_time` and, for cycles of different
     lengths, `cycle_starts` (s). A .csv has every digit, the names of the columns in its first line and their units in
     its second. For `recorded` samples of a commanded pressure that is known throughout, both have the pressure, Pa; and
-    a .csv begins with the scene, and the interpolation of the inputs between rows, in lines that begin with #. A .mcap
-    contains the scene too.
+    a .csv begins with the scene, and the interpolation of the inputs between rows, in lines that begin with #. A
+    .parquet has units in the metadata of its fields, and scene and interpolation in its own; a .mat has column vectors,
+    the structures `units` and `hold`, and the scene. A .mcap contains the scene too.
 
     Raises
     ------
@@ -70,6 +74,9 @@ def write_samples(path: Path, trajectory: Trajectory, scene_text: str, *, record
         elif path.suffix == ".npz":
             more = {**_cycle_columns(trajectory.cycles), **({} if document is None else documented(document))}
             np.savez(part, **columns, **more, units=np.array(list(units.values())), scene=np.array(scene_text))
+        elif path.suffix != ".csv":
+            write = write_parquet if path.suffix == ".parquet" else write_mat
+            write(part, columns, units, _holds(trajectory) if recorded else {}, {"scene": scene_text})
         else:
             rows = zip(*(values.tolist() for values in columns.values()))
             with part.open("w", encoding="utf-8", newline="\n") as file:

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from tcc_sim.errors import InputError
+from tcc_sim.output.samples import write_samples
 from tcc_sim.replay.given_inputs import driven_by
 from tcc_sim.scene import load_scene
+from tcc_sim.solvers import solve
 from tcc_sim.tables import text as cells
 from tcc_sim.tables.chosen_columns import is_table
 from tcc_sim.tables.measured_table import table_in
@@ -236,3 +238,17 @@ def test_what_is_no_file_of_a_bounded_size_is_refused_unread(tmp_path, refused, 
         table_in(written(tmp_path / "long.csv", ["t", "engine_torque"], [np.arange(5000), np.ones(5000)]), most=3)
     assert next(rows) == 6  # The rest was not read.
     assert "/proc/self/mem cannot be read" in refused("simulate", "commands", "--inputs", "/proc/self/mem")
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet", ".mat"])
+def test_samples_come_back_from_every_kind_of_table(tmp_path, suffix):
+    if suffix == ".parquet":
+        pytest.importorskip("pyarrow")
+    run = solve(load_scene("fig02"), cycles=2, samples_per_cycle=50)
+    write_samples(tmp_path / f"run{suffix}", run, load_scene("fig02").text(), recorded=True)
+    found = table_in(tmp_path / f"run{suffix}")
+    for name in ("t", "slip_speed", "plate_angle", "plate_speed", "engine_torque"):
+        assert found.columns[name].tolist() == getattr(run, name).tolist()
+    assert found.hold == {"engine_torque": "linear", "actuation_pressure": "linear"}
+    torque = driven_by(load_scene("commands"), tmp_path / f"run{suffix}").system.inputs.torque
+    assert torque[:, 1].tolist() == run.engine_torque.tolist()
