@@ -17,10 +17,11 @@ from tcc_sim.errors import InputError
 from tcc_sim.friction_table import TABLE_FILE, with_table
 from tcc_sim.model import parameters
 from tcc_sim.model.actuator import delay_ticks
+from tcc_sim.model.crank_speed import DERIVED, SPEED, refuse_rpm
 from tcc_sim.model.elements import list_of
 from tcc_sim.model.groups import TABLE, TABULATED
 from tcc_sim.model.parameters import System
-from tcc_sim.model.quantity import PROFILED, PROFILES, Options, Quantity, quantity
+from tcc_sim.model.quantity import PROFILED, PROFILES, Options, Quantity, number_in, quantity
 from tcc_sim.parameter_file import LARGEST_FILE, bundled_scenes, description_in, read_parameters
 from tcc_sim.result import html_of
 
@@ -139,6 +140,8 @@ class Scene:
             The key is unknown; the message suggests the nearest one.
         """
         meaning_of(key)
+        if key == SPEED:
+            return self.system.engine.frequency / self.system.engine.order
         group, _, name = key.rpartition(".")
         return getattr(getattr(self.system, group) if group else self.operation, name)
 
@@ -263,9 +266,10 @@ def meaning_of(key: str) -> Quantity:
     InputError
         The key is unknown; the message suggests the nearest one.
     """
-    if list_of(key) not in MEANINGS:
-        raise parameters.unknown_key(key, KNOWN_KEYS)
-    return MEANINGS[list_of(key)]
+    known = {**MEANINGS, **DERIVED}
+    if list_of(key) not in known:
+        raise parameters.unknown_key(key, list(known))
+    return known[list_of(key)]
 
 
 def parse_assignments(assignments: list[str]) -> dict[str, object]:
@@ -307,15 +311,18 @@ def parse_profiles(words: list[str]) -> dict[str, object]:
     found: dict[str, object] = {}
     for word in words:
         key, _, points = word.partition("=")
-        if list_of(key) not in PROFILES or key == "engine.harmonic_amplitudes":
-            raise InputError(f"--profile {word[:100]}: the keys that have a profile are {PROFILED}")
+        if list_of(key) not in (*PROFILES, SPEED) or key == "engine.harmonic_amplitudes":
+            raise InputError(f"--profile {word[:100]}: the keys that have a profile are {PROFILED} and {SPEED}")
         if f"{key}_times" in found:
             raise InputError(f"--profile {key} is given twice")
         try:
-            pairs = [tuple(map(float, point.split(":"))) for point in points.split(",")]
-        except ValueError:
-            pairs = [()]
-        if any(len(pair) != 2 for pair in pairs):
+            unit = meaning_of(key).unit
+            pairs = [(float(time), number_in(value, unit)) for time, value in (
+                point.split(":") for point in points.split(","))]
+        except (ValueError, TypeError):
+            pairs = []
+        refuse_rpm(key, [point.partition(":")[2] for point in points.split(",")])
+        if not pairs:
             raise InputError(f"--profile {word[:100]} is not KEY=TIME:VALUE,TIME:VALUE,... in s and the key's unit")
         found[f"{key}_times"], found[f"{key}_values"] = map(list, zip(*pairs))
     return found

@@ -19,6 +19,8 @@ def values_of_range(text: str, option: str = "--over", even: bool = False) -> tu
     ('engine.frequency', [1.0, 10.0, 100.0])
     >>> values_of_range("engine.frequency=80,90.5,140")
     ('engine.frequency', [80.0, 90.5, 140.0])
+    >>> round(values_of_range("engine.speed=1500rpm,3000rpm")[1][1], 3)
+    314.159
     """
     key, equals, numbers = text.partition("=")
     others = "" if even else ", KEY=START:STOP:COUNT:log or KEY=VALUE,VALUE,..."
@@ -26,12 +28,13 @@ def values_of_range(text: str, option: str = "--over", even: bool = False) -> tu
     if not equals:
         raise wrong
     if not even and "," in numbers and ":" not in numbers:
-        return key, _numbers(numbers.split(","), wrong)
+        return key, _numbers(numbers.split(","), wrong, key)
     logarithmic = not even and numbers.endswith(":log")
-    return key, spaced(numbers.removesuffix(":log") if logarithmic else numbers, option, logarithmic, wrong)
+    return key, spaced(numbers.removesuffix(":log") if logarithmic else numbers, option, logarithmic, wrong, key)
 
 
-def spaced(text: str, option: str, logarithmic: bool = True, wrong: InputError | None = None) -> list[float]:
+def spaced(text: str, option: str, logarithmic: bool = True, wrong: InputError | None = None,
+           key: str = "") -> list[float]:
     """Return the values of START:STOP:COUNT, both ends included, spaced evenly or evenly in logarithm.
 
     For a text of another form, the error is `wrong`, if given.
@@ -40,7 +43,7 @@ def spaced(text: str, option: str, logarithmic: bool = True, wrong: InputError |
     parts = text.split(":")
     if len(parts) != 3:
         raise wrong
-    start, stop = _numbers(parts[:2], wrong)
+    start, stop = _numbers(parts[:2], wrong, key)
     try:
         count = int(parts[2])
     except ValueError:
@@ -64,17 +67,27 @@ def bounds_of_range(text: str, option: str, names: str = "START:STOP") -> tuple[
     parts = numbers.split(":")
     if not equals or len(parts) != 2:
         raise wrong
-    low, high = sorted(_numbers(parts, wrong))
+    low, high = sorted(_numbers(parts, wrong, key))
     if low == high:
         raise InputError(f"{option} is {text!r}; the two values must differ")
     return key, low, high
 
 
-def _numbers(words: Sequence[str], wrong: InputError) -> list[float]:
-    """Return the words as finite numbers; raise `wrong` if one of them is none."""
+def _numbers(words: Sequence[str], wrong: InputError, key: str) -> list[float]:
+    """Return the words as finite numbers, those of speeds with a unit too; raise `wrong` if one of them is none.
+
+    key : scene key that they are for; empty for frequencies, rad/s
+    """
+    from tcc_sim.model.crank_speed import DERIVED, refuse_rpm
+    from tcc_sim.model.parameters import QUANTITIES
+    from tcc_sim.model.quantity import SPEED_UNIT, number_in
+
+    refuse_rpm(key, list(words))
+    meant = {**QUANTITIES, **DERIVED}.get(key)
+    unit = meant.unit if meant is not None else "" if key else SPEED_UNIT
     try:
-        found = [float(word) for word in words]
-    except ValueError:
+        found = [number_in(word, unit) for word in words]
+    except TypeError:
         raise wrong from None
     if not all(map(math.isfinite, found)):
         raise wrong

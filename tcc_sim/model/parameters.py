@@ -16,9 +16,10 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from tcc_sim.errors import InputError
+from tcc_sim.model.crank_speed import DERIVED, refuse_rpm, with_frequency
 from tcc_sim.model.elements import with_whole_lists
 from tcc_sim.model.groups import TABULATED, Clutch, Driveline, Engine, Friction, Initial, Pressure
-from tcc_sim.model.quantity import PROFILES, Group, Quantity, Value, number_of
+from tcc_sim.model.quantity import PROFILES, Group, Quantity, Value, number_in
 from tcc_sim.result import KEY_UNITS
 
 if TYPE_CHECKING:
@@ -182,20 +183,21 @@ def unknown_key(key: str, known: Mapping[str, object] | list[str], kind: str = "
 def coerce(key: str, value: object) -> Value:
     """Convert a value from a file or a command line to the type of `key`; integers become floats."""
     if key not in QUANTITIES:
-        raise unknown_key(key, QUANTITIES)
+        raise unknown_key(key, [*QUANTITIES, *DERIVED])
     quantity_, default = QUANTITIES[key], DEFAULTS[key]
+    refuse_rpm(key, value)
     if isinstance(default, tuple):
         if not isinstance(value, (list, tuple)):
             raise InputError(f"{key} is {value!r}; it must be a list of numbers, each {quantity_.interval()}")
         try:
-            out: Value = tuple(number_of(x) for x in value)
+            out: Value = tuple(number_in(x, quantity_.unit) for x in value)
         except TypeError:
             raise InputError(f"{key} is {value!r}; it must be a list of numbers, each {quantity_.interval()}") from None
     elif isinstance(default, str):
         out = value if isinstance(value, str) else repr(value)
     else:
         try:
-            out = number_of(value)
+            out = number_in(value, quantity_.unit)
         except TypeError:
             raise InputError(f"{key} is {value!r}; it must be a number, {quantity_.interval()}") from None
     quantity_.check(key, out)
@@ -211,6 +213,7 @@ def replace(system: System, values: Mapping[str, object]) -> System:
         A key is unknown (the message suggests the nearest one), a type is wrong, or a value is out of range.
     """
     changes: dict[str, dict[str, Value]] = {}
+    values = with_frequency(values, system.engine.order)
     values = with_whole_lists(values, lambda key: dict(values_of(system)).get(key))
     for key, value in values.items():
         checked = coerce(key, value)

@@ -21,6 +21,9 @@ PROFILES = ("engine.frequency", "engine.mean_torque", "engine.torque_amplitude",
 """Keys that may vary in time; each has a list of times and a list of values."""
 PROFILED = ", ".join(PROFILES).replace("amplitudes", "amplitudes[n]")
 """These keys as printed; single numbers of the list of harmonics have profiles."""
+SPEED_UNIT = "rad/s"
+SUFFIXES = {"rad/s": 1.0, "rpm": math.pi / 30.0, "hz": 2.0 * math.pi}
+"""Units that may follow a speed or a frequency, and their factors to rad/s."""
 MOST_POINTS, LATEST = 1000, 1e6
 """Largest number of points in a profile, and its latest time, s."""
 
@@ -227,6 +230,27 @@ def as_float(value: float) -> float:
         return float(value)
     except OverflowError:
         return math.inf if value > 0 else -math.inf
+
+
+def number_in(value: object, unit: str) -> float:
+    """Convert a number, or its text, to a float; a text of a key in rad/s may end with one of SUFFIXES.
+
+    Raises
+    ------
+    TypeError
+        It is neither.
+
+    Examples
+    --------
+    >>> round(number_in("1500rpm", "rad/s"), 6), number_in("2", "")
+    (157.079633, 2.0)
+    """
+    if isinstance(value, str) and unit == SPEED_UNIT:
+        text = value.strip().lower()
+        for suffix, factor in SUFFIXES.items():
+            if text.endswith(suffix):
+                return factor * number_of(text.removesuffix(suffix).strip())
+    return number_of(value)
 
 
 def number_of(value: object) -> float:

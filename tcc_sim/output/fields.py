@@ -10,6 +10,7 @@ from typing import Any
 from tcc_sim.analysis.damping import Damping
 from tcc_sim.analysis.orders import Orders
 from tcc_sim.analysis.summary import Summary
+from tcc_sim.model.crank_speed import DERIVED
 from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.result import fields_of, reported_of
 from tcc_sim.topics import TOPICS
@@ -23,7 +24,8 @@ REFERENCE = re.compile(r"{([\w*]+)}")
 
 def unit_of_key(key: str) -> str:
     """Return the unit of a scene key, a result, a signal or its offset; empty for a dimensionless one."""
-    return QUANTITIES[key].unit if key in QUANTITIES else KNOWN.get(key.removesuffix(".offset"), "")
+    meant = {**QUANTITIES, **DERIVED}.get(key)
+    return meant.unit if meant is not None else KNOWN.get(key.removesuffix(".offset"), "")
 
 
 def units_in(result: Any) -> dict[str, str]:

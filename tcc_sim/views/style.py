@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.errors import InputError, check_suffix, require
+from tcc_sim.model.crank_speed import DERIVED
 from tcc_sim.model.elements import list_of
 from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.shown_units import shown_axis
@@ -172,7 +173,7 @@ def widened(limits: tuple[float, float]) -> tuple[float, float]:
 
 def label_of(key: str) -> str:
     """Return the label of an axis over a scene key, such as "mean pressure $P_m$ (Pa)"."""
-    meant = QUANTITIES.get(list_of(key))
+    meant = {**QUANTITIES, **DERIVED}.get(list_of(key))
     return key if meant is None else f"{meant.label or key}{meant.unit and f' ({meant.unit})'}"
 
 

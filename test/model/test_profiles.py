@@ -65,10 +65,12 @@ def test_profiles_of_a_command_line():
     found = parse_profiles(["engine.frequency=0:60,20:600", "pressure.mean=0:1e5"])
     assert found == {"engine.frequency_times": [0.0, 20.0], "engine.frequency_values": [60.0, 600.0],
                      "pressure.mean_times": [0.0], "pressure.mean_values": [1e5]}
-    for words, message in ((["engine.speed=0:1"], "the keys that have a profile are engine.frequency"),
+    for words, message in ((["engine.speeds=0:1"], "the keys that have a profile are engine.frequency"),
                            (["engine.frequency=0:60,20"], "is not KEY=TIME:VALUE"),
                            (["engine.frequency=0:a"], "is not KEY=TIME:VALUE"),
                            (["engine.frequency"], "is not KEY=TIME:VALUE"),
+                           (["engine.frequency=0:800rpm"], "give the crankshaft's speed in rpm as engine.speed=800rpm"),
+                           (["pressure.mean=0:8rpm"], "is not KEY=TIME:VALUE"),
                            (["pressure.mean=0:1", "pressure.mean=0:2"], "given twice")):
         with pytest.raises(InputError, match=message):
             parse_profiles(words)

@@ -15,6 +15,7 @@ import numpy as np
 
 from tcc_sim.analysis.summary import runaway_cause, slip_grows
 from tcc_sim.errors import InputError, NumericalFailure
+from tcc_sim.model.crank_speed import SPEED
 from tcc_sim.model.elements import list_of
 from tcc_sim.model.parameters import DEFAULTS as SCENE_KEYS
 from tcc_sim.model.parameters import System, replace, unknown_key, values_of
@@ -126,6 +127,9 @@ class DrivelineMap:
 
 def _check_key(system: System, key: str, among: Sequence[str]) -> None:
     """Raise InputError unless periodic motions can be followed in `key`, one `among` those that are free."""
+    if key == SPEED:
+        raise InputError(f"{key} is engine.frequency over engine.order; motions are followed in engine.frequency, "
+                         "whose ends may be in rad/s or hz")
     if list_of(key) not in SCENE_KEYS:
         raise unknown_key(key, SCENE_KEYS)
     value = dict(values_of(system)).get(key, f"a number of {list_of(key)}")
