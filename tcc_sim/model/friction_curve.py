@@ -40,6 +40,8 @@ SLOWEST, FASTEST, FASTEST_RATE = 0.3, 5.0, 1e3
 """Bounds of a rate: SLOWEST over the last slip speed, FASTEST over the first one above 0, and FASTEST_RATE s/rad."""
 STEEPER = 5.0
 """Largest slope of the curve relative to those of the straight lines through the points nearby."""
+FAST = 1e9
+"""Slip speed up to which a law that hardly decays is described, rad/s."""
 APART = math.log(1.6)
 """Least logarithm of the ratio of two rates: closer ones give large amplitudes of opposite signs."""
 STARTS, BENT, BOUNDS = 6, 3, 250
@@ -97,7 +99,7 @@ class FrictionCurve:
     def speeds(self) -> Floats:
         """Slip speeds of the table's range, or as far as the exponentials last, rad/s: (n,) from 0."""
         slowest = min((a for a in self.rates if a > 0.0), default=1.0)
-        last = self.fastest if math.isfinite(self.fastest) else 20.0 / slowest
+        last = self.fastest if math.isfinite(self.fastest) else min(20.0 / slowest, FAST)
         return np.append(0.0, np.geomspace(1e-4 * last, last, 2000))
 
 

@@ -51,8 +51,8 @@ class Friction(Group):
                                          label=r"static friction coefficient $\mu_s$")
     kinetic_coefficient: float = quantity(0.24, "kinetic friction coefficient mu_k, of fast slip", "", 1e-6, 2.0,
                                           live=True, label=r"kinetic friction coefficient $\mu_k$")
-    decay: float = quantity(2.0, "decay alpha of the friction coefficient with slip speed", "s/rad", 1e-9, 1e3,
-                            zero=True, label=r"decay of friction $\alpha$")
+    decay: float = quantity(2.0, "decay alpha of the friction coefficient with slip speed", "s/rad", 0.0, 1e3,
+                            label=r"decay of friction $\alpha$")
     smoothing: float = quantity(50.0, "smoothing factor sigma of law (7)", "s/rad", 1.0, 1e12,
                                 label=r"smoothing factor $\sigma$")
     slip_speeds: tuple[float, ...] = quantity((), "slip speeds at which friction.coefficients were measured, the first "

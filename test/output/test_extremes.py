@@ -65,7 +65,7 @@ def test_a_scene_computes_with_two_values_at_the_ends_of_their_ranges() -> None:
 
 
 @pytest.mark.parametrize("key", ["driveline.stiffness", "friction.static_coefficient", "clutch.area", "clutch.radius",
-                                 "friction.decay", "pressure.frequency_ratio"])
+                                 "pressure.frequency_ratio"])
 def test_what_would_vanish_in_a_product_is_refused(key: str) -> None:
     with pytest.raises(InputError, match=f"{key} is 4.94066e-324"):
         replace(System(), {key: 5e-324})
