@@ -57,7 +57,13 @@ def periodicity(cycles: Cycles, tolerance: float = DEFAULTS.tolerance,
     """
     first = _after_gap(cycles)
     points = _scaled(cycles, first)
-    most = longest_tried(len(points), maximum) if not first or enough_after_a_gap(cycles) else 0
+    return of_points(points, longest_tried(len(points), maximum) if not first or enough_after_a_gap(cycles) else 0,
+                     tolerance)
+
+
+def of_points(points: Floats, most: int, tolerance: float) -> Periodicity:
+    """Return the repetition of section points, (n, 3), in units of the motion's size, with a period of at most `most`.
+    """
     if len(points) < 2 or most < 1:
         return Periodicity(0, False, _largest(points[-1] - points[-2]) if len(points) > 1 else math.nan)
     return replace(_repetition(points, most, tolerance), longest=most)
@@ -71,7 +77,7 @@ def _repetition(points: Floats, most: int, tolerance: float) -> Periodicity:
         if changes[period - 1] <= tolerance and _repeats(points, period, tolerance):
             if _grows(points, period, tolerance):
                 return Periodicity(0, False, float(changes[0]))
-            if not any(_may_vanish(points, q, period, tolerance) for q in _divisors(period)):
+            if not any(may_vanish(points, q, period, tolerance) for q in divisors(period)):
                 return Periodicity(period, True, _change(points, period))
             break
     for period in candidates:
@@ -139,13 +145,13 @@ def repeats_finely(cycles: Cycles, period: int, count: int) -> bool:
 def _repeats(points: Floats, period: int, tolerance: float) -> bool:
     """Return whether points a period apart stay together over the last quarter of the run, and at least three periods.
     """
-    tail = points[len(points) - _repeats_of(points, period) * period:].reshape(-1, period, points.shape[1])
+    tail = points[len(points) - repeats_of(len(points), period) * period:].reshape(-1, period, points.shape[1])
     return _largest(tail.max(axis=0) - tail.min(axis=0)) <= tolerance
 
 
-def _repeats_of(points: Floats, period: int) -> int:
-    """Return the number of periods in the last quarter of the run, at least three."""
-    return max(3, len(points) // 4 // period)
+def repeats_of(points: int, period: int) -> int:
+    """Return the number of periods in the last quarter of a run of so many points, at least three."""
+    return max(3, points // 4 // period)
 
 
 def _change(points: Floats, period: int) -> float:
@@ -154,7 +160,7 @@ def _change(points: Floats, period: int) -> float:
     return _largest(pairs[period:] - pairs[:-period])
 
 
-def _divisors(period: int) -> list[int]:
+def divisors(period: int) -> list[int]:
     """Return the divisors of a number below it."""
     return [q for q in range(1, period) if period % q == 0]
 
@@ -167,7 +173,7 @@ def _differences(points: Floats, lag: int) -> Floats:
 
 def _lately(points: Floats, lag: int, period: int) -> Floats:
     """Return them over the part of the run that `_repeats` compares."""
-    return _differences(points, lag)[-_repeats_of(points, period) * period:]
+    return _differences(points, lag)[-repeats_of(len(points), period) * period:]
 
 
 def _thirds(points: Floats, lag: int, multiple: int) -> tuple[float, float, float] | None:
@@ -181,7 +187,7 @@ def _thirds(points: Floats, lag: int, multiple: int) -> tuple[float, float, floa
     return a, b, c
 
 
-def _may_vanish(points: Floats, shorter: int, period: int, tolerance: float) -> bool:
+def may_vanish(points: Floats, shorter: int, period: int, tolerance: float) -> bool:
     """Return whether the difference that distinguishes a period from a divisor is zero or may decay to zero."""
     # A slow alternation repeats after two cycles within any tolerance wider than its decay. A run too short for three
     # sizes leaves this open, and so does a difference that halves while the period repeats: it is hardly above the
@@ -284,7 +290,7 @@ def _rate(coefficients: Floats) -> float:
 
 def _period_of(limit: Floats, left: float, tolerance: float) -> int:
     """Return the smallest divisor after which an orbit repeats; 0 if the remaining distance leaves it in doubt."""
-    for shorter in _divisors(len(limit)):
+    for shorter in divisors(len(limit)):
         apart = _largest(np.roll(limit, -shorter, axis=0) - limit)
         if apart <= 4.0 * max(left, tolerance):
             return shorter if apart <= max(DEFAULTS.same * left, tolerance) else 0

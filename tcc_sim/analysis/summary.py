@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.periodicity import cycles_drift, enough_after_a_gap, periodicity, sizes_of
+from tcc_sim.analysis.periodicity import Periodicity, cycles_drift, enough_after_a_gap, periodicity, sizes_of
 from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.errors import InputError
 from tcc_sim.model import equations
@@ -219,7 +219,8 @@ def summarise(trajectory: Trajectory, discard: int | None = None, *, tolerance: 
 
 def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, tolerance: float = DEFAULTS.tolerance,
                      varied: int = 0, carried: bool = False, dropped: int = 0, broken: int = 0, since: float = 0.0,
-                     beside: Sequence[Cycles] = (), span: Span | None = None, by: Trajectory | None = None) -> Summary:
+                     beside: Sequence[Cycles] = (), span: Span | None = None, by: Trajectory | None = None,
+                     known: Known | None = None) -> Summary:
     """Summarise consecutive cycles; NaN marks those that were not observed.
 
     Parameters
@@ -237,6 +238,7 @@ def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, t
     beside : parts of cycles before, between and after them, which period and section leave out
     span : time that cycles and parts cover; None for that of `cycle`, `since` and the `starts` of the parts
     by : trajectory with the solver and time that the summary names
+    known : verdicts and sums, where `blocks` has worked them out
 
     Raises
     ------
@@ -248,8 +250,8 @@ def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, t
     if not (count or beside):
         raise InputError("there is no whole period of excitation to summarise")
     steady = cycles[min(varied, len(cycles)):] if varied else cycles
-    runaway = not carried and runs_away(cycles, varied)
-    found = periodicity(steady, tolerance)
+    runaway = known.runaway if known is not None else not carried and runs_away(cycles, varied)
+    found = known.periodicity if known is not None else periodicity(steady, tolerance)
     if runaway:
         found = replace(found, period=0, settled=False)
     transient = not runaway and not found.settled and (bool(found.period) or cycles_drift(steady))
@@ -266,7 +268,16 @@ def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, t
         section_change=found.change, longest_period=found.longest, solver=by.solver if by is not None else "",
         elapsed_s=by.statistics.seconds if by is not None else 0.0, runaway=runaway, transient=transient,
         covers=(span.begin, span.end), seconds=span.seconds, lost_seconds=span.lost,
-        **sums_of(concatenated([cycles, *beside]) if beside else cycles, span.seconds))
+        **(known.sums if known is not None else
+           sums_of(concatenated([cycles, *beside]) if beside else cycles, span.seconds)))
+
+
+class Known(NamedTuple):
+    """Verdicts and `sums_of` of the cycles of a run whose excitation is constant and which are all observed."""
+
+    runaway: bool
+    periodicity: Periodicity
+    sums: dict[str, Any]
 
 
 class Span(NamedTuple):
@@ -298,19 +309,29 @@ def sums_of(cycles: Cycles, seconds: float) -> dict[str, Any]:
     """
     seen = np.isfinite(cycles.highest) & np.isfinite(cycles.lowest) & np.isfinite(cycles.stick_time)
     part: Any = slice(None) if seen.all() else seen
-    highest, lowest = float(cycles.highest[part].max()), float(cycles.lowest[part].min())
-    fraction = min(max(float(cycles.stick_time[part].sum()) / seconds, 0.0), 1.0) if seconds > 0.0 else 0.0
+    loads = None
+    if cycles.loads is not None:
+        energy, power, high, low, breakaways, _ = (column[part] for column in cycles.loads.columns())
+        loads = float(energy.sum()), float(power.max()), float(high.max()), float(low.min()), float(breakaways.sum())
+    return sums_from(float(cycles.highest[part].max()), float(cycles.lowest[part].min()),
+                     float(cycles.stick_time[part].sum()), seconds, loads)
+
+
+def sums_from(highest: float, lowest: float, stick_time: float, seconds: float,
+              loads: tuple[float, float, float, float, float] | None) -> dict[str, Any]:
+    """Return them from the extremes of the slip speed, the time in stick and, of the loads, clutch energy, peak power,
+    largest and smallest shaft torque, and breakaways, NaN if they were not counted.
+    """
+    fraction = min(max(stick_time / seconds, 0.0), 1.0) if seconds > 0.0 else 0.0
     fraction = float(round(fraction)) if min(fraction, 1.0 - fraction) < DEFAULTS.rounding else fraction
     found: dict[str, Any] = {"max_slip_speed": max(abs(highest), abs(lowest)), "min_slip_speed": lowest,
                              "stick_fraction": fraction, "regime": regime_of(fraction)}
-    if cycles.loads is None:
+    if loads is None:
         return found
-    energy, power, high, low, breakaways, _ = (column[part] for column in cycles.loads.columns())
-    return {**found, "clutch_energy": float(energy.sum()),
-            "mean_power": float(energy.sum()) / seconds if seconds > 0.0 else math.nan,
-            "peak_power": float(power.max()), "max_shaft_torque": float(high.max()),
-            "min_shaft_torque": float(low.min()),
-            "breakaways": int(breakaways.sum()) if np.isfinite(breakaways).all() else None}
+    energy, power, high, low, breakaways = loads
+    return {**found, "clutch_energy": energy, "mean_power": energy / seconds if seconds > 0.0 else math.nan,
+            "peak_power": power, "max_shaft_torque": high, "min_shaft_torque": low,
+            "breakaways": int(breakaways) if math.isfinite(breakaways) else None}
 
 
 def runs_away(cycles: Cycles, varied: int = 0) -> bool:

@@ -61,6 +61,8 @@ class Settings:
     patience: float = quantity(60.0, "time without an answer or without workers before a sweep is given up", "s")
     lost_workers: int = quantity(10, "workers that may die over one task before the task is given up")
     ahead: int = quantity(3, "tasks handed out per thread")
+    batch: int = quantity(32, "most points that a thread judges at once")
+    batch_cycles: int = quantity(4800, "most cycles of them", "periods of excitation")
     dask_batch: int = quantity(8, "points in one task on a cluster: a task costs the scheduler about a millisecond")
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from numbers import Integral
 from pathlib import Path
@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from tcc_sim.analysis.blocks import known_of
 from tcc_sim.analysis.damping import Damping, damping_of_cycles
 from tcc_sim.analysis.manoeuvre import OrdersAtSpeeds, orders_at_speeds
 from tcc_sim.analysis.multipliers import Lyapunov
@@ -23,6 +24,7 @@ from tcc_sim.analysis.periodicity import repeats_finely, stays
 from tcc_sim.analysis.settings import DEFAULTS as ANALYSIS
 from tcc_sim.analysis.spectra import Spectrum
 from tcc_sim.analysis.summary import (
+    Known,
     Summary,
     cycles_of,
     default_discard,
@@ -256,25 +258,56 @@ def simulate(scene: Scene | System | str | Path, plan: Plan | None = None, *, sa
     system = system_of(scene)
     plan = Plan.of(plan, settings)
     plan.check(system)
-    if start is None:
-        i = system.initial
-        start = Start(State(i.slip_speed, i.plate_angle, i.plate_speed, i.plate_angle), 0)
+    start = start or start_of(system)
     if plan.orders is not None:
         samples_per_cycle = samples_per_cycle or DEFAULTS.order_samples
-    kept = {"samples_per_cycle": samples_per_cycle, "flywheel_angle": flywheel_angle}
-    if (duration := plan.seconds(system)) is not None:
-        run, cycles, discarded = _timed_run(system, plan, start, duration, kept)
-    elif plan.discard == "auto":
-        run, cycles, discarded = _settled_run(system, plan, start, kept)
-    else:
-        discarded = plan.dropped(plan.most, default_discard(plan.most) if system.profile is None else 0)
-        run = _solve(system, plan, start, cycles=plan.most, loads_from=discarded, **kept)
-        cycles = run.cycles
+    run, cycles, discarded = _run(system, plan, start, {
+        "samples_per_cycle": samples_per_cycle, "flywheel_angle": flywheel_angle})
     found = _judged(system, plan, start, run, cycles, discarded)
-    at = None
-    if plan.orders is not None and found.summary is not None:
-        at = orders_at_speeds(run, plan.orders, found.summary.covers[0])
-    return replace(found, plan=plan, orders_at_speeds=at)
+    if plan.orders is None or found.summary is None:
+        return found
+    return replace(found, orders_at_speeds=orders_at_speeds(run, plan.orders, found.summary.covers[0]))
+
+
+def simulate_block(systems: Sequence[System], plan: Plan) -> list[Simulation]:
+    """Return what `simulate` does for each system, from its own initial state and without orders; runs of one length
+    are judged at once.
+    """
+    for system in systems:
+        plan.check(system)
+    starts = [start_of(system) for system in systems]
+    runs = [_run(system, plan, start, {}) for system, start in zip(systems, starts)]
+    kept = {k: cycles[discarded:] for k, (run, cycles, discarded) in enumerate(runs) if run.status is Status.DONE
+            and cycles is not None and run.rest is None and systems[k].profile is None}
+    length = len(next(iter(kept.values()), ()))
+    kept = {k: cycles for k, cycles in kept.items() if len(cycles) == length}
+    known = dict(zip(kept, known_of(list(kept.values()), [
+        _seconds(systems[k], starts[k].cycle + runs[k][2], length) for k in kept]))) if length else {}
+    return [_judged(system, plan, start, *run, known.get(k))
+            for k, (system, start, run) in enumerate(zip(systems, starts, runs))]
+
+
+def _seconds(system: System, first: int, count: int) -> float:
+    """Return the time that `summarise_cycles` finds for `count` equal cycles from number `first` on, s."""
+    since = first * system.cycle
+    return since + count * system.cycle - since
+
+
+def start_of(system: System) -> Start:
+    """Return the system's initial state at cycle 0."""
+    i = system.initial
+    return Start(State(i.slip_speed, i.plate_angle, i.plate_speed, i.plate_angle), 0)
+
+
+def _run(system: System, plan: Plan, start: Start, kept: dict[str, Any]) -> tuple[Trajectory, Cycles | None, int]:
+    """Solve by the plan: the run, its cycles, and how many of them to drop."""
+    if (duration := plan.seconds(system)) is not None:
+        return _timed_run(system, plan, start, duration, kept)
+    if plan.discard == "auto":
+        return _settled_run(system, plan, start, kept)
+    discarded = plan.dropped(plan.most, default_discard(plan.most) if system.profile is None else 0)
+    run = _solve(system, plan, start, cycles=plan.most, loads_from=discarded, **kept)
+    return run, run.cycles, discarded
 
 
 def _solve(system: System, plan: Plan, start: Start, **span: Any) -> Trajectory:
@@ -307,9 +340,9 @@ def _settled_run(system: System, plan: Plan, start: Start,
 
 
 def _judged(system: System, plan: Plan, start: Start, run: Trajectory, cycles: Cycles | None,
-            discarded: int) -> Simulation:
+            discarded: int, known: Known | None = None) -> Simulation:
     """Judge a run: summary, confirmation and further results."""
-    failed = Simulation(run, None, False, np.empty(0), None, None, start)
+    failed = Simulation(run, None, False, np.empty(0), None, None, start, plan)
     if run.status is not Status.DONE:
         return failed
     final = run.final
@@ -318,7 +351,7 @@ def _judged(system: System, plan: Plan, start: Start, run: Trajectory, cycles: C
     cycles = cycles if cycles is not None else cycles_of(run)
     kept = cycles[discarded:]
     end = Start(State(*cycles.section[-1].tolist()), start.cycle + len(cycles)) if len(cycles) else start
-    summary = summarise_cycles(kept, first=start.cycle + discarded, dropped=discarded, by=run,
+    summary = summarise_cycles(kept, first=start.cycle + discarded, dropped=discarded, by=run, known=known,
                                beside=[run.rest] if run.rest is not None else [],
                                **spans_of(system, 0.0, start.cycle + discarded, len(kept)))
     if plan.discard == "auto" and not (summary.settled or summary.runaway):
@@ -329,7 +362,7 @@ def _judged(system: System, plan: Plan, start: Start, run: Trajectory, cycles: C
         damping_of_cycles(system, kept, start.cycle + discarded, summary.period) if plan.damping else None,
         from_later_room("largest_lyapunov_exponent")(
             system, end.state, cycles=plan.lyapunov_cycles, start_cycle=end.cycle,
-            period=summary.period) if plan.lyapunov else None, end)
+            period=summary.period) if plan.lyapunov else None, end, plan)
 
 
 def _confirmed(system: System, plan: Plan, kept: Cycles, summary: Summary, end: Start) -> bool:

@@ -32,7 +32,7 @@ from tcc_sim.sweeps.file import SweepFile
 from tcc_sim.sweeps.progress import progress_bar
 from tcc_sim.sweeps.results import Curve, Grid, Point, Sweep, varied
 from tcc_sim.sweeps.settings import DEFAULTS
-from tcc_sim.sweeps.simulation import PAPER, Plan, simulate, with_plan_fields
+from tcc_sim.sweeps.simulation import PAPER, Plan, Simulation, simulate, simulate_block, with_plan_fields
 from tcc_sim.sweeps.steady_state import Start
 
 Points = list[list[Point | None]]
@@ -140,7 +140,8 @@ def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | Non
                 SweepFile(out, _header(curves, plan), take, head=head)) as file:
             done = sum(p is not None for found in points for p in found)
             with progress_bar("point", sum(map(len, points)), done, progress) as bar:
-                for c, i, point in _solved(curves, plan, executor, there, DEFAULTS.dask_batch if dask else 1, points):
+                batch = DEFAULTS.dask_batch if dask else _batch(plan, sum(map(len, points)), there.threads)
+                for c, i, point in _solved(curves, plan, executor, there, batch, points):
                     points[c][i] = point
                     if out is not None:
                         file.append(c, i, point.as_record())
@@ -151,6 +152,15 @@ def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | Non
         lost.sweeps = _results(curves, plan, points, began)
         raise
     return _results(curves, plan, points, began)
+
+
+def _batch(plan: Plan, points: int, threads: int) -> int:
+    """Return the number of points that a thread solves in a row and judges at once: more cost less each, but leave the
+    threads less to share at the end, and delay Ctrl-C.
+    """
+    if plan.direction != "cold":
+        return 1
+    return max(1, min(DEFAULTS.batch, DEFAULTS.batch_cycles // plan.most, points // (DEFAULTS.ahead * threads)))
 
 
 def _header(curves: Sequence[Curve], plan: Plan) -> dict[str, Any]:
@@ -226,10 +236,20 @@ def solve_point(system: System, value: float, plan: Plan, start: Start | None = 
 
     A numerical failure is the status of the point, without a summary, and its last state is not passed on.
     """
-    sampled = system.profile is not None or plan.orders is not None
-    found = simulate(system, with_sweep_tolerance(system, plan), start=start,
-                     samples_per_cycle=DEFAULTS.order_samples if sampled else 0)
+    samples = DEFAULTS.order_samples if _sampled(system, plan) else 0
+    return as_point(value, plan, simulate(system, with_sweep_tolerance(system, plan), start=start,
+                                          samples_per_cycle=samples))
+
+
+def _sampled(system: System, plan: Plan) -> bool:
+    """Return whether the results of a point need samples between the cycles."""
+    return system.profile is not None or plan.orders is not None
+
+
+def as_point(value: float, plan: Plan, found: Simulation) -> Point:
+    """Return the point of a sweep from its simulation."""
     summary, section, judder = found.summary, np.empty((0, 2)), None
+    sampled = found.trajectory.system is not None and _sampled(found.trajectory.system, plan)
     if summary is not None:
         judder = judder_of(found.trajectory, summary.covers[0]) if sampled else None
         section = np.array(summary.section, dtype=np.float64).reshape(-1, 2)
@@ -248,6 +268,9 @@ def with_sweep_tolerance(system: System, plan: Plan) -> Plan:
 
 def solve_points(systems: Sequence[System], values: Sequence[float], plan: Plan, start: Start | None) -> list[Point]:
     """Solve points one after the other; up and down continue from the previous end."""
+    if plan.direction == "cold" and start is None and not any(_sampled(system, plan) for system in systems):
+        plan = with_sweep_tolerance(systems[0], plan)
+        return [as_point(value, plan, found) for value, found in zip(values, simulate_block(systems, plan))]
     points: list[Point] = []
     for k, (system, value) in enumerate(zip(systems, values)):
         if k and plan.direction != "cold":
