@@ -119,7 +119,7 @@ def run(arguments: argparse.Namespace) -> int:
     whole = arguments.plot is not None and found.scene.system.profile is not None
     if arguments.out is not None or arguments.orders or arguments.spectrum or whole:
         samples = recording.trajectory(found.run, arguments.start, arguments.end)
-        drawn = samples if whole else found
+        drawn = replace(samples, control=found.control) if whole else found
     if arguments.orders or arguments.spectrum:
         from tcc_sim.analysis.signals import run_signals
 

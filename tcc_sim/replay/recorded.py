@@ -165,7 +165,7 @@ class Recording(Result):
             part.refuse(self.file.stamps.runs)
         return found
 
-    def trajectory(self, run: int = 0, start: float | None = None, end: float | None = None) -> Trajectory:
+    def trajectory(self, run: int = 0, start: float | None = None, end: float | None = None) -> RecordedTrajectory:
         """Return one run or a part of it as a Trajectory, which every analysis accepts.
 
         Engine cycles are counted as in `analyse`; there are none if they cannot be identified. Samples more than a tick

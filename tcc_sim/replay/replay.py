@@ -134,10 +134,10 @@ def draw_again(path: Path, values: Record, title: str, width: float) -> Path:
     given = arguments_in(vars(values))
     recording = Recording(given.recording, given.scene, given.joints, given.topic, given.driveline)
     found: Any = replay(recording, discard=given.discard, frequency=given.frequency,
-                        window=Window(given.run, given.start, given.end))
+                        window=Window(given.run, given.start, given.end), target=given.target, band=given.band)
     found = replace(found, spectrum=spectrum_in(vars(values)))
     if found.scene.system.profile is not None:
-        found = recording.trajectory(found.run, given.start, given.end)
+        found = replace(recording.trajectory(found.run, given.start, given.end), control=found.control)
     drawn: Path = plot(found, path, "page" if style.wide(width) else "column", title=title, force=True)
     return drawn
 
