@@ -235,7 +235,7 @@ class Recording(Result):
 
     def _timing_of(self, line: Timeline) -> Timing:
         """Return the timing of the engine cycles of a timeline."""
-        return timing_of(self.scene, None, line.runs, frequency_changes(self.file))
+        return timing_of(self.scene, None, line.runs, frequency_changes(self.file), self.file.scene_text is None)
 
 
 def read(path: Path | str, scene: str | None = None, joints: Mapping[str, str] | None = None,

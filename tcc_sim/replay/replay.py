@@ -108,7 +108,7 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
                            for states in line.runs):
             raise InputError("the far end of the shaft moved; --damping is for recordings in which it stands still")
         note, line = line.torques_note(), line.with_torques()
-        timing = timing_of(own, frequency, line.runs, frequency_changes(run))
+        timing = timing_of(own, frequency, line.runs, frequency_changes(run), run.scene_text is None)
         where = (rrd, spawn, connect) if rrd is not None or spawn or connect is not None else None
         view = _view(stack, printable(recording.path.name), timing, own, where,
                      run.controlled or aim is not None) if where else None

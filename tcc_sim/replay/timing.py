@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.analysis.engine_clock import EngineClock, Uniform, clock_of_scene
+from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.analysis.signals import Phase, found_phase
 from tcc_sim.analysis.torque_phase import PhaseTracker, clock_of
 from tcc_sim.errors import InputError, counted
@@ -95,7 +96,8 @@ class Timing:
         return f"{speed(self.low, 6, self.high, engine=True)}, {SOURCES[self.source]}"
 
 
-def timing_of(scene: Scene, given: float | None, runs: Iterable[JointStates], changed: bool = False) -> Timing:
+def timing_of(scene: Scene, given: float | None, runs: Iterable[JointStates], changed: bool = False,
+              foreign: bool = False) -> Timing:
     """Return the timing of the engine cycles of a recording of this scene.
 
     Parameters
@@ -103,6 +105,7 @@ def timing_of(scene: Scene, given: float | None, runs: Iterable[JointStates], ch
     given : angular frequency of the engine torque, rad/s, or None
     runs : states, used only if the torque came from a topic or its frequency was changed
     changed : whether the frequency was changed while running
+    foreign : whether the recording holds no scene: the frequency of its torque then precedes another one of the scene
 
     Raises
     ------
@@ -114,9 +117,24 @@ def timing_of(scene: Scene, given: float | None, runs: Iterable[JointStates], ch
     if given is not None:
         return Timing(Uniform(2.0 * math.pi / given), "given", given, given)
     engine = scene.system.engine
-    if engine.source != "topic" and not changed:
-        values = engine.frequency_values or (engine.frequency,)
-        return Timing(clock_of_scene(scene.system), "scene", min(values), max(values))
+    if engine.source == "topic" or changed:
+        return _found(runs)
+    values = engine.frequency_values or (engine.frequency,)
+    own = Timing(clock_of_scene(scene.system), "scene", min(values), max(values))
+    if not foreign:
+        return own
+    found = _found(runs)
+    # The strongest line of the torque may be a harmonic.
+    ratios = np.array([found.low / own.low, found.high / own.high])
+    if not found.clock.told or (np.abs(ratios / np.maximum(np.round(ratios), 1.0) - 1.0) <= DEFAULTS.drifting).all():
+        return own
+    note = f"the scene's engine frequency is {speed(own.low, 6, own.high if own.high > own.low else None, engine=True)}"
+    return replace(found, note="; ".join([f"{note}, and differs from that of the recorded torque, which is used",
+                                          *([found.note] if found.note else [])]))
+
+
+def _found(runs: Iterable[JointStates]) -> Timing:
+    """Return the timing by the phase of the recorded torque."""
     tracker = PhaseTracker()
     for states in runs:
         for block in states.blocks():

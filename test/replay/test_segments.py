@@ -249,6 +249,23 @@ def test_a_frequency_that_was_changed_while_running_counts_from_there_on_and_kee
         assert segment.summary.section[0][1] == pytest.approx(158.0, abs=0.1)
 
 
+@pytest.mark.parametrize(("frequencies", "source"), [((150.0, 150.0), "scene"), ((180.0, 180.0), "found"),
+                                                     ((150.0, 180.0), "found"), ((300.0, 300.0), "scene")])
+def test_without_a_recorded_scene_the_torque_decides_on_the_cycles_of_a_verdict(tmp_path, frequencies, source):
+    """A controlled run of another program, whose engine does not keep the scene's 150 rad/s: by such cycles, the
+    ripple of 180 would look like hunting."""
+    def phase(t):
+        return frequencies[0] * np.minimum(t, 3.0) + frequencies[1] * np.maximum(t - 3.0, 0.0)
+
+    rows = by_hand(6.0, lambda t: 20.0 + 8.0 * np.cos(phase(t)), lambda t: LOAD / 3000.0, lambda t: 0.0 * t,
+                   lambda t: 300.0 + 250.0 * np.sin(phase(t)), lambda t: LOAD + 0.0 * t)
+    found = replay(bag(tmp_path / "run", rows, None, targets=[(0, 20.0)]), scene="controlled")
+    (segment,) = found.segments
+    assert found.frequency_source == source
+    assert segment.tracking.verdict == "settled"
+    assert any("differs from that of the recorded torque" in text for text in found.warnings) is (source == "found")
+
+
 COMMANDS = load_scene("commands")
 
 
