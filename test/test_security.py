@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import os
 import re
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from interpreter import python
 
 from tcc_sim.cli import main
 from tcc_sim.messages import cdr
@@ -102,3 +104,68 @@ def test_every_row_is_whole_and_found_by_its_name():
     assert JOINT_NAMES == ("flywheel", "clutch_plate")
     with pytest.raises(KeyError):
         topic("clutch")
+
+
+def bound(domain: int) -> set[str]:
+    """Addresses, in the kernel's notation, that are bound on the UDP ports of a ROS domain."""
+    rows = [line.split()[1].split(":") for line in Path("/proc/net/udp").read_text().splitlines()[1:]]
+    return {address for address, port in rows if int(port, 16) - 7400 in range(250 * domain, 250 * (domain + 1))}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="ports are read from /proc")
+def test_a_node_binds_ports_on_all_addresses_where_its_discovery_is_kept_on_this_machine_too(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+    for name in ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_DOMAIN_ID"):
+        monkeypatch.delenv(name, raising=False)
+    own = OwnEnvironment()
+    domain = int(own.values["ROS_DOMAIN_ID"])
+    before = bound(domain) - {"0100007F"}  # A domain is claimed by a socket on the loopback address.
+    code = "import rclpy, sys; rclpy.init(); n = rclpy.create_node('n'); print(flush=True); sys.stdin.read()"
+    with subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                          env={**os.environ, **own.values}) as node:
+        assert node.stdout is not None
+        node.stdout.readline()
+        after = bound(domain) - {"0100007F"}
+        node.kill()
+    own.close()
+    assert (before, after) == (set(), {"00000000"})
+
+
+def test_the_viewer_that_spawn_starts_listens_on_all_addresses_by_default() -> None:
+    pytest.importorskip("rerun")
+    said = " ".join(python("-m", "rerun_cli", "--help").stdout.split())
+    assert "[default: 0.0.0.0]" in said.partition("--bind <BIND>")[2][:200]
+    assert "The default port is 9876" in said
+
+
+CLAIMS = {
+    "keep their nodes on this machine":
+        "test_security.py commands_that_start_nodes_keep_discovery_on_this_machine",
+    "binds UDP ports on all addresses": "test_security.py a_node_binds_ports_on_all_addresses",
+    "takes connections on port 9876 of all addresses":
+        "test_security.py viewer_that_spawn_starts_listens_on_all_addresses",
+    "serves page and data on 127.0.0.1 alone": "nodes/test_web_viewer.py served_on_the_loopback_address_alone",
+    "unpacked bytes by the file's size":
+        "recording/test_hostile_recordings.py unpack_to_too_much_together",
+    "the work of `--verify` likewise":
+        "recording/test_hostile_recordings.py work_that_a_scene_asks_for_grows",
+    "made printable before it is printed": "recording/test_printable.py print_nothing_that_a_terminal_obeys",
+    "mode 0700; a directory that others can write to is not used":
+        "compiling/test_kernel_cache.py no_directory_is_used_that_others_can_write_to",
+    "every file has a checksum": "compiling/test_kernel_cache.py a_damaged_cache_costs_one_line",
+    "no more writable than the package's own source":
+        "compiling/test_kernel_cache.py a_file_may_be_as_writable_as_the_source",
+    "without YAML tags or aliases": "test_scenes.py what_is_not_a_scene_is_refused_in_one_line",
+    "refused beyond 64 KiB": "test_scenes.py files_that_are_too_large_are_refused",
+    "nothing in a recording is executed or used as a path": "test_security.py names_in_a_recording_are_never_paths",
+}
+"""Words of the page on security, and the test that holds them to it."""
+
+
+@pytest.mark.parametrize("words", CLAIMS)
+def test_a_promise_of_the_page_on_security_has_its_test(words: str) -> None:
+    file, name = CLAIMS[words].split()
+    page = (Path(__file__).parents[1] / ".github" / "guide" / "security.md").read_text()
+    assert words in " ".join(page.split())
+    assert re.search(rf"^def test_\w*{name}", (Path(__file__).parent / file).read_text(), re.MULTILINE)
