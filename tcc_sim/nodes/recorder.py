@@ -170,7 +170,7 @@ class Recorder:
             if track.topic == self._unsent_topic and who:
                 self.unsent.add(who, data)
             log = received if simulated is None else simulated.of(info)
-            write(channel, log, info["source_timestamp"], data, number)
+            write(channel, log, info["source_timestamp"], data, number, track.latched)
         if track.type == JOINT_STATE and not track.messages:
             self.next_look = 0.0  # Subscribe to a missing scene again.
         track.messages += len(taken)
@@ -207,6 +207,10 @@ class Recorder:
                 late = latched and running and track.asks_again([bytes(o.endpoint_gid) for o in offered])
                 if late or latched != track.latched:
                     self.write(track, track.subscribe(latched))
+            if track.latched:
+                there = {bytes(o.endpoint_gid) for o in offered}
+                for who in track.channels.keys() - there:
+                    self.bag.unlatch(track.channels[who])
             if track.topic == self._clock and self._simulated is not None and not track.messages:
                 self._report_missing_clock(track)
             if track.type == JOINT_STATE:

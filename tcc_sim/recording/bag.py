@@ -25,7 +25,7 @@ class BagWriter:
 
     The writer holds the directory open and creates every file relative to it, so a directory that another recorder
     creates later under the same name is never mixed in. Each part can be read alone: it starts with the current scene
-    and ends with index and footer.
+    and the latched messages, and ends with index and footer.
 
     Parameters
     ----------
@@ -54,6 +54,7 @@ class BagWriter:
         self._sync, self._result = sync, result
         self._done: list[FileSummary] = []
         self._scene: tuple[str, str, int] | None = None
+        self._latched: dict[int, tuple[int, bytes, int]] = {}
         made = _make(directory)
         self._folder = -1
         try:
@@ -96,13 +97,26 @@ class BagWriter:
         """Announce a topic (fully resolved name), optionally of one publisher, and return its channel."""
         return self.file.channel(topic, type_name, qos, schema, publisher)
 
-    def write(self, channel: int, log_ns: int, publish_ns: int, data: bytes, sequence: int = 0) -> None:
-        """Add one serialised message with its times of receipt and sending (ns) and its publisher's sequence number."""
+    def write(self, channel: int, log_ns: int, publish_ns: int, data: bytes, sequence: int = 0,
+              latched: bool = False) -> None:
+        """Add one serialised message with its times of receipt and sending (ns) and its publisher's sequence number.
+
+        Each later part begins with the last `latched` message of each channel, received at the start of the part.
+        """
         file = self.file
         full = file.chunks and (file.size >= self._size or file.chunks >= self._max_chunks)
         if full or log_ns - file.summary.first_ns >= self._duration_ns:
             file = self._split()
+            for number, (sent, content, count) in self._latched.items():
+                if not latched or number != channel:
+                    file.write(number, log_ns, sent, content, count)
+        if latched:
+            self._latched[channel] = publish_ns, data, sequence
         file.write(channel, log_ns, publish_ns, data, sequence)
+
+    def unlatch(self, channel: int) -> None:
+        """Do not repeat the last message of a channel in later parts, because its publisher is gone."""
+        self._latched.pop(channel, None)
 
     def check(self) -> None:
         """Raise RecordingError if the directory or the open file was renamed or removed."""

@@ -1,5 +1,6 @@
 """Recordings in parts, readable singly and as one; and the rest of a failed start."""
 
+import math
 import os
 import shutil
 
@@ -8,6 +9,7 @@ import pytest
 import yaml
 from driveline_bags import START, TICK, bag, ticked
 from full_disk import full_disk
+from mcap.reader import make_reader
 
 from tcc_sim.cli import main
 from tcc_sim.errors import RecordingError
@@ -16,7 +18,7 @@ from tcc_sim.recording.bag import BagWriter
 from tcc_sim.recording.reader import open_run
 from tcc_sim.replay.replay import replay
 from tcc_sim.scene import load_scene
-from tcc_sim.topics import JOINT_STATE
+from tcc_sim.topics import HEADER, JOINT_STATE, topic
 
 FIG02 = load_scene("fig02")
 
@@ -93,6 +95,52 @@ def test_a_part_ends_where_its_index_would_take_too_much_memory(tmp_path):
     path, _ = split(tmp_path, max_chunks=3)
     assert len(list(path.glob("*.mcap"))) == 4  # Ten flushes of a chunk each.
     assert len(np.concatenate([batch.stamp_ns for batch in open_run(path).states()])) == 1000
+
+
+def test_every_part_begins_with_the_last_latched_message_of_each_channel(tmp_path):
+    """Those of a publisher that is gone are not repeated."""
+    writer = BagWriter(tmp_path / "run", max_duration=0.1)
+    joints, first, second = writer.channel("/joint_states", JOINT_STATE), *(
+        writer.channel("/input_source", HEADER, publisher=who) for who in "ab")
+    for n in range(350):
+        log = START + n * TICK
+        if n in (5, 6, 150):
+            writer.write(second if n == 6 else first, log, log - 7, cdr.header(n, f"source {n}"), n, latched=True)
+        if n == 220:
+            writer.unlatch(second)
+        writer.write(joints, log, log, cdr.joint_state(n * TICK, *[0.0] * 6), n)
+    writer.close()
+    found = []
+    for number in range(4):
+        with (tmp_path / "run" / f"run_{number}.mcap").open("rb") as file:
+            found.append([(m.log_time - START, m.publish_time - START, m.sequence, cdr.read_header(m.data)[1])
+                          for _, _, m in make_reader(file).iter_messages(topics=["/input_source"])])
+    again = [(n * TICK, n * TICK - 7, n, f"source {n}") for n in (5, 6, 150)]
+    assert found == [again[:2], [(100 * TICK, *again[0][1:]), (100 * TICK, *again[1][1:]), again[2]],
+                     [(200 * TICK, *again[2][1:]), (200 * TICK, *again[1][1:])], [(300 * TICK, *again[2][1:])]]
+    assert stamps_of(tmp_path / "run") == list(range(350))
+
+
+def test_each_part_of_a_driveline_on_its_fallback_verifies(tmp_path):
+    """The announced sources of the inputs are latched; without them every input counts as commanded."""
+    scene, sources = load_scene("commands"), []
+    rows = ticked(scene, 500, sources=sources)
+    writer = BagWriter(tmp_path / "run", scene.text(), max_duration=0.2)
+    joints, applied, source = (writer.channel(f"/{name}", topic(name).type) for name in (
+        "joint_states", "applied_pressure", "input_source"))
+    for n, (stamp, *columns, _) in enumerate(rows):
+        log = START + n * TICK
+        for since, text in (rest for row, *rest in sources if row == n):
+            writer.write(source, log, log, cdr.header(since, text), n, latched=True)
+        writer.write(joints, log, log, cdr.joint_state(stamp, *columns), n)
+        writer.write(applied, log, log, cdr.fluid_pressure(stamp, math.nan), n)
+    writer.close()
+    for number, states in enumerate((200, 200, 100)):
+        found = replay(tmp_path / "run" / f"run_{number}.mcap", discard=0, verify=True)
+        assert (found.verification.verified, found.verification.compared) == (True, states)
+        assert found.inputs["engine_torque"].topic == 0.0
+    whole = replay(tmp_path / "run", discard=0, verify=True)
+    assert (whole.verification.verified, whole.verification.exact) == (True, 500)
 
 
 def test_results_of_the_parts_are_added(tmp_path):
