@@ -51,6 +51,7 @@ class RecordedDriveline:
     publishers : identifiers of its publishers in the middleware, in the order of their first messages
     scenes : its scenes
     able : whether it has the joints flywheel and clutch plate
+    began_ns : time of sending of its first state less the stamp, ns: when simulation time began, at real-time speed
     """
 
     topic: str = field(metadata=reported("topic of its joint_states"))
@@ -65,6 +66,7 @@ class RecordedDriveline:
     publishers: tuple[str, ...] = ()
     scenes: tuple[SceneRecord, ...] = ()
     able: bool = True
+    began_ns: int = 0
 
     def sentence(self) -> str:
         """Return the driveline in words."""
@@ -82,9 +84,14 @@ class _Sent:
         self.names = Counter[tuple[str, ...]]()
         self.place = self.log_ns = self.sent_ns = self.stamps = (1 << 63, -1 << 63)
         """Smallest and largest: number in the order of reading, times of receipt and of sending, and stamp, ns."""
+        self.first = (0, 0)
+        """Time of sending and stamp, ns, of the first message to be received."""
 
     def add(self, found: SameLayout, before: int) -> None:
         """Take messages of one chunk, which has `before` messages before it."""
+        k = int(found.heads["log_ns"].argmin())
+        if int(found.heads["log_ns"][k]) < self.log_ns[0]:
+            self.first = int(found.heads["sent_ns"][k]) or int(found.heads["log_ns"][k]), int(found.stamps[k])
         self.names[found.names] += len(found.rows)
         for what, values in (("place", before + found.rows), ("stamps", found.stamps),
                              *((name, found.heads[name]) for name in _TIMES)):
@@ -201,11 +208,14 @@ class Inventory:
         names = sum((one.names for one in chain), Counter[tuple[str, ...]]())
         scenes = self._scenes_of(topic.rpartition("/")[0], publishers, recorded) if chain[0].able else ()
         stamps = np.array([min(one.stamps[0] for one in chain), max(one.stamps[1] for one in chain)])
-        start, end = (simulation_ns(stamps, zeros_of(one.text for one in scenes)) / 1e9).tolist()
+        zeros = zeros_of(one.text for one in scenes)
+        start, end = (simulation_ns(stamps, zeros) / 1e9).tolist()
+        sent, stamp = chain[-1].first
+        began = sent - int(simulation_ns(np.array([stamp]), zeros)[0])
         return RecordedDriveline(topic, publishers[-1], names.most_common(1)[0][0],
                          (description_in(scenes[0].text) or "scene without a description") if scenes else None,
                          sum(names.values()), start, end, False, publishers,
-                         scenes, chain[0].able)
+                         scenes, chain[0].able, began)
 
     def _scenes_of(self, space: str, publishers: Sequence[str],
                    recorded: Sequence[SceneRecord]) -> tuple[SceneRecord, ...]:
@@ -214,7 +224,9 @@ class Inventory:
         A metadata record has no publisher; one whose scene only other drivelines announced on a topic is theirs.
         """
         here = [one for one in self._scenes if one.space == space]
-        own = [one for one in here if same_process(one.publisher, publishers)] or here
+        senders = [sent.publisher for sent in self._sent.values()]
+        comparable = any(same_process(one.publisher, senders) for one in self._scenes)
+        own = [one for one in here if same_process(one.publisher, publishers) or not comparable]
         texts = {one.record.text for one in own}
         others = {one.record.text for one in self._scenes} - texts
         found = {(record.text, record.log_ns): record for record in recorded if record.text not in others}
@@ -247,7 +259,7 @@ class Inventory:
         if topic is not None and not able:
             _check_joints(on, self._joints)
         return min(able, key=lambda number: (not found[number].scenes, len(found[number].topic), found[number].topic,
-                                             -number), default=None)
+                                             -found[number].began_ns, -number), default=None)
 
 
 def _check_joints(found: Sequence[RecordedDriveline], joints: Sequence[str]) -> None:

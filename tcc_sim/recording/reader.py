@@ -119,7 +119,6 @@ class Run:
         self.drivelines = inventory.drivelines(self.recorded_scenes, choice)
         self._driveline = next((one for one in self.drivelines if one.read), None)
         self._refused = inventory.refused(self.joint_states_topic)
-        self._companions: dict[str, bool] = {}
 
     def _open(self, path: Path) -> None:
         """Read the records that describe a file."""
@@ -283,7 +282,9 @@ class Run:
         topic, publishers = self.driveline.topic, set(self.driveline.publishers)
         if window is None:
             self._check_memory(self.driveline.states)
-        types = {(channel.topic, channel.type) for channel in self._every_channel()}
+        self._comparable = any(one.publisher and one.topic != topic and same_process(one.publisher, publishers)
+                               for one in self._every_channel())
+        types = {(channel.topic, channel.type) for channel in self._every_channel() if self._ours(channel)}
         zeros = zeros_of(scene.text for scene in self.scenes)
         every = [one for one in all_beside(topic, zeros) if (one.topic, one.type) in types]
         layouts = Layouts(JOINT_STATE, self._choice.names, topics.topic("joint_states").fields, zeros)
@@ -335,10 +336,7 @@ class Run:
         name, publishers = channel.topic.rpartition("/")[2], self.driveline.publishers
         if name not in _OWN or channel.topic == self.driveline.topic:
             return True
-        if channel.topic not in self._companions:
-            self._companions[channel.topic] = any(
-                same_process(one.publisher, publishers) for one in self._every_channel() if one.topic == channel.topic)
-        return not self._companions[channel.topic] or same_process(channel.publisher, publishers)
+        return not self._comparable or same_process(channel.publisher, publishers)
 
     def _in_file_order(self) -> Iterator[Found]:
         """Iterate over the driveline's messages as they stand in the files."""

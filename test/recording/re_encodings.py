@@ -568,8 +568,8 @@ def left_and_right(folder, source):
     save(folder / "run_0.mcap", as_rosbag2(both))
 
 
-def forgotten(source, who):
-    """The recording beside an older driveline with another scene on the same topics, 50 messages ahead."""
+def forgotten(source, who, ahead=50):
+    """The recording beside an older driveline with another scene on the same topics, received some ticks ahead."""
     older = twice(source, lambda c: c._replace(metadata={
         **c.metadata, "publisher": who + c.metadata["publisher"][24:]}))
     out = []
@@ -579,10 +579,10 @@ def forgotten(source, who):
             out.append(message)
         elif topic == STATES:
             stamp, *values = joints(message.data)
-            out.append(message._replace(log=message.log - 50 * TICK, sent=message.sent - 50 * TICK,
+            out.append(message._replace(log=message.log - ahead * TICK, sent=message.sent - ahead * TICK,
                                         data=cdr.joint_state(stamp + 70 * 10**9, *values)))
         elif topic == SCENES:
-            out.append(message._replace(log=message.log - 50 * TICK, data=cdr.string(load_scene("fig02").text())))
+            out.append(message._replace(log=message.log - ahead * TICK, data=cdr.string(load_scene("fig02").text())))
         elif topic == "/applied_pressure":
             out.append(message._replace(data=cdr.fluid_pressure(cdr.read_stamp(message.data) + 70 * 10**9, 1.0)))
         elif topic == "/input_source":
@@ -593,6 +593,20 @@ def forgotten(source, who):
 @way("drivelines", "warnings", sentence="not read: /joint_states of publisher 3")
 def forgotten_driveline(folder, source):
     save(folder / "run_0.mcap", forgotten(source, "3" * 24))
+
+
+@way("drivelines", "warnings", sentence="not read: /joint_states of publisher 3")
+def forgotten_driveline_received_later(folder, source):
+    """The recorder discovers the older driveline after the one that waited for it."""
+    save(folder / "run_0.mcap", forgotten(source, "3" * 24, -5))
+
+
+@way("drivelines", "warnings", sentence="not read: /joint_states of publisher 3")
+def forgotten_driveline_without_pressure(folder, source):
+    """Only the older one publishes the topic, and only the newer one is read."""
+    both = forgotten(source, "3" * 24)
+    own = {number for number in both.numbers("/applied_pressure") if number > 100}
+    save(folder / "run_0.mcap", both._replace(messages=[m for m in both.messages if m.channel not in own]))
 
 
 @way("drivelines")
