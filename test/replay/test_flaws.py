@@ -92,6 +92,12 @@ def beside() -> Flaw:
     return Flaw(clean(), clean(), "pressure is missing at 3429 ticks", {"beside": sent})
 
 
+def exchanged() -> Flaw:
+    """Blocks of the file have changed places; times of receipt and numbers of the publisher say so."""
+    order = [*range(500), *range(1500, 2000), *range(500, 1500), *range(2000, TICKS)]
+    return Flaw([clean()[k] for k in order], clean(), "no gap", {"clock": lambda k: START + order[k] * TICK})
+
+
 FLAWS: dict[str, Callable[[], Flaw]] = {
     "none": lambda: Flaw(clean(), clean(), "no gap"),
     "0.2 % lost": lambda: lost(losing(0.002)),
@@ -110,7 +116,7 @@ FLAWS: dict[str, Callable[[], Flaw]] = {
     "restart amid": lambda: Flaw([*clean()[:1000], *clean()], clean(), "2 runs",
                                  {"publishers": [(0, "first"), (1000, "second")], "clock": lambda k: START + k * TICK}),
     "cut file": lambda: Flaw(clean(), clean(), "cut short", {"cut": True}, bytes=0.8),
-    "other topic lost": beside, "paused": paused,
+    "blocks exchanged": exchanged, "other topic lost": beside, "paused": paused,
 }
 
 
