@@ -109,7 +109,8 @@ class RunCycles:
         Raise InputError if no whole cycle is left, or for a negative number.
         """
         if not self.pieces:
-            raise InputError("the recording holds no whole period of excitation")
+            raise InputError("the recording holds no whole period of excitation: its states go from "
+                             f"{self.begin:.6g} to {self.end:.6g} s")
         self._join_all()
         first, last = self._numbers()
         dropped = dropped_of(last - first, discard)
@@ -259,7 +260,9 @@ class CycleStream:
         samples.
         """
         if not self.runs:
-            raise InputError("the recording holds no samples")
+            raise InputError("the recording holds no samples" + (
+                f": none of its {self.not_finite} states has finite angles, speeds and torques" if self.not_finite
+                else ""))
         number = max(range(len(self.runs)), key=lambda k: (self.runs[k].observed(), k))
         return number, self.runs[number]
 

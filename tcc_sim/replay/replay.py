@@ -193,7 +193,8 @@ def _analysed(recording: Recording, line: Timeline, timing: Timing, discard: int
     kept, begin = longest.kept(discard if clock.told else 0)[:2]
     warnings = [*run.warnings, *_warnings(recording, line, timing)]
     if stream.not_finite:
-        warnings.append(f"{counted(stream.not_finite, 'state')} are not finite and count as lost")
+        verb = "is" if stream.not_finite == 1 else "are"
+        warnings.append(f"{counted(stream.not_finite, 'state')} {verb} not finite and counted as lost")
     pace, note = pace_of(line)
     warnings += [note] if note else []
     segments, count = segments_of(line, timing.segment_clock, discard, solver=run.solver, elapsed_s=elapsed,

@@ -172,11 +172,14 @@ class Replay(Result):
             table.append((name.replace("_", " "), f"held {held.sentence()}"))
         if self.command_age is not None:
             table.append(("command age", self.command_age.sentence()))
+        elif any(held.publishers for held in self.inputs.values()):
+            table.append(("command age", "not known: most commands have no stamp, or none was applied"))
         if self.missed_ticks:
             table.append(("missed ticks", f"{self.missed_ticks} in real time"))
         if self.late_ticks:
-            share = f"{100.0 * self.late_share:.3g} %"
-            table.append(("late ticks", f"{self.late_ticks}, {share} of the paced ones, by more than a period"))
+            share = ("of an unknown number of paced ones" if math.isnan(self.late_share) else
+                     f"{100.0 * self.late_share:.3g} % of the paced ones")
+            table.append(("late ticks", f"{self.late_ticks}, {share}, by more than a period"))
         if self.damping is not None:
             table.append(damping_row(self.damping))
         if self.verification is not None:
