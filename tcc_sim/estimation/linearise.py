@@ -36,6 +36,7 @@ from tcc_sim.estimation.operating_point import (
 )
 from tcc_sim.estimation.settings import DEFAULTS
 from tcc_sim.estimation.slip_loop import SlipLoop, slip_loop
+from tcc_sim.model.equations import linear_of
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.result import Result, reported, reporting
 from tcc_sim.scene import SceneLike, as_scene
@@ -257,7 +258,9 @@ def _cycle_rows(motion: Periodic, output: str) -> tuple[Floats, Floats]:
         return by_state[[0]], by_input[[0]]
     c = d.stiffness * by_state[[1]] + d.damping * by_state[[2]]
     through = d.stiffness * by_input[[1]] + d.damping * by_input[[2]]
-    if output == "friction_torque":   # (2b): Tf = I2 theta2'' + C23 theta2' + K23 theta2
+    if output == "friction_torque":   # (2b): Tf = I2 theta2'' + C23 theta2' + K23 theta2 + p_v v
+        beside = linear_of(motion.system).plate_by_slip or 0.0
+        c, through = c + beside * by_state[[0]], through + beside * by_input[[0]]
         c = c + d.plate_inertia * (motion.carried.by_state[-1][[2]] - np.eye(3)[[2]]) / motion.seconds
         through = through + d.plate_inertia * motion.carried.by_input[-1][[2]] / motion.seconds
     return c, through
@@ -319,5 +322,6 @@ def harmonic_transfer(motion: Periodic, inputs: str, output: str, omegas: Floats
         return slip / len(parts)
     shaft = (d.stiffness + 1j * omegas * d.damping) * angle / len(parts)
     if output == "friction_torque":   # (2b)
+        shaft = shaft + (linear_of(motion.system).plate_by_slip or 0.0) * slip / len(parts)
         shaft = shaft - d.plate_inertia * omegas**2 * angle / len(parts)
     return np.asarray(shaft, np.complex128)

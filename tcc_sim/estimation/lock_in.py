@@ -19,6 +19,7 @@ from tcc_sim.estimation.operating_point import Constant, Periodic
 from tcc_sim.estimation.settings import DEFAULTS
 from tcc_sim.model import equations
 from tcc_sim.model.actuator import pressure_after
+from tcc_sim.model.equations import linear_of
 from tcc_sim.solvers.fixed_step import Stepper
 from tcc_sim.solvers.terms import Terms, holding, terms_of
 from tcc_sim.trajectory import Floats
@@ -56,7 +57,10 @@ def simulated(motion: Constant | Periodic, inputs: str, output: str, omega: floa
     if output == "slip_speed":
         return complex(slip)
     shaft = d.stiffness * angle + d.damping * speed
-    return complex(shaft if output == "shaft_torque" else shaft + d.plate_inertia * 1j * omega * speed)   # (2b)
+    if output == "shaft_torque":
+        return complex(shaft)
+    beside = (linear_of(system).plate_by_slip or 0.0) * slip
+    return complex(shaft + d.plate_inertia * 1j * omega * speed + beside)   # (2b)
 
 
 def _driven(motion: Constant | Periodic, pressure: bool, sine: tuple[float, float, float], step: float,

@@ -26,6 +26,8 @@ from tcc_sim.fmu.description import (
 )
 from tcc_sim.fmu.printer import Library
 from tcc_sim.model import actuator, friction
+from tcc_sim.model.equations import COEFFICIENTS
+from tcc_sim.model.parts import check_known
 from tcc_sim.output.files import draft
 from tcc_sim.scene import Scene
 from tcc_sim.solvers import fixed_step, torques
@@ -59,6 +61,7 @@ def fmu_of(scene: Scene, version: int = 2, step: float | None = None) -> Fmu:
         raise InputError(f"step is {step:g} s; it must be 5e-05 to 1 s")
     actuator.delay_ticks(scene.system.pressure, step)
     fixed_step.Stepper(scene.system, step)  # Raises InputError for a scene that it cannot run.
+    check_known("FMU", scene.system, "an FMU")
     rows = variables(scene)
     identifier = f"tcc_sim_{re.sub(r'[^A-Za-z0-9_]', '_', scene.name)}"
     texts = {name: resources.files(__package__).joinpath(f"c/{name}").read_text(encoding="utf-8")
@@ -145,4 +148,18 @@ def _kernel(scene: Scene) -> str:
         (actuator.pressure_after, (DOUBLE,) * 5), (actuator.approach_between, (DOUBLE,) * 5)]
     for function, kinds in roots:
         library.function(function, kinds)
-    return library.text()
+    return library.text() + _linear_part()
+
+
+def _linear_part() -> str:
+    """Return the C function that makes the linear part from the values, printed from `model.equations.COEFFICIENTS`."""
+    lines = "\n".join(f"    linear->{name} += {share!r} * x[at_{key.replace('.', '_')}];"
+                      for key, shares in COEFFICIENTS.items() for name, share in shares.items())
+    return f"""
+/* The linear part of the equations of motion. */
+static void tcc_linear_of(const double *x, Linear *linear)
+{{
+    memset(linear, 0, sizeof *linear);
+{lines}
+}}
+"""

@@ -53,16 +53,19 @@ and the linear models follow.
 _BROUGHT = {name for shares in COEFFICIENTS.values() for name in shares}
 
 
+OPTIONAL = tuple(Linear._field_defaults)
+"""Coefficients that may be absent."""
+
+
 def linear_of(system: System, general: bool = False) -> Linear:
     """Return the linear part of a system; with `general`, absent coefficients that a key may bring are 0."""
     found = dict.fromkeys(_BROUGHT, 0.0)
     for key, shares in COEFFICIENTS.items():
-        group, name = key.split(".")
-        value = getattr(getattr(system, group), name)
-        for coefficient, share in shares.items():
-            found[coefficient] += share * value
+        value = system.value(key)
+        for name, share in shares.items():
+            found[name] += share * value
     return Linear(**{name: value for name, value in found.items()
-                     if value != 0.0 or general or name not in Linear._field_defaults})
+                     if value != 0.0 or general or name not in OPTIONAL})
 
 
 Coefficients = tuple[float, float, float, float, float, float, float]

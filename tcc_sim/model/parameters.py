@@ -94,6 +94,11 @@ class System:
         end = self.inputs.end if self.inputs else 0.0
         return max(t[-1] for t in (*map(self._times, PROFILES), (end,)) if t)
 
+    def value(self, key: str) -> Any:
+        """Return the value of a scene key of the model."""
+        group, name = key.split(".")
+        return getattr(getattr(self, group), name)
+
     def check_repeats(self, what: str) -> None:
         """Raise InputError if the excitation does not repeat; `what` names the analysis that needs a periodic one."""
         if self.profile is not None:

@@ -7,10 +7,22 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tcc_sim.errors import InputError
+from tcc_sim.model.equations import linear_of, matrix_of
 from tcc_sim.model.parameters import System
-from tcc_sim.model.sines import Floats, Sines, common_cycles, dynamic_stiffness, engine_series, load_series, smallest
+from tcc_sim.model.parts import check_known
+from tcc_sim.model.sines import (
+    Floats,
+    Response,
+    Sines,
+    common_cycles,
+    dynamic_stiffness,
+    engine_series,
+    load_series,
+    smallest,
+)
 
 
 @dataclass(frozen=True)
@@ -25,6 +37,8 @@ class PureSlip:
     decay, stiffness : zeta omega_n (1/s) and omega_n^2 (1/s^2) of the plate on its spring, (17c-e)
     angle_offset, speed_offset : differences of plate angle (rad) and speed (rad/s) from the steady ones at t = 0
     period : common period of the sines, s; 0 if omega_f/omega is not a ratio of small whole numbers
+    modes : with a torque by slip speed beside friction, rates (3,) of the transient, 1/s, and its shares (3, 3) in slip
+        speed, plate angle and plate speed; the transient is the real part of their products with exp(rate t)
     """
 
     direction: int
@@ -37,18 +51,19 @@ class PureSlip:
     angle_offset: float
     speed_offset: float
     period: float
+    modes: tuple[NDArray[np.complex128], NDArray[np.complex128]] | None = None
 
     def slip_speed(self, t: Any) -> Floats:
         """Return v(t) of (14), rad/s, at the times t (n,)."""
-        return self.slip(t) + self.a1 * np.asarray(t) - self._transient(t)[1]
+        return self.slip(t) + self.a1 * np.asarray(t) + self._transient(t)[0]
 
     def plate_angle(self, t: Any) -> Floats:
         """Return theta2(t), rad."""
-        return self.plate(t) + self._transient(t)[0]
+        return self.plate(t) + self._transient(t)[1]
 
     def plate_speed(self, t: Any) -> Floats:
         """Return theta2'(t), rad/s."""
-        return self.plate.rate()(t) + self._transient(t)[1]
+        return self.plate.rate()(t) + self._transient(t)[2]
 
     @property
     def steady(self) -> bool:
@@ -74,30 +89,48 @@ class PureSlip:
         """
         if self.direction * self.a1 < 0.0:
             return -math.inf
-        # The energy of z'' + 2 decay z' + stiffness z = 0 never grows, which bounds z, z' and thus z''.
-        rate = -2.0 * self.decay * self.speed_offset - self.stiffness * self.angle_offset
-        energy = math.hypot(rate, math.sqrt(self.stiffness) * self.speed_offset)
-        largest = energy / math.sqrt(self.stiffness)
-        bend = float(self.slip.amplitude @ self.slip.frequency**2)
-        bend += (2.0 * self.decay + math.sqrt(self.stiffness)) * energy
-        fastest = max([math.sqrt(self.stiffness), *self.slip.frequency.tolist()])
-        fading = _fading_time(self.decay, self.stiffness) if largest > 0.0 else 0.0
+        largest, curved, slowest, natural = self._bounds()
+        bend = float(self.slip.amplitude @ self.slip.frequency**2) + curved
+        fastest = max([natural, *self.slip.frequency.tolist()])
+        fading = (FADED / slowest if slowest > 0.0 else math.inf) if largest > 0.0 else 0.0
         if fading * fastest > LONGEST_PHASE:
             return self.margin - largest
         end = fading + (self.period or 0.0)
-        size = abs(self.a0) + self.slip.swing() + energy
+        size = abs(self.a0) + self.slip.swing() + largest
         found, _ = smallest(lambda t: self.direction * self.slip_speed(t), lambda t, width: bend * width**2 / 8.0, end,
                             0.1 / fastest, 1e-13 * size)
         return found if self.period else min(found, self.margin)
 
-    def _transient(self, t: Any) -> tuple[Floats, Floats]:
-        """Return the decaying parts of plate angle and speed, for light, critical and heavy damping."""
+    def _bounds(self) -> tuple[float, float, float, float]:
+        """Return bounds of the transient of the slip speed and of its second derivative, its slowest decay, 1/s, and
+        its fastest rate, 1/s.
+        """
+        if self.modes is not None:
+            rates, shares = self.modes
+            sizes = np.abs(shares[0])
+            return (float(sizes.sum()), float(sizes @ np.abs(rates) ** 2), float(-rates.real.max()),
+                    float(np.abs(rates).max()))
+        # The energy of z'' + 2 decay z' + stiffness z = 0 never grows, which bounds z, z' and thus z''.
+        rate = -2.0 * self.decay * self.speed_offset - self.stiffness * self.angle_offset
+        energy = math.hypot(rate, math.sqrt(self.stiffness) * self.speed_offset)
+        root = math.sqrt(self.stiffness)
+        square = self.decay * self.decay - self.stiffness
+        slowest = self.decay if square <= 0.0 else self.stiffness / (self.decay + math.sqrt(square))
+        return energy / root, (2.0 * self.decay + root) * energy, slowest, root
+
+    def _transient(self, t: Any) -> tuple[Floats, Floats, Floats]:
+        """Return the decaying parts of slip speed, plate angle and plate speed, for light, critical and heavy damping.
+        """
         at = np.asarray(t, dtype=np.float64)
+        if self.modes is not None:
+            rates, shares = self.modes
+            v, x, w = (np.exp(np.multiply.outer(at, rates)) @ row for row in shares)
+            return v.real, x.real, w.real
         cosine, sine = damped_pair(at, self.decay, self.stiffness)
         x, w = self.angle_offset, self.speed_offset
         angle: Floats = x * (cosine + self.decay * sine) + w * sine
         speed: Floats = w * (cosine - self.decay * sine) - self.stiffness * x * sine
-        return angle, speed
+        return -speed, angle, speed
 
 
 PLATE = "pressure.frequency_ratio excites the undamped plate"
@@ -105,13 +138,6 @@ LONGEST_PHASE = 2e4
 """Phase of the fastest oscillation, rad, over which a transient is followed."""
 FADED = 36.0
 """Natural logarithm of the decay after which a transient is neglected."""
-
-
-def _fading_time(decay: float, stiffness: float) -> float:
-    """Return the time after which the transient of the plate is negligible, s; inf without damping."""
-    square = decay * decay - stiffness
-    rate = decay if square <= 0.0 else stiffness / (decay + math.sqrt(square))
-    return FADED / rate if rate > 0.0 else math.inf
 
 
 def damped_pair(t: Floats, decay: float, stiffness: float) -> tuple[Floats, Floats]:
@@ -151,7 +177,10 @@ def pure_slip(system: System, direction: int = 1) -> PureSlip:
     torque, load = engine_series(system), load_series(system)
     if load.swing() > load.mean:
         raise InputError("pressure.amplitude is above pressure.mean; pure slip in closed form needs a pressure above 0")
+    check_known("pure slip", system, "pure slip in closed form")
     d, start, sign = system.driveline, system.initial, float(np.sign(direction))
+    if linear_of(system).flywheel_by_slip is not None:
+        return _coupled(system, sign, torque, load)
 
     plate = load.through(lambda omega: sign / dynamic_stiffness(d, d.plate_inertia, omega, PLATE))
     net = torque.plus(load, -sign)
@@ -166,6 +195,33 @@ def pure_slip(system: System, direction: int = 1) -> PureSlip:
                     angle_offset=start.plate_angle - float(plate(0.0)),
                     speed_offset=start.plate_speed - float(plate.rate()(0.0)),
                     period=common_cycles(system) * system.cycle)
+
+
+def _coupled(system: System, sign: float, torque: Sines, load: Sines) -> PureSlip:
+    """Solve x' = A x + g_e Te + g_f Ts of `model.equations` with a torque by slip speed beside friction.
+
+    That torque makes A invertible, so that there is a steady mean slip speed, and no growth a1.
+    """
+    linear, start = linear_of(system), system.initial
+    a = matrix_of(linear)
+    by_engine = np.array([1.0 / linear.flywheel, 0.0, 0.0])
+    by_friction = np.array([-1.0 / linear.flywheel - 1.0 / linear.plate, 0.0, 1.0 / linear.plate])
+
+    def steady(row: int) -> Sines:
+        def response(gain: Floats) -> Response:
+            return lambda omega: complex(np.linalg.solve(1j * omega * np.eye(3) - a, gain)[row])
+
+        return torque.through(response(by_engine)).plus(load.through(response(by_friction)), sign)
+
+    slip, plate = steady(0), steady(1)
+    off = np.array([start.slip_speed - float(slip(0.0)), start.plate_angle - float(plate(0.0)),
+                    start.plate_speed - float(plate.rate()(0.0))])
+    rates, vectors = np.linalg.eig(a.astype(np.complex128))
+    return PureSlip(direction=int(sign), a0=slip.mean, a1=0.0, slip=slip, plate=plate,
+                    decay=linear.damping / (2.0 * linear.plate), stiffness=linear.stiffness / linear.plate,
+                    angle_offset=float(off[1]), speed_offset=float(off[2]),
+                    period=common_cycles(system) * system.cycle,
+                    modes=(rates, vectors * np.linalg.solve(vectors, off.astype(np.complex128))))
 
 
 def equivalent_torque(system: System) -> Sines:

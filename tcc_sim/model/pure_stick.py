@@ -15,6 +15,7 @@ import numpy as np
 from tcc_sim.errors import InputError
 from tcc_sim.model.friction import onset
 from tcc_sim.model.parameters import System, replace
+from tcc_sim.model.parts import check_known
 from tcc_sim.model.sines import Floats, Sines, common_cycles, dynamic_stiffness, engine_series, load_series, smallest
 
 STUCK = "engine.frequency excites the undamped stuck"
@@ -37,9 +38,11 @@ def plate_angle(system: System) -> Sines:
     InputError
         The engine excites an undamped driveline at exactly omega_sn.
     """
+    torque = engine_series(system)
+    check_known("pure stick", system, "pure stick in closed form")
     d = system.driveline
     both = d.flywheel_inertia + d.plate_inertia
-    return engine_series(system).through(lambda omega: 1.0 / dynamic_stiffness(d, both, omega, STUCK))
+    return torque.through(lambda omega: 1.0 / dynamic_stiffness(d, both, omega, STUCK))
 
 
 def interface_response(system: System, omega: float) -> complex:
@@ -59,7 +62,9 @@ def stuck_interface_torque(system: System) -> Sines:
     (9) is the same with the amplitude I1 omega^2 Tp/sqrt((K23 - (I1 + I2) omega^2)^2 + (C23 omega)^2) in its last term,
     where the print omits the inertia and the damping.
     """
-    return engine_series(system).through(partial(interface_response, system))
+    torque = engine_series(system)
+    check_known("pure stick", system, "pure stick in closed form")
+    return torque.through(partial(interface_response, system))
 
 
 @dataclass(frozen=True)

@@ -306,5 +306,5 @@ def _held(scene: Scene, terms: Terms, torque: float | None, pressure: float | No
 
 def _differ(one: Terms, other: Terms) -> bool:
     """Return whether two scenes need different kernels: a term is only in one, or the exponentials differ in number."""
-    return any((a is None) != (b is None) for a, b in zip(one, other)) or (
+    return any((a is None) != (b is None) for a, b in zip((*one, *one.linear), (*other, *other.linear))) or (
         len(one.stribeck or ()) != len(other.stribeck or ()))

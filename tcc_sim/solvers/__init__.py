@@ -10,6 +10,7 @@ from importlib import import_module
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
+from tcc_sim.model.parts import KNOWN, LAWS, missing
 from tcc_sim.scene import Scene, system_of
 from tcc_sim.solvers.problem import Problem
 from tcc_sim.trajectory import State, Status, Trajectory
@@ -17,19 +18,16 @@ from tcc_sim.trajectory import State, Status, Trajectory
 
 @dataclass(frozen=True)
 class Entry:
-    """A registered solver: its module below this package, description, friction laws and setting."""
+    """A registered solver: its name, its module below this package, description and setting."""
+
+    name: str
 
     module: str
     function: str
     description: str
-    laws: tuple[str, ...]
     setting: str
-    """'rtol' for adaptive solvers, 'step' for fixed-step ones, '' for exact ones."""
-    default: float = 0.0
-    profiles: bool = True
-    """Whether it solves profiles in time and inputs from data."""
-    far_end: bool = False
-    """Whether it moves the shaft's far end."""
+    """'rtol' for adaptive solvers, 'step' for fixed-step ones."""
+    default: float
 
     @cache  # noqa: B019 (the entries of SOLVERS live as long as the process)
     def load(self) -> Callable[[Problem], Trajectory]:
@@ -37,29 +35,33 @@ class Entry:
         found: Callable[[Problem], Trajectory] = getattr(import_module(f"{__name__}.{self.module}"), self.function)
         return found
 
+    @property
+    def laws(self) -> tuple[str, ...]:
+        """Friction laws that it solves."""
+        return tuple(law for law in LAWS if law in KNOWN[self.name])
 
-SMOOTHED = ("smoothed",)
-SET_VALUED = ("set_valued",)
+    def solves(self, system: System) -> bool:
+        """Return whether it knows every part of a system (`model.parts`)."""
+        return not missing(self.name, system)
+
+
 SCIPY = "comparison.scipy_methods"
 SHORTEST = 1e-8
 """Least duration, in engine cycles: a multiple of the engines' tolerance at the end of a cycle."""
 
-SOLVERS: dict[str, Entry] = {
-    "fixed_step": Entry("fixed_step_solve", "solve", "real-time solver: SDIRK3, implicit friction, fixed ticks",
-                        SMOOTHED, "step", 1e-3, far_end=True),
-    "smoothed": Entry("smoothed.solve", "solve", "adaptive: Taylor series in slip, implicit in the layer and in stick",
-                      SMOOTHED, "rtol", 1e-8),
-    "event_driven": Entry("event_driven.solve", "solve", "exact: closed forms between located events",
-                          SET_VALUED, "rtol", 1e-10, profiles=False),
-    "rk45": Entry(SCIPY, "rk45", "Dormand and Prince 5(4) in the steps of SciPy's RK45, compiled", SMOOTHED, "rtol",
-                  1e-6),
-    "dop853": Entry(SCIPY, "dop853", "SciPy, Dormand and Prince 8(5,3)", SMOOTHED, "rtol", 1e-6),
-    "radau": Entry(SCIPY, "radau", "SciPy, Radau IIA of order 5", SMOOTHED, "rtol", 1e-6),
-    "bdf": Entry(SCIPY, "bdf", "SciPy, backward differentiation (Gear's method)", SMOOTHED, "rtol", 1e-6),
-    "lsoda": Entry(SCIPY, "lsoda", "SciPy, LSODA of ODEPACK", SMOOTHED, "rtol", 1e-6),
-    "rk4": Entry("comparison.runge_kutta", "rk4", "classical Runge-Kutta of order 4, fixed step", SMOOTHED, "step",
-                 1e-6),
-}
+SOLVERS: dict[str, Entry] = {row.name: row for row in (
+    Entry("fixed_step", "fixed_step_solve", "solve", "real-time solver: SDIRK3, implicit friction, fixed ticks",
+          "step", 1e-3),
+    Entry("smoothed", "smoothed.solve", "solve", "adaptive: Taylor series in slip, implicit in the layer and in stick",
+          "rtol", 1e-8),
+    Entry("event_driven", "event_driven.solve", "solve", "exact: closed forms between located events", "rtol", 1e-10),
+    Entry("rk45", SCIPY, "rk45", "Dormand and Prince 5(4) in the steps of SciPy's RK45, compiled", "rtol", 1e-6),
+    Entry("dop853", SCIPY, "dop853", "SciPy, Dormand and Prince 8(5,3)", "rtol", 1e-6),
+    Entry("radau", SCIPY, "radau", "SciPy, Radau IIA of order 5", "rtol", 1e-6),
+    Entry("bdf", SCIPY, "bdf", "SciPy, backward differentiation (Gear's method)", "rtol", 1e-6),
+    Entry("lsoda", SCIPY, "lsoda", "SciPy, LSODA of ODEPACK", "rtol", 1e-6),
+    Entry("rk4", "comparison.runge_kutta", "rk4", "classical Runge-Kutta of order 4, fixed step", "step", 1e-6),
+)}
 
 
 def solve(scene: Scene | System | str, *, cycles: int | None = None, duration: float | None = None,
@@ -145,24 +147,24 @@ def check_setting(name: str, rtol: float | None, step: float | None) -> None:
 
 
 def choose(system: System, solver: str) -> str:
-    """Return the registered name for `solver`, after checks against the system's law and inputs."""
-    law, moved = system.friction.law, system.inputs is not None and system.inputs.output_speed is not None
-    if solver == "auto" and moved:
-        solver = "fixed_step"
+    """Return the registered name for `solver`; raise InputError unless it knows every part of the system."""
     if solver == "auto":
-        solver = "event_driven" if law == "set_valued" else "smoothed"
+        moved = system.inputs is not None and system.inputs.output_speed is not None
+        solver = "fixed_step" if moved else "event_driven" if system.friction.law == "set_valued" else "smoothed"
     if solver not in SOLVERS:
         raise InputError(f"solver {solver!r} is unknown; the solvers are auto, {', '.join(SOLVERS)}")
-    if law not in SOLVERS[solver].laws:
-        raise InputError(f"solver {solver} does not solve friction.law {law}; "
-                         f"those that do are {', '.join(n for n, e in SOLVERS.items() if law in e.laws)}")
-    if moved and not SOLVERS[solver].far_end:
-        raise InputError(f"solver {solver} does not move the shaft's far end, and the inputs have output_speed; those "
-                         f"that do are {', '.join(n for n, e in SOLVERS.items() if e.far_end)}")
-    if system.profile is not None and not SOLVERS[solver].profiles:
-        raise InputError(f"solver {solver} does not solve {', '.join(system.varying)}; those that do are "
-                         f"{', '.join(n for n, e in SOLVERS.items() if e.profiles)}, with friction.law smoothed")
+    unknown = missing(solver, system)
+    if unknown:
+        able = [name for name, entry in SOLVERS.items() if unknown.keys() <= KNOWN[name]]
+        raise InputError(f"solver {solver} does not solve {', '.join(dict.fromkeys(unknown.values()))}; "
+                         + (f"those that do are {', '.join(able)}" if able else "no solver does")
+                         + (", with friction.law smoothed" if able and set(able).isdisjoint(_of_law(system)) else ""))
     return solver
+
+
+def _of_law(system: System) -> list[str]:
+    """Return the solvers of the system's friction law."""
+    return [name for name in SOLVERS if system.friction.law in KNOWN[name]]
 
 
 __all__ = ["SOLVERS", "Entry", "Problem", "State", "Status", "Trajectory", "check_setting", "choose", "solve"]

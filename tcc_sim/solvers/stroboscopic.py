@@ -13,7 +13,9 @@ import numpy as np
 
 from tcc_sim.compiling.compiled import Partial
 from tcc_sim.errors import NumericalFailure
+from tcc_sim.model.equations import Linear
 from tcc_sim.model.parameters import System
+from tcc_sim.model.parts import check_known
 from tcc_sim.solvers.changes import ALONG, ALONG_ALL, CHANGES, LANES
 from tcc_sim.solvers.engine import GRADIENT, PART, EngineShell, Room, Tangent
 from tcc_sim.solvers.key_derivatives import (
@@ -82,7 +84,7 @@ class Prepared:
     """
 
     def __init__(self, system: System, keys: tuple[str, ...], rtol: float) -> None:
-        system.check_repeats("a map of the section")
+        check_mapped(system)
         self.engine, self.changes = engine_of(system), key_derivatives(system, keys)
         self.period, self.count = system.cycle, 3 + len(keys)
         terms, omega, self.fastest = terms_of(system), system.engine.frequency, 0.0
@@ -93,6 +95,9 @@ class Prepared:
             terms, self.fastest = terms._replace(pulsation=pulsation), max(self.fastest, pulsation[1])
         if terms.stribeck is None and self.changes[EXCESS_RATIO].any():
             terms = terms._replace(stribeck=(0.0, system.friction.decay))
+        absent = {name: 0.0 for name, by in zip(Linear._fields, self.changes) if by.any() and getattr(
+            terms.linear, name) is None}
+        terms = terms._replace(linear=terms.linear._replace(**absent))
         self.by = np.zeros((-(-self.count // LANES), len(NUMBERS), LANES))
         for k in range(3, self.count):
             self.by[k // LANES, :, k % LANES] = self.changes[:, k - 3]
@@ -183,6 +188,12 @@ class _Rooms(threading.local):
 rooms = _Rooms()
 
 
+def check_mapped(system: System) -> None:
+    """Raise InputError unless the section's map of a system exists and knows every part of it."""
+    system.check_repeats("a map of the section")
+    check_known("section map", system, "a map of the section")
+
+
 def engine_of(system: System) -> EngineShell:
     """Import the engine of a system's friction law."""
     if system.friction.law == "set_valued":
@@ -230,6 +241,7 @@ def sections(system: System, starts: Floats, first: int, cycles: int, rtol: floa
     -------
     (m, cycles + 1, 3) section points, NaN after the end or the failure of a motion. Other threads run meanwhile.
     """
+    check_mapped(system)
     out = np.full((len(starts), cycles + 1, 3), np.nan)
     out[:, 0] = starts
     engine_of(system).fill_sections(out, system, first, rtol, orbits)

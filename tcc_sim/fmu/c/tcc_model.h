@@ -230,10 +230,7 @@ static void tcc_terms_of(const double *x, int profile, tcc_origin origin, Terms 
 {
     double omega = profile ? 1.0 : x[at_engine_frequency], per_pressure = tcc_per_pressure(x);
     memset(t, 0, sizeof *t);
-    t->linear.flywheel = x[at_driveline_flywheel_inertia];
-    t->linear.plate = x[at_driveline_plate_inertia];
-    t->linear.damping = x[at_driveline_damping];
-    t->linear.stiffness = x[at_driveline_stiffness];
+    tcc_linear_of(x, &t->linear);
     t->mean_torque = x[at_engine_mean_torque];
     if (TCC_ENGINE_HARMONIC && TCC_AMPLITUDE_POINTS == 0 && x[at_engine_torque_amplitude] > 0.0) {
         t->torque.has = 1;
