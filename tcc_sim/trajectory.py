@@ -255,6 +255,12 @@ class Trajectory(Result):
         return {name: column for name in UNITS if (column := getattr(self, name)) is not None}
 
     @property
+    def coupling_torque(self) -> Floats | None:
+        """Torque of the converter's fluid on the plate beside friction, (n,), N m; None where there is none."""
+        coupling = 0.0 if self.system is None else self.system.converter.coupling
+        return coupling * self.slip_speed if coupling else None
+
+    @property
     def far_end(self) -> FarEnd:
         """Sampled motion of the shaft's far end; its speed is held between samples."""
         return far_end_of(self.output_angle, self.output_speed)
@@ -296,7 +302,7 @@ class Trajectory(Result):
         return self
 
 
-UNITS = units_of(Trajectory)
+UNITS = {**units_of(Trajectory), "coupling_torque": "N m"}
 """Columns of a trajectory, with their units."""
 
 

@@ -26,8 +26,10 @@ def coefficient_and_slope(v, pairs, sigma):
     return ratio * step, slope
 
 
-def equations(system):
-    """(1) to (7): the derivatives of (v, theta2, theta2', theta1) at a time, and their Jacobian."""
+def equations(system, drag=0.0):
+    """(1) to (7): the derivatives of (v, theta2, theta2', theta1) at a time, and their Jacobian; `drag` is a damper of
+    the flywheel, N m s/rad.
+    """
     e, pr, f, d = system.engine, system.pressure, system.friction, system.driveline
     i1, i2, damping, stiffness, sigma, omega = (d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness,
                                                 f.smoothing, e.frequency)
@@ -36,7 +38,7 @@ def equations(system):
     mean, amplitude, fast, shift = area * pr.mean, area * pr.amplitude, pr.frequency_ratio * omega, pr.phase
     sines = [(e.torque_amplitude, omega, 0.0), *((a, n * omega, phase) for n, (a, phase) in enumerate(
         zip(e.harmonic_amplitudes, e.harmonic_phases), 2))]
-    constant, exp, tanh, sin = e.mean_torque, math.exp, math.tanh, math.sin
+    constant, exp, tanh, sin, fluid = e.mean_torque, math.exp, math.tanh, math.sin, system.converter.coupling
 
     def load(t):
         return max(mean + amplitude * sin(fast * t + shift), 0.0)
@@ -47,21 +49,22 @@ def equations(system):
             te += a * sin(w * t + phase)
         for c, rate in pairs:
             law += c * exp(-rate * abs(v))
-        tf = law * tanh(sigma * v) * load(t)
+        tf = law * tanh(sigma * v) * load(t) + fluid * v
         plate = (tf - damping * speed - stiffness * angle) / i2
-        return [(te - tf) / i1 - plate, speed, plate, v + speed]
+        return [(te - tf - drag * (v + speed)) / i1 - plate, speed, plate, v + speed]
 
     def jacobian(t, y):
-        g = coefficient_and_slope(y[0], pairs, sigma)[1] * load(t)
-        return [[-g / i1 - g / i2, stiffness / i2, damping / i2, 0.0], [0.0, 0.0, 1.0, 0.0],
+        g = coefficient_and_slope(y[0], pairs, sigma)[1] * load(t) + fluid
+        slow = drag / i1
+        return [[-g / i1 - g / i2 - slow, stiffness / i2, damping / i2 - slow, 0.0], [0.0, 0.0, 1.0, 0.0],
                 [g / i2, -stiffness / i2, -damping / i2, 0.0], [1.0, 0.0, 1.0, 0.0]]
 
     return rates, jacobian
 
 
-def smoothed_states(system, state, cycles, per_cycle, rtol=1e-12):
+def smoothed_states(system, state, cycles, per_cycle, rtol=1e-12, drag=0.0):
     """States at `per_cycle` samples a cycle, (n, 4), restarted at every cycle."""
-    rates, jacobian = equations(system)
+    rates, jacobian = equations(system, drag)
     rows = [np.array(state, dtype=float)[None]]
     for n in range(cycles):
         t = (n + np.arange(per_cycle + 1) / per_cycle) * system.cycle

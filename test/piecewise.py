@@ -11,8 +11,8 @@ from scipy.integrate import solve_ivp
 
 
 class Piecewise:
-    def __init__(self, system, rtol=1e-12, atol=1e-13):
-        self.s, self.rtol, self.atol = system, rtol, atol
+    def __init__(self, system, rtol=1e-12, atol=1e-13, drag=0.0):
+        self.s, self.rtol, self.atol, self.drag = system, rtol, atol, drag
         d, e, p = system.driveline, system.engine, system.pressure
         self.i1, self.i2, self.c, self.k = d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness
         self.kinetic, self.pairs = sliding_of(system.friction)
@@ -20,7 +20,7 @@ class Piecewise:
         self.sines = [(e.torque_amplitude, e.frequency, 0.0), *((a, n * e.frequency, phase) for n, (a, phase) in
                                                                 enumerate(zip(e.harmonic_amplitudes,
                                                                               e.harmonic_phases), 2))]
-        self.mean = e.mean_torque
+        self.mean, self.fluid = e.mean_torque, system.converter.coupling
         self.pressure = (system.torque_per_pressure * p.mean, system.torque_per_pressure * p.amplitude,
                          p.frequency_ratio * e.frequency, p.phase)
 
@@ -35,11 +35,12 @@ class Piecewise:
         return mean + amplitude * math.sin(fast * t + phase)
 
     def need(self, t, y):
-        return (self.i2 * self.engine(t) + self.i1 * (self.c * y[2] + self.k * y[1])) / (self.i1 + self.i2)
+        spring, engine = self.c * y[2] + self.k * y[1], self.engine(t) - self.drag * y[2]
+        return (self.i2 * engine + self.i1 * spring) / (self.i1 + self.i2)
 
     def rates(self, t, y, mode):
         v, angle, speed = float(y[0]), float(y[1]), float(y[2])
-        spring, engine = self.c * speed + self.k * angle, self.engine(t)
+        spring, engine = self.c * speed + self.k * angle, self.engine(t) - self.drag * (v + speed)
         if mode == 0:
             plate = (engine - spring) / (self.i1 + self.i2)
             return [0.0, speed, plate, v + speed]
@@ -49,6 +50,7 @@ class Piecewise:
             for c, a in self.pairs:
                 law += c * math.exp(-a * max(mode * v, 0.0))
             torque = mode * self.load(t) * law
+        torque += self.fluid * v
         plate = (torque - spring) / self.i2
         return [(engine - torque) / self.i1 - plate, speed, plate, v + speed]
 

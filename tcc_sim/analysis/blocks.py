@@ -31,9 +31,10 @@ def known_of(runs: Sequence[Cycles], seconds: Sequence[float]) -> list[Known | N
     found = _periodicities(section / _sizes_of(section, high, low)[:, None], DEFAULTS.tolerance)
     highest, lowest, stuck = high.max(axis=1).tolist(), low.min(axis=1).tolist(), stick.sum(axis=1).tolist()
     energy, breakaways = loads[:, 0].sum(axis=1).tolist(), loads[:, 4].sum(axis=1).tolist()
+    heat = loads[:, 5].sum(axis=1).tolist()
     rest = loads[:, 1].max(axis=1).tolist(), loads[:, 2].max(axis=1).tolist(), loads[:, 3].min(axis=1).tolist()
     return [Known(grows, own, sums_from(top, bottom, stuck_in, lasts, sums)) for grows, own, top, bottom, stuck_in,
-            lasts, sums in zip(away, found, highest, lowest, stuck, seconds, zip(energy, *rest, breakaways))]
+            lasts, sums in zip(away, found, highest, lowest, stuck, seconds, zip(energy, *rest, breakaways, heat))]
 
 
 def _slips_at_the_end(high: Floats, low: Floats, stick: Floats) -> list[bool]:

@@ -29,7 +29,7 @@ GAUSS, WEIGHTS = (0.5 * x for x in np.polynomial.legendre.leggauss(4))
 class Damping(Described):
     """Averages of dT/dv = Ts(t) d(mubar)/dv over whole engine cycles.
 
-    threshold : -C23, N m s/rad; by (23) the motion is unstable if Cf is below it
+    threshold : -C23 - b, N m s/rad; by (23) the motion is unstable if Cf, of friction alone, is below it
     """
 
     weighted: float = field(metadata=reported(
@@ -39,6 +39,11 @@ class Damping(Described):
         "time mean of the negative part of dT/dv, the reading of Fig. 5 that has the printed order",
         "N m s/rad", name="negative_slope_mean", scatters=True))
     threshold: float
+
+
+def threshold_of(system: System) -> float:
+    """Return -C23 - b, the threshold of (23) for the slope of friction, N m s/rad: the coupling adds b to dT/dv."""
+    return -system.driveline.damping - system.converter.coupling
 
 
 def damping_of_cycles(system: System, cycles: Cycles, first: int, period: int) -> Damping:
@@ -62,11 +67,11 @@ def damping_of_cycles(system: System, cycles: Cycles, first: int, period: int) -
         if not math.isfinite(cycles.highest[n]):
             continue
         if not _integrated(system, cycles.section[n], first + n, integrals):
-            return Damping(math.nan, math.nan, -system.driveline.damping)
+            return Damping(math.nan, math.nan, threshold_of(system))
         time += system.cycle
     weighted, energy, negative = integrals.tolist()
     return Damping(weighted / energy if energy > 0.0 else math.nan, negative / time if time > 0.0 else math.nan,
-                   -system.driveline.damping)
+                   threshold_of(system))
 
 
 def _integrated(system: System, section: Floats, number: int, integrals: Floats) -> bool:

@@ -182,6 +182,9 @@ class Summary(Result):
         "smallest torque in the shaft", "N m", scatters=True))
     breakaways: int | None = field(default=None, metadata=reported(
         "number of changes from stick to slip", scatters=True))
+    coupling_energy: float = field(default=math.nan, metadata=reported(
+        "heat of the converter's fluid, integral of b v^2; 0 without converter.coupling, null if it was not computed",
+        "J", scatters=True))
 
     def _text(self) -> str:
         period = f"period {self.period}, {'settled' if self.settled else 'settling'}" if self.period else "no period"
@@ -311,16 +314,17 @@ def sums_of(cycles: Cycles, seconds: float) -> dict[str, Any]:
     part: Any = slice(None) if seen.all() else seen
     loads = None
     if cycles.loads is not None:
-        energy, power, high, low, breakaways, _ = (column[part] for column in cycles.loads.columns())
-        loads = float(energy.sum()), float(power.max()), float(high.max()), float(low.min()), float(breakaways.sum())
+        energy, power, high, low, breakaways, fluid = (column[part] for column in cycles.loads.columns())
+        loads = (float(energy.sum()), float(power.max()), float(high.max()), float(low.min()), float(breakaways.sum()),
+                 float(fluid.sum()))
     return sums_from(float(cycles.highest[part].max()), float(cycles.lowest[part].min()),
                      float(cycles.stick_time[part].sum()), seconds, loads)
 
 
 def sums_from(highest: float, lowest: float, stick_time: float, seconds: float,
-              loads: tuple[float, float, float, float, float] | None) -> dict[str, Any]:
+              loads: tuple[float, float, float, float, float, float] | None) -> dict[str, Any]:
     """Return them from the extremes of the slip speed, the time in stick and, of the loads, clutch energy, peak power,
-    largest and smallest shaft torque, and breakaways, NaN if they were not counted.
+    largest and smallest shaft torque, breakaways, NaN if they were not counted, and the fluid's heat.
     """
     fraction = min(max(stick_time / seconds, 0.0), 1.0) if seconds > 0.0 else 0.0
     fraction = float(round(fraction)) if min(fraction, 1.0 - fraction) < DEFAULTS.rounding else fraction
@@ -328,10 +332,10 @@ def sums_from(highest: float, lowest: float, stick_time: float, seconds: float,
                              "stick_fraction": fraction, "regime": regime_of(fraction)}
     if loads is None:
         return found
-    energy, power, high, low, breakaways = loads
+    energy, power, high, low, breakaways, fluid = loads
     return {**found, "clutch_energy": energy, "mean_power": energy / seconds if seconds > 0.0 else math.nan,
             "peak_power": power, "max_shaft_torque": high, "min_shaft_torque": low,
-            "breakaways": int(breakaways) if math.isfinite(breakaways) else None}
+            "breakaways": int(breakaways) if math.isfinite(breakaways) else None, "coupling_energy": fluid}
 
 
 def runs_away(cycles: Cycles, varied: int = 0) -> bool:

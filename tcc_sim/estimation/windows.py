@@ -37,7 +37,8 @@ from tcc_sim.trajectory import Floats
 OFFSETS = {f"{name}.offset": name for name in INPUTS}
 """Free parameters besides scene keys: the offset of an input's sensor, N m or Pa."""
 FREE = ("friction.static_coefficient", "friction.kinetic_coefficient", "friction.decay", "friction.smoothing",
-        "driveline.damping", "driveline.stiffness", "driveline.flywheel_inertia", "driveline.plate_inertia", *OFFSETS)
+        "driveline.damping", "driveline.stiffness", "driveline.flywheel_inertia", "driveline.plate_inertia",
+        "converter.coupling", *OFFSETS)
 """Keys that can be identified, besides friction.curve."""
 LINEAR = {*OFFSETS, *SHARES}
 """Free parameters of either sign, whose logarithms a fit does not use."""

@@ -26,7 +26,7 @@ from tcc_sim.fmu.description import (
 )
 from tcc_sim.fmu.printer import Library
 from tcc_sim.model import actuator, friction
-from tcc_sim.model.equations import COEFFICIENTS
+from tcc_sim.model.equations import COEFFICIENTS, OPTIONAL
 from tcc_sim.model.parts import check_known
 from tcc_sim.output.files import draft
 from tcc_sim.scene import Scene
@@ -152,9 +152,12 @@ def _kernel(scene: Scene) -> str:
 
 
 def _linear_part() -> str:
-    """Return the C function that makes the linear part from the values, printed from `model.equations.COEFFICIENTS`."""
+    """Return C functions printed from `model.equations.COEFFICIENTS`: the linear part of the values, and flags of its
+    coefficients that are not absent.
+    """
     lines = "\n".join(f"    linear->{name} += {share!r} * x[at_{key.replace('.', '_')}];"
                       for key, shares in COEFFICIENTS.items() for name, share in shares.items())
+    flags = " | ".join(f"(linear->{name} != 0.0) << {place}" for place, name in enumerate(OPTIONAL))
     return f"""
 /* The linear part of the equations of motion. */
 static void tcc_linear_of(const double *x, Linear *linear)
@@ -162,4 +165,6 @@ static void tcc_linear_of(const double *x, Linear *linear)
     memset(linear, 0, sizeof *linear);
 {lines}
 }}
+
+static int tcc_linear_flags(const Linear *linear) {{ return {flags}; }}
 """

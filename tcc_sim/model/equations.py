@@ -44,6 +44,7 @@ COEFFICIENTS: dict[str, dict[str, float]] = {
     "driveline.plate_inertia": {"plate": 1.0},
     "driveline.damping": {"damping": 1.0},
     "driveline.stiffness": {"stiffness": 1.0},
+    "converter.coupling": {"flywheel_by_slip": 1.0, "plate_by_slip": -1.0},
 }
 """The linear part by scene keys: each coefficient is the sum of these keys times these shares.
 

@@ -41,6 +41,14 @@ class Driveline(Group):
 
 
 @dataclass(frozen=True)
+class Converter(Group):
+    """Torque converter in parallel with the clutch: the torque that its fluid carries near the coupling point."""
+
+    coupling: float = quantity(0.0, "torque of the converter's fluid per slip speed, beside the clutch", "N m s/rad",
+                               0.0, 1e3, live=True, label="fluid coupling $b$")
+
+
+@dataclass(frozen=True)
 class Friction(Group):
     """Friction law: (6) set-valued, (7) smoothed."""
 

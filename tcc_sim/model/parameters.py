@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 from tcc_sim.errors import InputError
 from tcc_sim.model.crank_speed import DERIVED, refuse_rpm, with_frequency
 from tcc_sim.model.elements import with_whole_lists
-from tcc_sim.model.groups import TABULATED, Clutch, Driveline, Engine, Friction, Initial, Pressure
+from tcc_sim.model.groups import TABULATED, Clutch, Converter, Driveline, Engine, Friction, Initial, Pressure
 from tcc_sim.model.quantity import PROFILES, Group, Quantity, Value, number_in
 from tcc_sim.result import KEY_UNITS
 
@@ -39,6 +39,7 @@ class System:
     """
 
     driveline: Driveline = Driveline()
+    converter: Converter = Converter()
     friction: Friction = Friction()
     clutch: Clutch = Clutch()
     engine: Engine = Engine()
@@ -155,8 +156,8 @@ class System:
         return 2.0 * math.pi / max(self.engine.frequency_values or (self.engine.frequency,))
 
 
-GROUPS: dict[str, type[Group]] = {"driveline": Driveline, "friction": Friction, "clutch": Clutch, "engine": Engine,
-                                  "pressure": Pressure, "initial": Initial}
+GROUPS: dict[str, type[Group]] = {"driveline": Driveline, "converter": Converter, "friction": Friction,
+                                  "clutch": Clutch, "engine": Engine, "pressure": Pressure, "initial": Initial}
 
 QUANTITIES: dict[str, Quantity] = {
     f"{name}.{item.name}": item.metadata["quantity"] for name,

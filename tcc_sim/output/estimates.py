@@ -75,7 +75,8 @@ class Estimates:
     why: str = field(metadata=reported("reason for it, a sentence"))
     critical_slope: float | None = field(metadata=reported(
         "slope of the friction torque over slip speed below which the oscillation at constant slip is no longer "
-        "damped: where the pair of roots of (22) crosses, near -C23 of (23); null where it never does", "N m s/rad"))
+        "damped: where the pair of roots of (22) crosses, near -C23 of (23), less converter.coupling; null where it "
+        "never does", "N m s/rad"))
     steepest_slope: float = field(metadata=reported(
         "steepest fall of the friction torque of this scene at its mean pressure, over the range of a friction table",
         "N m s/rad"))
@@ -145,10 +146,11 @@ def _torques(system: System) -> tuple[Torque, Torque]:
 
 
 def critical_slope(system: System) -> float | None:
-    """Return the slope s, N m s/rad, below which the oscillation at constant slip grows; None where it never does.
+    """Return the slope s - b, N m s/rad, below which the oscillation at constant slip grows; None where it never does.
 
-    There I1 I2 x^3 + [I1 (C + s) + I2 s] x^2 + [I1 K + s C] x + s K of (22) has a pair of imaginary roots: s is the
-    root next to 0 of [I1 C + (I1 + I2) s] [I1 K + C s] = I1 I2 K s, which a strongly damped driveline does not have.
+    s is the slope of the whole torque between the inertias, of which the converter's fluid has b. There
+    I1 I2 x^3 + [I1 (C + s) + I2 s] x^2 + [I1 K + s C] x + s K of (22) has a pair of imaginary roots: s is the root next
+    to 0 of [I1 C + (I1 + I2) s] [I1 K + C s] = I1 I2 K s, which a strongly damped driveline does not have.
     """
     d = system.driveline
     i1, i2, c, k = d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness
@@ -157,7 +159,8 @@ def critical_slope(system: System) -> float | None:
     if root < 0.0:
         return None
     slope = -2.0 * constant / (linear + math.sqrt(root))  # Form of the root without cancellation.
-    return slope if i1 * k + slope * c > 0.0 else None  # For a value below 0 the two roots are real, of opposite signs.
+    # For a value below 0 the two roots are real, of opposite signs.
+    return slope - system.converter.coupling if i1 * k + slope * c > 0.0 else None
 
 
 def _expected(system: System, engine: Torque, static: Torque, kinetic: Torque, fast: Torque,
@@ -170,6 +173,8 @@ def _expected(system: System, engine: Torque, static: Torque, kinetic: Torque, f
         return "stick", "the clutch carries every peak of the torque, so pure stick is possible"
     mean = abs(engine.mean)
     if mean > kinetic.mean:
+        if system.converter.coupling > 0.0:
+            return "slip", "the converter's fluid carries what the sliding clutch does not"
         if system.friction.curve is not None and mean <= fast.mean:
             return "slip", (f"the mean engine torque exceeds the torque of the clutch at every slip speed of the "
                             f"friction table, so slip grows beyond its {speed(system.friction.curve.fastest)}")

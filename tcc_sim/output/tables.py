@@ -161,6 +161,8 @@ def summary_rows(summary: Summary, advice: str) -> list[tuple[str, str]]:
                  + (f"; {counted(summary.breakaways, 'breakaway')}" if summary.breakaways is not None else
                     "; breakaways were not counted")),
                 ("shaft torque", f"{summary.min_shaft_torque:.6g} to {summary.max_shaft_torque:.6g} N m")]
+        if summary.coupling_energy > 0.0:
+            out.append(("converter's fluid", f"{summary.coupling_energy:.6g} J turned into heat"))
     else:
         out.append(("clutch, shaft torque", f"none: solver {summary.solver} did not compute them"))
     dropped = f"the first {summary.discarded}" if summary.discarded else "none"

@@ -236,6 +236,7 @@ def held_and_left_out(terms: Terms) -> tuple[list[str], list[str]]:
         "Stribeck exponential": terms.stribeck is not None,
         "pressure clamp": terms.pulsation is not None and terms.pulsation[0] > least_mean_load(terms),
         "profiles in time": terms.profile is not None,
+        "fluid coupling": terms.linear.plate_by_slip is not None,
     }
     return [n for n, on in present.items() if on], [n for n, on in present.items() if not on]
 

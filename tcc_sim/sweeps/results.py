@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.damping import Damping
+from tcc_sim.analysis.damping import Damping, threshold_of
 from tcc_sim.analysis.manoeuvre import JudderFigures, OrdersAtSpeeds
 from tcc_sim.analysis.multipliers import Lyapunov
 from tcc_sim.analysis.summary import Summary
@@ -93,7 +93,7 @@ class Point:
         if "equivalent_damping" in record:
             weighted, negative = (math.nan if record[name] is None else float(record[name])
                                   for name in names_in(Damping))
-            damping = Damping(weighted, negative, -system.driveline.damping)
+            damping = Damping(weighted, negative, threshold_of(system))
         if "lyapunov" in record:
             values: dict[str, Any] = {k: math.nan if v is None else v for k, v in record["lyapunov"].items()}
             lyapunov = Lyapunov(**values)

@@ -41,8 +41,10 @@ OTHERS: dict[str, tuple[str, dict[str, object]]] = {
         "engine.harmonic_amplitudes": [40.0, 0.0, 10.0], "engine.harmonic_phases": [0.4, 0.0, -1.0],
         "engine.harmonic_amplitudes_times": [0.0, 0.5],
         "engine.harmonic_amplitudes_values": [40.0, 0.0, 10.0, 5.0, 0.0, 60.0]}),
+    "coupled": ("fig02", {"converter.coupling": 1.5}),
     "one_input": ("controlled", {"pressure.fallback": "harmonic", "pressure.amplitude": 2e4})}
-STARTS = {"friction.smoothing": 1e6, "friction.kinetic_coefficient": 0.3}, {"friction.kinetic_coefficient": 0.4}, {
+STARTS = {"friction.smoothing": 1e6, "friction.kinetic_coefficient": 0.3}, {"friction.kinetic_coefficient": 0.4,
+                                                                        "converter.coupling": 2.0}, {
     "pressure.mean": 1e5, "pressure.amplitude": 2e5, "pressure.frequency_ratio": 0.7}
 """Values that are set before the run: a sharp and a rising law, and a pressure that would be negative."""
 
@@ -57,6 +59,7 @@ def drawn(draw: np.random.Generator, scene: Scene) -> dict[str, object]:
     live = [key for key, quantity in QUANTITIES.items()
             if quantity.live and key not in kept and f"{key}_times" not in scene.system.varying]
     base = {key: float(scene.value(key)) for key in live}  # type: ignore[arg-type]
+    base["converter.coupling"] = base["converter.coupling"] or 1.0
     changed = {key: base[key] * float(draw.uniform(0.7, 1.3)) for key in draw.choice(live, 3, replace=False)}
     if draw.random() < 0.3:
         changed |= {"engine.torque_amplitude": 0.0, "pressure.amplitude": float(draw.choice([0.0, 4e4]))}

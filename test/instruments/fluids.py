@@ -1,6 +1,8 @@
-"""The picture of fresh and aged fluid: friction over slip speed, and results of a sweep.
+"""Pictures of fluids: fresh and aged, with friction over slip speed and results of a sweep; and the judder of aged
+fluid with the converter's fluid beside the clutch.
 
-`python test/instruments/fluids.py FILE.png` draws it; the clutch is that of scenes fresh_fluid and aged_fluid.
+`python test/instruments/fluids.py FILE.png [coupling]` draws one; the clutch is that of scenes fresh_fluid and
+aged_fluid.
 """
 
 from __future__ import annotations
@@ -39,5 +41,20 @@ def draw_fluids(path: Path, frequencies: np.ndarray = FREQUENCIES) -> Path:
         return style.save(drawn, path)
 
 
+def draw_coupling(path: Path, frequencies: np.ndarray = FREQUENCIES) -> Path:
+    """Draw the judder of aged fluid over engine frequency for three values of converter.coupling."""
+    with style.figure(style.PAGE, 2.4) as drawn:
+        axes = drawn.subplots(1, 3, sharex=True, sharey=True)
+        for axis, coupling in zip(axes, (0.0, 1.0, 3.0)):
+            scene = tcc_sim.load_scene("aged_fluid").with_values({"converter.coupling": coupling})
+            found = tcc_sim.sweep(scene, "engine.frequency", frequencies, cycles=400, discard=200).columns()
+            axis.plot(frequencies, found["breakaways"] / (200.0 * 2.0 * np.pi / frequencies), linestyle="none",
+                      marker=".", color=style.RED)
+            axis.set(xlabel="engine frequency (rad/s)", ylim=(-1.0, None))
+        axes[0].set(ylabel="breakaways a second")
+        style.panel_titles(axes, [f"$b$ = {coupling:g} N m s/rad" for coupling in (0, 1, 3)])
+        return style.save(drawn, path)
+
+
 if __name__ == "__main__":
-    draw_fluids(Path(sys.argv[1]))
+    (draw_coupling if sys.argv[2:] == ["coupling"] else draw_fluids)(Path(sys.argv[1]))

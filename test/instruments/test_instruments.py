@@ -7,7 +7,7 @@ import pytest
 import sweep_speed
 from branch_speed import Compared, Followed, auto, auto_installed, coexistence, constants, model, page_lines, runs_of
 from driveline_bags import bag, ticked
-from fluids import draw_fluids
+from fluids import draw_coupling, draw_fluids
 from oracle import smoothed_states
 from soak import figures_of
 
@@ -97,6 +97,7 @@ def test_every_scene_has_a_row_with_an_error_below_the_bound():
 
 def test_the_picture_is_drawn(tmp_path: Path) -> None:
     assert draw_fluids(tmp_path / "fluids.png", np.array([90.0, 100.0])).stat().st_size > 10_000
+    assert draw_coupling(tmp_path / "coupling.png", np.array([90.0, 100.0])).stat().st_size > 10_000
 
 
 @pytest.mark.parametrize(("name", "sticks"), [("fresh_fluid", False), ("aged_fluid", True)])

@@ -23,7 +23,8 @@ def test_the_minimal_scene_leaves_out_what_it_does_not_have() -> None:
     found = explain(load_scene("minimal"))
     assert found["terms"]["held"] == ["engine torque sine", "smoothing tanh"]
     assert set(found["terms"]["left_out"]) == {"engine torque harmonics 2, 3, ...", "pressure sine",
-                                               "Stribeck exponential", "pressure clamp", "profiles in time"}
+                                               "Stribeck exponential", "pressure clamp", "profiles in time",
+                                               "fluid coupling"}
     kernel = found["kernel"]
     assert (kernel["stribeck"], kernel["pulsation"], kernel["harmonics"]) == ("left out",) * 3
     assert {"rclpy", "mcap", "matplotlib", "rerun"} <= set(found["modules"]["left_out"])

@@ -79,7 +79,8 @@ static void tcc_reset(tcc_plant *p)
 
 static int tcc_flags(const Terms *t)
 {
-    return t->torque.has | t->harmonics.has << 1 | t->pulsation.has << 2 | t->stribeck.has << 3 | t->profile.has << 4;
+    return t->torque.has | t->harmonics.has << 1 | t->pulsation.has << 2 | t->stribeck.has << 3 | t->profile.has << 4
+        | tcc_linear_flags(&t->linear) << 5;
 }
 
 /* A friction table was fitted when this was written: constant and pairs of amplitude over it and rate do not change. */

@@ -1,0 +1,349 @@
+"""The product of parts of the model and those who know them: every cell is right by an independent answer, or refused.
+
+The flywheel's damper, of which no scene key is one, stands for a part that somebody adds: `COEFFICIENTS` makes it of
+driveline.damping here.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cache
+from typing import get_args, get_type_hints
+
+import numpy as np
+import pytest
+from differences import difference
+from oracle import coefficient_and_slope, equations, sliding_of, smoothed_states, tangent_map
+from piecewise import Piecewise
+from scipy.integrate import solve_ivp
+
+from tcc_sim.analysis.damping import damping_of_cycles
+from tcc_sim.errors import InputError
+from tcc_sim.estimation.identify import identify
+from tcc_sim.estimation.linearise import linearise
+from tcc_sim.estimation.measurement import Measurement
+from tcc_sim.fmu.export import fmu_of
+from tcc_sim.model import equations as model
+from tcc_sim.model import parts
+from tcc_sim.model.parameters import System, replace
+from tcc_sim.model.profile import Inputs
+from tcc_sim.model.pure_slip import pure_slip
+from tcc_sim.model.pure_stick import plate_angle, stick_margin
+from tcc_sim.output.estimates import estimates_of
+from tcc_sim.plant.driveline import Plant
+from tcc_sim.scene import load_scene
+from tcc_sim.solvers import SOLVERS, solve
+from tcc_sim.solvers.stroboscopic import sections, stroboscopic_map
+from tcc_sim.solvers.terms import Terms, terms_of
+from tcc_sim.study.basins.compute import basins
+from tcc_sim.study.benchmarks.peers import xppaut_file
+from tcc_sim.study.benchmarks.references import Law
+from tcc_sim.study.continuation.driveline import DrivelineMap
+from tcc_sim.study.exponents import largest_lyapunov_exponent
+from tcc_sim.study.paper.harmonic_balance import harmonic_balance
+from tcc_sim.trajectory import State
+
+DRAG = 1.2
+"""Damper of the flywheel, twice the C23 of BASE, N m s/rad."""
+BASE = replace(System(), {"friction.smoothing": 8.0, "pressure.mean": 225e3, "pressure.amplitude": 45e3,
+                          "engine.mean_torque": 200.0, "engine.torque_amplitude": 350.0, "initial.slip_speed": 5.0,
+                          "initial.plate_angle": 0.1, "initial.plate_speed": -5.0})
+"""Sticks and slips; the smoothing keeps explicit methods affordable."""
+V = [0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 40.0]
+SPEED = np.array([[0.0, 0.0, 100.0], [0.05, 5.0, 0.0]])
+CASES: dict[str, System] = {
+    "harmonics": replace(BASE, {"engine.harmonic_amplitudes": [60.0], "engine.harmonic_phases": [0.4]}),
+    "curve": replace(BASE, {"friction.slip_speeds": V,
+                            "friction.coefficients": [0.24 + 0.06 * np.exp(-v) - 0.02 * np.exp(-0.1 * v) for v in V]}),
+    "profile": replace(BASE, {"engine.mean_torque_times": [0.0, 0.06], "engine.mean_torque_values": [200.0, 320.0]}),
+    "far": dataclasses.replace(BASE, inputs=Inputs(None, None, 0.2, SPEED)),
+    "plate_by_slip": replace(BASE, {"converter.coupling": 2.0}),
+    "flywheel_by_speed": replace(BASE, {"driveline.damping": 0.5 * DRAG}),
+}
+"""A scene with each part besides those that BASE has; `far` brings inputs too."""
+START, CYCLES = (5.0, 0.1, -5.0, 0.1), 2
+
+
+@pytest.fixture(params=CASES)
+def case(request, monkeypatch):
+    """A case; the last one with its coefficients."""
+    if request.param == "flywheel_by_speed":
+        monkeypatch.setitem(model.COEFFICIENTS, "driveline.damping",
+                            {"damping": 1.0, "flywheel_by_slip": 2.0, "flywheel_by_speed": 2.0})
+        monkeypatch.setattr(model, "_BROUGHT", {*model._BROUGHT, "flywheel_by_speed"})
+    return request.param, dataclasses.replace(CASES[request.param])  # A new system: results are kept by identity.
+
+
+def derivative(of, x: np.ndarray, step: float) -> np.ndarray:
+    """The Jacobian at x by differences of fourth order."""
+    return np.stack([difference(lambda h, e=e: of(x + h * e), step) for e in np.eye(len(x))], axis=1)
+
+
+def drag_of(name: str) -> float:
+    return DRAG if name == "flywheel_by_speed" else 0.0
+
+
+@cache
+def truth(name: str, law: str, per_cycle: int = 10) -> np.ndarray:
+    """States by SciPy on separately written equations."""
+    system = CASES[name]
+    if law == "set_valued":
+        times = np.arange(CYCLES * per_cycle + 1) * system.cycle / per_cycle
+        return Piecewise(system, drag=drag_of(name)).run(CYCLES * system.cycle, times, slices=400)[0]
+    if name not in ("profile", "far"):
+        return smoothed_states(system, START, CYCLES, per_cycle, drag=drag_of(name))
+    rates, _ = equations(system)
+    d, fixed = system.driveline, system.engine.mean_torque
+
+    def right(t, y):
+        """The torque of the profile less the constant one; the far end's speed and angle."""
+        out = np.array(rates(t, y[:4]))
+        more = np.interp(t, [0.0, 0.06], [200.0, 320.0]) - fixed if name == "profile" else 0.0
+        speed = min(100.0 * t, 5.0) if name == "far" else 0.0
+        pull = (d.damping * speed + d.stiffness * y[4]) / d.plate_inertia
+        return [out[0] + more / d.flywheel_inertia - pull, out[1], out[2] + pull, out[3], speed]
+
+    times = np.arange(CYCLES * per_cycle + 1) * system.cycle / per_cycle
+    return solve_ivp(right, (0.0, times[-1]), [*START, 0.0], "LSODA", times, rtol=1e-10, atol=1e-10,
+                     max_step=1e-3).y[:4].T
+
+
+def states(run) -> np.ndarray:
+    return np.stack([run.slip_speed, run.plate_angle, run.plate_speed], axis=1)
+
+
+def test_every_field_is_a_part_and_every_part_is_named() -> None:
+    """A field that is added to Terms or Linear has to be a part, so that somebody knows it or it is refused."""
+    optional = {name for name, kind in get_type_hints(Terms).items() if type(None) in get_args(kind)}
+    named = set().union(*parts.KNOWN.values())
+    assert {*optional, *model.OPTIONAL} - {"smoothing"} <= named
+    assert named <= {*optional, *model.OPTIONAL, *parts.LAWS, "inputs", "curve"}
+
+
+def test_parts_are_those_of_the_terms(case) -> None:
+    _, system = case
+    terms, found = terms_of(system), parts.parts_in(system)
+    for name, value in (*terms._asdict().items(), *((n, getattr(terms.linear, n)) for n in model.OPTIONAL)):
+        if name not in ("linear", "mean_torque", "mean_load", "smoothing"):
+            assert (value is not None) == (name in found), name
+    assert terms.smoothing is not None
+    assert "smoothed" in found
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_solvers(case, solver) -> None:
+    name, system = case
+    law = "smoothed" if "smoothed" in SOLVERS[solver].laws else "set_valued"
+    system = dataclasses.replace(system, friction=replace(system, {"friction.law": law}).friction)
+    if not SOLVERS[solver].solves(system):
+        with pytest.raises(InputError, match=f"solver {solver} does not solve .*; those that do are"):
+            solve(system, cycles=1, solver=solver)
+        return
+    options = {"step": 2e-6 if solver == "rk4" else 2e-5} if SOLVERS[solver].setting == "step" else {"rtol": 1e-8}
+    found = states(solve(system, cycles=CYCLES, samples_per_cycle=10, solver=solver, **options).raise_for_status())
+    exact = truth(name, law)[:, :3]
+    tolerance = 1e-5 if solver == "fixed_step" else 2e-6
+    assert (np.abs(found - exact).max(axis=0) <= tolerance * np.abs(exact).max(axis=0)).all()
+
+
+def test_section_maps_and_their_derivatives(case) -> None:
+    name, system = case
+    point = np.array(START[:3])
+    if parts.missing("section map", system):
+        for work in (lambda: stroboscopic_map(system, point, 1), lambda: sections(system, point[None], 0, 1, 1e-8)):
+            with pytest.raises(InputError, match="a map of the section"):
+                work()
+        return
+    exact = truth(name, "smoothed")
+    found = stroboscopic_map(system, point, CYCLES)
+    np.testing.assert_allclose(found.state, exact[-1, :3], rtol=1e-6, atol=1e-7)
+    np.testing.assert_allclose(sections(system, point[None], 0, CYCLES, 1e-10)[0, -1], exact[-1, :3], rtol=1e-6,
+                               atol=1e-7)
+    if not drag_of(name):
+        _, derivatives = tangent_map(system, point, 0, CYCLES)
+    else:
+        derivatives = derivative(lambda x: smoothed_states(system, (*x, 0.0), CYCLES, 1, drag=DRAG)[-1, :3], point,
+                                 1e-3)
+    np.testing.assert_allclose(found.derivative, derivatives, rtol=1e-4, atol=1e-5 * np.abs(derivatives).max())
+
+
+@pytest.mark.parametrize("law", ["smoothed", "set_valued"])
+@pytest.mark.parametrize("coupling", [0.0, 2.0])
+def test_derivatives_by_the_coupling(law, coupling) -> None:
+    """Also where there is none, whose kernel has the term at 0."""
+    system = replace(BASE, {"converter.coupling": coupling, "friction.law": law, "initial.slip_speed": 40.0})
+    state = np.array([40.0, 0.1, -5.0])
+    found = stroboscopic_map(system, state, 1, parameters=["converter.coupling"]).by_parameter[:, 0]
+    base = max(coupling, 0.1)
+
+    def after(b):
+        moved = replace(system, {"converter.coupling": float(b[0])})
+        if law == "smoothed":
+            return smoothed_states(moved, (*state, 0.1), 1, 1)[-1, :3]
+        start = replace(moved, {"initial.plate_angle": 0.1, "initial.plate_speed": -5.0})
+        return Piecewise(start).run(start.cycle, np.array([start.cycle]), slices=400)[0][-1, :3]
+
+    if coupling:
+        expected = derivative(after, np.array([base]), 1e-3)[:, 0]
+    else:  # On the side that is allowed, of second order.
+        zero, one, two = (after([h]) for h in (0.0, 1e-3, 2e-3))
+        expected = (4.0 * one - 3.0 * zero - two) / 2e-3
+    np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-4 * np.abs(expected).max())
+
+
+def test_equivalent_damping() -> None:
+    """(21) over the motion with the coupling, of friction's slope alone; its threshold has the coupling."""
+    system = CASES["plate_by_slip"]
+    run = solve(system, cycles=1, rtol=1e-9)
+    found = damping_of_cycles(system, run.cycles, 0, 1)
+    dense = smoothed_states(system, START, 1, 20000)
+    t = np.linspace(0.0, system.cycle, 20001)
+    load = system.saturation_mean + system.saturation_amplitude * np.sin(system.engine.frequency * t)
+    pairs = sliding_of(system.friction)[1]
+    slope = load * [coefficient_and_slope(v, pairs, system.friction.smoothing)[1] for v in dense[:, 0]]
+    square = dense[:, 0] ** 2
+    assert found.weighted == pytest.approx(np.trapezoid(slope * square, t) / np.trapezoid(square, t), rel=1e-3)
+    assert found.threshold == -0.6 - 2.0
+
+
+def test_loads_keep_friction_and_the_fluid_apart() -> None:
+    system = CASES["plate_by_slip"]
+    t = np.linspace(0.0, system.cycle, 40001)
+    dense = smoothed_states(system, START, 1, 40000)
+    v = dense[:, 0]
+    pairs, sigma = sliding_of(system.friction)[1], system.friction.smoothing
+    load = system.saturation_mean + system.saturation_amplitude * np.sin(system.engine.frequency * t)
+    friction = load * [coefficient_and_slope(x, pairs, sigma)[0] for x in v]
+    for solver, tight in (("smoothed", 1e-6), ("fixed_step", 1e-4), ("rk45", 1e-4)):
+        run = solve(system, cycles=1, samples_per_cycle=40, solver=solver, loads_from=0,
+                    **({"step": 2e-5} if solver == "fixed_step" else {"rtol": 1e-9}))
+        loads = run.cycles.loads
+        assert loads.energy[0] == pytest.approx(np.trapezoid(friction * v, t), rel=tight)
+        assert loads.coupling_energy[0] == pytest.approx(np.trapezoid(2.0 * v * v, t), rel=tight)
+        np.testing.assert_allclose(run.friction_torque, friction[::1000], atol=1e-2)
+        assert run.coupling_torque == pytest.approx(2.0 * run.slip_speed)
+        assert "coupling_torque" in run.columns()
+    assert "coupling_torque" not in solve(BASE, cycles=1).columns()
+
+
+def test_pure_slip_in_closed_form_and_pure_stick_untouched() -> None:
+    values = {"friction.kinetic_coefficient": 0.3, "engine.mean_torque": 800.0, "engine.torque_amplitude": 200.0,
+              "converter.coupling": 2.0, "initial.slip_speed": 90.0, "driveline.damping": 3.0}
+    system = replace(BASE, values)
+    form = pure_slip(system)
+    assert form.least_slip_speed > 0.0
+    assert form.a1 == 0.0
+    t = np.arange(21) / 10 * system.cycle
+    exact = Piecewise(system).run(t[-1], t)[0]
+    for got, column in ((form.slip_speed, 0), (form.plate_angle, 1), (form.plate_speed, 2)):
+        np.testing.assert_allclose(got(t), exact[:, column], atol=1e-8 * np.abs(exact[:, column]).max())
+    assert form.a0 == pytest.approx((800.0 - system.saturation_mean) / 2.0)
+    assert estimates_of(system).expected == "slip"
+    assert stick_margin(CASES["plate_by_slip"]) == stick_margin(BASE)
+    assert np.array_equal(plate_angle(CASES["plate_by_slip"]).amplitude, plate_angle(BASE).amplitude)
+
+
+def test_the_critical_slope_is_where_a_pair_of_roots_crosses() -> None:
+    for coupling in (0.0, 1.0, 3.0):
+        system = replace(BASE, {"converter.coupling": coupling})
+        slope = estimates_of(system).critical_slope
+        i1, i2, c, k = 0.2, 0.02, 0.6, 3000.0
+        whole = slope + coupling
+        roots = np.roots([i1 * i2, i1 * (c + whole) + i2 * whole, i1 * k + whole * c, whole * k])
+        pair = roots[np.abs(roots.imag) > 1.0]
+        assert np.abs(pair.real).max() < 1e-9 * np.abs(pair).max()
+
+
+def test_linear_models() -> None:
+    """About a constant motion by differences of separately written equations; about a periodic one by a simulation."""
+    still = replace(CASES["plate_by_slip"], {"engine.torque_amplitude": 0.0, "pressure.amplitude": 0.0,
+                                             "engine.mean_torque": 600.0})
+    found = linearise(still, frequencies=np.array([10.0, 300.0]), slip=30.0)
+    held = replace(still, {"pressure.mean": found.pressure})
+    rates, _ = equations(held)
+    twist = 600.0 / 3000.0
+    assert np.abs(rates(0.0, [30.0, twist, 0.0, 0.0])).max() == pytest.approx(30.0, rel=1e-9)  # theta1' alone.
+    expected = derivative(lambda x: np.array(rates(0.0, [*x, 0.0]))[:3], np.array([30.0, twist, 0.0]), 1e-3)
+    np.testing.assert_allclose(found.a, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
+    runs = linearise(replace(still, {"pressure.mean": 1e5}), frequencies=np.array([10.0]))
+    load = 0.24 * 0.008 * 1e5
+    assert runs.mean_slip == pytest.approx((600.0 - load) / 2.0, rel=1e-9)  # The fluid carries the rest.
+    slipping = replace(BASE, {"converter.coupling": 2.0, "engine.mean_torque": 700.0, "engine.torque_amplitude": 100.0})
+    found = linearise(slipping, output="friction_torque", frequencies=np.array([150.0]), check=1)
+    assert abs(found.response[0]) == pytest.approx(found.checked[0].gain, rel=0.02)
+
+
+def test_identification_finds_the_coupling() -> None:
+    system = replace(BASE, {"converter.coupling": 2.0})
+    step, count = 1e-3, 300
+    rates, jacobian = equations(system)
+    t = np.arange(count + 1) * step
+    exact = solve_ivp(rates, (0.0, t[-1]), START, "LSODA", t, jac=jacobian, rtol=1e-10, atol=1e-10, max_step=1e-3).y
+    noise = {"slip_speed": 0.05, "plate_speed": 0.05}
+    rng = np.random.default_rng(3)
+    measured = Measurement(t, {"slip_speed": exact[0] + 0.05 * rng.standard_normal(count + 1),
+                               "plate_speed": exact[2] + 0.05 * rng.standard_normal(count + 1)})
+    scene = load_scene("fig02").with_values({key: BASE.value(key) for key in (
+        "friction.smoothing", "pressure.mean", "pressure.amplitude", "engine.mean_torque", "engine.torque_amplitude")})
+    found = identify(measured, {"converter.coupling": 1.5}, scene=scene, noise=noise)
+    part, = found.parameters
+    assert found.accepted, found
+    assert abs(part.value - 2.0) < 4.0 * part.standard_error < 0.4
+
+
+def test_the_node_follows_a_change_while_running() -> None:
+    scene = load_scene("fig02").with_values({"pacing": "lockstep", "friction.smoothing": 8.0, "rate": 20000.0})
+    plant, before = Plant(scene), 400
+    rows = [plant.advance() for _ in range(before)]
+    plant.use(scene.with_values({"converter.coupling": 3.0}))
+    rows += [plant.advance() for _ in range(400)]
+    systems = scene.system, scene.with_values({"converter.coupling": 3.0}).system
+    y, t = np.array([150.0, 0.0, 0.0, 0.0]), 0.0
+    for system, end in zip(systems, (before / 20000.0, 2 * before / 20000.0)):
+        rates, jacobian = equations(system)
+        y, t = solve_ivp(rates, (t, end), y, "LSODA", jac=jacobian, rtol=1e-10, atol=1e-10, max_step=1e-3).y[:, -1], end
+    assert rows[-1].slip_speed == pytest.approx(y[0], rel=1e-5)
+    assert rows[-1].plate_angle == pytest.approx(y[1], rel=1e-5)
+
+
+SCENE = load_scene("fig02")
+ASKED = {
+    "section map": [lambda s: stroboscopic_map(s, np.zeros(3), 1), lambda s: sections(s, np.zeros((1, 3)), 0, 1, 1e-8),
+                    lambda s: DrivelineMap(s, ("engine.frequency",)).evaluate(np.zeros(3), np.array([150.0]), 0.0, 1.0),
+                    lambda s: largest_lyapunov_exponent(s, State(1.0, 0.0, 0.0, 0.0), cycles=40),
+                    lambda s: basins(s, [("initial.slip_speed", [0.0, 1.0]), ("initial.plate_angle", [0.0, 0.1])]),
+                    lambda s: damping_of_cycles(s, solve(BASE, cycles=1).cycles, 0, 1), linearise],
+    "tick derivatives": [lambda s: identify(Measurement(np.arange(100) * 1e-3, {
+        "slip_speed": np.random.default_rng(1).standard_normal(100)}),
+                                            {"driveline.damping": 0.5}, scene=as_scene(s))],
+    "node": [lambda s: Plant(as_scene(s))], "FMU": [lambda s: fmu_of(as_scene(s))],
+    "pure slip": [pure_slip], "pure stick": [stick_margin, plate_angle],
+    "harmonic balance": [lambda s: harmonic_balance(s, 1, 3)], "reference": [Law],
+    "peer": [lambda s: xppaut_file(s, "cvode", 1e-6, 1, 10)],
+    **{name: [lambda s, name=name: solve(s, cycles=1, solver=name)] for name in SOLVERS},
+}
+"""Everything that asks the gate, by its row of KNOWN."""
+
+
+def as_scene(system):
+    return SCENE.with_values({"converter.coupling": system.converter.coupling})
+
+
+def test_every_row_has_its_askers() -> None:
+    assert ASKED.keys() == parts.KNOWN.keys()
+
+
+@pytest.mark.parametrize(("who", "ask"), [pytest.param(who, ask, id=f"{who}-{place}") for who, asks in ASKED.items()
+                                          for place, ask in enumerate(asks)])
+def test_what_a_row_does_not_know_is_refused(who, ask, monkeypatch) -> None:
+    """Take a part out of the row: everybody behind it refuses with the key that brings the part."""
+    monkeypatch.setitem(parts.KNOWN, who, parts.KNOWN[who] - {"plate_by_slip"})
+    values = {"converter.coupling": 2.0}
+    if who == "event_driven":
+        values["friction.law"] = "set_valued"
+    if who == "pure slip":
+        values["friction.kinetic_coefficient"] = 0.3
+    with pytest.raises(InputError, match=r"does not (know|solve) .*converter\.coupling"):
+        ask(replace(BASE, values))
+
+
