@@ -13,18 +13,23 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from tcc_sim.analysis.orders import orders_of as orders
     from tcc_sim.estimation.identify import identify
     from tcc_sim.estimation.linearise import linearise
+    from tcc_sim.functions import analysis as analyse
+    from tcc_sim.functions import explanation as explain
+    from tcc_sim.functions import fmu_file as fmu
+    from tcc_sim.functions import simulation as simulate
+    from tcc_sim.functions import spectrum_of_run as spectrum
     from tcc_sim.model.parameters import System
     from tcc_sim.plant.closed_loop import closed_loop
     from tcc_sim.replay.recorded import read
-    from tcc_sim.replay.replay import replay as analyse
     from tcc_sim.scene import Scene, load_scene
     from tcc_sim.solvers import solve
     from tcc_sim.study.basins.compute import basins
     from tcc_sim.study.continuation.motions import continuation
+    from tcc_sim.study.paper.drawings import paper_figure as figure
     from tcc_sim.sweeps.scatter import scatter
-    from tcc_sim.sweeps.simulation import simulate
     from tcc_sim.sweeps.sweep import sweep, sweep_grid
     from tcc_sim.trajectory import Trajectory
     from tcc_sim.views.plots import plot
@@ -32,17 +37,21 @@ if TYPE_CHECKING:
 __version__ = "1.0.0"
 
 _PUBLIC = {"System": "tcc_sim.model.parameters", "Scene": "tcc_sim.scene", "load_scene": "tcc_sim.scene",
-           "solve": "tcc_sim.solvers", "Trajectory": "tcc_sim.trajectory", "simulate": "tcc_sim.sweeps.simulation",
+           "solve": "tcc_sim.solvers", "Trajectory": "tcc_sim.trajectory", "simulate": "tcc_sim.functions",
            "scatter": "tcc_sim.sweeps.scatter", "sweep": "tcc_sim.sweeps.sweep", "sweep_grid": "tcc_sim.sweeps.sweep",
-           "analyse": "tcc_sim.replay.replay",
+           "analyse": "tcc_sim.functions", "explain": "tcc_sim.functions", "fmu": "tcc_sim.functions",
+           "orders": "tcc_sim.analysis.orders", "spectrum": "tcc_sim.functions",
+           "figure": "tcc_sim.study.paper.drawings",
            "continuation": "tcc_sim.study.continuation.motions", "basins": "tcc_sim.study.basins.compute",
            "linearise": "tcc_sim.estimation.linearise", "identify": "tcc_sim.estimation.identify",
            "plot": "tcc_sim.views.plots", "closed_loop": "tcc_sim.plant.closed_loop",
            "read": "tcc_sim.replay.recorded"}
-_OTHERWISE_NAMED = {"analyse": "replay"}
+_OTHERWISE_NAMED = {"analyse": "analysis", "explain": "explanation", "figure": "paper_figure", "fmu": "fmu_file",
+                    "orders": "orders_of", "simulate": "simulation", "spectrum": "spectrum_of_run"}
 
 __all__ = ["Scene", "System", "Trajectory", "__version__", "analyse", "basins", "closed_loop", "continuation",
-           "identify", "linearise", "load_scene", "plot", "read", "scatter", "simulate", "solve", "sweep", "sweep_grid"]
+           "explain", "figure", "fmu", "identify", "linearise", "load_scene", "orders", "plot", "read", "scatter",
+           "simulate", "solve", "spectrum", "sweep", "sweep_grid"]
 
 
 def __getattr__(name: str) -> object:

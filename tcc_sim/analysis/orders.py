@@ -131,6 +131,13 @@ def orders_of(run: Trajectory | Signals) -> Orders:
     ------
     InputError
         Fewer than `Settings.window` periods, too few samples, no window without a gap, or no system.
+
+    Examples
+    --------
+    >>> import tcc_sim
+    >>> found = tcc_sim.orders(tcc_sim.solve("slip", cycles=40, samples_per_cycle=64))
+    >>> float(found.order[16]), len(found.time)
+    (1.0, 7)
     """
     signals = run if isinstance(run, Signals) else run_signals(run)
     turns, system = signals.turns, signals.system

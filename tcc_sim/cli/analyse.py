@@ -121,22 +121,15 @@ def run(arguments: argparse.Namespace) -> int:
         samples = recording.trajectory(found.run, arguments.start, arguments.end)
         drawn = replace(samples, control=found.control) if whole else found
     if arguments.orders or arguments.spectrum:
-        from tcc_sim.analysis.signals import run_signals
+        from tcc_sim.functions import with_recorded_figures
 
-        signals = run_signals(samples, found.timing.phase_of(samples))
-    if arguments.orders:
-        from tcc_sim.analysis.orders import orders_of
-
-        drawn = orders = orders_of(signals)
-        found = replace(found, orders=orders)
-        lines += order_lines(orders)
-    if arguments.spectrum:
-        from tcc_sim.analysis.spectra import spectrum_of
-
-        spectrum = spectrum_of(signals, found.summary.period, found.unbroken)
-        found = replace(found, spectrum=spectrum)
+        found = with_recorded_figures(found, samples, orders=arguments.orders, spectrum=arguments.spectrum)
+    if found.orders is not None:
+        drawn = found.orders
+        lines += order_lines(found.orders)
+    if found.spectrum is not None:
         drawn = drawn if arguments.orders else found
-        lines += spectrum_lines(spectrum)
+        lines += spectrum_lines(found.spectrum)
     if arguments.out is not None:
         write_samples(arguments.out, samples, recording.scene.text(), recorded=True,
                       document=document_of(arguments, found.scene, found))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -61,6 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Check the input, solve, write the files, and print the summary."""
+    from tcc_sim.analysis.orders import OrderComparison
     from tcc_sim.output.samples import SUFFIXES, write_samples
     from tcc_sim.output.tables import comparison_lines, order_lines, simulation_lines, spectrum_lines
     from tcc_sim.scene import parse_profiles
@@ -70,16 +70,12 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.inputs is None:
         common.refuse_driveline(arguments, "give the recording with --inputs")
     if arguments.inputs is not None:
-        from tcc_sim.replay.given_inputs import driven_by
+        from tcc_sim.functions import driven_scene
         from tcc_sim.tables.measured_table import MeasuredTable
 
         source = inputs_of(arguments)
         table = source if isinstance(source, MeasuredTable) else None
-        scene = driven_by(scene, source, arguments.hold)
-        if arguments.orders and table is not None:
-            from tcc_sim.replay.measured import at_measured_speed
-
-            scene, measured = at_measured_speed(scene, table, arguments.pulses)
+        scene, measured = driven_scene(scene, source, arguments.hold, arguments.orders, arguments.pulses)
     elif arguments.recorded_scene is not None:
         raise InputError("--scene is for a recording without a scene; give the recording with --inputs")
     for name in ("hold", "columns", "start", "end"):
@@ -98,14 +94,16 @@ def run(arguments: argparse.Namespace) -> int:
     found = awaited(lambda: simulate(
         scene, plan, samples_per_cycle=samples,
         flywheel_angle=arguments.out is not None and arguments.out.suffix == ".mcap")).raise_for_status()
+    if table is not None or arguments.orders or arguments.spectrum:
+        from tcc_sim.functions import with_figures
+
+        found = with_figures(found, scene, table, measured, orders=arguments.orders, spectrum=arguments.spectrum)
     lines = simulation_lines(scene.name, found)
     drawn: object = found
     if arguments.inputs is not None:
-        from tcc_sim.replay.given_inputs import doubts_about, smooth_inputs, twin_of
+        from tcc_sim.replay.given_inputs import smooth_inputs, twin_of
 
-        if table is not None:
-            found = replace(found, notes=(*table.notes, *doubts_about(table), *(measured.notes if measured else ())))
-            common.say_of_table(found.notes)
+        common.say_of_table(found.notes)
         if table is not None and arguments.hold is None and (smooth := smooth_inputs(table)):
             lines.append(f"note: {' and '.join(smooth)} of {arguments.inputs.name} changes smoothly from row to row "
                          "but is held constant between rows; --hold smooth joins the rows")
@@ -113,26 +111,15 @@ def run(arguments: argparse.Namespace) -> int:
         if twin is not None:
             drawn = twin
             lines.append(str(twin))
-    if arguments.orders:
-        from tcc_sim.analysis.orders import compared, orders_of
-
-        if measured is None:
-            drawn = orders = orders_of(found.trajectory)
-            found = replace(found, orders=orders)
-        else:
-            drawn = both = compared(measured, found.trajectory)
-            orders = both.simulated
-            found = replace(found, orders=orders, measured_orders=both.measured)
-            lines += comparison_lines(both)
-        lines += order_lines(orders)
-    if arguments.spectrum and found.summary is not None:
-        from tcc_sim.sweeps.steady_state import steady_spectrum
-
-        spectrum = steady_spectrum(scene.system, found.end, found.summary.period, solver=plan.solver, rtol=plan.rtol,
-                                   step=plan.step)
-        found = replace(found, spectrum=spectrum)
+    if found.orders is not None:
+        drawn = found.orders
+        if found.measured_orders is not None:
+            drawn = OrderComparison(found.measured_orders, found.orders)
+            lines += comparison_lines(drawn)
+        lines += order_lines(found.orders)
+    if found.spectrum is not None:
         drawn = found if not arguments.orders and arguments.inputs is None else drawn
-        lines += spectrum_lines(spectrum)
+        lines += spectrum_lines(found.spectrum)
     if arguments.out is not None:
         write_samples(arguments.out, found.trajectory, scene.text(),
                       document=common.document_of(arguments, scene, found))

@@ -81,6 +81,7 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
              scene: SceneLike | None = None, noise: Mapping[str, float] | None = None, hold: str | None = None,
              likelihood: str | None = None, settings: FitSettings | None = None, gates: Gates | None = None,
              joints: Mapping[str, str] | None = None, topic: str | None = None, driveline: int | None = None,
+             columns: str | Mapping[str, str] | None = None, from_: float | None = None, to: float | None = None,
              progress: bool = False) -> Identification:
     """Estimate parameters of a scene from a measurement.
 
@@ -96,6 +97,7 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
         stated in the measurement, or else the one that fits best
     likelihood : key whose profile likelihood is computed
     joints, topic, driveline : selection of a recording's driveline, see `recording.drivelines.Choice`
+    columns, from_, to : columns and part of a table, see `given`
     progress : show iterations on a terminal or in a notebook, elsewhere a line a minute
 
     Raises
@@ -118,8 +120,8 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
     """
     began = time.perf_counter()
     settings, gates = settings or FitSettings(), gates or Gates()
-    measured, scene = given(measured, None if scene is None else as_scene(scene), joints=joints, topic=topic,
-                            driveline=driveline)
+    measured, scene = given(measured, None if scene is None else as_scene(scene), columns, from_, to, joints=joints,
+                            topic=topic, driveline=driveline)
     check_sampling(measured, scene.system)
     starts = _starts(scene, free, measured, likelihood)
     levels, begin = _noise(measured, noise), np.array(list(starts.values()))

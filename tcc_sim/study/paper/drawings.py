@@ -56,6 +56,34 @@ def draw(data: Figure, stem: Path, title: str = "", width: float = style.PAGE) -
         style.save_both(drawn, stem)
 
 
+def paper_figure(figure: int, *, quick: bool = False, law: str = "smoothed", direction: str | None = None,
+                 branches: bool = False, jobs: int | None = None, out: str | Path | None = None) -> Figure:
+    """Compute one figure of the paper, as `tcc-sim figure` does, and draw it into the directory `out` if that is given.
+
+    Raises
+    ------
+    InputError
+        There is no such figure, or an option does not apply to it.
+
+    Examples
+    --------
+    >>> import tcc_sim
+    >>> tcc_sim.figure(2, quick=True).kind
+    'solvers'
+    """
+    from tcc_sim.study.paper.catalogue import FIGURES, FigureOptions, check_options
+    from tcc_sim.study.paper.figures import figure_data
+
+    options = FigureOptions(quick, direction, law, jobs, branches=branches)
+    if figure in FIGURES:
+        check_options(figure, options)
+    data = figure_data(figure, options)
+    if out is not None:
+        Path(out).mkdir(parents=True, exist_ok=True)
+        draw(data, Path(out) / f"fig{figure:02d}")
+    return data
+
+
 def caption_of(data: Figure, width: float = style.PAGE) -> str:
     """Return the caption: parameters, and numbers of cycles and section points."""
     parts = data.caption.replace("\n", " ").split("; ")

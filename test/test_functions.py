@@ -1,0 +1,91 @@
+"""Commands as functions: the same options give the same results."""
+
+import inspect
+import json
+
+import numpy as np
+import pytest
+
+import tcc_sim
+from tcc_sim.cli import arguments_of, main
+from tcc_sim.errors import InputError
+
+OTHERWISE = {"start": "from_", "end": "to"}
+"""Names of keywords that are not those of options: `from` is a word of Python."""
+OUTPUT = {"json", "out", "force", "plot", "width", "title", "units", "verb", "words", "samples", "layout",
+          "recorded_scene", "scene", "recording", "measured"}
+"""Arguments that name the input, or are about files and pictures."""
+
+
+@pytest.mark.parametrize(("name", "words"), [
+    ("simulate", ["simulate", "fig02"]), ("analyse", ["analyse", "run"]), ("explain", ["explain", "fig02"]),
+    ("fmu", ["fmu", "fig02"]), ("figure", ["figure", "2"]),
+    ("identify", ["identify", "x.csv", "--free", "driveline.stiffness"])])
+def test_a_function_has_the_options_of_its_command(name, words):
+    options = set(vars(arguments_of(words))) - OUTPUT
+    options -= {"joints", "topic", "driveline"} if name == "simulate" else set()  # `read` takes them.
+    keywords = set(inspect.signature(getattr(tcc_sim, name)).parameters)
+    assert {OTHERWISE.get(option, option) for option in options} - {"set"} <= keywords
+
+
+@pytest.fixture
+def table(tmp_path):
+    t = np.arange(0.0, 1.5, 1e-3)
+    columns = {"t": t, "slip_speed": 20.0 + 5.0 * np.sin(150.0 * t), "engine_torque": 300.0 + 100.0 * np.sin(150.0 * t),
+               "n": np.full(len(t), 150.0 * 30.0 / np.pi)}
+    path = tmp_path / "run.csv"
+    np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns), comments="")
+    return path
+
+
+def test_simulate_takes_what_the_command_takes(table, tmp_path):
+    words = ["--inputs", str(table), "--hold", "linear", "--columns", "engine_speed=n:rpm", "--from", "0.2", "--orders",
+             "--set", "pressure.amplitude=0"]
+    assert main(["simulate", "minimal", *words, "--json", str(tmp_path / "out.json")]) == 0
+    by = json.loads((tmp_path / "out.json").read_text())
+    found = tcc_sim.simulate("minimal", set={"pressure.amplitude": 0.0}, inputs=table, hold="linear",
+                             columns={"engine_speed": "n:rpm"}, from_=0.2, orders=True)
+    assert found.summary.max_slip_speed == by["max_slip_speed"]
+    np.testing.assert_array_equal(found.orders.slip_speed, by["orders"]["slip_speed"])
+    np.testing.assert_array_equal(found.measured_orders.slip_speed, by["measured_orders"]["slip_speed"])
+    assert found.warnings == by["warnings"]
+    assert "engine_speed from n in rpm" in by["warnings"][0]
+    assert "the simulation starts at its time 0.2 s" in by["warnings"][1]
+
+
+def test_profiles_and_spectra(tmp_path):
+    words = ["simulate", "minimal", "--profile", "engine.speed=0:800rpm,1:1600rpm", "--json", str(tmp_path / "o.json")]
+    assert main(words) == 0
+    by = json.loads((tmp_path / "o.json").read_text())["max_slip_speed"]
+    for profile in (["engine.speed=0:800rpm,1:1600rpm"], {"engine.speed": "0:800rpm,1:1600rpm"}):
+        assert tcc_sim.simulate("minimal", profile=profile).summary.max_slip_speed == by
+    found = tcc_sim.simulate("slip", cycles=60, spectrum=True)
+    np.testing.assert_array_equal(found.spectrum.slip_speed, tcc_sim.spectrum(found, "slip").slip_speed)
+    for wrong in ({"hold": "linear"}, {"from_": 1.0}, {"columns": "t=t"}):
+        with pytest.raises(InputError, match="are for inputs from a table"):
+            tcc_sim.simulate("slip", **wrong)
+    with pytest.raises(InputError, match="a spectrum needs a periodic excitation"):
+        tcc_sim.simulate("runup", spectrum=True)
+
+
+def test_analyse_takes_tables(table, tmp_path):
+    words = ["analyse", str(table), "--orders", "--columns", "engine_speed=n:rpm"]
+    assert main([*words, "--json", str(tmp_path / "o.json")]) == 0
+    by = json.loads((tmp_path / "o.json").read_text())["orders"]
+    found = tcc_sim.analyse(table, orders=True, columns="engine_speed=n:rpm")
+    np.testing.assert_array_equal(found.orders.slip_speed, by["slip_speed"])
+    with pytest.raises(InputError, match="a table needs orders or spectrum"):
+        tcc_sim.analyse(table)
+    with pytest.raises(InputError, match="damping: only for recordings"):
+        tcc_sim.analyse(table, orders=True, damping=True)
+    with pytest.raises(InputError, match="columns are for tables"):
+        tcc_sim.analyse(tmp_path, columns="t=t")
+
+
+def test_an_fmu_is_not_overwritten(tmp_path):
+    path = tcc_sim.fmu("fig02", set={"engine.speed": 100.0}, fmi=3, sources_only=True, out=tmp_path / "it.fmu")
+    assert path.stat().st_size > 1000
+    with pytest.raises(InputError, match="it is not overwritten"):
+        tcc_sim.fmu("fig02", out=path)
+    with pytest.raises(InputError, match=r"must end in \.fmu"):
+        tcc_sim.fmu("fig02", out=tmp_path / "it.zip")
