@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from tcc_sim.analysis.engine_clock import EngineClock, Uniform, clock_of_scene
+from tcc_sim.analysis.engine_clock import EngineClock, Tracked, Uniform, clock_of_scene
 from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.analysis.summary import Summary
@@ -22,6 +22,7 @@ from tcc_sim.recording.columns import JointStates
 from tcc_sim.recording.commands import TARGET
 from tcc_sim.replay.inputs import HeldCommands, held_commands
 from tcc_sim.replay.timeline import Timeline, slip_between_gaps
+from tcc_sim.replay.timing import SLICE, TICKS
 from tcc_sim.result import Described, reported
 from tcc_sim.scene import Scene
 from tcc_sim.shown_units import speed
@@ -161,10 +162,10 @@ class _Judge:
         self._states = next(states for states in line.runs if states.run == cuts[0].states.run)
         self._clock = clock or clock_of_scene(cuts[0].scene.system)
         # Without pulsation any slice of time gives the mean.
-        self._slices = isinstance(self._clock, Uniform) and not self._clock.told and _steps_only(
-            self._states.engine_torque)
+        sought = isinstance(self._clock, Tracked) or not self._clock.told
+        self._slices = sought and len(self._states) > 1 and _steps_only(self._states.engine_torque)
         if self._slices:
-            self._clock = Uniform(self._clock.cycle)
+            self._clock = Uniform(max(SLICE, TICKS * 1e-9 * float(np.median(np.diff(self._states.stamp_ns)))))
         self._reference = line.target_in(self._states)
 
     def tracking(self, cut: Cut, discard: int) -> Tracking | None:

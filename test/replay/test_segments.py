@@ -269,6 +269,20 @@ def test_without_a_recorded_scene_the_torque_decides_on_the_cycles_of_a_verdict(
 COMMANDS = load_scene("commands")
 
 
+def test_a_constant_commanded_torque_has_no_cycles_and_is_judged_by_slices(tmp_path):
+    rows = by_hand(4.0, lambda t: 20.0 + 30.0 * np.exp(-t / 0.2), lambda t: LOAD / 3000.0, lambda t: 0.0 * t,
+                   lambda t: 300.0 - 20.0 * (t > 2.0), lambda t: LOAD + 0.0 * t)
+    (segment,) = replay(bag(tmp_path / "run", rows, COMMANDS, targets=[(0, 20.0)]), discard=0).segments
+    found = segment.tracking
+    assert (found.verdict, found.settling_time) == ("settled", pytest.approx(0.2 * math.log(50.0), abs=0.15))
+    assert found.verdict_why.endswith("; means over 0.1 s, as the engine torque does not pulsate")
+    noisy = [(stamp, *rest[:4], rest[4] + 40.0 * math.sin(7.0 * k * k), *rest[5:]) for k, (stamp, *rest) in
+             enumerate(rows)]
+    (segment,) = replay(bag(tmp_path / "noisy", noisy, COMMANDS, targets=[(0, 20.0)]), discard=0).segments
+    assert (segment.tracking.verdict, segment.tracking.rms_error) == (None, pytest.approx(math.nan, nan_ok=True))
+    assert segment.tracking.verdict_why.startswith("periods of excitation could not be identified")
+
+
 def torque(k):
     return 300.0 + 250.0 * math.sin(0.15 * k)
 
