@@ -317,9 +317,13 @@ def _leaves(errors: Errors, since: int) -> bool:
     """Return whether the error, extrapolated from the thirds of the rest, leaves the band again.
 
     An approach slows down from third to third; d3^2/(d2 - d3) is what is left of a geometric one. An oscillation that
-    passes the target does not slow down and goes on for as long as the rest.
+    passes the target does not slow down and goes on for as long as the rest. One that turns within the band does not
+    leave it.
     """
     rest = errors.error[since:]
+    points = turning_points(rest, 0.25 * errors.band)
+    if (np.abs(rest[points] - rest[0]) >= 0.25 * errors.band).any():
+        return False
     a, b, c = (float(part.mean()) for part in np.array_split(rest, 3))
     early, late = b - a, c - b
     if early * late <= 0.0:

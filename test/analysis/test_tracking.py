@@ -92,9 +92,10 @@ def test_lost_cycles_are_counted():
     assert found.verdict == "settled"
 
 
-def test_a_band_of_ones_own_counts():
-    made = replace(loop(LOOPS["slow limit cycle"]), floor=1.2)
-    assert (last_segment(made).verdict, last_segment(made).band) == ("settled", 1.2)
+@pytest.mark.parametrize("name", ["slow limit cycle", "two periods that end at 0", "small, slow, at a zero", "noise"])
+def test_a_band_of_ones_own_counts(name):
+    found = last_segment(replace(loop(LOOPS[name]), floor=1.2))
+    assert (found.verdict, found.band) == ("settled", 1.2)
 
 
 def test_without_a_cycle_the_reason_is_said():
