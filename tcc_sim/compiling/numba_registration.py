@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from types import FunctionType
 from typing import Any
@@ -23,6 +24,12 @@ def registered(function: FunctionType, options: dict[str, Any], **how: Any) -> A
     out.get_call_template = lambda kinds, names: template(
         tuple(map(unliteral, kinds)), {name: unliteral(kind) for name, kind in names.items()})
     return out
+
+
+def address_for_c(function: Callable[..., None], signature: Any) -> tuple[int, object]:
+    """Compile a function that C code calls; return its address, and an object that must live as long as it is used."""
+    made = numba.cfunc(signature, nopython=True, error_model="numpy")(function)
+    return int(made.address), made
 
 
 @typeof_impl.register(Unrolled)  # type: ignore[untyped-decorator]

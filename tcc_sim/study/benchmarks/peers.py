@@ -1,4 +1,5 @@
-"""Other programs on the same problem, all optional: XPPAUT, CVODE of SUNDIALS in C, and direct calls of SciPy's LSODA.
+"""Other programs on the same problem, all optional: XPPAUT, CVODE of SUNDIALS in C, LSODA in C++ by numbalsoda, and
+direct calls of SciPy's LSODA.
 
 The run time of every program, and of this package, is the least CPU time of repeated calls.
 """
@@ -21,6 +22,7 @@ from typing import Any, TypeVar
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from tcc_sim.errors import one_line
 from tcc_sim.fmu.export import compiler
 from tcc_sim.model.parameters import System
 from tcc_sim.model.parts import check_known
@@ -102,6 +104,58 @@ def bare_lsoda(system: System, cycles: int, rtol: float, repeats: int) -> PeerRu
     if len(found) != cycles + 1:
         raise Failed(str(run.message))
     return PeerRun(found, _largest(system, times, run.sol(times).T), min(used), max(used), len(run.sol.ts) - 1)
+
+
+def numbalsoda(system: System, cycles: int, rtol: float, repeats: int) -> PeerRun:
+    """Call LSODA in C++ (liblsoda) by numbalsoda, with compiled equations and no Python between the cycle ends.
+
+    It takes one absolute tolerance: that of the smallest signal.
+
+    Raises
+    ------
+    Failed
+        numbalsoda is not installed, or it stopped early.
+    """
+    try:
+        from numbalsoda import lsoda, lsoda_sig
+    except (ImportError, OSError) as error:
+        raise Failed(f"numbalsoda is not installed ({one_line(str(error))})") from None
+    from tcc_sim.compiling.numba_registration import address_for_c
+
+    (address, kept), y = address_for_c(rates_for_c(system), lsoda_sig), np.array(State.at_start(system).numbers)
+    atol, nothing = rtol * float(np.min(error_scales(system))), np.zeros(1)
+
+    def solve(per_cycle: int) -> Floats:
+        found, good = lsoda(address, y, _times(system, cycles, per_cycle), nothing, rtol, atol, 1_000_000)
+        if not (good and np.isfinite(found).all()):
+            raise Failed("stopped early")
+        return np.asarray(found)
+
+    solve(1)  # It compiles its own part.
+    used, section = repeated(lambda: solve(1), max(repeats, 1))
+    largest = _largest(system, _times(system, cycles, FINE), solve(FINE))
+    del kept
+    return PeerRun(section, largest, min(used), max(used))
+
+
+def rates_for_c(system: System) -> Callable[..., None]:
+    """Return (1), (2) with the smoothed law as a function (t, state, rates, unused) with a scene's numbers in it."""
+    d, f, e, p = system.driveline, system.friction, system.engine, system.pressure
+    i1, i2, damping, stiffness = d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness
+    excess, decay, sigma = system.friction_ratio - 1.0, f.decay, f.smoothing
+    mean, amplitude, omega = e.mean_torque, e.torque_amplitude, e.frequency
+    level, swing, rate, phase = system.saturation_mean, system.saturation_amplitude, p.frequency_ratio * omega, p.phase
+
+    def rates(t: float, state: Any, out: Any, _: Any) -> None:
+        v, angle, speed = state[0], state[1], state[2]
+        load = level + swing * math.sin(rate * t + phase)
+        friction = load * math.tanh(sigma * v) * (1.0 + excess * math.exp(-decay * abs(v)))
+        shaft = damping * speed + stiffness * angle
+        out[0] = (mean + amplitude * math.sin(omega * t) - friction) / i1 - (friction - shaft) / i2
+        out[1] = speed
+        out[2] = (friction - shaft) / i2
+
+    return rates
 
 
 def cvode(system: System, cycles: int, rtol: float, repeats: int) -> PeerRun:

@@ -136,7 +136,7 @@ def fastest_results(record: StudiedScene, target: float) -> dict[str, PrecisionR
 def took_part(records: Sequence[StudiedScene]) -> dict[str, str]:
     """Return for each other program that it joined, or the reason why it did not."""
     out = {}
-    for name in ("CVODE", "XPPAUT"):
+    for name in ("numbalsoda", "CVODE", "XPPAUT"):
         joined = any(row.solver.startswith(name) for record in records for row in record.results)
         missing = [row.why for record in records for row in record.omitted if row.solver.startswith(name)]
         out[name] = "joined" if joined else (missing[0] if missing else "not run")
@@ -212,7 +212,8 @@ def _method(found: PrecisionReport) -> list[str]:
         "plate angle and plate speed: of the final state, of all states at t = 2 pi n/omega (section), and of each "
         "cycle's largest slip speed.",
         f"Measured on {found.machine}.",
-        f"The horizon is {cycles} periods of excitation from the initial state, transient included; errors over a "
+        f"The horizon is {cycles} periods of excitation from a settled state; that of a scene named so begins in its "
+        "initial state, in slip, which a general solver passes in few steps. Errors over a "
         "longer horizon have no meaning if the motion is chaotic.",
         "The steady state is that of a long run from the initial state; its error is that of the largest slip speed "
         "of the last cycles. It is not measured for solvers that would take too long and for motions without a "
@@ -229,7 +230,7 @@ def _method(found: PrecisionReport) -> list[str]:
         "XPPAUT's CVODE interprets the equations in C. XPPAUT's results are in single precision, so its errors below "
         f"about 1.2e-7 are not resolved; its time is that of {TIMED} cycles minus that of one, scaled to the horizon, "
         "so start-up is excluded. `solve_ivp LSODA` is SciPy's function with a compiled right-hand side and Jacobian "
-        "that stores the section only."]
+        "that stores the section only. numbalsoda is LSODA in C++ with compiled equations, without SciPy's loop."]
     if found.python_loop:
         out.append(f"A step of `dop853` takes {_digits(1e6 * found.python_loop['step'], 3)} us, of which the twelve "
                    f"evaluations of the compiled equations take {_digits(1e6 * found.python_loop['rates'], 2)} us; the "

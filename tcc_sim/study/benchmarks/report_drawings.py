@@ -25,13 +25,14 @@ LOOKS: dict[str, Look] = {
     "fixed_step": (style.GREEN, "s", "-", 1.8),
     "rk4": (style.GREY, "x", ":", 0.9), "rk45": (style.ORANGE, "^", "-", 1.1), "dop853": ("#8A8A00", "v", ":", 0.9),
     "radau": (style.PURPLE, "^", "--", 0.9), "bdf": (style.SKY, "v", "--", 0.9), "lsoda": (style.INK, "<", "--", 0.9),
-    "solve_ivp LSODA": ("#E7298A", ">", ":", 0.9), "XPPAUT cvode": ("#7A4B00", "*", "-.", 1.1),
+    "solve_ivp LSODA": ("#E7298A", ">", ":", 0.9), "numbalsoda": ("#1B9E77", "p", ":", 0.9),
+    "XPPAUT cvode": ("#7A4B00", "*", "-.", 1.1),
     "XPPAUT stiff": ("#C49A6C", "X", "-.", 0.9), "XPPAUT gear": ("#1F7A6D", "P", "-.", 0.9),
     "XPPAUT 2rb": ("#1B3A6F", "d", "-.", 0.9), "CVODE": ("#00A08A", "X", "-", 1.1)}
 """Colour, marker, line and width of every solver; the package's own are prominent, and all combinations differ."""
 GROUPS = {"this package": ("smoothed", "event_driven", "fixed_step"), "explicit methods": ("rk4", "rk45", "dop853"),
           "implicit methods": ("radau", "bdf", "lsoda", "solve_ivp LSODA"),
-          "other programs": ("CVODE", "XPPAUT cvode", "XPPAUT stiff", "XPPAUT gear", "XPPAUT 2rb")}
+          "other programs": ("numbalsoda", "CVODE", "XPPAUT cvode", "XPPAUT stiff", "XPPAUT gear", "XPPAUT 2rb")}
 """Groups of solvers that share a panel; the engines of this package are in every panel."""
 SPARE = [(colour, marker, (0, (3, 1, 1, 1)), 0.9) for colour, marker in zip(style.MANY, "8H|_1234+,.")]
 """Looks for solvers without a row in LOOKS."""

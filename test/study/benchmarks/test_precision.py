@@ -12,6 +12,8 @@ from tcc_sim.cli import main
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import SOLVERS, solve
+from tcc_sim.solvers.problem import rates_along
+from tcc_sim.solvers.terms import terms_of
 from tcc_sim.study.benchmarks import peers, report_drawings
 from tcc_sim.study.benchmarks import work_precision as precision
 from tcc_sim.study.benchmarks.precision_report import (
@@ -239,6 +241,38 @@ def test_xppaut_reads_the_model_as_written():
         pytest.skip(str(missing))
     expected = pure_slip(replace(System(), SLIP), np.arange(4) * System().cycle)
     np.testing.assert_allclose(run.section[:, 0], expected, rtol=1e-6)
+
+
+def test_the_equations_of_numbalsoda_are_those_of_the_package():
+    """At states of slip and stick, beside `rates_along`; no numbalsoda is needed."""
+    system = load_scene("fig02").system
+    states = np.array([[3.0, 0.1, 2.0], [-0.01, 0.12, -5.0], [0.0, 0.0, 1.0]])
+    for t, state, expected in zip((0.0, 0.01, 0.02), states, rates_along(np.array([0.0, 0.01, 0.02]), states,
+                                                                         terms_of(system))):
+        found = np.empty(3)
+        peers.rates_for_c(system)(t, state, found, None)
+        np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+def test_numbalsoda_is_the_closed_form_of_pure_slip():
+    system = replace(System(), SLIP)
+    try:
+        run = peers.numbalsoda(system, 3, 1e-11, 1)
+    except peers.Failed as missing:
+        pytest.skip(str(missing))
+    np.testing.assert_allclose(run.section[:, 0], pure_slip(system, np.arange(4) * system.cycle), rtol=1e-7)
+
+
+def test_a_horizon_begins_in_a_settled_state_and_one_in_the_initial_state():
+    found = {case.name: case for case in precision.cases(precision.QUICK)}
+    own = load_scene("fig02").system
+    case = found["fig02"]
+    assert case.unsettled == own
+    run = solve(case.system, cycles=1, solver="smoothed", rtol=1e-9).solved_cycles.section
+    np.testing.assert_allclose(run[1], run[0], rtol=1e-6)
+    assert found[f"fig02{precision.FROM_START}"].system == own
+    assert found["fig02, set-valued"].system.friction.law == "set_valued"
+    assert found["fig02, set-valued"].system.initial != own.initial
 
 
 def test_cvode_in_double_precision_is_the_closed_form_of_pure_slip():
