@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tcc_sim.errors import InputError
+from tcc_sim.model.equations import linear_of, matrix_of
 from tcc_sim.model.parameters import System
 from tcc_sim.model.profile import TIME, time_at
 from tcc_sim.model.pure_slip import pure_slip
@@ -18,6 +19,7 @@ from tcc_sim.model.sines import common_cycles
 from tcc_sim.result import reported
 from tcc_sim.shown_units import engine_speed, shown_unit, speed
 from tcc_sim.solvers.terms import terms_of, torques_at
+from tcc_sim.trajectory import Floats
 
 SAMPLES = 2000
 """Samples of the torques per engine cycle."""
@@ -146,21 +148,29 @@ def _torques(system: System) -> tuple[Torque, Torque]:
 
 
 def critical_slope(system: System) -> float | None:
-    """Return the slope s - b, N m s/rad, below which the oscillation at constant slip grows; None where it never does.
+    """Return the slope s, N m s/rad, below which the oscillation at constant slip grows; None where it never does.
 
-    s is the slope of the whole torque between the inertias, of which the converter's fluid has b. There
-    I1 I2 x^3 + [I1 (C + s) + I2 s] x^2 + [I1 K + s C] x + s K of (22) has a pair of imaginary roots: s is the root next
-    to 0 of [I1 C + (I1 + I2) s] [I1 K + C s] = I1 I2 K s, which a strongly damped driveline does not have.
+    There the characteristic polynomial x^3 + p x^2 + q x + r of (22), of the linear part with s, has a pair of
+    imaginary roots: p q = r with q > 0. p, q and r are linear in s. With C23 and K23 alone s is the root next to 0 of
+    [I1 C + (I1 + I2) s] [I1 K + C s] = I1 I2 K s, which a strongly damped driveline does not have.
     """
-    d = system.driveline
-    i1, i2, c, k = d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness
-    square, linear, constant = (i1 + i2) * c, i1 * c * c + i1 * i1 * k, i1 * i1 * c * k
-    root = linear * linear - 4.0 * square * constant
-    if root < 0.0:
+    linear = linear_of(system)
+    a, by_friction = matrix_of(linear), np.array([-1.0 / linear.flywheel - 1.0 / linear.plate, 0.0, 1.0 / linear.plate])
+
+    def coefficients(slope: float) -> Floats:
+        """Return p, q and r."""
+        m = a + slope * np.outer(by_friction, [1.0, 0.0, 0.0])
+        minors = sum(m[i, i] * m[j, j] - m[i, j] * m[j, i] for i, j in ((0, 1), (0, 2), (1, 2)))
+        return np.array([-np.trace(m), minors, -np.linalg.det(m)])
+
+    still = coefficients(0.0)
+    (p0, q0, r0), (p1, q1, r1) = still, coefficients(1.0) - still
+    square, slope, constant = p1 * q1, p0 * q1 + p1 * q0 - r1, p0 * q0 - r0
+    inside = slope * slope - 4.0 * square * constant
+    if inside < 0.0:
         return None
-    slope = -2.0 * constant / (linear + math.sqrt(root))  # Form of the root without cancellation.
-    # For a value below 0 the two roots are real, of opposite signs.
-    return slope - system.converter.coupling if i1 * k + slope * c > 0.0 else None
+    found = -2.0 * constant / (slope + math.sqrt(inside))  # Form of the root without cancellation.
+    return float(found) if q0 + found * q1 > 0.0 else None  # Otherwise the two roots are real, of opposite signs.
 
 
 def _expected(system: System, engine: Torque, static: Torque, kinetic: Torque, fast: Torque,
@@ -173,8 +183,8 @@ def _expected(system: System, engine: Torque, static: Torque, kinetic: Torque, f
         return "stick", "the clutch carries every peak of the torque, so pure stick is possible"
     mean = abs(engine.mean)
     if mean > kinetic.mean:
-        if system.converter.coupling > 0.0:
-            return "slip", "the converter's fluid carries what the sliding clutch does not"
+        if linear_of(system).flywheel_by_slip is not None:
+            return "slip", "a torque that rises with slip speed carries what the sliding clutch does not"
         if system.friction.curve is not None and mean <= fast.mean:
             return "slip", (f"the mean engine torque exceeds the torque of the clutch at every slip speed of the "
                             f"friction table, so slip grows beyond its {speed(system.friction.curve.fastest)}")

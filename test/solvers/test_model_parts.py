@@ -254,6 +254,19 @@ def test_the_critical_slope_is_where_a_pair_of_roots_crosses() -> None:
         assert np.abs(pair.real).max() < 1e-9 * np.abs(pair).max()
 
 
+def test_the_critical_slope_with_a_damper_of_the_flywheel(monkeypatch) -> None:
+    monkeypatch.setitem(model.COEFFICIENTS, "driveline.damping",
+                        {"damping": 1.0, "flywheel_by_slip": 2.0, "flywheel_by_speed": 2.0})
+    monkeypatch.setattr(model, "_BROUGHT", {*model._BROUGHT, "flywheel_by_speed"})
+    slope = estimates_of(dataclasses.replace(BASE)).critical_slope
+    i1, i2, c, k = 0.2, 0.02, 0.6, 3000.0  # I1 x1'' + C1 x1' + s v = 0, I2 x2'' + C x2' + K x2 - s v = 0.
+    flywheel, plate = np.poly1d([i1, 1.2 + slope]), np.poly1d([i2, c + slope, k])
+    roots = np.polysub(np.polymul(flywheel, plate), np.poly1d([slope**2, 0.0])).roots
+    pair = roots[np.abs(roots.imag) > 1.0]
+    assert len(pair) == 2
+    assert np.abs(pair.real).max() < 1e-9 * np.abs(pair).max()
+
+
 def test_linear_models() -> None:
     """About a constant motion by differences of separately written equations; about a periodic one by a simulation."""
     still = replace(CASES["plate_by_slip"], {"engine.torque_amplitude": 0.0, "pressure.amplitude": 0.0,

@@ -14,7 +14,7 @@ from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.solvers.key_derivatives import NUMBERS, OF_ITSELF, key_derivatives
 from tcc_sim.solvers.terms import RESULTS_KEPT, per_system
 
-SYSTEM = replace(System(), {"pressure.phase": 0.7, "pressure.amplitude": 4e4})
+SYSTEM = replace(System(), {"converter.coupling": 1.5, "pressure.phase": 0.7, "pressure.amplitude": 4e4})
 KEYS = [*COEFFICIENTS, *OF_ITSELF, "engine.frequency", "friction.static_coefficient", "friction.kinetic_coefficient",
         "clutch.area", "clutch.radius", "pressure.mean", "pressure.amplitude"]
 
@@ -24,7 +24,8 @@ def numbers(system):
     d, e, p, f = system.driveline, system.engine, system.pressure, system.friction
     load = f.kinetic_coefficient * system.clutch.area * system.clutch.radius
     ratio = f.static_coefficient / f.kinetic_coefficient
-    return np.array([d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness, 0.0, 0.0, 0.0, e.mean_torque,
+    return np.array([d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness, system.converter.coupling, 0.0,
+                     -system.converter.coupling, e.mean_torque,
                      e.torque_amplitude, load * p.mean, load * p.amplitude, p.phase, ratio - 1.0, f.decay, f.smoothing,
                      math.log(e.frequency), ratio, 0.0, 0.0, 0.0, 0.0, 0.0])
 
