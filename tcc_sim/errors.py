@@ -44,6 +44,10 @@ class InputError(TccError, ValueError):
         super().__init__(one_line(str(sentence)))
 
 
+class OutOfRange(InputError):
+    """A value is out of its range, or needs more steps than a method allows: wrong input that a search may meet."""
+
+
 class RecordingError(InputError):
     """A recording cannot be read, or an output must not be written."""
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tcc_sim.errors import InputError, NumericalFailure
+from tcc_sim.errors import InputError, NumericalFailure, OutOfRange
 from tcc_sim.estimation.curve import CONSTANT, CURVE, LARGEST_SHARE, RATES, SHARES, pairs_of, rates_allowed
 from tcc_sim.estimation.measurement import Measurement
 from tcc_sim.estimation.settings import DEFAULTS
@@ -93,7 +93,7 @@ class Model:
             # Friction of a curve is its constant times a shape, which `terms` have.
             alone = {STATIC: curve[CONSTANT], KINETIC: curve[CONSTANT], **dict.fromkeys(TABLE, ())} if curve else {}
             system = replace(self.system, named | alone)
-        except InputError as error:
+        except OutOfRange as error:
             raise NumericalFailure(str(error)) from None
         inputs, by = self.measured.inputs, np.zeros((len(NUMBERS), len(self.keys)))
         per_pressure, terms = system.torque_per_pressure, terms_of(system)
@@ -135,7 +135,7 @@ class Model:
         most = 0.0 if held is None else float(held[..., 1].max())
         try:
             return math.ceil(DEFAULTS.spare * substeps(terms, self.measured.step, most))
-        except InputError as error:
+        except OutOfRange as error:
             raise NumericalFailure(str(error)) from None
 
 

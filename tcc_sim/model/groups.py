@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from tcc_sim.errors import InputError
+from tcc_sim.errors import InputError, OutOfRange
 from tcc_sim.model.quantity import Group, apart, quantity, times_of, values_over
 
 if TYPE_CHECKING:
@@ -131,7 +131,7 @@ class Friction(Group):
             return
         low, high = self.static_coefficient / LARGEST_RATIO, self.static_coefficient * LARGEST_RATIO
         if not low <= self.kinetic_coefficient <= high:
-            raise InputError(f"friction.kinetic_coefficient is {apart(self.kinetic_coefficient, low, high)}; it must "
+            raise OutOfRange(f"friction.kinetic_coefficient is {apart(self.kinetic_coefficient, low, high)}; it must "
                              f"be {low:g} to {high:g}, one twentieth to twenty times friction.static_coefficient")
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, TypeVar
 
-from tcc_sim.errors import InputError
+from tcc_sim.errors import InputError, OutOfRange
 
 Value = float | str | tuple[float, ...]
 Same = TypeVar("Same", bound="Group")
@@ -90,7 +90,7 @@ class Quantity:
             if self.zero and x == 0:
                 continue
             if not (self.low <= x <= self.high) or math.isinf(x) or (self.above and x == self.low):
-                raise InputError(f"{key} is {apart(as_float(x), self.low, self.high)}"
+                raise OutOfRange(f"{key} is {apart(as_float(x), self.low, self.high)}"
                                  f"{' ' + self.unit if self.unit else ''}; it must be {self.interval()}")
 
 

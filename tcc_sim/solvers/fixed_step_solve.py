@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from tcc_sim.compiling.compiled import timed
-from tcc_sim.errors import InputError
+from tcc_sim.errors import OutOfRange
 from tcc_sim.solvers.fixed_step import advance_ticks
 from tcc_sim.solvers.per_cycle import STAMP, cycles_of_states, hermite
 from tcc_sim.solvers.problem import Problem, assemble, rates_along
@@ -31,7 +31,7 @@ def solve(problem: Problem) -> Trajectory:
     t, states = np.array([problem.start]), state[None, :].copy()
     try:
         n = substeps(terms, step)
-    except InputError as error:
+    except OutOfRange as error:
         return assemble(problem, "fixed_step", t, states, status=Status.REFUSED, detail=str(error))
     ticks = math.ceil((problem.end - problem.start) / step * (1.0 - 1e-13))
     times = problem.sample_times()

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.errors import InputError
+from tcc_sim.errors import OutOfRange
 from tcc_sim.model import equations, friction
 from tcc_sim.model import profile as of
 from tcc_sim.model.equations import Linear
@@ -291,7 +291,7 @@ def substeps(terms: Terms, step: float, held: float = 0.0) -> int:
 
     Raises
     ------
-    InputError
+    OutOfRange
         More than SUBSTEP_LIMIT.
     """
     fastest = max(natural_frequency(terms), excitation_frequency(terms))
@@ -300,6 +300,6 @@ def substeps(terms: Terms, step: float, held: float = 0.0) -> int:
         beta = 1.0 / terms.linear.flywheel + 1.0 / terms.linear.plate
         needed = max(needed, 2.0 * step * beta * (peak_load(terms) + held) * friction.steepest_fall(terms.stribeck))
     if not needed <= SUBSTEP_LIMIT:
-        raise InputError(f"a step of {step:g} s needs {needed:.0f} sub-steps; "
+        raise OutOfRange(f"a step of {step:g} s needs {needed:.0f} sub-steps; "
                          f"fixed_step allows at most {SUBSTEP_LIMIT}")
     return max(1, math.ceil(needed - 1e-9))

@@ -39,6 +39,7 @@ from tcc_sim.study.basins.compute import basins
 from tcc_sim.study.benchmarks.peers import xppaut_file
 from tcc_sim.study.benchmarks.references import Law
 from tcc_sim.study.continuation.driveline import DrivelineMap
+from tcc_sim.study.continuation.motions import continuation
 from tcc_sim.study.exponents import largest_lyapunov_exponent
 from tcc_sim.study.paper.harmonic_balance import harmonic_balance
 from tcc_sim.trajectory import State
@@ -323,6 +324,7 @@ SCENE = load_scene("fig02")
 ASKED = {
     "section map": [lambda s: stroboscopic_map(s, np.zeros(3), 1), lambda s: sections(s, np.zeros((1, 3)), 0, 1, 1e-8),
                     lambda s: DrivelineMap(s, ("engine.frequency",)).evaluate(np.zeros(3), np.array([150.0]), 0.0, 1.0),
+                    lambda s: continuation(s, "engine.mean_torque", 190.0, 210.0),
                     lambda s: largest_lyapunov_exponent(s, State(1.0, 0.0, 0.0, 0.0), cycles=40),
                     lambda s: basins(s, [("initial.slip_speed", [0.0, 1.0]), ("initial.plate_angle", [0.0, 0.1])]),
                     lambda s: damping_of_cycles(s, solve(BASE, cycles=1).cycles, 0, 1), linearise],

@@ -8,7 +8,7 @@ exactly.
 
 from __future__ import annotations
 
-from tcc_sim.errors import InputError
+from tcc_sim.errors import OutOfRange
 from tcc_sim.model.friction import exponentials
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import collocation
@@ -65,12 +65,12 @@ def exact_bounds(terms: Terms, system: System, rtol: float, numbers: Floats) -> 
 
 
 def setup_of_changes(system: System, terms: Terms, changes: Floats, rtol: float) -> Setup:
-    """Return the setup of motions with derivatives; raise InputError if a damper's decay takes too many steps."""
+    """Return the setup of motions with derivatives; raise OutOfRange if a damper's decay takes too many steps."""
     if terms.stribeck is not None:
         terms = terms._replace(stribeck=(terms.stribeck[0], max(terms.stribeck[1], SLOWEST), *terms.stribeck[2:]))
     bounds, waves = exact_bounds(terms, system, FINER * rtol, changes), waves_of(terms)
     if bounds.stiff_slip and bounds.slip_rate * bounds.period > REACH * bounds.steps:
-        raise InputError(f"driveline.damping is {system.driveline.damping:g} N m s/rad; over driveline.plate_inertia "
+        raise OutOfRange(f"driveline.damping is {system.driveline.damping:g} N m s/rad; over driveline.plate_inertia "
                          f"it decays at {bounds.slip_rate:.3g} 1/s, and the derivatives of the set-valued motion, "
                          f"which follow that decay, take more than {bounds.steps} steps a cycle; those of "
                          "friction.law smoothed step over it")

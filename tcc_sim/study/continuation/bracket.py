@@ -103,7 +103,7 @@ class Bracket(Generic[P]):
 
         try:
             return self.at(chandrupatla(value, 0.0, 1.0))
-        except ValueError:
+        except SameSign:
             return None
         except NumericalFailure:
             return replace(self, by_amplitude=False, kept={}).locate(test, residual) if self.by_amplitude else None
@@ -115,6 +115,10 @@ def _hermite(p: Floats, q: Floats, dp: Floats, dq: Floats, t: float) -> Floats:
     return s * s * (1.0 + 2.0 * t) * p + t * s * s * dp + t * t * (3.0 - 2.0 * t) * q - t * t * s * dq
 
 
+class SameSign(ArithmeticError):
+    """A function has the same sign at both ends of a bracket."""
+
+
 def chandrupatla(f: Callable[[float], float], a: float, b: float, tolerance: float = DEFAULTS.root) -> float:
     """A root of `f` between `a` and `b`, where its signs differ: the argument at which it was least.
 
@@ -122,14 +126,14 @@ def chandrupatla(f: Callable[[float], float], a: float, b: float, tolerance: flo
 
     Raises
     ------
-    ValueError
+    SameSign
         The signs do not differ.
     """
     fa, fb = f(a), f(b)
     if fa == 0.0 or fb == 0.0:
         return a if fa == 0.0 else b
     if (fa > 0.0) == (fb > 0.0):
-        raise ValueError("no change of sign")
+        raise SameSign("no change of sign")
     c, fc, part = a, fa, 0.5
     noise, idle = DEFAULTS.noise * max(abs(fa), abs(fb)), 0
     best, least = (a, abs(fa)) if abs(fa) < abs(fb) else (b, abs(fb))

@@ -15,6 +15,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from tcc_sim.errors import OutOfRange
 from tcc_sim.study.continuation.settings import DEFAULTS
 
 Floats = NDArray[np.float64]
@@ -118,8 +119,8 @@ class ParameterMap(Protocol):
         """Distances of these cycles from another event sequence."""
 
 
-FAILURES = (ArithmeticError, ValueError, np.linalg.LinAlgError)
-"""Exceptions of a map where it has no value; continuation then takes a smaller step."""
+FAILURES = (ArithmeticError, OutOfRange, np.linalg.LinAlgError)
+"""Exceptions of a map where it has no value; continuation then takes a smaller step. A refusal is none of them."""
 
 
 def ring(events: str) -> str:

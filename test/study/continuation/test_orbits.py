@@ -7,7 +7,7 @@ import pytest
 from textbook_maps import TextbookMap, henon, logistic
 
 from tcc_sim.errors import InputError
-from tcc_sim.study.continuation.bracket import chandrupatla
+from tcc_sim.study.continuation.bracket import SameSign, chandrupatla
 from tcc_sim.study.continuation.newton import find_orbit, minimal_period, multipliers_of, newton, orbit_at
 from tcc_sim.study.continuation.shooting import ParameterRange, Shooting, greedy
 from tcc_sim.study.continuation.special_points import torus
@@ -103,7 +103,7 @@ def test_products_of_pairs_vanish_on_the_circle_and_for_reciprocal_multipliers()
 
 def test_the_bracketing_root_is_exact_to_rounding() -> None:
     assert chandrupatla(lambda x: math.cos(x) - x, 0.0, 1.0) == pytest.approx(0.7390851332151607, abs=1e-13)
-    with pytest.raises(ValueError, match="sign"):
+    with pytest.raises(SameSign, match="sign"):
         chandrupatla(lambda x: 1.0 + x * x, 0.0, 1.0)
 
 
