@@ -1,9 +1,9 @@
 """Solve random scenes beside an independent integrator: python test/instruments/random_scenes.py [COUNT [SEED]].
 
 A scene is drawn by its seed: smoothed or set-valued law, falling or rising friction or a table with noise, profiles,
-tables of inputs with each hold, an actuator, a moving far end, slow slip. The other solution is SciPy's LSODA on the
-equations below; the set-valued law is compared with the smoothed one of a large sigma. Nothing of the package's model
-or solvers is used but the fit of a friction table, which is compared with the table itself.
+tables of inputs with each hold, an actuator, a moving far end, slow slip, the fluid path of the converter. The other
+solution is SciPy's LSODA on the equations below; the set-valued law is compared with the smoothed one of a large sigma.
+Nothing of the package's model or solvers is used but the fit of a friction table, which is compared with the table.
 """
 
 from __future__ import annotations
@@ -62,7 +62,9 @@ def draw(seed: int) -> Drawn:
         "pressure.mean": ease * mean / (0.008 * mu), "pressure.amplitude": 0.0,
         "initial.slip_speed": float(g.uniform(0.1, 2.0) if slow else g.uniform(0.0, 80.0)),
         "initial.plate_angle": mean / 3000.0}
-    words = [law] + ["slow slip"] * slow
+    fluid = g.random() < 0.25
+    values["converter.coupling"] = float(10.0 ** g.uniform(-2.0, 1.0)) if fluid else 0.0
+    words = [law] + ["slow slip"] * slow + ["coupling"] * fluid
     kind = g.choice(["falls", "rises", "table", "no slope"])
     if kind == "rises":
         values["friction.static_coefficient"] = mu * float(g.uniform(0.6, 0.95))
@@ -189,7 +191,8 @@ class Own:
             pressure = self.profile("pressure.mean", t) + v["pressure.amplitude"] * math.sin(
                 v.get("pressure.frequency_ratio", 1.0) * phi + v.get("pressure.phase", 0.0))
         mu = self.constant + sum(a * math.exp(-rate * abs(c)) for a, rate in self.pairs)
-        friction = mu * math.tanh(self.sigma * c) * max(pressure, 0.0) * 0.008
+        friction = mu * math.tanh(self.sigma * c) * max(pressure, 0.0) * 0.008 + v[
+            "converter.coupling"] * c
         speed = angle = 0.0
         if "output_speed" in self.lines:
             x, w, rate = self.lines["output_speed"]

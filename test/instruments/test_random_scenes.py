@@ -9,8 +9,8 @@ from random_scenes import HOLDS, draw, main
 
 def test_every_part_is_drawn_with_every_hold() -> None:
     words = {word for seed in range(200) for word in draw(seed).words}
-    assert {"smoothed", "set_valued", "slow slip", "falls", "rises", "no slope", "sines", "pulsation", "profiles",
-            "inputs", "actuator", "far end", *(f"hold {hold}" for hold in HOLDS)} <= words
+    assert {"smoothed", "set_valued", "slow slip", "coupling", "falls", "rises", "no slope", "sines", "pulsation",
+            "profiles", "inputs", "actuator", "far end", *(f"hold {hold}" for hold in HOLDS)} <= words
     assert any(word.startswith("table with 1.0%") for word in words)
     assert draw(5) == draw(5) != draw(6)
 
