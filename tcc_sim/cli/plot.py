@@ -26,17 +26,18 @@ def run(arguments: argparse.Namespace) -> int:
     """Check the files, draw, and print the name of the picture."""
     from tcc_sim.output.files import draft
     from tcc_sim.views.plots import check_picture, plot
-    from tcc_sim.views.stored import missing_data, read_stored, title_of
+    from tcc_sim.views.stored import missing_data, read_stored, refusing_damage, title_of
 
     path = arguments.plot or Path(arguments.result.with_suffix(".pdf").name)
     check_picture(path, arguments.width)
     new_file(path, arguments.force)
     values = read_stored(arguments.result)
-    lacking = missing_data(values)
+    with refusing_damage(str(arguments.result)):
+        lacking = missing_data(values)
+        title = title_of(values) if arguments.title is None else arguments.title
     if lacking:
         say(f"{arguments.result.name} {lacking}")
-    title = title_of(values) if arguments.title is None else arguments.title
-    with draft(path) as part:
+    with draft(path) as part, refusing_damage(str(arguments.result)):
         plot(values, part, arguments.width, title=printable(title), units=arguments.units)
     say(f"picture in {path}")
     return 0

@@ -17,6 +17,8 @@ from typing import Any
 from tcc_sim.errors import InputError
 
 STANDARD_OUTPUT = Path("-")
+LARGEST_JSON = 1 << 30
+"""Largest size of a JSON file that is read, bytes."""
 FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 """Error numbers of a full disk."""
 _NAME, _PATH = 255, 4096
@@ -138,12 +140,18 @@ def read_json(path: Path) -> dict[str, Any]:
     Raises
     ------
     InputError
-        The file cannot be read, or contains no JSON object.
+        The file cannot be read, is too large, or contains no JSON object.
     """
     try:
+        if path.exists() and not path.is_file():
+            raise InputError(f"{path} is not a regular file")
+        if (size := path.stat().st_size) > LARGEST_JSON:
+            raise InputError(f"{path} has {size} bytes; a JSON file of results has at most {LARGEST_JSON}")
         found = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}") from None
+    except InputError:
+        raise
     except (ValueError, RecursionError):
         raise InputError(f"{path} is not a JSON file") from None
     if not isinstance(found, dict):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -20,7 +21,17 @@ from tcc_sim.trajectory import Trajectory, no_cycles
 from tcc_sim.views import style
 from tcc_sim.views.dense import last_cycles
 from tcc_sim.views.overview import HISTORY_CYCLES, ORBIT_CYCLES, overview
-from tcc_sim.views.stored import Record, arguments_in, drawer_of, kind_of, read_stored, revived, title_of
+from tcc_sim.views.stored import (
+    Record,
+    arguments_in,
+    check_stored,
+    drawer_of,
+    kind_of,
+    read_stored,
+    refusing_damage,
+    revived,
+    title_of,
+)
 from tcc_sim.views.whole_runs import manoeuvre
 
 
@@ -104,14 +115,17 @@ def plot(result: Any, file: str | Path | None = None, width: str = "page", *, ti
     check_picture(path, width)
     if replaceable(path) and not force:
         raise InputError(f"{path} exists; it is not overwritten")
+    name = str(result) if isinstance(result, (str, Path)) else "the result"
     if isinstance(result, (str, Path)):
         result = read_stored(Path(result))
-    order = _order_of(result)
-    if isinstance(result, Mapping):
-        units = units or getattr(arguments_in(result), "units", None)
-        title, result = title or title_of(result), revived(result)
-    with shown_in(units, order):
-        return _drawn(result, path, width, title)
+    with refusing_damage(name) if isinstance(result, Mapping) else nullcontext():
+        order = _order_of(result)
+        if isinstance(result, Mapping):
+            check_stored(name, result)
+            units = units or getattr(arguments_in(result), "units", None)
+            title, result = title or title_of(result), revived(result)
+        with shown_in(units, order):
+            return _drawn(result, path, width, title)
 
 
 def _order_of(result: Any) -> float | None:

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import json
+import math
+import random
+import tracemalloc
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -177,3 +182,102 @@ def test_a_json_of_identify_draws_its_parameters(figures: list[Any], tmp_path: P
     values = {"parameters": [parameter], "chi2_per_dof": 1.0, "accepted": True}
     tcc_sim.plot(values, tmp_path / "a.png")
     assert any(isinstance(item, tuple) and np.array_equal(item[1], [[1.0, 0.0]]) for item in artists(figures[0]))
+
+
+def mutants(text: str, count: int) -> Iterator[str]:
+    """JSON texts with a key or value left out, replaced, shortened or repeated."""
+    draw = random.Random(5)
+    for _ in range(count):
+        whole = json.loads(text)
+        place, key = whole, draw.choice([name for name in whole if name not in ("environment", "units", "version")])
+        while isinstance(place[key], dict | list) and place[key] and draw.random() < 0.6:
+            place = place[key]
+            key = draw.choice(list(place)) if isinstance(place, dict) else draw.randrange(len(place))
+        match draw.randrange(5):
+            case 0:
+                del place[key]
+            case 1 | 2:
+                place[key] = draw.choice(["x", [], {}, [1, 2], -1, 1e308, True, [[1]], {"a": 1}, None, math.nan])
+            case 3 if isinstance(place[key], list):
+                place[key] = place[key][:-1]
+            case _ if isinstance(place[key], list):
+                place[key] = place[key] * 2
+        yield json.dumps(whole)
+
+
+def sweep_json(folder: Path) -> str:
+    """The JSON of a small sweep."""
+    assert main(["sweep", "slip", "--over", "engine.frequency=100,120", "--cycles", "4", "--json",
+                 str(folder / "sweep.json")]) == 0
+    return (folder / "sweep.json").read_text()
+
+
+def test_a_damaged_json_is_drawn_or_refused_in_a_line(tmp_path, capsys):
+    statuses = []
+    for text in mutants(sweep_json(tmp_path), 12):
+        (tmp_path / "a.json").write_text(text)
+        statuses.append(main(["plot", str(tmp_path / "a.json"), "--plot", str(tmp_path / "a.png"), "--force"]))
+        assert len(capsys.readouterr().err.splitlines()) == (statuses[-1] > 0)
+    assert set(statuses) == {0, 2}
+
+
+@pytest.mark.parametrize("shorter", ["max_slip_speed", "values", "breakaways"])
+def test_lists_of_unequal_length_are_refused(tmp_path, shorter):
+    values = json.loads(sweep_json(tmp_path))
+    values[shorter] = values[shorter][:1]
+    with pytest.raises(InputError, match=r"has [12] values; [12] are expected"):
+        tcc_sim.plot(values, tmp_path / "a.png")
+
+
+def samples(folder: Path, **changes: Any) -> Path:
+    """A .npz of `simulate`, with arrays replaced."""
+    assert main(["simulate", "slip", "--cycles", "4", "--out", str(folder / "a.npz"), "--force"]) == 0
+    with np.load(folder / "a.npz") as file:
+        arrays = {name: file[name] for name in file.files} | changes
+    np.savez_compressed(folder / "a.npz", **arrays)
+    return folder / "a.npz"
+
+
+def test_damaged_arrays_are_refused_in_a_line(tmp_path):
+    data, draw, outcomes = samples(tmp_path).read_bytes(), random.Random(6), []
+    for _ in range(80):
+        changed, place = bytearray(data), draw.randrange(len(data))
+        size = draw.choice([1, 8, 60])
+        changed[place:place + size] = draw.choice([b"", bytes(size), draw.randbytes(size)])
+        (tmp_path / "b.npz").write_bytes(changed)
+        try:
+            outcomes.append(len(stored.read_stored(tmp_path / "b.npz")["arrays"]))
+        except InputError as error:
+            outcomes.append(0 if str(error).isprintable() else -1)
+    assert set(outcomes) <= {0, len(stored.read_stored(tmp_path / "a.npz")["arrays"])}
+    assert outcomes.count(0) > 40
+
+
+@pytest.mark.parametrize(("changes", "says"), [
+    ({"slip_speed": np.zeros(5)}, "has 5 values"), ({"slip_speed": np.zeros((5, 2))}, "has 2 dimensions"),
+    ({"cycle_lowest": np.zeros(2)}, "cycle_lowest has 2 values"), ({"section_states": np.zeros((9, 2))}, "the shape"),
+    ({"document": np.array("[1]")}, "the JSON of the command that wrote it is damaged"),
+    ({"document": np.array(1)}, "does not say which command wrote it")])
+def test_arrays_that_do_not_belong_together_are_refused(tmp_path, changes, says):
+    with pytest.raises(InputError, match=says):
+        stored.read_stored(samples(tmp_path, **changes))
+
+
+def test_an_array_that_no_picture_uses_is_not_read(tmp_path):
+    """2 kB that would take 80 MB; as an array that is used it is refused by its declared size."""
+    path = samples(tmp_path, other=np.zeros(10_000_000))
+    tracemalloc.start()
+    stored.read_stored(path)
+    assert tracemalloc.get_traced_memory()[1] < 4 << 20
+    tracemalloc.stop()
+    with pytest.raises(InputError, match=r"array cycle_highest would take 80000000 bytes; at most \d+ are accepted"):
+        stored.read_stored(samples(tmp_path, cycle_highest=np.zeros(10_000_000)))
+    with pytest.raises(InputError, match="neither numbers nor text"):
+        stored.read_stored(samples(tmp_path, t=np.array([{}], dtype=object)))
+
+
+def test_a_json_of_any_size_is_not_read(tmp_path, monkeypatch):
+    monkeypatch.setattr("tcc_sim.output.files.LARGEST_JSON", 10)
+    (tmp_path / "a.json").write_text('{"format": "x"}')
+    with pytest.raises(InputError, match="has 15 bytes; a JSON file of results has at most 10"):
+        stored.read_stored(tmp_path / "a.json")
