@@ -20,7 +20,8 @@ class Topic:
         package, or by the driveline with its first message)
     there_when : scene keys or node parameters, each with the value that creates the topic; empty: always created
     carries : contents of a message
-    view : entity path in Rerun; empty for a topic that Rerun does not show
+    view : entity path in Rerun, which begins with the panel (`panel`); the layouts read it, so that a new topic appears
+        in them; empty for a topic that Rerun does not show
     latched : late subscribers receive the last message (transient local)
     fields : names of `plant.driveline.Reading` published every tick; empty for a topic not published every tick
     key : scene key with the allowed range of a command
@@ -36,6 +37,11 @@ class Topic:
     latched: bool = False
     fields: tuple[str, ...] = ()
     key: str = ""
+
+    @property
+    def panel(self) -> str:
+        """First part of the view, the panel that shows the topic."""
+        return self.view.partition("/")[0]
 
     @property
     def switch(self) -> str:
@@ -99,7 +105,7 @@ TOPICS: tuple[Topic, ...] = (
           fields=("slip_speed",)),
     Topic("friction_torque", FLOAT64, "N m", "out", _SCALARS, "friction torque on the clutch plate", "torque/friction",
           fields=("friction_torque",)),
-    Topic("stick_slip_state", INT8, "", "out", _SCALARS, "-1 negative slip, 0 stick, 1 positive slip", "slip/state",
+    Topic("stick_slip_state", INT8, "", "out", _SCALARS, "-1 negative slip, 0 stick, 1 positive slip", "state",
           fields=("stick_slip_state",)),
     Topic("slip_speed_stamped", JOINT_STATE, "rad/s", "out", _STAMPED,
           "slip speed as the velocity of joint clutch, with the stamp of joint_states", fields=("slip_speed",)),
@@ -114,7 +120,7 @@ TOPICS: tuple[Topic, ...] = (
           fields=("output_angle", "output_speed", "shaft_torque")),
     Topic("target_slip_speed", FLOAT64, "rad/s", "beside", (),
           "slip speed that the slip controller holds in the mean over a period of excitation; from the slip_controller "
-          "node", "slip/target", latched=True),
+          "node", "control/target", latched=True),
     Topic("unsent_messages", DIAGNOSTIC_STATUS, "", "beside", (),
           "number of messages, by topic, that the middleware has refused from the driveline since its start; published "
           "when it grows", latched=True),

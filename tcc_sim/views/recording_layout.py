@@ -13,9 +13,12 @@ SUFFIX = ".rbl"
 PARTS = {FLOAT64: ("std_msgs.msg.Float64:message", ".data"), INT8: ("std_msgs.msg.Int8:message", ".data"),
          FLUID_PRESSURE: ("Measurements:values", None)}
 """Component that Rerun's MCAP reader makes of a message, and the selector of its number, by message type."""
-VIEWS = {"Slip speed (rad/s)": ("/slip_speed", "/target_slip_speed"), "Torques (N m)": ("/friction_torque",
-         "/engine_torque"), "Stick and slip: -1, 0, 1": ("/stick_slip_state",),
-         "Actuation pressure (Pa)": ("/actuation_pressure", "/applied_pressure")}
+PANELS = {"Slip speed (rad/s)": ("slip", "control"), "Torques (N m)": ("torque",),
+          "Stick and slip: -1, 0, 1": ("state",), "Actuation pressure (Pa)": ("pressure",),
+          "Far end of the shaft (rad/s)": ("far_end",)}
+"""Panels of `Topic.view` in each time series view."""
+VIEWS = {title: tuple(f"/{row.name}" for row in TOPICS if row.type in PARTS and row.panel in panels)
+         for title, panels in PANELS.items()}
 """Topics of each time series view."""
 JOINTS = "/joint_states"
 """Topic that Rerun draws as lines without a mapping."""

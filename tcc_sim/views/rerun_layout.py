@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.errors import require
+from tcc_sim.topics import TOPICS
 from tcc_sim.trajectory import Floats
 from tcc_sim.views import style
 
@@ -30,8 +31,7 @@ HELD = {"control/target": ("target (rad/s)", style.RED), "pressure/applied": ("a
 MARKS = {"cycles/largest": ("largest slip speed (rad/s)", style.BLUE, "circle", 3.0),
          "cycles/smallest": ("smallest slip speed (rad/s)", style.RED, "circle", 3.0),
          "event/mark": ("event", style.RED, "diamond", 6.0)}
-SIGNALS = {"mean_slip": "control/mean", "target_slip_speed": "control/target", "applied_pressure": "pressure/applied",
-           "actuation_pressure": "pressure/command", "engine_torque": "torque/engine_command"}
+SIGNALS = {"mean_slip": "control/mean", **{row.name: row.view for row in TOPICS if row.view in HELD}}
 """Entity paths of the signals of a controller's test."""
 HISTORY_CYCLES = 8
 """Number of engine cycles before the cursor in the time series; zoom out to see more."""

@@ -17,10 +17,11 @@ from interpreter import python, rerun_rows
 
 from tcc_sim.analysis.control import Event
 from tcc_sim.errors import InputError, TccError
+from tcc_sim.topics import TOPICS
 from tcc_sim.trajectory import Cycles
 from tcc_sim.views import rerun_layout as layout
 from tcc_sim.views import rerun_stream
-from tcc_sim.views.recording_layout import JOINTS, VIEWS, write_layout
+from tcc_sim.views.recording_layout import JOINTS, PARTS, VIEWS, write_layout
 from tcc_sim.views.rerun_layout import PhaseAxes
 from tcc_sim.views.rerun_stream import RerunStream
 
@@ -288,6 +289,12 @@ def test_the_layout_has_every_signal_and_the_name_of_the_file(tmp_path: Path) ->
         assert component in text
     with pytest.raises(InputError, match=r"mine_0\.rbl exists already and is not overwritten"):
         write_layout(tmp_path / "mine_0.mcap")
+
+
+def test_every_number_with_a_place_in_a_viewer_is_in_the_layout() -> None:
+    shown = [topic for topics in VIEWS.values() for topic in topics]
+    assert sorted(shown) == sorted(f"/{row.name}" for row in TOPICS if row.view and row.type in PARTS)
+    assert {row.name for row in TOPICS if row.type in PARTS and not row.view} == set()
 
 
 def test_a_directory_without_a_recording_gets_none(tmp_path: Path) -> None:
