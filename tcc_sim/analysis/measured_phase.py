@@ -192,7 +192,8 @@ def _agreeing(table: MeasuredTable, phase: MeasuredPhase, name: str, order: floa
     Without a torque the slip speed gives a note at most, because a friction-induced line may be stronger than those of
     the excitation.
     """
-    by = next((column for column in ("engine_torque", "slip_speed") if column in table.columns), None)
+    by = next((column for column in ("engine_torque", "slip_speed")
+               if column in table.columns and np.isfinite(table.columns[column]).any()), None)
     if by is None:
         return phase
     line = _strongest_order(table, phase, by)
@@ -209,6 +210,8 @@ def _agreeing(table: MeasuredTable, phase: MeasuredPhase, name: str, order: floa
                  if name == "engine_speed" and abs(found * ratio / k - 1.0) < 0.01), None)
     if unit is not None and (by == "engine_torque" or abs(found - whole) > tolerance):
         hint = (f"engine_speed looks as if it were in {unit}; if so, say it with --columns engine_speed=COLUMN:{unit}")
+    elif any(abs(found * 1e3 / k - 1.0) < 0.01 for k in (1, 2, 3, 4)):
+        hint = "if the times are in ms, say so with --columns t=COLUMN:ms"
     else:
         hint = f"check {'--pulses' if name == 'tacho' else 'its unit'} and engine.order, which is {order:g}"
     if by == "engine_torque" and (abs(found - whole) > tolerance or whole < 1 or order != 1.0):

@@ -104,6 +104,10 @@ def measurement_in(table: MeasuredTable) -> Measurement:
     slower = [name for name, values in columns.items() if name in (*CHANNELS, *INPUTS)
               and not np.isfinite(values).all() and not len(table.holes(name))]
     for name in slower:
+        first, last = table.filled(name)[0][[0, -1]]
+        inside = (columns[TIME] >= first) & (columns[TIME] <= last)
+        columns = {other: values[inside] for other, values in columns.items()}
+    for name in slower:
         columns[name] = np.interp(columns[TIME], *table.filled(name))
     if slower:
         table = table.noting(f"{table.source}: {', '.join(slower)} joined by straight lines where cells are empty, "

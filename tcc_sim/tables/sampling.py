@@ -169,6 +169,8 @@ def _spread(t: Floats, repeated: NDArray[np.bool_]) -> tuple[Floats, str] | str:
     n = np.arange(len(t), dtype=np.float64)
     slope, start = np.polyfit(n, t, 1)
     even = start + slope * n
+    if np.abs(t - t[0] - slope * n).max() <= 1.05 * usual:
+        even = t[0] + slope * n
     if usual and np.abs(t - even).max() <= 1.05 * usual:
         return even, (f"{count} of {len(t)} rows repeat the time of the row before, because it is written in steps of "
                       f"{usual:.3g} s; even steps of {slope:.6g} s replace them")

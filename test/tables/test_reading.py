@@ -7,7 +7,10 @@ import os
 import numpy as np
 import pytest
 
+from tcc_sim.analysis.measured_signals import signals_in
+from tcc_sim.analysis.orders import orders_of
 from tcc_sim.errors import InputError
+from tcc_sim.model.parameters import System
 from tcc_sim.output.samples import write_samples
 from tcc_sim.replay.given_inputs import driven_by
 from tcc_sim.scene import load_scene
@@ -130,6 +133,8 @@ def test_every_export_gives_the_same_table(tmp_path, export):
     for name in ("slip_speed", "engine_torque", "engine_speed"):
         np.testing.assert_allclose(found.columns[name], COLUMNS[name], rtol=1e-9)
     assert not len(found.holes(*COLUMNS))
+    orders = orders_of(signals_in(found, System()))
+    assert np.abs(20.0 * np.log10(orders.cut(1.0, "slip_speed") / 5.0)).max() < 0.1
     for words in SAID[export]:
         assert words in " ".join(found.notes)
     assert len(found.notes) == (2 if export is epoch else 1 if SAID[export] else 0)
