@@ -1,7 +1,7 @@
 """Units of speeds and frequencies in printed lines and on axes of pictures; results and files stay in SI.
 
 In rpm, the frequency of the excitation becomes the engine speed, in revolutions of the crankshaft: one revolution has
-`engine.order` periods of the excitation.
+`engine.order` periods of the excitation. Other frequencies, of a spectrum or a natural one, are then in Hz.
 """
 
 from __future__ import annotations
@@ -56,6 +56,12 @@ def speed(value: float, digits: int = 6, last: float | None = None, *, engine: b
     return f"{_range(value, last, factor, digits)} {unit}"
 
 
+def frequency(value: float, digits: int = 6, last: float | None = None) -> str:
+    """Return a frequency that is not that of the excitation, rad/s, or a range of it: in Hz where speeds are in rpm."""
+    unit, factor = UNITS["hz"] if _SHOWN.get()[0] == "rpm" else shown_unit()
+    return f"{_range(value, last, factor, digits)} {unit}"
+
+
 def engine_speed(value: float, digits: int = 6, last: float | None = None) -> str:
     """Return the frequency of the excitation, rad/s, or a range of it, with its name: engine speed in rpm."""
     name = "engine speed" if _SHOWN.get()[0] == "rpm" else "engine frequency"
@@ -85,7 +91,7 @@ def shown_axis(label: str) -> tuple[str, float] | None:
     if units == "rad" or name == label:
         return None
     engine = name.strip().startswith(_ENGINE)
-    unit, factor = shown_unit(engine=engine)
+    unit, factor = UNITS["hz"] if units == "rpm" and not engine and "frequency" in name else shown_unit(engine=engine)
     if engine:
         name = "engine speed " if units == "rpm" else r"excitation frequency $\omega/2\pi$ "
     return f"{name}({unit})", factor

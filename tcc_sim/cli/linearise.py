@@ -20,7 +20,7 @@ from tcc_sim.cli.arguments import (
 )
 from tcc_sim.cli.ranges import spaced
 from tcc_sim.errors import InputError, counted
-from tcc_sim.shown_units import speed
+from tcc_sim.shown_units import frequency, speed
 
 if TYPE_CHECKING:
     from tcc_sim.estimation.linearise import Linearisation
@@ -90,12 +90,13 @@ def _lines(found: Linearisation) -> Iterator[str]:
     words = ", ".join(f"{z.real:.4g}{f'{z.imag:+.4g}i' if abs(z.imag) > 1e-12 else ''}" for z in found.multipliers)
     yield f"multipliers {words}"
     for k in np.unique(np.round(np.linspace(0, len(found.frequencies) - 1, SHOWN)).astype(int)):
-        yield (f"{speed(found.frequencies[k], 4):>16}  {_decibels(found.gain[k])}  "
+        yield (f"{frequency(found.frequencies[k], 4):>16}  {_decibels(found.gain[k])}  "
                f"{math.degrees(found.phase[k]):8.2f} deg")
     if found.controller is not None:
         yield from _loop_lines(found.controller)
     for point in found.checked:
-        yield f"simulated at {speed(point.frequency, 4)}  {_decibels(point.gain)}  {math.degrees(point.phase):8.2f} deg"
+        yield (f"simulated at {frequency(point.frequency, 4)}  {_decibels(point.gain)}  "
+               f"{math.degrees(point.phase):8.2f} deg")
 
 
 def _loop_lines(loop: SlipLoop) -> Iterator[str]:

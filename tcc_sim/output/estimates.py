@@ -17,7 +17,7 @@ from tcc_sim.model.pure_slip import pure_slip
 from tcc_sim.model.pure_stick import stick_margin
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.result import reported
-from tcc_sim.shown_units import engine_speed, shown_unit, speed
+from tcc_sim.shown_units import SPEED, engine_speed, frequency, shown_unit, speed
 from tcc_sim.solvers.terms import terms_of, torques_at
 from tcc_sim.trajectory import Floats
 
@@ -205,8 +205,8 @@ def _expected(system: System, engine: Torque, static: Torque, kinetic: Torque, f
 def estimate_lines(found: Estimates) -> list[str]:
     """Return the lines of the estimates."""
     def mode(name: str, formula: str, one: Mode) -> str:
-        hertz = f" ({one.frequency / (2.0 * math.pi):.4g} Hz)" if shown_unit()[0] != "Hz" else ""
-        return f"  {name:<9} {speed(one.frequency)}{hertz}, damping ratio {one.damping_ratio:.4g}   {formula}"
+        hertz = f" ({one.frequency / (2.0 * math.pi):.4g} Hz)" if shown_unit()[0] == SPEED else ""
+        return f"  {name:<9} {frequency(one.frequency)}{hertz}, damping ratio {one.damping_ratio:.4g}   {formula}"
 
     def torque(name: str, one: Torque) -> str:
         span = f"{one.low:.6g} to {one.high:.6g} N m, mean {one.mean:.6g} N m"
@@ -246,5 +246,5 @@ def _actuator_line(found: ActuatorEffect, omega: float) -> str:
         ("rate limit", found.rate_limit, "Pa/s")) if value]
     limit = "" if found.largest_amplitude is None else (
         f"; the rate limit allows an amplitude of {found.largest_amplitude:.4g} Pa there")
-    return (f"actuator: {', '.join(parts)}; at the slipping mode, {speed(omega)}, it costs "
+    return (f"actuator: {', '.join(parts)}; at the slipping mode, {frequency(omega)}, it costs "
             f"{-math.degrees(found.phase):.4g} degrees of phase and leaves {found.gain:.1%} of the amplitude{limit}")

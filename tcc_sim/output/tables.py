@@ -13,7 +13,7 @@ from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.analysis.summary import Summary, runaway_cause
 from tcc_sim.errors import counted
 from tcc_sim.result import units_of_columns
-from tcc_sim.shown_units import engine_speed, key_unit, key_value, shown_unit, speed
+from tcc_sim.shown_units import engine_speed, frequency, key_unit, key_value, shown_unit, speed
 from tcc_sim.trajectory import Floats, Status
 
 if TYPE_CHECKING:
@@ -120,7 +120,7 @@ def spectrum_lines(found: Spectrum) -> list[str]:
         for k in largest.tolist():
             torque = found.shaft_torque[k]
             pairs.append((f"order {found.order[k]:g}",
-                          f"{speed(found.frequency[k])}: slip speed {speed(found.slip_speed[k])}"
+                          f"{frequency(found.frequency[k])}: slip speed {speed(found.slip_speed[k])}"
                           + (", shaft torque not measured" if math.isnan(torque) else
                              f", shaft torque {torque:.6g} N m")))
         if len(found.subharmonics):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tcc_sim.shown_units import speed
+from tcc_sim.shown_units import UNITS, frequency
 from tcc_sim.trajectory import Floats
 from tcc_sim.views import style
 
@@ -22,10 +22,15 @@ DIFFERENCE = 12.0
 """Largest difference in a map of differences, dB."""
 HELD = 1e-3
 """Least change of the frequency from window to window, over the mean change of one that doubles, to draw over it."""
+FEW, PEAKED = 0.02, 2.0
+"""Part of the windows, one at least, whose judder is off scale where the largest is PEAKED times as high as the rest.
+"""
 LINES = 5
 """Number of decades in a spectrum."""
 QUANTITIES = {"slip_speed": ("Slip speed", "rad/s"), "shaft_torque": ("Shaft torque", "N m")}
-ORDER = "crank order"
+ORDER, TIME = "crank order", "time (s)"
+BOX = {"facecolor": "black", "alpha": 0.55, "edgecolor": "none", "pad": 0.8}
+"""Box behind a label in a map."""
 SHORT = {"slip_speed": "Slip", "shaft_torque": "Torque"}
 """Names in the titles of narrow panels."""
 
@@ -35,34 +40,49 @@ def plot_orders(path: Path, found: Orders, title: str = "", width: float = style
     found = found.with_blanks()
     along, name = _along(found)
     wide = style.wide(width)
-    with style.figure(width, 0.86 * width if wide else 2.6 * width, title) as drawn:
-        grid = drawn.add_gridspec(6, 2) if wide else drawn.add_gridspec(11, 1)
-        rows = [(slice(0, 3), 0), (slice(0, 3), 1), (slice(3, 6), 0), (slice(3, 5), 1), (5, 1)] if wide else [
-            (slice(0, 3), 0), (slice(3, 6), 0), (slice(6, 8), 0), (slice(8, 10), 0), (10, 0)]
-        shaft, slip, cuts, judder, heat = axes = [drawn.add_subplot(grid[place]) for place in rows]
+    campbell = name != TIME
+    height = 1.24 + 0.4 * campbell if wide else 3.5 + 0.9 * campbell
+    with style.figure(width, height * width, title) as drawn:
+        heights = [1.0, 1.0, 0.8] if wide else [1.0, 1.0, 0.8, 0.8, 0.7, 0.5]
+        grid = drawn.add_gridspec(len(heights) + campbell, 2 if wide else 1, height_ratios=heights + [1.1] * campbell)
+        shaft, slip, cuts, slip_cuts, judder, heat = axes = [
+            drawn.add_subplot(grid[divmod(k, 2) if wide else (k, 0)]) for k in range(6)]
         known = bool(np.isfinite(found.shaft_torque).any())
         if known:
             draw_shaft_map(shaft, found)
         else:
             shaft.text(0.5, 0.5, "not measured", transform=shaft.transAxes, ha="center")
         _map(slip, found, found.slip_speed, "dB re 1 rad/s")
-        _cuts(cuts, found, "shaft_torque" if known else "slip_speed")
+        if known:
+            _cuts(cuts, found, "shaft_torque")
+        else:
+            cuts.text(0.5, 0.5, "not measured", transform=cuts.transAxes, ha="center")
+        _cuts(slip_cuts, found, "slip_speed")
         judder.plot(along, found.judder.peak, color=style.BLUE, label="peak")
         judder.plot(along, found.judder.rms, color=style.BLUE, ls=":", label="rms")
-        judder.set(ylabel="slip about its\ncycle mean (rad/s)", xlabel=name, ylim=(0.0, None))
-        judder.legend()
+        peaks = np.sort(found.judder.peak[np.isfinite(found.judder.peak)])
+        few = max(1, round(FEW * len(peaks)))
+        top = 1.1 * float(peaks[-few - 1]) if len(peaks) > few else 0.0
+        above = int(np.count_nonzero(peaks > top)) if 0.0 < PEAKED * top < peaks[-1] else 0
+        judder.set(ylabel="slip about its\ncycle mean (rad/s)", xlabel=name, ylim=(0.0, top if above else None))
+        judder.legend(title=f"{above} of {len(peaks)} windows off scale" if above else None)
         if np.isfinite(found.heat).any():
             heat.plot(along, found.heat * 1e-3, color=style.ORANGE)
         else:
             heat.text(0.5, 0.5, "not measured", transform=heat.transAxes, ha="center", va="center")
         heat.set(ylabel="heat (kJ)", xlabel=name, ylim=(0.0, None))
-        style.panel_titles(axes, ["Shaft torque", "Slip speed", f"Orders of the {'shaft' if known else 'slip'} "
-                                  f"{'torque' if known else 'speed'}", "Judder", "Cumulative heat"])
         for axis in axes:
             axis.set_xlim(float(along.min()), float(along.max()))
-        for axis in axes[:2] + axes[3:4] if wide else axes[:4]:
+        for axis in axes[:4] if wide else axes[:5]:
             axis.tick_params(labelbottom=False)
             axis.xaxis.label.set_visible(False)  # With its text the ticks are those of the panels below.
+        titles = ["Shaft torque", "Slip speed", "Orders of the shaft torque", "Orders of the slip speed", "Judder",
+                  "Cumulative heat"]
+        if campbell:
+            axes.append(drawn.add_subplot(grid[-1, :]))
+            _campbell(axes[-1], found, "shaft_torque" if known else "slip_speed")
+            titles.append(f"Campbell diagram of the {QUANTITIES['shaft_torque' if known else 'slip_speed'][0].lower()}")
+        style.panel_titles(axes, titles)
         return style.save(drawn, path)
 
 
@@ -170,9 +190,11 @@ def _cuts(axis: Any, found: Orders, of: str, which: str = "", **look: Any) -> No
     from tcc_sim.analysis.orders import level
 
     along, name = _along(found)
-    for colour, order in zip(style.CYCLE, found.cuts):
-        axis.plot(along, level(found.cut(order, of)), color=colour, label=f"order {order:g}{which}", **look)
-    top = max(float(np.nanmax(level(found.cut(order, of)))) for order in found.cuts)
+    curves = {order: level(found.cut(order, of)) for order in found.cuts}
+    top = max(float(np.nanmax(curve)) for curve in curves.values())
+    for colour, (order, curve) in zip(style.CYCLE, curves.items()):
+        low = "" if np.nanmax(curve) >= top - SHOWN else f", below {top - SHOWN:.0f} dB"
+        axis.plot(along, curve, color=colour, label=f"order {order:g}{which}{low}", **look)
     word, unit = QUANTITIES[of]
     axis.set(ylabel=f"{word.lower()}, dB re 1 {unit}", xlabel=name, ylim=(top - SHOWN, top + 0.05 * SHOWN))
     if not which:
@@ -184,7 +206,7 @@ def _along(found: Orders) -> tuple[Floats, str]:
     steps = np.diff(found.frequency)
     least = HELD * float(found.frequency.mean()) / max(len(steps), 1)
     rises = len(steps) > 0 and bool(np.all(steps > least) or np.all(steps < -least))
-    return (found.frequency, "engine frequency (rad/s)") if rises else (found.time, "time (s)")
+    return (found.frequency, "engine frequency (rad/s)") if rises else (found.time, TIME)
 
 
 def _top(amplitude: Floats, found: Orders) -> float:
@@ -218,8 +240,34 @@ def _map(axis: Any, found: Orders, amplitude: Floats, unit: str, top: float | No
         order = found.per_revolution * omega / found.frequency
         axis.plot(along, np.where((order <= highest) & (order >= lowest), order, np.nan), color="white", lw=0.9,
                   ls=(0, (4, 2)))
-        _name_mode(axis, along, order, f"{name}, {speed(omega, 4)}", (lowest, highest), found.per_revolution)
+        _name_mode(axis, along, order, f"{name}, {frequency(omega, 4)}", (lowest, highest), found.per_revolution)
     axis.set(xlabel=over, ylabel=ORDER, ylim=(lowest, highest))
+
+
+def _campbell(axis: Any, found: Orders, of: str) -> None:
+    """Draw the levels over engine speed and frequency, with the orders that are listed and the two linear modes."""
+    from tcc_sim.analysis.orders import level
+
+    amplitude, shown, unit = getattr(found, of), _shown(found), QUANTITIES[of][1]
+    rpm = found.frequency * UNITS["rpm"][1] / found.per_revolution
+    hertz = np.outer(rpm / 60.0, found.order[shown])
+    top, levels = _top(amplitude, found), level(amplitude[:, shown])
+    highest = 1.05 * max(float(hertz[levels > top - SHOWN].max()), *(0.5 / np.pi * omega for omega in found.modes))
+    image = axis.pcolormesh(np.broadcast_to(rpm[:, None], hertz.shape), hertz, levels, cmap="magma",
+                            vmin=top - SHOWN, vmax=top, shading="nearest", rasterized=True)
+    axis.figure.colorbar(image, ax=axis, label=f"dB re 1 {unit}", pad=0.015, aspect=20)
+    axis.grid(False)
+    for omega, name in zip(found.modes, ("stuck", "slipping")):
+        if 0.5 / np.pi * omega < hertz.max():
+            axis.axhline(0.5 / np.pi * omega, color="white", lw=0.9, ls=(0, (4, 2)))
+            axis.annotate(f"{name}, {0.5 / np.pi * omega:.4g} Hz", (rpm.min(), 0.5 / np.pi * omega), xytext=(4, 2),
+                          textcoords="offset points", color="white", fontsize=6.5, bbox=BOX)
+    last = int(np.argmax(rpm))
+    for order in found.cuts:
+        at = min(float(rpm[last]), 0.94 * 60.0 * highest / order)
+        axis.annotate(f"order {order:g}", (at, order * at / 60.0), xytext=(-6, 0), textcoords="offset points",
+                      color="white", fontsize=6.5, va="center", ha="right", bbox=BOX)
+    axis.set(xlabel="engine speed (rpm)", ylabel="frequency (Hz)", xlim=(rpm.min(), rpm.max()), ylim=(0.0, highest))
 
 
 def _name_mode(axis: Any, along: Floats, order: Floats, text: str, within: tuple[float, float], each: float) -> None:
@@ -228,12 +276,13 @@ def _name_mode(axis: Any, along: Floats, order: Floats, text: str, within: tuple
     place = (along - along.min()) / max(float(np.ptp(along)), 1e-300)
     inside = (order > low + 0.03 * (high - low)) & (order < high - 0.1 * (high - low)) & (place > 0.02) & (place < 0.6)
     if not inside.any():
+        inside = (order >= low) & (order <= high)
+    if not inside.any():
         return
     between = np.abs((order / each + 0.5) % 1.0 - 0.5)  # Distance to the nearest order line, in multiples.
     at = int(np.argmax(np.where(inside, between - 0.05 * place, -1.0)))
     axis.annotate(text, (along[at], order[at]), xytext=(4, 0), color="white", textcoords="offset points",
-                  fontsize=6.5, va="center",
-                  bbox={"facecolor": "black", "alpha": 0.55, "edgecolor": "none", "pad": 0.8})
+                  fontsize=6.5, va="center", bbox=BOX)
 
 
 def _difference(axis: Any, found: OrderComparison, name: str, top: float) -> None:
@@ -246,7 +295,8 @@ def _difference(axis: Any, found: OrderComparison, name: str, top: float) -> Non
     apart = np.ma.masked_where(~(np.maximum(one, other) >= top - SHOWN), other - one)
     image = axis.pcolormesh(along, found.measured.order[shown], apart, cmap="RdBu_r", vmin=-DIFFERENCE, vmax=DIFFERENCE,
                             shading="nearest", rasterized=True)
-    axis.figure.colorbar(image, ax=axis, label="simulated less measured, dB", pad=0.015, aspect=28)
+    axis.figure.colorbar(image, ax=axis, pad=0.015, aspect=28,
+                         label=f"simulated less measured, dB;\nblank below {top - SHOWN:.0f} dB")
     axis.grid(False)
     axis.set(xlabel=over, ylabel=ORDER,
              ylim=(0.25 * found.measured.per_revolution, float(found.measured.order[-1])))

@@ -29,6 +29,8 @@ ORBIT_CYCLES = 12
 """Engine cycles drawn in the phase portrait of a motion without period."""
 FLAT = 0.02
 """Fraction of the largest slip speed below which a section point counts as stick."""
+MOST_INTERVALS, COLUMNS = 80, 480
+"""Largest number of intervals in stick that are shaded one by one, and number of columns that are shaded otherwise."""
 MOST_LABELS = 6
 """Largest number of events that are drawn with their texts."""
 LONGEST_LABEL = 42
@@ -146,14 +148,37 @@ def _histories(torques: Any, slip: Any, tail: Trajectory, control: Control | Non
 
 
 def shade_stick(axis: Any, t: NDArray[np.float64], state: NDArray[np.int8]) -> bool:
-    """Shade the intervals in stick, and return whether there are any."""
+    """Shade the intervals in stick, and return whether there are any.
+
+    Where there are more of them than a picture can resolve, each of COLUMNS columns is shaded by its share of stick.
+    """
     stuck = np.concatenate([[0], (state == 0).astype(np.int8), [0]])
     edges = np.diff(stuck)
     starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+    if len(starts) > MOST_INTERVALS:
+        _shade_shares(axis, np.linspace(t[0], t[-1], COLUMNS + 1), t, state == 0)
+        return True
     for number, (start, end) in enumerate(zip(starts.tolist(), ends.tolist())):
         axis.axvspan(t[start], t[end], facecolor=style.STICK, edgecolor="none", zorder=0,
                      label="stick" if number == 0 else None)
     return len(starts) > 0
+
+
+def _shade_shares(axis: Any, edges: NDArray[np.float64], t: NDArray[np.float64], stuck: NDArray[np.bool_]) -> None:
+    """Shade the columns between edges, s, by the share of the samples' intervals that begins in stick."""
+    from matplotlib.collections import QuadMesh
+    from matplotlib.colors import LinearSegmentedColormap
+
+    since = np.concatenate([[0.0], np.cumsum(np.diff(t) * stuck[:-1])])
+    share = np.diff(np.interp(edges, t, since)) / np.diff(edges)
+    corners = np.stack(np.meshgrid(edges, [0.0, 1.0]), axis=-1)
+    shades = LinearSegmentedColormap.from_list("stick", ["white", style.STICK_SHARE])
+    mesh = QuadMesh(corners, array=share[None, :], cmap=shades, rasterized=True, zorder=0,
+                    transform=axis.get_xaxis_transform())
+    mesh.set_clim(0.0, 1.0)
+    axis.add_collection(mesh, autolim=False)
+    axis.plot([], [], linestyle="none", marker="s", markersize=6.0, markeredgewidth=0.0, color=style.STICK_SHARE,
+              label="stick (shade: share)")
 
 
 def _phase_portrait(axis: Any, tail: Trajectory, summary: Summary) -> None:

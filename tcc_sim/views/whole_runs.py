@@ -10,7 +10,7 @@ import numpy as np
 from tcc_sim.solvers import solve
 from tcc_sim.trajectory import Floats, State, Trajectory, integral
 from tcc_sim.views import style
-from tcc_sim.views.overview import mean_slip_panel, pressure_panel
+from tcc_sim.views.overview import mean_slip_panel, pressure_panel, shade_stick
 
 if TYPE_CHECKING:
     from tcc_sim.analysis.control import Control
@@ -64,10 +64,7 @@ def manoeuvre(path: Path, run: Trajectory, width: float = style.PAGE, title: str
                  linestyle=(0, (1, 1.5)))
         torques.set_ylabel("torque (N m)")
         line(slip, run.slip_speed, style.BLUE, "slip speed")
-        stuck = run.state == 0
-        if stuck.any():
-            slip.fill_between(run.t, 0.0, 1.0, where=stuck, transform=slip.get_xaxis_transform(), color=style.STICK,
-                              linewidth=0.0, zorder=0, label="stick", rasterized=dots)
+        shade_stick(slip, run.t, run.state)
         slip.set_ylabel("slip speed (rad/s)")
         line(beside, shaft, style.BLUE)
         beside.set_ylabel("torque (N m)")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tcc_sim.cli import main
-from tcc_sim.shown_units import engine_speed, key_value, show_in, shown_unit, speed
+from tcc_sim.shown_units import engine_speed, frequency, key_value, show_in, shown_axis, shown_unit, speed
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed")
 from tcc_sim.views import style
@@ -30,6 +30,8 @@ def test_a_number_is_converted_with_its_unit():
     assert engine_speed(60.0, 5, 600.0) == "engine frequency 9.5493 to 95.493 Hz"
     show_in("rpm", 2.0)
     assert speed(104.71976) == "1000 rpm"
+    assert frequency(2.0 * math.pi * 61.64, 4) == "61.64 Hz"  # A frequency is no speed of a shaft.
+    assert shown_axis("frequency (rad/s)") == ("frequency (Hz)", pytest.approx(0.5 / math.pi))
     assert engine_speed(60.0, 5, 600.0) == "engine speed 286.48 to 2864.8 rpm"
     assert key_value("initial.slip_speed", 104.71976, 6) == "initial.slip_speed 1000 rpm"
     assert key_value("engine.frequency", 104.71976, 6, 209.43952) == "engine.frequency 500 to 1000 rpm"

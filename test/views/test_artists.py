@@ -219,6 +219,50 @@ def found(stable: list[bool], **bifurcation: object) -> dict[str, object]:
             "bifurcations": [{"branch": 0, **bifurcation}] if bifurcation else []}
 
 
+def test_fast_stick_is_shaded_by_its_share_of_each_column() -> None:
+    from matplotlib.collections import QuadMesh
+
+    with style.figure() as drawn:
+        axis = drawn.subplots()
+        k = np.arange(10_000)
+        state = np.where((k % 10 < 4) == (k < 5000), 0, 1).astype(np.int8)  # 40 %, then 60 % of each ten samples.
+        assert overview.shade_stick(axis, 1e-3 * k, state)
+        mesh, = (found for found in axis.collections if isinstance(found, QuadMesh))
+        share = np.asarray(mesh.get_array()).ravel()
+        assert len(share) == overview.COLUMNS
+        assert abs(share[:235].mean() - 0.4) < 0.01
+        assert abs(share[245:].mean() - 0.6) < 0.01
+        assert np.ptp(share[:235]) < 0.2
+        assert axis.get_legend_handles_labels()[1] == ["stick (shade: share)"]
+        assert not np.isfinite(axis.dataLim.y0)  # The shade does not set the scale.
+
+
+def test_a_run_up_has_cuts_of_both_quantities_and_a_campbell_diagram(figures: list[Any], tmp_path: Path) -> None:
+    """One window with fifty times the judder leaves the scale to the others; an order below the range says so."""
+    level = np.ones((60, 101))
+    level[:, 20] = 1e-5
+    peak = np.ones(60)
+    peak[7] = 50.0
+    windows = np.linspace(0.0, 1.0, 60)
+    found = Orders(windows, 80.0 + 100.0 * windows, np.arange(0.0, 10.1, 0.1), level, level, np.ones(1),
+                   np.ones((60, 1)), Judder(peak, peak, peak), windows, (116.8, 387.3))
+    order_maps.plot_orders(tmp_path / "orders.png", found)
+    titles = {axis: axis.get_title(loc="left") for axis in figures[0].axes}
+    axes = {title.partition(" ")[2]: axis for axis, title in titles.items() if title}
+    for name in ("Orders of the shaft torque", "Orders of the slip speed"):
+        assert len(axes[name].lines) == len(found.cuts)
+        assert any(text.get_text() == "order 2, below -60 dB" for text in axes[name].get_legend().get_texts())
+    assert axes["Judder"].get_ylim()[1] == pytest.approx(1.1)
+    assert axes["Judder"].get_legend().get_title().get_text() == "1 of 60 windows off scale"
+    campbell = axes["Campbell diagram of the shaft torque"]
+    assert (campbell.get_xlabel(), campbell.get_ylabel()) == ("engine speed (rpm)", "frequency (Hz)")
+    assert campbell.get_xlim() == pytest.approx((80.0 * 30.0 / math.pi, 180.0 * 30.0 / math.pi))
+    assert [line.get_ydata()[0] for line in campbell.lines] == pytest.approx([116.8 / 2 / math.pi, 387.3 / 2 / math.pi])
+    assert {"stuck, 18.59 Hz", "slipping, 61.64 Hz"} <= {text.get_text() for text in campbell.texts}
+    for name in ("Shaft torque", "Slip speed"):
+        assert {"stuck, 116.8 rad/s", "slipping, 387.3 rad/s"} == {text.get_text() for text in axes[name].texts}
+
+
 def test_a_branch_is_solid_to_its_bifurcation_and_dashed_behind_it() -> None:
     both = found([True, True, False, False], after=1, value=1.7, max_slip_speed=14.0, changes_stability=True)
     (x, y), (other_x, other_y) = stable_and_unstable(both, 0)
