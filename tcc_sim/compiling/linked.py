@@ -50,6 +50,17 @@ WHICH = 16
 """Digits of the digest that tells a function for some types of arguments from all other code."""
 
 
+def _record_in_names(kind: Any) -> tuple[str, tuple[int]]:
+    """Return the part of a function's name in LLVM code that stands for a record: a digest of its fields.
+
+    Numba takes the number of types made before in the process, so that another process would not find a stored part.
+    """
+    return type(kind).__name__, (int(hashlib.sha256(kind.name.encode()).hexdigest()[:12], 16),)
+
+
+types.Record.mangling_args = property(_record_in_names)
+
+
 class PartLibrary(JITCodeLibrary):  # type: ignore[misc]
     """The unoptimised LLVM module of a function, without machine code, to be linked into kernels.
 

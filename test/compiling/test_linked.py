@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 from typing import Any, NamedTuple
 
+import numba
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -74,6 +75,25 @@ def test_what_is_wrong_in_a_part_is_said():
     with pytest.raises(Exception, match="nothing"):
         kernel(1.0)
     assert gc.isenabled()
+
+
+def test_a_part_has_the_same_name_in_every_process():
+    """Whatever types a process has made before: their numbers are not in the names of stored parts."""
+    from numba import types
+    from numba.core.itanium_mangler import mangle_type
+
+    from tcc_sim.compiling import linked
+
+    assert linked.types is types
+    kind = numba.from_dtype(np.dtype([("x", float), ("n", int)]))
+    arrays = types.Array(kind, 1, "C")
+    name = mangle_type(arrays)
+    kind._code += 1000
+    try:
+        assert mangle_type(arrays) == name
+    finally:
+        kind._code -= 1000
+    assert mangle_type(types.Array(numba.from_dtype(np.dtype([("y", float), ("n", int)])), 1, "C")) != name
 
 
 def test_branches_without_an_argument_are_left_out_where_it_is_there():
