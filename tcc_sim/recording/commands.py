@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -77,6 +77,8 @@ class Commands:
         self._names = {f"{space}/{name}": name for name in (*COMMANDS, SOURCE)}
         self._sent: dict[str, list[_Sent]] = {name: [] for name in COMMANDS}
         self._sources: dict[InputSource, None] = {}
+        self.coarse = False
+        """Whether times of receipt are so coarse that most states share them with others."""
         self._numbers: dict[str, int] = {}
         self.publishers: dict[str, set[str]] = {}
         """Publishers of commands, by topic."""
@@ -142,8 +144,16 @@ class Commands:
         wanted = {name: sent for name, sent in self._sent.items() if sent}
         if not wanted or not runs:
             return {}
-        clock = _Clock(runs)
-        return {name: clock.rows(_by_clock(sent)) for name, sent in wanted.items()}
+        log = np.concatenate([states.log_ns for states in runs])
+        self.coarse = 2 * len(np.unique(log)) < len(log)
+        delay = _none if self.coarse else _delay
+        clock = _Clock(runs, delay)
+        return {name: clock.rows(_by_clock(sent, delay)) for name, sent in wanted.items()}
+
+
+def _none(log: Stamps, sent: Stamps) -> Stamps:
+    """Return no difference of clocks, where times of receipt are too coarse to show it."""
+    return np.zeros(len(log), np.int64)
 
 
 def _delay(log: Stamps, sent: Stamps) -> Stamps:
@@ -163,13 +173,13 @@ def _delay(log: Stamps, sent: Stamps) -> Stamps:
     return np.asarray(shortest[inverse])
 
 
-def _by_clock(sent: Sequence[_Sent]) -> list[_Sent]:
+def _by_clock(sent: Sequence[_Sent], delay_of: Callable[[Stamps, Stamps], Stamps]) -> list[_Sent]:
     """Return the commands of each chunk by the recorder's clock."""
     who, times, log = (np.concatenate([getattr(one, name) for one in sent]) for name in ("publisher", "times", "log"))
     delay = np.empty(len(log), np.int64)
     for number in np.unique(who):
         mine = who == number
-        delay[mine] = _delay(log[mine], times[mine])
+        delay[mine] = delay_of(log[mine], times[mine])
     ends = np.cumsum([len(one.times) for one in sent])
     return [one.by(part) for one, part in zip(sent, np.split(delay, ends[:-1]))]
 
@@ -181,9 +191,9 @@ class _Clock:
     does not show on which side of a step a command was sent, the neighbouring states in the file decide.
     """
 
-    def __init__(self, runs: Sequence[JointStates]) -> None:
+    def __init__(self, runs: Sequence[JointStates], delay_of: Callable[[Stamps, Stamps], Stamps]) -> None:
         times = np.concatenate([states.sent_ns for states in runs])
-        times += np.concatenate([_delay(states.log_ns, states.sent_ns) for states in runs])
+        times += np.concatenate([delay_of(states.log_ns, states.sent_ns) for states in runs])
         steps = np.diff(times)
         self._cuts = 1 + np.flatnonzero(steps < -SET_BACK)
         self._shift = np.zeros(len(self._cuts) + 1, np.int64)

@@ -321,7 +321,11 @@ class Run:
         if 2 * self._untimed > place:
             self.warnings.append("no time of receipt or sending was recorded (all are 0): a command belongs to the "
                                  "next state in the file")
-        return Columns(runs, commands.beside(runs), commands.sources,
+        beside = commands.beside(runs)
+        if commands.coarse and not self._untimed:
+            self.warnings.append("times of receipt are coarse: commands stand where their times of sending alone put "
+                                 "them")
+        return Columns(runs, beside, commands.sources,
                        {name: len(who) for name, who in commands.publishers.items()}, commands.counts)
 
     def _every_channel(self) -> Iterator[Channel]:

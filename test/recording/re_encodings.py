@@ -348,9 +348,8 @@ def log_times_zero(folder, source):
     save(folder / "run_0.mcap", source._replace(messages=[m._replace(log=0, sent=0) for m in source.messages]))
 
 
-@way("real_time_factor", "inputs", "command_age", "units", "warnings", sentence="so their age is unknown")
+@way("real_time_factor", "warnings", sentence="times of receipt are coarse")
 def coarse_log_times(folder, source):
-    """Too coarse to compare the clocks of driveline and controller within a tick."""
     save(folder / "run_0.mcap", source._replace(messages=[
         m._replace(log=m.log // 50_000_000 * 50_000_000) for m in source.messages]))
 
