@@ -148,7 +148,7 @@ def test_realtime_gives_every_figure(tmp_path: Path) -> None:
     assert ended.returncode == 0, ended.stderr
     found = valid("realtime", json.loads((tmp_path / "pacing.json").read_text()))
     names = {"lateness_p50_s", "lateness_p99_s", "lateness_max_s", "late_share", "cpu_fraction"}
-    about = {"format", "version", "scene", "command", "units"}
+    about = {"format", "version", "environment", "scene", "command", "units"}
     assert set(found) - about == {"rate", "ticks", "missed_ticks", "drift_s", "settings", *names,
                                   *(f"bare_{n}" for n in names)}
     assert [trial["name"].split()[0] for trial in found["settings"]] == ["nothing", "timer", *["slack,"] * 4, "all"]

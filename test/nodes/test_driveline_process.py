@@ -23,8 +23,10 @@ def test_a_signal_ends_the_node_with_status_0_and_no_traceback(start: Callable[.
     assert "scene minimal, 1000 Hz" in node.lines[0]
     node.send_signal(signal.SIGTERM)
     assert node.wait() == 0
-    # rcl itself says so where the signal falls between the print of the last line and its publication on rosout.
-    assert [line for line in node.lines[2:] if not line.startswith("Failed to publish log message to rosout")] == []
+    # rcl itself says so where the signal falls between the print of the last line and its publication on rosout. On a
+    # busy machine the node warns that it was late.
+    assert [line for line in node.lines[2:] if not line.startswith("Failed to publish log message to rosout")
+            and "the real-time loop was" not in line] == []
 
 
 @pytest.mark.parametrize(("module", "words", "line"), [
