@@ -16,7 +16,14 @@ from tcc_sim.errors import one_line
 from tcc_sim.parameter_file import LARGEST_FILE
 from tcc_sim.recording import records
 from tcc_sim.recording.announcements import SceneRecord
-from tcc_sim.recording.mcap_file import PUBLISHER_KEY, RECOVERY_RECORD, RESULT_RECORD, SCENE_RECORD, digest
+from tcc_sim.recording.mcap_file import (
+    PUBLISHER_KEY,
+    RECOVERY_RECORD,
+    RESULT_RECORD,
+    ROSBAG2_RECORD,
+    SCENE_RECORD,
+    digest,
+)
 from tcc_sim.recording.records import DamagedChunk, McapRecord, RecordStream, decoded
 from tcc_sim.topics import TOPICS
 
@@ -81,6 +88,8 @@ class Contents:
     recovered: list[str] = field(default_factory=list)
     """Losses that were recorded when this recording was recovered from another."""
     attachments: int = 0
+    foreign: int = 0
+    """Number of metadata records of other programs."""
     first_ns: int = NEVER
     """Log time of the first message, ns."""
 
@@ -130,6 +139,7 @@ class Contents:
         """Take a metadata record of this package; ignore others."""
         name, values = record.name, record.metadata
         if name not in (SCENE_RECORD, RESULT_RECORD, RECOVERY_RECORD):
+            self.foreign += name != ROSBAG2_RECORD
             return
         if name == SCENE_RECORD:
             version, scene, log_time = values["version"], values["scene"], values["log_time"]

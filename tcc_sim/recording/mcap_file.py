@@ -23,6 +23,7 @@ from tcc_sim.parameter_file import LARGEST_FILE
 SCENE_RECORD = "tcc_sim"
 RESULT_RECORD = "tcc_sim_result"
 RECOVERY_RECORD = "tcc_sim_recovery"
+ROSBAG2_RECORD = "rosbag2"
 PUBLISHER_KEY = "publisher"
 """Key in a channel's metadata: identifier of the publisher in the middleware (hexadecimal digits)."""
 MOST_CHUNKS = 200_000
@@ -201,7 +202,8 @@ class McapFile:
         self._writer.flush()
         if result is not None:
             self.note(RESULT_RECORD, result)
-        self.metadata("rosbag2", {"serialized_metadata": yaml.safe_dump(information([self.summary]), sort_keys=False)})
+        self.metadata(ROSBAG2_RECORD, {
+            "serialized_metadata": yaml.safe_dump(information([self.summary]), sort_keys=False)})
         self._writer.finish()
         if sync:
             os.fsync(self._output.file.fileno())

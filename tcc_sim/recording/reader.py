@@ -274,6 +274,10 @@ class Run:
                 tap(batch.data, batch.messages, channels)
         self.warnings.extend(self._left_out)
         self._warn_of_cut()
+        for what in ("attachments", "foreign"):
+            if count := sum(getattr(contents, what) for contents in self._contents.values()):
+                kind = "attachment" if what == "attachments" else "metadata record"
+                self.warnings.append(f"{counted(count, kind)} of other programs not copied")
 
     def _read(self, window: Window | None, order: Callable[[], Iterator[Found]]) -> Columns:
         """Read the driveline's messages in an order."""

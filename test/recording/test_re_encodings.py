@@ -12,6 +12,7 @@ from re_encodings import (
     case,
     forgotten,
     laid_out,
+    large_attachment,
     left_and_right,
     made,
     save,
@@ -209,6 +210,17 @@ def test_every_verb_takes_the_same_recordings_and_options(tmp_path, original, ca
     assert main(words) == 0, capsys.readouterr().err
     measured, scene = measured_and_scene(tmp_path / "run", SCENE, topic=STATES)
     assert (len(measured.t), scene.system) == (700, SCENE.system)
+
+
+def test_a_recovery_names_what_it_does_not_copy(tmp_path, original, capsys):
+    large_attachment(tmp_path / "run", original[0]._replace(metadata=[*original[0].metadata, ("other", {"a": "b"})]))
+    assert main(["recover", str(tmp_path / "run")]) == 0
+    output = capsys.readouterr().out
+    assert "note: 1 attachment of other programs not copied" in output
+    assert "note: 1 metadata record of other programs not copied" in output
+    assert "nothing is missing" not in output
+    found, _ = figures(tmp_path / "run_recovered")
+    assert found["verified"] is True
 
 
 def test_options_of_a_recording_are_refused_where_none_is_read(tmp_path, refused):
