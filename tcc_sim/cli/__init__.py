@@ -77,6 +77,8 @@ def _status_of(words: list[str]) -> int:
     try:
         arguments = build_parser(_check_verb(words)).parse_args(words, argparse.Namespace(words=words))
         show_in(getattr(arguments, "units", None) or "rad", 1.0)
+        if "tcc_sim.views.style" in sys.modules or getattr(arguments, "style", None) is not None:
+            import_module("tcc_sim.views.style").use_file(getattr(arguments, "style", None))
         status: int = import_module(module_of(arguments.verb)).run(arguments)
         sys.stdout.flush()
         return status

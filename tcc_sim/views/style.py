@@ -7,12 +7,13 @@ import re
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tcc_sim.errors import InputError, check_suffix, require
+from tcc_sim.errors import InputError, check_suffix, one_line, require
 from tcc_sim.model.crank_speed import DERIVED
 from tcc_sim.model.elements import list_of
 from tcc_sim.model.parameters import QUANTITIES
@@ -64,6 +65,44 @@ _SETTINGS: dict[str, Any] = {
 }
 
 
+_CHOSEN: ContextVar[Mapping[str, Any] | None] = ContextVar("chosen", default=None)
+
+
+def use_file(path: Path | None) -> None:
+    """Draw with the settings of a matplotlib style file on top of those of this package; None for these alone.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or a line is not a setting of matplotlib.
+    MissingPackage
+        matplotlib is not installed.
+    """
+    if path is None:
+        _CHOSEN.set(None)
+        return
+    require("matplotlib", "a style")
+    import matplotlib
+
+    try:
+        text = path.read_text(encoding="utf-8")
+        found: dict[str, Any] = {}
+        for number, line in enumerate(text.splitlines(), 1):
+            key, _, value = line.partition("#" if line.lstrip().startswith("#") else ":")
+            if not line.strip() or line.lstrip().startswith("#"):
+                continue
+            key = key.strip()
+            if key not in matplotlib.rcParams or key.startswith("backend"):
+                raise InputError(f"{path}: line {number}: {one_line(key)} is not a setting of a matplotlib style")
+            try:
+                found[key] = matplotlib.rcParams.validate[key](value.partition(" #")[0].strip())
+            except ValueError as error:
+                raise InputError(f"{path}: line {number}: {key}: {one_line(str(error))}") from None
+    except (OSError, UnicodeError) as error:
+        raise InputError(f"{path} cannot be read: {getattr(error, 'strerror', None) or 'it is no text'}") from None
+    _CHOSEN.set(found)
+
+
 @contextmanager
 def figure(width: float = PAGE, height: float = 4.0, title: str = "") -> Iterator[Any]:
     """Yield a matplotlib Figure of `width` by `height` inch with a title; draw and save it inside the `with`.
@@ -83,6 +122,7 @@ def figure(width: float = PAGE, height: float = 4.0, title: str = "") -> Iterato
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(_SETTINGS)
         matplotlib.rcParams["axes.prop_cycle"] = cycler(color=CYCLE)
+        matplotlib.rcParams.update(_CHOSEN.get() or {})
         # The width of a text depends on the resolution, so the layout uses the resolution of the saved picture.
         drawn = Figure(figsize=(width, height), dpi=DOTS, layout="constrained")
         FigureCanvasAgg(drawn)

@@ -35,8 +35,10 @@ the median difference of the two pairs on either side.
 def draw_sweep(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
     """Draw maxima, the orbit diagram (plate angle on the section) and the time in stick over one key."""
     values = style.json_values(found)
-    with style.figure(width, 5.0, title) as drawn:
-        maxima, orbit, stick = drawn.subplots(3, 1, sharex=True, height_ratios=(1.2, 1.2, 0.7))
+    exponents = bool(values.get("lyapunov"))
+    heights = (1.2, 1.2, 0.7, *([0.9] if exponents else []))
+    with style.figure(width, 5.0 + 1.4 * exponents, title) as drawn:
+        maxima, orbit, stick, *further = drawn.subplots(len(heights), 1, sharex=True, height_ratios=heights)
         x = numbers(values["values"])
         draw_maxima(maxima, values)
         maxima.set(xlabel="", ylabel="max |slip speed|\n(rad/s)")
@@ -49,13 +51,27 @@ def draw_sweep(path: Path, found: Any, title: str = "", width: float = style.PAG
         share = numbers(values["stick_fraction"])
         stick.plot(*parted(x, 100.0 * share), color=style.BLUE, marker="o", markersize=_size(len(x)),
                    markeredgewidth=0.0, linewidth=0.9)
-        stick.set(ylabel="stick (%)", ylim=(-4.0, 104.0), xlabel=style.label_of(values["over"]))
+        stick.set(ylabel="stick (%)", ylim=(-4.0, 104.0))
+        for axis in further:
+            _exponents(axis, x, values)
+        (further or [stick])[-1].set_xlabel(style.label_of(values["over"]))
         if len(x) > 1:
             beside = 0.01 * np.ptp(x)  # So that no marker is cut.
             stick.set_xlim(np.nanmin(x) - beside, np.nanmax(x) + beside)
-        style.panel_titles((maxima, orbit, stick), [
-            "Maxima", "Heat" if values.get("varying") else "Orbit diagram", "Time in stick"])
+        style.panel_titles((maxima, orbit, stick, *further), [
+            "Maxima", "Heat" if values.get("varying") else "Orbit diagram", "Time in stick",
+            *(["Largest Lyapunov exponent"] if exponents else [])])
         return style.save(drawn, path)
+
+
+def _exponents(axis: Any, x: Floats, values: Mapping[str, Any]) -> None:
+    """Draw the largest Lyapunov exponent with its interval."""
+    middle, low, high = (numbers([(one or {}).get(name) for one in values["lyapunov"]])
+                         for name in ("exponent", "low", "high"))
+    axis.axhline(0.0, color=style.INK, linewidth=0.6, zorder=1)
+    axis.vlines(x, low, high, color=style.SKY, linewidth=1.0)
+    axis.plot(x, middle, linestyle="none", marker="o", markersize=_size(len(x)), markeredgewidth=0.0, color=style.BLUE)
+    axis.set_ylabel("exponent (1/s)")
 
 
 def draw_maxima(axis: Any, found: Any) -> None:

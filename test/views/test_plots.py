@@ -269,3 +269,23 @@ def test_an_axis_takes_the_main_curve_and_no_file_is_overwritten(figures, tmp_pa
             plots.plot(found, **wrong)
     assert path.read_text() == "mine"
     assert plots.plot(found, path, force=True) == path
+
+
+def test_a_style_file_sets_fonts_and_a_wrong_one_is_refused(figures, tmp_path, refused) -> None:
+    """And the exponents of a sweep have a panel."""
+    good, bad = tmp_path / "my.mplstyle", tmp_path / "bad.mplstyle"
+    good.write_text("# mine\nxtick.labelsize: 11  # larger\n")
+    for text, says in (("font.sise: 11\n", "line 1: font.sise is not a setting"),
+                       ("font.size: big\n", "line 1: font.size"), ("backend: Agg\n", "line 1: backend is not a setting"), (None, "cannot be read")):
+        bad.unlink(missing_ok=True)
+        if text is not None:
+            bad.write_text(text)
+        assert says in refused("simulate", "fig02", "--style", bad, "--plot", tmp_path / "no.png")
+    words = ["sweep", "minimal", "--over", "pressure.mean=200000:220000:2", "--cycles", "30", "--lyapunov"]
+    for more in (["--style", str(good)], []):
+        assert main([*words, "--plot", str(tmp_path / f"{len(more)}.png"), *more]) == 0
+    sizes = [drawn.axes[0].get_xticklabels()[0].get_fontsize() for drawn in figures]
+    assert sizes == [11.0, 7.5]
+    last = figures[0].axes[-1]
+    assert last.get_ylabel() == "exponent (1/s)"
+    assert len(last.lines[-1].get_xdata()) == 2
