@@ -275,8 +275,9 @@ def test_a_style_file_sets_fonts_and_a_wrong_one_is_refused(figures, tmp_path, r
     """And the exponents of a sweep have a panel."""
     good, bad = tmp_path / "my.mplstyle", tmp_path / "bad.mplstyle"
     good.write_text("# mine\nxtick.labelsize: 11  # larger\n")
-    for text, says in (("font.sise: 11\n", "line 1: font.sise is not a setting"),
-                       ("font.size: big\n", "line 1: font.size"), ("backend: Agg\n", "line 1: backend is not a setting"), (None, "cannot be read")):
+    wrong = {"font.sise: 11\n": "line 1: font.sise is not a setting", "font.size: big\n": "line 1: font.size",
+             "backend: Agg\n": "line 1: backend is not a setting", None: "cannot be read"}
+    for text, says in wrong.items():
         bad.unlink(missing_ok=True)
         if text is not None:
             bad.write_text(text)
@@ -284,7 +285,7 @@ def test_a_style_file_sets_fonts_and_a_wrong_one_is_refused(figures, tmp_path, r
     words = ["sweep", "minimal", "--over", "pressure.mean=200000:220000:2", "--cycles", "30", "--lyapunov"]
     for more in (["--style", str(good)], []):
         assert main([*words, "--plot", str(tmp_path / f"{len(more)}.png"), *more]) == 0
-    sizes = [drawn.axes[0].get_xticklabels()[0].get_fontsize() for drawn in figures]
+    sizes = [drawn.axes[-1].xaxis.get_major_ticks()[0].label1.get_fontsize() for drawn in figures]
     assert sizes == [11.0, 7.5]
     last = figures[0].axes[-1]
     assert last.get_ylabel() == "exponent (1/s)"
