@@ -121,7 +121,7 @@ def test_the_sdist_holds_every_file_of_package_tests_and_scenes(built):
         names = {name.partition("/")[2] for name in file.getnames()}
     wanted = {str(path.relative_to(ROOT)) for part in ("tcc_sim", "test", "config", "resource", ".ci", ".github")
               for path in (ROOT / part).rglob("*")
-              if path.is_file() and not {"__pycache__", "pictures"} & set(path.parts)}
+              if path.is_file() and not {"__pycache__", "pictures", "shipped"} & set(path.parts)}
     wanted |= {"setup.py", "setup.cfg", "pyproject.toml", "package.xml", "README.md", "LICENSE", "CHANGELOG.rst",
                "CITATION.cff"}
     assert wanted - names == set()
