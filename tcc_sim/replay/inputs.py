@@ -123,14 +123,14 @@ def held_commands(line: Timeline, states: JointStates, name: str) -> HeldCommand
     numbers = order[good[order]]
     applied = np.zeros(len(acts), np.bool_)
     applied[numbers[np.append(np.diff(acts[numbers]) != 0, True)[:len(numbers)]]] = True
-    # Those of one publisher arrive in their order, so that one before another that acted was replaced; of several
-    # publishers, one may be ignored, and a replaced command was no later than the one that replaced it.
+    # Those of one connected publisher arrive in their order, so that one before another that acted was replaced; of
+    # several publishers, one may be ignored, and a replaced command was no later than the one that replaced it.
     numbers = np.flatnonzero(applied)
     following = np.searchsorted(numbers, np.arange(len(acts)))
     superseded = valid & ~applied & (following < len(numbers))
-    if line.publishers.get(name, 0) > 1:
-        others = numbers[following[superseded]]
-        superseded[superseded] = due[others] - due[superseded] <= acts[others] - due[others]
+    others, connected = numbers[following[superseded]], line.publishers.get(name, 0) <= 1
+    superseded[superseded] = (due[others] - due[superseded] <= acts[others] - due[others]) | (
+        follows[due[superseded]] & connected)
     acts, values, stamps = acts[order], values[order], stamps[order]
     applied, superseded = applied[order], superseded[order]
     begins = acts[applied]

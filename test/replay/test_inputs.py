@@ -24,10 +24,10 @@ def every(period, value=lambda k: 9e4 + k, stamp=lambda k: k * TICK, begin=1, af
     return [(k, after, stamp(k), value(k)) for k in range(begin, N - 2) if k % period == 0]
 
 
-def recorded(folder, commands, *, ignored=(), announced=True, late=(), bursts=1, target=True):
+def recorded(folder, commands, *, ignored=(), announced=True, late=(), bursts=1, one=False, target=True):
     """A bag of a driveline that holds each command from the next tick on, or the one after it for indices in `late`,
-    and never those in `ignored`, which are of another publisher. Of several commands between two states it holds the
-    last; it receives them in bursts of so many ticks."""
+    and never those in `ignored`, which are of another publisher unless there is but `one`. Of several commands between
+    two states it holds the last; it receives them in bursts of so many ticks."""
     held: dict[int, float] = {}
     for number, (k, _, _, value) in enumerate(commands):
         if number not in ignored:
@@ -44,7 +44,7 @@ def recorded(folder, commands, *, ignored=(), announced=True, late=(), bursts=1,
         sources = [(0, 0, source_text({"engine_torque": False, "actuation_pressure": False}))]
     for number, (k, after, stamp, value) in enumerate(commands):
         at = START + k * TICK + after
-        data, who = cdr.fluid_pressure(stamp, value), "deaf" if number in ignored else "heard"
+        data, who = cdr.fluid_pressure(stamp, value), "deaf" if number in ignored and not one else "heard"
         beside.setdefault(k, []).append(("/actuation_pressure", FLUID_PRESSURE, at, at, data, who))
     return replay(bag(folder, rows, SCENE, beside=beside, sources=sources if announced else (),
                       targets=[(0, 20.0)] if target else ()), discard=0)
@@ -58,9 +58,10 @@ WAYS = {
     "50 ticks late, every 5": (every(5, stamp=lambda k: (k - 50) * TICK, begin=55), {}, 289, 0, 0, 52, 54),
     "two between states": (TWICE, {}, 1497, 1497, 0, 0, 0),
     "a tick later than sent": (every(10), {"late": range(149)}, 149, 0, 0, 5, 10),
-    "bursts of 8 ms": (every(1), {"bursts": 8}, 187, 1308, 2, 4, 8),
+    "bursts of 8 ms": (every(1), {"bursts": 8}, 187, 1302, 8, 4, 8),
     "none arrives": (every(1), {"ignored": range(1497)}, 0, 0, 1497, None, None),
     "every third is ignored": (every(1), {"ignored": range(0, 1497, 3)}, 998, 0, 499, 0, 1),
+    "not connected at first": (every(1), {"ignored": range(500), "one": True}, 997, 0, 500, 0, 0),
     "without announcements": (every(100), {"announced": False}, 14, 0, 0, 50, 99),
     "stops": (every(10)[:20], {}, 20, 0, 0, 554, 1298),
     "wall clock": (every(5, stamp=lambda k: WALL + k * TICK), {}, 299, 0, 0, None, None),
