@@ -17,7 +17,7 @@ from tcc_sim.recording.contents import Batch, Channel
 from tcc_sim.recording.layouts import HEAD, Layouts, SameLayout
 from tcc_sim.recording.records import MESSAGE_HEAD
 from tcc_sim.result import reported
-from tcc_sim.topics import JOINT_NAMES, JOINT_STATE, OUTPUT_JOINT, STRING
+from tcc_sim.topics import CLUTCH_JOINT, JOINT_NAMES, JOINT_STATE, OUTPUT_JOINT, STRING
 
 _MOST_NAMED = 20
 _PARTICIPANT = 24
@@ -148,7 +148,7 @@ class Inventory:
                 continue
             layouts = self._layouts.setdefault((channel.topic, channel.publisher), Layouts(JOINT_STATE))
             for same in layouts.groups(array, batch.messages, [number]):
-                if same.names == (OUTPUT_JOINT,):
+                if same.names in ((OUTPUT_JOINT,), (CLUTCH_JOINT,)):
                     continue
                 able = set(self._joints) <= set(same.names)
                 key = channel.topic, channel.publisher, tuple(self._joints) if able else tuple(sorted(same.names))

@@ -62,7 +62,8 @@ def test_without_arguments_it_subscribes_to_both_and_moves_as_its_scene_says(ben
 def test_commands_time_outs_changes_and_resets_are_verified_to_the_last_bit(bench: Any, tmp_path: Path,
                                                                             stamp: str) -> None:
     began = time.time_ns()
-    chain = Commanded(bench, tmp_path / "run", scene="commands", command_timeout=0.04, stamp=stamp)
+    chain = Commanded(bench, tmp_path / "run", scene="commands", command_timeout=0.04, stamp=stamp,
+                      publish_stamped=True)
     chain.send(torque=310.0)
     chain.run(20)
     chain.send(pressure=2.1e5)
@@ -89,6 +90,7 @@ def test_commands_time_outs_changes_and_resets_are_verified_to_the_last_bit(benc
     run = open_run(tmp_path / "run")
     assert [states.stamp_ns[0] for states in run.columns().runs] == [0, 0]
     assert run.stamps.lost == 0
+    assert [one.topic for one in run.drivelines] == ["/joint_states"]  # Stamped topics are no drivelines.
     zeros = zeros_of(scene.text for scene in run.scenes).tolist()
     assert len(zeros) == (2 if stamp == "wall" else 0)
     assert all(began <= zero <= time.time_ns() for zero in zeros)
