@@ -139,7 +139,7 @@ def judged(model: Model, i: int, start: float, found: Fit, errors: Floats, corre
     elif not math.isfinite(error):
         verdict = "not identifiable"
         why = f"the measurement holds nothing about it, so it keeps its start; {_told_by(key, step)}"
-    elif relative <= gates.relative and _at_bound(model, i, found.values, errors):
+    elif _at_bound(model, i, found.values, errors) and error <= gates.relative * max(abs(value), _own(model, key)):
         verdict, why = "at its bound", "the fit ends at the largest or smallest allowed value"
         if key in (STATIC, KINETIC):
             why += "; if mu_s and mu_k meet, a start with a smaller value of the larger one leads to the other side"
@@ -203,9 +203,14 @@ def _at_bound(model: Model, i: int, values: Floats, errors: Floats) -> bool:
     both = all(math.isfinite(error) for other, error in zip(model.keys, errors) if other in (STATIC, KINETIC))
     if both and key in (STATIC, KINETIC) and max(ratio, 1.0 / ratio) <= DEFAULTS.least_ratio * (1.0 + 1e-9):
         return True
-    quantity, own = QUANTITIES[key], abs(float(attrgetter(key)(model.system)))
-    return (value <= quantity.low + AT_BOUND * max(abs(quantity.low), own)
+    quantity = QUANTITIES[key]
+    return (value <= quantity.low + AT_BOUND * max(abs(quantity.low), _own(model, key))
             or value >= quantity.high - AT_BOUND * abs(quantity.high))
+
+
+def _own(model: Model, key: str) -> float:
+    """Return the size of the scene's own value of a key, which tells what is large where an end of its range is 0."""
+    return abs(float(attrgetter(key)(model.system)))
 
 
 def why_no_noise(white: Whiteness, gates: Gates) -> str:
