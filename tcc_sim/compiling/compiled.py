@@ -19,6 +19,7 @@ from pathlib import Path
 from struct import Struct
 from types import FunctionType
 from typing import Any, NamedTuple, TypeVar, cast
+from weakref import WeakSet
 
 import llvmlite
 import numpy as np
@@ -46,6 +47,7 @@ code. Measured on one core of 2.5 GHz, rounded.
 ALONE = 2.0
 """Compile time where Numba optimises each function alone, relative to that of linked kernels; from Numba 0.58."""
 _lock = threading.RLock()
+_kernels: WeakSet[Kernel] = WeakSet()
 
 
 class EntryPoint(NamedTuple):
@@ -68,6 +70,7 @@ class Kernel:
 
     def __init__(self, function: FunctionType, options: dict[str, Any], effort: float = 1.0) -> None:
         self.py_func, self.options, self.effort = function, options, effort
+        _kernels.add(self)
         self.__name__, self.__doc__ = function.__name__, function.__doc__
         self.entries: dict[Kind, EntryPoint] = {}
 
@@ -113,9 +116,25 @@ class Kernel:
                 self.entries[kind] = EntryPoint(lambda arguments, _: list(arguments), lambda block: self.part(*block))
             elif kind not in self.entries:
                 self.entries[kind] = kernel_cache.load_or_build(
-                    self.file_name(kind), self.seconds, lambda: awaited(lambda: self.part.machine_code(arguments)),
+                    self.file_name(kind), self.seconds, lambda: awaited(lambda: self._machine_code(arguments, words)),
                     lambda content: loaded(content, words))
             return self.entries[kind]
+
+    def _machine_code(self, arguments: tuple[Any, ...], words: Words) -> bytes:
+        """Compile for arguments like these. If stored parts do not fit together, every part is compiled anew."""
+        try:
+            code: bytes = self.part.machine_code(arguments)
+            loaded(code, words)
+            return code
+        except (kernel_cache.UnusableFile, RuntimeError) as error:
+            from tcc_sim.compiling.linked import PartStore
+
+            kernel_cache.print_once("parts", f"kernels are compiled whole, since stored parts are of no use: {error}")
+            PartStore.in_use = False
+            for kernel in list(_kernels):
+                vars(kernel).pop("part", None)
+            found: bytes = self.part.machine_code(arguments)
+            return found
 
     def file_name(self, kind: Kind) -> str:
         """Return the name on disk of the code for arguments of a kind."""

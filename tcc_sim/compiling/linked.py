@@ -165,7 +165,12 @@ class StoredPart(NamedTuple):
 
 
 class PartStore(NullCache):  # type: ignore[misc]
-    """The stored parts of a function, in the place of Numba's own cache."""
+    """The stored parts of a function, in the place of Numba's own cache.
+
+    in_use : whether parts are read and stored; not after stored ones did not fit together
+    """
+
+    in_use = True
 
     _parts: dict[str, StoredPart] = {}  # noqa: RUF012  Of the whole process, by their names on disk.
 
@@ -174,7 +179,7 @@ class PartStore(NullCache):  # type: ignore[misc]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return Numba's result for these types of arguments from disk, or None."""
-        name = part_name(self.digest, sig)
+        name = part_name(self.digest, sig) if self.in_use else None
         part = None if name is None else self._part(name, target_context)
         if part is None:
             return None
@@ -189,7 +194,7 @@ class PartStore(NullCache):  # type: ignore[misc]
         """Store Numba's result, unless it calls a part that is not stored, or has a type without a name."""
         name, part = part_name(self.digest, sig), StoredPart(data.signature, data.fndesc, data.library)
         called = [other.key for other in part.library._linking_libraries]
-        if name is None or None in called or part.descriptor.global_dict is not None:
+        if not self.in_use or name is None or None in called or part.descriptor.global_dict is not None:
             return
         part.descriptor.typemap = part.descriptor.calltypes = None
         try:

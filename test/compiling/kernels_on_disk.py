@@ -37,6 +37,11 @@ def forget():
     linked.PartStore._parts.clear()
 
 
+def own_parts():
+    """The parts of this process, which a test puts back when it ends: code that is in memory knows them."""
+    return dict(kernel_cache.new_parts), dict(linked.PartStore._parts)
+
+
 def modules(folder, callee=CALLEE, caller=CALLER, name=""):
     """A kernel and its callees in fresh modules; an equal `name` gives the same names again."""
     name = name or f"kernels_{next(numbers)}"

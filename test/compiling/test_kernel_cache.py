@@ -279,7 +279,26 @@ def test_a_function_with_two_sets_of_options_has_two_parts(cache, tmp_path):
 
     assert abs(once(None)) < 1e-15
     assert once(1.0) == once(1.0) == pytest.approx(0.989)
-    assert len({name for name in kernel_cache.stored_parts() if name}) == 4  # Two kernels, each once, and two parts.
+    stored = {name for name, path in kernel_cache.stored_parts().items() if name and path.parent == cache}
+    assert len(stored) == 4  # Two kernels, each once, and two parts.
+
+
+def test_stored_parts_that_do_not_fit_together_are_compiled_anew(cache, tmp_path, monkeypatch, capsys):
+    lowered(modules(tmp_path, caller=SEVERAL, name=f"apart_{tmp_path.name}"), 1.0, None)
+    whole = linked.PartStore._read.__func__
+
+    def emptied(cls, content, context):
+        part = whole(cls, content, context)
+        part.library._final_module = part.library._shared_module = linked.binding.parse_assembly("")
+        return part
+
+    monkeypatch.setattr(linked.PartStore, "_read", classmethod(emptied))
+    monkeypatch.setattr(linked.PartStore, "in_use", True)
+    forget()
+    out, _, _ = lowered(modules(tmp_path, caller=SEVERAL, name=f"apart_{tmp_path.name}"), 1.0, 2.0)
+    assert out == 7.0
+    assert "stored parts are of no use" in capsys.readouterr().err
+    assert not linked.PartStore.in_use
 
 
 def test_parts_that_are_damaged_are_compiled_anew(cache, tmp_path):
