@@ -137,7 +137,8 @@ def anywhere(draw):
             if isinstance(DEFAULTS[key], float) and math.isfinite(q.high) and key not in beside}
     share = math.exp(draw.uniform(math.log(0.0501), 0.0))
     keys["friction.decay"] *= keys["pressure.amplitude"] > 0.0  # With neither a pulsation nor a falling law, or both.
-    return {**keys, "friction.kinetic_coefficient": share * keys["friction.static_coefficient"]}
+    least = QUANTITIES["friction.kinetic_coefficient"].low
+    return {**keys, "friction.kinetic_coefficient": max(least, share * keys["friction.static_coefficient"])}
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -151,7 +152,7 @@ def test_no_scene_is_crawled_through(seed):
         run = smoothed.solve(Problem(system, State(initial.slip_speed, initial.plate_angle, initial.plate_speed),
                                      duration=min(3.0 * system.cycle, 2000.0 / system.natural_frequency)))
         assert run.status is Status.DONE, keys
-        assert run.statistics.steps + run.statistics.rejected < 100_000, keys
+        assert run.statistics.steps + run.statistics.rejected < 120_000, keys
 
 
 @pytest.mark.parametrize("seed", [0, 2])
