@@ -12,7 +12,7 @@ from tcc_sim.errors import InputError
 
 OTHERWISE = {"start": "from_", "end": "to"}
 """Names of keywords that are not those of options: `from` is a word of Python."""
-OUTPUT = {"json", "out", "force", "plot", "width", "title", "units", "verb", "words", "samples", "layout",
+OUTPUT = {"json", "out", "force", "plot", "width", "title", "style", "units", "verb", "words", "samples", "layout",
           "recorded_scene", "scene", "recording", "measured"}
 """Arguments that name the input, or are about files and pictures."""
 
