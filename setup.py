@@ -1,5 +1,5 @@
-"""What colcon cannot read in setup.cfg, which has all other metadata: the README, files below share/ for ROS 2, and the
-kernels that are compiled ahead. Without Numba, or with TCC_SIM_KERNELS=none, the package is built without them.
+"""Metadata that colcon cannot read in setup.cfg (the README, files below share/ for ROS 2), and the kernels that are
+compiled ahead. Without Numba, or with TCC_SIM_KERNELS=none, the package is built without them.
 """
 
 import os

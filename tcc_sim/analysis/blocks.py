@@ -1,7 +1,7 @@
 """Verdicts on many runs of one length at once: those of `summary` and `periodicity`, point for point.
 
-What most runs need is done by operations on arrays of all runs. A run that grows or has not settled goes on alone, with
-the same functions as a single one.
+Operations on arrays judge all runs together. A run that grows or has not settled is judged alone, by the functions for
+a single run.
 """
 
 from __future__ import annotations

@@ -123,8 +123,8 @@ def held_commands(line: Timeline, states: JointStates, name: str) -> HeldCommand
     numbers = order[good[order]]
     applied = np.zeros(len(acts), np.bool_)
     applied[numbers[np.append(np.diff(acts[numbers]) != 0, True)[:len(numbers)]]] = True
-    # Those of one connected publisher arrive in their order, so that one before another that acted was replaced; of
-    # several publishers, one may be ignored, and a replaced command was no later than the one that replaced it.
+    # Commands of one connected publisher arrive in their order, so that a later one which acted has replaced those
+    # before it. Of several publishers, one may be ignored, and a replaced command was no later than its successor.
     numbers = np.flatnonzero(applied)
     following = np.searchsorted(numbers, np.arange(len(acts)))
     superseded = valid & ~applied & (following < len(numbers))

@@ -77,15 +77,6 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
         The recording cannot be read or has no whole engine cycle, an output exists, or an argument is wrong.
     MissingPackage
         Rerun is needed and is not installed.
-
-    Examples
-    --------
-    >>> import tcc_sim
-    >>> from tcc_sim.output.samples import write_trajectory
-    >>> scene = tcc_sim.load_scene("slip")
-    >>> write_trajectory(folder / "slip.mcap", tcc_sim.solve(scene, cycles=60, samples_per_cycle=50), scene.text())
-    >>> tcc_sim.analyse(folder / "slip.mcap", discard=30).summary.regime
-    'slip'
     """
     began = time.perf_counter()
     recording = path if isinstance(path, Recording) else Recording(path, scene, joints, topic, driveline)

@@ -32,7 +32,7 @@ REFUSED = {".xlsx": "an Excel workbook", ".xls": "an Excel workbook", ".ods": "a
            ".h5": "an HDF5 file", ".hdf5": "an HDF5 file", ".feather": "a Feather file", ".json": "a JSON file",
            ".blf": "a CAN log", ".asammdf": "an MDF file under another name", ".npz": "a NumPy archive",
            ".npy": "a NumPy array", ".uff": "a universal file", ".unv": "a universal file"}
-"""What a file is whose name ends in such a suffix: neither a table nor a recording."""
+"""Kind of file by suffix, for files that are neither tables nor recordings."""
 LARGEST_TABLE = 1 << 30
 """Largest size of a table, bytes."""
 _TIMES = ("time", "timestamp", "timestamps", "time stamp", "zeit")

@@ -98,7 +98,7 @@ def test_a_part_ends_where_its_index_would_take_too_much_memory(tmp_path):
 
 
 def test_every_part_begins_with_the_last_latched_message_of_each_channel(tmp_path):
-    """Those of a publisher that is gone are not repeated."""
+    """Messages of a publisher that is gone are not repeated."""
     writer = BagWriter(tmp_path / "run", max_duration=0.1)
     joints, first, second = writer.channel("/joint_states", JOINT_STATE), *(
         writer.channel("/input_source", HEADER, publisher=who) for who in "ab")

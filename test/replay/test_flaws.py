@@ -121,7 +121,7 @@ FLAWS: dict[str, Callable[[], Flaw]] = {
 
 
 class Truth:
-    """What the samples show that a flaw leaves: t in ticks, and columns within the covered time."""
+    """Figures of the samples that a flaw leaves: t in ticks, and columns within the covered time."""
 
     def __init__(self, rows: list[tuple]) -> None:
         table = np.array(rows)
