@@ -221,3 +221,16 @@ def test_what_further_cycles_leave_is_settled_and_not_confirmed(monkeypatch: pyt
     ((end, start, count, period),) = asked
     assert (start, period) == (end, found.summary.period)
     assert count >= 10
+
+
+def test_auto_is_refused_with_a_profile_as_the_command_line_gives_it() -> None:
+    """A word of the command line is equal to a literal, and another object."""
+    system = replace(load_scene("slip").system, {"pressure.mean_times": [0.0, 1.0], "pressure.mean_values": [1e5, 2e5]})
+    with pytest.raises(InputError, match="discard auto"):
+        Plan(discard="".join(["au", "to"])).check(system)
+
+
+def test_a_simulation_has_the_columns_of_its_summary() -> None:
+    found = simulate("slip", cycles=60)
+    assert found.summary is not None
+    assert found.columns() == found.summary.columns()
