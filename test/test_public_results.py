@@ -105,6 +105,8 @@ def test_a_doubtful_fit_of_the_friction_table_is_in_its_text(name: str, monkeypa
 def test_it_is_drawn_and_no_file_is_overwritten(name: str, figures: list[Any], tmp_path: Path) -> None:
     from matplotlib.figure import Figure
 
+    from tcc_sim.views import style
+
     path = tmp_path / "it.png"
     assert tcc_sim.plot(result(name), path, width="column", title="a title") == path
     assert all(axis.has_data() for axis in figures[0].axes)
@@ -117,6 +119,8 @@ def test_it_is_drawn_and_no_file_is_overwritten(name: str, figures: list[Any], t
     assert axis.has_data()
     assert axis.get_xlabel()
     assert axis.get_ylabel()
+    named = style.entries(axis)[1]
+    assert len(named) < 2 or [text.get_text() for text in axis.get_legend().get_texts()] == named
 
 
 def test_parts_of_results_are_short_too() -> None:

@@ -65,7 +65,7 @@ def plot_orders(path: Path, found: Orders, title: str = "", width: float = style
         top = 1.1 * float(peaks[-few - 1]) if len(peaks) > few else 0.0
         above = int(np.count_nonzero(peaks > top)) if 0.0 < PEAKED * top < peaks[-1] else 0
         judder.set(ylabel="slip about its\ncycle mean (rad/s)", xlabel=name, ylim=(0.0, top if above else None))
-        judder.legend(title=f"{above} of {len(peaks)} windows off scale" if above else None)
+        style.legend(judder, title=f"{above} of {len(peaks)} windows off scale" if above else None)
         if np.isfinite(found.heat).any():
             heat.plot(along, found.heat * 1e-3, color=style.ORANGE)
         else:
@@ -114,8 +114,8 @@ def plot_comparison(path: Path, found: OrderComparison, title: str = "", width: 
             _cuts(axis, found.measured, name, " measured", linewidth=2.4, alpha=0.45)
             _cuts(axis, found.simulated, name, "", linewidth=0.9)
             titles.append("Wide: measured, thin: simulated")
-            handles, labels = axis.get_legend_handles_labels()
-            axis.legend(handles[len(handles) // 2:], labels[len(labels) // 2:], ncols=2)
+            shown = [pair for pair in zip(*style.entries(axis)) if " measured" not in pair[1]]
+            axis.legend([handle for handle, _ in shown], [label for _, label in shown], ncols=2)
         for axis in axes:
             axis.set_xlim(float(along.min()), float(along.max()))
             axis.set_xlabel(over)
@@ -170,7 +170,7 @@ def _spectrum(axis: Any, found: Spectrum, name: str) -> None:
                           label=label)
         axis.set(ylabel=f"amplitude ({unit})")
         if marked.any():
-            axis.legend(loc="upper right")
+            style.legend(axis, loc="upper right")
     else:
         heights = getattr(found, f"{name}_density")[1:]
         top = float(np.nanmax(heights, initial=1e-12))
@@ -198,7 +198,7 @@ def _cuts(axis: Any, found: Orders, of: str, which: str = "", **look: Any) -> No
     word, unit = QUANTITIES[of]
     axis.set(ylabel=f"{word.lower()}, dB re 1 {unit}", xlabel=name, ylim=(top - SHOWN, top + 0.05 * SHOWN))
     if not which:
-        axis.legend(ncols=2)
+        style.legend(axis, ncols=2)
 
 
 def _along(found: Orders) -> tuple[Floats, str]:

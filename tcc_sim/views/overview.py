@@ -140,7 +140,7 @@ def _histories(torques: Any, slip: Any, tail: Trajectory, control: Control | Non
         held = target.until(float(t[-1]))
         slip.step(held.t, held.values, where="post", color=style.RED, linewidth=0.9, linestyle=(0, (4, 2)),
                   label="target")
-    if shaded or len(slip.get_legend_handles_labels()[0]) > 1:
+    if shaded or len(style.entries(slip)[0]) > 1:
         style.legend_above(slip)
     slip.set(ylabel="slip speed (rad/s)", xlabel="time (s)")
     if len(t) > 1:
@@ -177,8 +177,8 @@ def _shade_shares(axis: Any, edges: NDArray[np.float64], t: NDArray[np.float64],
                     transform=axis.get_xaxis_transform())
     mesh.set_clim(0.0, 1.0)
     axis.add_collection(mesh, autolim=False)
-    axis.plot([], [], linestyle="none", marker="s", markersize=6.0, markeredgewidth=0.0, color=style.STICK_SHARE,
-              label="stick (shade: share)")
+    style.key(axis, "stick (shade: share)", linestyle="none", marker="s", markersize=6.0, markeredgewidth=0.0,
+              color=style.STICK_SHARE)
 
 
 def _phase_portrait(axis: Any, tail: Trajectory, summary: Summary) -> None:

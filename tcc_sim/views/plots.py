@@ -203,14 +203,14 @@ def _run_of(result: Any) -> Trajectory:
 
 
 def draw_into(ax: Any, result: Any, title: str = "") -> Any:
-    """Draw the main curve of a result into an axis.
+    """Draw the main curve of a result into an axis, with a legend where the axis shows several curves with names.
 
     Raises
     ------
     InputError
         The result has no curve for an axis.
     """
-    look = look_of(result)
+    look, before, legend = look_of(result), len(style.entries(ax)[0]), ax.get_legend()
     if look is not None:
         look[1](ax, result)
     else:
@@ -220,8 +220,11 @@ def draw_into(ax: Any, result: Any, title: str = "") -> Any:
                              "samples_per_cycle=200")
         ax.plot(run.t, run.slip_speed, color=style.BLUE, linewidth=0.9)
         ax.set(xlabel="time (s)", ylabel="slip speed (rad/s)")
+    count = len(style.entries(ax)[0])
+    if ax.get_legend() is legend and count > max(before, 1):
+        style.legend(ax, loc="best")
     if title:
-        ax.set_title(title)
+        ax.set_title(title, pad=style.room_for_legend(ax))
     return ax
 
 

@@ -66,6 +66,8 @@ _SETTINGS: dict[str, Any] = {
 
 
 _CHOSEN: ContextVar[Mapping[str, Any] | None] = ContextVar("chosen", default=None)
+KEY = "key of a legend"
+"""Matplotlib gid of artists that only stand in a legend."""
 
 
 def use_file(path: Path | None) -> None:
@@ -266,7 +268,13 @@ def panel_titles(axes: Any, titles: list[str]) -> None:
         words = f"({letter}) {title}" if len(axes) > 1 else title
         if not wide(axis.figure.get_figwidth()) and "$" not in words:
             words = textwrap.fill(words, 44)
-        axis.set_title(words, pad=16.0 + 10.0 * (_rows_of(axis.get_legend()) - 1) if _crowded(axis, words) else None)
+        axis.set_title(words, pad=room_for_legend(axis) if _crowded(axis, words) else None)
+
+
+def room_for_legend(axis: Any) -> float | None:
+    """Return the distance of a title from the axes that leaves room for the legend above them, points; None without."""
+    found = axis.get_legend()
+    return None if found is None or found._bbox_to_anchor is None else 16.0 + 10.0 * (_rows_of(found) - 1)
 
 
 def _rows_of(legend: Any) -> int:
@@ -296,9 +304,41 @@ def _letters(text: str) -> int:
     return len(re.sub(r"\\[A-Za-z]+ ?|[${}_]", lambda found: "x" if found[0].startswith("\\") else "", text))
 
 
+def key(axis: Any, label: str, *, area: bool = False, **look: Any) -> Any:
+    """Add a legend entry for marks or areas that the axes hold without a label, and return its artist."""
+    drawn, = axis.fill([], [], label=label, **look) if area else axis.plot([], [], label=label, **look)
+    drawn.set_gid(KEY)
+    return drawn
+
+
+def entries(axis: Any) -> tuple[list[Any], list[str]]:
+    """Return artists and labels for a legend of axes: those with at least one finite point, and those of `key`."""
+    found = [(handle, name) for handle, name in zip(*axis.get_legend_handles_labels()) if _has_points(handle)]
+    return [handle for handle, _ in found], [name for _, name in found]
+
+
+def _has_points(artist: Any) -> bool:
+    """Return whether an artist has a finite point, or is a legend's own."""
+    if artist.get_gid() == KEY:
+        return True
+    if hasattr(artist, "get_xydata"):
+        parts = [artist.get_xydata()]
+    elif hasattr(artist, "get_paths"):
+        parts = [path.vertices for path in artist.get_paths()]
+    else:
+        parts = [artist.get_patch_transform().transform(artist.get_path().vertices)]
+    return any(bool(np.isfinite(np.ma.filled(xy, np.nan)).all(axis=1).any()) for xy in parts)
+
+
+def legend(axis: Any, **look: Any) -> Any:
+    """Draw a legend of what the axes show, and return it; None if there is nothing to name."""
+    handles, labels = entries(axis)
+    return axis.legend(handles, labels, **look) if handles else None
+
+
 def legend_above(axis: Any) -> None:
     """Place the legend above the right end of the axes, in one row, or in rows that fit a column."""
-    handles, labels = axis.get_legend_handles_labels()
+    handles, labels = entries(axis)
     narrow = not wide(axis.figure.get_figwidth())
     small = {"fontsize": 6.5, "handlelength": 1.1, "columnspacing": 0.8, "handletextpad": 0.4} if narrow else {}
     columns = len(handles)
@@ -310,7 +350,7 @@ def legend_above(axis: Any) -> None:
 
 def legend_below(drawn: Any, axes: Sequence[Any]) -> None:
     """Place one legend of all axes below the picture, whose height grows by the rows of the legend."""
-    found = {name: handle for axis in axes for handle, name in zip(*axis.get_legend_handles_labels())}
+    found = {name: handle for axis in axes for handle, name in zip(*entries(axis))}
     if not found:
         return
     columns = min(len(found), max(int(72.0 * drawn.get_figwidth() / (4.3 * max(map(_letters, found)) + 32.0)), 1))

@@ -299,3 +299,26 @@ def test_the_picture_has_its_title_and_its_axes_named(figures: list[Any], tmp_pa
     axis, *_ = figures[0].axes
     assert (axis.get_xlabel(), axis.get_ylabel()) == (r"engine frequency $\omega$ (rad/s)", "max |slip speed| (rad/s)")
     assert "mean pressure $P_m$ (Pa)" in [axis.get_ylabel() for axis in figures[1].axes]
+
+
+def test_a_legend_names_only_what_is_drawn(figures: list[Any], tmp_path: Path) -> None:
+    """Motions without a value, a plane without cells and an empty plane had entries without marks."""
+    scattered = {"scatter": {"engine.frequency": [1.0, 2.0]}, "sampled": {"engine.frequency": [1.0, 2.0]},
+                 "regime": ["stick", "slip"], "runaway": [False, False], "transient": [False, False],
+                 "probabilities": [0.5], "quantiles": {name: [None] for name, *_ in sweeps.RESULTS},
+                 **{name: [None, 2.0] for name, *_ in sweeps.RESULTS}}
+    sweeps.draw_scatter(tmp_path / "a.png", scattered)
+    assert [text.get_text() for text in figures[0].legends[0].get_texts()] == ["slip"]
+    for plane, areas in ((PLANE, 0), ({**PLANE, "labels": np.array([[0, 0], [0, -1]])}, 2)):
+        basin_map.draw_basins(tmp_path / "b.png", plane)
+        handles = style.entries(figures[-1].axes[0])[0]
+        assert sum(hasattr(h, "get_facecolor") and h.get_facecolor()[3] > 0.0 for h in handles) == areas
+    with style.figure() as drawn:
+        axis = drawn.subplots()
+        axis.plot([1.0, 2.0], [math.nan, 1.0], label="line")
+        axis.plot([1.0], [math.nan], label="no line")
+        axis.fill_between([1.0, 2.0], [math.nan] * 2, [1.0] * 2, label="no band")
+        axis.axhline(math.nan, label="no level")
+        axis.axvspan(1.0, 2.0, label="span")
+        assert style.entries(axis)[1] == ["line", "span"]
+        assert len(style.legend(axis).get_texts()) == 2

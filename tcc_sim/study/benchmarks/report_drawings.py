@@ -127,7 +127,8 @@ def draw_curves(axis: Any, record: StudiedScene, key: str, handles: dict[str, An
         drawn = {"color": colour, "marker": marker, "linestyle": line, "linewidth": width, "markersize": 3.0}
         axis.plot(seconds, found, alpha=FADED, zorder=2, **drawn)
         handle, = axis.plot(seconds, np.where(found >= floor, found, np.nan), zorder=3, **drawn)
-        handles[name] = handle
+        if rows:
+            handles[name] = handle
 
 
 def floor_of(record: StudiedScene, solver: str, key: str) -> float:

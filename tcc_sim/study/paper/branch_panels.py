@@ -106,7 +106,8 @@ def top_of(curves: Sequence[Labelled]) -> tuple[float, int]:
 def legend_of(axis: Any, curves: Sequence[Labelled], swept: Sequence[Labelled], beyond: int) -> None:
     """Draw the legend in axes of its own: lines of branches, marks of `swept` curves, number of points beyond."""
     followed = behind(curves)
-    rows: list[dict[str, Any]] = [{"label": "stable (thicker: longer period)"}]
+    some = any(any(b["stable"]) for b in followed.branches)
+    rows: list[dict[str, Any]] = [{"label": "stable (thicker: longer period)"}] * some
     whole = all(all(b["stable"]) for b in followed.branches)
     rows += [{"label": "unstable", "linewidth": 0.7, "linestyle": UNSTABLE}] * (not whole)
     rows += [{"label": mark.name, **mark.look(style.INK, 2.4)} for mark in marks_met(swept)]

@@ -136,7 +136,7 @@ def legend_of_marks(axis: Any, curves: Sequence[Labelled]) -> None:
     """Draw a legend of the marks in this picture."""
     rows = [r for curve in curves for r in curve.coexisting or ()]
     for mark in (*panels.marks_met(curves), *[panels.OTHER] * bool(rows), *[panels.SPIKE] * any(r.spike for r in rows)):
-        axis.plot([], [], label=mark.name, **mark.look(style.INK, 2.6))
+        style.key(axis, mark.name, **mark.look(style.INK, 2.6))
 
 
 def _paint_map(drawn: Any, data: Figure) -> None:
@@ -199,7 +199,9 @@ def _paint_map(drawn: Any, data: Figure) -> None:
         return
     below.set_axis_off()
     legend_of_marks(below, curves)
-    below.legend(loc="lower center", ncols=3 if wide else 1, fontsize=6.5 if wide else 6.0).set_in_layout(False)
+    named = style.legend(below, loc="lower center", ncols=3 if wide else 1, fontsize=6.5 if wide else 6.0)
+    if named is not None:
+        named.set_in_layout(False)
 
 
 def _points(axis: Any, x: Sequence[float], curve: Labelled, colour: str) -> None:
@@ -252,9 +254,10 @@ def _paint_orbit(drawn: Any, data: Figure) -> None:
         for curve in panel:
             words, colour = DIRECTIONS[curve.direction]
             draw_orbit(axis, x, curve, colour)
-            axis.plot([], [], linestyle="none", marker="o", markersize=3.0, color=colour, label=words)
+            if any(len(points or ()) for points in curve.theta2):
+                style.key(axis, words, linestyle="none", marker="o", markersize=3.0, color=colour)
         if panels.AWAY in panels.marks_met(panel):
-            axis.plot([], [], label=panels.AWAY.name, **panels.AWAY.look("", 3.0))
+            style.key(axis, panels.AWAY.name, **panels.AWAY.look("", 3.0))
         axis.set_ylabel(SECTION)
     for k, axis in enumerate(axes):
         shade_slipping_away(axis, x, data)

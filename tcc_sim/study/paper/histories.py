@@ -150,8 +150,8 @@ def paint_solvers(drawn: Any, data: Figure) -> None:
     if not wide:
         close.locator_params(axis="x", nbins=5)
     words = f"in brackets: rms difference from the first curve,{' ' if wide else chr(10)}relative to its maximum"
-    whole.legend(loc="lower right", bbox_to_anchor=(1.0, 1.02), ncols=3 if wide else 1, fontsize=6.8, title=words,
-                 title_fontsize=6.8)
+    style.legend(whole, loc="lower right", bbox_to_anchor=(1.0, 1.02), ncols=3 if wide else 1, fontsize=6.8,
+                 title=words, title_fontsize=6.8)
     style.panel_titles((whole, close, steady), [
         "from one state", "leaving stick", f"steady state of each law from (13), after {data.steady_cycles} cycles"])
     for row, look in zip(data.steady, LOOKS_OF_LAWS):
@@ -159,7 +159,7 @@ def paint_solvers(drawn: Any, data: Figure) -> None:
                     label=f"{row.label}: period {row.period}, {speed(row.max_slip_speed, 4)}")
     steady.set(ylabel=SLIP, xlabel=CYCLES, xlim=(0.0, data.steady[0].t[-1]))
     steady.set_ylim(top=(1.4 if wide else 1.9) * max(row.max_slip_speed for row in data.steady))
-    steady.legend(loc="upper center", ncols=3 if wide else 1, fontsize=6.5)
+    style.legend(steady, loc="upper center", ncols=3 if wide else 1, fontsize=6.5)
 
 
 def paint_law(drawn: Any, data: Figure) -> None:
@@ -173,8 +173,9 @@ def paint_law(drawn: Any, data: Figure) -> None:
         slope.plot(close, curve.near_slope, color=colour)
         if np.isfinite(curve.peak_slip_speed):
             near.plot(curve.peak_slip_speed, curve.peak, marker="o", markersize=3.0, color=colour)
-    near.plot([], [], color=style.GREY, label="set-valued law (6)", **SET_VALUED)
-    near.plot([], [], color=style.GREY, linestyle="none", marker="o", label="maximum of (7)")
+    style.key(near, "set-valued law (6)", color=style.GREY, **SET_VALUED)
+    if any(np.isfinite(curve.peak_slip_speed) for curve in data.curves):
+        style.key(near, "maximum of (7)", color=style.GREY, linestyle="none", marker="o")
     near.set_ylim(0.6, 1.6)
     slope.set_ylim(-1.5, 1.5)
     slope.axhline(0.0, color=style.GREY, linewidth=0.6)
@@ -184,4 +185,4 @@ def paint_law(drawn: Any, data: Figure) -> None:
         axis.margins(x=0.0)
     style.panel_titles((wide, near, slope), ["smoothed law (7)", "zoom", "slope (20b)"])
     for axis in (wide, near):
-        axis.legend(loc="lower right", fontsize=6.5)
+        style.legend(axis, loc="lower right", fontsize=6.5)

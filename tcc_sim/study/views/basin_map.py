@@ -40,7 +40,7 @@ def into(axes: Any, found: Any) -> None:
     planes = planes_of(found)
     _into(axes, planes)
     if planes[0]["over"] is None:
-        axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), fontsize="small")
+        style.legend(axes, loc="lower left", bbox_to_anchor=(0.0, 1.0), fontsize="small")
 
 
 def planes_of(found: Any) -> list[dict[str, Any]]:
@@ -91,13 +91,20 @@ def _map(axes: Any, plane: Mapping[str, Any]) -> None:
         periodic = bool(attractor["period"])
         axes.plot(*points.T, markersize=4.5 if periodic else 1.0, markeredgewidth=0.6 if periodic else 0.0,
                   scalex=False, scaley=False, clip_on=True, **look)
-        axes.fill([], [], facecolor=TINTS[k % len(TINTS)], edgecolor=style.CYCLE[k % len(style.CYCLE)],
-                  label=f"{attractor_label(attractor)} ({100.0 * attractor['fraction']:.3g} %)")
+        name = f"{attractor_label(attractor)} ({100.0 * attractor['fraction']:.3g} %)"
+        if plane["labels"] is None:  # Without cells there is no area to name.
+            style.key(axes, name, markersize=4.5, **look)
+        else:
+            style.key(axes, name, area=True, facecolor=TINTS[k % len(TINTS)], edgecolor=look["color"])
     for name, (colour, words) in zip(("runaway", "undecided"), EXTRAS.values()):
         if plane[name] > 0.0:
-            axes.fill([], [], facecolor=colour, edgecolor=style.GREY, label=f"{words} ({100 * plane[name]:.3g} %)")
-    axes.plot([], [], linestyle="", marker="o", color=style.GREY, markersize=4.5, label=(
-        f"their sections, projected along the {style.label_of(beside).removeprefix('initial ').partition(' (')[0]}"))
+            blank = plane["labels"] is None
+            style.key(axes, f"{words} ({100 * plane[name]:.3g} %{', not drawn' if blank else ''})", area=True,
+                      facecolor="none" if blank else colour, edgecolor="none" if blank else style.GREY)
+    if plane["attractors"]:
+        beyond = style.label_of(beside).removeprefix("initial ").partition(" (")[0]
+        style.key(axes, f"their sections, projected along the {beyond}", linestyle="", marker="o", color=style.GREY,
+                  markersize=4.5)
 
 
 def _fractions(axes: Any, planes: Sequence[Mapping[str, Any]]) -> None:
