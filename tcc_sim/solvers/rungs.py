@@ -39,8 +39,8 @@ def weigh(state: Any, h: float, kappa: float, mean_torque: float, waves: Any, pr
 
 
 @fast
-def grip_at_nodes(tau: float, h: float, turn: Any, loaded: bool, beta: float, mean_load: float, pulsation: Pulsation,
-                  profile: Any, drive: Any, grip: Any) -> None:
+def friction_rate_at_nodes(tau: float, h: float, turn: Any, loaded: bool, beta: float, mean_load: float,
+                           pulsation: Pulsation, profile: Any, drive: Any, friction_rate: Any) -> None:
     """Fill beta Ts at the nodes of a collocation step."""
     cosine, sine = turn.cosine, turn.sine
     for i in range(NODES):
@@ -49,7 +49,7 @@ def grip_at_nodes(tau: float, h: float, turn: Any, loaded: bool, beta: float, me
             load = load_and_rate(tau + C[i] * h, pulsation, profile)[0]
         elif pulsation is not None:
             load += pulsation[0] * (drive.load_sine * cosine[i] + drive.load_cosine * sine[i])
-        grip[i] = beta * load if loaded else 0.0
+        friction_rate[i] = beta * load if loaded else 0.0
 
 
 @fast

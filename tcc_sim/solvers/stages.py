@@ -49,14 +49,15 @@ WAVES_MAXIMUM = 33
 
 WORK = np.dtype([
     ("rows", np.float64, (ROWS + 2, COLUMNS)), ("bernstein", np.float64, WORKSPACE),
-    ("slip", np.float64, NODES), ("law", np.float64, NODES), ("slope", np.float64, NODES), ("grip", np.float64, NODES),
+    ("slip", np.float64, NODES), ("law", np.float64, NODES), ("slope", np.float64, NODES),
+    ("friction_rate", np.float64, NODES),
     ("balance", np.float64, NODES), ("demand", np.float64, NODES), ("change", np.float64, NODES),
     ("chebyshev", np.float64, TERMS), ("measure", np.float64, 2),
     ("weights", np.float64, FROM_WAVES + 2 * WAVES_MAXIMUM)])
 """Work space.
 
 rows, bernstein : the polynomials of a step, in powers of its time, two of them an engine's own; work space of searches
-slip, law, slope, grip : at the nodes, V, mubar(V), mubar'(V) and beta Ts
+slip, law, slope, friction_rate : at the nodes, V, mubar(V), mubar'(V) and beta Ts
 balance, demand : at the nodes, b without the share of v(0), and b/(beta Ts), what mubar would be without inertia
 change, measure : Newton's correction of V; LARGEST and LEAST
 chebyshev : coefficients over the step of the polynomial in hand
@@ -126,61 +127,62 @@ def inverse_tanh(y: Any) -> Any:
 
 
 @unrolled
-def evaluate_residual(coupling: Any, slip: Any, law: Any, slope: Any, grip: Any, balance: Any, start: Any, v: Any,
-                  change: Any, measure: Any) -> None:
+def evaluate_residual(coupling: Any, slip: Any, law: Any, slope: Any, friction_rate: Any, balance: Any, start: Any,
+                      v: Any, change: Any, measure: Any) -> None:
     """Fill `change` with b - L V - beta Ts mubar(V), and measure[LEAST]."""
     speeds = slip.row()
     sums = [0.0, 0.0, 0.0, 0.0]
     for j in range(NODES):
         sums[j % 4] = sums[j % 4] + coupling.row(j, 0) * speeds[j]
-    change.set_row((balance.row() - grip.row() * law.row() + start.row() * v)
+    change.set_row((balance.row() - friction_rate.row() * law.row() + start.row() * v)
                    - ((sums[0] + sums[1]) + (sums[2] + sums[3])))
-    measure[LEAST,] = folded(lesser, grip.row() * slope.row())
+    measure[LEAST,] = folded(lesser, friction_rate.row() * slope.row())
 
 
 @unrolled
-def correct_by_friction(change: Any, slip: Any, grip: Any, slope: Any, sigma: Any) -> None:
+def correct_by_friction(change: Any, slip: Any, friction_rate: Any, slope: Any, sigma: Any) -> None:
     """Correct V by the residual over the slope of friction alone, at most by FOLLOWED."""
-    stiffness = grip.row() * limited(slope.row() / sigma, LEAST_SLOPE, 1e300)
+    stiffness = friction_rate.row() * limited(slope.row() / sigma, LEAST_SLOPE, 1e300)
     correction = limited(change.row() / stiffness, -FOLLOWED, FOLLOWED)
     slip.set_row(slip.row() + correction / sigma)
 
 
 @unrolled
-def divide(change: Any, diagonal: Any, grip: Any, slope: Any, measure: Any) -> None:
+def divide(change: Any, diagonal: Any, friction_rate: Any, slope: Any, measure: Any) -> None:
     """Fill Newton's correction by the diagonal of its matrix alone."""
-    out = change.row() / (diagonal.row() + grip.row() * slope.row())
+    out = change.row() / (diagonal.row() + friction_rate.row() * slope.row())
     change.set_row(out)
     measure[LARGEST,] = largest_size(out)
 
 
 @unrolled
-def eliminate(change: Any, coupling: Any, grip: Any, slope: Any, measure: Any) -> None:
+def eliminate(change: Any, coupling: Any, friction_rate: Any, slope: Any, measure: Any) -> None:
     """Fill Newton's correction: (L + beta Ts mubar') x = change, by Gauss and Jordan's elimination.
 
     It needs no pivoting: L is dominated by a^-1, whose leading minors do not vanish, and friction adds to the diagonal
     where it is strong.
     """
-    found, = eliminated(coupling, grip, slope, [[change.row(WIDTH * p, count=WIDTH) for p in range(NODES // WIDTH)]])
+    found, = eliminated(coupling, friction_rate, slope,
+                        [[change.row(WIDTH * p, count=WIDTH) for p in range(NODES // WIDTH)]])
     change.set_row(found)
     measure[LARGEST,] = largest_size(found)
 
 
 @unrolled
-def eliminate_rows(rows: Any, coupling: Any, grip: Any, slope: Any) -> None:
+def eliminate_rows(rows: Any, coupling: Any, friction_rate: Any, slope: Any) -> None:
     """Solve the same equations for every row of `rows`."""
     count, parts = rows.shape[0], range(NODES // WIDTH)
     right = [[rows.row(i, WIDTH * p, count=WIDTH) for p in parts] for i in range(count)]
-    for i, found in enumerate(eliminated(coupling, grip, slope, right)):
+    for i, found in enumerate(eliminated(coupling, friction_rate, slope, right)):
         rows.set_row(found, i, 0)
 
 
-def eliminated(coupling: Any, grip: Any, slope: Any, sides: list[list[Any]]) -> list[Any]:
+def eliminated(coupling: Any, friction_rate: Any, slope: Any, sides: list[list[Any]]) -> list[Any]:
     """Return the solutions for right-hand sides, each in parts of WIDTH numbers."""
     parts = range(NODES // WIDTH)
     columns = [[coupling.row(j, WIDTH * p, count=WIDTH) for p in parts] for j in range(NODES)]
     for p in parts:
-        added = grip.row(WIDTH * p, count=WIDTH) * slope.row(WIDTH * p, count=WIDTH)
+        added = friction_rate.row(WIDTH * p, count=WIDTH) * slope.row(WIDTH * p, count=WIDTH)
         for lane in range(WIDTH):
             columns[WIDTH * p + lane][p] = columns[WIDTH * p + lane][p] + added * _lanes(lambda i, lane=lane: i == lane)
     inverses = []
@@ -245,9 +247,9 @@ def follow_manifold(rung: Any, v: float, sign: float, sigma: float, stribeck: St
     guess in L V. It costs a third of an iteration, and saves one.
     """
     evaluate_law(0, work.slip, work.law, work.slope, sign, sigma, stribeck)
-    evaluate_residual(0, rung.coupling, work.slip, work.law, work.slope, work.grip, work.balance, rung.start, v,
-                      work.change, work.measure)
-    correct_by_friction(0, work.change, work.slip, work.grip, work.slope, sigma)
+    evaluate_residual(0, rung.coupling, work.slip, work.law, work.slope, work.friction_rate, work.balance, rung.start,
+                      v, work.change, work.measure)
+    correct_by_friction(0, work.change, work.slip, work.friction_rate, work.slope, sigma)
 
 
 @fast
@@ -267,18 +269,18 @@ def solve_stages(rung: Any, v: float, place: Place, sharpness: float, sigma: flo
 
     Returns the iterations, negative where they did not converge to `accuracy` (rad/s).
     """
-    slip, law, slope, grip, change = work.slip, work.law, work.slope, work.grip, work.change
+    slip, law, slope, friction_rate, change = work.slip, work.law, work.slope, work.friction_rate, work.change
     measure, coupling, diagonal = work.measure, rung.coupling, rung.diagonal
     law_at_nodes(place, sigma, stribeck, work)
     last = 1e300
     for count in range(1, ITERATIONS_MAXIMUM + 1):
-        evaluate_residual(0, coupling, slip, law, slope, grip, work.balance, rung.start, v, change, measure)
+        evaluate_residual(0, coupling, slip, law, slope, friction_rate, work.balance, rung.start, v, change, measure)
         contraction = 0.0
         if measure[LEAST] > DOMINANT * diagonal[NODES - 1]:
-            divide(0, change, diagonal, grip, slope, measure)
+            divide(0, change, diagonal, friction_rate, slope, measure)
             contraction = 0.5
         else:
-            eliminate(0, change, coupling, grip, slope, measure)
+            eliminate(0, change, coupling, friction_rate, slope, measure)
         size = measure[LARGEST]
         if not size < 1e300:
             return -count

@@ -79,41 +79,42 @@ def law(work, sign, sigma, stribeck):
 
 @compiled
 def correct(work, rung, v):
-    stages.evaluate_residual(0, rung.coupling, work.slip, work.law, work.slope, work.grip, work.balance, rung.start, v,
-                             work.change, work.measure)
-    stages.eliminate(0, work.change, rung.coupling, work.grip, work.slope, work.measure)
+    stages.evaluate_residual(0, rung.coupling, work.slip, work.law, work.slope, work.friction_rate, work.balance,
+                             rung.start, v, work.change, work.measure)
+    stages.eliminate(0, work.change, rung.coupling, work.friction_rate, work.slope, work.measure)
 
 
 def test_the_correction_solves_newtons_equations():
     rung = tables.tables(LINEAR, (RATE,), RATE, 10, tables.LEVELS).rungs[5]
     work, draw = np.zeros(1, WORK)[0], np.random.default_rng(0)
-    work["slip"], work["grip"] = draw.uniform(0.01, 0.05, 16), draw.uniform(2e4, 3e4, 16)
+    work["slip"], work["friction_rate"] = draw.uniform(0.01, 0.05, 16), draw.uniform(2e4, 3e4, 16)
     work["balance"] = draw.normal(size=16) * 1e4
     law(work, 1.0, 50.0, STRIBECK)
     correct(work, rung, 0.03)
-    residual = (work["balance"] - work["grip"] * work["law"] + rung["start"] * 0.03 - work["slip"] @ rung["coupling"])
-    exact = np.linalg.solve(rung["coupling"].T + np.diag(work["grip"] * work["slope"]), residual)
+    residual = (work["balance"] - work["friction_rate"] * work["law"] + rung["start"] * 0.03
+                - work["slip"] @ rung["coupling"])
+    exact = np.linalg.solve(rung["coupling"].T + np.diag(work["friction_rate"] * work["slope"]), residual)
     np.testing.assert_allclose(work["change"], exact, rtol=1e-10)
     assert work["measure"][0] == pytest.approx(np.abs(exact).max(), rel=1e-10)
 
 
-def stuck(work, grip):
+def stuck(work, friction_rate):
     """Slip speeds at the nodes of a rung whose equations they solve to rounding, for v = 0.02 rad/s at its start."""
     rung = tables.tables(LINEAR, (RATE,), RATE, 10, tables.LEVELS).rungs[5]
     exact = 0.02 + 0.008 * np.sin(2.0 * tables.C)
-    work["slip"], work["grip"] = exact, grip
+    work["slip"], work["friction_rate"] = exact, friction_rate
     law(work, 1.0, 50.0, None)
-    work["balance"] = exact @ rung["coupling"] + work["grip"] * work["law"] - rung["start"] * 0.02
+    work["balance"] = exact @ rung["coupling"] + work["friction_rate"] * work["law"] - rung["start"] * 0.02
     return rung, exact
 
 
-@pytest.mark.parametrize("grip", [2e3, 3e4])
-def test_a_good_guess_does_not_end_the_iteration_before_its_error_is_known(grip):
+@pytest.mark.parametrize("friction_rate", [2e3, 3e4])
+def test_a_good_guess_does_not_end_the_iteration_before_its_error_is_known(friction_rate):
     """The diagonal alone removes only a part of the error, for any size of the first correction."""
     work = np.zeros(1, WORK)[0]
-    rung, exact = stuck(work, grip)
-    dominant = grip * work["slope"].min() > stages.DOMINANT * rung["diagonal"][-1]
-    assert dominant == (grip == 3e4)
+    rung, exact = stuck(work, friction_rate)
+    dominant = friction_rate * work["slope"].min() > stages.DOMINANT * rung["diagonal"][-1]
+    assert dominant == (friction_rate == 3e4)
     work["slip"] = exact * (1.0 + 1e-6 * np.cos(5.0 * tables.C))
     assert 0 < stages.solve_stages(rung, 0.02, Place(LAYER, 1.0, 1e-9, 1e-9), 50.0, 50.0, None, 1e-12, work) < 12
     np.testing.assert_allclose(work["slip"], exact, rtol=0.0, atol=2e-12)

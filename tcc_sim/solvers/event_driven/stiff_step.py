@@ -16,7 +16,7 @@ from tcc_sim.solvers.collocation import DEGREE, NODES, TERMS, C, Tables
 from tcc_sim.solvers.event_driven.setup import Bounds
 from tcc_sim.solvers.event_driven.step import DOWNWARD, NO_EVENT, UPWARD, Step, slip_event, stick_event
 from tcc_sim.solvers.excitation import Pulsation
-from tcc_sim.solvers.rungs import SHRINK_MOST, balance, fill_plate, grip_at_nodes, growth, rung_below, weigh
+from tcc_sim.solvers.rungs import SHRINK_MOST, balance, fill_plate, friction_rate_at_nodes, growth, rung_below, weigh
 from tcc_sim.solvers.series import ANGLE, SLIP, SPEED, fastest_at
 from tcc_sim.solvers.stages import FALLING, SLIDING, Place, slip_polynomial, solve_stages
 from tcc_sim.solvers.terms import Terms
@@ -95,8 +95,9 @@ def error_on_rung(bounds: Bounds, terms: Terms, waves: Any, place: Place, sharpn
     else:
         tolerance = goal * max(abs(state.slip_speed), bounds.creep)
         balance(tables.sources, level, work)
-        grip_at_nodes(state.tau, rung.length, tables.turns[level], state.mode != FREE, 1.0 / flywheel + 1.0 / plate,
-                      terms.mean_load, terms.pulsation, None, drive, work.grip)
+        friction_rate_at_nodes(state.tau, rung.length, tables.turns[level], state.mode != FREE,
+                               1.0 / flywheel + 1.0 / plate,
+                               terms.mean_load, terms.pulsation, None, drive, work.friction_rate)
         if solve_stages(rung, state.slip_speed, place, sharpness, None, terms.stribeck, CONVERGED * tolerance,
                         work) < 0:
             return math.inf

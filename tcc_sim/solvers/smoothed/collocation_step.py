@@ -11,7 +11,7 @@ from typing import Any
 
 from tcc_sim.compiling.compiled import fast
 from tcc_sim.solvers.collocation import DEGREE, NODES, C, Tables
-from tcc_sim.solvers.rungs import SHRINK_MOST, balance, fill_plate, grip_at_nodes, growth, rung_below, weigh
+from tcc_sim.solvers.rungs import SHRINK_MOST, balance, fill_plate, friction_rate_at_nodes, growth, rung_below, weigh
 from tcc_sim.solvers.series import SLIP
 from tcc_sim.solvers.smoothed.series_step import rate_of_law
 from tcc_sim.solvers.smoothed.setup import ACCEPTED, CREEP, REFUSED, Limits, Step
@@ -32,9 +32,9 @@ CONVERGED = 0.01
 @fast
 def first_beyond(peak: float, work: Any) -> int:
     """Return the first node at which friction would have to pass its peak to hold the plate; NODES if there is none."""
-    demand, total, grip = work.demand, work.balance, work.grip
+    demand, total, friction_rate = work.demand, work.balance, work.friction_rate
     for i in range(NODES):
-        demand[i] = total[i] / grip[i]
+        demand[i] = total[i] / friction_rate[i]
     for i in range(NODES):
         if not abs(demand[i]) <= peak:
             return i
@@ -58,8 +58,8 @@ def collocation_step(place: Place, room: float, loaded: bool, state: Any, contro
         h = tables.rungs[level].length
         weigh(state, h, limits.kappa, terms.mean_torque, waves, terms.profile, work)
         balance(tables.sources, level, work)
-        grip_at_nodes(state.tau, h, tables.turns[level], loaded, limits.beta, terms.mean_load, terms.pulsation,
-                      terms.profile, drive, work.grip)
+        friction_rate_at_nodes(state.tau, h, tables.turns[level], loaded, limits.beta, terms.mean_load, terms.pulsation,
+                               terms.profile, drive, work.friction_rate)
         beyond = first_beyond(limits.peak, work) if control.method == CREEP else NODES
         if beyond == NODES:
             break
@@ -98,5 +98,5 @@ def collocation_step(place: Place, room: float, loaded: bool, state: Any, contro
         factor = growth(error) if error < math.inf else SHRINK_MOST
         control.level = rung_below(tables.rungs, level + 1, factor * h)
         return Step(REFUSED, h, 0.0, DEGREE, error)
-    control.rate = work.grip[NODES - 1] * work.slope[NODES - 1]
+    control.rate = work.friction_rate[NODES - 1] * work.slope[NODES - 1]
     return Step(ACCEPTED, h, 1.0, DEGREE, error)

@@ -47,12 +47,12 @@ def law_by_numbers(law: Any, slip: Any, sign: Any, sigma: Any, stribeck: Any) ->
 
 
 @unrolled
-def change_law(nodes: Any, by: Any, law: Any, grip: Any, stribeck: Any) -> None:
+def change_law(nodes: Any, by: Any, law: Any, friction_rate: Any, stribeck: Any) -> None:
     """Add the derivatives of friction by the numbers of its law to the balance of the nodes, in every lane."""
     for lane in range(LANES):
         change = added([law.row(cause, 0) * by[number, lane]
                         for cause, number in numbers_of(stribeck, law.shape[0]).items()])
-        nodes.set_row(nodes.row(lane, 0) - grip.row() * change, lane, 0)
+        nodes.set_row(nodes.row(lane, 0) - friction_rate.row() * change, lane, 0)
 
 
 @fast
@@ -115,8 +115,8 @@ def carry_collocation(tangent: Any, place: Place, level: int, loaded: bool, limi
                     for n in range(NODES):
                         nodes[lane, m] += tables.torque[level, m, n] * group.applied[lane, n]
         if group.forced != 0:
-            change_law(0, nodes, group.by, law, work.grip, stribeck)
-        eliminate_rows(0, nodes, rung.coupling, work.grip, work.slope)
+            change_law(0, nodes, group.by, law, work.friction_rate, stribeck)
+        eliminate_rows(0, nodes, rung.coupling, work.friction_rate, work.slope)
 
 
 @fast
