@@ -11,8 +11,8 @@ start, the torque at the nodes and the slip speeds V at the nodes. There remains
     b - L V - beta Ts mubar(V) = 0,    L = a^-1 - (C23 dU/dV + K23 dX/dV)/I2,    X = theta2, U = theta2' at the nodes.
 
 The other coefficients of `model.equations.Linear` enter in the same way. NumPy computes all of it here for a ladder of
-steps (rungs), so that a step costs products only. The rungs have the same absolute lengths for all scenes, so that the
-points of a sweep over a frequency share them.
+steps (step sizes), so that a step costs products only. The step sizes have the same absolute lengths for all scenes, so
+that the points of a sweep over a frequency share them.
 
 Source: E. Hairer and G. Wanner, Solving Ordinary Differential Equations II, Sec. IV.5.
 """
@@ -34,17 +34,19 @@ DEGREE = NODES
 TERMS = 20
 """Coefficients of a polynomial of degree 16, and three zeros: rows of a multiple of four numbers are faster."""
 LEVELS = 22
-"""Rungs of a ladder, each shorter than the one before by sqrt 2: at least from an engine cycle down to 1/1448 of it."""
+"""Step sizes of a ladder, each shorter than the one before by sqrt 2: at least from an engine cycle down to 1/1448 of
+it.
+"""
 GAP = 200.0
-"""The shortest rung times the fastest rate of a scene, at most: shorter steps are series, which that rate limits to
-about 5 times its inverse."""
+"""The shortest step size times the fastest rate of a scene, at most: shorter steps are series, which that rate limits
+to about 5 times its inverse."""
 
-RUNG = np.dtype([("length", np.float64), ("start", np.float64, NODES), ("diagonal", np.float64, NODES),
-                 ("coupling", np.float64, (NODES, NODES)), ("angle", np.float64, (NODES, TERMS)),
-                 ("speed", np.float64, (NODES, TERMS)), ("end_angle", np.float64, NODES),
-                 ("end_speed", np.float64, NODES)])
-"""A rung: h (s); a^-1 1, the share of v(0) in b; the diagonal and the columns of L; shares of each V_j in the Chebyshev
-coefficients over the step, and in the end values, of theta2 and of w.
+STEP_SIZE = np.dtype([("length", np.float64), ("start", np.float64, NODES), ("diagonal", np.float64, NODES),
+                      ("coupling", np.float64, (NODES, NODES)), ("angle", np.float64, (NODES, TERMS)),
+                      ("speed", np.float64, (NODES, TERMS)), ("end_angle", np.float64, NODES),
+                      ("end_speed", np.float64, NODES)])
+"""A step size: h (s); a^-1 1, the share of v(0) in b; the diagonal and the columns of L; shares of each V_j in the
+Chebyshev coefficients over the step, and in the end values, of theta2 and of w.
 """
 
 SOURCE = np.dtype([("balance", np.float64, NODES), ("angle", np.float64, TERMS), ("speed", np.float64, TERMS),
@@ -59,22 +61,22 @@ FROM_ANGLE, FROM_SPEED, FROM_MEAN, FROM_WAVES = 0, 1, 2, 3
 
 
 class Tables(NamedTuple):
-    """Tables of a system, longest step first: arrays of RUNG (levels,), SOURCE (levels, FROM_WAVES + 2 waves), TURN
-    (levels,); and `Response.torque` if there are derivatives.
+    """Tables of a system, longest step first: arrays of STEP_SIZE (levels,), SOURCE (levels, FROM_WAVES + 2 waves),
+    TURN (levels,); and `Response.torque` if there are derivatives.
     """
 
-    rungs: NDArray[Any]
+    step_sizes: NDArray[Any]
     sources: NDArray[Any]
     turns: NDArray[Any]
     torque: NDArray[Any] | None = None
 
 
 class Response(NamedTuple):
-    """Tables of a linear part: the rungs, the sources without the waves (levels, FROM_WAVES, numbers of a SOURCE), and
-    the matrices that make a source of a torque at the nodes, (levels, numbers of a SOURCE, NODES).
+    """Tables of a linear part: the step sizes, the sources without the waves (levels, FROM_WAVES, numbers of a SOURCE),
+    and the matrices that make a source of a torque at the nodes, (levels, numbers of a SOURCE, NODES).
     """
 
-    rungs: NDArray[Any]
+    step_sizes: NDArray[Any]
     fixed: Floats
     torque: Floats
 
@@ -123,8 +125,8 @@ TO_POWERS[:DEGREE + 1, :DEGREE + 1] = chebyshev_to_powers(DEGREE)
 
 
 def ladder_of(fastest: float, period: float) -> tuple[int, int]:
-    """Return `top`, where the longest rung is 2^(-top/2) s, at most one engine cycle, and the number of rungs for a
-    fastest rate, 1/s.
+    """Return `top`, where the longest step size is 2^(-top/2) s, at most one engine cycle, and the number of step sizes
+    for a fastest rate, 1/s.
     """
     top = math.ceil(-2.0 * math.log2(period) - 1e-9)
     return top, max(LEVELS, 1 + math.ceil(2.0 * math.log2(fastest / GAP) - top))
@@ -132,7 +134,7 @@ def ladder_of(fastest: float, period: float) -> tuple[int, int]:
 
 @lru_cache(maxsize=16)
 def response(linear: Linear, top: int, levels: int) -> Response:
-    """Return the response of theta2 and w on every rung to their start, the torque and the slip."""
+    """Return the response of theta2 and w on every step size to their start, the torque and the slip."""
     i1, i2, damping, stiffness, by_slip, by_speed, plate_by_slip = coefficients_of(linear)
     inertia, kappa = i1 + i2, i1 / (i1 + i2)
     # M w' = Te - K23 theta2 - (C23 + f_w) theta2' - (f_v + p_v) v, with theta2' = w - kappa v.
@@ -146,15 +148,15 @@ def response(linear: Linear, top: int, levels: int) -> Response:
     found = np.linalg.solve(matrix, right)
     x, w = found[:, :NODES], found[:, NODES:]
     start = 2 + NODES
-    rungs = np.zeros(levels, RUNG)
-    rungs["length"] = lengths
-    rungs["start"] = INVERSE.sum(axis=1) / lengths[:, None]
+    step_sizes = np.zeros(levels, STEP_SIZE)
+    step_sizes["length"] = lengths
+    step_sizes["start"] = INVERSE.sum(axis=1) / lengths[:, None]
     u = w[..., start:] - kappa * np.eye(NODES)
     coupling = INVERSE / lengths[:, None, None] - (damping * u + stiffness * x[..., start:]) / i2
     coupling = coupling + by_speed / i1 * u + decay_of_slip(linear) * np.eye(NODES)
-    rungs["coupling"], rungs["diagonal"] = coupling.transpose(0, 2, 1), coupling.diagonal(axis1=1, axis2=2)
-    rungs["angle"], rungs["speed"] = (_polynomials(y[..., start:]).transpose(0, 2, 1) for y in (x, w))
-    rungs["end_angle"], rungs["end_speed"] = x[:, -1, start:], w[:, -1, start:]
+    step_sizes["coupling"], step_sizes["diagonal"] = coupling.transpose(0, 2, 1), coupling.diagonal(axis1=1, axis2=2)
+    step_sizes["angle"], step_sizes["speed"] = (_polynomials(y[..., start:]).transpose(0, 2, 1) for y in (x, w))
+    step_sizes["end_angle"], step_sizes["end_speed"] = x[:, -1, start:], w[:, -1, start:]
     applied = np.concatenate([np.zeros((levels, NODES, 2)), eye], axis=2)
     balance = (applied - by_speed * w[..., :start]) / i1 + (damping * w[..., :start] + stiffness * x[..., :start]) / i2
     source = np.concatenate([balance, *(_polynomials(y[..., :start]) for y in (x, w)), x[:, -1:, :start],
@@ -163,15 +165,15 @@ def response(linear: Linear, top: int, levels: int) -> Response:
     source[:, NODES + TERMS:NODES + 2 * TERMS, FROM_SPEED] += TO_CHEBYSHEV[0]
     torque = np.ascontiguousarray(source[..., 2:])
     fixed = np.concatenate([source[..., :2], torque.sum(axis=2, keepdims=True)], axis=2)
-    rungs.setflags(write=False)
-    return Response(rungs, fixed.transpose(0, 2, 1), torque)
+    step_sizes.setflags(write=False)
+    return Response(step_sizes, fixed.transpose(0, 2, 1), torque)
 
 
 @lru_cache(maxsize=16)
 def tables(linear: Linear, rates: tuple[float, ...], load_rate: float, top: int, levels: int) -> Tables:
     """Return the tables, read only, of a system whose torque has sines of these rates (rad/s), and its load one."""
     own = response(linear, top, levels)
-    times = own.rungs["length"][:, None] * C
+    times = own.step_sizes["length"][:, None] * C
     sources = np.empty((levels, FROM_WAVES + 2 * len(rates), own.fixed.shape[2]))
     sources[:, :FROM_WAVES] = own.fixed
     waves = np.empty((levels, NODES, 2))
@@ -194,12 +196,12 @@ def _tables(own: Response, sources: Floats, load_rate: float, top: int) -> Table
     """Return the tables with these sources, (levels, sources, numbers of a SOURCE)."""
     named = np.ascontiguousarray(sources).view(SOURCE)[..., 0]
     named.setflags(write=False)
-    return Tables(own.rungs, named, turns_of(load_rate, top, len(sources)))
+    return Tables(own.step_sizes, named, turns_of(load_rate, top, len(sources)))
 
 
 @lru_cache(maxsize=16)
 def turns_of(load_rate: float, top: int, levels: int) -> NDArray[Any]:
-    """Return cosine and sine of the load's angle at the nodes of every rung, from its start."""
+    """Return cosine and sine of the load's angle at the nodes of every step size, from its start."""
     angles = load_rate * (2.0 ** (-0.5 * (top + np.arange(levels))))[:, None] * C
     turns: NDArray[Any] = np.stack([np.cos(angles), np.sin(angles)], axis=1).reshape(levels, -1).view(TURN)[:, 0]
     turns.setflags(write=False)

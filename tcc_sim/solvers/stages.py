@@ -242,13 +242,13 @@ to_powers = unrolled(staged_powers)
 
 
 @fast
-def follow_manifold(rung: Any, v: float, sign: float, sigma: float, stribeck: Stribeck, work: Any) -> None:
+def follow_manifold(step_size: Any, v: float, sign: float, sigma: float, stribeck: Stribeck, work: Any) -> None:
     """Improve the guess in stick, where V changes little from node to node, by b - L V - beta Ts mubar(V) = 0 with the
     guess in L V. It costs a third of an iteration, and saves one.
     """
     evaluate_law(0, work.slip, work.law, work.slope, sign, sigma, stribeck)
-    evaluate_residual(0, rung.coupling, work.slip, work.law, work.slope, work.friction_rate, work.balance, rung.start,
-                      v, work.change, work.measure)
+    evaluate_residual(0, step_size.coupling, work.slip, work.law, work.slope, work.friction_rate, work.balance,
+                      step_size.start, v, work.change, work.measure)
     correct_by_friction(0, work.change, work.slip, work.friction_rate, work.slope, sigma)
 
 
@@ -263,18 +263,19 @@ def law_at_nodes(place: Place, sigma: float | None, stribeck: Stribeck, work: An
 
 
 @fast
-def solve_stages(rung: Any, v: float, place: Place, sharpness: float, sigma: float | None, stribeck: Stribeck,
+def solve_stages(step_size: Any, v: float, place: Place, sharpness: float, sigma: float | None, stribeck: Stribeck,
                  accuracy: float, work: Any) -> int:
     """Solve by Newton's method from the guess in work.slip; mubar changes with v as fast as `sharpness`, s/rad.
 
     Returns the iterations, negative where they did not converge to `accuracy` (rad/s).
     """
     slip, law, slope, friction_rate, change = work.slip, work.law, work.slope, work.friction_rate, work.change
-    measure, coupling, diagonal = work.measure, rung.coupling, rung.diagonal
+    measure, coupling, diagonal = work.measure, step_size.coupling, step_size.diagonal
     law_at_nodes(place, sigma, stribeck, work)
     last = 1e300
     for count in range(1, ITERATIONS_MAXIMUM + 1):
-        evaluate_residual(0, coupling, slip, law, slope, friction_rate, work.balance, rung.start, v, change, measure)
+        evaluate_residual(0, coupling, slip, law, slope, friction_rate, work.balance, step_size.start, v, change,
+                          measure)
         contraction = 0.0
         if measure[LEAST] > DOMINANT * diagonal[NODES - 1]:
             divide(0, change, diagonal, friction_rate, slope, measure)

@@ -40,9 +40,9 @@ def test_chebyshev_coefficients_and_powers_give_the_nodal_values_back():
 @pytest.mark.parametrize("level", [1, 4, 12])
 def test_the_plate_follows_a_given_slip_as_its_equation_says(level, linear):
     found = tables.tables(linear, (RATE,), RATE, *tables.ladder_of(2e6, 2.0 * np.pi / RATE))
-    rung, sources = found.rungs[level], found.sources[level]
+    step_size, sources = found.step_sizes[level], found.sources[level]
     i1, i2, damping, stiffness, by_slip, by_speed, plate_by_slip = coefficients_of(linear)
-    inertia, kappa, h = i1 + i2, i1 / (i1 + i2), float(rung["length"])
+    inertia, kappa, h = i1 + i2, i1 / (i1 + i2), float(step_size["length"])
     assert h <= 2.0 * np.pi / RATE
 
     def slip(t):
@@ -61,14 +61,14 @@ def test_the_plate_follows_a_given_slip_as_its_equation_says(level, linear):
     weights = np.array([0.1, -3.0, 300.0, 250.0 * np.sin(0.4), 250.0 * np.cos(0.4)])
     v = slip(times[1:])
     for name, exact in zip(("angle", "speed"), truth):
-        coefficients = weights @ sources[name] + v @ rung[name]
+        coefficients = weights @ sources[name] + v @ step_size[name]
         values = np.polynomial.chebyshev.chebval(2.0 * times / h - 1.0, coefficients)
         np.testing.assert_allclose(values, exact, atol=1e-11 * np.abs(exact).max())
-        assert weights @ sources["end_" + name] + v @ rung["end_" + name] == pytest.approx(exact[-1], rel=1e-11)
+        assert weights @ sources["end_" + name] + v @ step_size["end_" + name] == pytest.approx(exact[-1], rel=1e-11)
     u = truth[1, 1:] - kappa * v
     free = ((torque(times[1:]) - by_slip * v - by_speed * u) / i1
             + (damping * u + stiffness * truth[0, 1:] + plate_by_slip * v) / i2 - 1.2 * np.cos(40.0 * times[1:]))
-    balance = weights @ sources["balance"] + rung["start"] * slip(0.0) - v @ rung["coupling"]
+    balance = weights @ sources["balance"] + step_size["start"] * slip(0.0) - v @ step_size["coupling"]
     np.testing.assert_allclose(balance, free, atol=1e-9 * np.abs(free).max() + 1e-9 / h)
 
 
@@ -78,51 +78,51 @@ def law(work, sign, sigma, stribeck):
 
 
 @compiled
-def correct(work, rung, v):
-    stages.evaluate_residual(0, rung.coupling, work.slip, work.law, work.slope, work.friction_rate, work.balance,
-                             rung.start, v, work.change, work.measure)
-    stages.eliminate(0, work.change, rung.coupling, work.friction_rate, work.slope, work.measure)
+def correct(work, step_size, v):
+    stages.evaluate_residual(0, step_size.coupling, work.slip, work.law, work.slope, work.friction_rate, work.balance,
+                             step_size.start, v, work.change, work.measure)
+    stages.eliminate(0, work.change, step_size.coupling, work.friction_rate, work.slope, work.measure)
 
 
 def test_the_correction_solves_newtons_equations():
-    rung = tables.tables(LINEAR, (RATE,), RATE, 10, tables.LEVELS).rungs[5]
+    step_size = tables.tables(LINEAR, (RATE,), RATE, 10, tables.LEVELS).step_sizes[5]
     work, draw = np.zeros(1, WORK)[0], np.random.default_rng(0)
     work["slip"], work["friction_rate"] = draw.uniform(0.01, 0.05, 16), draw.uniform(2e4, 3e4, 16)
     work["balance"] = draw.normal(size=16) * 1e4
     law(work, 1.0, 50.0, STRIBECK)
-    correct(work, rung, 0.03)
-    residual = (work["balance"] - work["friction_rate"] * work["law"] + rung["start"] * 0.03
-                - work["slip"] @ rung["coupling"])
-    exact = np.linalg.solve(rung["coupling"].T + np.diag(work["friction_rate"] * work["slope"]), residual)
+    correct(work, step_size, 0.03)
+    residual = (work["balance"] - work["friction_rate"] * work["law"] + step_size["start"] * 0.03
+                - work["slip"] @ step_size["coupling"])
+    exact = np.linalg.solve(step_size["coupling"].T + np.diag(work["friction_rate"] * work["slope"]), residual)
     np.testing.assert_allclose(work["change"], exact, rtol=1e-10)
     assert work["measure"][0] == pytest.approx(np.abs(exact).max(), rel=1e-10)
 
 
 def stuck(work, friction_rate):
-    """Slip speeds at the nodes of a rung whose equations they solve to rounding, for v = 0.02 rad/s at its start."""
-    rung = tables.tables(LINEAR, (RATE,), RATE, 10, tables.LEVELS).rungs[5]
+    """Slip speeds at the nodes of a step that solve its equations to rounding, for v = 0.02 rad/s at its start."""
+    step_size = tables.tables(LINEAR, (RATE,), RATE, 10, tables.LEVELS).step_sizes[5]
     exact = 0.02 + 0.008 * np.sin(2.0 * tables.C)
     work["slip"], work["friction_rate"] = exact, friction_rate
     law(work, 1.0, 50.0, None)
-    work["balance"] = exact @ rung["coupling"] + work["friction_rate"] * work["law"] - rung["start"] * 0.02
-    return rung, exact
+    work["balance"] = exact @ step_size["coupling"] + work["friction_rate"] * work["law"] - step_size["start"] * 0.02
+    return step_size, exact
 
 
 @pytest.mark.parametrize("friction_rate", [2e3, 3e4])
 def test_a_good_guess_does_not_end_the_iteration_before_its_error_is_known(friction_rate):
     """The diagonal alone removes only a part of the error, for any size of the first correction."""
     work = np.zeros(1, WORK)[0]
-    rung, exact = stuck(work, friction_rate)
-    dominant = friction_rate * work["slope"].min() > stages.DOMINANT * rung["diagonal"][-1]
+    step_size, exact = stuck(work, friction_rate)
+    dominant = friction_rate * work["slope"].min() > stages.DOMINANT * step_size["diagonal"][-1]
     assert dominant == (friction_rate == 3e4)
     work["slip"] = exact * (1.0 + 1e-6 * np.cos(5.0 * tables.C))
-    assert 0 < stages.solve_stages(rung, 0.02, Place(LAYER, 1.0, 1e-9, 1e-9), 50.0, 50.0, None, 1e-12, work) < 12
+    assert 0 < stages.solve_stages(step_size, 0.02, Place(LAYER, 1.0, 1e-9, 1e-9), 50.0, 50.0, None, 1e-12, work) < 12
     np.testing.assert_allclose(work["slip"], exact, rtol=0.0, atol=2e-12)
 
 
 def test_the_guess_in_stick_follows_the_slow_manifold():
     work = np.zeros(1, WORK)[0]
-    rung, exact = stuck(work, 3e4)
+    step_size, exact = stuck(work, 3e4)
     work["slip"] = exact * 1.01
-    stages.follow_manifold(rung, 0.02, 1.0, 50.0, None, work)
+    stages.follow_manifold(step_size, 0.02, 1.0, 50.0, None, work)
     assert np.abs(work["slip"] - exact).max() < 0.1 * np.abs(0.01 * exact).max()

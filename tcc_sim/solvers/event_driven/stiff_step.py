@@ -1,8 +1,8 @@
-"""Steps of an arc whose damper is far faster than everything else: collocation on the ladder of rungs.
+"""Steps of an arc whose damper is far faster than everything else: collocation on the ladder of step sizes.
 
 Stability limits the Taylor series of an overdamped plate to steps of a few I2/C23. After the series have followed the
-decay of the fast part, collocation (`collocation`, `stages`, `rungs`) takes longer steps. Its result is a polynomial
-too, so events and output are those of every other step.
+decay of the fast part, collocation (`collocation`, `stages`, `shared_collocation`) takes longer steps. Its result is a
+polynomial too, so events and output are those of every other step.
 """
 
 from __future__ import annotations
@@ -16,14 +16,22 @@ from tcc_sim.solvers.collocation import DEGREE, NODES, TERMS, C, Tables
 from tcc_sim.solvers.event_driven.setup import Bounds
 from tcc_sim.solvers.event_driven.step import DOWNWARD, NO_EVENT, UPWARD, Step, slip_event, stick_event
 from tcc_sim.solvers.excitation import Pulsation
-from tcc_sim.solvers.rungs import SHRINK_MOST, balance, fill_plate, friction_rate_at_nodes, growth, rung_below, weigh
 from tcc_sim.solvers.series import ANGLE, SLIP, SPEED, fastest_at
+from tcc_sim.solvers.shared_collocation import (
+    SHRINK_MOST,
+    balance,
+    fill_plate,
+    friction_rate_at_nodes,
+    growth,
+    step_size_below,
+    weigh,
+)
 from tcc_sim.solvers.stages import FALLING, SLIDING, Place, slip_polynomial, solve_stages
 from tcc_sim.solvers.terms import Terms
 from tcc_sim.trajectory import FREE, STICK
 
 FRESH = -12
-"""Rung of a state whose fast part has not decayed: so many series steps come first, 30 times I2/C23 or more."""
+"""Step size of a state whose fast part has not decayed: so many series steps come first, 30 times I2/C23 or more."""
 LEAST_TRUNCATION = 1e-11
 """Rounding of the last coefficients, of the size of the signal."""
 CANCELLED = 2e-13
@@ -78,14 +86,14 @@ def error_of(chebyshev: Any, tolerance: float) -> float:
 
 
 @fast
-def error_on_rung(bounds: Bounds, terms: Terms, waves: Any, place: Place, sharpness: float, state: Any, drive: Any,
+def error_of_step(bounds: Bounds, terms: Terms, waves: Any, place: Place, sharpness: float, state: Any, drive: Any,
                   tables: Tables, work: Any) -> float:
-    """Solve on the rung state.level; return the error of its polynomials, infinite where there are none."""
+    """Solve on the step size state.level; return the error of its polynomials, infinite where there are none."""
     level, slip, chebyshev = state.level, work.slip, work.chebyshev
-    rung = tables.rungs[level]
+    step_size = tables.step_sizes[level]
     flywheel, plate = terms.linear.flywheel, terms.linear.plate
     kappa, goal = flywheel / (flywheel + plate), max(bounds.truncation, LEAST_TRUNCATION)
-    weigh(state, rung.length, kappa, terms.mean_torque, waves, None, work)
+    weigh(state, step_size.length, kappa, terms.mean_torque, waves, None, work)
     for i in range(NODES):
         slip[i] = state.slip_speed
     error = 0.0
@@ -95,15 +103,15 @@ def error_on_rung(bounds: Bounds, terms: Terms, waves: Any, place: Place, sharpn
     else:
         tolerance = goal * max(abs(state.slip_speed), bounds.creep)
         balance(tables.sources, level, work)
-        friction_rate_at_nodes(state.tau, rung.length, tables.turns[level], state.mode != FREE,
+        friction_rate_at_nodes(state.tau, step_size.length, tables.turns[level], state.mode != FREE,
                                1.0 / flywheel + 1.0 / plate,
                                terms.mean_load, terms.pulsation, None, drive, work.friction_rate)
-        if solve_stages(rung, state.slip_speed, place, sharpness, None, terms.stribeck, CONVERGED * tolerance,
+        if solve_stages(step_size, state.slip_speed, place, sharpness, None, terms.stribeck, CONVERGED * tolerance,
                         work) < 0:
             return math.inf
         slip_polynomial(0, slip, state.slip_speed, chebyshev, work.rows[SLIP])
         error = error_of(chebyshev, tolerance)
-    fill_plate(rung, tables.sources, level, kappa, work)
+    fill_plate(step_size, tables.sources, level, kappa, work)
     speed = max(abs(state.plate_speed), bounds.creep)
     return max(error, error_of(chebyshev, max(goal * speed, CANCELLED * abs(state.slip_speed))))
 
@@ -111,23 +119,23 @@ def error_on_rung(bounds: Bounds, terms: Terms, waves: Any, place: Place, sharpn
 @fast
 def stiff_arc(bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any, remaining: float, tables: Tables,
               work: Any) -> Step:
-    """Return a step of any mode of at most `remaining` s, on the rung state.level or below, and adapt that; of degree 0
-    if no rung meets the tolerance, and series go on.
+    """Return a step of any mode of at most `remaining` s, on the step size state.level or below, and adapt that; of
+    degree 0 if no step size meets the tolerance, and series go on.
     """
-    rungs = tables.rungs
+    step_sizes = tables.step_sizes
     place, sharpness, end = law_ahead(state, terms.stribeck, bounds.far)
-    state.level = rung_below(rungs, state.level, remaining)
-    while state.level < rungs.shape[0]:
-        level, h = state.level, rungs[state.level].length
-        error = error_on_rung(bounds, terms, waves, place, sharpness, state, drive, tables, work)
+    state.level = step_size_below(step_sizes, state.level, remaining)
+    while state.level < step_sizes.shape[0]:
+        level, h = state.level, step_sizes[state.level].length
+        error = error_of_step(bounds, terms, waves, place, sharpness, state, drive, tables, work)
         longest = h * (growth(error) if error < math.inf else SHRINK_MOST)
         if error <= 1.0:
-            while level > 0 and rungs[level - 1].length <= longest:
+            while level > 0 and step_sizes[level - 1].length <= longest:
                 level -= 1
             state.level = level
             if state.mode == STICK:
                 breakaway_margins(bounds, terms, terms.pulsation, waves, state, drive, h, work)
                 return stick_event(bounds, h, 1.0, DEGREE, work.rows, work.bernstein)
             return slip_event(bounds, h, 1.0, DEGREE, end, state, work.rows, work.bernstein)
-        state.level = rung_below(rungs, level + 1, longest)
+        state.level = step_size_below(step_sizes, level + 1, longest)
     return Step(0.0, 0.0, 0, NO_EVENT, 0, 0.0)

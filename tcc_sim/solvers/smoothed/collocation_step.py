@@ -1,7 +1,8 @@
 """A long step of collocation: stick on its slow manifold, and slip where the linear part is stiff.
 
-Radau IIA with 16 nodes, order 31, on a ladder of rungs whose linear parts are precomputed (`collocation`). In stick
-mubar follows the demand, and a few steps make a cycle. A step takes the longest rung whose error is expected to pass.
+Radau IIA with 16 nodes, order 31, on a ladder of step sizes whose linear parts are precomputed (`collocation`). In
+stick mubar follows the demand, and a few steps make a cycle. A step takes the longest step size whose error is expected
+to pass.
 """
 
 from __future__ import annotations
@@ -11,8 +12,16 @@ from typing import Any
 
 from tcc_sim.compiling.compiled import fast
 from tcc_sim.solvers.collocation import DEGREE, NODES, C, Tables
-from tcc_sim.solvers.rungs import SHRINK_MOST, balance, fill_plate, friction_rate_at_nodes, growth, rung_below, weigh
 from tcc_sim.solvers.series import SLIP
+from tcc_sim.solvers.shared_collocation import (
+    SHRINK_MOST,
+    balance,
+    fill_plate,
+    friction_rate_at_nodes,
+    growth,
+    step_size_below,
+    weigh,
+)
 from tcc_sim.solvers.smoothed.series_step import rate_of_law
 from tcc_sim.solvers.smoothed.setup import ACCEPTED, CREEP, REFUSED, Limits, Step
 from tcc_sim.solvers.stages import Place, follow_manifold, guess, slip_polynomial, solve_stages
@@ -44,18 +53,18 @@ def first_beyond(peak: float, work: Any) -> int:
 @fast
 def collocation_step(place: Place, room: float, loaded: bool, state: Any, control: Any, limits: Limits, terms: Terms,
                      waves: Any, drive: Any, tables: Tables, work: Any, counters: Any) -> Step:
-    """Solve on the rung control.level, or the longest below it that fits into `room` s.
+    """Solve on the step size control.level, or the longest below it that fits into `room` s.
 
     Fills the polynomial of the slip speed in work.rows; `fill_plate` fills the others. A refused step sets
-    control.level to the rung to try next, or to the number of rungs if there is none.
+    control.level to the step size to try next, or to the number of step sizes if there is none.
     """
-    level = rung_below(tables.rungs, control.level, room)
+    level = step_size_below(tables.step_sizes, control.level, room)
     worth = -math.inf  # A falling slope of friction does not refuse a step.
     while True:
         control.level = level
-        if level >= tables.rungs.shape[0] or tables.rungs[level].length * control.rate < worth:
+        if level >= tables.step_sizes.shape[0] or tables.step_sizes[level].length * control.rate < worth:
             return Step(REFUSED, 0.0, 0.0, DEGREE, math.inf)
-        h = tables.rungs[level].length
+        h = tables.step_sizes[level].length
         weigh(state, h, limits.kappa, terms.mean_torque, waves, terms.profile, work)
         balance(tables.sources, level, work)
         friction_rate_at_nodes(state.tau, h, tables.turns[level], loaded, limits.beta, terms.mean_load, terms.pulsation,
@@ -63,23 +72,23 @@ def collocation_step(place: Place, room: float, loaded: bool, state: Any, contro
         beyond = first_beyond(limits.peak, work) if control.method == CREEP else NODES
         if beyond == NODES:
             break
-        level, worth = rung_below(tables.rungs, level + 1, BEFORE_FOLD * C[beyond] * h), WORTH
-    rung = tables.rungs[level]
+        level, worth = step_size_below(tables.step_sizes, level + 1, BEFORE_FOLD * C[beyond] * h), WORTH
+    step_size = tables.step_sizes[level]
     accuracy, sharpness = CONVERGED * limits.creep_tolerance, limits.sigma
     if control.method == CREEP:
         guess(0, work.demand, work.slip, place.sign, limits.sigma, terms.stribeck)
-        follow_manifold(rung, state.slip_speed, place.sign, limits.sigma, terms.stribeck, work)
+        follow_manifold(step_size, state.slip_speed, place.sign, limits.sigma, terms.stribeck, work)
     else:
         accuracy = CONVERGED * place.slip_tolerance
         sharpness = rate_of_law(place.region, limits.sigma, terms.stribeck)
         start = work.slip
         for i in range(NODES):
             start[i] = state.slip_speed
-    used = solve_stages(rung, state.slip_speed, place, sharpness, limits.sigma, terms.stribeck, accuracy, work)
+    used = solve_stages(step_size, state.slip_speed, place, sharpness, limits.sigma, terms.stribeck, accuracy, work)
     counters.iterations += abs(used)
     counters.iterations_max = max(counters.iterations_max, abs(used))
     if used < 0:
-        control.level = rung_below(tables.rungs, level + 1, 0.5 * h)
+        control.level = step_size_below(tables.step_sizes, level + 1, 0.5 * h)
         return Step(REFUSED, h, 0.0, DEGREE, math.inf)
     slip_polynomial(0, work.slip, state.slip_speed, work.chebyshev, work.rows[SLIP])
     chebyshev = work.chebyshev
@@ -92,11 +101,11 @@ def collocation_step(place: Place, room: float, loaded: bool, state: Any, contro
         error *= max(steepest / limits.sigma, FLAT) / limits.creep_tolerance
     else:
         error /= place.slip_tolerance
-        fill_plate(rung, tables.sources, level, limits.kappa, work)
+        fill_plate(step_size, tables.sources, level, limits.kappa, work)
         error = max(error, max(abs(chebyshev[DEGREE]), abs(chebyshev[DEGREE - 1])) / place.speed_tolerance)
     if not error <= 1.0:
         factor = growth(error) if error < math.inf else SHRINK_MOST
-        control.level = rung_below(tables.rungs, level + 1, factor * h)
+        control.level = step_size_below(tables.step_sizes, level + 1, factor * h)
         return Step(REFUSED, h, 0.0, DEGREE, error)
     control.rate = work.friction_rate[NODES - 1] * work.slope[NODES - 1]
     return Step(ACCEPTED, h, 1.0, DEGREE, error)

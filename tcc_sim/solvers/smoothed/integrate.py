@@ -15,8 +15,8 @@ from tcc_sim.solvers.engine import Memory, Setup, loop_by
 from tcc_sim.solvers.excitation import clamp_edge, excite
 from tcc_sim.solvers.loads import keep_loads, wanted
 from tcc_sim.solvers.run_output import GOES_ON, NOT_FINITE, STEP_TOO_SMALL, Store
-from tcc_sim.solvers.rungs import fill_plate, state_at_end
 from tcc_sim.solvers.series import FLYWHEEL, SLIP, add_integral
+from tcc_sim.solvers.shared_collocation import fill_plate, state_at_end
 from tcc_sim.solvers.smoothed.collocation_step import collocation_step
 from tcc_sim.solvers.smoothed.sensitivity import carry
 from tcc_sim.solvers.smoothed.sensitivity_series import reach_of, resolved
@@ -132,7 +132,7 @@ def complete(step: Step, degree: int, whole: bool, cut: float, setup: Setup, mem
     state, control, _, work, _, output = memory
     if control.method == CREEP and (not whole or cut < math.inf or store.per_cycle > 0 or angle is not None
                                     or wanted(store.loads, output.cycle)):
-        fill_plate(tables.rungs[control.level], tables.sources, control.level, limits.kappa, work)
+        fill_plate(tables.step_sizes[control.level], tables.sources, control.level, limits.kappa, work)
     if angle is not None:
         work.rows[FLYWHEEL, 0] = state.flywheel_angle
         add_integral(work.rows, degree, step.unit)
@@ -158,7 +158,7 @@ def finish(degree: int, x: float, whole: bool, setup: Setup, memory: Memory, ang
     limits, _, _, _, tables = setup
     state, control, _, work, _, _ = memory
     if whole and control.method != SERIES:
-        state_at_end(tables.rungs[control.level], tables.sources, control.level, limits.kappa, work, state)
+        state_at_end(tables.step_sizes[control.level], tables.sources, control.level, limits.kappa, work, state)
     else:
         state.slip_speed, state.plate_angle, state.plate_speed = polynomial.values(work.rows, degree, x)
     if angle is not None:

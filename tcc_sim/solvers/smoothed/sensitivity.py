@@ -22,8 +22,8 @@ from tcc_sim.solvers.changes import LANES, changed_at, end_changes, hold_phase
 from tcc_sim.solvers.collocation import DEGREE, FROM_ANGLE, FROM_SPEED, NODES, TERMS, TO_CHEBYSHEV, C
 from tcc_sim.solvers.engine import Memory, Setup
 from tcc_sim.solvers.law_changes import mubar_at, numbers_of
-from tcc_sim.solvers.rungs import fill_plate
 from tcc_sim.solvers.series import ANGLE, SLIP, SPEED, added
+from tcc_sim.solvers.shared_collocation import fill_plate
 from tcc_sim.solvers.smoothed.sensitivity_series import carry_series
 from tcc_sim.solvers.smoothed.series_step import LocalFriction, law_here
 from tcc_sim.solvers.smoothed.setup import SERIES, Limits, Step
@@ -61,7 +61,7 @@ def change_at_nodes(group: Any, lane: int, level: int, loaded: bool, limits: Lim
     """Fill one lane's derivatives of the torque on flywheel and plate together, and of the balance of the nodes, those
     by the numbers of the friction law excepted.
     """
-    by, rows, turn, h = group.by, work.rows, tables.turns[level], tables.rungs[level].length
+    by, rows, turn, h = group.by, work.rows, tables.turns[level], tables.step_sizes[level].length
     for n in range(NODES):
         s = C[n] * h
         torque, load = by[of.MEAN_TORQUE, lane], 0.0
@@ -97,7 +97,7 @@ def change_at_nodes(group: Any, lane: int, level: int, loaded: bool, limits: Lim
 def carry_collocation(tangent: Any, place: Place, level: int, loaded: bool, limits: Limits, waves: Any, tables: Any,
                       drive: Any, work: Any, pulsation: tuple[float, float, float] | None, stribeck: Stribeck) -> None:
     """Fill the derivatives of the slip speed at the nodes of a collocation step."""
-    rung, law = tables.rungs[level], tangent.along.at_nodes
+    step_size, law = tables.step_sizes[level], tangent.along.at_nodes
     law_at_nodes(place, limits.sigma, stribeck, work)
     if tangent.groups[0].forced != 0:  # Keys fill the lanes from the fourth of the first group on.
         law_by_numbers(0, law, work.slip, place.sign, limits.sigma, stribeck)
@@ -108,7 +108,7 @@ def carry_collocation(tangent: Any, place: Place, level: int, loaded: bool, limi
         for lane in range(LANES):
             w = now[2, lane] + limits.kappa * now[0, lane]
             for n in range(NODES):
-                nodes[lane, n] = now[1, lane] * from_angle[n] + w * from_speed[n] + now[0, lane] * rung.start[n]
+                nodes[lane, n] = now[1, lane] * from_angle[n] + w * from_speed[n] + now[0, lane] * step_size.start[n]
             if group.forced & (1 << lane):
                 change_at_nodes(group, lane, level, loaded, limits, waves, tables, drive, work, pulsation)
                 for m in range(NODES):
@@ -116,11 +116,11 @@ def carry_collocation(tangent: Any, place: Place, level: int, loaded: bool, limi
                         nodes[lane, m] += tables.torque[level, m, n] * group.applied[lane, n]
         if group.forced != 0:
             change_law(0, nodes, group.by, law, work.friction_rate, stribeck)
-        eliminate_rows(0, nodes, rung.coupling, work.friction_rate, work.slope)
+        eliminate_rows(0, nodes, step_size.coupling, work.friction_rate, work.slope)
 
 
 @fast
-def look_at(x: float, rung: Any, shared: Any) -> None:
+def look_at(x: float, step_size: Any, shared: Any) -> None:
     """Fill `shared` with the weights of the node values of a collocation step in the state at x."""
     basis, t = shared.basis, 2.0 * x - 1.0
     basis[0], basis[1] = 1.0, t
@@ -133,16 +133,16 @@ def look_at(x: float, rung: Any, shared: Any) -> None:
     for j in range(NODES):
         shared.angle[j], shared.speed[j] = 0.0, 0.0
         for i in range(DEGREE + 1):
-            shared.angle[j] += rung.angle[j, i] * basis[i]
-            shared.speed[j] += rung.speed[j, i] * basis[i]
+            shared.angle[j] += step_size.angle[j, i] * basis[i]
+            shared.speed[j] += step_size.speed[j, i] * basis[i]
 
 
 @fast
 def end_collocation(tangent: Any, level: int, x: float, whole: bool, limits: Limits, tables: Any) -> None:
     """Fill the derivatives of the state at x of a collocation step, its end if it is taken whole."""
-    rung, shared = tables.rungs[level], tangent.shared
+    step_size, shared = tables.step_sizes[level], tangent.shared
     if not whole:
-        look_at(x, rung, shared)
+        look_at(x, step_size, shared)
     from_angle, from_speed = tables.sources[level, FROM_ANGLE], tables.sources[level, FROM_SPEED]
     for i in range(tangent.groups.shape[0]):
         group = tangent.groups[i]
@@ -155,8 +155,8 @@ def end_collocation(tangent: Any, level: int, x: float, whole: bool, limits: Lim
                 angle = x0 * from_angle.end_angle + w0 * from_speed.end_angle
                 speed = x0 * from_angle.end_speed + w0 * from_speed.end_speed
                 for n in range(NODES):
-                    angle += rung.end_angle[n] * nodes[lane, n]
-                    speed += rung.end_speed[n] * nodes[lane, n]
+                    angle += step_size.end_angle[n] * nodes[lane, n]
+                    speed += step_size.end_speed[n] * nodes[lane, n]
                     if forced:
                         angle += tables.torque[level, NODES + 2 * TERMS, n] * group.applied[lane, n]
                         speed += tables.torque[level, NODES + 2 * TERMS + 1, n] * group.applied[lane, n]
@@ -207,7 +207,7 @@ def peak_between(rows: Any, degree: int, low: float, high: float) -> float:
 
 
 @fast
-def carry_peak(tangent: Any, order: int, degree: int, low: float, high: float, series: bool, rung: Any, rows: Any,
+def carry_peak(tangent: Any, order: int, degree: int, low: float, high: float, series: bool, step_size: Any, rows: Any,
                work: Any) -> None:
     """Keep the largest |slip speed| of a part of a step, with its derivatives, if it is the cycle's largest so far;
     work.bernstein holds the Bernstein coefficients of the slip speed over the step.
@@ -224,7 +224,7 @@ def carry_peak(tangent: Any, order: int, degree: int, low: float, high: float, s
     shared.peak = abs(v)
     sign = 1.0 if v > 0.0 else -1.0
     if not series:
-        look_at(at, rung, shared)
+        look_at(at, step_size, shared)
     for i in range(tangent.groups.shape[0]):
         group = tangent.groups[i]
         for lane in range(LANES):
@@ -299,20 +299,20 @@ def carry(tangent: Any, method: int, place: Place, friction: LocalFriction, step
     limits, terms, _, waves, tables = setup
     drive, work, level, order = memory.drive, memory.work, memory.control.level, step.degree
     rows, series = work.rows, method == SERIES
-    rung = tables.rungs[level]
+    step_size = tables.step_sizes[level]
     if series:
         carry_series(tangent, place, friction, step, loaded, limits, terms, waves, drive, rows, terms.pulsation,
                      terms.stribeck)
     else:
-        fill_plate(rung, tables.sources, level, limits.kappa, work)
+        fill_plate(step_size, tables.sources, level, limits.kappa, work)
         carry_collocation(tangent, place, level, loaded, limits, waves, tables, drive, work, terms.pulsation,
                           terms.stribeck)
     if tangent.shared.asked:
         average_slopes(tangent.shared.slopes, x, step.unit, degree, loaded, limits, terms, drive, rows)
-    carry_peak(tangent, order, degree, 0.0, min(cut, x), series, rung, rows, work)
+    carry_peak(tangent, order, degree, 0.0, min(cut, x), series, step_size, rows, work)
     if cut <= x:
         keep_peak(tangent, memory.output.cycle)
-        carry_peak(tangent, order, degree, cut, x, series, rung, rows, work)
+        carry_peak(tangent, order, degree, cut, x, series, step_size, rows, work)
     if not series:
         end_collocation(tangent, level, x, whole, limits, tables)
     for i in range(tangent.groups.shape[0]):

@@ -12,7 +12,7 @@ from typing import Any
 
 from tcc_sim.compiling.compiled import fast, lost_torque
 from tcc_sim.solvers.collocation import LEVELS, Tables
-from tcc_sim.solvers.rungs import growth, rung_below
+from tcc_sim.solvers.shared_collocation import growth, step_size_below
 from tcc_sim.solvers.smoothed.collocation_step import FLAT, WORTH
 from tcc_sim.solvers.smoothed.series_step import LocalFriction
 from tcc_sim.solvers.smoothed.setup import CREEP, SERIES, STIFF, Limits, Step
@@ -20,7 +20,7 @@ from tcc_sim.solvers.stages import LAYER, Place
 from tcc_sim.solvers.terms import Terms
 
 WORTH_USUAL = 2.0
-"""Step times rho, for the shortest rung of a usual ladder, below which collocation is not even tried in stick."""
+"""Step times rho, for the shortest step size of a usual ladder, below which collocation is not even tried in stick."""
 RETURN = 3.0
 """Growth of rho since the series took over in stick after which collocation is tried again."""
 CALM, CALM_MOST = 8, 256
@@ -39,7 +39,7 @@ FIRST = 0.2
 """Length of the first step in stick, per engine cycle."""
 PATIENCE, PATIENCE_MOST = 16, 1024
 """Series steps of equal length after which collocation is tried, doubled each time until it succeeds; and collocation
-steps of one rung after which a longer one is tried."""
+steps of one step size after which a longer one is tried."""
 ALIKE = 0.1
 """Relative difference of lengths that count as equal."""
 SERIES_REACH = 3.0
@@ -75,7 +75,8 @@ def enter_creep(place: Place, friction: LocalFriction, room: float, state: Any, 
     waits = not (rho > RETURN * control.released or control.waited >= control.calm)
     if waits or control.unsettled > 0.0 or abs(v) >= limits.creep_speed:
         return False
-    if not rho * tables.rungs[LEVELS - 1].length > WORTH_USUAL or room < tables.rungs[tables.rungs.shape[0] - 1].length:
+    shortest = tables.step_sizes[tables.step_sizes.shape[0] - 1].length
+    if not rho * tables.step_sizes[LEVELS - 1].length > WORTH_USUAL or room < shortest:
         return False
     delta = distance_to_creep(friction, rho, state, limits, terms, drive)
     near = (abs(delta) * max(friction.slope / limits.sigma, FLAT) < PROJECTED * limits.creep_tolerance
@@ -89,7 +90,7 @@ def enter_creep(place: Place, friction: LocalFriction, room: float, state: Any, 
         state.plate_angle += limits.kappa * delta / rho
     control.method = CREEP
     control.rate = rho
-    control.level = rung_below(tables.rungs, 0, FIRST * limits.period)
+    control.level = step_size_below(tables.step_sizes, 0, FIRST * limits.period)
     return True
 
 
@@ -109,14 +110,14 @@ def choose_method(place: Place, friction: LocalFriction, room: float, state: Any
         control.streak = 0
         control.patience = min(2 * control.patience, PATIENCE_MOST)
         control.method = STIFF
-        control.level = min(rung_below(tables.rungs, 0, 8.0 * control.last), tables.rungs.shape[0] - 1)
+        control.level = min(step_size_below(tables.step_sizes, 0, 8.0 * control.last), tables.step_sizes.shape[0] - 1)
     return False
 
 
 @fast
 def leave_if_short(control: Any, limits: Limits, tables: Tables) -> None:
-    """Return to the series if the next rung is too short for its cost, or if there is none."""
-    length = tables.rungs[control.level].length if control.level < tables.rungs.shape[0] else 0.0
+    """Return to the series if the next step size is too short for its cost, or if there is none."""
+    length = tables.step_sizes[control.level].length if control.level < tables.step_sizes.shape[0] else 0.0
     if control.method == CREEP and length * control.rate < WORTH:
         control.method = SERIES
         control.released = control.rate
@@ -128,7 +129,7 @@ def leave_if_short(control: Any, limits: Limits, tables: Tables) -> None:
 
 @fast
 def after_collocation(error: float, length: float, control: Any, limits: Limits, tables: Tables) -> None:
-    """Choose the rung of the next step, or the series.
+    """Choose the step size of the next step, or the series.
 
     `growth` assumes a power law, which errors of rounding, or of a start off the slow manifold, do not follow.
     Therefore after many steps of one length a longer one is tried.
@@ -137,10 +138,10 @@ def after_collocation(error: float, length: float, control: Any, limits: Limits,
     control.streak += 1
     level = control.level
     if control.streak > PATIENCE and level > 0:
-        longest = max(longest, tables.rungs[level - 1].length)
-    while level > 0 and tables.rungs[level - 1].length <= longest:
+        longest = max(longest, tables.step_sizes[level - 1].length)
+    while level > 0 and tables.step_sizes[level - 1].length <= longest:
         level -= 1
-    control.level = rung_below(tables.rungs, level, longest)
+    control.level = step_size_below(tables.step_sizes, level, longest)
     if control.method == STIFF:
         control.patience = PATIENCE
     leave_if_short(control, limits, tables)

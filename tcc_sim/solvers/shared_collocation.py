@@ -1,4 +1,4 @@
-"""Parts of a collocation step of both engines: data at its nodes, the plate's motion, and the next rung of the ladder.
+"""Work that collocation steps of both engines share: data at the nodes, the plate's motion, the next step size.
 
 The error of a polynomial of degree s goes as h^s (K. Gustafsson's elementary controller; E. Hairer and G. Wanner,
 Solving Ordinary Differential Equations II, Sec. IV.8).
@@ -61,27 +61,27 @@ def balance(sources: Any, level: int, work: Any) -> None:
 
 
 @fast
-def fill_plate(rung: Any, sources: Any, level: int, kappa: float, work: Any) -> None:
+def fill_plate(step_size: Any, sources: Any, level: int, kappa: float, work: Any) -> None:
     """Fill the polynomials of theta2 and theta2', and work.chebyshev with the Chebyshev coefficients of theta2'."""
     rows, slip, weights, chebyshev = work.rows, work.slip, work.weights, work.chebyshev
     chebyshev[:] = 0.0
     for k in range(sources.shape[1]):
         add_share(0, chebyshev, sources[level, k].angle, weights[k])
-    add_slip(0, slip, rung.angle, chebyshev)
+    add_slip(0, slip, step_size.angle, chebyshev)
     to_powers(0, chebyshev, rows[ANGLE])
     chebyshev[:] = 0.0
     for k in range(sources.shape[1]):
         add_share(0, chebyshev, sources[level, k].speed, weights[k])
-    add_slip(0, slip, rung.speed, chebyshev)
+    add_slip(0, slip, step_size.speed, chebyshev)
     to_powers(0, chebyshev, rows[SPEED])
     for i in range(TERMS):
         rows[SPEED, i] -= kappa * rows[SLIP, i]
 
 
 @fast
-def state_at_end(rung: Any, sources: Any, level: int, kappa: float, work: Any, state: Any) -> None:
-    """Set the state to that at the last node, the end of the rung."""
-    slip, weights, end_angle, end_speed = work.slip, work.weights, rung.end_angle, rung.end_speed
+def state_at_end(step_size: Any, sources: Any, level: int, kappa: float, work: Any, state: Any) -> None:
+    """Set the state to that at the last node, the end of the step."""
+    slip, weights, end_angle, end_speed = work.slip, work.weights, step_size.end_angle, step_size.end_speed
     angle, speed = 0.0, 0.0
     for k in range(sources.shape[1]):
         source = sources[level, k]
@@ -96,9 +96,9 @@ def state_at_end(rung: Any, sources: Any, level: int, kappa: float, work: Any, s
 
 
 @fast
-def rung_below(rungs: Any, level: int, length: float) -> int:
-    """Return the longest rung from `level` on that is at most `length`; the number of rungs where there is none."""
-    while level < rungs.shape[0] and rungs[level].length > length:
+def step_size_below(step_sizes: Any, level: int, length: float) -> int:
+    """Return the level of the longest step size from `level` on that is at most `length`; their number if none is."""
+    while level < step_sizes.shape[0] and step_sizes[level].length > length:
         level += 1
     return level
 
