@@ -142,7 +142,7 @@ def driven_orders(system: System) -> Floats:
 def _breakaways(run: Trajectory) -> Floats:
     """Return the times at which the clutch changes from stick to slip, s, ascending."""
     if len(run.transitions.time):
-        moves = run.transitions
-        return np.asarray(moves.time[moves.before == 0])
+        transitions = run.transitions
+        return np.asarray(transitions.time[transitions.before == 0])
     out: Floats = run.t[1:][(run.state[:-1] == 0) & (run.state[1:] != 0)]
     return out

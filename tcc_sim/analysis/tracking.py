@@ -364,8 +364,8 @@ class Loop:
     def _fine_step(self, begin: float, end: float) -> float:
         """Return the largest step of a moving target within a time, rad/s: no loop follows it more closely."""
         inside = (self.reference.t[1:] > begin) & (self.reference.t[1:] <= end)
-        moves = inside & ~np.isin(self.reference.t[1:], self.jumps.t)
-        return float(np.abs(np.diff(self.reference.values))[moves].max(initial=0.0))
+        ramped = inside & ~np.isin(self.reference.t[1:], self.jumps.t)
+        return float(np.abs(np.diff(self.reference.values))[ramped].max(initial=0.0))
 
     def _peak_slip(self, course: LoopCycles, errors: Errors) -> float:
         """Return the largest deviation of the slip speed itself, rad/s; NaN if its extremes are unknown."""

@@ -194,8 +194,8 @@ def tracking_lines(found: Tracking) -> list[str]:
     """Return the text of a tracking in lines: target and errors, peaks, verdict, and pressure commands."""
     if not math.isfinite(found.rms_error):
         return [f"target {speed(found.target)}: no verdict: {found.verdict_why}"]
-    moves = found.target_low < found.target_high
-    aim = speed(found.target_low, 6, found.target_high) if moves else speed(found.target)
+    varies = found.target_low < found.target_high
+    aim = speed(found.target_low, 6, found.target_high) if varies else speed(found.target)
     sign = "+" if found.peak_deviation > 0.0 else ""
     lines = [f"target {aim}: mean {speed(found.mean_slip)}, rms error {speed(found.rms_error, 4)}, "
              f"largest {speed(found.largest_error, 4)}",

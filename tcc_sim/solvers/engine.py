@@ -30,7 +30,7 @@ VALUE, GROWS, GRADIENT = 0, 1, 2
 """Columns of margins: the value; 1 where stick's margin grows at that end of slip; derivatives by the disturbances."""
 WITHIN = 1.0 - 1e-9
 """Share of a radius within which a motion ends, so that a repetition with other rounding ends too."""
-MOVES_AT_ONCE = 2 * COLUMNS
+TRANSITIONS_OF_STEP = 2 * COLUMNS
 """Most transitions of one step."""
 COUNTERS = np.dtype([("steps", np.int64), ("rejected", np.int64), ("iterations", np.int64),
                      ("iterations_max", np.int64), ("limited", np.int64), ("events", np.int64)])
@@ -87,7 +87,7 @@ class Tangent(NamedTuple):
 Stretch = tuple[Setup, int, float]
 """Arguments of one call: setup, number of cycles from the start of the solve, and seconds of the cycle after them."""
 PART = np.dtype([("first", np.int64), ("cycles", np.int64), ("tau", np.float64), ("tail", np.float64),
-                 ("steps", np.int64), ("state", np.float64, 3), ("status", np.int64), ("moves", np.int64),
+                 ("steps", np.int64), ("state", np.float64, 3), ("status", np.int64), ("transitions", np.int64),
                  ("mode", np.int64), ("stick_time", np.float64)])
 """A part: number of the cycle in which it starts, ends of cycles that it passes, time at its start within that cycle,
 and at its end within the last one (s); the most steps; the state at its start, then at its end; its result; number of
@@ -98,14 +98,14 @@ class Room(NamedTuple):
     """Arguments, results and work space of parts, used again by the next ones.
 
     parts : (m,) array of PART
-    moves : (m, k) array of MOVE, their transitions
+    transitions : (m, k) array of TRANSITION
     ends : (m, groups, 3, LANES) array, the tangents at their ends
     heights, climbs : (m, n), (m, n, groups, LANES) arrays, the largest |slip speed| of every cycle or part of one, and
         its change
     """
 
     parts: Any
-    moves: Any
+    transitions: Any
     ends: Any
     heights: Any
     climbs: Any
@@ -163,7 +163,7 @@ def loop_by(start: Callable[..., None], take_step: Callable[..., int], effort: f
         while output.cycle < count or state.tau < tail:
             if counters.limited >= step_limit:
                 return STEP_LIMIT
-            if tangent is None and full(store.moves, output.moves + MOVES_AT_ONCE):
+            if tangent is None and full(store.transitions, output.transitions + TRANSITIONS_OF_STEP):
                 return FULL
             counters.limited += 1
             status = take_step(first, count, tail, setup, memory, tangent, store, angle)
@@ -190,7 +190,7 @@ class EngineShell:
     steps, steps_of_changes : (setup, cycles), most steps, as the loop counts them
     why : (result, most steps, setup), a sentence on a failure
     stretches : the calls that make a solve
-    moves : room for transitions of a part, per engine cycle
+    transitions_per_cycle : room for transitions of a part, per engine cycle
     columns : numbers of a sample with the mode; 0 where the mode follows from the slip speed
     stride : engine cycles between two tests whether a motion ends at an orbit
     bound : most iterations
@@ -205,7 +205,7 @@ class EngineShell:
     steps: Callable[[Setup, int], int]
     steps_of_changes: Callable[[Setup, int], int]
     why: Callable[[int, int, Setup], str]
-    moves: int
+    transitions_per_cycle: int
     stretches: Callable[[Problem, Setup], Iterable[Stretch]] = lambda problem, setup: (
         (setup, problem.whole_cycles, problem.rest),)
     columns: int = 0
@@ -237,7 +237,7 @@ class EngineShell:
         integrate = self.integrate
 
         def parts(room: Room, count: int, setup: Setup) -> None:
-            parts, moves, ends, heights, climbs, tangent, memory, cycles, samples = room
+            parts, transitions, ends, heights, climbs, tangent, memory, cycles, samples = room
             state, output, groups = memory.state, memory.output, tangent.groups
             for k in range(count):
                 part = parts[k]
@@ -248,11 +248,11 @@ class EngineShell:
                         for lane in range(LANES):
                             groups[i].now[c, lane] = 1.0 if i == 0 and c == lane else 0.0
                 part.status = integrate(part.first, part.cycles, part.tail, part.steps, setup, memory, tangent,
-                                        Store(cycles, samples, 0, moves[k], None), None)
+                                        Store(cycles, samples, 0, transitions[k], None), None)
                 if part.status != DONE:
                     return
                 part.state[0], part.state[1], part.state[2] = state.slip_speed, state.plate_angle, state.plate_speed
-                part.moves, part.mode = output.moves, output.mode
+                part.transitions, part.mode = output.transitions, output.mode
                 part.stick_time = output.stick_time if part.tail > 0.0 else 0.0
                 for n in range(part.cycles):
                     part.stick_time += cycles[n].stick_time

@@ -38,8 +38,8 @@ the square of the slip speed at the last of these places.
 """
 ROOM = 0.1
 """Largest distance of an extreme from the values at the points, relative to their range."""
-MOVES = 16
-"""Most moves of the closer places; fourteen take them from one end of their range to the other."""
+SHIFTS = 16
+"""Most shifts of the closer places; fourteen take them from one end of their range to the other."""
 
 
 def room_for_loads(problem: Problem) -> NDArray[Any]:
@@ -110,7 +110,7 @@ def largest_near(rows: Any, degree: int, unit: float, which: int, sign: float, a
         most = max(most, sign * workspace[which + closer, at])
         towards = -1.0 if at == 0 else 1.0 if at == COUNT - 1 else 0.0
         following = min(max(middle + towards * apart, low + apart), high - apart)
-        if closer > 0 and following != middle and moved < MOVES:
+        if closer > 0 and following != middle and moved < SHIFTS:
             middle, moved = following, moved + 1
         else:
             at = min(max(at, 1), COUNT - 2)

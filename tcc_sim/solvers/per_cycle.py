@@ -242,9 +242,9 @@ def _loads(grid: _Grid, v: Floats, slip: Floats, angle: Floats, speed: Floats, p
     torques = _cubic(_turning_points(p, dp, q, dq), p[:, None], dp[:, None], q[:, None], dq[:, None])
     stuck = np.abs(v) <= stick_speed
     first = grid.left
-    moves = (stuck[:-1] & ~stuck[1:])[:max(int(first[-1]) + int(grid.u[-1] == 1.0), int(first[0]) + 1)]
+    breakaways = (stuck[:-1] & ~stuck[1:])[:max(int(first[-1]) + int(grid.u[-1] == 1.0), int(first[0]) + 1)]
     return Loads(energy, np.maximum.reduceat(np.maximum(power[:-1], power[1:]), grid.pieces),
-                 *_extremes(grid, torques), np.add.reduceat(moves.astype(np.float64), first[:-1]), heat)
+                 *_extremes(grid, torques), np.add.reduceat(breakaways.astype(np.float64), first[:-1]), heat)
 
 
 def integral_of(h: Floats, values: Floats, rates: Floats) -> Floats:

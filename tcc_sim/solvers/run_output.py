@@ -37,40 +37,40 @@ CYCLE = np.dtype([("slip_speed", np.float64), ("plate_angle", np.float64), ("pla
                   ("highest", np.float64), ("lowest", np.float64), ("stick_time", np.float64)])
 """An engine cycle: the state at its start; the largest and smallest slip speed and the time in stick within it."""
 
-MOVE = np.dtype([("time", np.float64), ("before", np.int64), ("after", np.int64)])
+TRANSITION = np.dtype([("time", np.float64), ("before", np.int64), ("after", np.int64)])
 """A transition: seconds since the start of cycle 0, mode before and after."""
 
-OUTPUT = np.dtype([("started", np.int64), ("cycle", np.int64), ("samples", np.int64), ("moves", np.int64),
+OUTPUT = np.dtype([("started", np.int64), ("cycle", np.int64), ("samples", np.int64), ("transitions", np.int64),
                    ("mode", np.int64), ("highest", np.float64), ("lowest", np.float64), ("stick_time", np.float64)])
 """Progress of the output: whether the run has started; whole cycles, samples and transitions so far; the mode now; the
 extremes and the time in stick of the cycle so far.
 """
 
-MOVES = 65536
+TRANSITIONS_MAXIMUM = 65536
 """Room for transitions in one call of the compiled loop."""
 
 
 class Store(NamedTuple):
-    """Arrays that receive a run: of CYCLE, of states (rows of samples), of MOVE, and of LOADS or None; and the samples
-    per cycle. Without an array of MOVE only the state at the start of each cycle is stored.
+    """Arrays that receive a run: of CYCLE, of states (rows of samples), of TRANSITION, and of LOADS or None; and the
+    samples per cycle. Without an array of TRANSITION only the state at the start of each cycle is stored.
     """
 
     cycles: Any
     samples: Any
     per_cycle: int
-    moves: Any
+    transitions: Any
     loads: Any = None
 
 
 class _Scratch(threading.local):
     """Work space of a thread's solves, one after the other: to allocate it costs more than a short solve.
 
-    moves : array of MOVE
+    transitions : array of TRANSITION
     memories : the memory of each engine by name, and the same as bytes
     """
 
     def __init__(self) -> None:
-        self.moves = np.empty(0, MOVE)
+        self.transitions = np.empty(0, TRANSITION)
         self.memories: dict[str, tuple[NDArray[np.uint8], Any]] = {}
 
 
@@ -80,14 +80,14 @@ scratch = _Scratch()
 @fast
 def begin_output(output: Any, slip_speed: float, mode: int) -> None:
     """Reset the output at the start of a run."""
-    output.started, output.cycle, output.samples, output.moves, output.mode = 1, 0, 0, 0, mode
+    output.started, output.cycle, output.samples, output.transitions, output.mode = 1, 0, 0, 0, mode
     output.highest, output.lowest, output.stick_time = slip_speed, slip_speed, 0.0
 
 
 @fast
-def full(moves: Any, needed: int) -> bool:
+def full(transitions: Any, needed: int) -> bool:
     """Return whether so many transitions do not fit; False if none are stored."""
-    return moves is not None and needed > moves.shape[0]
+    return transitions is not None and needed > transitions.shape[0]
 
 
 @fast
@@ -122,13 +122,13 @@ def end_of_cycle(tau: float, after: float, period: float, unit: float, x: float)
 
 
 @fast
-def note_move(time: float, before: int, after: int, output: Any, moves: Any) -> None:
+def store_transition(time: float, before: int, after: int, output: Any, transitions: Any) -> None:
     """Store a transition if there is room for it."""
-    if moves is not None and output.moves < moves.shape[0]:
-        moves[output.moves].time = time
-        moves[output.moves].before = before
-        moves[output.moves].after = after
-        output.moves += 1
+    if transitions is not None and output.transitions < transitions.shape[0]:
+        transitions[output.transitions].time = time
+        transitions[output.transitions].before = before
+        transitions[output.transitions].after = after
+        output.transitions += 1
 
 
 @fast
@@ -142,7 +142,7 @@ def keeps_mode(mode: int, stick_speed: float, workspace: Any) -> bool:
 
 @fast
 def keep_modes(rows: Any, degree: int, unit: float, x: float, cut: float, time: float, stick_speed: float, output: Any,
-               moves: Any, loads: Any, workspace: Any) -> float:
+               transitions: Any, loads: Any, workspace: Any) -> float:
     """Store transitions, breakaways and time in stick; return the time in stick behind `cut`, the end of the cycle."""
     behind = 0.0
     mode = output.mode
@@ -158,7 +158,7 @@ def keep_modes(rows: Any, degree: int, unit: float, x: float, cut: float, time: 
             behind += keep_stick(output, start, at, cut, unit)
             keep_breakaway(loads, output.cycle if at < cut else output.cycle + 1)
             new = 1 if polynomial.value(rows, SLIP, degree, at) > 0.0 else -1
-        note_move(time + at * unit, mode, new, output, moves)
+        store_transition(time + at * unit, mode, new, output, transitions)
         mode = new
         start = at
         there = abs(workspace[BERNSTEIN, degree]) <= stick_speed
@@ -226,7 +226,7 @@ def keep_step(work: Any, degree: int, unit: float, x: float, cut: float, tau: fl
     rows = work.rows
     if store.per_cycle > 0:
         keep_samples(rows, degree, unit, x, tau, period, store.per_cycle, output, store.samples, angle)
-    keep_motion(rows, degree, unit, x, cut, time, stick_speed, output, store.cycles, store.moves, store.loads,
+    keep_motion(rows, degree, unit, x, cut, time, stick_speed, output, store.cycles, store.transitions, store.loads,
                 work.bernstein)
 
 
@@ -239,10 +239,12 @@ def keep_section(rows: Any, degree: int, cut: float, stick_time: float, output: 
 
 @fast
 def keep_motion(rows: Any, degree: int, unit: float, x: float, cut: float, time: float, stick_speed: float, output: Any,
-                cycles: Any, moves: Any, loads: Any, workspace: Any) -> None:
-    """Store transitions, breakaways, time in stick, extremes and section; only the section where `moves` is None."""
-    if moves is not None:
-        behind = keep_modes(rows, degree, unit, x, cut, time, stick_speed, output, moves, loads, workspace)
+                cycles: Any, transitions: Any, loads: Any, workspace: Any) -> None:
+    """Store transitions, breakaways, time in stick, extremes and section; only the section where `transitions` is
+    None.
+    """
+    if transitions is not None:
+        behind = keep_modes(rows, degree, unit, x, cut, time, stick_speed, output, transitions, loads, workspace)
         keep_cycle(rows, degree, x, cut, behind, output, cycles, workspace)
     elif cut <= x:
         keep_section(rows, degree, cut, 0.0, output, cycles)
@@ -264,20 +266,20 @@ class RunOutput:
         self.cycles = np.zeros((count + 2, CYCLE.itemsize // 8))
         self.cycles[0, :3] = problem.state.numbers
         self.loads = room_for_loads(problem)
-        self.moves: list[NDArray[Any]] = []
-        if len(scratch.moves) < MOVES:
-            scratch.moves = np.empty(MOVES, MOVE)
+        self.transitions: list[NDArray[Any]] = []
+        if len(scratch.transitions) < TRANSITIONS_MAXIMUM:
+            scratch.transitions = np.empty(TRANSITIONS_MAXIMUM, TRANSITION)
         self.store = Store(self.cycles.view(CYCLE)[:, 0], self.samples, problem.samples_per_cycle,
-                           scratch.moves[:MOVES], self.loads)
+                           scratch.transitions[:TRANSITIONS_MAXIMUM], self.loads)
 
     def run(self, loop: Callable[..., object], *arguments: Any) -> int:
         """Call an engine's loop, with the store and `angle` behind its arguments, until it ends; return its result."""
         ended, angle = FULL, True if self.problem.flywheel_angle else None
         while ended == FULL:
-            self.output["moves"] = 0
+            self.output["transitions"] = 0
             ended, spent = timed(loop, *arguments, self.store, angle)
             self.seconds += spent
-            self.moves.append(self.store.moves[:int(self.output["moves"])].copy())
+            self.transitions.append(self.store.transitions[:int(self.output["transitions"])].copy())
         return ended
 
     def trajectory(self, solver: str, status: Status, first: tuple[float, ...], last: tuple[float, ...], tau: float,
@@ -289,8 +291,8 @@ class RunOutput:
         reached = begun + tau
         end = problem.end if status is Status.DONE else reached
         t, samples = self._sampled(first, last, status, end)
-        moves = np.concatenate(self.moves) if self.moves else np.empty(0, MOVE)
-        transitions = Transitions(moves["time"].copy(), moves["before"].astype(np.int8), moves["after"].astype(np.int8))
+        rows = np.concatenate(self.transitions) if self.transitions else np.empty(0, TRANSITION)
+        transitions = Transitions(rows["time"].copy(), rows["before"].astype(np.int8), rows["after"].astype(np.int8))
         cycles, rest = self._cycles(0, whole, self.cycles[:whole + 1, :3].copy()), None
         if tau > LEAST_REST * (float(problem.system.cycle_start(problem.start_cycle + whole + 1)) - (reached - tau)):
             self.cycles[whole, 3:] = self.output[["highest", "lowest", "stick_time"]].item()

@@ -29,7 +29,7 @@ from tcc_sim.solvers.key_derivatives import (
     TORQUE_AMPLITUDE,
     key_derivatives,
 )
-from tcc_sim.solvers.run_output import CYCLE, DONE, MOVE, STATUSES
+from tcc_sim.solvers.run_output import CYCLE, DONE, STATUSES, TRANSITION
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.trajectory import NO_ORBITS, Floats, Orbits, event_sequence
 
@@ -44,7 +44,7 @@ class Stroboscopic(NamedTuple):
     heights : (N,) the largest |slip speed| of every cycle or part of one, rad/s
     heights_derivatives : (N, 3 + P) of `heights`
     stick_time : s
-    moves : (time in s, mode before, mode after) of each change of mode
+    transitions : (time in s, mode before, mode after) of each change of mode
     margins : (3, 2 + 3 + P) rows GRAZING, ARRIVAL, STUCK of `event_driven.margins`: value, whether stick's margin
         grows, derivatives by the state and the keys; inf where there is no such place. None unless requested, and under
         the smoothed law
@@ -56,7 +56,7 @@ class Stroboscopic(NamedTuple):
     heights: Floats
     heights_derivatives: Floats
     stick_time: float
-    moves: Sequence[tuple[float, int, int]] = ()
+    transitions: Sequence[tuple[float, int, int]] = ()
     margins: Floats | None = None
 
     @property
@@ -126,10 +126,11 @@ class Prepared:
         out = []
         for k, part in enumerate(room.parts[:count].copy()):
             _, cycles, _, tail, _, state, _, moved, mode, stick_time = part.item()
-            n, moves = cycles + (tail > 0.0), room.moves[k, :moved]
+            n, transitions = cycles + (tail > 0.0), room.transitions[k, :moved]
             out.append(Stroboscopic(
-                state, by[k], event_sequence([*moves["before"][:1].tolist(), *moves["after"].tolist()] or [mode]),
-                heights[k, :n], peaks[k, :n], stick_time, moves.tolist(), least))
+                state, by[k], event_sequence([*transitions["before"][:1].tolist(), *transitions["after"].tolist()]
+                                             or [mode]),
+                heights[k, :n], peaks[k, :n], stick_time, transitions.tolist(), least))
         return out
 
     def passed(self, states: Floats, starts: Sequence[float], ends: Sequence[float], asked: bool = False) -> Room:
@@ -177,7 +178,7 @@ class _Rooms(threading.local):
                           np.zeros((most, groups, LANES)),
                           np.zeros((3, GRADIENT + groups * LANES)) if engine.columns else None)
         self.asked = engine, later, groups, most, count
-        self.room = Room(np.zeros(count, PART), np.zeros((count, engine.moves * most), MOVE),
+        self.room = Room(np.zeros(count, PART), np.zeros((count, engine.transitions_per_cycle * most), TRANSITION),
                          np.empty((count, groups, 3, LANES)), np.empty((count, most)),
                          np.empty((count, most, groups, LANES)), tangent, engine.memory()[1],
                          np.zeros(most + 1, CYCLE), np.empty((0, engine.columns or 3)))

@@ -76,8 +76,8 @@ def test_judder_of_a_run_up_ends_where_breakaways_do():
     scene = ramp("runup", 60.0, 600.0, 8.0).with_values({"friction.kinetic_coefficient": 0.24})
     found = simulate(scene, duration=8.0, samples_per_cycle=64)
     orders = orders_of(found.trajectory)
-    moves = found.trajectory.transitions
-    last = float(moves.time[moves.before == 0][-1])
+    transitions = found.trajectory.transitions
+    last = float(transitions.time[transitions.before == 0][-1])
     ticked = solve(scene, duration=8.0, samples_per_cycle=64, solver="fixed_step")
     leaves = (ticked.state[:-1] == 0) & (ticked.state[1:] != 0)
     assert last == pytest.approx(ticked.t[1:][leaves][-1], abs=2e-3)

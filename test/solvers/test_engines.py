@@ -98,9 +98,9 @@ def test_agrees_with_scipy(name, scene):
     dense = states[:-1, 0].reshape(cycles, per_cycle)
     assert np.all(run.cycles.highest >= dense.max(axis=1) - engine.near * scale[0])
     assert np.all(run.cycles.lowest <= dense.min(axis=1) + engine.near * scale[0])
-    moves = run.transitions
-    assert [(b, a) for _, b, a in changes] == list(zip(moves.before.tolist(), moves.after.tolist()))
-    np.testing.assert_allclose(moves.time, [t for t, _, _ in changes], atol=EVENT)
+    transitions = run.transitions
+    assert [(b, a) for _, b, a in changes] == list(zip(transitions.before.tolist(), transitions.after.tolist()))
+    np.testing.assert_allclose(transitions.time, [t for t, _, _ in changes], atol=EVENT)
     assert run.cycles.stick_time.sum() == pytest.approx(stuck, abs=len(changes) * EVENT + 1e-12)
 
 
@@ -128,11 +128,11 @@ def test_samples_cycles_and_torques_are_of_one_motion(name, scene):
         step = np.abs(np.diff(part)).max()
         assert part.max() <= run.cycles.highest[n] + 1e-12 <= part.max() + step + 1e-12
         assert part.min() >= run.cycles.lowest[n] - 1e-12 >= part.min() - step - 1e-12
-    moves = run.transitions
-    assert np.all(np.diff(moves.time) > 0.0)
-    assert np.all(moves.before[1:] == moves.after[:-1])
-    modes = np.concatenate([moves.before[:1], moves.after]) if len(moves.time) else run.state[:1]
-    edges = np.concatenate([[0.0], moves.time, [run.t[-1]]])
+    transitions = run.transitions
+    assert np.all(np.diff(transitions.time) > 0.0)
+    assert np.all(transitions.before[1:] == transitions.after[:-1])
+    modes = np.concatenate([transitions.before[:1], transitions.after]) if len(transitions.time) else run.state[:1]
+    edges = np.concatenate([[0.0], transitions.time, [run.t[-1]]])
     assert np.diff(edges)[modes == 0].sum() == pytest.approx(run.cycles.stick_time.sum(), rel=1e-9, abs=1e-15)
 
 
@@ -174,9 +174,9 @@ def test_a_motion_with_derivatives_names_the_steps_that_it_was_allowed(monkeypat
 def test_no_transition_is_lost_where_there_are_more_than_one_call_has_room_for(monkeypatch, name):
     system = ENGINES[name].system(SCENES["reversals"])
     whole = solve(system, cycles=80, loads_from=0)
-    monkeypatch.setattr(run_output, "MOVES", 100)
+    monkeypatch.setattr(run_output, "TRANSITIONS_MAXIMUM", 100)
     parts = solve(system, cycles=80, loads_from=0)
-    assert len(parts.transitions.time) > 3 * run_output.MOVES
+    assert len(parts.transitions.time) > 3 * run_output.TRANSITIONS_MAXIMUM
     for found, wanted in zip(astuple(parts.transitions), astuple(whole.transitions)):
         np.testing.assert_array_equal(found, wanted)
     np.testing.assert_array_equal(parts.cycles.loads.breakaways, whole.cycles.loads.breakaways)

@@ -89,8 +89,8 @@ def test_power_and_breakaways_are_those_of_dense_samples() -> None:
         for n in range(LAST):
             peak = power[4000 * n:4000 * n + 4001].max()
             assert peak * (1.0 - 1e-6) <= loads.peak_power[n] <= peak * (1.0 + 1e-5)
-            moves = (run.transitions.before == 0) & (np.floor(run.transitions.time / system.cycle) == n)
-            assert loads.breakaways[n] == moves.sum()
+            breakaways = (run.transitions.before == 0) & (np.floor(run.transitions.time / system.cycle) == n)
+            assert loads.breakaways[n] == breakaways.sum()
 
 
 @pytest.mark.parametrize(("values", "rtol"), [

@@ -11,7 +11,7 @@ import pytest
 from numpy.polynomial import Chebyshev, Polynomial
 
 from tcc_sim.polynomials import polynomial
-from tcc_sim.solvers.run_output import CYCLE, MOVE, OUTPUT, Store, keep_step
+from tcc_sim.solvers.run_output import CYCLE, OUTPUT, TRANSITION, Store, keep_step
 from tcc_sim.solvers.series import ANGLE, FLYWHEEL, SLIP, SPEED
 from tcc_sim.solvers.stages import WORK
 
@@ -39,7 +39,7 @@ class Run:
     def __init__(self, ends: list[float], unit: float = 0.1, *, motions: dict[int, Polynomial] = MOTIONS, mode: int = 0,
                  per_cycle: int = PER_CYCLE, rooms: int = 40) -> None:
         self.output: Any = np.zeros(1, OUTPUT)[0]
-        self.cycles, self.moves = np.zeros(CYCLES + 1, CYCLE), np.zeros(rooms, MOVE)
+        self.cycles, self.transitions = np.zeros(CYCLES + 1, CYCLE), np.zeros(rooms, TRANSITION)
         self.samples = np.full((CYCLES * per_cycle, 4), np.nan)
         start = float(motions[SLIP](0.0))
         self.output["mode"], self.output["highest"], self.output["lowest"] = mode, start, start
@@ -56,7 +56,7 @@ class Run:
             cut = x if abs(cut - x) < 1e-12 else cut
             polynomial.to_bernstein(work["rows"], SLIP, degree, x, work["bernstein"])
             keep_step(work, degree, unit, x, cut, tau, begin, PERIOD, LAYER, self.output,
-                               Store(self.cycles, self.samples, per_cycle, self.moves), True)
+                               Store(self.cycles, self.samples, per_cycle, self.transitions), True)
             begin, tau = end, end - PERIOD * self.output["cycle"]
 
 
@@ -114,12 +114,12 @@ def test_cycles_start_with_the_state_and_hold_the_extremes_within_them(ends: lis
 @STEPS
 def test_transitions_are_the_edges_of_the_layer_with_the_mode_on_both_sides(ends: list[float]) -> None:
     run = Run(ends, mode=-1)
-    count = int(run.output["moves"])
+    count = int(run.output["transitions"])
     expected = crossings()
     assert {after for _, after in expected} == {-1, 0, 1}
-    assert run.moves["time"][:count] == pytest.approx([t for t, _ in expected], abs=1e-10)
-    assert run.moves["after"][:count].tolist() == [after for _, after in expected]
-    assert run.moves["before"][:count].tolist() == [-1, *(after for _, after in expected[:-1])]
+    assert run.transitions["time"][:count] == pytest.approx([t for t, _ in expected], abs=1e-10)
+    assert run.transitions["after"][:count].tolist() == [after for _, after in expected]
+    assert run.transitions["before"][:count].tolist() == [-1, *(after for _, after in expected[:-1])]
     assert run.output["mode"] == expected[-1][1]
 
 
@@ -140,10 +140,10 @@ def test_a_dip_into_the_layer_within_one_step_is_two_transitions_and_its_time() 
     for sign in (1, -1):
         run = Run([0.4], motions={**MOTIONS, SLIP: sign * dip}, mode=sign)
         width = 2.0 * np.sqrt(0.05 / 64.0)
-        assert run.output["moves"] == 2
-        assert run.moves["before"][:2].tolist() == [sign, 0]
-        assert run.moves["after"][:2].tolist() == [0, sign]
-        assert run.moves["time"][:2] == pytest.approx([0.2 - width / 2.0, 0.2 + width / 2.0], abs=1e-11)
+        assert run.output["transitions"] == 2
+        assert run.transitions["before"][:2].tolist() == [sign, 0]
+        assert run.transitions["after"][:2].tolist() == [0, sign]
+        assert run.transitions["time"][:2] == pytest.approx([0.2 - width / 2.0, 0.2 + width / 2.0], abs=1e-11)
         assert run.output["stick_time"] == pytest.approx(width, abs=1e-11)
         assert (run.output["lowest"] if sign > 0 else run.output["highest"]) == pytest.approx(sign * 0.2, abs=1e-14)
 
@@ -151,18 +151,18 @@ def test_a_dip_into_the_layer_within_one_step_is_two_transitions_and_its_time() 
 def test_a_graze_of_the_layer_is_no_transition() -> None:
     miss = Polynomial([LAYER + 1e-9, 0.0, 64.0])(Polynomial([-0.2, 1.0]))
     run = Run([0.4], motions={**MOTIONS, SLIP: miss}, mode=1)
-    assert (run.output["moves"], run.output["stick_time"], run.output["mode"]) == (0, 0.0, 1)
+    assert (run.output["transitions"], run.output["stick_time"], run.output["mode"]) == (0, 0.0, 1)
 
 
 def test_stick_throughout_is_the_whole_time_on_both_sides_of_a_cycles_end() -> None:
     run = Run([0.7, 1.2, END], motions={**MOTIONS, SLIP: Polynomial([0.1, 0.05])})
     assert run.cycles["stick_time"][:CYCLES] == pytest.approx([PERIOD] * CYCLES, abs=1e-14)
-    assert run.output["moves"] == 0
+    assert run.output["transitions"] == 0
 
 
 def test_transitions_beyond_their_room_are_left_out_and_the_rest_is_as_before() -> None:
     whole, small = Run(EACH_CYCLE, mode=-1), Run(EACH_CYCLE, mode=-1, rooms=3)
-    assert small.output["moves"] == 3
-    assert small.moves.tolist() == whole.moves[:3].tolist()
+    assert small.output["transitions"] == 3
+    assert small.transitions.tolist() == whole.transitions[:3].tolist()
     assert small.cycles.tolist() == whole.cycles.tolist()
     assert small.output["mode"] == whole.output["mode"]

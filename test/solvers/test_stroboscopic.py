@@ -59,12 +59,12 @@ def test_derivatives_are_those_of_the_solver(name: str, law: str) -> None:
     keys = [key for key in KEYS if key != "friction.smoothing" or law == "smoothed"]
     found = stroboscopic_map(system, start, 2, start_cycle=3, parameters=keys)
     solved = solve(system, cycles=2, start_cycle=3, state=State(*start), rtol=1e-12)
-    moves, cycles = solved.transitions, solved.cycles
+    transitions, cycles = solved.transitions, solved.cycles
     np.testing.assert_allclose(found.state, cycles.section[-1], rtol=1e-10, atol=1e-10)
-    assert found.events == event_sequence([*moves.before[:1], *moves.after] or [solved.state[0]])
+    assert found.events == event_sequence([*transitions.before[:1], *transitions.after] or [solved.state[0]])
     if law == "set_valued":
-        assert [(b, a) for _, b, a in found.moves] == list(zip(moves.before, moves.after))
-        np.testing.assert_allclose([t for t, _, _ in found.moves], moves.time, atol=1e-12)
+        assert [(b, a) for _, b, a in found.transitions] == list(zip(transitions.before, transitions.after))
+        np.testing.assert_allclose([t for t, _, _ in found.transitions], transitions.time, atol=1e-12)
     np.testing.assert_allclose(found.heights, np.maximum(cycles.highest, -cycles.lowest), atol=1e-9)
     assert found.stick_time == pytest.approx(cycles.stick_time.sum(), abs=1e-12)
     near = 1e-6 if law == "smoothed" else 1e-7

@@ -49,7 +49,7 @@ def keep(step: Step, mode: int, tau: float, setup: Setup, memory: Memory, store:
             _, plate_angle, plate_speed = polynomial.values(rows, step.degree, cut)
             run_output.end_cycle(output, store.cycles, 0.0, plate_angle, plate_speed, behind)
     else:
-        keep_slip(step, cut, rows, output, store.cycles, store.moves, work.bernstein)
+        keep_slip(step, cut, rows, output, store.cycles, store.transitions, work.bernstein)
         # Where slip ends the polynomial leaves a rounding of either sign.
         if mode == 1:
             output.lowest = max(output.lowest, lowest if cut > step.x else 0.0)
@@ -58,9 +58,9 @@ def keep(step: Step, mode: int, tau: float, setup: Setup, memory: Memory, store:
 
 
 @fast
-def keep_slip(step: Step, cut: float, rows: Any, output: Any, cycles: Any, moves: Any, workspace: Any) -> None:
-    """Store extremes and section of a step in slip; only the section where `moves` is None."""
-    if moves is None:
+def keep_slip(step: Step, cut: float, rows: Any, output: Any, cycles: Any, transitions: Any, workspace: Any) -> None:
+    """Store extremes and section of a step in slip; only the section where `transitions` is None."""
+    if transitions is None:
         if cut <= step.x:
             run_output.keep_section(rows, step.degree, cut, 0.0, output, cycles)
     else:
@@ -120,7 +120,7 @@ def take_step(first: int, count: int, tail: float, setup: Setup, memory: Memory,
     elif step.x > 0.0:
         keep(step, mode, tau, setup, memory, store, angle)
     if event and state.mode != mode:
-        run_output.note_move((first + n) * period + state.tau, mode, state.mode, output, store.moves)
+        run_output.store_transition((first + n) * period + state.tau, mode, state.mode, output, store.transitions)
         if mode == STICK:
             keep_breakaway(store.loads, output.cycle)
     counters.steps += 1

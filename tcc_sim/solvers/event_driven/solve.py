@@ -90,5 +90,5 @@ def why(ended: int, steps: int, setup: Setup) -> str:
 
 ENGINE = EngineShell("event_driven", integrate, Memory(STATE, None, DRIVE, WORK, COUNTERS, OUTPUT), SHARED, setup_of,
                      setup_of_changes, lambda _, cycles: STEP_MAXIMUM, lambda setup, cycles: setup.limits.steps, why,
-                     moves=EVENTS, columns=5, stride=2)
+                     transitions_per_cycle=EVENTS, columns=5, stride=2)
 solve = ENGINE.solve

@@ -126,5 +126,5 @@ ENGINE = EngineShell("smoothed", integrate, Memory(STATE, CONTROL, DRIVE, WORK, 
                 setup_of_changes, lambda setup, cycles: STEPS_AT_FIRST + setup.limits.steps * cycles,
                 lambda setup, cycles: MORE_STEPS * setup.limits.steps * cycles,
                 lambda ended, *_: "the state grew without bound" if ended == NOT_FINITE else "",
-                moves=256, stretches=stretches, bound=ITERATIONS_MAXIMUM)
+                transitions_per_cycle=256, stretches=stretches, bound=ITERATIONS_MAXIMUM)
 solve = ENGINE.solve
