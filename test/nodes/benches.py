@@ -7,6 +7,8 @@ from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import Any
 
+from tcc_sim.nodes.shared_memory import clear
+
 
 def overrides(parameters: Mapping[str, object]) -> list[Any]:
     """Parameters of a node; two underscores mean a dot."""
@@ -39,16 +41,24 @@ class Commander:
         return bool(self.torques.get_subscription_count() and self.pressures.get_subscription_count())
 
 
+def joined() -> Any:
+    """A context in the domain of the environment, whose nodes no killed process of an earlier test can hang."""
+    import rclpy
+    from rclpy.context import Context
+
+    context = Context()
+    rclpy.init(context=context, args=[])
+    clear(context.get_domain_id())
+    return context
+
+
 class Bench:
     """Separate ROS 2 context that no other sees, with an executor for the nodes of the test."""
 
     def __init__(self) -> None:
-        import rclpy
-        from rclpy.context import Context
         from rclpy.executors import SingleThreadedExecutor
 
-        self.context = Context()
-        rclpy.init(context=self.context)
+        self.context = joined()
         self.executor = SingleThreadedExecutor(context=self.context)
         self.nodes: list[Any] = []
 

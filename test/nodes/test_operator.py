@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from benches import joined
 from interpreter import environment, rerun_rows
 from waiting import until_or_ended
 
@@ -45,8 +46,7 @@ def context(domain: str, discovery: Callable[[str], str]) -> Iterator[Context]:
         for name, value in (("FASTDDS_DEFAULT_PROFILES_FILE", discovery("")), ("ROS_DOMAIN_ID", domain),
                             ("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")):
             patch.setenv(name, value)
-        context = Context()
-        rclpy.init(context=context, args=[])
+        context = joined()
         yield context
         context.try_shutdown()
 

@@ -11,8 +11,8 @@ import pytest
 pytest.importorskip("rclpy")
 
 import rclpy
+from benches import joined
 from full_disk import full_disk
-from rclpy.context import Context
 from rclpy.duration import Duration
 from test_recorder import TICK, joint_state, publisher_of
 from waiting import until
@@ -32,8 +32,7 @@ def process_context(monkeypatch, domain):
     """A context in the domain of the processes."""
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setenv("ROS_DOMAIN_ID", domain)
-    context = Context()
-    rclpy.init(context=context, args=[])
+    context = joined()
     yield context
     rclpy.shutdown(context=context)
 

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from benches import joined
 
 from tcc_sim.errors import TccError
 from tcc_sim.nodes import signals
@@ -88,6 +89,12 @@ def test_a_node_starts_where_a_process_was_killed_while_it_created_its_participa
     finally:
         status = node.stop()
     assert status == 0
+
+
+def test_a_bench_of_a_test_removes_it_too(begun: Path, domain: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
+    joined().shutdown()
+    assert not begun.exists()
 
 
 HANGS = """
