@@ -14,11 +14,20 @@ from tcc_sim.cli.verbs import VERBS
 from tcc_sim.compiling.compiled import Kernel
 from tcc_sim.scene import bundled_scenes, load_scene
 from tcc_sim.study.cli import ahead
-from tcc_sim.study.cli.ahead import find_sections, make_ticks, make_windows, map_cycle, solve_cycle, solve_figures
+from tcc_sim.study.cli.ahead import (
+    find_sections,
+    judge_section,
+    make_ticks,
+    make_windows,
+    map_cycle,
+    solve_cycle,
+    solve_figures,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 OF_VERB = {
-    "simulate": [solve_cycle], "sweep": [solve_cycle], "continue": [solve_cycle, map_cycle],
+    "simulate": [solve_cycle, judge_section], "sweep": [solve_cycle, judge_section],
+    "continue": [solve_cycle, map_cycle],
     "basins": [solve_cycle, map_cycle, find_sections], "linearise": [solve_cycle, map_cycle, make_ticks],
     "demo": [make_ticks], "realtime": [make_ticks], "fmu": [make_ticks],
     "identify": [make_windows], "figure": [solve_figures]}
@@ -26,7 +35,7 @@ OF_VERB = {
 LONG = {"claims", "precision", "stability"}
 """Verbs that run for minutes, of which compiling is a small part."""
 WITHOUT = {"scenes", "explain", "analyse", "recover", "watch", "control", "plot"}
-"""Verbs without kernels, or with those of a recording's scene, which is that of another command."""
+"""Verbs without kernels, or with those of a recording's scene or of the judge, which are those of other commands."""
 LINES = sorted({line for page in (ROOT / "README.md", *sorted((ROOT / ".github" / "guide").glob("*.md")))
                 for line in re.findall(r"^    (?:\S*/)?tcc-sim (.*)$", page.read_text(), re.MULTILINE)}
                | {verb.example for verb in VERBS.values()})

@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tcc_sim.analysis.periodicity import periodicity
 from tcc_sim.compiling import kernel_cache
 from tcc_sim.plant.driveline import Plant
 from tcc_sim.scene import Scene, bundled_scenes, load_scene
@@ -62,6 +63,11 @@ def make_windows(scene: Scene) -> None:
     advance_windows(NEAR_REST[None], 0.0, 1e-6, 1, 1, terms_of(scene.system), None, by)
 
 
+def judge_section(scene: Scene) -> None:
+    """Judge a motion, as the core's verbs do."""
+    periodicity(solve(scene, cycles=4).solved_cycles)
+
+
 def solve_figures(scene: Scene) -> None:
     """Solve a cycle of every curve of the paper's figures, and of Fig. 2 by every solver; `scene` is not used."""
     for row in FIGURES.values():
@@ -74,7 +80,7 @@ def solve_figures(scene: Scene) -> None:
 USES: tuple[tuple[Use, tuple[str, ...]], ...] = (
     (solve_cycle, tuple(bundled_scenes())), (make_ticks, tuple(bundled_scenes())),
     (make_windows, ("commands", "controlled")), (map_cycle, ("chaos", "minimal")), (find_sections, ("chaos",)),
-    (solve_figures, ("minimal",)))
+    (solve_figures, ("minimal",)), (judge_section, ("minimal",)))
 """Every use with its scenes: all bundled ones for a run and the nodes, those of the pages for other verbs."""
 PARTS = slice(0, 3), slice(3, None)
 """Two halves of the work, in processes of their own."""
