@@ -71,8 +71,8 @@ class Tangent(NamedTuple):
 
     groups, along : array of CHANGES, and record of ALONG
     shared : record of the engine's, with `fastest`, the rate in rad/s of the fastest sine by whose amplitude there are
-        derivatives (0 for none), which limits the steps even where the motion does not have that sine; and `asked`,
-        whether the engine's further results are wanted
+        derivatives (0 for none), which limits the steps even where the motion does not have that sine; and `extended`,
+        whether the engine computes its further results
     peaks : (cycles, groups, LANES) changes of the largest |slip speed| of every cycle
     margins : (3, GRADIENT + groups * LANES) `event_driven.margins`; None under the smoothed law
     """
@@ -86,25 +86,25 @@ class Tangent(NamedTuple):
 
 Stretch = tuple[Setup, int, float]
 """Arguments of one call: setup, number of cycles from the start of the solve, and seconds of the cycle after them."""
-PART = np.dtype([("first", np.int64), ("cycles", np.int64), ("tau", np.float64), ("tail", np.float64),
-                 ("steps", np.int64), ("state", np.float64, 3), ("status", np.int64), ("transitions", np.int64),
-                 ("mode", np.int64), ("stick_time", np.float64)])
-"""A part: number of the cycle in which it starts, ends of cycles that it passes, time at its start within that cycle,
-and at its end within the last one (s); the most steps; the state at its start, then at its end; its result; number of
-transitions; the mode at its end; its time in stick (s)."""
+SEGMENT = np.dtype([("first", np.int64), ("cycles", np.int64), ("tau", np.float64), ("tail", np.float64),
+                    ("steps", np.int64), ("state", np.float64, 3), ("status", np.int64), ("transitions", np.int64),
+                    ("mode", np.int64), ("stick_time", np.float64)])
+"""A segment of a motion: number of the cycle in which it starts, ends of cycles that it passes, time at its start
+within that cycle, and at its end within the last one (s); the most steps; the state at its start, then at its end; its
+result; number of transitions; the mode at its end; its time in stick (s)."""
 
 
-class Room(NamedTuple):
-    """Arguments, results and work space of parts, used again by the next ones.
+class SegmentBuffers(NamedTuple):
+    """Arguments, results and work space of segments, used again by the next ones.
 
-    parts : (m,) array of PART
+    segments : (m,) array of SEGMENT
     transitions : (m, k) array of TRANSITION
     ends : (m, groups, 3, LANES) array, the tangents at their ends
     heights, climbs : (m, n), (m, n, groups, LANES) arrays, the largest |slip speed| of every cycle or part of one, and
         its change
     """
 
-    parts: Any
+    segments: Any
     transitions: Any
     ends: Any
     heights: Any
@@ -190,7 +190,7 @@ class EngineShell:
     steps, steps_of_changes : (setup, cycles), most steps, as the loop counts them
     why : (result, most steps, setup), a sentence on a failure
     stretches : the calls that make a solve
-    transitions_per_cycle : room for transitions of a part, per engine cycle
+    transitions_per_cycle : room for transitions of a segment, per engine cycle
     columns : numbers of a sample with the mode; 0 where the mode follows from the slip speed
     stride : engine cycles between two tests whether a motion ends at an orbit
     bound : most iterations
@@ -232,43 +232,43 @@ class EngineShell:
         return fast(sections, effort=0.8)
 
     @cached_property
-    def parts(self) -> Callable[..., None]:
-        """The kernel that integrates every part, with the identity as the tangent at its start."""
+    def segments(self) -> Callable[..., None]:
+        """The kernel that integrates every segment, with the identity as the tangent at its start."""
         integrate = self.integrate
 
-        def parts(room: Room, count: int, setup: Setup) -> None:
-            parts, transitions, ends, heights, climbs, tangent, memory, cycles, samples = room
+        def segments(buffers: SegmentBuffers, count: int, setup: Setup) -> None:
+            segments, transitions, ends, heights, climbs, tangent, memory, cycles, samples = buffers
             state, output, groups = memory.state, memory.output, tangent.groups
             for k in range(count):
-                part = parts[k]
-                state.slip_speed, state.plate_angle, state.plate_speed = part.state[0], part.state[1], part.state[2]
-                state.tau, output.started = part.tau, 0
+                segment = segments[k]
+                state.slip_speed, state.plate_angle = segment.state[0], segment.state[1]
+                state.plate_speed, state.tau, output.started = segment.state[2], segment.tau, 0
                 for i in range(groups.shape[0]):
                     for c in range(3):
                         for lane in range(LANES):
                             groups[i].now[c, lane] = 1.0 if i == 0 and c == lane else 0.0
-                part.status = integrate(part.first, part.cycles, part.tail, part.steps, setup, memory, tangent,
-                                        Store(cycles, samples, 0, transitions[k], None), None)
-                if part.status != DONE:
+                segment.status = integrate(segment.first, segment.cycles, segment.tail, segment.steps, setup, memory,
+                                           tangent, Store(cycles, samples, 0, transitions[k], None), None)
+                if segment.status != DONE:
                     return
-                part.state[0], part.state[1], part.state[2] = state.slip_speed, state.plate_angle, state.plate_speed
-                part.transitions, part.mode = output.transitions, output.mode
-                part.stick_time = output.stick_time if part.tail > 0.0 else 0.0
-                for n in range(part.cycles):
-                    part.stick_time += cycles[n].stick_time
+                segment.state[0], segment.state[1] = state.slip_speed, state.plate_angle
+                segment.state[2], segment.transitions, segment.mode = state.plate_speed, output.transitions, output.mode
+                segment.stick_time = output.stick_time if segment.tail > 0.0 else 0.0
+                for n in range(segment.cycles):
+                    segment.stick_time += cycles[n].stick_time
                     heights[k, n] = max(cycles[n].highest, -cycles[n].lowest)
-                if part.tail > 0.0:
-                    heights[k, part.cycles] = max(output.highest, -output.lowest)
+                if segment.tail > 0.0:
+                    heights[k, segment.cycles] = max(output.highest, -output.lowest)
                 for i in range(groups.shape[0]):
                     for lane in range(LANES):
                         for c in range(3):
                             ends[k, i, c, lane] = groups[i].now[c, lane]
-                        for n in range(part.cycles):
+                        for n in range(segment.cycles):
                             climbs[k, n, i, lane] = tangent.peaks[n, i, lane]
-                        if part.tail > 0.0:
-                            climbs[k, part.cycles, i, lane] = groups[i].peak[lane]
+                        if segment.tail > 0.0:
+                            climbs[k, segment.cycles, i, lane] = groups[i].peak[lane]
 
-        return fast(parts, effort=2.4)
+        return fast(segments, effort=2.4)
 
     def memory(self) -> tuple[NDArray[np.uint8], Memory]:
         """Return new memory: all bytes, which are 0, and its records."""

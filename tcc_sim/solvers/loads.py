@@ -36,13 +36,13 @@ PLACE, POWER, SHAFT, CLOSER, SQUARE = 1, 2, 3, 3, 7
 """Rows of the workspace: places in a step, power and torque there; CLOSER rows further on the same, closer together;
 the square of the slip speed at the last of these places.
 """
-ROOM = 0.1
+MARGIN = 0.1
 """Largest distance of an extreme from the values at the points, relative to their range."""
 SHIFTS = 16
 """Most shifts of the closer places; fourteen take them from one end of their range to the other."""
 
 
-def room_for_loads(problem: Problem) -> NDArray[Any]:
+def empty_loads(problem: Problem) -> NDArray[Any]:
     """Return records of LOADS for the cycles of a run and the rest behind them."""
     out = np.zeros(problem.whole_cycles + 2, LOADS)
     out["highest_shaft_torque"], out["lowest_shaft_torque"] = -math.inf, math.inf
@@ -198,13 +198,13 @@ def add_part(rows: Any, degree: int, unit: float, start: float, end: float, line
             low, low_at = shaft, i
     load.energy += width * unit * energy
     add_coupling(load, width * unit, linear.plate_by_slip, workspace)
-    room = ROOM * (high - low)
-    if most + ROOM * (most - least) > load.peak_power:
+    margin = MARGIN * (high - low)
+    if most + MARGIN * (most - least) > load.peak_power:
         load.peak_power = max(load.peak_power,
                               largest_near(rows, degree, unit, POWER, 1.0, most_at, linear, workspace))
-    if high + room > load.highest_shaft_torque:
+    if high + margin > load.highest_shaft_torque:
         load.highest_shaft_torque = max(load.highest_shaft_torque,
                                         largest_near(rows, degree, unit, SHAFT, 1.0, high_at, linear, workspace))
-    if low - room < load.lowest_shaft_torque:
+    if low - margin < load.lowest_shaft_torque:
         load.lowest_shaft_torque = min(load.lowest_shaft_torque,
                                        -largest_near(rows, degree, unit, SHAFT, -1.0, low_at, linear, workspace))

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from tcc_sim.compiling.compiled import fast, timed
 from tcc_sim.polynomials import polynomial
 from tcc_sim.polynomials.bernstein import BERNSTEIN, HIGH, LOW, later_part, to_bernstein
-from tcc_sim.solvers.loads import keep_breakaway, loads_of, room_for_loads
+from tcc_sim.solvers.loads import empty_loads, keep_breakaway, loads_of
 from tcc_sim.solvers.problem import LEAST_REST, Problem, assemble
 from tcc_sim.solvers.series import ANGLE, FLYWHEEL, SLIP, SPEED
 from tcc_sim.trajectory import Cycles, Floats, Statistics, Status, Trajectory, Transitions
@@ -265,7 +265,7 @@ class RunOutput:
         self.samples = np.empty((problem.samples_per_cycle * (count + 1), columns))
         self.cycles = np.zeros((count + 2, CYCLE.itemsize // 8))
         self.cycles[0, :3] = problem.state.numbers
-        self.loads = room_for_loads(problem)
+        self.loads = empty_loads(problem)
         self.transitions: list[NDArray[Any]] = []
         if len(scratch.transitions) < TRANSITIONS_MAXIMUM:
             scratch.transitions = np.empty(TRANSITIONS_MAXIMUM, TRANSITION)

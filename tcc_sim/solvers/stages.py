@@ -109,14 +109,14 @@ def excesses_at(v: Any, sign: Any, stribeck: Any) -> list[tuple[Any, Any]]:
 @unrolled
 def guess(demand: Any, slip: Any, sign: Any, sigma: Any, stribeck: Any) -> None:
     """Fill the slip speeds at which mubar meets the demand on its rising branch, to about a per cent."""
-    asked = demand.row()
+    required = demand.row()
     if stribeck is None:
-        v = inverse_tanh(limited(asked, -0.98, 0.98))
+        v = inverse_tanh(limited(required, -0.98, 0.98))
     else:
-        v = inverse_tanh(limited(asked * (1.0 / (1.0 + added(stribeck[::2]))), -0.98, 0.98)) / sigma
+        v = inverse_tanh(limited(required * (1.0 / (1.0 + added(stribeck[::2]))), -0.98, 0.98)) / sigma
         falls = [(share, limited(v * (rate * sign), -1.0, 1.0)) for share, rate in zip(stribeck[::2], stribeck[1::2])]
         ratio = 1.0 + added([share * (1.0 - fall * (1.0 - 0.5 * fall)) for share, fall in falls])
-        v = inverse_tanh(limited(asked / ratio, -0.985, 0.985))
+        v = inverse_tanh(limited(required / ratio, -0.985, 0.985))
     slip.set_row(v / sigma)
 
 

@@ -17,7 +17,7 @@ from tcc_sim.model.equations import Linear
 from tcc_sim.model.parameters import System
 from tcc_sim.model.parts import check_known
 from tcc_sim.solvers.changes import ALONG, ALONG_ALL, CHANGES, LANES
-from tcc_sim.solvers.engine import GRADIENT, PART, EngineShell, Room, Tangent
+from tcc_sim.solvers.engine import GRADIENT, SEGMENT, EngineShell, SegmentBuffers, Tangent
 from tcc_sim.solvers.key_derivatives import (
     DECAY,
     DECAYS,
@@ -115,26 +115,27 @@ class Prepared:
     def each(self, states: Floats, starts: Sequence[float], ends: Sequence[float],
              margins: bool = False) -> list[Stroboscopic]:
         """Map several states, (m, 3), by one compiled call; margins are those of the last of them."""
-        room = self.passed(states, starts, ends, margins)
-        count, most = len(states), room.heights.shape[1]
-        by = room.ends[:count].transpose(0, 2, 1, 3).reshape(count, 3, -1)[..., :self.count].copy()
-        heights = room.heights[:count].copy()
-        peaks = room.climbs[:count].reshape(count, most, -1)[..., :self.count].copy()
-        least = room.tangent.margins if margins else None
+        buffers = self.passed(states, starts, ends, margins)
+        count, most = len(states), buffers.heights.shape[1]
+        by = buffers.ends[:count].transpose(0, 2, 1, 3).reshape(count, 3, -1)[..., :self.count].copy()
+        heights = buffers.heights[:count].copy()
+        peaks = buffers.climbs[:count].reshape(count, most, -1)[..., :self.count].copy()
+        least = buffers.tangent.margins if margins else None
         if least is not None:
             least = least[:, :GRADIENT + self.count].copy()
         out = []
-        for k, part in enumerate(room.parts[:count].copy()):
-            _, cycles, _, tail, _, state, _, moved, mode, stick_time = part.item()
-            n, transitions = cycles + (tail > 0.0), room.transitions[k, :moved]
+        for k, segment in enumerate(buffers.segments[:count].copy()):
+            _, cycles, _, tail, _, state, _, moved, mode, stick_time = segment.item()
+            n, transitions = cycles + (tail > 0.0), buffers.transitions[k, :moved]
             out.append(Stroboscopic(
                 state, by[k], event_sequence([*transitions["before"][:1].tolist(), *transitions["after"].tolist()]
                                              or [mode]),
                 heights[k, :n], peaks[k, :n], stick_time, transitions.tolist(), least))
         return out
 
-    def passed(self, states: Floats, starts: Sequence[float], ends: Sequence[float], asked: bool = False) -> Room:
-        """Integrate several states into this thread's Room; `asked` is that of `engine.Tangent`.
+    def passed(self, states: Floats, starts: Sequence[float], ends: Sequence[float],
+               extended: bool = False) -> SegmentBuffers:
+        """Integrate several states into this thread's SegmentBuffers; `extended` is that of `engine.Tangent`.
 
         Raises
         ------
@@ -144,49 +145,51 @@ class Prepared:
         period, count, setup, engine = self.period, len(states), self.setup, self.engine
         spans = [(math.floor(start), math.floor(end), start, end) for start, end in zip(starts, ends)]
         most = max([last - first for first, last, _, _ in spans]) + 1
-        room, solve = rooms.of(engine, self.later, len(self.by), most, count)
-        tangent = room.tangent
+        buffers, solve = buffers_of_thread.of(engine, self.later, len(self.by), most, count)
+        tangent = buffers.tangent
         tangent.groups["by"], tangent.groups["forced"], tangent.along["shaped"] = self.by, self.forced, self.shaped
-        tangent.shared["fastest"], tangent.shared["asked"] = self.fastest, asked
+        tangent.shared["fastest"], tangent.shared["extended"] = self.fastest, extended
         for k, (first, last, start, end) in enumerate(spans):
-            room.parts[k] = (first, last - first, (start - first) * period, (end - last) * period,
-                             engine.steps_of_changes(setup, last - first + 1), states[k], DONE, 0, 0, 0.0)
+            buffers.segments[k] = (first, last - first, (start - first) * period, (end - last) * period,
+                                   engine.steps_of_changes(setup, last - first + 1), states[k], DONE, 0, 0, 0.0)
         solve(count, setup)
-        for k, status in enumerate(room.parts["status"][:count].tolist()):
+        for k, status in enumerate(buffers.segments["status"][:count].tolist()):
             if status != DONE:
-                why = engine.why(status, int(room.parts["steps"][k]), setup) or STATUSES[status].value
+                why = engine.why(status, int(buffers.segments["steps"][k]), setup) or STATUSES[status].value
                 raise NumericalFailure(f"{engine.name}: {why} after phase {starts[k]:g} of the period of excitation")
-        return room
+        return buffers
 
 
-class _Rooms(threading.local):
-    """The Room of a thread, used again as long as it has the right kind and is large enough."""
+class _Buffers(threading.local):
+    """The SegmentBuffers of a thread, used again as long as it has the right kind and is large enough."""
 
     def __init__(self) -> None:
-        self.asked: tuple[EngineShell, bool, int, int, int] | None = None
-        self.room: Any = None
+        self.size: tuple[EngineShell, bool, int, int, int] | None = None
+        self.buffers: Any = None
         self.kernel: Any = None
 
-    def of(self, engine: EngineShell, later: bool, groups: int, most: int, count: int) -> tuple[Room, Partial]:
-        """Return room for so many groups of lanes, cycles in a part, and parts; and the kernel with it."""
-        if self.asked is not None and self.asked[:3] == (engine, later, groups):
-            if most <= self.asked[3] and count <= self.asked[4]:
-                return self.room, self.kernel
-            most, count = max(most, self.asked[3]), max(count, self.asked[4])
+    def of(self, engine: EngineShell, later: bool, groups: int, most: int, count: int) -> tuple[SegmentBuffers,
+                                                                                                Partial]:
+        """Return buffers for so many groups of lanes, cycles in a segment, and segments; and the kernel with it."""
+        if self.size is not None and self.size[:3] == (engine, later, groups):
+            if most <= self.size[3] and count <= self.size[4]:
+                return self.buffers, self.kernel
+            most, count = max(most, self.size[3]), max(count, self.size[4])
         along = np.zeros(1, ALONG_ALL if later else ALONG)[0]
         tangent = Tangent(np.zeros(groups, CHANGES), along, np.zeros(1, engine.shared)[0],
                           np.zeros((most, groups, LANES)),
                           np.zeros((3, GRADIENT + groups * LANES)) if engine.columns else None)
-        self.asked = engine, later, groups, most, count
-        self.room = Room(np.zeros(count, PART), np.zeros((count, engine.transitions_per_cycle * most), TRANSITION),
-                         np.empty((count, groups, 3, LANES)), np.empty((count, most)),
-                         np.empty((count, most, groups, LANES)), tangent, engine.memory()[1],
-                         np.zeros(most + 1, CYCLE), np.empty((0, engine.columns or 3)))
-        self.kernel = Partial(engine.parts, self.room)
-        return self.room, self.kernel
+        self.size = engine, later, groups, most, count
+        self.buffers = SegmentBuffers(np.zeros(count, SEGMENT), np.zeros((count, engine.transitions_per_cycle * most),
+                                                                         TRANSITION),
+                                      np.empty((count, groups, 3, LANES)), np.empty((count, most)),
+                                      np.empty((count, most, groups, LANES)), tangent, engine.memory()[1],
+                                      np.zeros(most + 1, CYCLE), np.empty((0, engine.columns or 3)))
+        self.kernel = Partial(engine.segments, self.buffers)
+        return self.buffers, self.kernel
 
 
-rooms = _Rooms()
+buffers_of_thread = _Buffers()
 
 
 def check_mapped(system: System) -> None:
@@ -258,6 +261,6 @@ def slope_integrals(system: System, state: Floats, cycle: int, rtol: float) -> F
     NumericalFailure
         The engine stopped early.
     """
-    room = Prepared(system, (), rtol).passed(state[None], [cycle], [cycle + 1], asked=True)
-    found: Floats = room.tangent.shared["slopes"].copy()
+    buffers = Prepared(system, (), rtol).passed(state[None], [cycle], [cycle + 1], extended=True)
+    found: Floats = buffers.tangent.shared["slopes"].copy()
     return found

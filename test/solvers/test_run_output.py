@@ -37,9 +37,9 @@ class Run:
     """Output that `keep_step` stores of a run of steps."""
 
     def __init__(self, ends: list[float], unit: float = 0.1, *, motions: dict[int, Polynomial] = MOTIONS, mode: int = 0,
-                 per_cycle: int = PER_CYCLE, rooms: int = 40) -> None:
+                 per_cycle: int = PER_CYCLE, transitions: int = 40) -> None:
         self.output: Any = np.zeros(1, OUTPUT)[0]
-        self.cycles, self.transitions = np.zeros(CYCLES + 1, CYCLE), np.zeros(rooms, TRANSITION)
+        self.cycles, self.transitions = np.zeros(CYCLES + 1, CYCLE), np.zeros(transitions, TRANSITION)
         self.samples = np.full((CYCLES * per_cycle, 4), np.nan)
         start = float(motions[SLIP](0.0))
         self.output["mode"], self.output["highest"], self.output["lowest"] = mode, start, start
@@ -161,7 +161,7 @@ def test_stick_throughout_is_the_whole_time_on_both_sides_of_a_cycles_end() -> N
 
 
 def test_transitions_beyond_their_room_are_left_out_and_the_rest_is_as_before() -> None:
-    whole, small = Run(EACH_CYCLE, mode=-1), Run(EACH_CYCLE, mode=-1, rooms=3)
+    whole, small = Run(EACH_CYCLE, mode=-1), Run(EACH_CYCLE, mode=-1, transitions=3)
     assert small.output["transitions"] == 3
     assert small.transitions.tolist() == whole.transitions[:3].tolist()
     assert small.cycles.tolist() == whole.cycles.tolist()

@@ -135,11 +135,11 @@ def note_gradient(mode: int, order: int, block: int, group: Any, rows: Any, leas
 
 @fast
 def note_arrival(mode: int, step: Step, state: Any, drive: Any, linear: Linear, ratio: float, groups: Any,
-                 sines: Any, pulsation: Pulsation, room: Any, least: Any) -> None:
+                 sines: Any, pulsation: Pulsation, workspace: Any, least: Any) -> None:
     """Store the margin at the end of slip in direction `mode`, before the disturbances pass the event.
 
     sines : coefficients of `changes.expand_sines` over that step
-    room : (LANES,) work space
+    workspace : (LANES,)
     """
     flywheel, plate, damping, stiffness = linear.flywheel, linear.plate, linear.damping, linear.stiffness
     both = flywheel + plate
@@ -162,7 +162,7 @@ def note_arrival(mode: int, step: Step, state: Any, drive: Any, linear: Linear, 
     now = sine, load_sine, slope / (pulsation[1] * step.unit)
     for b in range(groups.shape[0]):
         group = groups[b]
-        change_arrival(0, room, group.now, group.by, state.plate_angle, state.plate_speed, drive.torque, drive.load,
-                       now, pulsation[0], ratio, float(mode), linear)
+        change_arrival(0, workspace, group.now, group.by, state.plate_angle, state.plate_speed, drive.torque,
+                       drive.load, now, pulsation[0], ratio, float(mode), linear)
         for lane in range(LANES):
-            least[ARRIVAL, GRADIENT + b * LANES + lane] = room[lane] - rate / slip_rate * group.now[0, lane]
+            least[ARRIVAL, GRADIENT + b * LANES + lane] = workspace[lane] - rate / slip_rate * group.now[0, lane]

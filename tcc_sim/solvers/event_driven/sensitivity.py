@@ -53,9 +53,9 @@ LINEAR_REACH, FALLING_REACH = 3.3, 1.6
 """Rates times length at which the last term of a derivative's series is 1e-14 of it, for the two orders."""
 SHORTER = 0.6
 """Factor of a step in which the friction's exponential has not converged, though the motion has (mu_k near mu_s)."""
-SHARED = np.dtype([("fastest", np.float64), ("asked", np.int64), ("places", np.float64, 3),
-                   ("room", np.float64, LANES)])
-"""Numbers that the lanes share, see `Tangent`, and room to work in; the further results are the margins."""
+SHARED = np.dtype([("fastest", np.float64), ("extended", np.int64), ("places", np.float64, 3),
+                   ("workspace", np.float64, LANES)])
+"""Numbers that the lanes share, see `Tangent`, and work space; the further results are the margins."""
 
 
 def changed_stick(rows: Any, changes: Any, now: Any, by: Any, sines: Any, unit: Any, linear: Linear, ratio: Any,
@@ -69,21 +69,22 @@ expand_stick_changes = unrolled(changed_stick)
 
 
 @fast
-def unresolved(step: Step, mode: int, later: bool, stribeck: Stribeck, rows: Any, room: Any) -> bool:
+def unresolved(step: Step, mode: int, later: bool, stribeck: Stribeck, rows: Any, workspace: Any) -> bool:
     """Return whether the last terms of an exponential over a step count, if its amplitude is too small for the motion
-    to show them; `room` takes them. Several exponentials are looked at only if there are derivatives by them (`later`).
+    to show them; `workspace` takes them. Several exponentials are looked at only if there are derivatives by them
+    (`later`).
     """
     if stribeck is None or (len(stribeck) > 2 and not later):
         return False
     for i in range(0, len(stribeck), 2):
         gone = len(stribeck) > 2 and stribeck[i + 1] * abs(rows[SLIP, 0]) > GONE
         if abs(stribeck[i]) <= SMALL and not gone:
-            room[0], power = 1.0, 1.0
+            workspace[0], power = 1.0, 1.0
             for k in range(1, step.degree):
-                room[k], power = 0.0, power * step.x
+                workspace[k], power = 0.0, power * step.x
                 for j in range(1, k + 1):
-                    room[k] -= stribeck[i + 1] * mode * j * rows[SLIP, j] * room[k - j] * INVERSE[k]
-            if max(abs(room[step.degree - 2]) / step.x, abs(room[step.degree - 1])) * power > CONVERGED:
+                    workspace[k] -= stribeck[i + 1] * mode * j * rows[SLIP, j] * workspace[k - j] * INVERSE[k]
+            if max(abs(workspace[step.degree - 2]) / step.x, abs(workspace[step.degree - 1])) * power > CONVERGED:
                 return True
     return False
 
@@ -239,7 +240,7 @@ def carry_step(step: Step, setup: Setup, memory: Memory, tangent: Tangent) -> No
     state, _, drive, work, _, output = memory
     groups, along, shared, _, margins = tangent
     rows, mode, degree, places = work.rows, state.mode, step.degree, shared.places
-    found = shared.asked != 0 and note_step(mode, degree, step.x, rows, margins, places, work.bernstein)
+    found = shared.extended != 0 and note_step(mode, degree, step.x, rows, margins, places, work.bernstein)
     output.highest, peak, side = note_height(mode, step, rows, output.highest, work.bernstein)
     if mode == STICK:
         output.stick_time += step.x * step.unit
@@ -265,7 +266,7 @@ def carry_event(mode: int, step: Step, setup: Setup, memory: Memory, tangent: Ta
     memory.output.mode = state.mode
     if mode in (STICK, FREE) or state.mode in (mode, FREE):
         return True
-    if tangent.shared.asked != 0:
+    if tangent.shared.extended != 0:
         note_arrival(mode, step, state, drive, terms.linear, bounds.ratio, groups, tangent.along.sines,
-                     terms.pulsation, tangent.shared.room, tangent.margins)
+                     terms.pulsation, tangent.shared.workspace, tangent.margins)
     return land(mode, state.mode, state, drive, bounds.ratio, terms.linear, groups)

@@ -51,14 +51,14 @@ def first_beyond(peak: float, work: Any) -> int:
 
 
 @fast
-def collocation_step(place: Place, room: float, loaded: bool, state: Any, control: Any, limits: Limits, terms: Terms,
-                     waves: Any, drive: Any, tables: Tables, work: Any, counters: Any) -> Step:
-    """Solve on the step size control.level, or the longest below it that fits into `room` s.
+def collocation_step(place: Place, remaining: float, loaded: bool, state: Any, control: Any, limits: Limits,
+                     terms: Terms, waves: Any, drive: Any, tables: Tables, work: Any, counters: Any) -> Step:
+    """Solve on the step size control.level, or the longest below it that fits into `remaining` s.
 
     Fills the polynomial of the slip speed in work.rows; `fill_plate` fills the others. A refused step sets
     control.level to the step size to try next, or to the number of step sizes if there is none.
     """
-    level = step_size_below(tables.step_sizes, control.level, room)
+    level = step_size_below(tables.step_sizes, control.level, remaining)
     worth = -math.inf  # A falling slope of friction does not refuse a step.
     while True:
         control.level = level

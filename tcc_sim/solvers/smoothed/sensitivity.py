@@ -307,7 +307,7 @@ def carry(tangent: Any, method: int, place: Place, friction: LocalFriction, step
         fill_plate(step_size, tables.sources, level, limits.kappa, work)
         carry_collocation(tangent, place, level, loaded, limits, waves, tables, drive, work, terms.pulsation,
                           terms.stribeck)
-    if tangent.shared.asked:
+    if tangent.shared.extended:
         average_slopes(tangent.shared.slopes, x, step.unit, degree, loaded, limits, terms, drive, rows)
     carry_peak(tangent, order, degree, 0.0, min(cut, x), series, step_size, rows, work)
     if cut <= x:

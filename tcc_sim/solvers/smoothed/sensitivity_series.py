@@ -19,9 +19,9 @@ from tcc_sim.solvers.stages import LAYER, SLIDING, Place
 from tcc_sim.solvers.terms import Terms
 
 SHARED = np.dtype([("basis", np.float64, TERMS), ("slip", np.float64, NODES + 1), ("angle", np.float64, NODES),
-                   ("speed", np.float64, NODES), ("peak", np.float64), ("asked", np.int64),
+                   ("speed", np.float64, NODES), ("peak", np.float64), ("extended", np.int64),
                    ("slopes", np.float64, 3), ("fastest", np.float64)])
-"""Room that the lanes share: Chebyshev polynomials where a step is asked, and what the slip speeds
+"""Values that the lanes share: Chebyshev polynomials where a step is evaluated, and what the slip speeds
 at its nodes add there to slip speed (that at the start first), plate angle and plate speed + kappa slip speed; the
 largest |slip speed| of the cycle so far; the integrals of `sensitivity.add_slopes`, which are the further results of
 `engine.Tangent`.

@@ -64,7 +64,7 @@ def distance_to_creep(friction: LocalFriction, rho: float, state: Any, limits: L
 
 
 @fast
-def enter_creep(place: Place, friction: LocalFriction, room: float, state: Any, control: Any, limits: Limits,
+def enter_creep(place: Place, friction: LocalFriction, remaining: float, state: Any, control: Any, limits: Limits,
                 terms: Terms, drive: Any, tables: Tables) -> bool:
     """Change to collocation in stick if the state is on the slow manifold, or project it if it is near.
 
@@ -76,7 +76,7 @@ def enter_creep(place: Place, friction: LocalFriction, room: float, state: Any, 
     if waits or control.unsettled > 0.0 or abs(v) >= limits.creep_speed:
         return False
     shortest = tables.step_sizes[tables.step_sizes.shape[0] - 1].length
-    if not rho * tables.step_sizes[LEVELS - 1].length > WORTH_USUAL or room < shortest:
+    if not rho * tables.step_sizes[LEVELS - 1].length > WORTH_USUAL or remaining < shortest:
         return False
     delta = distance_to_creep(friction, rho, state, limits, terms, drive)
     near = (abs(delta) * max(friction.slope / limits.sigma, FLAT) < PROJECTED * limits.creep_tolerance
@@ -95,7 +95,7 @@ def enter_creep(place: Place, friction: LocalFriction, room: float, state: Any, 
 
 
 @fast
-def choose_method(place: Place, friction: LocalFriction, room: float, state: Any, control: Any, limits: Limits,
+def choose_method(place: Place, friction: LocalFriction, remaining: float, state: Any, control: Any, limits: Limits,
                   terms: Terms, drive: Any, tables: Tables) -> bool:
     """Set control.method for the next step; return whether collocation in stick begins, which may move the state."""
     if control.method != SERIES:
@@ -104,7 +104,7 @@ def choose_method(place: Place, friction: LocalFriction, room: float, state: Any
         control.released = 0.0
         control.calm = CALM
         control.waited = 0
-    elif enter_creep(place, friction, room, state, control, limits, terms, drive, tables):
+    elif enter_creep(place, friction, remaining, state, control, limits, terms, drive, tables):
         return True
     if control.streak > control.patience:
         control.streak = 0
