@@ -85,7 +85,7 @@ class Kernel:
         return self.entry(_laid_out(arguments, words), arguments, words), words
 
     @cached_property
-    def part(self) -> Any:
+    def dispatcher(self) -> Any:
         """Numba's dispatcher of the function."""
         if numba_supported():
             from tcc_sim.compiling.linked import dispatcher
@@ -98,7 +98,7 @@ class Kernel:
     @property
     def _numba_type_(self) -> Any:
         """The type that Numba gives it where another kernel calls it."""
-        return self.part._numba_type_
+        return self.dispatcher._numba_type_
 
     @cached_property
     def dependencies(self) -> Dependencies:
@@ -113,7 +113,8 @@ class Kernel:
         with _lock:
             if kind not in self.entries and not numba_supported():
                 kernel_cache.announce_unkept(ALONE * self.seconds(), _numba()[0], TESTED)
-                self.entries[kind] = EntryPoint(lambda arguments, _: list(arguments), lambda block: self.part(*block))
+                self.entries[kind] = EntryPoint(lambda arguments, _: list(arguments),
+                                                lambda block: self.dispatcher(*block))
             elif kind not in self.entries:
                 self.entries[kind] = kernel_cache.load_or_build(
                     self.file_name(kind), self.seconds, lambda: awaited(lambda: self._machine_code(arguments, words)),
@@ -121,19 +122,22 @@ class Kernel:
             return self.entries[kind]
 
     def _machine_code(self, arguments: tuple[Any, ...], words: Words) -> bytes:
-        """Compile for arguments like these. If stored parts do not fit together, every part is compiled anew."""
+        """Compile for arguments like these. If stored functions do not fit together, every function is compiled
+        anew.
+        """
         try:
-            code: bytes = self.part.machine_code(arguments)
+            code: bytes = self.dispatcher.machine_code(arguments)
             loaded(code, words)
             return code
         except (kernel_cache.UnusableFile, RuntimeError) as error:
-            from tcc_sim.compiling.linked import PartStore
+            from tcc_sim.compiling.linked import LoweredStore
 
-            kernel_cache.print_once("parts", f"kernels are compiled whole, since stored parts are of no use: {error}")
-            PartStore.in_use = False
+            kernel_cache.print_once("functions",
+                                    f"kernels are compiled whole, since stored functions are of no use: {error}")
+            LoweredStore.in_use = False
             for kernel in list(_kernels):
-                vars(kernel).pop("part", None)
-            found: bytes = self.part.machine_code(arguments)
+                vars(kernel).pop("dispatcher", None)
+            found: bytes = self.dispatcher.machine_code(arguments)
             return found
 
     def file_name(self, kind: Kind) -> str:
@@ -147,10 +151,10 @@ class Kernel:
         """Return the estimated time of compiling, s. Parts that are stored for one kind of arguments serve most others:
         a third of them means that almost nothing remains to be lowered.
         """
-        stored, reached = kernel_cache.stored_parts() if numba_supported() else {}, self.dependencies
-        made = {name.partition("-")[0] for name in (*stored, *kernel_cache.new_parts)}
-        known = sum(size for part, size in reached.parts.items()
-                    if isinstance(part, Kernel) and part.dependencies.digest[:kernel_cache.DIGITS] in made)
+        stored, reached = kernel_cache.stored_functions() if numba_supported() else {}, self.dependencies
+        made = {name.partition("-")[0] for name in (*stored, *kernel_cache.new_functions)}
+        known = sum(size for kernel, size in reached.kernels.items()
+                    if isinstance(kernel, Kernel) and kernel.dependencies.digest[:kernel_cache.DIGITS] in made)
         lowered = max(0.0, 1.0 - 3.0 * known / reached.size)
         loading = 0.0 if "numba" in sys.modules else IMPORT
         return loading + reached.size * (LOWERING * lowered + CODE * self.effort)

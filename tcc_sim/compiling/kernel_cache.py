@@ -52,7 +52,7 @@ DIGITS = 24
 _CHECKSUM = hashlib.sha256().digest_size
 MOST_OF_AN_INDEX = 1 << 16
 """Bytes at the end of a file that contain its index."""
-new_parts: dict[str, bytes] = {}
+new_functions: dict[str, bytes] = {}
 """Parts that this process has compiled and not stored yet."""
 used: set[str] = set()
 """Names of the kernels that this process has asked for."""
@@ -68,14 +68,14 @@ class Dependencies:
 
     digest : their SHA-256, as hexadecimal digits
     seen : functions and modules among them
-    parts : bytes of bytecode of each kernel among them
+    kernels : bytes of bytecode of each kernel among them
     size : bytes of bytecode, to which compile time is proportional
     """
 
     def __init__(self, function: FunctionType, *context: object) -> None:
         self.size, self._hash = 0, hashlib.sha256()
         self.seen: dict[object, object] = {}
-        self.parts: dict[Any, int] = {}
+        self.kernels: dict[Any, int] = {}
         self._add(sys.version_info[:2], *context)
         self._take(function, set())
         self.digest = self._hash.hexdigest()
@@ -90,7 +90,7 @@ class Dependencies:
         """Add a value; `names` are those that the function looks up, in modules too."""
         if isinstance(getattr(value, "py_func", None), FunctionType):
             self._add(sorted(map(repr, getattr(value, "options", {}).items())))
-            self.parts[value] = len(value.py_func.__code__.co_code)
+            self.kernels[value] = len(value.py_func.__code__.co_code)
             value = value.py_func
         self._add(type(value).__name__)
         if isinstance(value, FunctionType | type | BuiltinFunctionType):
@@ -247,27 +247,27 @@ def _content(path: Path) -> tuple[bytes, dict[str, tuple[int, int]]]:
 
 
 def _index(end: bytes) -> dict[str, tuple[int, int]]:
-    """Return start and size of the code in a file and of each part behind it, from the end of the file."""
+    """Return start and size of the code in a file and of each lowered function behind it, from the end of the file."""
     size = int.from_bytes(end[-_CHECKSUM - 8:-_CHECKSUM], "little")
     index: dict[str, tuple[int, int]] = json.loads(end[-_CHECKSUM - 8 - size:-_CHECKSUM - 8])
     return index
 
 
-def _whole(code: bytes, parts: dict[str, bytes]) -> bytes:
-    """Return the content of a file: the code of a kernel, which has no name in the index, and parts."""
+def _whole(code: bytes, functions: dict[str, bytes]) -> bytes:
+    """Return the content of a file: the code of a kernel, which has no name in the index, and lowered functions."""
     index, start = {}, 0
-    for name, content in (("", code), *parts.items()):
+    for name, content in (("", code), *functions.items()):
         index[name] = start, len(content)
         start += len(content)
     head = json.dumps(index).encode()
-    out = b"".join((code, *parts.values(), head, len(head).to_bytes(8, "little")))
+    out = b"".join((code, *functions.values(), head, len(head).to_bytes(8, "little")))
     return out + hashlib.sha256(out).digest()
 
 
 def load_or_build(name: str, seconds: Callable[[], float], make: Callable[[], bytes],
                   load: Callable[[bytes], Loaded]) -> Loaded:
     """Load the stored kernel of this name, from the package or the private directory, or make and store it with the new
-    parts; `seconds` estimates the time.
+    lowered functions; `seconds` estimates the time.
     """
     used.add(name)
     if (out := _stored(SHIPPED / name, load)) is not None:
@@ -286,9 +286,9 @@ def load_or_build(name: str, seconds: Callable[[], float], make: Callable[[], by
         code = make()
         remove_unused(place, time.time())
         try:
-            _write(path, _whole(code, new_parts))
-            stored_parts().update(dict.fromkeys(new_parts, path))
-            new_parts.clear()
+            _write(path, _whole(code, new_functions))
+            stored_functions().update(dict.fromkeys(new_functions, path))
+            new_functions.clear()
         except OSError as error:
             print_once("cache", f"compiled kernels are not kept: {_reason(error)}")
         return load(code)
@@ -314,8 +314,10 @@ def _stored(path: Path, load: Callable[[bytes], Loaded]) -> Loaded | None:
 
 
 @cache
-def stored_parts() -> dict[str, Path]:
-    """Return the files of the parts that are stored when this process first asks, and of those that it has stored."""
+def stored_functions() -> dict[str, Path]:
+    """Return the files of the lowered functions that are stored when this process first asks, and of those that it has
+    stored.
+    """
     found: dict[str, Path] = {}
     for path in (path for place in (directory(), SHIPPED) if place is not None for path in place.glob("*-*-*")):
         with suppress(OSError, ValueError), open(path, "rb") as file:
@@ -333,19 +335,19 @@ def _read_once(path: Path) -> tuple[bytes, dict[str, tuple[int, int]]]:
         return b"", {}
 
 
-def part(name: str) -> bytes | None:
-    """Return a stored part of a kernel; None if there is none."""
-    if name in stored_parts():
-        content, index = _read_once(stored_parts()[name])
+def stored_function(name: str) -> bytes | None:
+    """Return a stored lowered function; None if there is none."""
+    if name in stored_functions():
+        content, index = _read_once(stored_functions()[name])
         if name in index:
             start, size = index[name]
             return zlib.decompress(content[start:start + size])
     return None
 
 
-def keep_part(name: str, content: bytes) -> None:
-    """Store a part with the next kernel."""
-    new_parts[name] = zlib.compress(content)
+def keep_function(name: str, content: bytes) -> None:
+    """Store a lowered function with the next kernel."""
+    new_functions[name] = zlib.compress(content)
 
 
 @contextmanager

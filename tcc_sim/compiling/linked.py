@@ -1,9 +1,9 @@
 """Compiler of kernels: all functions that a kernel reaches are linked first, and optimised once.
 
 Numba alone optimises each function with all its callees, and makes machine code and wrappers for Python and C of each.
-Here a function stays unoptimised LLVM code until it is linked into a kernel. This code of a part is stored on disk too,
-behind the machine code of the kernel, so that a kernel for another kind of scene lowers only the parts that differ.
-Numba's passes that no kernel needs are left out.
+Here a function stays unoptimised LLVM code until it is linked into a kernel. This lowered function is stored on disk
+too, behind the machine code of the kernel, so that a kernel for another kind of scene lowers only the functions that
+differ. Numba's passes that no kernel needs are left out.
 
 Python calls a kernel with the address of one block of words of 8 bytes: the numbers of its arguments one after the
 other, the addresses of the objects that are arrays and records, and room for the results.
@@ -53,7 +53,8 @@ WHICH = 16
 def _record_in_names(kind: Any) -> tuple[str, tuple[int]]:
     """Return the part of a function's name in LLVM code that stands for a record: a digest of its fields.
 
-    Numba takes the number of types made before in the process, so that another process would not find a stored part.
+    Numba takes the number of types made before in the process, so that another process would not find a lowered
+    function.
     """
     return type(kind).__name__, (int(hashlib.sha256(kind.name.encode()).hexdigest()[:12], 16),)
 
@@ -61,7 +62,7 @@ def _record_in_names(kind: Any) -> tuple[str, tuple[int]]:
 types.Record.mangling_args = property(_record_in_names)
 
 
-class PartLibrary(JITCodeLibrary):  # type: ignore[misc]
+class LoweredLibrary(JITCodeLibrary):  # type: ignore[misc]
     """The unoptimised LLVM module of a function, without machine code, to be linked into kernels.
 
     key : its name on disk; None while it is not there
@@ -82,8 +83,8 @@ class PartLibrary(JITCodeLibrary):  # type: ignore[misc]
         """Close the library. Numba's own functions that it calls become internal ones of this module."""
         self._raise_if_finalized()
         called = dict.fromkeys(self._linking_libraries)
-        others = [library for library in called if not isinstance(library, PartLibrary)]
-        self._linking_libraries: list[Any] = [library for library in called if isinstance(library, PartLibrary)]
+        others = [library for library in called if not isinstance(library, LoweredLibrary)]
+        self._linking_libraries: list[Any] = [library for library in called if isinstance(library, LoweredLibrary)]
         for library in others:
             absent = {function.name for function in self._final_module.functions if function.is_declaration}
             module = library._get_module_for_linking()
@@ -131,7 +132,7 @@ class PresentArguments(FunctionPass):  # type: ignore[misc]
         return changed
 
 
-class PartCompiler(compiler.CompilerBase):  # type: ignore[misc]
+class LoweringCompiler(compiler.CompilerBase):  # type: ignore[misc]
     """Numba's compiler for functions that compiled functions call.
 
     digest : of all code that the function can reach, with its options; each dispatcher has a class of its own
@@ -142,10 +143,10 @@ class PartCompiler(compiler.CompilerBase):  # type: ignore[misc]
     def define_pipelines(self) -> list[PassManager]:
         """Return Numba's pipeline, reduced to NEEDED; names in the code are the same in every process."""
         identity = self.state.func_id
-        if (name := part_name(self.digest, self.state.args)) is not None:
+        if (name := lowered_name(self.digest, self.state.args)) is not None:
             identity.unique_id = int(name[-WHICH:], 16)
             identity.unique_name = f"{identity.func_qualname}${identity.unique_id}"
-        self.state.library = PartLibrary(self.state.targetctx.codegen(), identity.func_qualname)
+        self.state.library = LoweredLibrary(self.state.targetctx.codegen(), identity.func_qualname)
         out = PassManager("kernel")
         for step, description in compiler.DefaultPassBuilder.define_nopython_pipeline(self.state).passes:
             if step.__name__ == "DeadBranchPrune":
@@ -156,82 +157,82 @@ class PartCompiler(compiler.CompilerBase):  # type: ignore[misc]
         return [out]
 
 
-class StoredPart(NamedTuple):
-    """A part that is stored: Numba's signature and descriptor, and the library."""
+class LoweredFunction(NamedTuple):
+    """A lowered function on disk: Numba's signature and descriptor, and the library."""
 
     signature: Any
     descriptor: Any
-    library: PartLibrary
+    library: LoweredLibrary
 
 
-class PartStore(NullCache):  # type: ignore[misc]
-    """The stored parts of a function, in the place of Numba's own cache.
+class LoweredStore(NullCache):  # type: ignore[misc]
+    """The stored code of a function, in the place of Numba's own cache.
 
-    in_use : whether parts are read and stored; not after stored ones did not fit together
+    in_use : whether functions are read and stored; not after stored ones did not fit together
     """
 
     in_use = True
 
-    _parts: dict[str, StoredPart] = {}  # noqa: RUF012  Of the whole process, by their names on disk.
+    _functions: dict[str, LoweredFunction] = {}  # noqa: RUF012  Of the whole process, by their names on disk.
 
     def __init__(self, digest: str) -> None:
         self.digest = digest
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return Numba's result for these types of arguments from disk, or None."""
-        name = part_name(self.digest, sig) if self.in_use else None
-        part = None if name is None else self._part(name, target_context)
-        if part is None:
+        name = lowered_name(self.digest, sig) if self.in_use else None
+        lowered = None if name is None else self._function(name, target_context)
+        if lowered is None:
             return None
-        own = environment.Environment.from_fndesc(part.descriptor)
+        own = environment.Environment.from_fndesc(lowered.descriptor)
         return compiler.compile_result(
-            typing_context=target_context.typing_context, target_context=target_context, library=part.library,
-            environment=own, entry_point=target_context.get_executable(part.library, part.descriptor, own),
-            fndesc=part.descriptor, signature=part.signature, objectmode=False, lifted=(), reload_init=[],
+            typing_context=target_context.typing_context, target_context=target_context, library=lowered.library,
+            environment=own, entry_point=target_context.get_executable(lowered.library, lowered.descriptor, own),
+            fndesc=lowered.descriptor, signature=lowered.signature, objectmode=False, lifted=(), reload_init=[],
             referenced_envs=[])
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Store Numba's result, unless it calls a part that is not stored, or has a type without a name."""
-        name, part = part_name(self.digest, sig), StoredPart(data.signature, data.fndesc, data.library)
-        called = [other.key for other in part.library._linking_libraries]
-        if not self.in_use or name is None or None in called or part.descriptor.global_dict is not None:
+        """Store Numba's result, unless it calls a function that is not stored, or has a type without a name."""
+        name, lowered = lowered_name(self.digest, sig), LoweredFunction(data.signature, data.fndesc, data.library)
+        called = [other.key for other in lowered.library._linking_libraries]
+        if not self.in_use or name is None or None in called or lowered.descriptor.global_dict is not None:
             return
-        part.descriptor.typemap = part.descriptor.calltypes = None
+        lowered.descriptor.typemap = lowered.descriptor.calltypes = None
         try:
-            head = pickle.dumps((part.signature, part.descriptor, called))
+            head = pickle.dumps((lowered.signature, lowered.descriptor, called))
         except (pickle.PicklingError, AttributeError):
             return
-        code: bytes = part.library._final_module.as_bitcode()
-        kernel_cache.keep_part(name, len(head).to_bytes(8, "little") + head + code)
-        part.library.key, self._parts[name] = name, part
+        code: bytes = lowered.library._final_module.as_bitcode()
+        kernel_cache.keep_function(name, len(head).to_bytes(8, "little") + head + code)
+        lowered.library.key, self._functions[name] = name, lowered
 
     @classmethod
-    def _part(cls, name: str, context: Any) -> StoredPart | None:
-        """Return the part of this name, with all parts that it calls; None where one of them is not stored."""
-        if name not in cls._parts:
-            content = kernel_cache.part(name)
-            part = None if content is None else cls._read(content, context)
-            if part is None:
+    def _function(cls, name: str, context: Any) -> LoweredFunction | None:
+        """Return the function of this name, with all functions that it calls; None where one of them is not stored."""
+        if name not in cls._functions:
+            content = kernel_cache.stored_function(name)
+            lowered = None if content is None else cls._read(content, context)
+            if lowered is None:
                 return None
-            part.library.key, cls._parts[name] = name, part
-        return cls._parts[name]
+            lowered.library.key, cls._functions[name] = name, lowered
+        return cls._functions[name]
 
     @classmethod
-    def _read(cls, content: bytes, context: Any) -> StoredPart | None:
-        """Return a part, as `save_overload` stored it."""
+    def _read(cls, content: bytes, context: Any) -> LoweredFunction | None:
+        """Return a function, as `save_overload` stored it."""
         size = 8 + int.from_bytes(content[:8], "little")
         signature, descriptor, called = pickle.loads(content[8:size])  # noqa: S301  As safe as the code behind it.
-        library = PartLibrary(context.codegen(), descriptor.qualname)
+        library = LoweredLibrary(context.codegen(), descriptor.qualname)
         for name in called:
-            if (part := cls._part(name, context)) is None:
+            if (lowered := cls._function(name, context)) is None:
                 return None
-            library.add_linking_library(part.library)
+            library.add_linking_library(lowered.library)
         library._final_module = binding.parse_bitcode(content[size:])
         library.finalize()
-        return StoredPart(signature, descriptor, library)
+        return LoweredFunction(signature, descriptor, library)
 
 
-def part_name(digest: str, kinds: Any) -> str | None:
+def lowered_name(digest: str, kinds: Any) -> str | None:
     """Return the name on disk of a function for types of arguments; None where one of them is a function. `digest` is
     that of all code that the function can reach.
     """
@@ -256,9 +257,9 @@ def dispatcher(function: FunctionType, options: dict[str, Any], digest: str) -> 
     """Return Numba's dispatcher of a function, whose `machine_code` makes a kernel of it; `digest` is that of all code
     that it can reach, and of the options.
     """
-    own = type("PartCompiler", (PartCompiler,), {"digest": digest})
+    own = type("LoweringCompiler", (LoweringCompiler,), {"digest": digest})
     out = registered(function, options, pipeline_class=own, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-    out._cache = PartStore(digest)
+    out._cache = LoweredStore(digest)
     out.machine_code = lambda arguments: machine_code(out, arguments)
     return out
 
@@ -300,14 +301,14 @@ def _hurrying(context: Any) -> Iterator[None]:
 
 
 @global_compiler_lock  # type: ignore[untyped-decorator]
-def machine_code(part: Any, arguments: tuple[Any, ...]) -> bytes:
+def machine_code(function: Any, arguments: tuple[Any, ...]) -> bytes:
     """Return the machine code of a kernel for arguments like these, behind two lines: the `struct` format of its result
     (in brackets for a tuple), and the names of the C functions that it needs.
     """
     kinds = tuple(map(numba.typeof, arguments))
-    with _hurrying(part.typingctx):
-        part.compile(kinds)
-    made = part.overloads[kinds]
+    with _hurrying(function.typingctx):
+        function.compile(kinds)
+    made = function.overloads[kinds]
     codegen = made.target_context.codegen()
     module = codegen._create_empty_module("kernel")
     outputs = _write_entry(made.target_context, module, made.fndesc, kinds)

@@ -1,7 +1,7 @@
 """A folder for compiled kernels of a test's own."""
 
 import pytest
-from kernels_on_disk import forget, made, own_parts
+from kernels_on_disk import forget, lowered_functions, made
 
 from tcc_sim.compiling import kernel_cache, linked
 
@@ -14,13 +14,14 @@ def cache(tmp_path, monkeypatch):
     printed = set(kernel_cache.announced)
     kernel_cache.announced.clear()
     monkeypatch.syspath_prepend(str(tmp_path))
-    new_parts, parts = own_parts()
+    new_functions, functions = lowered_functions()
     forget()
     code = linked.machine_code
-    monkeypatch.setattr(linked, "machine_code", lambda part, arguments: made.append(part) or code(part, arguments))
+    monkeypatch.setattr(linked, "machine_code", lambda function, arguments: made.append(function)
+                        or code(function, arguments))
     yield tmp_path / "caches" / "tcc_sim"
     forget()
-    kernel_cache.new_parts.update(new_parts)
-    linked.PartStore._parts.update(parts)
+    kernel_cache.new_functions.update(new_functions)
+    linked.LoweredStore._functions.update(functions)
     kernel_cache.announced.clear()
     kernel_cache.announced.update(printed)

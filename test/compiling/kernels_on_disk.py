@@ -31,15 +31,15 @@ made = []
 
 def forget():
     """Let this process look at the disk anew, as another one does."""
-    for found in (kernel_cache.directory, kernel_cache.stored_parts, kernel_cache._read_once):
+    for found in (kernel_cache.directory, kernel_cache.stored_functions, kernel_cache._read_once):
         found.cache_clear()
-    kernel_cache.new_parts.clear()
-    linked.PartStore._parts.clear()
+    kernel_cache.new_functions.clear()
+    linked.LoweredStore._functions.clear()
 
 
-def own_parts():
-    """The parts of this process, which a test puts back when it ends: code that is in memory knows them."""
-    return dict(kernel_cache.new_parts), dict(linked.PartStore._parts)
+def lowered_functions():
+    """The lowered functions of this process, which a test puts back when it ends: code that is in memory knows them."""
+    return dict(kernel_cache.new_functions), dict(linked.LoweredStore._functions)
 
 
 def modules(folder, callee=CALLEE, caller=CALLER, name=""):
@@ -58,4 +58,4 @@ def modules(folder, callee=CALLEE, caller=CALLER, name=""):
 
 def hits(kernel):
     """Kinds of arguments for which a kernel's code was found."""
-    return len(kernel.entries) - made.count(kernel.part)
+    return len(kernel.entries) - made.count(kernel.dispatcher)

@@ -174,7 +174,7 @@ def test_numba_cache_dir_is_the_base_and_no_more(cache, tmp_path, monkeypatch):
     kernel_cache.directory.cache_clear()
     modules(tmp_path)(3.0)
     assert [path.name for path in (tmp_path / "numba").iterdir()] == ["tcc_sim"]
-    assert len(list((tmp_path / "numba" / "tcc_sim").iterdir())) == 1  # The kernel, with its part.
+    assert len(list((tmp_path / "numba" / "tcc_sim").iterdir())) == 1  # The kernel, with its function.
     assert not cache.exists()
 
 
@@ -202,7 +202,7 @@ def test_every_compilation_of_a_second_is_announced(cache, capsys):
 def test_the_estimate_counts_what_is_left_to_do(cache, tmp_path):
     kernel = modules(tmp_path, name="estimated")
     own, called = kernel.py_func, kernel.py_func.__globals__["callee"].scaled.py_func
-    size, part = len(own.__code__.co_code) + len(called.__code__.co_code), len(called.__code__.co_code)
+    size, inner = len(own.__code__.co_code) + len(called.__code__.co_code), len(called.__code__.co_code)
     assert kernel.dependencies.size == size
     assert kernel.seconds() == pytest.approx((LOWERING + CODE) * size)
     kernel.effort = 3.0
@@ -210,7 +210,7 @@ def test_the_estimate_counts_what_is_left_to_do(cache, tmp_path):
     kernel(3.0)
     forget()
     assert modules(tmp_path, name="estimated").seconds() == pytest.approx(
-        LOWERING * (size - 3 * part) + CODE * size)
+        LOWERING * (size - 3 * inner) + CODE * size)
 
 
 def lowered(kernel, *arguments):
@@ -244,19 +244,19 @@ def kernel(x, more):
 """
 
 
-def test_another_kind_of_arguments_lowers_only_the_parts_that_differ(cache, tmp_path):
+def test_another_kind_of_arguments_lowers_only_the_functions_that_differ(cache, tmp_path):
     def fresh():
         return modules(tmp_path, caller=SEVERAL, name=f"several_{tmp_path.name}")
 
     out, first, _ = lowered(fresh(), 1.0, None)
     assert (out, set(first) >= {"kernel", "either", "least"}) == (5.0, True)
-    out, second, (with_parts, index) = lowered(fresh(), 1.0, 2.0)
+    out, second, (with_functions, index) = lowered(fresh(), 1.0, 2.0)
     assert (out, second) == (7.0, ["kernel", "either"])
     for path in cache.iterdir():
         path.unlink()
     _, third, (without, other) = lowered(fresh(), 1.0, 2.0)
     assert (len(third) > 2, len(index), len(other)) == (True, 3, 4)
-    assert with_parts[:index[""][1]] == without[:other[""][1]]  # The same machine code, to the last bit.
+    assert with_functions[:index[""][1]] == without[:other[""][1]]  # The same machine code, to the last bit.
 
 
 TWICE = """
@@ -270,7 +270,7 @@ def kernel(x, more):
 """
 
 
-def test_a_function_with_two_sets_of_options_has_two_parts(cache, tmp_path):
+def test_a_function_with_two_sets_of_options_is_stored_twice(cache, tmp_path):
     def fresh():
         return modules(tmp_path, caller=TWICE, name=f"twice_{tmp_path.name}")
 
@@ -279,29 +279,29 @@ def test_a_function_with_two_sets_of_options_has_two_parts(cache, tmp_path):
 
     assert abs(once(None)) < 1e-15
     assert once(1.0) == once(1.0) == pytest.approx(0.989)
-    stored = {name for name, path in kernel_cache.stored_parts().items() if name and path.parent == cache}
-    assert len(stored) == 4  # Two kernels, each once, and two parts.
+    stored = {name for name, path in kernel_cache.stored_functions().items() if name and path.parent == cache}
+    assert len(stored) == 4  # Two kernels, each once, and two functions.
 
 
-def test_stored_parts_that_do_not_fit_together_are_compiled_anew(cache, tmp_path, monkeypatch, capsys):
+def test_stored_functions_that_do_not_fit_together_are_compiled_anew(cache, tmp_path, monkeypatch, capsys):
     lowered(modules(tmp_path, caller=SEVERAL, name=f"apart_{tmp_path.name}"), 1.0, None)
-    whole = linked.PartStore._read.__func__
+    whole = linked.LoweredStore._read.__func__
 
     def emptied(cls, content, context):
-        part = whole(cls, content, context)
-        part.library._final_module = part.library._shared_module = linked.binding.parse_assembly("")
-        return part
+        function = whole(cls, content, context)
+        function.library._final_module = function.library._shared_module = linked.binding.parse_assembly("")
+        return function
 
-    monkeypatch.setattr(linked.PartStore, "_read", classmethod(emptied))
-    monkeypatch.setattr(linked.PartStore, "in_use", True)
+    monkeypatch.setattr(linked.LoweredStore, "_read", classmethod(emptied))
+    monkeypatch.setattr(linked.LoweredStore, "in_use", True)
     forget()
     out, _, _ = lowered(modules(tmp_path, caller=SEVERAL, name=f"apart_{tmp_path.name}"), 1.0, 2.0)
     assert out == 7.0
-    assert "stored parts are of no use" in capsys.readouterr().err
-    assert not linked.PartStore.in_use
+    assert "stored functions are of no use" in capsys.readouterr().err
+    assert not linked.LoweredStore.in_use
 
 
-def test_parts_that_are_damaged_are_compiled_anew(cache, tmp_path):
+def test_functions_that_are_damaged_are_compiled_anew(cache, tmp_path):
     lowered(modules(tmp_path, caller=SEVERAL, name=f"broken_{tmp_path.name}"), 1.0, None)
     damage(cache, "flipped")
     out, names, _ = lowered(modules(tmp_path, caller=SEVERAL, name=f"broken_{tmp_path.name}"), 1.0, 2.0)

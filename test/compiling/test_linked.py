@@ -78,7 +78,7 @@ def test_what_is_wrong_in_a_part_is_said():
 
 
 def test_a_part_has_the_same_name_in_every_process():
-    """Whatever types a process has made before: their numbers are not in the names of stored parts."""
+    """Whatever types a process has made before: their numbers are not in the names of lowered functions."""
     from numba import types
     from numba.core.itanium_mangler import mangle_type
 
