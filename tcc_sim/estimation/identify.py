@@ -26,7 +26,7 @@ from tcc_sim.estimation.settings import DEFAULTS, FitSettings, Gates
 from tcc_sim.estimation.verdicts import Parameter, check_sampling, check_units, judged, why_no_noise, why_not
 from tcc_sim.estimation.windows import KINETIC, OFFSETS, STATIC, Model, check_key, on_its_side
 from tcc_sim.model.parameters import QUANTITIES, values_of
-from tcc_sim.model.parts import check_known
+from tcc_sim.model.supported_terms import check_supported
 from tcc_sim.result import Result, reported
 from tcc_sim.scene import Scene, SceneLike, as_scene
 from tcc_sim.sweeps.progress import progress_bar
@@ -224,7 +224,7 @@ def _starts(scene: Scene, free: Mapping[str, float | None] | Sequence[str], meas
     if scene.system.friction.law != "smoothed":
         raise InputError(f"friction.law is {scene.system.friction.law}; parameters are identified with smoothed, whose "
                          "limit for a large friction.smoothing it is")
-    check_known("tick derivatives", scene.system, "identification")
+    check_supported("tick derivatives", scene.system, "identification")
     return out
 
 

@@ -27,7 +27,7 @@ from tcc_sim.fmu.description import (
 from tcc_sim.fmu.printer import Library
 from tcc_sim.model import actuator, friction
 from tcc_sim.model.equations import COEFFICIENTS, OPTIONAL
-from tcc_sim.model.parts import check_known
+from tcc_sim.model.supported_terms import check_supported
 from tcc_sim.output.files import draft
 from tcc_sim.scene import Scene
 from tcc_sim.solvers import fixed_step, torques
@@ -61,7 +61,7 @@ def fmu_of(scene: Scene, version: int = 2, step: float | None = None) -> Fmu:
         raise InputError(f"step is {step:g} s; it must be 5e-05 to 1 s")
     actuator.delay_ticks(scene.system.pressure, step)
     fixed_step.Stepper(scene.system, step)  # Raises InputError for a scene that it cannot run.
-    check_known("FMU", scene.system, "an FMU")
+    check_supported("FMU", scene.system, "an FMU")
     rows = variables(scene)
     identifier = f"tcc_sim_{re.sub(r'[^A-Za-z0-9_]', '_', scene.name)}"
     texts = {name: resources.files(__package__).joinpath(f"c/{name}").read_text(encoding="utf-8")

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from tcc_sim.errors import InputError
 from tcc_sim.model.equations import linear_of, matrix_of
 from tcc_sim.model.parameters import System
-from tcc_sim.model.parts import check_known
 from tcc_sim.model.sines import (
     Floats,
     Response,
@@ -23,6 +22,7 @@ from tcc_sim.model.sines import (
     load_series,
     smallest,
 )
+from tcc_sim.model.supported_terms import check_supported
 
 
 @dataclass(frozen=True)
@@ -177,7 +177,7 @@ def pure_slip(system: System, direction: int = 1) -> PureSlip:
     torque, load = engine_series(system), load_series(system)
     if load.swing() > load.mean:
         raise InputError("pressure.amplitude is above pressure.mean; pure slip in closed form needs a pressure above 0")
-    check_known("pure slip", system, "pure slip in closed form")
+    check_supported("pure slip", system, "pure slip in closed form")
     d, start, sign = system.driveline, system.initial, float(np.sign(direction))
     if linear_of(system).flywheel_by_slip is not None:
         return _coupled(system, sign, torque, load)

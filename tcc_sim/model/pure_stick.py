@@ -15,8 +15,8 @@ import numpy as np
 from tcc_sim.errors import InputError
 from tcc_sim.model.friction import onset
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.model.parts import check_known
 from tcc_sim.model.sines import Floats, Sines, common_cycles, dynamic_stiffness, engine_series, load_series, smallest
+from tcc_sim.model.supported_terms import check_supported
 
 STUCK = "engine.frequency excites the undamped stuck"
 
@@ -39,7 +39,7 @@ def plate_angle(system: System) -> Sines:
         The engine excites an undamped driveline at exactly omega_sn.
     """
     torque = engine_series(system)
-    check_known("pure stick", system, "pure stick in closed form")
+    check_supported("pure stick", system, "pure stick in closed form")
     d = system.driveline
     both = d.flywheel_inertia + d.plate_inertia
     return torque.through(lambda omega: 1.0 / dynamic_stiffness(d, both, omega, STUCK))
@@ -63,7 +63,7 @@ def stuck_interface_torque(system: System) -> Sines:
     where the print omits the inertia and the damping.
     """
     torque = engine_series(system)
-    check_known("pure stick", system, "pure stick in closed form")
+    check_supported("pure stick", system, "pure stick in closed form")
     return torque.through(partial(interface_response, system))
 
 

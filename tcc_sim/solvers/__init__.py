@@ -10,7 +10,7 @@ from importlib import import_module
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
-from tcc_sim.model.parts import KNOWN, LAWS, missing
+from tcc_sim.model.supported_terms import LAWS, SUPPORTED, unsupported
 from tcc_sim.scene import Scene, system_of
 from tcc_sim.solvers.problem import Problem
 from tcc_sim.trajectory import State, Status, Trajectory
@@ -38,11 +38,11 @@ class Entry:
     @property
     def laws(self) -> tuple[str, ...]:
         """Friction laws that it solves."""
-        return tuple(law for law in LAWS if law in KNOWN[self.name])
+        return tuple(law for law in LAWS if law in SUPPORTED[self.name])
 
     def solves(self, system: System) -> bool:
-        """Return whether it knows every part of a system (`model.parts`)."""
-        return not missing(self.name, system)
+        """Return whether it supports every term of a system (`model.supported_terms`)."""
+        return not unsupported(self.name, system)
 
 
 SCIPY = "comparison.scipy_methods"
@@ -147,15 +147,15 @@ def check_setting(name: str, rtol: float | None, step: float | None) -> None:
 
 
 def choose(system: System, solver: str) -> str:
-    """Return the registered name for `solver`; raise InputError unless it knows every part of the system."""
+    """Return the registered name for `solver`; raise InputError unless it supports every term of the system."""
     if solver == "auto":
         moved = system.inputs is not None and system.inputs.output_speed is not None
         solver = "fixed_step" if moved else "event_driven" if system.friction.law == "set_valued" else "smoothed"
     if solver not in SOLVERS:
         raise InputError(f"solver {solver!r} is unknown; the solvers are auto, {', '.join(SOLVERS)}")
-    unknown = missing(solver, system)
+    unknown = unsupported(solver, system)
     if unknown:
-        able = [name for name, entry in SOLVERS.items() if unknown.keys() <= KNOWN[name]]
+        able = [name for name, entry in SOLVERS.items() if unknown.keys() <= SUPPORTED[name]]
         raise InputError(f"solver {solver} does not solve {', '.join(dict.fromkeys(unknown.values()))}; "
                          + (f"those that do are {', '.join(able)}" if able else "no solver does")
                          + (", with friction.law smoothed" if able and set(able).isdisjoint(_of_law(system)) else ""))
@@ -164,7 +164,7 @@ def choose(system: System, solver: str) -> str:
 
 def _of_law(system: System) -> list[str]:
     """Return the solvers of the system's friction law."""
-    return [name for name in SOLVERS if system.friction.law in KNOWN[name]]
+    return [name for name in SOLVERS if system.friction.law in SUPPORTED[name]]
 
 
 __all__ = ["SOLVERS", "Entry", "Problem", "State", "Status", "Trajectory", "check_setting", "choose", "solve"]

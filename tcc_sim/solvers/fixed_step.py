@@ -19,8 +19,8 @@ from tcc_sim.model.actuator import approach_between
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.parameters import System
-from tcc_sim.model.parts import check_known
 from tcc_sim.model.profile import FAR_ANGLE, FAR_SPEED
+from tcc_sim.model.supported_terms import check_supported
 from tcc_sim.solvers.scalar import ITERATION_BOUND, scalar_root
 from tcc_sim.solvers.terms import Terms, same_but_means, substeps, terms_of
 from tcc_sim.solvers.torques import break_after, piece_at, pull_of_far_end, torques_now
@@ -196,7 +196,7 @@ class Stepper:
     def __init__(self, system: System, step: float) -> None:
         if system.friction.law != "smoothed":
             raise InputError(f"friction.law is {system.friction.law}; the real-time solver needs smoothed")
-        check_known("node", system, "the real-time solver")
+        check_supported("node", system, "the real-time solver")
         self.step = step
         self.tick = 0
         self.state = np.zeros(4)

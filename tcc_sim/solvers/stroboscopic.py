@@ -15,7 +15,7 @@ from tcc_sim.compiling.compiled import Partial
 from tcc_sim.errors import NumericalFailure
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.parameters import System
-from tcc_sim.model.parts import check_known
+from tcc_sim.model.supported_terms import check_supported
 from tcc_sim.solvers.changes import ALONG, ALONG_ALL, CHANGES, LANES
 from tcc_sim.solvers.engine import GRADIENT, SEGMENT, EngineShell, SegmentBuffers, Tangent
 from tcc_sim.solvers.key_derivatives import (
@@ -193,9 +193,9 @@ buffers_of_thread = _Buffers()
 
 
 def check_mapped(system: System) -> None:
-    """Raise InputError unless the section's map of a system exists and knows every part of it."""
+    """Raise InputError unless the section's map of a system exists and supports every term of it."""
     system.check_repeats("a map of the section")
-    check_known("section map", system, "a map of the section")
+    check_supported("section map", system, "a map of the section")
 
 
 def engine_of(system: System) -> EngineShell:

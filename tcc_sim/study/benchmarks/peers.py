@@ -25,7 +25,7 @@ from scipy.integrate import solve_ivp
 from tcc_sim.errors import one_line
 from tcc_sim.fmu.export import compiler
 from tcc_sim.model.parameters import System
-from tcc_sim.model.parts import check_known
+from tcc_sim.model.supported_terms import check_supported
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.comparison.scipy_methods import jacobian_of, rates_of
 from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples
@@ -166,7 +166,7 @@ def cvode(system: System, cycles: int, rtol: float, repeats: int) -> PeerRun:
     Failed
         There is no C compiler or no SUNDIALS, or CVODE failed.
     """
-    check_known("peer", system, "CVODE in C")
+    check_supported("peer", system, "CVODE in C")
     d, f, c, e, p = system.driveline, system.friction, system.clutch, system.engine, system.pressure
     numbers = [d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness, c.area, c.radius, f.static_coefficient,
                f.kinetic_coefficient, f.decay, f.smoothing, e.mean_torque, e.torque_amplitude, e.frequency, p.mean,
@@ -233,7 +233,7 @@ def _largest(system: System, t: Floats, states: Floats) -> Floats:
 
 def xppaut_file(system: System, method: str, tolerance: float, cycles: int, per_cycle: int) -> str:
     """Return the model as an XPPAUT file, with all digits of every number."""
-    check_known("peer", system, "XPPAUT")
+    check_supported("peer", system, "XPPAUT")
     d, f, e, p, start = system.driveline, system.friction, system.engine, system.pressure, system.initial
     number = "{:.17g}".format
     load = number(system.saturation_mean)

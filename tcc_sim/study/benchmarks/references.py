@@ -19,7 +19,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from tcc_sim.model.parameters import System
-from tcc_sim.model.parts import check_known
+from tcc_sim.model.supported_terms import check_supported
 from tcc_sim.trajectory import State
 
 Floats = NDArray[np.float64]
@@ -56,7 +56,7 @@ class Law:
     """
 
     def __init__(self, system: System, left: float = math.inf) -> None:
-        check_known("reference", system, "a reference solution")
+        check_supported("reference", system, "a reference solution")
         self.system, self.left = system, left
         d, e, p, f = system.driveline, system.engine, system.pressure, system.friction
         self._driveline = d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness

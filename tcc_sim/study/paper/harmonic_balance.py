@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model import friction
 from tcc_sim.model.parameters import System
-from tcc_sim.model.parts import check_known
 from tcc_sim.model.sines import Floats, engine_series, load_series
+from tcc_sim.model.supported_terms import check_supported
 
 LADDER = (0.001, 0.004, 0.01, 0.02, 0.04, 0.1, 0.2, 0.4, 1.0)
 """Fractions of sigma for which the balance is solved in turn, each from the one before; the first is nearly linear."""
@@ -98,7 +98,7 @@ def harmonic_balance(system: System, period: int, harmonics: int, iterations: in
     """
     if system.friction.law != "smoothed":
         raise InputError(f"friction.law is {system.friction.law}; the harmonic balance needs the smoothed law")
-    check_known("harmonic balance", system, "the harmonic balance")
+    check_supported("harmonic balance", system, "the harmonic balance")
     if period < 1 or harmonics < 1:
         raise InputError(f"period is {period} and harmonics {harmonics}; both must be 1 or more")
     d, base = system.driveline, system.engine.frequency / period

@@ -1,8 +1,8 @@
-"""Parts of the equations that a system has, and the table of who knows each: the gate of everything that solves,
+"""Terms of the equations that a system has, and the table of who supports each: the gate of everything that solves,
 differentiates, exports or maps.
 
-A part that a row of KNOWN does not name is refused there. So a part that is added to the model is refused by everybody
-until its name is added to the rows of those that know it; nothing leaves it out in silence.
+A term that a row of SUPPORTED does not name is refused there. So a term that is added to the model is refused by
+everybody until its name is added to the rows of those that support it; nothing leaves it out in silence.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ SMOOTHED, SET_VALUED = "smoothed", "set_valued"
 LAWS = SMOOTHED, SET_VALUED
 EXCITATION = frozenset({"torque", "harmonics", "pulsation"})
 BOTH_ENGINES = EXCITATION | {"stribeck", "curve", "approach"} | set(OPTIONAL)
-"""Parts that the equations of both laws have. A held pressure passes an actuator (`approach`) as it is."""
+"""Terms that the equations of both laws have. A held pressure passes an actuator (`approach`) as it is."""
 SAMPLED = BOTH_ENGINES | {SMOOTHED, "profile", "inputs"}
 AT_REST = frozenset({"flywheel_by_slip", "plate_by_slip"})
 """Coefficients that do nothing where v = 0."""
 
-KNOWN: dict[str, frozenset[str]] = {
+SUPPORTED: dict[str, frozenset[str]] = {
     "fixed_step": SAMPLED | {"far"}, "smoothed": SAMPLED, "event_driven": BOTH_ENGINES | {SET_VALUED},
     **dict.fromkeys(("rk45", "dop853", "radau", "bdf", "lsoda", "rk4"), SAMPLED),
     "section map": BOTH_ENGINES | {SMOOTHED, SET_VALUED},
@@ -33,7 +33,7 @@ KNOWN: dict[str, frozenset[str]] = {
     "reference": EXCITATION | {SMOOTHED, SET_VALUED, "approach", "stribeck"},
     "peer": frozenset({"torque", "pulsation", SMOOTHED, "approach", "stribeck"}),
 }
-"""Parts that solvers (by their names) and everything else know. `stribeck` is refused by pure slip itself.
+"""Terms that solvers (by their names) and everything else support. `stribeck` is refused by pure slip itself.
 
 section map : derivatives, basins, exponents, continuation, periodic linear models and the equivalent damping
 tick derivatives : identification
@@ -41,8 +41,8 @@ reference, peer : independent solutions, and other programs, of the measurements
 """
 
 
-def parts_in(system: System) -> dict[str, str]:
-    """Return the parts that a system has, by the names of the fields of `solvers.terms.Terms` and of Linear, each with
+def terms_in(system: System) -> dict[str, str]:
+    """Return the terms that a system has, by the names of the fields of `solvers.terms.Terms` and of Linear, each with
     the scene keys or inputs that bring it.
     """
     e, p, inputs, found = system.engine, system.pressure, system.inputs, {}
@@ -73,15 +73,15 @@ def parts_in(system: System) -> dict[str, str]:
     return found
 
 
-def missing(who: str, system: System) -> dict[str, str]:
-    """Return the parts of a system that a row of KNOWN leaves out, as `parts_in`."""
-    return {name: text for name, text in parts_in(system).items() if name not in KNOWN[who]}
+def unsupported(who: str, system: System) -> dict[str, str]:
+    """Return the terms of a system that a row of SUPPORTED leaves out, as `terms_in`."""
+    return {name: text for name, text in terms_in(system).items() if name not in SUPPORTED[who]}
 
 
-def check_known(who: str, system: System, verb: str) -> None:
-    """Raise InputError if a system has a part that a row of KNOWN leaves out; `verb` begins the sentence."""
-    unknown = missing(who, system)
-    if unknown:
-        able = [name for name, known in KNOWN.items() if unknown.keys() <= known]
-        raise InputError(f"{verb} does not know {', '.join(dict.fromkeys(unknown.values()))}; "
+def check_supported(who: str, system: System, verb: str) -> None:
+    """Raise InputError if a system has a term that a row of SUPPORTED leaves out; `verb` begins the sentence."""
+    absent = unsupported(who, system)
+    if absent:
+        able = [name for name, terms in SUPPORTED.items() if absent.keys() <= terms]
+        raise InputError(f"{verb} does not know {', '.join(dict.fromkeys(absent.values()))}; "
                          f"{'those that do are ' + ', '.join(able) if able else 'nothing does'}")

@@ -1,6 +1,7 @@
-"""The product of parts of the model and those who know them: every cell is right by an independent answer, or refused.
+"""The product of terms of the model and those who support them: every cell is right by an independent answer, or
+refused.
 
-The flywheel's damper, of which no scene key is one, stands for a part that somebody adds: `COEFFICIENTS` makes it of
+The flywheel's damper, of which no scene key is one, stands for a term that somebody adds: `COEFFICIENTS` makes it of
 driveline.damping here.
 """
 
@@ -24,7 +25,7 @@ from tcc_sim.estimation.linearise import linearise
 from tcc_sim.estimation.measurement import Measurement
 from tcc_sim.fmu.export import fmu_of
 from tcc_sim.model import equations as model
-from tcc_sim.model import parts
+from tcc_sim.model import supported_terms
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.profile import Inputs
 from tcc_sim.model.pure_slip import pure_slip
@@ -61,7 +62,7 @@ CASES: dict[str, System] = {
     "plate_by_slip": replace(BASE, {"converter.coupling": 2.0}),
     "flywheel_by_speed": replace(BASE, {"driveline.damping": 0.5 * DRAG}),
 }
-"""A scene with each part besides those that BASE has; `far` brings inputs too."""
+"""A scene with each term besides those that BASE has; `far` brings inputs too."""
 START, CYCLES = (5.0, 0.1, -5.0, 0.1), 2
 
 
@@ -113,17 +114,17 @@ def states(run) -> np.ndarray:
     return np.stack([run.slip_speed, run.plate_angle, run.plate_speed], axis=1)
 
 
-def test_every_field_is_a_part_and_every_part_is_named() -> None:
-    """A field that is added to Terms or Linear has to be a part, so that somebody knows it or it is refused."""
+def test_every_field_is_a_term_and_every_term_is_named() -> None:
+    """A field that is added to Terms or Linear has to be a term, so that somebody supports it or it is refused."""
     optional = {name for name, kind in get_type_hints(Terms).items() if type(None) in get_args(kind)}
-    named = set().union(*parts.KNOWN.values())
+    named = set().union(*supported_terms.SUPPORTED.values())
     assert {*optional, *model.OPTIONAL} - {"smoothing"} <= named
-    assert named <= {*optional, *model.OPTIONAL, *parts.LAWS, "inputs", "curve"}
+    assert named <= {*optional, *model.OPTIONAL, *supported_terms.LAWS, "inputs", "curve"}
 
 
-def test_parts_are_those_of_the_terms(case) -> None:
+def test_terms_are_those_of_a_kernel(case) -> None:
     _, system = case
-    terms, found = terms_of(system), parts.parts_in(system)
+    terms, found = terms_of(system), supported_terms.terms_in(system)
     for name, value in (*terms._asdict().items(), *((n, getattr(terms.linear, n)) for n in model.OPTIONAL)):
         if name not in ("linear", "mean_torque", "mean_load", "smoothing"):
             assert (value is not None) == (name in found), name
@@ -150,7 +151,7 @@ def test_solvers(case, solver) -> None:
 def test_section_maps_and_their_derivatives(case) -> None:
     name, system = case
     point = np.array(START[:3])
-    if parts.missing("section map", system):
+    if supported_terms.unsupported("section map", system):
         for work in (lambda: stroboscopic_map(system, point, 1), lambda: sections(system, point[None], 0, 1, 1e-8)):
             with pytest.raises(InputError, match="a map of the section"):
                 work()
@@ -300,9 +301,9 @@ def test_identification_finds_the_coupling() -> None:
     scene = load_scene("fig02").with_values({key: BASE.value(key) for key in (
         "friction.smoothing", "pressure.mean", "pressure.amplitude", "engine.mean_torque", "engine.torque_amplitude")})
     found = identify(measured, {"converter.coupling": 1.5}, scene=scene, noise=noise)
-    part, = found.parameters
+    parameter, = found.parameters
     assert found.accepted, found
-    assert abs(part.value - 2.0) < 4.0 * part.standard_error < 0.4
+    assert abs(parameter.value - 2.0) < 4.0 * parameter.standard_error < 0.4
 
 
 def test_the_node_follows_a_change_while_running() -> None:
@@ -321,7 +322,7 @@ def test_the_node_follows_a_change_while_running() -> None:
 
 
 SCENE = load_scene("fig02")
-ASKED = {
+CONSUMERS = {
     "section map": [lambda s: stroboscopic_map(s, np.zeros(3), 1), lambda s: sections(s, np.zeros((1, 3)), 0, 1, 1e-8),
                     lambda s: DrivelineMap(s, ("engine.frequency",)).evaluate(np.zeros(3), np.array([150.0]), 0.0, 1.0),
                     lambda s: continuation(s, "engine.mean_torque", 190.0, 210.0),
@@ -337,7 +338,7 @@ ASKED = {
     "peer": [lambda s: xppaut_file(s, "cvode", 1e-6, 1, 10)],
     **{name: [lambda s, name=name: solve(s, cycles=1, solver=name)] for name in SOLVERS},
 }
-"""Everything that asks the gate, by its row of KNOWN."""
+"""Everything that asks the gate, by its row of SUPPORTED."""
 
 
 def as_scene(system):
@@ -345,14 +346,14 @@ def as_scene(system):
 
 
 def test_every_row_has_its_askers() -> None:
-    assert ASKED.keys() == parts.KNOWN.keys()
+    assert CONSUMERS.keys() == supported_terms.SUPPORTED.keys()
 
 
-@pytest.mark.parametrize(("who", "ask"), [pytest.param(who, ask, id=f"{who}-{place}") for who, asks in ASKED.items()
+@pytest.mark.parametrize(("who", "ask"), [pytest.param(who, ask, id=f"{who}-{place}") for who, asks in CONSUMERS.items()
                                           for place, ask in enumerate(asks)])
 def test_what_a_row_does_not_know_is_refused(who, ask, monkeypatch) -> None:
-    """Take a part out of the row: everybody behind it refuses with the key that brings the part."""
-    monkeypatch.setitem(parts.KNOWN, who, parts.KNOWN[who] - {"plate_by_slip"})
+    """Take a term out of the row: everybody behind it refuses with the key that brings the term."""
+    monkeypatch.setitem(supported_terms.SUPPORTED, who, supported_terms.SUPPORTED[who] - {"plate_by_slip"})
     values = {"converter.coupling": 2.0}
     if who == "event_driven":
         values["friction.law"] = "set_valued"
