@@ -28,7 +28,7 @@ LOADS = np.dtype([("energy", np.float64), ("peak_power", np.float64), ("highest_
 """An engine cycle: the fields of `Loads`, and 1 where they are computed."""
 
 COUNT = 8
-_INNER = np.polynomial.Legendre.basis(COUNT - 1).deriv().roots()
+_INNER = np.polynomial.Legendre.basis(COUNT - 1).deriv().roots().real  # NumPy 2.5 returns complex numbers.
 POINTS = 0.5 + 0.5 * np.concatenate([[-1.0], _INNER, [1.0]])
 WEIGHTS = 1.0 / (COUNT * (COUNT - 1) * np.polynomial.Legendre.basis(COUNT - 1)(2.0 * POINTS - 1.0) ** 2)
 """Abscissae and weights of the rule on [0, 1]."""
