@@ -3,12 +3,13 @@
 import json
 import math
 import zipfile
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
-from tcc_sim.cli import main
+from tcc_sim.cli import demo, main
 from tcc_sim.scene import load_scene
 
 
@@ -54,3 +55,30 @@ def test_a_table_is_fitted_to_the_scene_that_is_named(capsys, tmp_path):
     out = capsys.readouterr()
     assert status == 0, out.err
     assert json.loads(out.out)["parameters"][0]["value"] == pytest.approx(0.31, rel=1e-3)
+
+
+def test_a_demo_records_as_long_as_it_says_and_names_its_files(capsys, figures, monkeypatch, tmp_path):
+    """With a stand-in for the nodes, which simulates, and for the clock, which goes on while the nodes are watched."""
+    pytest.importorskip("rerun")
+    clock = [100.0]
+
+    class Session:
+        def __init__(self, recording, driveline, controller):
+            recording.mkdir()
+            self.path, self.environment = recording / "run.mcap", {}
+            assert driveline == {"scene": "slip"}
+
+        def watch(self, seconds):
+            clock[0] += seconds
+
+        def stop(self):
+            assert main(["simulate", "slip", "--cycles", "12", "--out", str(self.path)]) == 0
+
+    monkeypatch.setattr("tcc_sim.nodes.children.Session", Session)
+    monkeypatch.setattr("tcc_sim.nodes.children.require_ros", lambda: None)
+    monkeypatch.setattr(demo, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+    made = tmp_path / "made"
+    out = printed(capsys, "demo", "--scene", "slip", "--duration", "3", "--out", made)
+    assert clock[0] == pytest.approx(103.0)
+    assert f"\n  rerun {made / 'run.rrd'}\n" in out
+    assert {path.name for path in made.iterdir()} >= {"recording", "analysis.json", "run.rrd", "overview.png"}
