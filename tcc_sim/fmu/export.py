@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import uuid
 import zipfile
 from dataclasses import dataclass
 from importlib import resources
@@ -69,8 +70,7 @@ def fmu_of(scene: Scene, version: int = 2, step: float | None = None) -> Fmu:
     texts["tcc_kernel.h"] = f"/* The tick of tcc_sim, printed from its Python source. */\n{_kernel(scene)}"
     parts = "".join([*texts.values(), variables_header(scene, rows, identifier, "", step),
                      model_description(version, scene, rows, identifier, "", step)])
-    digest = hashlib.sha256(parts.encode()).hexdigest()
-    token = f"{{{digest[:8]}-{digest[8:12]}-{digest[12:16]}-{digest[16:20]}-{digest[20:32]}}}"
+    token = f"{{{uuid.UUID(hashlib.sha256(parts.encode()).hexdigest()[:32])}}}"
     texts["tcc_variables.h"] = variables_header(scene, rows, identifier, token, step)
     if version == 3:
         texts["buildDescription.xml"] = build_description(identifier)

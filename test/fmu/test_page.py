@@ -12,7 +12,7 @@ import pytest
 
 from tcc_sim import closed_loop
 from tcc_sim.cli import main
-from tcc_sim.fmu.c_types import DOUBLE, Refused, Static
+from tcc_sim.fmu.c_types import DOUBLE, INT, Refused, Static
 from tcc_sim.fmu.export import compiler
 from tcc_sim.fmu.printer import Library
 from tcc_sim.plant.driveline import Reading
@@ -86,9 +86,14 @@ def test_what_the_printer_does_not_know_it_refuses_and_names() -> None:
         x, y = y, x
         return x / y
 
-    for source in (third, listed):
+    def from_one(x: float, count: int) -> float:
+        for k in range(1, count):
+            x += k
+        return x
+
+    for source, kinds in ((third, (DOUBLE,)), (listed, (DOUBLE,)), (from_one, (DOUBLE, INT))):
         with pytest.raises(Refused, match=source.__name__):
-            Library().function(source, (DOUBLE,))
+            Library().function(source, kinds)
     with pytest.raises(Refused, match="swapped"):
         Library().function(swapped, (DOUBLE, Static(None)))
     library = Library()
