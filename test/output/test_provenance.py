@@ -7,13 +7,16 @@ import os
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from documents import valid
 from fields_page import KINDS, PAGE, fields_by_kind, page
 
 from tcc_sim import cli
+from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
 from tcc_sim.output import provenance
+from tcc_sim.output.stored_files import document_in
 from tcc_sim.scene import load_scene
 from tcc_sim.study.basins import compute
 from tcc_sim.sweeps import file as sweep_file
@@ -42,6 +45,26 @@ def test_the_scene_comes_back_from_its_values() -> None:
     again = load_scene("fig02").with_values(values)
     assert (again.system, again.operation) == (scene.system, scene.operation)
     assert "rate" not in provenance.scene_values(System())
+
+
+def test_a_package_that_is_not_installed_has_no_version(monkeypatch: pytest.MonkeyPatch) -> None:
+    def version(name: str) -> str:
+        if name == "numba":
+            raise provenance.metadata.PackageNotFoundError(name)
+        return "1.2"
+
+    monkeypatch.setattr(provenance.metadata, "version", version)
+    found = provenance.environment.__wrapped__()
+    assert [found[name] for name in ("numpy", "scipy", "numba")] == ["1.2", "1.2", None]
+
+
+def test_the_document_of_a_file_of_arrays_is_taken_out_of_them_or_refused(tmp_path: Path) -> None:
+    arrays = {"document": np.array('{"format": "a"}'), "x": np.ones(1)}
+    assert (document_in(tmp_path, arrays), list(arrays)) == ({"format": "a"}, ["x"])
+    for wrong, says in ((None, "does not say"), (np.array(["{}"]), "does not say"), (np.array(3.0), "does not say"),
+                        (np.array("{"), "damaged"), (np.array("[]"), "damaged")):
+        with pytest.raises(InputError, match=says):
+            document_in(tmp_path, {} if wrong is None else {"document": wrong})
 
 
 def test_a_document_that_lacks_a_key_or_has_another_is_told() -> None:

@@ -17,6 +17,7 @@ from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import State, solve
 from tcc_sim.solvers.stroboscopic import sections
+from tcc_sim.solvers.terms import terms_of
 from tcc_sim.study import exponents
 from tcc_sim.study.exponents import (
     FIRST,
@@ -26,6 +27,8 @@ from tcc_sim.study.exponents import (
     floquet_exponent,
     largest_lyapunov_exponent,
     mapped,
+    natural_frequency,
+    natural_sizes,
     tangent_growth,
 )
 from tcc_sim.sweeps.settings import DEFAULTS
@@ -63,6 +66,15 @@ def test_the_tangent_map_is_that_of_scipys_variational_equations(scene: str, val
     at, matrix = mapped(system, start, 31, 1, 1e-9)
     assert at == pytest.approx(state, rel=1e-6, abs=1e-6)
     assert matrix == pytest.approx(tangent, rel=1e-5, abs=1e-5 * np.abs(tangent).max())
+
+
+def test_sizes_are_those_of_the_torques_and_an_exponent_of_a_map_to_one_point_is_a_number() -> None:
+    system = load_scene("fig02").system
+    speed, angle, other = natural_sizes(terms_of(system))
+    assert angle == pytest.approx((300.0 + 250.0 + abs(terms_of(system).mean_load)) / 3000.0)
+    assert speed == other == pytest.approx(angle * natural_frequency(terms_of(system)))
+    least = -300.0 * math.log(10.0) / (2 * system.cycle)
+    assert exponents._exponent(np.zeros((3, 3)), system, 2) == pytest.approx(least)
 
 
 def test_a_step_that_cannot_be_taken_is_said_and_no_exponent_is_given() -> None:

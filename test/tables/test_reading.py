@@ -16,6 +16,7 @@ from tcc_sim.replay.given_inputs import driven_by
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 from tcc_sim.tables import text as cells
+from tcc_sim.tables.binary import _mdf_signal
 from tcc_sim.tables.chosen_columns import is_table
 from tcc_sim.tables.measured_table import table_in
 
@@ -57,6 +58,11 @@ def date_times(path):
     stamps = [f"2026-03-31 23:59:{59.0 + t:09.6f}" if t < 1.0 else f"2026-04-01 00:00:{t - 1.0:09.6f}" for t in T]
     return written(path, ["Timestamp", *list(COLUMNS)[1:]], [stamps, *list(COLUMNS.values())[1:]],
                    before="Exported by a logger\nVehicle: 7\n\n")
+
+
+def clock_times(path):
+    stamps = [f"23:59:{59.0 + t:09.6f}" if t < 1.0 else f"00:00:{t - 1.0:09.6f}" for t in T]
+    return written(path, ["Timestamp", *list(COLUMNS)[1:]], [stamps, *list(COLUMNS.values())[1:]])
 
 
 def epoch(path):
@@ -114,13 +120,14 @@ def mdf(path):
     return path
 
 
-EXPORTS = [german, utf16, pandas_index, date_times, epoch, spaces, savetxt, quoted, parquet, matlab, mdf]
+EXPORTS = [german, utf16, pandas_index, date_times, clock_times, epoch, spaces, savetxt, quoted, parquet, matlab, mdf]
 WORDS = {german: ["--columns", "slip_speed=n_slip,engine_torque=M_Mot,engine_speed=n_Mot"]}
 SAID = {german: ["read as semicolons and decimal comma, 4 columns, 4 used", "slip_speed from n_slip in 1/min"],
         utf16: ["read as tabs and UTF-16", "t from t in ms", "engine_torque from engine_torque in kN m"],
         pandas_index: ["7 columns, 4 used", "passed over: one without a name, gear, comment"],
         date_times: ["read as 2 lines before the names and date-times"],
-        epoch: ["times in ms since 1970", "slip_speed from Slip Speed"], spaces: ["read as spaces"], savetxt: [],
+        clock_times: ["read as date-times"], epoch: ["times in ms since 1970", "slip_speed from Slip Speed"],
+        spaces: ["read as spaces"], savetxt: [],
         quoted: ["CP1252 and decimal comma"], parquet: ["read as Parquet", "passed over: note"],
         matlab: ["read as a MATLAB file"], mdf: ["read as MDF", "passed over: oil"]}
 
@@ -157,6 +164,16 @@ def test_units_stand_beside_names_or_below(tmp_path, head):
     path.write_text("t,engine_torque\nnan,200\n0.1,250\n")
     found = table_in(path)
     assert (found.t.tolist(), found.notes) == ([0.1], ("in.csv: 1 row without a time left out",))
+
+
+def test_a_line_between_names_and_units_is_no_unit_and_a_row_may_lack_what_is_not_used(tmp_path):
+    path = tmp_path / "in.csv"
+    path.write_text("t,engine_torque\ns,of the bench\nms,kN m\n0,0.2\n100,0.25\n")
+    assert [column.tolist() for column in table_in(path).columns.values()] == [[200.0, 250.0], [0.0, 0.1]]
+    path.write_text("t,engine_torque,remark\n0,200,warm\n0.1,250\n0.2,300,\n")
+    assert table_in(path).columns["engine_torque"].tolist() == [200.0, 250.0, 300.0]
+    with pytest.raises(InputError, match="2 groups have a channel slip; export one of them"):
+        _mdf_signal(None, path, "slip", [(0, 1), (1, 1)])
 
 
 CLEAN = "\n".join(f"{t:.3f},{x}" for t, x in zip(T[:40], COLUMNS["engine_torque"]))
