@@ -76,8 +76,11 @@ def laid_out(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
 
 def _saved(monkeypatch: pytest.MonkeyPatch, prepare: str) -> list[Any]:
-    """Return a list that collects the figures to be saved, each after a function of `style`."""
+    """Return a list that collects the figures to be saved, each after a function of `style`. Their legends are checked.
+    """
     pytest.importorskip("matplotlib")
+    from legends import unmarked
+
     from tcc_sim.views import style
 
     found: list[Any] = []
@@ -85,6 +88,7 @@ def _saved(monkeypatch: pytest.MonkeyPatch, prepare: str) -> list[Any]:
 
     def save(drawn: Any, path: Path) -> Path:
         prepared(drawn)
+        assert not unmarked(drawn), f"{path.name}: entries of legends without a mark"
         found.append(drawn)
         path.touch()
         return path

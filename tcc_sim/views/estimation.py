@@ -39,8 +39,8 @@ def bode(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> 
         phase.set(ylabel="phase (degrees)", xlabel="angular frequency (rad/s)")
         parts = [f"{values['output']} by {values['input']}".replace("_", " "),
                  f"mean slip {speed(values['operating_point']['mean_slip'], 4)}"]
-        gain.set_title((", " if style.wide(width) else "\n").join(parts))
-        style.legend(gain, loc="best")
+        style.legend_into(gain)
+        gain.set_title((", " if style.wide(width) else "\n").join(parts), pad=style.room_for_legend(gain))
         return style.save(drawn, path)
 
 
@@ -91,7 +91,7 @@ def identification(path: Path, found: Any, title: str = "", width: float = style
             axes[-1].axhline(3.84, color=style.RED, linewidth=0.8, label="95 %")
             axes[-1].set_xlabel(style.label_of(found.likelihood.key))
             axes[-1].set_ylabel("chi-square over\nthe least one")
-            style.legend(axes[-1], loc="upper center")
+            style.legend_into(axes[-1])
         return style.save(drawn, path)
 
 
@@ -103,7 +103,7 @@ def draw_fit(axis: Any, found: Any) -> None:
     axis.plot(t[:SHOWN], data[:SHOWN], linestyle="none", marker=".", color=style.GREY, label="measured")
     axis.plot(t[:SHOWN], (data + residual)[:SHOWN], color=style.BLUE, label="fitted")
     axis.set(xlabel="time (s)", ylabel="slip speed (rad/s)")
-    style.legend(axis, loc="best", ncols=2)
+    style.legend_into(axis)
 
 
 def draw_curve(axis: Any, curve: Any) -> None:
@@ -115,7 +115,7 @@ def draw_curve(axis: Any, curve: Any) -> None:
     for k, (low, high) in enumerate(not_visited(v, curve.visited)):
         axis.axvspan(low, high, color=style.GREY, alpha=0.2, linewidth=0.0, label="" if k else "not visited")
     axis.set(xlabel="slip speed (rad/s)", ylabel="friction\ncoefficient", xlim=(0.0, v[-1]))
-    style.legend(axis, loc="best", ncols=2)
+    style.legend_into(axis)
 
 
 def _parameters(axis: Any, found: Any) -> None:

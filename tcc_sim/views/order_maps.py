@@ -193,8 +193,10 @@ def _cuts(axis: Any, found: Orders, of: str, which: str = "", **look: Any) -> No
     curves = {order: level(found.cut(order, of)) for order in found.cuts}
     top = max(float(np.nanmax(curve)) for curve in curves.values())
     for colour, (order, curve) in zip(style.CYCLE, curves.items()):
-        low = "" if np.nanmax(curve) >= top - SHOWN else f", below {top - SHOWN:.0f} dB"
-        axis.plot(along, curve, color=colour, label=f"order {order:g}{which}{low}", **look)
+        if np.nanmax(curve) >= top - SHOWN:
+            axis.plot(along, curve, color=colour, label=f"order {order:g}{which}", **look)
+        else:
+            style.key(axis, f"order {order:g}{which}, below {top - SHOWN:.0f} dB", linestyle="none")
     word, unit = QUANTITIES[of]
     axis.set(ylabel=f"{word.lower()}, dB re 1 {unit}", xlabel=name, ylim=(top - SHOWN, top + 0.05 * SHOWN))
     if not which:

@@ -203,7 +203,7 @@ def _run_of(result: Any) -> Trajectory:
 
 
 def draw_into(ax: Any, result: Any, title: str = "") -> Any:
-    """Draw the main curve of a result into an axis, with a legend where the axis shows several curves with names.
+    """Draw the main curve of a result into an axis, with a legend of several curves or of areas.
 
     Raises
     ------
@@ -220,9 +220,9 @@ def draw_into(ax: Any, result: Any, title: str = "") -> Any:
                              "samples_per_cycle=200")
         ax.plot(run.t, run.slip_speed, color=style.BLUE, linewidth=0.9)
         ax.set(xlabel="time (s)", ylabel="slip speed (rad/s)")
-    count = len(style.entries(ax)[0])
-    if ax.get_legend() is legend and count > max(before, 1):
-        style.legend(ax, loc="best")
+    named = style.entries(ax)[0]
+    if ax.get_legend() is legend and len(named) > before and (len(named) > 1 or named[0].get_gid() == style.KEY):
+        style.legend_into(ax)
     if title:
         ax.set_title(title, pad=style.room_for_legend(ax))
     return ax

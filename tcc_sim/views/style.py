@@ -336,6 +336,23 @@ def legend(axis: Any, **look: Any) -> Any:
     return axis.legend(handles, labels, **look) if handles else None
 
 
+def legend_into(axis: Any) -> None:
+    """Draw a legend within axes where it covers no line, mark or text; above them if there is no such place."""
+    drawn = legend(axis, loc="best")
+    if drawn is None:
+        return
+    axis.autoscale_view()  # Limits are stale until a picture is drawn.
+    box = drawn.get_window_extent().padded(1.0)
+    bare = {"None", "none", " ", ""}
+    for line in axis.lines:
+        path = line.get_transform().transform_path(line.get_path())
+        if path.cleaned(remove_nans=True, clip=(*box.min, *box.max), simplify=False).vertices[:-1].size and (
+                line.get_linestyle() not in bare or box.count_contains(path.vertices)):
+            legend(axis, loc="lower left", bbox_to_anchor=(0.0, 1.0), fontsize="small",
+                   ncols=1 + (len(drawn.get_texts()) > 4))
+            return
+
+
 def legend_above(axis: Any) -> None:
     """Place the legend above the right end of the axes, in one row, or in rows that fit a column."""
     handles, labels = entries(axis)

@@ -143,16 +143,17 @@ def draw_grid(path: Path, found: Any, title: str = "", width: float = style.PAGE
         x, y = numbers(values["values"]), numbers(values["second_values"])
         _period_map(drawn, periods, x, y, values)
         _over_two(periods, values)
-        count = max(hatch(axis, x, y, values) for axis in (maxima, periods))
+        hatch(periods, x, y, values)
         (periods.set_ylabel if wide else maxima.set_xlabel)("")
         style.panel_titles((maxima, periods), ["Maxima", "Period"])
-        if count:
-            drawn.supxlabel(f"hatched: {count} of {len(x) * len(y)} have not settled", fontsize=7.5, x=0.01, ha="left")
+        style.legend_below(drawn, [maxima])
         return style.save(drawn, path)
 
 
 def draw_largest(axis: Any, found: Any) -> None:
-    """Draw a map of the largest slip speed over two keys; runaways have a separate colour."""
+    """Draw a map of the largest slip speed over two keys; runaways have a separate colour, and cells are hatched that
+    have not settled.
+    """
     values = style.json_values(found)
     x, y = numbers(values["values"]), numbers(values["second_values"])
     largest = np.array([numbers(row) for row in values["max_slip_speed"]])
@@ -162,6 +163,12 @@ def draw_largest(axis: Any, found: Any) -> None:
     axis.figure.colorbar(shade, ax=axis, label="max |slip speed| (rad/s)")
     if away.any():
         draw_cells(axis, x, y, np.where(away, 0.0, np.nan), [style.RUNAWAY])
+        style.key(axis, "runaway", area=True, facecolor=style.RUNAWAY, edgecolor=style.GREY)
+    if (~away & ~np.isfinite(largest)).any():
+        style.key(axis, "failed", area=True, facecolor=NOT_FOUND, edgecolor=style.GREY)
+    if count := hatch(axis, x, y, values):
+        style.key(axis, f"hatched: {count} of {largest.size} have not settled", area=True, facecolor="none",
+                  edgecolor=style.GREY, hatch="////")
     _over_two(axis, values)
 
 

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from results_by_hand import BRANCHES, ORDERS, PLANE, RESPONSE, SPECTRUM
 
 from tcc_sim.analysis.control import Event
 from tcc_sim.analysis.orders import Judder, OrderComparison, Orders
-from tcc_sim.analysis.spectra import Spectrum
 from tcc_sim.cli import main
 from tcc_sim.trajectory import Cycles
 
@@ -23,25 +23,6 @@ pytest.importorskip("matplotlib", reason="matplotlib is not installed")
 from tcc_sim.study.views import basin_map, branch_diagram
 from tcc_sim.study.views.branch_diagram import stable_and_unstable
 from tcc_sim.views import estimation, order_maps, overview, style, sweeps, whole_runs
-
-ORBIT = {"number": 0, "period": 1, "max_slip_speed": 20.0, "section": [[0.1, 5.0]], "section_states": [[0.1, 5.0, 9.0]],
-         "multipliers": None, "fraction": 0.75, "radius": 0.1, "state": [5.0, 0.1, 9.0]}
-PLANE = {"plane": [{"key": "initial.slip_speed", "values": [0.0, 10.0]},
-                   {"key": "initial.plate_speed", "values": [0.0, 10.0]}],
-         "attractors": [ORBIT], "undecided": 0.25, "runaway": 0.0, "seconds": 1.0}
-BRANCH = {"period": 1, "value": [0.2, 0.24, 0.3], "max_slip_speed": [30.0, 20.0, 10.0], "stable": [True, True, False]}
-FOLD = {"kind": "fold", "value": 0.27, "max_slip_speed": 15.0, "branch": 0, "after": 1, "changes_stability": True}
-BRANCHES = {"over": "friction.kinetic_coefficient", "branches": [BRANCH], "bifurcations": [
-    FOLD, *({**FOLD, "kind": kind, "after": 0} for kind in branch_diagram.MARKS)]}
-RESPONSE = {"input": "actuation_pressure", "output": "friction_torque", "kind": "periodic", "checked": [],
-            "operating_point": {"mean_slip": 20.0}, "frequencies": [1.0, 10.0], "gain": [1e-3, 1e-4],
-            "phase": [0.0, 3.0]}
-
-WINDOWS = np.linspace(0.0, 1.0, 6)
-ORDERS = Orders(WINDOWS, 80.0 + 100.0 * WINDOWS, np.arange(0.0, 10.1, 0.1), np.ones((6, 101)), np.ones((6, 101)),
-                np.ones(1), np.ones((6, 1)), Judder(*np.ones((3, 6))), WINDOWS, (116.8, 387.3))
-LINES = np.arange(0.0, 10.0)
-SPECTRUM = Spectrum(100.0 * LINES, LINES, "none", 1, np.empty(0), 0.1**LINES, 0.1**LINES, None, None)
 
 
 @pytest.mark.parametrize(("draw", "values", "width"), [
@@ -98,7 +79,7 @@ def test_cells_that_have_not_settled_are_hatched(figures: list[Any], tmp_path: P
         path, = cells.get_paths()
         assert path.get_extents().bounds == pytest.approx((1.5, 1.5, 1.0, 3.0))
         assert cells.get_edgecolor()[0, 3] == 1.0
-    assert "1 of 2 have not settled" in figures[0]._supxlabel.get_text()
+    assert [text.get_text() for text in figures[0].legends[0].get_texts()] == ["hatched: 1 of 2 have not settled"]
 
 
 def test_a_title_is_over_the_picture_and_a_legend_beside_no_panel_title(laid_out: list[Any], tmp_path: Path) -> None:

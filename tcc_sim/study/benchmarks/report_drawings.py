@@ -180,14 +180,17 @@ def draw_stability(stem: Path, charts: Sequence[ErrorChart], cases: Sequence[Exa
                                  **({} if wide else {"location": "top"}))
             bar.set_label("log10 of the section's relative error; grey: " + ("" if wide else "\n")
                           + "not finite or refused", fontsize=small)
-            upper.legend(lines.values(), lines.keys(), loc="outside lower center", ncols=2 if wide else 1,
-                         handlelength=3.0, fontsize=small)
+            if lines:
+                upper.legend(lines.values(), lines.keys(), loc="outside lower center", ncols=2 if wide else 1,
+                             handlelength=3.0, fontsize=small)
         panels = lower.subplots(1, 2, sharey=False)
         for panel, key, name in zip(panels, ("error", "power_residual"), ("error", "power balance")):
             _sorted(panel, cases, key, "relative error" if key == "error" else "residual")
             panel.set_title(f"({next(letters)}) {'extreme scenes: ' if wide else ''}{name}", fontsize=small)
             panel.set_xlabel("share of the cases, smallest first (%)" if wide else "share of the cases (%)")
-        lower.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+        named = {name: handle for panel in panels for handle, name in zip(*style.entries(panel))}
+        if named:
+            lower.legend(named.values(), named.keys(), loc="outside lower center", ncols=3)
         style.save_both(drawn, stem)
 
 
@@ -218,7 +221,8 @@ def _chart(axis: Any, chart: ErrorChart, lines: dict[str, Any]) -> Any:
         outline, = axis.plot(at, values, color=style.INK, linewidth=2.4,
                              linestyle="-" if colour == style.RED else dashes)
         line, = axis.plot(at, values, color=colour, linewidth=1.4, linestyle=dashes)
-        lines[name] = (outline, line)
+        if np.any((at >= min(bounds[0])) & (at <= max(bounds[0]))):
+            lines[name] = (outline, line)
     axis.set(xlim=bounds[0], ylim=bounds[1])
     return shade
 

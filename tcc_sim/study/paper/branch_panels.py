@@ -118,9 +118,11 @@ def legend_of(axis: Any, curves: Sequence[Labelled], swept: Sequence[Labelled], 
     rows += [{"label": "jump, with its cause", "linewidth": 0.5}] * bool(causes.difference(UNNAMED, UNSEEN))
     rows += [{"label": "jump off the branches", **OFF_BRANCHES}] * bool(causes.intersection(UNNAMED))
     axis.set_axis_off()
-    handles = [axis.plot([], [], **{"color": style.INK, **row})[0] for row in rows]
+    for row in rows:
+        style.key(axis, **{"color": style.INK, **row})
     columns = 4 if style.wide(axis.figure.get_figwidth()) else 2
-    axis.legend(handles=handles, loc="center", ncols=columns, fontsize=6.2).set_in_layout(False)
+    if (named := style.legend(axis, loc="center", ncols=columns, fontsize=6.2)) is not None:
+        named.set_in_layout(False)
 
 
 @dataclass(frozen=True)

@@ -254,8 +254,9 @@ def _paint_orbit(drawn: Any, data: Figure) -> None:
         for curve in panel:
             words, colour = DIRECTIONS[curve.direction]
             draw_orbit(axis, x, curve, colour)
-            if any(len(points or ()) for points in curve.theta2):
-                style.key(axis, words, linestyle="none", marker="o", markersize=3.0, color=colour)
+            grey = dict(panels.marked(curve))[panels.SETTLING] | dict(panels.marked(curve))[panels.AWAY]
+            if any(len(points or ()) for points, other in zip(curve.theta2, grey) if not other):
+                style.key(axis, words, linestyle="none", marker=".", markersize=5.0, color=colour)
         if panels.AWAY in panels.marks_met(panel):
             style.key(axis, panels.AWAY.name, **panels.AWAY.look("", 3.0))
         axis.set_ylabel(SECTION)

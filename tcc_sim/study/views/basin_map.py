@@ -84,27 +84,32 @@ def _map(axes: Any, plane: Mapping[str, Any]) -> None:
     states = ("initial.plate_angle", "initial.slip_speed", "initial.plate_speed")
     columns = [states.index(axis["key"]) for axis in plane["plane"]]
     beside = next(key for key in states if key not in (first["key"], second["key"]))
+    ends, first_mark = np.array([edges(x)[[0, -1]], edges(y)[[0, -1]]]), ""
     for k, attractor in enumerate(plane["attractors"]):
         points = np.array(attractor["section_states"]).reshape(-1, 3)[:, columns]
+        points = points[((points >= ends.min(axis=1)) & (points <= ends.max(axis=1))).all(axis=1)]
         look: dict[str, Any] = {"marker": MARKERS[k % len(MARKERS)], "color": style.CYCLE[k % len(style.CYCLE)],
                                 "linestyle": "", "markeredgecolor": "white"}
         periodic = bool(attractor["period"])
         axes.plot(*points.T, markersize=4.5 if periodic else 1.0, markeredgewidth=0.6 if periodic else 0.0,
                   scalex=False, scaley=False, clip_on=True, **look)
         name = f"{attractor_label(attractor)} ({100.0 * attractor['fraction']:.3g} %)"
-        if plane["labels"] is None:  # Without cells there is no area to name.
+        if plane["labels"] is not None and np.any(np.asarray(plane["labels"]) == k):
+            style.key(axes, name, area=True, facecolor=TINTS[k % len(TINTS)], edgecolor=look["color"])
+        elif len(points):  # Without cells there is no area to name.
             style.key(axes, name, markersize=4.5, **look)
         else:
-            style.key(axes, name, area=True, facecolor=TINTS[k % len(TINTS)], edgecolor=look["color"])
+            style.key(axes, f"{name}, not drawn", linestyle="")
+        first_mark = first_mark or (look["marker"] if len(points) else "")
     for name, (colour, words) in zip(("runaway", "undecided"), EXTRAS.values()):
         if plane[name] > 0.0:
             blank = plane["labels"] is None
-            style.key(axes, f"{words} ({100 * plane[name]:.3g} %{', not drawn' if blank else ''})", area=True,
+            style.key(axes, f"{words} ({100 * plane[name]:.3g} %){', not drawn' * blank}", area=True,
                       facecolor="none" if blank else colour, edgecolor="none" if blank else style.GREY)
-    if plane["attractors"]:
+    if first_mark:
         beyond = style.label_of(beside).removeprefix("initial ").partition(" (")[0]
-        style.key(axes, f"their sections, projected along the {beyond}", linestyle="", marker="o", color=style.GREY,
-                  markersize=4.5)
+        style.key(axes, f"their sections, projected along the {beyond}", linestyle="", marker=first_mark,
+                  color=style.GREY, markersize=4.5)
 
 
 def _fractions(axes: Any, planes: Sequence[Mapping[str, Any]]) -> None:
@@ -113,7 +118,10 @@ def _fractions(axes: Any, planes: Sequence[Mapping[str, Any]]) -> None:
     periods = sorted({a["period"] for plane in planes for a in plane["attractors"]}, key=lambda p: (p == 0, p))
     rows, names, colours = [], [], []
     for k, period in enumerate(periods):
-        rows.append([sum(a["fraction"] for a in plane["attractors"] if a["period"] == period) for plane in planes])
+        part = [sum(a["fraction"] for a in plane["attractors"] if a["period"] == period) for plane in planes]
+        if not any(part):
+            continue
+        rows.append(part)
         names.append(f"period {period}" if period else "no period")
         colours.append(TINTS[k % len(TINTS)])
     for name, (colour, words) in zip(("runaway", "undecided"), EXTRAS.values()):

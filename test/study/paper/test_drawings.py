@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 from given import curve_of, curves_of, figure_of
+from legends import covered, legends_in
 
 from tcc_sim.analysis.multipliers import Lyapunov
 from tcc_sim.study.paper import branch_panels, drawings
 from tcc_sim.study.paper.catalogue import FIGURES
-from tcc_sim.study.paper.figure_results import Coexisting, Labelled, Reached
+from tcc_sim.study.paper.figure_results import Coexisting, Labelled, MotionsBehind, Reached
 from tcc_sim.study.paper.histories import CYCLES
 from tcc_sim.study.views import basin_map
 from tcc_sim.views import style
@@ -219,3 +220,29 @@ def test_a_picture_in_a_column_has_no_strips_and_nothing_cut(kind: str, height: 
             assert axis.get_window_extent().width > 0.24 * page.width
         for text in drawn.texts:
             assert text.get_window_extent().x1 < page.x1
+
+
+T = np.linspace(0.0, 3.0, 31)
+SOLVED = replace(PANEL, solver="smoothed", rms_difference=math.nan, t=T, slip_speed=np.where(T > 1.0, 30.0, 0.0),
+                 max_slip_speed=30.0)
+LAW = Labelled(label="sigma", peak=math.nan, peak_slip_speed=math.nan, coefficient=T, slope=T, near_coefficient=T,
+               near_slope=T, near_set_valued=T)
+
+
+@pytest.mark.parametrize("width", [style.COLUMN, style.PAGE])
+@pytest.mark.parametrize("kind", drawings.KINDS)
+def test_entries_of_legends_are_in_view(kind: str, width: float, laid_out: list[Any], tmp_path: Path) -> None:
+    """All motions still settle or run away, a law has no maximum and no branch is stable; the fixture checks marks."""
+    settling = {"settled": [False] * 11, "runaway": [True] + [False] * 10, "equivalent_damping": [math.nan] * 11,
+                "negative_slope_mean": [-0.2] * 11}
+    branch = {"period": 1, "value": [10.0, 20.0], "max_slip_speed": [1.0, 2.0], "stable": [False, False]}
+    if kind == "branched map":
+        settling["behind"] = MotionsBehind([branch], [], [], [])  # type: ignore[assignment]
+    curves = curves_of([curve_of([900.0, *range(10)], direction=name, **settling) for name in ("cold", "up")])
+    numbers = {"solvers": {"curves": [SOLVED, replace(SOLVED, solver="rk4")], "steady": [SOLVED], "cycle": 0.1,
+                           "steady_cycles": 10}, "law": {"curves": [LAW], "slip_speed": T, "near_slip_speed": T}}.get(
+        kind, {"panels": [PANEL] * 4})
+    if kind in ("map", "branched map", "damping", "orbit"):
+        numbers = {**curves, "threshold": -0.6}
+    drawings.draw(figure_of(kind.removeprefix("branched "), numbers), tmp_path / "a.png", width=width)
+    assert [name for legend, axes in legends_in(laid_out[0]) if len(axes) == 1 for name in covered(legend)] == []

@@ -1,0 +1,28 @@
+"""Small made-up results for pictures."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tcc_sim.analysis.orders import Judder, Orders
+from tcc_sim.analysis.spectra import Spectrum
+from tcc_sim.study.views.branch_diagram import MARKS
+
+ORBIT = {"number": 0, "period": 1, "max_slip_speed": 20.0, "section": [[0.1, 5.0]], "section_states": [[0.1, 5.0, 9.0]],
+         "multipliers": None, "fraction": 0.75, "radius": 0.1, "state": [5.0, 0.1, 9.0]}
+PLANE = {"plane": [{"key": "initial.slip_speed", "values": [0.0, 10.0]},
+                   {"key": "initial.plate_speed", "values": [0.0, 10.0]}],
+         "attractors": [ORBIT], "undecided": 0.25, "runaway": 0.0, "seconds": 1.0}
+BRANCH = {"period": 1, "value": [0.2, 0.24, 0.3], "max_slip_speed": [30.0, 20.0, 10.0], "stable": [True, True, False]}
+FOLD = {"kind": "fold", "value": 0.27, "max_slip_speed": 15.0, "branch": 0, "after": 1, "changes_stability": True}
+BRANCHES = {"over": "friction.kinetic_coefficient", "branches": [BRANCH], "bifurcations": [
+    FOLD, *({**FOLD, "kind": kind, "after": 0} for kind in MARKS)]}
+RESPONSE = {"input": "actuation_pressure", "output": "friction_torque", "kind": "periodic", "checked": [],
+            "operating_point": {"mean_slip": 20.0}, "frequencies": [1.0, 10.0], "gain": [1e-3, 1e-4],
+            "phase": [0.0, 3.0]}
+
+WINDOWS = np.linspace(0.0, 1.0, 6)
+ORDERS = Orders(WINDOWS, 80.0 + 100.0 * WINDOWS, np.arange(0.0, 10.1, 0.1), np.ones((6, 101)), np.ones((6, 101)),
+                np.ones(1), np.ones((6, 1)), Judder(*np.ones((3, 6))), WINDOWS, (116.8, 387.3))
+LINES = np.arange(0.0, 10.0)
+SPECTRUM = Spectrum(100.0 * LINES, LINES, "none", 1, np.empty(0), 0.1**LINES, 0.1**LINES, None, None)
