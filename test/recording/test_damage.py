@@ -1,11 +1,13 @@
 """Recordings that are cut, flipped or zeroed anywhere: a result or one line, and no wrong figure without a warning."""
 
+import contextlib
 import errno
 import random
 import struct
 
 import numpy as np
 import pytest
+import zstandard
 from mcap.opcode import Opcode
 from test_bag_round_trip import SCENE, TICK, columns, read, write
 
@@ -154,6 +156,20 @@ def test_a_chunk_that_claims_too_much_is_refused_unread(tmp_path, original):
     struct.pack_into("<Q", body, 16, records.LARGEST_CHUNK + 1)
     with pytest.raises(records.DamagedChunk, match="claims"):
         records.unpack_chunk(bytes(body), records.Expansion(len(data)))
+
+
+@pytest.mark.parametrize("sized", [True, False], ids=["size in the frame", "no size in the frame"])
+def test_a_frame_of_zstandard_may_leave_out_its_size_but_not_lie(sized):
+    data = random.Random(3).randbytes(1000) * 3
+    packer = zstandard.ZstdCompressor(write_content_size=sized)
+    for claim, refused in ((len(data), ""), (len(data) + 1, "claims" if sized else "instead of"), (len(data) - 1, ".")):
+        with pytest.raises(records.DamagedChunk, match=refused) if refused else contextlib.nullcontext():
+            assert records.unpack_chunk(packed(packer.compress(data), claim), records.Expansion(1 << 20)) == data
+
+
+def packed(frame, size):
+    """The body of a chunk in which a frame of Zstandard claims to unpack to `size` bytes."""
+    return struct.pack("<QQQII", 0, 0, size, 0, 4) + b"zstd" + struct.pack("<Q", len(frame)) + frame
 
 
 def test_messages_are_found_without_an_index_too(original):

@@ -39,6 +39,27 @@ def recorded(tmp_path, rows):
     return bag(tmp_path / "run", rows[0], FIG02, said=rows[1])
 
 
+@pytest.mark.parametrize("absent", [(5,), (6,), (5, 6)], ids=["engine torque", "friction torque", "both"])
+def test_torques_without_numbers_are_those_that_the_recorded_speeds_need(tmp_path, absent):
+    # Any smooth motion: (2a) and (2b) with the converter's fluid give the torques that it needs.
+    scene = load_scene("slip").with_values({"converter.coupling": 0.4})
+    d, t = scene.system.driveline, np.arange(300) * 1e-3
+    plate, fast = 0.1 + 0.01 * np.sin(60.0 * t), 150.0 + 20.0 * np.cos(40.0 * t)
+    speed, rise, fall = 0.6 * np.cos(60.0 * t), -36.0 * np.sin(60.0 * t), -800.0 * np.sin(40.0 * t)
+    fluid = 0.4 * (fast - speed)
+    friction = d.plate_inertia * rise + d.damping * speed + d.stiffness * plate - fluid
+    engine = d.flywheel_inertia * fall + friction + fluid
+    table = np.column_stack([plate, plate, fast, speed, engine, friction, np.full(len(t), np.nan)])
+    table[:, np.array(absent) - 1] = np.nan
+    rows = [(k * TICK, *row) for k, row in enumerate(table.tolist())]
+    found = tcc_sim.read(bag(tmp_path / "run", rows, scene)).trajectory()
+    # A central difference is off by h^2/6 of the third derivative of the speed.
+    inner, off, steep = slice(1, -1), 1e-6 / 6.0, 36.0 * 3600.0
+    assert found.friction_torque[inner] == pytest.approx(friction[inner], abs=off * steep * d.plate_inertia)
+    assert found.engine_torque[inner] == pytest.approx(engine[inner], abs=off * (800.0 * 1600.0 + steep) *
+                                                       d.flywheel_inertia)
+
+
 def test_a_recording_has_runs_segments_and_every_sample(recorded, rows):
     found = tcc_sim.read(recorded)
     assert [(run.number, run.start, run.end, run.samples, run.began_by) for run in found.runs] == [
