@@ -45,8 +45,11 @@ def recording(tmp_path_factory):
 
 def test_a_recording_is_drawn_as_a_curve(recording, tmp_path, drawn):
     assert main(["analyse", str(recording), "--plot", str(tmp_path / "run.png")]) == 0
-    (_, angle, _), _section = drawn()["(c) Phase portrait"]["lines"]
+    (_, angle, speed), (_, *section) = drawn()["(c) Phase portrait"]["lines"]
     assert len(angle) > 1000  # the ticks alone are 42 a cycle
+    assert len(section[0])
+    for place in zip(*section):  # The section lies on the orbit.
+        assert np.hypot((angle - place[0]) / np.ptp(angle), (speed - place[1]) / np.ptp(speed)).min() < 0.03
     names = [name for name, *_ in drawn()["(a) Torques"]["lines"]]
     assert names == ["engine", "friction", r"$\mu_k N R$", r"$\mu_s N R$"]
     kinetic, static = (line[2] for line in drawn()["(a) Torques"]["lines"][2:])
