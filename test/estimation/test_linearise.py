@@ -14,7 +14,7 @@ from scipy.signal import StateSpace
 
 from tcc_sim import cli
 from tcc_sim.errors import InputError
-from tcc_sim.estimation.linearise import INPUTS, OUTPUTS, harmonic_transfer, linearise
+from tcc_sim.estimation.linearise import INPUTS, OUTPUTS, _cycle_rows, harmonic_transfer, linearise
 from tcc_sim.estimation.lock_in import _fitted, simulated
 from tcc_sim.estimation.operating_point import mean_rows, operating_point, simpson
 from tcc_sim.estimation.settings import DEFAULTS
@@ -101,6 +101,18 @@ def test_a_response_is_within_one_percent_or_refused(engine: float, amplitude: f
     assert np.abs(found.response / exact - 1.0).max() < 0.01
     with pytest.raises(InputError, match=r"1e\+06 rad/s needs more than 65536 parts"):
         linearise(scene, slip=30.0, frequencies=[10.0, 1e6])
+
+
+def test_the_discrete_model_of_a_motion_with_stick_is_right_for_slow_inputs() -> None:
+    """Both torques of the plate carry the engine's mean torque at last, and a pressure changes the slip speed alone."""
+    motion = operating_point(CONTROLLED.system, 6.0)
+    start = np.linalg.solve(np.eye(3) - motion.carried.by_state[-1], motion.carried.by_input[-1])
+    steady = {output: (c @ start + d)[0] for output in OUTPUTS for c, d in [_cycle_rows(motion, output)]}
+    slow = [harmonic_transfer(motion, inputs, "slip_speed", np.array([1e-3]))[0].real for inputs in INPUTS]
+    assert steady["slip_speed"] == pytest.approx(slow, rel=1e-3)
+    for output in ("friction_torque", "shaft_torque"):
+        assert dict(zip(INPUTS, steady[output])) == pytest.approx({"actuation_pressure": 0.0, "engine_torque": 1.0},
+                                                                  abs=1e-5)
 
 
 def test_the_default_range_reaches_three_times_the_slipping_mode() -> None:

@@ -56,6 +56,15 @@ def test_both_coefficients_keep_their_order_from_where_they_are() -> None:
         assert moved_on[0] / moved_on[1] == pytest.approx(ratio, rel=1e-12)
 
 
+def test_a_loss_and_its_weights_agree() -> None:
+    """Cauchy's loss of R residuals r: c R log(1 + mean(r^2)/c), whose derivative by r is 2 r/(1 + mean(r^2)/c)."""
+    rows = np.array([[3.0, 4.0, 0.0], [0.0, 0.0, 0.0]])
+    cost = MultipleShooting._cost
+    assert cost(rows, math.inf) == 25.0
+    assert cost(rows, 5.0) == pytest.approx(15.0 * math.log(1.0 + 25.0 / 15.0))
+    assert cost(rows, 1e12) == pytest.approx(25.0)
+
+
 def test_states_that_are_no_numbers_are_a_failure() -> None:
     model = problem((STATIC,)).model
     for start in (math.nan, math.inf):

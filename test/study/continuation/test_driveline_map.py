@@ -1,6 +1,8 @@
 """Scenes as maps: pure stick in closed form, its border, derivatives, refusals, and known bifurcations."""
 
 import math
+from types import SimpleNamespace
+from typing import Any
 
 import by_scipy
 import numpy as np
@@ -11,12 +13,15 @@ from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.pure_stick import constant_load_limits
 from tcc_sim.scene import load_scene
 from tcc_sim.study.continuation.branch import branch_through, first_point
-from tcc_sim.study.continuation.driveline import DrivelineMap, start_orbit
+from tcc_sim.study.continuation.driveline import DrivelineMap, _nothing_found, start_orbit
 from tcc_sim.study.continuation.follow import StopReason
+from tcc_sim.study.continuation.loss_of_stability import nearest_bifurcation
 from tcc_sim.study.continuation.motions import ContinuationPlan, Motions, check, continue_motions
 from tcc_sim.study.continuation.newton import newton, orbit_at
+from tcc_sim.study.continuation.palc import beside
 from tcc_sim.study.continuation.settings import Settings
 from tcc_sim.study.continuation.shooting import ParameterRange, Shooting
+from tcc_sim.trajectory import Cycles
 
 CONSTANT_LOAD = {"pressure.amplitude": 0.0, "pressure.mean": 225e3}
 MU_K = "friction.kinetic_coefficient"
@@ -173,9 +178,45 @@ def test_a_period_that_the_settled_motion_does_not_come_back_in() -> None:
         continue_motions(coexistence("smoothed", 0.85), ContinuationPlan(MU_K, 0.25, 0.26, period=3))
 
 
+@pytest.mark.parametrize(("period", "words"), [(None, "no motion up to period 8 "), (6, "no motion of period 6 ")])
+def test_what_was_looked_for_in_vain_is_named(period: int | None, words: str) -> None:
+    """By a map that never settles, with the periods that were tried."""
+    never = SimpleNamespace(settled=lambda *_: (cycles, 0))
+    cycles = Cycles(np.zeros((9, 3)), np.ones(8), np.zeros(8), np.ones(8))
+    said = _nothing_found(never, ParameterRange(0.2, 0.3, name=MU_K), 0.25, cycles, period, [2, 4, 6, 8])
+    assert said.startswith(words)
+    assert "nor does it settle in a period at 9 values of the range" in said
+
+
+def point_of(*amplitudes: float, value: float = 0.0, z: tuple[float, ...] = (0.0,)) -> Any:
+    """A point of a branch or of a curve, with the derivative 2 of its first amplitude by its first unknown."""
+    seen = SimpleNamespace(largest=amplitudes[0])
+    gradient = np.array([[2.0, *[0.0] * (len(z) - 1)]])
+    return SimpleNamespace(value=value, orbit=SimpleNamespace(seen=seen), z=np.array(z), tangent=np.array([0.6, 0.8]),
+                           found=SimpleNamespace(amplitudes=np.array(amplitudes), amplitude_gradient=gradient))
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_directions_and_distances_do_not_depend_on_the_units(scale: float) -> None:
+    """A cosine whatever the lengths, and the nearest bifurcation by parts of range and largest size."""
+    for way, amplitude, cosine in (((0.6, 0.8), 1.2, 1.0), ((-0.6, -0.8), -1.2, -1.0), ((0.8, -0.6), 0.0, 0.0)):
+        there = point_of(scale * amplitude, z=(scale * way[0], scale * way[1]))
+        assert beside(point_of(0.0, z=(0.0, 0.0)), there, True) == pytest.approx(cosine)
+        assert beside(point_of(0.0, z=(0.0, 0.0)), there, False) == pytest.approx(cosine)
+    points = [point_of(scale * size, value=scale * value) for value, size in ((1.0, 10.0), (2.0, 11.0), (3.0, 12.0))]
+    both = [SimpleNamespace(value=scale * value, point=point_of(scale * size))
+            for value, size in ((3.1, 12.2), (2.0, 12.4))]
+    branch = SimpleNamespace(points=points, bifurcations=both)
+    # 0.1 of a range of 100 and 0.2 of a size of 10 are less than 0.4 of that size; 0.4 of a size of 1 is too far.
+    assert nearest_bifurcation(branch, 1, 10.0 * scale, 100.0 * scale) is both[0]
+    assert nearest_bifurcation(branch, 1, 1.0 * scale, 1.0 * scale) is None
+
+
 @pytest.mark.parametrize(("plan", "words"), [
     (ContinuationPlan(MU_K, 0.2, 0.3, period=3), "multiple"),
     (ContinuationPlan(MU_K, 0.2, 0.3, second=("pressure.mean", 1e5, 2e5)), "include"),
+    (ContinuationPlan(MU_K, 0.02, 0.3, second=("friction.static_coefficient", 0.2, 0.5)), "one twentieth"),
+    (ContinuationPlan("friction.static_coefficient", 0.2, 1.9, second=(MU_K, 0.08, 0.3)), "one twentieth"),
 ])
 def test_plans_that_cannot_be_carried_out(plan: ContinuationPlan, words: str) -> None:
     system = replace(load_scene("fig02").system, {"pressure.frequency_ratio": 0.5})
