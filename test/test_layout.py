@@ -1,4 +1,4 @@
-"""Rules of the layout: imports between rooms, modules that stay unloaded, and bundled scenes."""
+"""Rules of the layout: imports between rooms, modules that stay unloaded, texts of the friction law, bundled scenes."""
 
 import ast
 import dataclasses
@@ -59,6 +59,46 @@ GROWING = ["analysis.stream.RunCycles", "study.benchmarks.precision_report.Studi
 """Dataclasses that are not frozen."""
 PROTOCOLS = {"add_arguments", "into", "main", "run", "Settings", "solve"}
 """Names that every module of a kind has: verbs, pictures, programs, solvers, the settings of a room."""
+
+MOST_TEXTS = 7
+TEXTS = {
+    "model/friction.py": "at slip speeds, for everything but the series",
+    "solvers/series.py": "along series of the motion",
+    "fmu/c/tcc_model.h": "stick speed of the FMU",
+    "study/benchmarks/references.py Law": "independent: SciPy's reference",
+    "study/benchmarks/peers.py rates_for_c": "independent: LSODA",
+    "study/benchmarks/peers.py xppaut_file": "independent: XPPAUT",
+    "study/benchmarks/cvode.c": "independent: CVODE",
+}
+"""Texts of the friction law: files, or functions and classes in them."""
+OTHERS = {
+    "analysis/loop_verdict.py _oscillating": "growth of swings",
+    "compiling/unrolled.py exp": "the exponential of staged code",
+    "estimation/curve.py _seen_in_slip": "columns of a least-squares fit, linear in the amplitudes",
+    "estimation/linearise.py linearise": "dead time",
+    "estimation/linearise.py _about_constant": "a mode over an engine cycle",
+    "estimation/multiple_shooting.py MultipleShooting": "steps of a logarithm",
+    "estimation/slip_loop.py _Loop": "dead time and lag of a controller",
+    "model/actuator.py": "the actuator's lag",
+    "model/friction_curve.py": "columns of a least-squares fit, linear in the amplitudes",
+    "model/pure_slip.py": "modes of the linear part",
+    "output/tables.py friction_formula": "the formula in a report",
+    "solvers/law_changes.py": "rules of derivatives: dF = F dx, dT = (1 - T^2) dx",
+    "solvers/law_on.py": "the exponential of staged code, limited",
+    "solvers/shared_collocation.py growth": "a power of an error",
+    "solvers/smoothed/setup.py of_tolerance": "a power of a tolerance",
+    "solvers/torques.py load_on_approach": "the actuator's lag",
+    "study/benchmarks/report_drawings.py _chart": "a logarithmic axis",
+    "study/exponents.py change_of_averages": "the weight of a mean",
+    "study/paper/errata.py transient": "modes of the linear part",
+}
+"""Everything else with such a function: files, or functions and classes in them."""
+FUNCTIONS = {"exp", "exp2", "expm1", "tanh", "sinh", "cosh", "logaddexp", "exponential", "hyperbolic", "decayed"}
+IN_TEXT = re.compile(r"\b(?:exp|expm1|tanh|sinh|cosh)\(")
+ADVICE = ("evaluates an exponential or a hyperbolic tangent. The friction law has its text at slip speeds in "
+          "model/friction.py and along series in `motion` of solvers/series.py: call these, or run them on other "
+          "numbers by solvers/law_on.py. What is not the friction law has a row of OTHERS")
+"""What to do about an eighth text."""
 
 
 def name_of(path: Path) -> str:
@@ -292,3 +332,46 @@ def test_installed_files_and_versions_agree() -> None:
 def test_node_options_say_what_they_mean() -> None:
     for item in dataclasses.fields(Operation):
         assert item.metadata["quantity"].description, item.name
+
+
+def evaluates(source: ast.AST) -> bool:
+    """Return whether a piece of source has one of FUNCTIONS of a real argument, or prints one."""
+    for part in ast.walk(source):
+        if isinstance(part, ast.Call):
+            called = part.func.attr if isinstance(part.func, ast.Attribute) else getattr(part.func, "id", "")
+            turns = any(isinstance(n, ast.Constant) and isinstance(n.value, complex) for n in ast.walk(part))
+            if called in FUNCTIONS and not turns:
+                return True
+        if isinstance(part, ast.JoinedStr) and any(
+                IN_TEXT.search(str(n.value)) for n in part.values if isinstance(n, ast.Constant)):
+            return True
+    return False
+
+
+@cache
+def found_texts() -> list[tuple[str, str]]:
+    """Return files, and functions or classes in them, with one of FUNCTIONS; "" for the rest of a file."""
+    python = [(path.relative_to(PACKAGE).as_posix(), getattr(node, "name", ""))
+              for path in MODULES for node in ast.parse(path.read_text()).body if evaluates(node)]
+    c = [(path.relative_to(PACKAGE).as_posix(), "") for path in PACKAGE.rglob("*.[ch]")
+         if IN_TEXT.search(re.sub(r"/[*].*?[*]/", "", path.read_text(), flags=re.DOTALL))]
+    return python + c
+
+
+def test_the_friction_law_has_few_texts() -> None:
+    for file, name in found_texts():
+        assert {file, f"{file} {name}"} & {*TEXTS, *OTHERS}, f"tcc_sim/{file}: {name or 'the module'} {ADVICE}"
+    assert len(TEXTS) <= MOST_TEXTS
+
+
+def test_every_row_is_of_something() -> None:
+    there = {row for file, name in found_texts() for row in (file, f"{file} {name}")}
+    assert not {*TEXTS, *OTHERS} - there
+
+
+def test_an_eighth_text_would_be_seen() -> None:
+    for text in ("def f(v):\n    return 1.0 + c * np.exp(-a * v)", "def f(v):\n    return math.tanh(sigma * v)",
+                 "def f(v):\n    return f'{c}*exp(-{a}*abs(v))'", "x = [decayed(a, v) for a in rates]",
+                 "def f(v, e, k):\n    exponential(-a, v, e, k)"):
+        assert evaluates(ast.parse(text))
+    assert not evaluates(ast.parse("np.exp(1j * phase)"))

@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import hashlib
 import importlib.util
+import math
 import re
 import sys
 import threading
@@ -325,8 +326,16 @@ def rebound(function: Callable[..., Any], **names: Any) -> Callable[..., Any]:
     return FunctionType(plain.__code__, {**plain.__globals__, **names}, argdefs=plain.__defaults__)
 
 
-smoothed_coefficient = compiled(friction.smoothed_coefficient)
-smoothed_and_slope = compiled(friction.smoothed_and_slope)
+decayed = compiled(friction.decayed)  # By np.exp: two of math.exp become one of a row, with other bits than in C.
+exponentials_at = compiled(rebound(friction.exponentials_at, decayed=decayed))
+steepness = compiled(rebound(friction.steepness, decayed=decayed))
+step_and_rest = compiled(rebound(friction.step_and_rest, exp=math.exp, magnitude=abs, with_sign=math.copysign))
+with_slope = compiled(friction.with_slope)
+step_at, largest_ratio = compiled(friction.step_at), compiled(friction.largest_ratio)
+step_after = compiled(rebound(friction.step_after, step_at=step_at))
+smoothed_coefficient = compiled(rebound(friction.smoothed_coefficient, exponentials_at=exponentials_at))
+smoothed_and_slope = compiled(rebound(friction.smoothed_and_slope, exponentials_at=exponentials_at,
+                                      with_slope=with_slope))
 engine_torque = compiled(equations.engine_torque)
 saturation_torque = compiled(equations.saturation_torque)
 lost_torque = compiled(equations.lost_torque)

@@ -18,11 +18,12 @@ from scipy.stats import chi2
 
 from tcc_sim.errors import InputError
 from tcc_sim.estimation.measurement import Measurement, noise_of
-from tcc_sim.model.friction import exponentials
-from tcc_sim.model.friction_curve import FASTEST_RATE, MOST_TERMS, SLOWEST
+from tcc_sim.model.friction import decayed, exponentials
+from tcc_sim.model.friction_curve import FASTEST_RATE, MOST_TERMS, SLOWEST, FrictionCurve
 from tcc_sim.model.groups import TABLE, TABULATED, Friction
 from tcc_sim.model.parameters import System
 from tcc_sim.result import reported
+from tcc_sim.solvers.law_changes import sliding_at
 from tcc_sim.solvers.terms import terms_of, torques_at
 from tcc_sim.trajectory import Floats
 
@@ -71,7 +72,7 @@ class IdentifiedCurve:
     def table(self) -> dict[str, list[float]]:
         """Return the scene values of the curve up to the fastest visited slip speed."""
         v = self.slip_speeds[:int(np.flatnonzero(self.visited)[-1]) + 1]
-        mu = self.constant + np.exp(-np.outer(v, self.rates)) @ np.array(self.amplitudes)
+        mu = FrictionCurve(self.constant, self.amplitudes, self.rates).at(v)
         return dict(zip(TABLE, (v.tolist(), np.clip(mu, 1e-3, 2.0).tolist())))
 
 
@@ -132,7 +133,7 @@ def _seen_in_slip(system: System, measured: Measurement, count: int, rates: Floa
     part = np.cumsum(begins)[slips]
     if slips.sum() - len(np.unique(part)) < FEWEST:
         return None
-    shapes = np.column_stack([np.ones(len(speed)), np.exp(-np.outer(speed, rates))])
+    shapes = np.column_stack([np.ones(len(speed)), decayed(rates, speed[:, None])])
     torques = np.column_stack([(np.sign(slip) * normal)[:, None] * shapes, engine])
     changes = cumulative_trapezoid(torques, measured.t, axis=0, initial=0.0) / system.driveline.flywheel_inertia
     changes[:, -1] -= slip + plate
@@ -206,11 +207,8 @@ def curve_of(keys: tuple[str, ...], values: Floats, covariance: Floats, slip: Fl
     v = fastest * np.linspace(0.0, 1.0, SPEEDS) ** 2
     v = np.append(v, fastest * np.linspace(1.05, 1.25, 5))
     visited = _visited(v, np.abs(slip), friction)
-    fade = np.exp(-np.outer(v, numbers[:, 1]))
-    mu = constant * (1.0 + fade @ numbers[:, 0])
-    by = np.empty((len(v), 1 + 2 * len(numbers)))
-    by[:, 0] = mu / constant
-    by[:, 1::2], by[:, 2::2] = constant * fade, -constant * v[:, None] * fade * numbers[:, 0]
+    ratio, by_numbers = sliding_at(v, tuple(numbers.ravel().tolist()))
+    mu, by = constant * ratio, np.column_stack([ratio, *(constant * change for change in by_numbers)])
     sizes, vectors = np.linalg.eigh(covariance[np.ix_(places, places)])
     moved = (by[visited] @ vectors) * np.sqrt(np.maximum(sizes, 0.0))
     error = np.sqrt(np.sum(moved**2, axis=1))
@@ -218,7 +216,6 @@ def curve_of(keys: tuple[str, ...], values: Floats, covariance: Floats, slip: Fl
     width = math.sqrt(chi2.ppf(0.95, len(places)))
     out = np.full((3, len(v)), np.nan)
     out[:, visited] = mu[visited] + width * error * np.array([[0.0], [-1.0], [1.0]])
-    shares, rates = np.array(exponentials(friction.stribeck)).reshape(-1, 2).T
-    scene = np.asarray(friction.kinetic * (1.0 + np.exp(-np.outer(v, rates)) @ shares))
+    scene = np.asarray(friction.sliding.at(v)) + 0.0 * v
     return IdentifiedCurve(v, out[0], out[1], out[2], visited, constant, tuple(constant * numbers[:, 0]),
                            tuple(numbers[:, 1]), scene)

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 
+from tcc_sim.compiling import compiled
 from tcc_sim.errors import InputError, TccError
 from tcc_sim.fmu.c_types import DOUBLE, INT, Kind, Row, Static, struct_of
 from tcc_sim.fmu.description import (
@@ -26,7 +27,7 @@ from tcc_sim.fmu.description import (
     variables_header,
 )
 from tcc_sim.fmu.printer import Library
-from tcc_sim.model import actuator, friction
+from tcc_sim.model import actuator
 from tcc_sim.model.equations import COEFFICIENTS, OPTIONAL
 from tcc_sim.model.supported_terms import check_supported
 from tcc_sim.output.files import draft
@@ -144,7 +145,7 @@ def _kernel(scene: Scene) -> str:
         (fixed_step.advance, (Row(writable=True), DOUBLE, DOUBLE, INT, terms, Static(True), Static(None))),
         (torques.piece_at, (of["profile"], DOUBLE)),
         (torques.torques_now, (DOUBLE, INT, of["profile"], terms)),
-        (friction.smoothed_coefficient, (DOUBLE, DOUBLE, of["stribeck"])),
+        (compiled.smoothed_coefficient, (DOUBLE, DOUBLE, of["stribeck"])),
         (actuator.pressure_after, (DOUBLE,) * 5), (actuator.approach_between, (DOUBLE,) * 5)]
     for function, kinds in roots:
         library.function(function, kinds)

@@ -1,8 +1,12 @@
 """Friction laws (6) and (7) of the paper, normalised by mu_k, their slope (20b), and their maximum.
 
-The functions take plain floats or arrays, and are compiled for the solvers. `stribeck` is (c_1, a_1, c_2, a_2, ...):
-the ratio of the sliding coefficient to that of fast slip is 1 + sum over j of c_j exp(-a_j |v|). The law of the paper
-has one exponential, (mu_s/mu_k - 1, alpha); None means no exponential, for mu_k = mu_s.
+This is the only text of the law at given slip speeds. The functions take plain floats or arrays, and are compiled for
+the solvers (`compiling.compiled`). Code that is written on rows of nodes, and numbers that carry their derivatives, run
+the same text with functions of their own for `exp`, `tanh` and `magnitude` (`solvers.law_on`).
+
+`stribeck` is (c_1, a_1, c_2, a_2, ...): the ratio of the sliding coefficient to that of fast slip is 1 + sum over j of
+c_j exp(-a_j |v|). The law of the paper has one exponential, (mu_s/mu_k - 1, alpha); None means no exponential, for
+mu_k = mu_s.
 """
 
 from __future__ import annotations
@@ -16,8 +20,49 @@ import numpy as np
 
 Stribeck = tuple[float, ...] | None
 
+exp, tanh, magnitude, with_sign = np.exp, np.tanh, np.abs, np.copysign
 
-def smoothed_coefficient(v: Any, sigma: float, stribeck: Stribeck) -> Any:
+
+def decayed(rate: Any, size: Any) -> Any:
+    """Return exp(-a |v|) for a rate a, s/rad, and a size |v| of the slip speed, rad/s."""
+    return exp(-rate * size)
+
+
+def exponentials_at(size: Any, stribeck: Any) -> Any:
+    """Return c_1 exp(-a_1 |v|), the sum E of all exponentials, and the fall of E with |v|, s/rad, at a size |v|."""
+    first = stribeck[0] * decayed(stribeck[1], size)
+    total, fall = first, stribeck[1] * first
+    for j in range(2, len(stribeck), 2):
+        share = stribeck[j] * decayed(stribeck[j + 1], size)
+        total = total + share
+        fall = fall + stribeck[j + 1] * share
+    return first, total, fall
+
+
+def steepness(size: float, stribeck: tuple[float, ...]) -> float:
+    """Return the sum of the sizes of the slopes of all exponentials at a size |v|, s/rad."""
+    total = stribeck[1] * abs(stribeck[0]) * decayed(stribeck[1], size)
+    for j in range(2, len(stribeck), 2):
+        total = total + stribeck[j + 1] * abs(stribeck[j]) * decayed(stribeck[j + 1], size)
+    return total  # type: ignore[no-any-return]
+
+
+def step_and_rest(x: Any) -> Any:
+    """Return T = tanh x and 1 - T^2 by one exponential; neither loses digits where T is nearly 1."""
+    left = exp(-2.0 * magnitude(x))
+    share = 1.0 / (1.0 + left)
+    return with_sign((1.0 - left) * share, x), 4.0 * (left * share * share)
+
+
+def with_slope(total: Any, fall: Any, side: Any, sigma: Any, step: Any, rest: Any) -> Any:
+    """Return mubar = (1 + E) T and its slope (20b), s/rad, for E = `total` and its `fall`.
+
+    T = tanh(sigma v) is `step`, and `rest` is 1 - T^2; in slip by (6) T is `side`, the sign of v, and `rest` is 0.
+    """
+    return (1.0 + total) * step, sigma * (1.0 + total) * rest - fall * side * step
+
+
+def smoothed_coefficient(v: Any, sigma: Any, stribeck: Any) -> Any:
     """Return mubar of (7), dimensionless: [1 + (r - 1) exp(-alpha |v|)] tanh(sigma v), r = mu_s/mu_k.
 
     Parameters
@@ -26,47 +71,54 @@ def smoothed_coefficient(v: Any, sigma: float, stribeck: Stribeck) -> Any:
     sigma : smoothing factor, s/rad
     """
     if stribeck is None:
-        return np.tanh(sigma * v)
+        return tanh(sigma * v)
     else:
-        ratio = 1.0 + stribeck[0] * np.exp(-stribeck[1] * np.abs(v))
-        for j in range(2, len(stribeck), 2):
-            ratio = ratio + stribeck[j] * np.exp(-stribeck[j + 1] * np.abs(v))
-        return ratio * np.tanh(sigma * v)
+        _, total, _ = exponentials_at(magnitude(v), stribeck)
+        return (1.0 + total) * tanh(sigma * v)
 
 
-def smoothed_and_slope(v: Any, sigma: float, stribeck: Stribeck, tanh: Any = None) -> Any:
-    """Return mubar of (7) and its slope d(mubar)/dv of (20b), s/rad; `tanh` is tanh(sigma v), if already computed."""
-    if tanh is None:
-        step = np.tanh(sigma * v)
+def smoothed_and_slope(v: Any, sigma: float, stribeck: Stribeck, step: Any = None) -> Any:
+    """Return mubar of (7) and its slope d(mubar)/dv of (20b), s/rad; `step` is tanh(sigma v), if already computed."""
+    if step is None:
+        t = tanh(sigma * v)
     else:
-        step = tanh
+        t = step
     if stribeck is None:
-        return step, sigma * (1.0 - step * step)
+        return t, sigma * (1.0 - t * t)
     else:
-        falling = stribeck[0] * np.exp(-stribeck[1] * np.abs(v))
-        steep = stribeck[1] * falling
-        for j in range(2, len(stribeck), 2):
-            share = stribeck[j] * np.exp(-stribeck[j + 1] * np.abs(v))
-            falling = falling + share
-            steep = steep + stribeck[j + 1] * share
-        slope = sigma * (1.0 + falling) * (1.0 - step * step) - steep * np.sign(v) * step
-        return (1.0 + falling) * step, slope
+        _, total, fall = exponentials_at(magnitude(v), stribeck)
+        return with_slope(total, fall, np.sign(v), sigma, t, 1.0 - t * t)
 
 
-def sliding(v: Any, sign: Any, stribeck: Stribeck) -> Any:
+def step_at(v: float, sigma: float) -> float:
+    """Return tanh(sigma v)."""
+    return tanh(sigma * v)  # type: ignore[no-any-return]
+
+
+def step_after(step: float, sigma: float, v: float, following: float) -> float:
+    """Return tanh(sigma `following`) from `step`, tanh(sigma v)."""
+    angle = sigma * (following - v)
+    if abs(angle) < 1e-2:
+        # tanh(a + b) from tanh(a) and the series of tanh(b), which is exact to the last bit here.
+        square = angle * angle
+        change = angle * (1.0 - square * (1.0 / 3.0 - square * (2.0 / 15.0 - square * (17.0 / 315.0))))
+        return (step + change) / (1.0 + step * change)
+    else:
+        return step_at(following, sigma)
+
+
+def sliding(v: Any, sign: Any, stribeck: Any) -> Any:
     """Return the coefficient of (6) while slipping in direction `sign` (+1 or -1); at v = 0 it is sign * mu_s/mu_k."""
     if stribeck is None:
         return sign
     else:
-        ratio = 1.0 + stribeck[0] * np.exp(-stribeck[1] * sign * v)
-        for j in range(2, len(stribeck), 2):
-            ratio = ratio + stribeck[j] * np.exp(-stribeck[j + 1] * sign * v)
-        return sign * ratio
+        _, total, _ = exponentials_at(sign * v, stribeck)
+        return (1.0 + total) * sign
 
 
 def sliding_slope(v: Any, stribeck: Stribeck) -> Any:
     """Return the slope of the coefficient of (6) over |v|, s/rad, at v, a float or an array."""
-    return sum((-a * c * np.exp(-a * np.abs(v)) for c, a in exponentials(stribeck)), 0.0 * v)
+    return 0.0 * v if stribeck is None else -exponentials_at(np.abs(v), stribeck)[2]
 
 
 def steepest_fall(stribeck: Stribeck) -> float:
@@ -76,7 +128,11 @@ def steepest_fall(stribeck: Stribeck) -> float:
 
 def largest_ratio(stribeck: Stribeck) -> float:
     """Return an upper bound of the sliding coefficient, relative to that of fast slip."""
-    return 1.0 + sum(max(share, 0.0) for share, _ in exponentials(stribeck))
+    ratio = 1.0
+    if stribeck is not None:
+        for j in range(0, len(stribeck), 2):
+            ratio = ratio + max(stribeck[j], 0.0)
+    return ratio
 
 
 def exponentials(stribeck: Stribeck) -> list[tuple[float, float]]:
@@ -134,8 +190,8 @@ def _peak_of_several(sigma: float, stribeck: tuple[float, ...]) -> tuple[float, 
     """
     def fall(v: Any) -> Any:
         """Return -mubar'/(sigma (1 - T^2)), which is positive where mubar falls."""
-        ratio = 1.0 + sum(c * np.exp(-a * v) for c, a in exponentials(stribeck))
-        return -sliding_slope(v, stribeck) * 0.5 * np.sinh(np.minimum(2.0 * sigma * v, 600.0)) / sigma - ratio
+        _, total, steep = exponentials_at(v, stribeck)
+        return steep * 0.5 * np.sinh(np.minimum(2.0 * sigma * v, 600.0)) / sigma - (1.0 + total)
 
     v = np.geomspace(1e-4 / sigma, 40.0 / sigma + 40.0 / min(stribeck[1::2]), 20000)
     falls = np.flatnonzero(fall(v) > 0.0)

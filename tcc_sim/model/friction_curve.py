@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tcc_sim.errors import InputError
+from tcc_sim.model.friction import decayed, exponentials_at, sliding_slope
 from tcc_sim.model.quantity import MOST_POINTS, check_rising
 
 Floats = npt.NDArray[np.float64]
@@ -87,13 +88,16 @@ class FrictionCurve:
 
     def at(self, slip_speed: Any) -> Any:
         """Return mu at slip speeds, rad/s, a float or an array of any shape."""
-        speed = np.abs(slip_speed)
-        return self.constant + sum(c * np.exp(-a * speed) for c, a in zip(self.amplitudes, self.rates))
+        return self.constant + (exponentials_at(np.abs(slip_speed), self.pairs)[1] if self.rates else 0)
 
     def slope(self, slip_speed: Any) -> Any:
         """Return d mu / d|v|, s/rad, at slip speeds, rad/s, a float or an array of any shape."""
-        speed = np.abs(slip_speed)
-        return sum((-a * c * np.exp(-a * speed) for c, a in zip(self.amplitudes, self.rates)), 0.0 * speed)
+        return sliding_slope(slip_speed, self.pairs or None)
+
+    @property
+    def pairs(self) -> tuple[float, ...]:
+        """(c_1, a_1, c_2, a_2, ...)"""
+        return tuple(itertools.chain(*zip(self.amplitudes, self.rates)))
 
     @property
     def speeds(self) -> Floats:
@@ -262,7 +266,7 @@ def _bent(start: FrictionCurve, v: Floats, mu: Floats) -> FrictionCurve:
     def parts(x: Floats, speeds: Floats) -> tuple[Floats, Floats, Floats]:
         """Return amplitudes (k,), rates (k,), and the exponentials at slip speeds (n, k)."""
         rates = np.exp(x[count + 1:])
-        return x[1:count + 1] * size, rates, np.exp(-speeds[:, None] * rates)
+        return x[1:count + 1] * size, rates, decayed(rates, speeds[:, None])
 
     def cost(x: Floats) -> tuple[float, Floats]:
         """Return the sum of squares, and its derivatives."""
@@ -320,7 +324,7 @@ def _projected(v: Floats, mu: Floats, rates: Floats) -> tuple[Floats, Floats]:
     The constant is bounded. If its best value is beyond a bound, the bound is the best one: the sum of squares is
     convex.
     """
-    columns = np.exp(-np.exp(rates)[None, :] * v[:, None])
+    columns = decayed(np.exp(rates), v[:, None])
     factors = np.linalg.lstsq(np.column_stack([np.ones_like(v), columns]), mu, rcond=None)[0]
     least, most = _constants(mu)
     constant = min(max(factors[0], least), most)
@@ -343,7 +347,7 @@ def _curve(v: Floats, mu: Floats, rates: Floats) -> FrictionCurve:
 def _with_error(v: Floats, mu: Floats, factors: Floats, rates: Floats) -> FrictionCurve:
     """Return the curve of constant and amplitudes (k + 1,) and logarithms of rates (k,), with its largest error."""
     order = np.argsort(-rates)
-    residuals = factors[0] + np.exp(-np.exp(rates)[None, :] * v[:, None]) @ factors[1:] - mu
+    residuals = factors[0] + decayed(np.exp(rates), v[:, None]) @ factors[1:] - mu
     worst = int(np.abs(residuals).argmax())
     return FrictionCurve(float(factors[0]), tuple(map(float, factors[1:][order])),
                          tuple(map(float, np.exp(rates[order]))), float(abs(residuals[worst]) / mu.max()),

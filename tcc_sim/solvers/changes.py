@@ -10,7 +10,6 @@ after the start of a step the torques change by s Te'(s) d(omega)/omega, and tim
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -183,17 +182,15 @@ expand_law, expand_changes, end_changes = unrolled(law_along), unrolled(changed_
 
 @fast
 def carry_slip(order: int, unit: float, sign: float, groups: Any, along: Any, rows: Any, linear: Linear,
-               pulsation: Pulsation, stribeck: Stribeck, sigma: float | None, tanh: float, sech: float) -> None:
+               pulsation: Pulsation, stribeck: Stribeck, sigma: float | None) -> None:
     """Fill the coefficients of all derivatives over a step in slip or near v = 0, with the sines of `along` (ALONG);
     `stribeck` and `sigma` as in `changed_motion`.
     """
-    factor, mubar, law = 0.0, along.mubar, along.law
-    if stribeck is not None:
-        factor = math.exp(-stribeck[1] * sign * rows[SLIP, 0])
+    mubar, law = along.mubar, along.law
     if along.shaped != 0:
-        expand_law(order, rows, mubar, law, True, sign, pulsation, stribeck, factor, sigma, tanh, sech)
+        expand_law(order, rows, mubar, law, True, sign, pulsation, stribeck, sigma)
     else:
-        expand_law(order, rows, mubar, law, None, sign, pulsation, stribeck, factor, sigma, tanh, sech)
+        expand_law(order, rows, mubar, law, None, sign, pulsation, stribeck, sigma)
     for i in range(groups.shape[0]):
         group = groups[i]
         if group.forced != 0:

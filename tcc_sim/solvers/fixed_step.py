@@ -290,7 +290,7 @@ class Stepper:
 def engine_and_friction(t: float, v: float, terms: Terms) -> tuple[float, float]:
     """Return engine and friction torque at time t and slip speed v, N m."""
     engine, load = torques_now(t, piece_at(terms.profile, t), terms.profile, terms)
-    return engine, load * smoothed_coefficient(v, terms.smoothing, terms.stribeck)  # type: ignore[arg-type]
+    return engine, load * smoothed_coefficient(v, terms.smoothing, terms.stribeck)
 
 
 @compiled

@@ -1,27 +1,21 @@
 """Derivatives of the friction law by the slip speed and by its own numbers, along a series and at single speeds.
 
-Its text runs on numbers that carry their derivatives (`compiling.changing`), so that none of them is written out.
+The law's own text (`model.friction`) runs on numbers that carry their derivatives (`compiling.changing`), and on series
+of such numbers, so that neither a derivative nor a series of the law is written out here.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import chain
 from typing import Any
 
 from tcc_sim.compiling.changing import Causes, Changing
-from tcc_sim.compiling.unrolled import exp, limited, row_of
+from tcc_sim.compiling.unrolled import exp, row_of
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers.key_derivatives import DECAY, EXCESS_RATIO, LATER, SMOOTHING
-from tcc_sim.solvers.series import (
-    FRICTION_ORDER_MAXIMUM,
-    LOAD,
-    SLIP,
-    added,
-    exponential,
-    hyperbolic,
-    product,
-)
+from tcc_sim.solvers.law_on import STAGED, continued, law_on
+from tcc_sim.solvers.series import FRICTION_ORDER_MAXIMUM, LOAD, SLIP, exponential, hyperbolic, product
 
 FRICTION, OF_SLIP, OF_EXCESS, OF_DECAY, OF_SMOOTHING, OF_LATER = range(6)
 """Columns of `law`: Ts mubar, and its derivatives by v, c_1, a_1, sigma; the first of those by c_2, a_2, c_3, a_3."""
@@ -39,41 +33,118 @@ def numbers_of(stribeck: Stribeck, width: int = WIDE) -> dict[int, int]:
     return {cause: NUMBERS_OF_ALL[cause] for cause in (OF_SMOOTHING, *chain(*pairs))}
 
 
+def numbers_with(stribeck: Stribeck, of_first: bool, of_later: bool, wrapped: Callable[[Any, Any], Any]) -> Any:
+    """Return amplitudes and rates in turn, each with itself as a cause of change, if there are derivatives by it."""
+    causes = chain(*COLUMNS_OF_PAIRS)
+    there = (True, of_first, *[of_later] * (2 * len(COLUMNS_OF_PAIRS) - 2))
+    return None if stribeck is None else tuple(
+        wrapped(number, Causes({cause: 1.0}) if counts else None)
+        for number, cause, counts in zip(stribeck, causes, there))
+
+
 def mubar_at(v: Any, side: Any, sigma: Any, stribeck: Any) -> Changing:
     """Return mubar of (7) at a slip speed v, or at a row of them, on one side of v = 0, with its derivatives by v and
     by the numbers of the law, in the columns of `law`.
     """
-    size = Changing(v, Causes({OF_SLIP: 1.0})) * side
-    angle = size * Changing(sigma, Causes({OF_SMOOTHING: 1.0}))
-    left = exp(-2.0 * angle.value)
-    tanh, ratio = (1.0 - left) / (1.0 + left), Changing(1.0)
-    for j, (of_share, of_rate) in zip(range(0, len(stribeck or ()), 2), COLUMNS_OF_PAIRS):
-        exponent = -size * Changing(stribeck[j + 1], Causes({of_rate: 1.0}))
-        factor = exp(limited(exponent.value, -700.0, 1.0))
-        ratio = ratio + Changing(stribeck[j], Causes({of_share: 1.0})) * Changing(factor, exponent.change * factor)
-    mubar: Changing = ratio * Changing(tanh, angle.change * (1.0 - tanh * tanh)) * side
-    return mubar
+    law = law_on(_exp_of, lambda number: number * side, _tanh_of)
+    found: Changing = law.smoothed_coefficient(
+        Changing(v, Causes({OF_SLIP: 1.0})), Changing(sigma, Causes({OF_SMOOTHING: 1.0})),
+        numbers_with(stribeck, True, True, Changing))
+    return found
 
 
-class Exponential:
-    """Series of F = exp(rate v), which starts with `factor`, with its derivatives dF = F d(rate v)."""
+def sliding_at(v: Any, stribeck: tuple[float, ...]) -> tuple[Any, list[Any]]:
+    """Return the coefficient of (6) at slip speeds v above 0, and its derivatives by amplitudes and rates in turn."""
+    found = law_on(_exp_of).sliding(Changing(v, Causes()), 1.0, numbers_with(stribeck, True, True, Changing))
+    return found.value, [found.change[cause] for cause, _ in zip(chain(*COLUMNS_OF_PAIRS), stribeck)]
 
-    def __init__(self, factor: Any, share: Changing, rate: Changing) -> None:
-        self.share, self.rate, self._factors, self._bent = share, rate, [factor], list[Any]()
 
-    def following(self, v: Changing, weighted: list[Any], k: int) -> Changing:
-        """Return coefficient k, from that of v and from k v_k at the end of `weighted`."""
-        if k > 0:
-            exponential(self.rate.value, weighted, self._factors, k)
-        self._bent.append((v * self.rate).change)
-        return Changing(self._factors[k], product(self._bent, self._factors, k))
+def _exp_of(x: Changing) -> Changing:
+    """Return e^x with its derivatives, dF = F dx."""
+    found = continued(x.value)
+    return Changing(found, x.change * found)
+
+
+def _tanh_of(x: Changing) -> Changing:
+    """Return tanh x with its derivatives, dT = (1 - T^2) dx."""
+    found, rest = STAGED.step_and_rest(x.value)
+    return Changing(found, x.change * rest)
+
+
+class Along:
+    """A number along a motion: its series with its derivatives, each coefficient computed once, when it is needed.
+
+    The rules are those of sums, products and functions of series. `following(k)` returns coefficient k, Changing; a
+    constant has no other one than coefficient 0.
+    """
+
+    def __init__(self, following: Callable[[int], Any], constant: bool = False) -> None:
+        self.following, self.constant, self.known = following, constant, list[Any]()
+
+    def __getitem__(self, k: int) -> Any:
+        while len(self.known) <= k:
+            self.known.append(self.following(len(self.known)))
+        return self.known[k]
+
+    def __add__(self, other: Any) -> Along:
+        if isinstance(other, Along):
+            return Along(lambda k: self[k] + other[k])
+        return Along(lambda k: self[k] + other if k == 0 else self[k])
+
+    def __mul__(self, other: Any) -> Along:
+        if not isinstance(other, Along):
+            return Along(lambda k: self[k] * other, self.constant)
+        if self.constant or other.constant:
+            one, many = (self, other) if self.constant else (other, self)
+            return Along(lambda k: one[0] * many[k], one.constant and many.constant)
+        return Along(lambda k: product([self[j] for j in range(k + 1)], [other[j] for j in range(k + 1)], k))
+
+    def __neg__(self) -> Along:
+        return Along(lambda k: -self[k], self.constant)
+
+    __radd__ = __add__
+    __rmul__ = __mul__
+
+
+def constant(number: Any, change: Any = None) -> Along:
+    """Return a number that is constant along the motion, with its derivatives."""
+    return Along(lambda k: Changing(number, change) if k == 0 else 0.0, constant=True)
+
+
+def _exp_along(x: Along) -> Along:
+    """Return the series of e^x, F' = x' F, with its derivatives, dF = F dx."""
+    weighted, values = [0.0], list[Any]()
+
+    def following(k: int) -> Changing:
+        if k == 0:
+            values.append(exp(x[0].value))
+        else:
+            weighted.append(float(k) * x[k].value)
+            exponential(1.0, weighted, values, k)
+        return Changing(values[k], product([x[j].change for j in range(k + 1)], values, k))
+
+    return Along(following)
+
+
+def _tanh_along(x: Along) -> Along:
+    """Return the series of T = tanh x, T' = x' (1 - T^2), with its derivatives, dT = (1 - T^2) dx."""
+    weighted, values, rests = [0.0], list[Any](), list[Any]()
+
+    def following(k: int) -> Changing:
+        if k == 0:
+            for series, start in zip((values, rests), STAGED.step_and_rest(x[0].value)):
+                series.append(start)
+        else:
+            weighted.append(float(k) * x[k].value)
+            hyperbolic(1.0, weighted, values, rests, k)
+        return Changing(values[k], product([x[j].change for j in range(k + 1)], rests, k))
+
+    return Along(following)
 
 
 def law_along(rows: Any, coefficients: Any, law: Any, shaped: Any, sign: Any, pulsation: Any, stribeck: Any,
-              factor: Any, sigma: Any, tanh: Any, sech: Any) -> Iterator[int]:
+              sigma: Any) -> Iterator[int]:
     """Fill the coefficients of mubar, and of Ts mubar with its derivatives, along a motion; staged function.
-
-    The rules are those of series: dF = F d(-alpha |v|), dT = (1 - T^2) d(sigma v).
 
     Parameters
     ----------
@@ -81,44 +152,22 @@ def law_along(rows: Any, coefficients: Any, law: Any, shaped: Any, sign: Any, pu
     law : (COLUMNS, 8 or 16) columns FRICTION to OF_SMOOTHING, and with 16 from OF_LATER on; only the first four are
         filled where `shaped` is None, with 0 by a_1 and sigma
     sign : of the slip speed
-    stribeck, factor : amplitudes and rates in turn, and F = exp(-a |v|) of the first one; None where they do not vary
-    sigma, tanh, sech : sigma, T = tanh(sigma v) and 1 - T^2; None where it does not vary
+    stribeck, sigma : amplitudes and rates in turn, and the smoothing factor; None where the exponentials, or tanh, do
+        not vary
     """
     if stribeck is None and sigma is None:
         return
-    decays, sharpens = (None, None) if shaped is None else (Causes({OF_DECAY: 1.0}), Causes({OF_SMOOTHING: 1.0}))
-    weighted, t, s, side = [0.0], [tanh], [sech], Changing(sign)
-    turned, fallen, load = ([] for _ in range(3))
-    falls: list[Exponential] = []
-    causes = range(OF_SLIP, OF_DECAY + 1 if shaped is None else law.shape[-1])
-    later = shaped is not None and law.shape[-1] > NARROW
-    rising: list[Any] = []
-    mubar: list[Any] = []
+    slip = Along(lambda k: Changing(rows[SLIP, k], Causes({OF_SLIP: 1.0} if k == 0 else {})))
+    pairs = numbers_with(stribeck, shaped is not None, shaped is not None and law.shape[-1] > NARROW, constant)
+    text = law_on(_exp_along, lambda number: number * sign, _tanh_along)
+    if sigma is None:
+        mubar = text.sliding(slip, constant(sign), pairs)
+    else:
+        sharpness = constant(sigma, None if shaped is None else Causes({OF_SMOOTHING: 1.0}))
+        mubar = text.smoothed_coefficient(slip, sharpness, pairs)
+    load, causes = list[Any](), range(OF_SLIP, OF_DECAY + 1 if shaped is None else law.shape[-1])
     side_by_side: list[Any] = []
-    if stribeck is not None:
-        falls.append(Exponential(factor, Changing(stribeck[0], Causes({OF_EXCESS: 1.0})),
-                                 Changing(stribeck[1], decays) * -side))
-        for j, causes_of_pair in zip(range(2, len(stribeck), 2), COLUMNS_OF_PAIRS[1:]):
-            share, rate = (Causes({cause: 1.0}) if later else None for cause in causes_of_pair)
-            falls.append(Exponential(exp(-stribeck[j + 1] * sign * rows[SLIP, 0]), Changing(stribeck[j], share),
-                                     Changing(stribeck[j + 1], rate) * -side))
-    if sigma is not None:
-        sharpness = Changing(sigma, sharpens)
     for k in range(FRICTION_ORDER_MAXIMUM):
-        v = Changing(rows[SLIP, k], Causes({OF_SLIP: 1.0} if k == 0 else {}))
-        if k > 0:
-            weighted.append(float(k) * v.value)
-        if sigma is None:
-            rising.append(side if k == 0 else 0.0)
-        else:
-            if k > 0:
-                hyperbolic(sigma, weighted, t, s, k)
-            turned.append((v * sharpness).change)
-            rising.append(Changing(t[k], product(turned, s, k)))
-        mubar.append(rising[k])
-        if stribeck is not None:
-            fallen.append(added([one.share * one.following(v, weighted, k) for one in falls]))
-            mubar[k] = mubar[k] + product(fallen, rising, k)
         load.append(rows[LOAD, k] if k == 0 or pulsation is not None else 0.0)
         coefficients[k,] = mubar[k].value
         side_by_side.append(row_of([mubar[k].value, *(mubar[k].change.get(cause, 0.0) for cause in causes)]))

@@ -13,9 +13,13 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
-from tcc_sim.compiling.compiled import compiled, smoothed_and_slope
+from tcc_sim.compiling.compiled import (
+    compiled,
+    largest_ratio,
+    smoothed_and_slope,
+    step_after,
+    step_at,
+)
 from tcc_sim.model.friction import Stribeck
 
 NEWTON_LIMIT = 20
@@ -47,23 +51,20 @@ def scalar_root(w: float, a: float, guess: float, sigma: Any, stribeck: Stribeck
         return w, 0
     sign = 1.0 if w > 0.0 else -1.0
     target = abs(w)
-    ratio = 1.0
-    if stribeck is not None:
-        ratio = 1.0 + max(stribeck[0], 0.0)
-        for j in range(2, len(stribeck), 2):
-            ratio = ratio + max(stribeck[j], 0.0)
-    elif (target - a) * sigma > SATURATED:
-        # Slip with mu_k = mu_s: tanh is 1 to the last bit, and nothing is left to solve.
-        return sign * (target - a), 0
+    ratio = largest_ratio(stribeck)
+    if stribeck is None:  # noqa: SIM102 (Numba leaves out what None rules out only where it is a test of its own)
+        if (target - a) * sigma > SATURATED:
+            # Slip with mu_k = mu_s: tanh is 1 to the last bit, and nothing is left to solve.
+            return sign * (target - a), 0
     low, high = max(target / (1.0 + a * ratio * sigma), target - a * ratio), target
     v = guess * sign
     if not low <= v <= high:
         v = low
-    tanh = np.tanh(sigma * v)
+    step = step_at(v, sigma)
     count, near = 0, False
     while count < ITERATION_BOUND:
         count += 1
-        value, slope = smoothed_and_slope(v, sigma, stribeck, tanh)
+        value, slope = smoothed_and_slope(v, sigma, stribeck, step)
         excess = v + a * value - target
         if excess > 0.0:
             high = v
@@ -75,14 +76,7 @@ def scalar_root(w: float, a: float, guess: float, sigma: Any, stribeck: Stribeck
         halving = count > NEWTON_LIMIT or derivative <= 0.0
         following = 0.5 * (low + high) if halving else min(max(v - excess / derivative, low), high)
         change = abs(following - v)
-        angle = sigma * (following - v)
-        if abs(angle) < 1e-2:
-            # tanh(a + b) from tanh(a) and the series of tanh(b), which is exact to the last bit here.
-            square = angle * angle
-            step = angle * (1.0 - square * (1.0 / 3.0 - square * (2.0 / 15.0 - square * (17.0 / 315.0))))
-            tanh = (tanh + step) / (1.0 + tanh * step)
-        else:
-            tanh = np.tanh(sigma * following)
+        step = step_after(step, sigma, v, following)
         v = following
         # F''/(2 F') is at most about sigma, so the error that is left is at most sigma change^2; 4 is for safety.
         near = 4.0 * sigma * change * change <= 1e-13 * v

@@ -17,9 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.compiling.compiled import fast
+from tcc_sim.compiling.compiled import fast, rebound
 from tcc_sim.compiling.unrolled import exp, row_of, unrolled
 from tcc_sim.model.equations import Linear, lost_torque
+from tcc_sim.model.friction import decayed
 from tcc_sim.polynomials.bernstein import powers_of
 
 SLIP, ANGLE, SPEED, FLYWHEEL, ENGINE, LOAD = range(6)
@@ -97,6 +98,21 @@ def exponential(rate: Any, weighted: Sequence[Any], e: list[Any], k: int) -> Non
     e.append(driven(rate, weighted, e, k) + rate * (1.0 / k) * weighted[k] * e[0])
 
 
+def decayed_along(out: Any, rows: Any, rate: Any) -> Iterator[int]:
+    """Fill coefficients 0, 1, ... of exp(rate (v - v(0))); staged function."""
+    e, weighted = [1.0], [0.0]
+    out[0,] = 1.0
+    for k in range(1, FRICTION_ORDER_MAXIMUM):
+        weighted.append(float(k) * rows[SLIP, k])
+        exponential(rate, weighted, e, k)
+        out[k,] = e[k]
+        if k % 2 == 1 and k >= 7:
+            yield k
+
+
+expand_decayed = unrolled(decayed_along)
+
+
 def hyperbolic(rate: Any, weighted: Sequence[Any], tanh: list[Any], sech: list[Any], k: int) -> None:
     """Append coefficient k >= 1 of T = tanh(rate v) and of S = 1 - T^2: T' = rate v' S."""
     tanh.append(driven(rate, weighted, sech, k) + rate * (1.0 / k) * weighted[k] * sech[0])
@@ -126,7 +142,7 @@ def motion(rows: Any, unit: Any, linear: Linear, sign: Any, pulsation: Any, stri
         (flywheel, linear.flywheel_by_slip), (flywheel, linear.flywheel_by_speed), (plate, linear.plate_by_slip)))
     v, x, u = [rows[SLIP, 0]], [rows[ANGLE, 0]], [rows[SPEED, 0]]
     rates = [] if stribeck is None else [-rate * sign for rate in stribeck[1::2]]
-    each = [[share] for share in excesses(stribeck, excess, sign, v[0])]
+    each = [[share] for share in excesses(stribeck, excess, sign * v[0])]
     e, t, s = [added([one[0] for one in each])], [sign if tanh is None else tanh], [sech]
     drops = [rate * one[0] for rate, one in zip(rates, each)]
     fallen = added(drops)
@@ -182,11 +198,12 @@ def added(numbers: Sequence[Any]) -> Any:
     return functools.reduce(operator.add, numbers) if numbers else 0.0
 
 
-def excesses(stribeck: Any, first: Any, sign: Any, v: Any) -> list[Any]:
-    """Return the values c exp(-a |v|) of the exponentials; the first one is given."""
+def excesses(stribeck: Any, first: Any, size: Any) -> list[Any]:
+    """Return the values c exp(-a |v|) of the exponentials at a size |v|; the first one is given."""
     if stribeck is None:
         return []
-    return [first, *(stribeck[j] * exp(-stribeck[j + 1] * sign * v) for j in range(2, len(stribeck), 2))]
+    faded = rebound(decayed, exp=exp)
+    return [first, *(stribeck[j] * faded(stribeck[j + 1], size) for j in range(2, len(stribeck), 2))]
 
 
 expand = unrolled(motion)

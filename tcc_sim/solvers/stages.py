@@ -12,19 +12,17 @@ import numpy as np
 
 from tcc_sim.compiling.compiled import fast
 from tcc_sim.compiling.unrolled import (
-    exp,
     folded,
     largest_size,
     lesser,
     limited,
-    magnitude,
     row_of,
     unrolled,
-    with_sign,
 )
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.polynomials.bernstein import WORKSPACE
 from tcc_sim.solvers.collocation import FROM_WAVES, NODES, TERMS, TO_CHEBYSHEV, TO_POWERS
+from tcc_sim.solvers.law_on import STAGED, law_on
 from tcc_sim.solvers.series import COLUMNS, ROWS, added
 
 ITERATIONS_MAXIMUM = 20
@@ -79,31 +77,15 @@ def evaluate_law(slip: Any, law: Any, slope: Any, sign: Any, sigma: Any, stribec
     """Fill mubar of (7), or of (6) where sigma is None, and its slope at the nodes, with |v| continued as sign * v
     through v = 0, where a step ends.
     """
-    v = slip.row()
-    if sigma is None:
-        if stribeck is not None:  # Without it mubar is constant in slip.
-            each = excesses_at(v, sign, stribeck)
-            law.set_row((1.0 + added([excess for excess, _ in each])) * sign)
-            slope.set_row(added([excess * -rate for excess, rate in each]))
-        return
-    e = exp(magnitude(v) * (-2.0 * sigma))
-    share = 1.0 / (1.0 + e)
-    tanh = with_sign((1.0 - e) * share, v)
-    rising = (4.0 * sigma) * (e * share * share)
-    if stribeck is None:
-        law.set_row(tanh)
-        slope.set_row(rising)
-    else:
-        each = excesses_at(v, sign, stribeck)
-        ratio = 1.0 + added([excess for excess, _ in each])
-        law.set_row(ratio * tanh)
-        slope.set_row(rising * ratio - added([excess * tanh * (rate * sign) for excess, rate in each]))
-
-
-def excesses_at(v: Any, sign: Any, stribeck: Any) -> list[tuple[Any, Any]]:
-    """Return the values c exp(-a sign v) of the exponentials at the nodes, and their rates."""
-    return [(exp(limited(v * (-rate * sign), -700.0, 1.0)) * share, rate)
-            for share, rate in zip(stribeck[::2], stribeck[1::2])]
+    v, total, fall = slip.row(), 0.0, 0.0
+    if stribeck is not None:
+        _, total, fall = STAGED.exponentials_at(v * sign, stribeck)
+    elif sigma is None:
+        return  # mubar is constant in slip.
+    step, rest = (sign, 0.0) if sigma is None else STAGED.step_and_rest(v * sigma)
+    found, falls = STAGED.with_slope(total, fall, sign, 0.0 if sigma is None else sigma, step, rest)
+    law.set_row(found)
+    slope.set_row(falls)
 
 
 @unrolled
@@ -114,10 +96,15 @@ def guess(demand: Any, slip: Any, sign: Any, sigma: Any, stribeck: Any) -> None:
         v = inverse_tanh(limited(required, -0.98, 0.98))
     else:
         v = inverse_tanh(limited(required * (1.0 / (1.0 + added(stribeck[::2]))), -0.98, 0.98)) / sigma
-        falls = [(share, limited(v * (rate * sign), -1.0, 1.0)) for share, rate in zip(stribeck[::2], stribeck[1::2])]
-        ratio = 1.0 + added([share * (1.0 - fall * (1.0 - 0.5 * fall)) for share, fall in falls])
-        v = inverse_tanh(limited(required / ratio, -0.985, 0.985))
+        _, total, _ = law_on(quadratic).exponentials_at(v * sign, stribeck)
+        v = inverse_tanh(limited(required / (1.0 + total), -0.985, 0.985))
     slip.set_row(v / sigma)
+
+
+def quadratic(x: Any) -> Any:
+    """Return e^x to second order within [-1, 1]."""
+    x = limited(x, -1.0, 1.0)
+    return 1.0 + x * (1.0 + 0.5 * x)
 
 
 def inverse_tanh(y: Any) -> Any:

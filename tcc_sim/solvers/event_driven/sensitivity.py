@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.compiling.changing import Changing
-from tcc_sim.compiling.compiled import compiled, fast, lost_torque
+from tcc_sim.compiling.compiled import compiled, fast, lost_torque, steepness
 from tcc_sim.compiling.unrolled import unrolled
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
@@ -39,7 +39,7 @@ from tcc_sim.solvers.event_driven.step import FALLING_ORDER, Step, accelerations
 from tcc_sim.solvers.excitation import Pulsation
 from tcc_sim.solvers.key_derivatives import BREAKAWAY
 from tcc_sim.solvers.law_changes import NARROW
-from tcc_sim.solvers.series import INVERSE, SLIP
+from tcc_sim.solvers.series import SLIP, expand_decayed
 from tcc_sim.solvers.terms import Terms
 from tcc_sim.trajectory import FREE, STICK
 
@@ -79,11 +79,8 @@ def unresolved(step: Step, mode: int, later: bool, stribeck: Stribeck, rows: Any
     for i in range(0, len(stribeck), 2):
         gone = len(stribeck) > 2 and stribeck[i + 1] * abs(rows[SLIP, 0]) > GONE
         if abs(stribeck[i]) <= SMALL and not gone:
-            workspace[0], power = 1.0, 1.0
-            for k in range(1, step.degree):
-                workspace[k], power = 0.0, power * step.x
-                for j in range(1, k + 1):
-                    workspace[k] -= stribeck[i + 1] * mode * j * rows[SLIP, j] * workspace[k - j] * INVERSE[k]
+            expand_decayed(step.degree - 1, workspace, rows, -stribeck[i + 1] * mode)
+            power = step.x ** (step.degree - 1)
             if max(abs(workspace[step.degree - 2]) / step.x, abs(workspace[step.degree - 1])) * power > CONVERGED:
                 return True
     return False
@@ -109,9 +106,9 @@ def carry(mode: int, falls: bool, step: Step, ratio: float, terms: Terms, groups
                 expand_stick_changes(order, rows, group.rows, group.now, group.by, along.sines, unit, terms.linear,
                                      ratio, pulsation, None)
     elif stribeck is None or not falls:
-        carry_slip(order, unit, sign, groups, along, rows, terms.linear, pulsation, None, None, 0.0, 0.0)
+        carry_slip(order, unit, sign, groups, along, rows, terms.linear, pulsation, None, None)
     else:
-        carry_slip(order, unit, sign, groups, along, rows, terms.linear, pulsation, stribeck, None, 0.0, 0.0)
+        carry_slip(order, unit, sign, groups, along, rows, terms.linear, pulsation, stribeck, None)
 
 
 @fast
@@ -143,10 +140,8 @@ def longest_step(bounds: Bounds, linear: Linear, load: float, stribeck: Stribeck
         inertia += linear.flywheel
     rate = max(math.sqrt(linear.stiffness / inertia) + linear.damping / inertia + bounds.slip_decay, fastest)
     if stribeck is not None and mode != STICK and mode != FREE and abs(state.slip_speed) <= 1.01 * bounds.far:
-        fall = stribeck[1] * abs(stribeck[0]) * math.exp(-stribeck[1] * abs(state.slip_speed))
-        for j in range(2, len(stribeck), 2):
-            fall += stribeck[j + 1] * abs(stribeck[j]) * math.exp(-stribeck[j + 1] * abs(state.slip_speed))
-        return FALLING_REACH / (rate + fall * load * (1.0 / linear.flywheel + 1.0 / linear.plate))
+        fall = steepness(abs(state.slip_speed), stribeck)
+        return float(FALLING_REACH / (rate + fall * load * (1.0 / linear.flywheel + 1.0 / linear.plate)))
     return LINEAR_REACH / rate
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tcc_sim.model.equations import coefficients_of, decay_of_slip
-from tcc_sim.model.friction import exponentials, largest_ratio
+from tcc_sim.model.friction import exponentials, largest_ratio, sliding
 from tcc_sim.solvers.terms import Terms, excitation_frequency, peak_load, steps_allowed, torque_swing
 
 EXACT = 1e-16
@@ -73,7 +73,7 @@ def bounds_of(terms: Terms, period: float, rtol: float) -> Bounds:
     flywheel, plate, damping, stiffness, _, by_speed, _ = coefficients_of(terms.linear)
     slip_decay = decay_of_slip(terms.linear) + by_speed / flywheel
     pairs = exponentials(terms.stribeck)
-    ratio = 1.0 + sum(share for share, _ in pairs)
+    ratio = float(sliding(0.0, 1.0, terms.stribeck))
     friction = largest_ratio(terms.stribeck) * peak_load(terms)
     torque = max(abs(terms.mean_torque) + torque_swing(terms) + friction, 1e-300)
     tolerance = 1e-12 * torque

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from tcc_sim.compiling.compiled import fast, lost_torque
+from tcc_sim.compiling.compiled import exponentials_at, fast, lost_torque, steepness
 from tcc_sim.compiling.unrolled import unrolled
 from tcc_sim.model import equations
 from tcc_sim.model.equations import Linear
@@ -188,15 +187,10 @@ def slip_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, mea
             level = returning_at(stribeck, sign * v)
             falling = True
             order = FALLING_ORDER
-            excess = stribeck[0] * math.exp(-stribeck[1] * sign * v)
-            total, steep = excess, stribeck[1] * abs(excess)
-            for j in range(2, len(stribeck), 2):
-                share = stribeck[j] * math.exp(-stribeck[j + 1] * sign * v)
-                total += share
-                steep += stribeck[j + 1] * abs(share)
+            excess, total, _ = exponentials_at(sign * v, stribeck)
             friction = sign * drive.load * (1.0 + total)
             acceleration = abs(accelerations_at(linear, v, state, drive.torque, friction)[0])
-            slope = (1.0 / linear.flywheel + 1.0 / linear.plate) * drive.load * steep
+            slope = (1.0 / linear.flywheel + 1.0 / linear.plate) * drive.load * steepness(sign * v, stribeck)
             unit = 1.0 / (bounds.slip_rate + series.fastest_at(stribeck, sign * v) * acceleration + slope)
             expand_excitation(rows, order, unit, state.tau, True, mean_torque, waves, mean_load, pulsation, None, drive)
             series.expand(order, rows, unit, linear, sign, pulsation, stribeck, excess, None, None, None)

@@ -65,9 +65,8 @@ def carry_series(tangent: Any, place: Place, friction: LocalFriction, step: Step
     order, unit, sign, groups, along = step.degree, step.unit, place.sign, tangent.groups, tangent.along
     expand_sines(along.sines, order, unit, waves, pulsation, drive)
     if place.region == LAYER and loaded:
-        carry_slip(order, unit, sign, groups, along, rows, terms.linear, pulsation, stribeck, limits.sigma,
-                   friction.tanh, friction.sech)
+        carry_slip(order, unit, sign, groups, along, rows, terms.linear, pulsation, stribeck, limits.sigma)
     elif place.region == SLIDING or not loaded or stribeck is None:
-        carry_slip(order, unit, sign, groups, along, rows, terms.linear, pulsation, None, None, 0.0, 0.0)
+        carry_slip(order, unit, sign, groups, along, rows, terms.linear, pulsation, None, None)
     else:
-        carry_slip(order, unit, sign, groups, along, rows, terms.linear, pulsation, stribeck, None, 0.0, 0.0)
+        carry_slip(order, unit, sign, groups, along, rows, terms.linear, pulsation, stribeck, None)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from tcc_sim.compiling.compiled import fast, lost_torque
+from tcc_sim.compiling.compiled import exponentials_at, fast, lost_torque, step_and_rest, with_slope
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers.excitation import expand_excitation
 from tcc_sim.solvers.series import ANGLE, ENDLESS, INVERSE, SLIP, SPEED, expand, fastest_at, logarithm, power_of_two
@@ -40,21 +40,15 @@ def law_here(v: float, sign: float, region: int, sigma: float,
     """Return the first five fields of LocalFriction by the law in the region; sign is 0 without load."""
     tanh, sech = sign, 0.0
     if region == LAYER:
-        e = math.exp(-2.0 * sigma * abs(v))
-        tanh = math.copysign((1.0 - e) / (1.0 + e), v)
-        sech = 4.0 * e / ((1.0 + e) * (1.0 + e))
+        tanh, sech = step_and_rest(sigma * v)
     if stribeck is None:
         return tanh, sigma * sech, 0.0, tanh, sech
     else:
-        excess = stribeck[0] * math.exp(-stribeck[1] * sign * v) if region != SLIDING else 0.0
-        total, steep = excess, stribeck[1] * sign * excess
+        first, total, fall = 0.0, 0.0, 0.0
         if region != SLIDING:
-            for j in range(2, len(stribeck), 2):
-                share = stribeck[j] * math.exp(-stribeck[j + 1] * sign * v)
-                total += share
-                steep += stribeck[j + 1] * sign * share
-        slope = sigma * sech * (1.0 + total) - steep * tanh
-        return (1.0 + total) * tanh, slope, excess, tanh, sech
+            first, total, fall = exponentials_at(sign * v, stribeck)
+        law, slope = with_slope(total, fall, sign, sigma, tanh, sech)
+        return law, slope, first, tanh, sech
 
 
 @fast
