@@ -18,17 +18,17 @@ def begun(work: Callable[[], Done], name: str = "background") -> tuple[Future[Do
     The future holds the result, or the exception that `work` raised. The executors of `concurrent.futures` are no
     alternative: they wait for their threads when the process ends.
     """
-    found: Future[Done] = Future()
+    outcome: Future[Done] = Future()
 
     def body() -> None:
         try:
-            found.set_result(work())
+            outcome.set_result(work())
         except BaseException as error:
-            found.set_exception(error)
+            outcome.set_exception(error)
 
     thread = threading.Thread(target=body, name=name, daemon=True)
     thread.start()
-    return found, thread
+    return outcome, thread
 
 
 def awaited(work: Callable[[], Done]) -> Done:
@@ -37,7 +37,7 @@ def awaited(work: Callable[[], Done]) -> Done:
     """
     if threading.current_thread() is not threading.main_thread():
         return work()
-    found, thread = begun(work)
+    outcome, thread = begun(work)
     while thread.is_alive():
         thread.join(LOOK)
-    return found.result()
+    return outcome.result()

@@ -32,12 +32,12 @@ def with_table(values: dict[str, object], folder: Path) -> dict[str, object]:
 
     path = folder / str(values[TABLE_FILE])
     try:
-        found, _, _ = columns_in(path, _COLUMNS, list(_COLUMNS), MOST_POINTS)
+        columns, _, _ = columns_in(path, _COLUMNS, list(_COLUMNS), MOST_POINTS)
     except InputError as error:
         raise InputError(f"{TABLE_FILE}: {error}") from None
-    for name, column in found.items():
+    for name, column in columns.items():
         if not np.isfinite(column).all():
             raise InputError(f"{TABLE_FILE}: {path} has no number in column {name} of row "
                              f"{int(np.flatnonzero(~np.isfinite(column))[0]) + 1}")
     return {**{key: value for key, value in values.items() if key != TABLE_FILE},
-            **dict(zip(TABLE, (found[name].tolist() for name in _COLUMNS)))}
+            **dict(zip(TABLE, (columns[name].tolist() for name in _COLUMNS)))}

@@ -40,27 +40,28 @@ def driven_scene(scene: Scene, source: MeasuredTable | Recording, hold: str | No
     return at_measured_speed(driven, source, pulses) if orders and isinstance(source, MeasuredTable) else (driven, None)
 
 
-def with_figures(found: Simulation, scene: Scene, table: MeasuredTable | None, measured: Signals | None, *,
+def with_figures(result: Simulation, scene: Scene, table: MeasuredTable | None, measured: Signals | None, *,
                  orders: bool, spectrum: bool) -> Simulation:
     """Return a simulation with notes on its table and, if wanted, orders (also the measured ones) and spectrum."""
     from tcc_sim.analysis.orders import compared, orders_of
 
     if table is not None:
-        found = replace(found, notes=(*table.notes, *doubts_about(table), *(measured.notes if measured else ())))
+        result = replace(result, notes=(*table.notes, *doubts_about(table), *(measured.notes if measured else ())))
     if orders and measured is None:
-        found = replace(found, orders=orders_of(found.trajectory))
+        result = replace(result, orders=orders_of(result.trajectory))
     elif orders and measured is not None:
-        both = compared(measured, found.trajectory)
-        found = replace(found, orders=both.simulated, measured_orders=both.measured)
-    return replace(found, spectrum=spectrum_of_run(found, scene)) if spectrum and found.summary is not None else found
+        both = compared(measured, result.trajectory)
+        result = replace(result, orders=both.simulated, measured_orders=both.measured)
+    return replace(result,
+                   spectrum=spectrum_of_run(result, scene)) if spectrum and result.summary is not None else result
 
 
-def spectrum_of_run(found: Simulation, scene: SceneLike | None = None) -> Spectrum:
+def spectrum_of_run(result: Simulation, scene: SceneLike | None = None) -> Spectrum:
     """Return the spectrum of a simulation's steady state.
 
     Parameters
     ----------
-    found : a simulation with a periodic excitation
+    result : a simulation with a periodic excitation
     scene : its scene; None for that of its trajectory
 
     Raises
@@ -76,12 +77,13 @@ def spectrum_of_run(found: Simulation, scene: SceneLike | None = None) -> Spectr
     """
     from tcc_sim.sweeps.steady_state import steady_spectrum
 
-    system = found.trajectory.system if scene is None else as_scene(scene).system
-    plan = found.plan or Plan()
-    if system is None or found.summary is None:
+    system = result.trajectory.system if scene is None else as_scene(scene).system
+    plan = result.plan or Plan()
+    if system is None or result.summary is None:
         raise InputError("the simulation has no summary, whose period a spectrum needs")
     system.check_repeats("a spectrum")
-    return steady_spectrum(system, found.end, found.summary.period, solver=plan.solver, rtol=plan.rtol, step=plan.step)
+    return steady_spectrum(system, result.end, result.summary.period, solver=plan.solver, rtol=plan.rtol,
+                           step=plan.step)
 
 
 @with_plan_fields
@@ -118,8 +120,8 @@ def simulation(scene: SceneLike, plan: Plan | None = None, *, set: Mapping[str, 
     Examples
     --------
     >>> import tcc_sim
-    >>> found = tcc_sim.simulate("slip", set={"engine.speed": "1400rpm"}, cycles=60)
-    >>> found.summary.period, found.confirmed
+    >>> result = tcc_sim.simulate("slip", set={"engine.speed": "1400rpm"}, cycles=60)
+    >>> result.summary.period, result.confirmed
     (1, True)
     """
     words = [f"{key}={points}" for key, points in profile.items()] if isinstance(profile, Mapping) else list(profile)
@@ -136,22 +138,23 @@ def simulation(scene: SceneLike, plan: Plan | None = None, *, set: Mapping[str, 
     if spectrum:
         changed.system.check_repeats("a spectrum")
     samples = samples_per_cycle or (SAMPLES if orders or inputs is not None else 0)
-    found = simulate(changed, plan, samples_per_cycle=samples, flywheel_angle=flywheel_angle, start=start, **settings)
-    return found if found.summary is None else with_figures(found, changed, table, measured, orders=orders,
-                                                            spectrum=spectrum)
+    result = simulate(changed, plan, samples_per_cycle=samples, flywheel_angle=flywheel_angle, start=start, **settings)
+    return result if result.summary is None else with_figures(result, changed, table, measured, orders=orders,
+                                                              spectrum=spectrum)
 
 
-def with_recorded_figures(found: Replay, samples: Trajectory, *, orders: bool, spectrum: bool) -> Replay:
+def with_recorded_figures(result: Replay, samples: Trajectory, *, orders: bool, spectrum: bool) -> Replay:
     """Return an analysis with orders and spectrum of its run, if wanted, from the samples of that run."""
     from tcc_sim.analysis.orders import orders_of
     from tcc_sim.analysis.signals import run_signals
     from tcc_sim.analysis.spectra import spectrum_of
 
     if not (orders or spectrum):
-        return found
-    signals = run_signals(samples, found.timing.phase_of(samples))
-    found = replace(found, orders=orders_of(signals)) if orders else found
-    return replace(found, spectrum=spectrum_of(signals, found.summary.period, found.unbroken)) if spectrum else found
+        return result
+    signals = run_signals(samples, result.timing.phase_of(samples))
+    result = replace(result, orders=orders_of(signals)) if orders else result
+    return replace(result, spectrum=spectrum_of(signals, result.summary.period,
+                                                result.unbroken)) if spectrum else result
 
 
 def analysis(recording: str | Path | Recording, *, scene: str | None = None, run: int | None = None,
@@ -205,11 +208,11 @@ def analysis(recording: str | Path | Recording, *, scene: str | None = None, run
     if columns is not None:
         raise InputError(f"columns are for tables, and {recording} is a recording")
     opened = recording if isinstance(recording, Recording) else read(recording, scene, joints, topic, driveline)
-    found = replay(opened, window=Window(run, from_, to), discard=discard, frequency=frequency, verify=verify,
-                   damping=damping, target=target, band=band, rrd=rrd, spawn=spawn, connect=connect, progress=progress)
+    result = replay(opened, window=Window(run, from_, to), discard=discard, frequency=frequency, verify=verify,
+                    damping=damping, target=target, band=band, rrd=rrd, spawn=spawn, connect=connect, progress=progress)
     if not (orders or spectrum):
-        return found
-    return with_recorded_figures(found, opened.trajectory(found.run, from_, to), orders=orders, spectrum=spectrum)
+        return result
+    return with_recorded_figures(result, opened.trajectory(result.run, from_, to), orders=orders, spectrum=spectrum)
 
 
 def explanation(scene: SceneLike, *, set: Mapping[str, object] | None = None, cost: bool = False) -> dict[str, Any]:
@@ -245,10 +248,10 @@ def fmu_file(scene: SceneLike, *, set: Mapping[str, object] | None = None, fmi: 
     from tcc_sim.fmu.export import export
     from tcc_sim.output.files import replaceable
 
-    found = as_scene(scene).with_values(set or {})
-    path = Path(out) if out is not None else Path(f"tcc_sim_{found.name}.fmu")
+    changed = as_scene(scene).with_values(set or {})
+    path = Path(out) if out is not None else Path(f"tcc_sim_{changed.name}.fmu")
     check_suffix(path, (".fmu",))
     if replaceable(path):
         raise InputError(f"{path} exists; it is not overwritten")
-    export(found, path, fmi, step, sources_only=sources_only)
+    export(changed, path, fmi, step, sources_only=sources_only)
     return path

@@ -92,8 +92,8 @@ def _unique_loader() -> Any:
                 if key in seen:
                     raise InputError(f"line {key_node.start_mark.line + 1}: {key} is given twice")
                 seen.add(key)
-            found: dict[Any, Any] = super().construct_mapping(node, deep)
-            return found
+            mapping: dict[Any, Any] = super().construct_mapping(node, deep)
+            return mapping
 
     return UniqueLoader
 
@@ -110,9 +110,9 @@ def bundled_scenes(module: str = __file__, prefix: str = sys.prefix) -> dict[str
     module, prefix : this file, and the prefix of the Python installation
     """
     for folder in _config_folders(Path(module).resolve(), Path(prefix)):
-        found = {p.stem: p for p in sorted(folder.glob("*.yaml"))}
-        if found:
-            return found
+        scenes = {p.stem: p for p in sorted(folder.glob("*.yaml"))}
+        if scenes:
+            return scenes
     return {}
 
 

@@ -70,13 +70,13 @@ def reported_of(kind: type) -> dict[str, Reported]:
     """Return the reported fields of a class, then its reported properties, by attribute."""
     if kind in _KNOWN:
         return _KNOWN[kind]
-    found = {item.name: item.metadata["reported"] for item in fields(kind) if "reported" in item.metadata}
+    rows = {item.name: item.metadata["reported"] for item in fields(kind) if "reported" in item.metadata}
     for base in reversed(kind.__mro__):
         for name, value in vars(base).items():
             if isinstance(value, property) and (entry := getattr(value.fget, "reported", None)) is not None:
-                found[name] = entry
-    _KNOWN[kind] = found
-    return found
+                rows[name] = entry
+    _KNOWN[kind] = rows
+    return rows
 
 
 def units_of(kind: type) -> dict[str, str]:
@@ -116,10 +116,10 @@ def units_of_columns(kind: type, names: Iterable[str]) -> dict[str, str]:
     They are those of scene keys, topics and fields of the class; an outer field precedes a nested one of the same name.
     Columns whose unit depends on the result are left out.
     """
-    found = {row.name: row.unit for row in TOPICS} | KEY_UNITS
+    units = {row.name: row.unit for row in TOPICS} | KEY_UNITS
     for name, entry in sorted(fields_of(kind), key=lambda item: -item[0].count(".")):
-        found |= dict.fromkeys((name.rpartition(".")[2], name.replace(".", "_")), entry.unit)
-    return {name: unit for name in names if (unit := found.get(name, "")) and "{" not in unit}
+        units |= dict.fromkeys((name.rpartition(".")[2], name.replace(".", "_")), entry.unit)
+    return {name: unit for name in names if (unit := units.get(name, "")) and "{" not in unit}
 
 
 class Described:
@@ -142,8 +142,8 @@ class Described:
 
     def _text(self) -> str:
         """Return the text without the warnings on the scene."""
-        found = ((item.name.replace("_", " "), getattr(self, item.name)) for item in fields(self))  # type: ignore[arg-type]
-        return f"{type(self).__name__}: {', '.join(text for name, value in found if (text := _short(name, value)))}"
+        values = ((item.name.replace("_", " "), getattr(self, item.name)) for item in fields(self))  # type: ignore[arg-type]
+        return f"{type(self).__name__}: {', '.join(text for name, value in values if (text := _short(name, value)))}"
 
     def __repr__(self) -> str:
         system = system_behind(self)

@@ -308,12 +308,12 @@ def parse_profiles(words: list[str]) -> dict[str, object]:
     InputError
         A key cannot have a profile or is given twice, or a point is not two numbers.
     """
-    found: dict[str, object] = {}
+    values: dict[str, object] = {}
     for word in words:
         key, _, points = word.partition("=")
         if list_of(key) not in (*PROFILES, SPEED) or key == "engine.harmonic_amplitudes":
             raise InputError(f"--profile {word[:100]}: the keys that have a profile are {PROFILED} and {SPEED}")
-        if f"{key}_times" in found:
+        if f"{key}_times" in values:
             raise InputError(f"--profile {key} is given twice")
         try:
             unit = meaning_of(key).unit
@@ -324,8 +324,8 @@ def parse_profiles(words: list[str]) -> dict[str, object]:
         refuse_rpm(key, [point.partition(":")[2] for point in points.split(",")])
         if not pairs:
             raise InputError(f"--profile {word[:100]} is not KEY=TIME:VALUE,TIME:VALUE,... in s and the key's unit")
-        found[f"{key}_times"], found[f"{key}_values"] = map(list, zip(*pairs))
-    return found
+        values[f"{key}_times"], values[f"{key}_values"] = map(list, zip(*pairs))
+    return values
 
 
 __all__ = ["DEFAULT_SCENE", "KNOWN_KEYS", "NODE_SCENE", "Operation", "Scene", "bundled_scenes", "load_scene",

@@ -119,8 +119,8 @@ class Cycles:
     @property
     def largest(self) -> Floats:
         """(N,) largest |slip speed| within each cycle, rad/s."""
-        found: Floats = np.maximum(np.abs(self.highest), np.abs(self.lowest))
-        return found
+        largest: Floats = np.maximum(np.abs(self.highest), np.abs(self.lowest))
+        return largest
 
     def __getitem__(self, kept: slice) -> Cycles:
         """Return a range of consecutive cycles."""
@@ -288,10 +288,10 @@ class Trajectory(Result):
         NumericalFailure
             The solve did not reach the end, see `raise_for_status`.
         """
-        found = self.raise_for_status().cycles
-        if found is None:
+        cycles = self.raise_for_status().cycles
+        if cycles is None:
             raise ValueError(f"{self.solver} computes no cycles")
-        return found
+        return cycles
 
     def raise_for_status(self) -> Trajectory:
         """Return this trajectory, or raise NumericalFailure with the sentence of its status."""

@@ -30,22 +30,23 @@ def known_of(runs: Sequence[Cycles], seconds: Sequence[float]) -> list[Known | N
     away = [maybe and slip_grows(run) for maybe, run in zip(_slips_at_the_end(high, low, stick), runs)]
     most = longest_tried(section.shape[1])
     points = section / _sizes_of(section, high, low)[:, None]
-    found = ([Periodicity(*own, most) for own in repetitions(points, most, DEFAULTS.tolerance)] if most else
-             [of_points(own, most, DEFAULTS.tolerance) for own in points])
+    periodicities = ([Periodicity(*own, most) for own in repetitions(points, most, DEFAULTS.tolerance)] if most else
+                     [of_points(own, most, DEFAULTS.tolerance) for own in points])
     highest, lowest, stuck = high.max(axis=1).tolist(), low.min(axis=1).tolist(), stick.sum(axis=1).tolist()
     energy, breakaways = loads[:, 0].sum(axis=1).tolist(), loads[:, 4].sum(axis=1).tolist()
     heat = loads[:, 5].sum(axis=1).tolist()
     rest = loads[:, 1].max(axis=1).tolist(), loads[:, 2].max(axis=1).tolist(), loads[:, 3].min(axis=1).tolist()
     return [Known(grows, own, sums_from(top, bottom, stuck_in, lasts, sums)) for grows, own, top, bottom, stuck_in,
-            lasts, sums in zip(away, found, highest, lowest, stuck, seconds, zip(energy, *rest, breakaways, heat))]
+            lasts, sums in zip(away, periodicities, highest, lowest, stuck, seconds,
+                               zip(energy, *rest, breakaways, heat))]
 
 
 def _slips_at_the_end(high: Floats, low: Floats, stick: Floats) -> list[bool]:
     """Return whether the last ninth of the cycles of each run slips in one direction, without which none runs away."""
     last = max(high.shape[1] // 9, 1) * 3
     slips = (high[:, -last:] * low[:, -last:] > 0.0) & (stick[:, -last:] == 0.0)
-    found: list[bool] = slips.all(axis=1).tolist()
-    return found
+    slipping: list[bool] = slips.all(axis=1).tolist()
+    return slipping
 
 
 def _sizes_of(section: Floats, high: Floats, low: Floats) -> Floats:

@@ -96,18 +96,18 @@ class CycleMeans:
             self._t, self._v = (t, v) if stretches else (t[-1:], v[-1:])
             return []
         area = integral(v, t)
-        found = []
+        means = []
         for first, starts in whole:
             ends = np.clip(starts, t[0], t[-1])
             left = np.clip(np.searchsorted(t, ends, side="right") - 1, 0, len(t) - 2)
             part, slope = ends - t[left], (v[left + 1] - v[left]) / (t[left + 1] - t[left])
             area_at = area[left] + part * (v[left] + 0.5 * part * slope)
-            found.append((first, starts[1:], np.diff(area_at) / np.diff(starts)))
+            means.append((first, starts[1:], np.diff(area_at) / np.diff(starts)))
         self._t, self._v = t[left[-1]:].copy(), v[left[-1]:].copy()
-        return found
+        return means
 
 
-def joined_means(found: list[tuple[int, Floats, Floats]]) -> tuple[NDArray[np.int64], Floats]:
+def joined_means(pieces: list[tuple[int, Floats, Floats]]) -> tuple[NDArray[np.int64], Floats]:
     """Return ends (ns) and means of the cycles of `CycleMeans.feed`, one after the other."""
-    ends = np.concatenate([ends for _, ends, _ in found]) if found else np.empty(0)
-    return np.rint(ends * 1e9).astype(np.int64), np.concatenate([m for *_, m in found]) if found else np.empty(0)
+    ends = np.concatenate([ends for _, ends, _ in pieces]) if pieces else np.empty(0)
+    return np.rint(ends * 1e9).astype(np.int64), np.concatenate([m for *_, m in pieces]) if pieces else np.empty(0)

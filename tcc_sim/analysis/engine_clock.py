@@ -93,11 +93,11 @@ class Tracked:
         slack = DEFAULTS.slack * self.cycle
         low, high = (int(np.searchsorted(starts, t)) for t in (begin - slack, end + slack))
         cuts = (1 + low + np.flatnonzero(np.diff(numbers[low:high]) > 1)).tolist()
-        found = []
+        stretches = []
         for a, b in zip([low, *cuts], [*cuts, high]):
             if b > a and (b - a > 1 or (b < len(numbers) and numbers[b] == numbers[a] + 1)):
-                found.append((int(numbers[a]), starts[a:b]))
-        return found
+                stretches.append((int(numbers[a]), starts[a:b]))
+        return stretches
 
 
 EngineClock = Uniform | Scheduled | Tracked
@@ -175,11 +175,11 @@ def cycles_between(stretches: list[Blocks], known: float) -> RunPhase:
         if steady:
             ends = [start + slope * (at - t[0]) - shift for at in (stretch[0].begin, stretch[-1].end)]
             here = np.arange(math.ceil(ends[0] / (2.0 * math.pi) - 1e-9), ends[1] / (2.0 * math.pi) + 1e-9)
-            found, rates = t[0] + (2.0 * math.pi * here + shift - start) / slope, np.array([slope])
+            times, rates = t[0] + (2.0 * math.pi * here + shift - start) / slope, np.array([slope])
         else:
-            here, found, rates = _varying(stretch, where, values - shift)
+            here, times, rates = _varying(stretch, where, values - shift)
         numbers.append(here.astype(np.int64))
-        starts.append(np.maximum(found, stretch[0].begin))
+        starts.append(np.maximum(times, stretch[0].begin))
         inner = rates[1:-1] if len(rates) > 2 else rates
         low, high = min(low, float(inner.min())), max(high, float(inner.max()))
     return RunPhase(np.concatenate(numbers), np.concatenate(starts), low, high, known)
@@ -213,7 +213,7 @@ def _varying(stretch: Blocks, t: Floats, phase: Floats) -> tuple[Floats, Floats,
     keep = np.concatenate([np.diff(knots) > 0.0, [True]])
     curve = CubicHermiteSpline(knots[keep], values[keep], rates[keep])
     here = np.arange(math.ceil(values[0] / (2.0 * math.pi)), values[-1] / (2.0 * math.pi))
-    found = np.interp(2.0 * math.pi * here, values[keep], knots[keep])
+    times = np.interp(2.0 * math.pi * here, values[keep], knots[keep])
     for _ in range(4):
-        found = np.clip(found - (curve(found) - 2.0 * math.pi * here) / curve(found, 1), begin, end)
-    return here, found, rates
+        times = np.clip(times - (curve(times) - 2.0 * math.pi * here) / curve(times, 1), begin, end)
+    return here, times, rates

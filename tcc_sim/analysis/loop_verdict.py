@@ -112,7 +112,7 @@ class Swings(NamedTuple):
 
 def turning_points(signal: Floats, reversal: float) -> NDArray[np.int64]:
     """Return the indices of alternating maxima and minima that a reversal larger than `reversal` confirms."""
-    found: list[int] = []
+    places: list[int] = []
     values = signal.tolist()
     low = high = 0
     rising = 0
@@ -122,12 +122,12 @@ def turning_points(signal: Floats, reversal: float) -> NDArray[np.int64]:
         if value < values[low]:
             low = k
         if rising >= 0 and values[high] - value > reversal:
-            found.append(high)
+            places.append(high)
             rising, low = -1, k
         elif rising <= 0 and value - values[low] > reversal:
-            found.append(low)
+            places.append(low)
             rising, high = 1, k
-    return np.array(found, dtype=np.int64)
+    return np.array(places, dtype=np.int64)
 
 
 def swings_of(t: Floats, signal: Floats, floor: float, from_start: bool = False) -> Swings:
@@ -143,7 +143,7 @@ def swings_of(t: Floats, signal: Floats, floor: float, from_start: bool = False)
     from_start : whether the same holds for the swing from the start, as no step leads to it
     """
     second = signal[len(signal) // 2:]
-    found = Swings(np.empty(0), np.empty(0), math.inf)
+    swings = Swings(np.empty(0), np.empty(0), math.inf)
     for part in DEFAULTS.reversals:
         reversal = max(floor, part * float(np.ptp(second)) if len(second) else 0.0)
         points = turning_points(signal, reversal)
@@ -164,11 +164,11 @@ def swings_of(t: Floats, signal: Floats, floor: float, from_start: bool = False)
         between = signal[points[0]:points[-1] + 1]
         away = np.abs(between - np.median(between))
         near = np.count_nonzero(away <= max(floor, float(np.median(sizes)) / 6.0)) > 0.5 * len(away)
-        found = new = Swings(sizes, np.diff(t[points]), float(t[-1] - t[points[-1]]), cut,
-                             bool(near) and len(sizes) < DEFAULTS.swings)
+        swings = new = Swings(sizes, np.diff(t[points]), float(t[-1] - t[points[-1]]), cut,
+                              bool(near) and len(sizes) < DEFAULTS.swings)
         if _regular(new):
             break
-    return found
+    return swings
 
 
 def _regular(swings: Swings) -> bool:
@@ -192,8 +192,8 @@ def loop_verdict(errors: Errors, whole: float) -> Judged:
     first = errors.arrived if errors.arrived < n else 0
     free, forced = _without_forced(errors, first)
     swings = swings_of(errors.t[first:], free[first:], errors.floor, errors.step == 0.0)
-    found = _oscillating(swings, errors, free) or _running_away(errors, whole)
-    return found or _at_the_end(errors, swings, forced)
+    verdict = _oscillating(swings, errors, free) or _running_away(errors, whole)
+    return verdict or _at_the_end(errors, swings, forced)
 
 
 def _oscillating(swings: Swings, errors: Errors, free: Floats) -> Judged | None:
@@ -344,8 +344,8 @@ def _without_forced(errors: Errors, first: int) -> tuple[Floats, bool]:
     rate = np.gradient(reference, errors.t)
     columns = np.stack([np.ones(len(error)), reference, rate], axis=1)
     part = slice(first, None)
-    found = np.linalg.lstsq(columns[part], error[part], rcond=None)[0]
-    left = error - columns @ found
+    factors = np.linalg.lstsq(columns[part], error[part], rcond=None)[0]
+    left = error - columns @ factors
     about = error[part] - error[part].mean()
     explains = float(np.sum(left[part] ** 2)) < DEFAULTS.unexplained * float(np.sum(about ** 2))
     return (left, True) if explains else (error, False)

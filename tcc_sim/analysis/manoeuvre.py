@@ -69,25 +69,25 @@ def orders_at_speeds(run: Trajectory, speeds: Sequence[float], since: float) -> 
     InputError
         As `orders_of`, or no window begins after `since`.
     """
-    found = orders_of(run)
+    orders = orders_of(run)
     # A window is symmetric about its middle as far as the frequency is constant.
-    kept = found.time - math.pi * DEFAULTS.window / found.frequency >= since - 1e-6
+    kept = orders.time - math.pi * DEFAULTS.window / orders.frequency >= since - 1e-6
     if not kept.any():
         raise InputError(f"orders need a window of {DEFAULTS.window} periods of the excitation after the dropped ones")
-    found = found.part(np.flatnonzero(kept), len(found.order))
-    low, high = float(found.frequency.min()), float(found.frequency.max())
+    orders = orders.part(np.flatnonzero(kept), len(orders.order))
+    low, high = float(orders.frequency.min()), float(orders.frequency.max())
     constant = high - low <= SAME * high
     asked = np.array(speeds, dtype=np.float64)
     if not len(asked):
         asked = np.array([low]) if constant else np.linspace(low, high, SPEEDS + 2)[1:-1]
-    values = {name: np.array([[_largest_at(found, speed, found.cut(order, name), constant) for order in found.cuts]
+    values = {name: np.array([[_largest_at(orders, speed, orders.cut(order, name), constant) for order in orders.cuts]
                               for speed in asked]) for name in ("slip_speed", "shaft_torque")}
-    return OrdersAtSpeeds(asked, np.array(found.cuts), **values)
+    return OrdersAtSpeeds(asked, np.array(orders.cuts), **values)
 
 
-def _largest_at(found: Orders, speed: float, amplitude: Floats, constant: bool) -> float:
+def _largest_at(orders: Orders, speed: float, amplitude: Floats, constant: bool) -> float:
     """Return the largest amplitude with which the frequency passes a speed; NaN if it never does."""
-    frequency = found.frequency
+    frequency = orders.frequency
     if constant:
         return float(amplitude.max()) if abs(speed - frequency[0]) <= SAME * speed else math.nan
     before, after = frequency[:-1], frequency[1:]

@@ -77,8 +77,9 @@ def measured_phase(table: MeasuredTable, order: float = 1.0, pulses: int = 1) ->
         t, values, holes, notes = plausible_speed(t, values, source, order)
         turns, times = integral(values, t) * order / (2.0 * math.pi), t
     elif there[0] == "tacho":
-        found = pulses_of(t, values, pulses, source)
-        turns, times, holes, notes = found.counts * order / found.per_revolution, found.times, found.holes, found.notes
+        pulse_phase = pulses_of(t, values, pulses, source)
+        turns, times = pulse_phase.counts * order / pulse_phase.per_revolution, pulse_phase.times
+        holes, notes = pulse_phase.holes, pulse_phase.notes
     else:
         tracked = _tracked(t, values)
         if len(tracked.starts) < 2:
@@ -199,24 +200,24 @@ def _agreeing(table: MeasuredTable, phase: MeasuredPhase, name: str, order: floa
     line = _strongest_order(table, phase, by)
     if line is None:
         return _drifting(table, phase, name) if by == "engine_torque" else phase
-    found, tolerance, fundamental = line
-    whole = round(found)
-    if whole >= 1 and abs(found - whole) <= tolerance and (fundamental or whole == 1):
+    frequency, tolerance, fundamental = line
+    whole = round(frequency)
+    if whole >= 1 and abs(frequency - whole) <= tolerance and (fundamental or whole == 1):
         return phase
     what = f"the phase by {name}" + (f" with --pulses {pulses}" if name == "tacho" else "")
-    says = (f"the strongest line of {by} is at {found:.4g} times the excitation by {name}"
+    says = (f"the strongest line of {by} is at {frequency:.4g} times the excitation by {name}"
             + (f" and --pulses {pulses}" if name == "tacho" else ""))
     unit = next((unit for ratio, unit in UNITS_BY_RATIO.items() for k in (1, 2, 3, 4)
-                 if name == "engine_speed" and abs(found * ratio / k - 1.0) < 0.01), None)
-    if unit is not None and (by == "engine_torque" or abs(found - whole) > tolerance):
+                 if name == "engine_speed" and abs(frequency * ratio / k - 1.0) < 0.01), None)
+    if unit is not None and (by == "engine_torque" or abs(frequency - whole) > tolerance):
         hint = (f"engine_speed looks as if it were in {unit}; if so, say it with --columns engine_speed=COLUMN:{unit}")
-    elif any(abs(found * 1e3 / k - 1.0) < 0.01 for k in (1, 2, 3, 4)):
+    elif any(abs(frequency * 1e3 / k - 1.0) < 0.01 for k in (1, 2, 3, 4)):
         hint = "if the times are in ms, say so with --columns t=COLUMN:ms"
     else:
         hint = f"check {'--pulses' if name == 'tacho' else 'its unit'} and engine.order, which is {order:g}"
-    if by == "engine_torque" and (abs(found - whole) > tolerance or whole < 1 or order != 1.0):
+    if by == "engine_torque" and (abs(frequency - whole) > tolerance or whole < 1 or order != 1.0):
         raise InputError(f"{table.source}: {what} contradicts the torque: {says}; {hint}")
-    if by == "slip_speed" and unit is None and whole >= 1 and abs(found - whole) <= tolerance:
+    if by == "slip_speed" and unit is None and whole >= 1 and abs(frequency - whole) <= tolerance:
         return phase
     return MeasuredPhase(phase.turns, phase.times, phase.holes, (*phase.notes, f"{table.source}: {says}; {hint}"))
 
@@ -244,11 +245,11 @@ def _strongest_order(table: MeasuredTable, phase: MeasuredPhase, by: str) -> tup
     if np.ptp(signal) <= 1e-9 * np.abs(values).max() or share < DEFAULTS.sharp or k >= len(spectrum) - 1:
         return None
     a, b, c = np.log(spectrum[k - 1:k + 2])
-    found = (k + 0.5 * float(a - c) / float(a - 2.0 * b + c)) / span
+    strongest = (k + 0.5 * float(a - c) / float(a - 2.0 * b + c)) / span
     first = round(span)
     there = spectrum[max(first - 2, low):first + 3]
     fundamental = first + 3 < len(spectrum) and bool(there.max() > DEFAULTS.driven * spectrum[k])
-    return found, max(DEFAULTS.agreement * found, 1.5 / span), fundamental
+    return strongest, max(DEFAULTS.agreement * strongest, 1.5 / span), fundamental
 
 
 def _drifting(table: MeasuredTable, phase: MeasuredPhase, name: str) -> MeasuredPhase:

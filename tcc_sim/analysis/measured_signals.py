@@ -37,9 +37,9 @@ def signals_in(table: MeasuredTable, system: System, pulses: int = 1) -> Signals
     t, slip = table.filled("slip_speed")
     if len(t) < 4:
         raise InputError(f"{table.source}: the column slip_speed has {counted(len(t), 'value')}; 4 or more are needed")
-    found = table.holes("slip_speed")
-    holes = long_holes(found, phase.turns, phase.times)
-    short = found[~np.isin(found[:, 0], holes[:, 0])]
+    slip_holes = table.holes("slip_speed")
+    holes = long_holes(slip_holes, phase.turns, phase.times)
+    short = slip_holes[~np.isin(slip_holes[:, 0], holes[:, 0])]
     notes = [] if not len(short) else [
         f"{table.source}: {counted(len(short), 'hole')} of at most {np.diff(short).max():.3g} s, a sixteenth of a "
         "period of the excitation or less, bridged by cubics"]

@@ -105,8 +105,8 @@ class Orders(Result):
 
     def cut(self, order: float, of: str = "shaft_torque") -> Floats:
         """Return the amplitude of one order along the run, (W,)."""
-        found: Floats = getattr(self, of)[:, int(np.argmin(np.abs(self.order - order)))]
-        return found
+        amplitudes: Floats = getattr(self, of)[:, int(np.argmin(np.abs(self.order - order)))]
+        return amplitudes
 
 
 def slip_about_cycle_mean(signals: Signals) -> tuple[Floats, Floats]:
@@ -135,8 +135,8 @@ def orders_of(run: Trajectory | Signals) -> Orders:
     Examples
     --------
     >>> import tcc_sim
-    >>> found = tcc_sim.orders(tcc_sim.solve("slip", cycles=40, samples_per_cycle=64))
-    >>> float(found.order[16]), len(found.time)
+    >>> result = tcc_sim.orders(tcc_sim.solve("slip", cycles=40, samples_per_cycle=64))
+    >>> float(result.order[16]), len(result.time)
     (1.0, 7)
     """
     signals = run if isinstance(run, Signals) else run_signals(run)
@@ -214,14 +214,14 @@ def compared(measured: Signals, run: Trajectory) -> OrderComparison:
         As `orders_of`.
     """
     inside = (measured.t >= run.t[0]) & (measured.t <= run.t[-1])
-    found = orders_of(replace(measured, turns=measured.turns[inside], t=measured.t[inside],
-                              heat=measured.heat[inside]))
+    measured_orders = orders_of(replace(measured, turns=measured.turns[inside], t=measured.t[inside],
+                                        heat=measured.heat[inside]))
     own = orders_of(run_signals(run, (measured.turns, measured.when)))
-    _, *both = np.intersect1d(np.rint(1e6 * found.time), np.rint(1e6 * own.time), return_indices=True)
+    _, *both = np.intersect1d(np.rint(1e6 * measured_orders.time), np.rint(1e6 * own.time), return_indices=True)
     if not len(both[0]):
         raise InputError("no window of the measurement is one of the run")
-    orders = min(len(found.order), len(own.order))
-    return OrderComparison(found.part(both[0], orders), own.part(both[1], orders))
+    orders = min(len(measured_orders.order), len(own.order))
+    return OrderComparison(measured_orders.part(both[0], orders), own.part(both[1], orders))
 
 
 def _with_hole(signals: Signals, begins: Floats) -> NDArray[np.bool_]:
@@ -255,8 +255,8 @@ def _driven(torque: Floats, order: Floats) -> Floats:
     known = np.isfinite(share).all(axis=1)
     share = np.median(share[known], axis=0) if known.any() else np.zeros(len(order))
     tops = (share[1:-1] > share[:-2]) & (share[1:-1] >= share[2:]) & (share[1:-1] >= DEFAULTS.driven)
-    found: Floats = order[1:-1][tops]
-    return found
+    peaks: Floats = order[1:-1][tops]
+    return peaks
 
 
 def _about_cycle_mean(v: Floats) -> Floats:

@@ -319,29 +319,29 @@ def repetition(points: Any, count: int, most: int, tolerance: float, columns: An
         size = difference_of(points, count - 1, count - 1 - period)
         if size > near:
             continue
-        found, left = period_in_the_limit(points, count, period, tolerance, columns, triangle, shares, limit)
-        if found == NONE:
+        repeat, left = period_in_the_limit(points, count, period, tolerance, columns, triangle, shares, limit)
+        if repeat == NONE:
             continue
         # Just behind a doubling a decay resembles a slower one to zero; over twice the period less changes.
         twice = 2 * period
-        if found == period and twice <= most:
+        if repeat == period and twice <= most:
             after = difference_of(points, count - 1, count - 1 - twice)
             if after <= near and after < DOUBTFUL * size:
                 further, nearer = period_in_the_limit(points, count, twice, tolerance, columns, triangle, shares,
                                                       limit)
                 if further == twice and nearer < DOUBTFUL * left:
-                    found = twice
-        return found, False, last_change(points, count, found if found > 0 else 1)
+                    repeat = twice
+        return repeat, False, last_change(points, count, repeat if repeat > 0 else 1)
     return 0, False, change
 
 
 @compiled
 def judge_runs(runs: Any, most: int, tolerance: float, columns: Any, triangle: Any, shares: Any, limit: Any,
-          found: Any) -> None:
+          results: Any) -> None:
     """Fill a row of `found` with period, settled and change of every run."""
     for k in range(runs.shape[0]):
         period, settled, change = repetition(runs[k], runs.shape[1], most, tolerance, columns, triangle, shares, limit)
-        found[k, 0], found[k, 1], found[k, 2] = period, 1.0 if settled else 0.0, change
+        results[k, 0], results[k, 1], results[k, 2] = period, 1.0 if settled else 0.0, change
 
 
 def repetitions(runs: Floats, most: int, tolerance: float) -> list[tuple[int, bool, float]]:
@@ -352,7 +352,7 @@ def repetitions(runs: Floats, most: int, tolerance: float) -> list[tuple[int, bo
     runs : (m, n, 3) section points of each run in units of its size, finite, n > `most`
     most : longest period looked for, 1 to n // 3
     """
-    found = np.empty((len(runs), 3))
+    results = np.empty((len(runs), 3))
     judge_runs(np.ascontiguousarray(runs), most, tolerance, np.empty((MODES + 1, 3 * runs.shape[1])),
-          np.empty((MODES, MODES + 1)), np.empty(MODES), np.empty((most, 3)), found)
-    return [(int(period), settled > 0.0, change) for period, settled, change in found.tolist()]
+          np.empty((MODES, MODES + 1)), np.empty(MODES), np.empty((most, 3)), results)
+    return [(int(period), settled > 0.0, change) for period, settled, change in results.tolist()]

@@ -48,7 +48,7 @@ class Spectrum(Result):
         names = ("slip_speed", "shaft_torque", "slip_speed_density", "shaft_torque_density")
         values = {name: getattr(self, name) for name in names}
         return {"frequency": self.frequency, "order": self.order,
-                **{name: found for name, found in values.items() if found is not None}}
+                **{name: column for name, column in values.items() if column is not None}}
 
 
 def spectrum_of(signals: Signals, period: int, last: int | None = None) -> Spectrum:
@@ -96,9 +96,9 @@ def spectrum_of(signals: Signals, period: int, last: int | None = None) -> Spect
 
 def _lines(values: Floats, periods: int, count: int) -> Floats:
     """Return the amplitudes of the first `count` multiples of a motion's frequency, from whole periods."""
-    found: Floats = 2.0 * np.abs(np.fft.rfft(values)[::periods][:count]) / len(values)
-    found[0] *= 0.5
-    return found
+    amplitudes: Floats = 2.0 * np.abs(np.fft.rfft(values)[::periods][:count]) / len(values)
+    amplitudes[0] *= 0.5
+    return amplitudes
 
 
 def _density(values: Floats, length: int, count: int, rate: float) -> Floats:

@@ -83,10 +83,10 @@ class RunCycles:
             piece = CyclePiece(before.run, before.first, concatenated([before.cycles, piece.cycles]))
         self.pieces.append(piece)
 
-    def add_parts(self, found: Cycles) -> None:
+    def add_parts(self, partial: Cycles) -> None:
         """Add parts of cycles with their `starts`."""
-        assert found.starts is not None
-        self.parts += list(np.stack([found.starts[:-1], found.starts[1:], *_columns(found)], axis=1))
+        assert partial.starts is not None
+        self.parts += list(np.stack([partial.starts[:-1], partial.starts[1:], *_columns(partial)], axis=1))
 
     def _join_all(self) -> None:
         """Join consecutive pieces, so that the kept part of the run is a view and not a copy."""
@@ -232,7 +232,7 @@ class CycleStream:
         if not finite.all():
             self.not_finite += int(np.count_nonzero(~finite))
             rows, stamp_ns = rows[:, finite], stamp_ns[finite]
-        found: list[CyclePiece] = []
+        pieces: list[CyclePiece] = []
         for piece, preceded in self.continuity.pieces(stamp_ns, run):
             begin = float(rows[0, piece.start])
             if preceded.begins_a_run:
@@ -246,8 +246,8 @@ class CycleStream:
                     self._close()
                 else:
                     rows[BRIDGED, piece.start] = 1.0
-            found += self._take(rows[:, piece], run)
-        return found
+            pieces += self._take(rows[:, piece], run)
+        return pieces
 
     def feed_states(self, states: JointStates) -> list[CyclePiece]:
         """Take the next states of a recording, as `feed`."""
@@ -281,8 +281,8 @@ class CycleStream:
         if run is self.runs[-1] and (rest := self._rest()) is not None:
             parts.append(rest)
         if not self.clock.told:
-            found = summarise_cycles(kept.cycles, lengths_of(kept.cycles), beside=parts, span=kept.span)
-            return replace(found, period=0, section=[], section_states=[], cycles=0, broken=0, settled=False,
+            summary = summarise_cycles(kept.cycles, lengths_of(kept.cycles), beside=parts, span=kept.span)
+            return replace(summary, period=0, section=[], section_states=[], cycles=0, broken=0, settled=False,
                            section_change=math.nan, longest_period=0)
         return summarise_cycles(kept.cycles, first=kept.first, tolerance=DEFAULTS.recording_tolerance, beside=parts,
                                 dropped=kept.dropped, broken=kept.broken, span=kept.span,
@@ -313,15 +313,15 @@ class CycleStream:
         cuts, numbers = self._cuts(run, end)
         if not len(numbers):
             return []
-        found = self._between(cuts)
+        cycles = self._between(cuts)
         self._from = float(cuts[-1])
         pieces = []
         ends = np.flatnonzero((numbers[1:] != numbers[:-1] + 1) | (numbers[:-1] == PART)) + 1
         for a, b in pairwise([0, *ends.tolist(), len(numbers)]):
             if numbers[a] == PART:
-                self.runs[-1].add_parts(found[a:b])
+                self.runs[-1].add_parts(cycles[a:b])
             else:
-                pieces.append(CyclePiece(len(self.runs) - 1, int(numbers[a]), found[a:b]))
+                pieces.append(CyclePiece(len(self.runs) - 1, int(numbers[a]), cycles[a:b]))
                 self.runs[-1].add(pieces[-1])
         rows = np.concatenate(self._waiting, axis=1)
         start = int(np.searchsorted(rows[0], self._from + DEFAULTS.slack * self.clock.cycle, side="right")) - 1
@@ -359,10 +359,10 @@ class CycleStream:
         t, slip_speed, plate_angle, plate_speed, engine, friction, *far, lost = np.concatenate(self._waiting, axis=1)
         slip, plate = equations.accelerations(slip_speed, plate_angle, plate_speed, engine, friction, self._linear,
                                               far[0], far[1])
-        found = cycles_from_samples(t, slip_speed, slip, plate_angle, plate_speed, plate, starts=cuts,
-                                    stick_speed=self._stick_speed, linear=self._linear, far=FarEnd(*far),
-                                    bridged=lost[1:] > 0.0)
-        return replace(found, starts=cuts)
+        cycles = cycles_from_samples(t, slip_speed, slip, plate_angle, plate_speed, plate, starts=cuts,
+                                     stick_speed=self._stick_speed, linear=self._linear, far=FarEnd(*far),
+                                     bridged=lost[1:] > 0.0)
+        return replace(cycles, starts=cuts)
 
     def _rest(self) -> Cycles | None:
         """Return the waiting samples after the last cycle as a part; None for none."""

@@ -61,12 +61,12 @@ def cycle_parts_of(trajectory: Trajectory) -> tuple[Cycles | None, Cycles, Cycle
     early = int(not len(starts) or starts[0] > begin + near)
     late = int(not len(starts) or starts[-1] < end - near)
     cuts = np.concatenate([[begin] * early, starts, [end] * late])
-    found = replace(cycles_from_samples(trajectory.t, trajectory.slip_speed, slip, trajectory.plate_angle,
+    whole = replace(cycles_from_samples(trajectory.t, trajectory.slip_speed, slip, trajectory.plate_angle,
                                         trajectory.plate_speed, plate, starts=cuts, stick_speed=stick_speed_of(terms),
                                         linear=terms.linear, far=trajectory.far_end), starts=cuts)
     if not len(starts):
-        return None, found[:0], found
-    return found[:1] if early else None, *split_cycles(found[early:], len(starts) - 1)
+        return None, whole[:0], whole
+    return whole[:1] if early else None, *split_cycles(whole[early:], len(starts) - 1)
 
 
 def first_cycle_of(trajectory: Trajectory) -> int:
@@ -121,11 +121,11 @@ class Summary(Result):
 
     Examples
     --------
-    >>> found = Summary(62.1, -0.01, 2, [(0.1, 0.5), (0.12, 0.4)], 0.73, "stick-slip", 150, 50, True, 1e-9, "smoothed",
+    >>> result = Summary(62.1, -0.01, 2, [(0.1, 0.5), (0.12, 0.4)], 0.73, "stick-slip", 150, 50, True, 1e-9, "smoothed",
     ...                 0.1)
-    >>> found
+    >>> result
     <Summary by smoothed: 150 cycles, period 2, settled, stick-slip; largest |slip speed| 62.1 rad/s>
-    >>> found.columns()["stick_fraction"]
+    >>> result.columns()["stick_fraction"]
     [0.73]
     """
 
@@ -254,21 +254,21 @@ def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, t
         raise InputError("there is no whole period of excitation to summarise")
     steady = cycles[min(varied, len(cycles)):] if varied else cycles
     runaway = known.runaway if known is not None else not carried and runs_away(cycles, varied)
-    found = known.periodicity if known is not None else periodicity(steady, tolerance)
+    repetition = known.periodicity if known is not None else periodicity(steady, tolerance)
     if runaway:
-        found = replace(found, period=0, settled=False)
-    transient = not runaway and not found.settled and (bool(found.period) or cycles_drift(steady))
+        repetition = replace(repetition, period=0, settled=False)
+    transient = not runaway and not repetition.settled and (bool(repetition.period) or cycles_drift(steady))
     points = cycles.section[1:]
-    if found.period:
-        past = (first + len(points) + 1) % found.period
-        points = points[len(points) - past - found.period:len(points) - past]
+    if repetition.period:
+        past = (first + len(points) + 1) % repetition.period
+        points = points[len(points) - past - repetition.period:len(points) - past]
     points = points[np.isfinite(points).all(axis=1)]
     span = span or _span_of(observed, cycle, since, beside)
     return Summary(
-        period=found.period, section=[(angle, v) for v, angle, _ in points.tolist()],
+        period=repetition.period, section=[(angle, v) for v, angle, _ in points.tolist()],
         section_states=[(angle, v, speed) for v, angle, speed in points.tolist()],
-        cycles=count + broken + dropped, discarded=dropped, broken=broken, settled=found.settled,
-        section_change=found.change, longest_period=found.longest, solver=by.solver if by is not None else "",
+        cycles=count + broken + dropped, discarded=dropped, broken=broken, settled=repetition.settled,
+        section_change=repetition.change, longest_period=repetition.longest, solver=by.solver if by is not None else "",
         elapsed_s=by.statistics.seconds if by is not None else 0.0, runaway=runaway, transient=transient,
         covers=(span.begin, span.end), seconds=span.seconds, lost_seconds=span.lost,
         **(known.sums if known is not None else
@@ -328,12 +328,12 @@ def sums_from(highest: float, lowest: float, stick_time: float, seconds: float,
     """
     fraction = min(max(stick_time / seconds, 0.0), 1.0) if seconds > 0.0 else 0.0
     fraction = float(round(fraction)) if min(fraction, 1.0 - fraction) < DEFAULTS.rounding else fraction
-    found: dict[str, Any] = {"max_slip_speed": max(abs(highest), abs(lowest)), "min_slip_speed": lowest,
-                             "stick_fraction": fraction, "regime": regime_of(fraction)}
+    sums: dict[str, Any] = {"max_slip_speed": max(abs(highest), abs(lowest)), "min_slip_speed": lowest,
+                            "stick_fraction": fraction, "regime": regime_of(fraction)}
     if loads is None:
-        return found
+        return sums
     energy, power, high, low, breakaways, fluid = loads
-    return {**found, "clutch_energy": energy, "mean_power": energy / seconds if seconds > 0.0 else math.nan,
+    return {**sums, "clutch_energy": energy, "mean_power": energy / seconds if seconds > 0.0 else math.nan,
             "peak_power": power, "max_shaft_torque": high, "min_shaft_torque": low,
             "breakaways": int(breakaways) if math.isfinite(breakaways) else None, "coupling_energy": fluid}
 

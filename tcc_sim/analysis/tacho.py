@@ -122,8 +122,8 @@ def _levelled(signal: Floats, length: int, whole: float) -> Floats:
     middle = np.cumsum([len(part) for part in parts]) - 0.5 * len(parts[0])
     n = np.arange(len(signal))
     low, high = np.interp(n, middle, low), np.interp(n, middle, high)
-    found: Floats = (signal - 0.5 * (low + high)) / np.maximum(high - low, 0.05 * whole)
-    return found
+    levelled: Floats = (signal - 0.5 * (low + high)) / np.maximum(high - low, 0.05 * whole)
+    return levelled
 
 
 def _edges(t: Floats, x: Floats) -> Floats:
@@ -133,8 +133,8 @@ def _edges(t: Floats, x: Floats) -> Floats:
     rising = sure[1:][(side[sure[1:]] == 1) & (side[sure[:-1]] == -1)]
     zero = np.flatnonzero((x[:-1] < 0.0) & (x[1:] >= 0.0))
     at = zero[np.searchsorted(zero, rising) - 1] if len(zero) else zero
-    found: Floats = t[at] + (t[at + 1] - t[at]) * x[at] / (x[at] - x[at + 1])
-    return found
+    edges: Floats = t[at] + (t[at + 1] - t[at]) * x[at] / (x[at] - x[at + 1])
+    return edges
 
 
 def _check_sampled(t: Floats, edges: Floats, source: str) -> None:

@@ -61,11 +61,11 @@ class PhaseTracker:
 
 def clock_of(runs: dict[int, RunPhase]) -> Tracked | None:
     """Return the cycles of all runs; None without any."""
-    lengths = [np.diff(found.starts)[np.diff(found.numbers) == 1] for found in runs.values()]
+    lengths = [np.diff(run.starts)[np.diff(run.numbers) == 1] for run in runs.values()]
     every = np.concatenate(lengths) if lengths else np.empty(0)
     if not len(every):
         return None
-    return Tracked(float(np.median(every)), {number: (found.numbers, found.starts) for number, found in runs.items()})
+    return Tracked(float(np.median(every)), {number: (run.numbers, run.starts) for number, run in runs.items()})
 
 
 class _Run:
@@ -142,9 +142,9 @@ class _Run:
                 return False
             size = len(self._t)
         self._tried = size
-        found = _line(self._t[:size], self._torque[:size])
-        if found is not None:
-            frequency, drift = found
+        line = _line(self._t[:size], self._torque[:size])
+        if line is not None:
+            frequency, drift = line
             self._model = float(self._t[0]), 0.0, frequency, drift * frequency
             count = self._block()
             ahead = _fit(self._t[:count], self._torque[:count], self._expected(self._t[:count])).ahead
@@ -173,11 +173,11 @@ class _Run:
         count = self._block()
         if len(self._t) <= count:
             return False
-        t, found = self._t[:count], self._measured(count)
-        if found is not None:
+        t, fit = self._t[:count], self._measured(count)
+        if fit is not None:
             self._stretch = self._stretch or []
             self._misses = 0
-            self._add(self._stretch, found, float(t[0]), float(self._t[count]), float(t[-1]))
+            self._add(self._stretch, fit, float(t[0]), float(self._t[count]), float(t[-1]))
             self._learn()
         else:
             self._misses += 1
@@ -192,26 +192,26 @@ class _Run:
         # The first block sets the phase: an opening may begin before the oscillation. The halves of a block must
         # agree: a line of another frequency may have the predicted phase in the middle.
         phase = self._expected(self._t[:count])
-        found, *halves = (_fit(self._t[part], self._torque[part], phase[part])
-                          for part in (slice(0, count), slice(0, count // 2), slice(count // 2, count)))
+        fit, *halves = (_fit(self._t[part], self._torque[part], phase[part])
+                        for part in (slice(0, count), slice(0, count // 2), slice(count // 2, count)))
         apart = math.remainder(halves[1].ahead - halves[0].ahead, 2.0 * math.pi)
-        agrees = abs(found.ahead) <= DEFAULTS.largest_surprise or self._stretch is None
+        agrees = abs(fit.ahead) <= DEFAULTS.largest_surprise or self._stretch is None
         agrees = agrees and abs(apart) <= DEFAULTS.largest_twist
-        return found if found.share >= DEFAULTS.strongest_line and agrees else None
+        return fit if fit.share >= DEFAULTS.strongest_line and agrees else None
 
-    def _add(self, stretch: Blocks, found: _Fit, begin: float, end: float, last: float) -> None:
+    def _add(self, stretch: Blocks, fit: _Fit, begin: float, end: float, last: float) -> None:
         """Add a block to a stretch: its samples go from `begin` to `last`, the next block begins at `end`."""
         middle = 0.5 * (begin + last)
-        phase = float(self._expected(np.array(middle))) + found.ahead
-        stretch.append(Block(middle, phase, found.amplitude, found.share, begin, end))
+        phase = float(self._expected(np.array(middle))) + fit.ahead
+        stretch.append(Block(middle, phase, fit.amplitude, fit.share, begin, end))
 
     def _take_rest(self, stretch: Blocks) -> None:
         """Make the rest at the end a block of its own, or a part of the last block if it is short."""
         begin, last = float(self._t[0]), float(self._t[-1])
         if 2 * len(self._t) >= self._block():
-            found = self._measured(len(self._t))
-            if found is not None:
-                self._add(stretch, found, begin, last, last)
+            fit = self._measured(len(self._t))
+            if fit is not None:
+                self._add(stretch, fit, begin, last, last)
                 return
         stretch[-1] = stretch[-1]._replace(end=last)
 
@@ -241,12 +241,12 @@ class _Run:
 def _fit(t: Floats, torque: Floats, phase: Floats) -> _Fit:
     """Fit a sine of this phase and a drifting mean by least squares."""
     design = np.stack([np.ones_like(t), t - t[0], np.sin(phase), np.cos(phase)], axis=1)
-    found = np.linalg.lstsq(design, torque, rcond=None)[0]
+    factors = np.linalg.lstsq(design, torque, rcond=None)[0]
     without = torque - np.polyval(np.polyfit(t - t[0], torque, 1), t - t[0])
-    left, variance = torque - design @ found, float(without @ without)
+    left, variance = torque - design @ factors, float(without @ without)
     smallest = len(t) * (1e-9 * float(np.abs(torque).max())) ** 2
-    return _Fit(1.0 - float(left @ left) / variance if variance > smallest else 0.0, math.atan2(found[3], found[2]),
-                math.hypot(found[2], found[3]))
+    return _Fit(1.0 - float(left @ left) / variance if variance > smallest else 0.0, math.atan2(factors[3], factors[2]),
+                math.hypot(factors[2], factors[3]))
 
 
 def _line(t: Floats, torque: Floats) -> tuple[float, float] | None:
@@ -304,8 +304,8 @@ def _fitted(t: Floats, torque: Floats) -> Blocks | None:
 
     guess = min(np.linspace(0.6, 1.4, 81).tolist(), key=left)
     best = minimize_scalar(left, bounds=(guess - 0.01, guess + 0.01), method="bounded", options={"xatol": 1e-10})
-    found, ends = _fit(t, torque, float(best.x) * rough * (t - t[0])), (float(t[0]), float(t[-1]))
-    if found.share < DEFAULTS.strongest_line:
+    fit, ends = _fit(t, torque, float(best.x) * rough * (t - t[0])), (float(t[0]), float(t[-1]))
+    if fit.share < DEFAULTS.strongest_line:
         return None
-    return [Block(at, found.ahead + float(best.x) * rough * (at - ends[0]), found.amplitude, found.share, *ends)
+    return [Block(at, fit.ahead + float(best.x) * rough * (at - ends[0]), fit.amplitude, fit.share, *ends)
             for at in ends]

@@ -302,10 +302,10 @@ class Loop:
         held = self.reference
         aimed = np.append(value_at(held, begin), held.values[(held.t > begin + 1e-9) & (held.t <= end)])
         limits = self._limits(errors, pressed)
-        found = self._verdict(errors, course, pressed, limits, end - begin)
+        verdict = self._verdict(errors, course, pressed, limits, end - begin)
         beyond = np.abs(error) if errors.step == 0.0 else error * math.copysign(1.0, errors.step)
         over = int(beyond.argmax())
-        settled = found.verdict is LoopVerdict.SETTLED
+        settled = verdict.verdict is LoopVerdict.SETTLED
         known = np.isfinite(course.stick_time)
         return Tracking(
             target=target, target_low=float(aimed.min()), target_high=float(aimed.max()),
@@ -314,10 +314,10 @@ class Loop:
             largest_error=float(np.abs(kept).max()) if len(kept) else math.nan,
             overshoot=abs(max(float(beyond[over]), 0.0)),
             overshoot_time=float(errors.t[over]) if beyond[over] > 0.0 else math.nan,
-            settling_time=max(float(errors.starts[found.since]) - begin, 0.0) if settled else math.nan,
-            verdict=found.verdict.value, verdict_why=found.why + self.note, band=errors.band,
+            settling_time=max(float(errors.starts[verdict.since]) - begin, 0.0) if settled else math.nan,
+            verdict=verdict.verdict.value, verdict_why=verdict.why + self.note, band=errors.band,
             peak_deviation=float(error[peak]), peak_time=float(errors.t[peak]),
-            hunting_amplitude=found.amplitude, hunting_period=found.period,
+            hunting_amplitude=verdict.amplitude, hunting_period=verdict.period,
             peak_mean=float(np.abs(error).max()), peak_slip=self._peak_slip(course, errors),
             iae=float((np.abs(error) * length).sum()),
             ripple=math.sqrt(max(float(np.mean(np.maximum(course.square - course.mean**2, 0.0))), 0.0)),
@@ -378,8 +378,8 @@ class Loop:
         if self.pressures is None:
             return None
         rows = slice(*np.searchsorted(self.pressures.t, [begin + 1e-9, end + 1e-9]).tolist())
-        found = Pressures(self.pressures.t[rows], self.pressures.values[rows])
-        return found if np.isfinite(found.values).any() else None
+        pressed = Pressures(self.pressures.t[rows], self.pressures.values[rows])
+        return pressed if np.isfinite(pressed.values).any() else None
 
     def _own_limits(self) -> Limits:
         """Return the limits that are given, else the scene's: no pressure is below 0."""

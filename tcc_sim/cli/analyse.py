@@ -78,13 +78,13 @@ def targets(text: str) -> float | dict[float, float]:
         if ":" not in text:
             return float(text)
         pairs = [part.split(":") for part in text.split(",")]
-        found = {float(t): float(value) for t, value in pairs}
+        steps = {float(t): float(value) for t, value in pairs}
     except ValueError:
         raise argparse.ArgumentTypeError(f"{text!r} must be a slip speed in rad/s, or T:V,T:V with times in "
                                          "s") from None
-    if len(found) < len(pairs):
+    if len(steps) < len(pairs):
         raise argparse.ArgumentTypeError(f"{text!r} has two targets for one time")
-    return found
+    return steps
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -109,33 +109,33 @@ def run(arguments: argparse.Namespace) -> int:
         from tcc_sim.views.recording_layout import write_layout
 
         say(f"layout: {write_layout(arguments.recording)}")
-    found = replay(recording, rrd=arguments.rrd, spawn=arguments.spawn, connect=arguments.connect,
-                   discard=arguments.discard, frequency=arguments.frequency,
-                   verify=arguments.verify, damping=arguments.damping, window=window, target=arguments.target,
-                   band=arguments.band, progress=True)
-    lines = found.lines()
-    drawn: object = found
+    result = replay(recording, rrd=arguments.rrd, spawn=arguments.spawn, connect=arguments.connect,
+                    discard=arguments.discard, frequency=arguments.frequency,
+                    verify=arguments.verify, damping=arguments.damping, window=window, target=arguments.target,
+                    band=arguments.band, progress=True)
+    lines = result.lines()
+    drawn: object = result
     # A manoeuvre is drawn whole, as by `simulate --plot`; any other run by its last cycles and its maxima.
-    whole = arguments.plot is not None and found.scene.system.profile is not None
+    whole = arguments.plot is not None and result.scene.system.profile is not None
     if arguments.out is not None or arguments.orders or arguments.spectrum or whole:
-        samples = recording.trajectory(found.run, arguments.start, arguments.end)
-        drawn = replace(samples, control=found.control) if whole else found
+        samples = recording.trajectory(result.run, arguments.start, arguments.end)
+        drawn = replace(samples, control=result.control) if whole else result
     if arguments.orders or arguments.spectrum:
         from tcc_sim.functions import with_recorded_figures
 
-        found = with_recorded_figures(found, samples, orders=arguments.orders, spectrum=arguments.spectrum)
-    if found.orders is not None:
-        drawn = found.orders
-        lines += order_lines(found.orders)
-    if found.spectrum is not None:
-        drawn = drawn if arguments.orders else found
-        lines += spectrum_lines(found.spectrum)
+        result = with_recorded_figures(result, samples, orders=arguments.orders, spectrum=arguments.spectrum)
+    if result.orders is not None:
+        drawn = result.orders
+        lines += order_lines(result.orders)
+    if result.spectrum is not None:
+        drawn = drawn if arguments.orders else result
+        lines += spectrum_lines(result.spectrum)
     if arguments.out is not None:
         write_samples(arguments.out, samples, recording.scene.text(), recorded=True,
-                      document=document_of(arguments, found.scene, found))
+                      document=document_of(arguments, result.scene, result))
     plot_result(arguments, drawn, arguments.recording.name)
-    present(arguments, found.scene, found, lines)
-    return 0 if found.verification is None or found.verification.verified else 1
+    present(arguments, result.scene, result, lines)
+    return 0 if result.verification is None or result.verification.verified else 1
 
 
 def _table(arguments: argparse.Namespace) -> int:
@@ -157,12 +157,12 @@ def _table(arguments: argparse.Namespace) -> int:
     scene = load_scene(arguments.scene or DEFAULT_SCENE)
     show_in(order=scene.system.engine.order)
     table = table_in(arguments.recording, ("slip_speed",), columns=arguments.columns)
-    found = analyse_table(table.part(arguments.start, arguments.end), scene.system, orders=arguments.orders,
-                          spectrum=arguments.spectrum, pulses=arguments.pulses)
-    lines = [f"{arguments.recording}: {counted(found.samples, 'row')} over {found.seconds:.6g} s"]
-    say_of_table(found.warnings)
-    lines += order_lines(found.orders) if found.orders is not None else []
-    lines += spectrum_lines(found.spectrum) if found.spectrum is not None else []
-    plot_result(arguments, found.orders or found.spectrum, arguments.recording.name)
-    present(arguments, scene, found, lines)
+    result = analyse_table(table.part(arguments.start, arguments.end), scene.system, orders=arguments.orders,
+                           spectrum=arguments.spectrum, pulses=arguments.pulses)
+    lines = [f"{arguments.recording}: {counted(result.samples, 'row')} over {result.seconds:.6g} s"]
+    say_of_table(result.warnings)
+    lines += order_lines(result.orders) if result.orders is not None else []
+    lines += spectrum_lines(result.spectrum) if result.spectrum is not None else []
+    plot_result(arguments, result.orders or result.spectrum, arguments.recording.name)
+    present(arguments, scene, result, lines)
     return 0

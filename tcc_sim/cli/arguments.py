@@ -65,10 +65,10 @@ def new_file(path: Path, force: bool = False) -> Path:
 
 def joint_names(text: str) -> dict[str, str]:
     """Return the names of the joints in `flywheel=NAME,clutch_plate=NAME`."""
-    found = dict(part.partition("=")[::2] for part in text.split(","))
-    if not all(found.values()) or not set(found) <= set(JOINT_NAMES):
+    names = dict(part.partition("=")[::2] for part in text.split(","))
+    if not all(names.values()) or not set(names) <= set(JOINT_NAMES):
         raise argparse.ArgumentTypeError(f"{text!r} must be flywheel=NAME,clutch_plate=NAME")
-    return found
+    return names
 
 
 def add_driveline(group: argparse._ArgumentGroup) -> None:

@@ -126,8 +126,8 @@ def _analyse(scene: Scene, recording: Path, directory: Path, missing: list[str],
     from tcc_sim.output.provenance import document
     from tcc_sim.replay.replay import replay
 
-    found = replay(recording, rrd=None if "rerun" in missing else directory / "run.rrd", progress=True)
-    write_json(directory / "analysis.json", document("analyse", found, found.scene, words))
+    result = replay(recording, rrd=None if "rerun" in missing else directory / "run.rrd", progress=True)
+    write_json(directory / "analysis.json", document("analyse", result, result.scene, words))
     made = ["recording", "analysis.json"] + ([] if "rerun" in missing else ["run.rrd"])
     if "rerun" not in missing:
         from tcc_sim.views.recording_layout import write_layout
@@ -136,10 +136,10 @@ def _analyse(scene: Scene, recording: Path, directory: Path, missing: list[str],
     if "matplotlib" not in missing:
         from tcc_sim.views.overview import overview
 
-        overview(directory / "overview.png", found.trajectory, found.cycles, found.first_cycle, found.summary,
-                 scene.name, control=found.control)
+        overview(directory / "overview.png", result.trajectory, result.cycles, result.first_cycle, result.summary,
+                 scene.name, control=result.control)
         made.append("overview.png")
-    say("\n".join(found.lines()))
+    say("\n".join(result.lines()))
     say(f"{directory}/ holds {', '.join(made)}\nnext:")
     say(f"  tcc-sim analyse {recording} --verify")
     if "rerun" not in missing:

@@ -27,19 +27,19 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.output.explanation import closed_form_lines, explained, friction_lines
 
     explanation = explained(scene, cost=arguments.cost)
-    found = explanation.as_json()
-    say(f"{found['name']}: {found['description']}")
-    say("\n".join([*estimate_lines(estimates_of(scene.system)), *friction_lines(found["friction"]),
-                   *closed_form_lines(found["closed_forms"])]))
+    document = explanation.as_json()
+    say(f"{document['name']}: {document['description']}")
+    say("\n".join([*estimate_lines(estimates_of(scene.system)), *friction_lines(document["friction"]),
+                   *closed_form_lines(document["closed_forms"])]))
     torque = "published" if scene.operation.publish_shaft_torque else "not published (publish_shaft_torque)"
     say(f"far end of the shaft: still, until output_speed moves it; shaft_torque is {torque}")
-    say(f"solver offline: {found['solver']}")
+    say(f"solver offline: {document['solver']}")
     for what in ("terms", "topics", "modules") if arguments.cost else ("terms",):
-        say(f"{what}\n  in use:   {', '.join(found[what]['held']) or 'none'}"
-            f"\n  left out: {', '.join(found[what]['left_out']) or 'none'}")
+        say(f"{what}\n  in use:   {', '.join(document[what]['held']) or 'none'}"
+            f"\n  left out: {', '.join(document[what]['left_out']) or 'none'}")
     if arguments.cost:
-        say("kernel arguments\n  " + "; ".join(f"{name}: {kind}" for name, kind in found["kernel"].items()))
-    _say_step(found["step"], arguments.cost)
+        say("kernel arguments\n  " + "; ".join(f"{name}: {kind}" for name, kind in document["kernel"].items()))
+    _say_step(document["step"], arguments.cost)
     plot_result(arguments, scene, scene.name)
     present(arguments, scene, explanation)
     return 0

@@ -73,16 +73,16 @@ def run(arguments: argparse.Namespace) -> int:
 
     scene, fit = problem_of(arguments)
     check_outputs(arguments, [".yaml"])
-    found = fit(progress=True)
-    say_of_table(found.warnings)
-    plot_result(arguments, found, scene.name)
-    present(arguments, scene, found, _lines(found))
-    if not found.accepted:
-        print(f"tcc-sim: no acceptable fit: {found.why}", file=sys.stderr)
+    result = fit(progress=True)
+    say_of_table(result.warnings)
+    plot_result(arguments, result, scene.name)
+    present(arguments, scene, result, _lines(result))
+    if not result.accepted:
+        print(f"tcc-sim: no acceptable fit: {result.why}", file=sys.stderr)
         return 1
     if arguments.out is not None:
         with draft(arguments.out) as part:
-            part.write_text(found.scene.text(), encoding="utf-8")
+            part.write_text(result.scene.text(), encoding="utf-8")
     return 0
 
 
@@ -115,16 +115,16 @@ def fit_again(arguments: argparse.Namespace) -> Identification:
     return problem_of(arguments)[1]()
 
 
-def _lines(found: Identification) -> Iterator[str]:
+def _lines(result: Identification) -> Iterator[str]:
     """Yield the quality of the fit, and a line for each parameter."""
-    yield (f"{counted(len(found.measurement.t), 'sample')} of {', '.join(found.noise)}; chi-square per degree of "
-           f"freedom {found.chi2_per_dof:.4g}, {counted(found.starts, 'start')}, {found.seconds:.3g} s")
-    if found.hold is not None:
-        yield f"measured inputs fit best as {WORDS[found.hold]}"
-    for p in found.parameters:
+    yield (f"{counted(len(result.measurement.t), 'sample')} of {', '.join(result.noise)}; chi-square per degree of "
+           f"freedom {result.chi2_per_dof:.4g}, {counted(result.starts, 'start')}, {result.seconds:.3g} s")
+    if result.hold is not None:
+        yield f"measured inputs fit best as {WORDS[result.hold]}"
+    for p in result.parameters:
         yield f"{p.key:>31}  {p.value:<11.6g} +- {p.standard_error:<9.2g} {p.verdict}: {p.why}"
-    if found.curve is not None:
-        yield from _curve_lines(found.curve)
+    if result.curve is not None:
+        yield from _curve_lines(result.curve)
 
 
 def _curve_lines(curve: IdentifiedCurve) -> Iterator[str]:

@@ -65,36 +65,36 @@ def run(arguments: argparse.Namespace) -> int:
     frequencies = None if arguments.frequencies is None else spaced(arguments.frequencies, "--frequencies")
     controller = None if arguments.controller is None else _gains(arguments.controller)
     check_outputs(arguments, [".npz"])
-    found = linearise(scene, input=arguments.input, output=arguments.output, slip=arguments.slip,
-                      frequencies=frequencies, check=arguments.check, mean=arguments.mean, controller=controller,
-                      progress=True)
+    result = linearise(scene, input=arguments.input, output=arguments.output, slip=arguments.slip,
+                       frequencies=frequencies, check=arguments.check, mean=arguments.mean, controller=controller,
+                       progress=True)
     if arguments.out is not None:
         with draft(arguments.out) as part, open(part, "wb") as file:
-            head = documented(document_of(arguments, scene, found))
-            np.savez(file, **found.arrays(), **head)  # type: ignore[arg-type]
-    plot_result(arguments, found, scene.name)
-    present(arguments, scene, found, _lines(found))
+            head = documented(document_of(arguments, scene, result))
+            np.savez(file, **result.arrays(), **head)  # type: ignore[arg-type]
+    plot_result(arguments, result, scene.name)
+    present(arguments, scene, result, _lines(result))
     return 0
 
 
-def _lines(found: Linearisation) -> Iterator[str]:
+def _lines(result: Linearisation) -> Iterator[str]:
     """Yield lines for the motion, and for the response at some frequencies."""
-    if found.kind == "periodic":
-        kind = f"a periodic motion of {counted(found.period, 'period')} of excitation"
+    if result.kind == "periodic":
+        kind = f"a periodic motion of {counted(result.period, 'period')} of excitation"
     else:
-        kind = f"constant {found.kind}"
-    yield (f"from {found.input} to {found.output} about {kind}: mean slip {speed(found.mean_slip)}, pressure "
-           f"{found.pressure:.8g} Pa, engine torque {found.engine_torque:.6g} N m")
-    yield ("A, B, C, D are continuous" if found.dt == 0.0 else
-           f"A, B, C, D are discrete with dt {found.dt:.6g} s, one period; the output is the mean over a period")
-    words = ", ".join(f"{z.real:.4g}{f'{z.imag:+.4g}i' if abs(z.imag) > 1e-12 else ''}" for z in found.multipliers)
+        kind = f"constant {result.kind}"
+    yield (f"from {result.input} to {result.output} about {kind}: mean slip {speed(result.mean_slip)}, pressure "
+           f"{result.pressure:.8g} Pa, engine torque {result.engine_torque:.6g} N m")
+    yield ("A, B, C, D are continuous" if result.dt == 0.0 else
+           f"A, B, C, D are discrete with dt {result.dt:.6g} s, one period; the output is the mean over a period")
+    words = ", ".join(f"{z.real:.4g}{f'{z.imag:+.4g}i' if abs(z.imag) > 1e-12 else ''}" for z in result.multipliers)
     yield f"multipliers {words}"
-    for k in np.unique(np.round(np.linspace(0, len(found.frequencies) - 1, SHOWN)).astype(int)):
-        yield (f"{frequency(found.frequencies[k], 4):>16}  {_decibels(found.gain[k])}  "
-               f"{math.degrees(found.phase[k]):8.2f} deg")
-    if found.controller is not None:
-        yield from _loop_lines(found.controller)
-    for point in found.checked:
+    for k in np.unique(np.round(np.linspace(0, len(result.frequencies) - 1, SHOWN)).astype(int)):
+        yield (f"{frequency(result.frequencies[k], 4):>16}  {_decibels(result.gain[k])}  "
+               f"{math.degrees(result.phase[k]):8.2f} deg")
+    if result.controller is not None:
+        yield from _loop_lines(result.controller)
+    for point in result.checked:
         yield (f"simulated at {frequency(point.frequency, 4)}  {_decibels(point.gain)}  "
                f"{math.degrees(point.phase):8.2f} deg")
 

@@ -86,9 +86,9 @@ def _numbers(words: Sequence[str], wrong: InputError, key: str) -> list[float]:
     meant = {**QUANTITIES, **DERIVED}.get(key)
     unit = meant.unit if meant is not None else "" if key else SPEED_UNIT
     try:
-        found = [number_in(word, unit) for word in words]
+        numbers = [number_in(word, unit) for word in words]
     except TypeError:
         raise wrong from None
-    if not all(map(math.isfinite, found)):
+    if not all(map(math.isfinite, numbers)):
         raise wrong
-    return found
+    return numbers

@@ -26,14 +26,14 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.recording.recovery import default_directory, recover
 
     recording = open_run(arguments.recording)
-    found = recover(recording, arguments.out or default_directory(arguments.recording))
-    say(printable(f"recovered {counted(sum(found.messages.values()), 'message')} into {found.directory}"))
-    for topic, count in list(found.messages.items())[:TOPICS_SHOWN]:
+    result = recover(recording, arguments.out or default_directory(arguments.recording))
+    say(printable(f"recovered {counted(sum(result.messages.values()), 'message')} into {result.directory}"))
+    for topic, count in list(result.messages.items())[:TOPICS_SHOWN]:
         say(f"  {one_line(topic)}: {count}")
-    if len(found.messages) > TOPICS_SHOWN:
-        say(f"  and {counted(len(found.messages) - TOPICS_SHOWN, 'more topic')}")
-    for sentence in found.missing:
+    if len(result.messages) > TOPICS_SHOWN:
+        say(f"  and {counted(len(result.messages) - TOPICS_SHOWN, 'more topic')}")
+    for sentence in result.missing:
         say(f"  note: {one_line(sentence)}")
-    if not found.missing:
-        say("  nothing is missing; the original was complete" if found.complete else "  nothing is missing")
+    if not result.missing:
+        say("  nothing is missing; the original was complete" if result.complete else "  nothing is missing")
     return 0

@@ -91,43 +91,43 @@ def run(arguments: argparse.Namespace) -> int:
     sampled = arguments.orders or arguments.inputs is not None or (
         duration is not None and duration < cycle * (1.0 - 1e-12))
     samples = arguments.samples if arguments.out is not None else SAMPLES if sampled else 0
-    found = awaited(lambda: simulate(
+    result = awaited(lambda: simulate(
         scene, plan, samples_per_cycle=samples,
         flywheel_angle=arguments.out is not None and arguments.out.suffix == ".mcap")).raise_for_status()
     if table is not None or arguments.orders or arguments.spectrum:
         from tcc_sim.functions import with_figures
 
-        found = with_figures(found, scene, table, measured, orders=arguments.orders, spectrum=arguments.spectrum)
-    lines = simulation_lines(scene.name, found)
-    drawn: object = found
+        result = with_figures(result, scene, table, measured, orders=arguments.orders, spectrum=arguments.spectrum)
+    lines = simulation_lines(scene.name, result)
+    drawn: object = result
     if arguments.inputs is not None:
         from tcc_sim.replay.given_inputs import smooth_inputs, twin_of
 
-        common.say_of_table(found.notes)
+        common.say_of_table(result.notes)
         if table is not None and arguments.hold is None and (smooth := smooth_inputs(table)):
             lines.append(f"note: {' and '.join(smooth)} of {arguments.inputs.name} changes smoothly from row to row "
                          "but is held constant between rows; --hold smooth joins the rows")
-        twin = twin_of(source, found.trajectory)
+        twin = twin_of(source, result.trajectory)
         if twin is not None:
             drawn = twin
             lines.append(str(twin))
-    if found.orders is not None:
-        drawn = found.orders
-        if found.measured_orders is not None:
-            drawn = OrderComparison(found.measured_orders, found.orders)
+    if result.orders is not None:
+        drawn = result.orders
+        if result.measured_orders is not None:
+            drawn = OrderComparison(result.measured_orders, result.orders)
             lines += comparison_lines(drawn)
-        lines += order_lines(found.orders)
-    if found.spectrum is not None:
-        drawn = found if not arguments.orders and arguments.inputs is None else drawn
-        lines += spectrum_lines(found.spectrum)
+        lines += order_lines(result.orders)
+    if result.spectrum is not None:
+        drawn = result if not arguments.orders and arguments.inputs is None else drawn
+        lines += spectrum_lines(result.spectrum)
     if arguments.out is not None:
-        write_samples(arguments.out, found.trajectory, scene.text(),
-                      document=common.document_of(arguments, scene, found))
-        lines.append(f"{counted(len(found.trajectory.t), 'sample')} in {arguments.out}")
+        write_samples(arguments.out, result.trajectory, scene.text(),
+                      document=common.document_of(arguments, scene, result))
+        lines.append(f"{counted(len(result.trajectory.t), 'sample')} in {arguments.out}")
     common.plot_result(arguments, drawn, scene.name)
     if arguments.plot is not None:
         lines.append(f"picture in {arguments.plot}")
-    common.present(arguments, scene, found, lines)
+    common.present(arguments, scene, result, lines)
     return 0
 
 

@@ -74,22 +74,22 @@ def run(arguments: argparse.Namespace) -> int:
                               head=head_of("sweep_points", scene, arguments.words), progress=True)
     except (SweepInterrupted, WorkersLost) as stop:
         ended, sweeps = str(stop), stop.sweeps
-    found = gather(sweeps)
+    result = gather(sweeps)
     resumable = bool(ended) and arguments.out is not None
     if arguments.json is not None or arguments.out is not None or ended:
         points = [p for s in sweeps for p in s.points]
         failed = sum(p is not None and p.summary is None for p in points)
         lines = [f"{sum(p is not None for p in points)} of {counted(len(points), 'value')} in {sweeps[0].seconds:.3g} s"
                  + (f"; {failed} failed" if failed else ""), *unsettled_lines(sweeps)]
-    elif isinstance(found, Scattered):
-        lines = quantile_lines(found)
+    elif isinstance(result, Scattered):
+        lines = quantile_lines(result)
     else:
-        lines = sweep_lines(found, terminal_width())
+        lines = sweep_lines(result, terminal_width())
     if resumable and arguments.json != STANDARD_OUTPUT:
         arguments.json = None  # Else the resumed command would refuse to overwrite this file.
-    common.present(arguments, scene, found, lines + doubtful_lines(sweeps))
+    common.present(arguments, scene, result, lines + doubtful_lines(sweeps))
     if not resumable:
-        common.plot_result(arguments, found, scene.name)
+        common.plot_result(arguments, result, scene.name)
     if ended:
         resume = f"; the same command resumes from {arguments.out}" if resumable else ""
         print(f"tcc-sim: {ended}{resume}", file=sys.stderr)

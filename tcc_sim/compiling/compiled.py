@@ -138,8 +138,8 @@ class Kernel:
             LoweredStore.in_use = False
             for kernel in list(_kernels):
                 vars(kernel).pop("dispatcher", None)
-            found: bytes = self.dispatcher.machine_code(arguments)
-            return found
+            machine_code: bytes = self.dispatcher.machine_code(arguments)
+            return machine_code
 
     def file_name(self, kind: Kind) -> str:
         """Return the name on disk of the code for arguments of a kind."""
@@ -174,8 +174,8 @@ def timed(kernel: Callable[..., object], *arguments: Any) -> tuple[Any, float]:
     entry, words = cast(Kernel, kernel).entered(arguments)
     block = entry.block(arguments, words)
     began = time.perf_counter()
-    found = entry.run(block)
-    return found, time.perf_counter() - began
+    value = entry.run(block)
+    return value, time.perf_counter() - began
 
 
 class Call:
@@ -246,10 +246,10 @@ def _laid_out(values: tuple[Any, ...], words: Words) -> Kind:
 @cache
 def _numba() -> tuple[str, str]:
     """Return Numba's version and the text of its version module, without loading Numba."""
-    found = importlib.util.find_spec("numba")
-    if found is None or found.origin is None:
+    spec = importlib.util.find_spec("numba")
+    if spec is None or spec.origin is None:
         raise ModuleNotFoundError("No module named 'numba'", name="numba")
-    text = Path(found.origin).with_name("_version.py").read_text()
+    text = Path(spec.origin).with_name("_version.py").read_text()
     return str(re.search(r'"version": "([^"]*)"', text)[1]), text  # type: ignore[index]
 
 
@@ -300,8 +300,8 @@ def loaded(content: bytes, words: Words) -> EntryPoint:
     def run(block: Any) -> Any:
         if call(block):
             raise ArithmeticError("a kernel has failed")
-        found = unpack_from(block, place)
-        return found if several else found[0] if found else None
+        results = unpack_from(block, place)
+        return results if several else results[0] if results else None
 
     run.engine = engine  # type: ignore[attr-defined]
     return EntryPoint(block, run)

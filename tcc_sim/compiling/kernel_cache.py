@@ -193,12 +193,12 @@ def _base() -> Path:
 
 def _distrust(place: Path) -> str:
     """Return why another user might have written to a directory; empty if none could."""
-    found = place.lstat()
-    if not stat.S_ISDIR(found.st_mode):
+    status = place.lstat()
+    if not stat.S_ISDIR(status.st_mode):
         return "it is not a directory"
-    if found.st_uid != os.geteuid():
+    if status.st_uid != os.geteuid():
         return "it belongs to somebody else"
-    if found.st_mode & 0o022:
+    if status.st_mode & 0o022:
         return "others can write to it; remove it, or make it mode 0700 if you trust what is in it"
     return ""
 
@@ -212,14 +212,14 @@ def _distrust_parents(place: Path) -> str:
     for parent in place.parents:
         if not os.path.lexists(parent):
             continue
-        found = parent.lstat()
-        if not stat.S_ISDIR(found.st_mode):
+        status = parent.lstat()
+        if not stat.S_ISDIR(status.st_mode):
             return f"{parent} is not a directory"
-        if found.st_uid not in (0, own):
+        if status.st_uid not in (0, own):
             return f"{parent} belongs to somebody else"
-        if found.st_mode & 0o022:
+        if status.st_mode & 0o022:
             whose = below.lstat().st_uid if os.path.lexists(below) else own
-            if not (found.st_mode & stat.S_ISVTX and whose == own):
+            if not (status.st_mode & stat.S_ISVTX and whose == own):
                 return f"others can write to {parent}"
         below = parent
     return ""
@@ -232,16 +232,16 @@ def _content(path: Path) -> tuple[bytes, dict[str, tuple[int, int]]]:
     shipped = path.parent == SHIPPED
     follow = 0 if shipped else os.O_NOFOLLOW
     with open(os.open(path, os.O_RDONLY | follow | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
-        found, owners, writable = os.fstat(file.fileno()), {os.geteuid()}, 0
+        status, owners, writable = os.fstat(file.fileno()), {os.geteuid()}, 0
         if shipped:
             source = os.stat(__file__)
             owners, writable = {*owners, 0, source.st_uid}, source.st_mode & 0o022
-        if not stat.S_ISREG(found.st_mode) or found.st_uid not in owners or found.st_mode & 0o022 & ~writable:
+        if not stat.S_ISREG(status.st_mode) or status.st_uid not in owners or status.st_mode & 0o022 & ~writable:
             raise UnusableFile(f"{path} is not a private file")
         content = file.read()
     if len(content) < _CHECKSUM or hashlib.sha256(content[:-_CHECKSUM]).digest() != content[-_CHECKSUM:]:
         raise UnusableFile(f"{path} is damaged")
-    if not shipped and time.time() - found.st_mtime > DAY:
+    if not shipped and time.time() - status.st_mtime > DAY:
         os.utime(path)
     return content, _index(content)
 
@@ -318,12 +318,12 @@ def stored_functions() -> dict[str, Path]:
     """Return the files of the lowered functions that are stored when this process first asks, and of those that it has
     stored.
     """
-    found: dict[str, Path] = {}
+    files: dict[str, Path] = {}
     for path in (path for place in (directory(), SHIPPED) if place is not None for path in place.glob("*-*-*")):
         with suppress(OSError, ValueError), open(path, "rb") as file:
             file.seek(max(0, path.stat().st_size - MOST_OF_AN_INDEX))
-            found |= dict.fromkeys(_index(file.read()), path)
-    return found
+            files |= dict.fromkeys(_index(file.read()), path)
+    return files
 
 
 @cache

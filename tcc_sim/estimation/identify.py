@@ -69,8 +69,8 @@ class Identification(Result):
         "sentences on how a table was read, and on what was converted or mended"))
 
     def _text(self) -> str:
-        found = ", ".join(f"{p.key} {p.value:.5g} +- {p.standard_error:.2g} ({p.verdict})" for p in self.parameters)
-        return f"Identification: {'' if self.accepted else 'no fit, '}chi2/dof {self.chi2_per_dof:.3f}; {found}"
+        estimates = ", ".join(f"{p.key} {p.value:.5g} +- {p.standard_error:.2g} ({p.verdict})" for p in self.parameters)
+        return f"Identification: {'' if self.accepted else 'no fit, '}chi2/dof {self.chi2_per_dof:.3f}; {estimates}"
 
     def columns(self) -> dict[str, list[Any]]:
         """Return a row for each parameter."""
@@ -114,8 +114,8 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
     >>> noise = 0.05 * np.random.default_rng(1).standard_normal((2, len(run.t)))
     >>> speeds = {"slip_speed": run.slip_speed + noise[0], "plate_speed": run.plate_speed + noise[1]}
     >>> measured = Measurement(run.t, speeds)
-    >>> found = tcc_sim.identify(measured, {"driveline.stiffness": 3200.0}, scene="minimal")
-    >>> found.accepted, round(found.parameters[0].value, -1)
+    >>> result = tcc_sim.identify(measured, {"driveline.stiffness": 3200.0}, scene="minimal")
+    >>> result.accepted, round(result.parameters[0].value, -1)
     (True, 3000.0)
     """
     began = time.perf_counter()
@@ -168,9 +168,9 @@ def _noise_of_residuals(measured: Measurement, best: Fit) -> tuple[dict[str, flo
 
 def _with_estimates(scene: Scene, model: Model, best: Fit, curve: IdentifiedCurve | None) -> Scene:
     """Return the scene with the estimates of its keys."""
-    found = {key: value for key, value in zip(model.keys, best.values.tolist())
-             if key not in OFFSETS and not key.startswith(CURVE)}
-    return scene.with_values({**found, **({} if curve is None else curve.table())})
+    estimates = {key: value for key, value in zip(model.keys, best.values.tolist())
+                 if key not in OFFSETS and not key.startswith(CURVE)}
+    return scene.with_values({**estimates, **({} if curve is None else curve.table())})
 
 
 def given(measured: Measurement | str | Path, scene: Scene | None = None,

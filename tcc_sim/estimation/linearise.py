@@ -163,10 +163,10 @@ def linearise(scene: SceneLike, *, input: str = "actuation_pressure", output: st
     Examples
     --------
     >>> import tcc_sim
-    >>> found = tcc_sim.linearise("controlled", slip=20.0, frequencies=[10.0])
-    >>> found
+    >>> result = tcc_sim.linearise("controlled", slip=20.0, frequencies=[10.0])
+    >>> result
     <Linearisation of slip_speed by actuation_pressure: periodic, mean slip 20 rad/s, pressure 92592.6 Pa, 1 point>
-    >>> round(float(found.gain[0]), 8)   # mu_k A R/(I1 omega), the integrator
+    >>> round(float(result.gain[0]), 8)   # mu_k A R/(I1 omega), the integrator
     0.0010728
     """
     for name, asked_for, known in (("input", input, INPUTS), ("output", output, OUTPUTS)):
@@ -183,33 +183,33 @@ def linearise(scene: SceneLike, *, input: str = "actuation_pressure", output: st
     motion = operating_point(system, slip)
 
     def about(omegas: Floats, inputs: str = "actuation_pressure", output: str = "slip_speed") -> Linearisation:
-        found = (_about_constant(motion, inputs, output, omegas) if isinstance(motion, Constant)
-                 else _about_periodic(motion, inputs, output, omegas))
+        response = (_about_constant(motion, inputs, output, omegas) if isinstance(motion, Constant)
+                    else _about_periodic(motion, inputs, output, omegas))
         if inputs != "actuation_pressure" or not system.pressure.actuated:
-            return found
+            return response
         s, own = 1j * omegas, system.pressure  # Pressure at the plates over the command, for small commands.
         late = np.exp(-s * own.delay) / (1.0 + s * own.time_constant)
-        return dataclasses.replace(found, response=found.response * late)
+        return dataclasses.replace(response, response=response.response * late)
 
-    found = about(asked, input, output)
+    result = about(asked, input, output)
     if controller is not None:
-        found = dataclasses.replace(found, controller=slip_loop(
+        result = dataclasses.replace(result, controller=slip_loop(
             motion, controller, scene.operation.rate, lambda omegas: about(omegas).response, progress))
     if check == 0:
-        return found
+        return result
     places = np.unique(np.round(np.linspace(0, len(asked) - 1, check)).astype(int)).tolist()
     with progress_bar("point", len(places), shown=progress) as bar:
-        points = [_simulated(motion, found, place, bar) for place in places]
-    return dataclasses.replace(found, checked=tuple(points))
+        points = [_simulated(motion, result, place, bar) for place in places]
+    return dataclasses.replace(result, checked=tuple(points))
 
 
-def _simulated(motion: Constant | Periodic, found: Linearisation, place: int, bar: Any) -> Simulated:
+def _simulated(motion: Constant | Periodic, linear: Linearisation, place: int, bar: Any) -> Simulated:
     """Return one of the frequencies with its response by simulation, in the turn of the computed phase."""
     from tcc_sim.estimation.lock_in import simulated
 
-    omega = float(found.frequencies[place])
-    value = simulated(motion, found.input, found.output, omega)
-    turns = np.round((found.phase[place] - np.angle(value)) / (2.0 * math.pi))
+    omega = float(linear.frequencies[place])
+    value = simulated(motion, linear.input, linear.output, omega)
+    turns = np.round((linear.phase[place] - np.angle(value)) / (2.0 * math.pi))
     bar.update()
     return Simulated(omega, abs(value), float(np.angle(value) + 2.0 * math.pi * turns))
 

@@ -161,5 +161,5 @@ def noise_of(signal: Floats) -> float:
     They leave (w h)^6 of a signal of frequency w, and sqrt(924) of white noise; the median ignores kinks of the signal.
     It is an upper estimate for coarse sampling, and at least DEFAULTS.exact.
     """
-    found = float(np.median(np.abs(np.diff(signal, 6)))) / 0.6745 / math.sqrt(924.0)
-    return max(found, DEFAULTS.exact * float(np.abs(signal).max()))
+    noise = float(np.median(np.abs(np.diff(signal, 6)))) / 0.6745 / math.sqrt(924.0)
+    return max(noise, DEFAULTS.exact * float(np.abs(signal).max()))

@@ -138,12 +138,12 @@ class MultipleShooting:
                 tick: Callable[[], None] | None) -> tuple[Floats, Floats]:
         """Run one stage; return parameters and starts."""
         damping, n = 1e-3, self.model.substeps(values)
-        found = sensitivities(self.model, starts, self.width, values, n)
+        linear = sensitivities(self.model, starts, self.width, values, n)
         for _ in range(stage.iterations):
-            rows = self._rows(found[0], starts, stage.weight)
+            rows = self._rows(linear[0], starts, stage.weight)
             limit = stage.robust * max(1.0, float(np.median(np.mean(rows**2, axis=1))))
             cost, gain = self._cost(rows, limit), 0.0
-            normal = self._normal(rows, found[1] * self._scales(values), stage.weight, limit)
+            normal = self._normal(rows, linear[1] * self._scales(values), stage.weight, limit)
             while damping < 1e8:
                 try:
                     by_start, by_key = self._step(normal, damping, values)
@@ -154,7 +154,7 @@ class MultipleShooting:
                 except (NumericalFailure, np.linalg.LinAlgError):
                     now = math.inf
                 if now < cost:
-                    gain, values, starts, found = cost - now, tried, moved, there
+                    gain, values, starts, linear = cost - now, tried, moved, there
                     damping = max(0.1 * damping, 1e-9)
                     break
                 damping *= 10.0
@@ -165,7 +165,7 @@ class MultipleShooting:
             if gain < max(stage.tolerance, self.settings.least_gain / rows.size, 0.01 * wrong) * cost:
                 break
         if math.isfinite(stage.robust):
-            starts = self._mended(values, starts, found[0], stage.weight, n)
+            starts = self._mended(values, starts, linear[0], stage.weight, n)
         return values, starts
 
     def _step(self, normal: Normal, damping: float, values: Floats) -> tuple[Floats, Floats]:

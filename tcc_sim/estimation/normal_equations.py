@@ -36,10 +36,10 @@ class Normal(NamedTuple):
 
     def solved(self, damping: float) -> tuple[Floats, Floats]:
         """Return steps of the starts and of the parameters with Levenberg's damping; raise LinAlgError if singular."""
-        found = self.by_starts(damping)
-        squares, slope = self.by_keys(found, damping)
+        solved = self.by_starts(damping)
+        squares, slope = self.by_keys(solved, damping)
         by_key = -np.linalg.inv(squares) @ slope
-        return -found[..., -1] - found[..., :-1] @ by_key, by_key
+        return -solved[..., -1] - solved[..., :-1] @ by_key, by_key
 
     def by_starts(self, damping: float) -> Floats:
         """Solve the starts' equations for the columns of the parameters and for the slope, (m, 3, P + 1)."""

@@ -288,11 +288,11 @@ def _parts(system: System, period: int, state: Floats, count: int = DEFAULTS.par
     parts = []
     for cycle in range(period):
         for i in range(count):
-            found = of.over(state, cycle + i / count, cycle + (i + 1) / count)
-            if not np.isfinite(found.state).all():
+            image = of.over(state, cycle + i / count, cycle + (i + 1) / count)
+            if not np.isfinite(image.state).all():
                 raise NumericalFailure("the state is not finite")
-            parts.append(Part(state, found.derivative, found.by_parameter))
-            state = found.state
+            parts.append(Part(state, image.derivative, image.by_parameter))
+            state = image.state
     return parts, state
 
 

@@ -65,7 +65,7 @@ class Whiteness:
     exact: bool = field(metadata=reported("whether the residuals are below the precision of the real-time solver"))
 
 
-def judge_residuals(model: Model, levels: dict[str, float], found: Fit, settings: FitSettings,
+def judge_residuals(model: Model, levels: dict[str, float], fit: Fit, settings: FitSettings,
                     exact: bool) -> tuple[Whiteness, Floats]:
     """Test whether the residuals of a fit are noise, and compute the covariance of the parameters for this noise.
 
@@ -79,10 +79,10 @@ def judge_residuals(model: Model, levels: dict[str, float], found: Fit, settings
     curve = CONSTANT in model.keys or model.system.friction.curve is not None
     others = [key for key in FREE if key not in model.keys and not (curve and key in TABULATED)]
     fixed = dict(values_of(model.system)) | dict.fromkeys(OFFSETS, 0.0)
-    values = np.append(found.values, [float(fixed[key]) for key in others])   # type: ignore[arg-type]
+    values = np.append(fit.values, [float(fixed[key]) for key in others])   # type: ignore[arg-type]
     last = settings.stages[-1]
     problem = MultipleShooting(replace(model, keys=(*model.keys, *others)), levels, settings, last.window)
-    residuals, derivatives, squares, slope = problem.explained(values, found.starts, last.weight)
+    residuals, derivatives, squares, slope = problem.explained(values, fit.starts, last.weight)
     known = np.sqrt(np.maximum(np.diag(squares)[:len(model.keys)], 0.0)) * largest_errors(model.keys) >= 1.0
     kept = np.flatnonzero(np.append(known, np.ones(len(squares) - len(known), dtype=bool)))
     derivatives, squares, slope = derivatives[..., kept], squares[np.ix_(kept, kept)], slope[kept]
@@ -145,10 +145,10 @@ def autoregression(series: Floats) -> Floats:
     n, correlations = len(series), _correlations(series, DEFAULTS.orders)
     best, least = np.empty(0), 0.0
     for order in range(1, DEFAULTS.orders + 1):
-        found = solve_toeplitz(correlations[:order], correlations[1:order + 1])
-        left = 1.0 - float(found @ correlations[1:order + 1])
+        factors = solve_toeplitz(correlations[:order], correlations[1:order + 1])
+        left = 1.0 - float(factors @ correlations[1:order + 1])
         if left > 0.0 and n * math.log(left) + order * math.log(n) < least:
-            best, least = found, n * math.log(left) + order * math.log(n)
+            best, least = factors, n * math.log(left) + order * math.log(n)
     return best
 
 
@@ -185,7 +185,7 @@ def probability_of(residuals: Floats, noise: Floats, model: Model) -> float:
 def _explanation(squares: Floats, slope: Floats, spread: Floats, size: int, names: list[tuple[str, str]],
                  values: Floats) -> Explanation | None:
     """Return the change of a held quantity with the largest ratio to its standard error, by one Gauss-Newton step."""
-    found: list[Explanation] = []
+    explanations: list[Explanation] = []
     for place, (name, unit) in enumerate(names, size):
         of = np.ix_(which := [*range(size), place], which)
         sizes = np.diag(squares)[which]
@@ -200,11 +200,11 @@ def _explanation(squares: Floats, slope: Floats, spread: Floats, size: int, name
         amount = float(change[-1] / root[-1])
         if place < len(values) and name not in OFFSETS:
             amount *= float(values[place])
-        found.append(Explanation(name, amount, unit, float(change[-1] / error)))
-    if not found:
+        explanations.append(Explanation(name, amount, unit, float(change[-1] / error)))
+    if not explanations:
         return None
-    best = max(found, key=lambda each: abs(each.errors))
-    return replace(best, alike=tuple(each.what for each in found if each is not best and
+    best = max(explanations, key=lambda each: abs(each.errors))
+    return replace(best, alike=tuple(each.what for each in explanations if each is not best and
                                      each.errors**2 > best.errors**2 - 1.0))
 
 
@@ -228,7 +228,7 @@ def _hidden(squares: Floats, spread: Floats, keys: tuple[str, ...], others: list
         for key, shift, error in zip(keys, follow, errors):
             if HIDDEN * abs(shift) > out[key][1] * error:
                 out[key] = (name, float(HIDDEN * abs(shift) / error))
-    return {key: found for key, found in out.items() if found[0]}
+    return {key: hidden for key, hidden in out.items() if hidden[0]}
 
 
 def _inverse(matrix: Floats) -> tuple[Floats, int]:

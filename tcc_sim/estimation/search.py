@@ -45,19 +45,19 @@ class Search:
     gates: Gates
     tick: Callable[[], Any]
 
-    def limit(self, found: Fit) -> float:
+    def limit(self, fit: Fit) -> float:
         """Return the largest acceptable chi-square per degree of freedom, wider if the noise was estimated."""
         estimate = self.gates.guessed**2 / self.samples if self.guessed else 0.0
-        return 1.0 + self.gates.beyond * math.sqrt(2.0 / found.freedom + estimate)
+        return 1.0 + self.gates.beyond * math.sqrt(2.0 / fit.freedom + estimate)
 
-    def joins(self, found: Fit) -> bool:
+    def joins(self, fit: Fit) -> bool:
         """Return whether the windows of a fit join to one motion."""
-        return found.gap <= self.gates.gap
+        return fit.gap <= self.gates.gap
 
-    def again(self, model: Model, found: Fit, levels: dict[str, float] | None = None) -> Fit:
+    def again(self, model: Model, previous: Fit, levels: dict[str, float] | None = None) -> Fit:
         """Repeat the last stage from a fit, with another model or other noise levels."""
-        return fit(model, levels or self.levels, found.values, self.settings, self.settings.stages[-1:], found.starts,
-                   self.tick)
+        return fit(model, levels or self.levels, previous.values, self.settings, self.settings.stages[-1:],
+                   previous.starts, self.tick)
 
     def best(self, models: Sequence[Model]) -> tuple[Fit, Model, int]:
         """Return the best fit, its model, and the number of starts of the first model; raise InputError if none can be
@@ -67,11 +67,11 @@ class Search:
         best, of = first, models[0]
         for model in models[1:]:
             try:
-                found = self.again(model, first) if self.joins(first) else self._fit(model, self.begin)
+                fit = self.again(model, first) if self.joins(first) else self._fit(model, self.begin)
             except FAILED:
                 continue
-            if self._rank(found) < self._rank(best):
-                best, of = found, model
+            if self._rank(fit) < self._rank(best):
+                best, of = fit, model
         return best, of, tried
 
     def _from_starts(self, model: Model) -> tuple[Fit, int]:
@@ -81,13 +81,13 @@ class Search:
         for values in self._around(model.keys):
             tried += 1
             try:
-                found = self._fit(model, values)
+                fit = self._fit(model, values)
             except FAILED:
                 continue
-            if best is None or self._rank(found) < self._rank(best):
-                best = found
-            work += found.work
-            if (found.chi2 < self.limit(found) and self.joins(found)) or work > self.gates.work:
+            if best is None or self._rank(fit) < self._rank(best):
+                best = fit
+            work += fit.work
+            if (fit.chi2 < self.limit(fit) and self.joins(fit)) or work > self.gates.work:
                 break
         if best is None:
             raise InputError("the scene cannot be solved from the measurement; is it the right scene?")
@@ -97,9 +97,9 @@ class Search:
         """Fit from values of the keys, in all stages."""
         return fit(model, self.levels, values, self.settings, tick=self.tick)
 
-    def _rank(self, found: Fit) -> tuple[bool, float]:
+    def _rank(self, fit: Fit) -> tuple[bool, float]:
         """Return the order of a fit: one motion first, then by chi-square."""
-        return not self.joins(found), found.chi2
+        return not self.joins(fit), fit.chi2
 
     def _around(self, keys: tuple[str, ...]) -> Iterator[Floats]:
         """Yield the given start, then a Sobol set around it."""
@@ -123,15 +123,15 @@ class Likelihood:
     excess: Floats = field(metadata=reported("least chi-square there over that of the fit"))
 
 
-def profile_likelihood(model: Model, noise: dict[str, float], settings: FitSettings, found: Fit, key: str,
+def profile_likelihood(model: Model, noise: dict[str, float], settings: FitSettings, best: Fit, key: str,
                        errors: Floats) -> Likelihood:
     """Return the least chi-square while `key` is held at values around its estimate and the others are fitted again."""
     at = model.keys.index(key)
     held = [k for k in model.keys if k != key]
-    values = found.values[at] + errors[at] * np.linspace(-3.0, 3.0, 13)
+    values = best.values[at] + errors[at] * np.linspace(-3.0, 3.0, 13)
     excess: NDArray[np.float64] = np.full(len(values), np.nan)
-    samples = sum(len(r) for r in found.residuals.values())
-    least = found.chi2 * max(samples - len(model.keys) - 3, 1)
+    samples = sum(len(r) for r in best.residuals.values())
+    least = best.chi2 * max(samples - len(model.keys) - 3, 1)
     for i, value in enumerate(values):
         try:
             if key in OFFSETS:
@@ -143,7 +143,7 @@ def profile_likelihood(model: Model, noise: dict[str, float], settings: FitSetti
                 other = Model(model.system, tuple(held), replace(model.measured, inputs=inputs))
             else:
                 other = Model(changed(model.system, {key: float(value)}), tuple(held), model.measured)
-            again = fit(other, noise, np.delete(found.values, at), settings, settings.stages[-1:], found.starts)
+            again = fit(other, noise, np.delete(best.values, at), settings, settings.stages[-1:], best.starts)
         except (*FAILED, InputError):
             continue
         excess[i] = again.chi2 * max(samples - len(held) - 3, 1) - least

@@ -218,9 +218,9 @@ def _smallest_slip(motion: Constant | Periodic, ticks: int, gains: tuple[float, 
             if slip not in known:
                 bar.update()
                 try:
-                    found = _with_slip(near, slip)
-                    known[slip] = _Loop.about(found, ticks, gains).growth()
-                    near = found if known[slip] < 0.0 else near
+                    point = _with_slip(near, slip)
+                    known[slip] = _Loop.about(point, ticks, gains).growth()
+                    near = point if known[slip] < 0.0 else near
                 except (InputError, NumericalFailure):   # No motion of this slip speed repeats.
                     known[slip] = 1.0
             return known[slip]

@@ -47,15 +47,15 @@ def check_units(model: Model, values: Floats, settings: FitSettings) -> None:
     begun = _misfit(replace(model, measured=measured), values, settings)
     if begun < DEFAULTS.explained:
         return
-    found = (math.inf, "", "", measured)
+    best = (math.inf, "", "", measured)
     for unit, names in _suspects(measured):
         changed = measured
         for name in names:
             changed = _converted(changed, name, OTHERS[name][unit])
         misfit = _misfit(replace(model, measured=changed), values, settings)
-        found = min(found, (misfit, " and ".join(names), unit, changed), key=lambda each: each[0])
-    if found[0] < min(DEFAULTS.explained, 0.2 * begun):
-        what, unit = found[1:3]
+        best = min(best, (misfit, " and ".join(names), unit, changed), key=lambda each: each[0])
+    if best[0] < min(DEFAULTS.explained, 0.2 * begun):
+        what, unit = best[1:3]
         raise InputError(f"{measured.source}: {what} {'look' if ' and ' in what else 'looks'} as if in {unit}: times "
                          f"{OTHERS[what.split()[0]][unit]:.6g} the scene explains the motion from sample to sample, "
                          "otherwise it does not; convert to SI")
@@ -121,11 +121,11 @@ class Parameter:
     why: str = field(metadata=reported("reason in a sentence"))
 
 
-def judged(model: Model, i: int, start: float, found: Fit, errors: Floats, correlations: Floats, accepted: bool,
+def judged(model: Model, i: int, start: float, fit: Fit, errors: Floats, correlations: Floats, accepted: bool,
            gates: Gates, hidden: tuple[str, float] | None = None) -> Parameter:
     """Judge one parameter; `hidden` is a fixed key on which it depends, see `residuals.Whiteness`."""
     keys, step = model.keys, model.measured.step
-    key, value, error = keys[i], float(found.values[i]), float(errors[i])
+    key, value, error = keys[i], float(fit.values[i]), float(errors[i])
     low, high = value - WITHIN * error, value + WITHIN * error
     others = np.abs(correlations[i]).copy()
     others[i] = 0.0
@@ -139,7 +139,7 @@ def judged(model: Model, i: int, start: float, found: Fit, errors: Floats, corre
     elif not math.isfinite(error):
         verdict = "not identifiable"
         why = f"the measurement holds nothing about it, so it keeps its start; {_told_by(key, step)}"
-    elif _at_bound(model, i, found.values, errors) and error <= gates.relative * max(abs(value), _own(model, key)):
+    elif _at_bound(model, i, fit.values, errors) and error <= gates.relative * max(abs(value), _own(model, key)):
         verdict, why = "at its bound", "the fit ends at the largest or smallest allowed value"
         if key in (STATIC, KINETIC):
             why += "; if mu_s and mu_k meet, a start with a smaller value of the larger one leads to the other side"
@@ -229,7 +229,7 @@ def why_no_noise(white: Whiteness, gates: Gates) -> str:
             "not explain the measurement")
 
 
-def why_not(found: Fit, model: Model, start: Floats, noise: dict[str, float], chi2: float, limit: float,
+def why_not(fit: Fit, model: Model, start: Floats, noise: dict[str, float], chi2: float, limit: float,
             gates: Gates) -> str:
     """Return sentences against a fit whose chi-square exceeds its limit or whose windows do not join."""
     if chi2 < limit:
@@ -247,7 +247,7 @@ def why_not(found: Fit, model: Model, start: Floats, noise: dict[str, float], ch
         computed = alone[:, INDEX[name]]
         if np.std(computed) > 0.0 and float(np.corrcoef(data, computed)[0, 1]) < -0.3:
             out += f" {name} seems to have the wrong sign."
-    share = max((float(np.sqrt(np.mean(r**2))) / noise[name], name) for name, r in found.residuals.items())
+    share = max((float(np.sqrt(np.mean(r**2))) / noise[name], name) for name, r in fit.residuals.items())
     return (f"{out}{_drift(model.measured, model.system, gates)} Most of it is in {share[1]}, whose residuals are "
             f"{share[0]:.3g} times its noise.")
 

@@ -151,8 +151,8 @@ def sensitivities(model: Model, starts: Floats, width: int, values: Floats, n: i
     Raise NumericalFailure if a state is not finite.
     """
     measured, (terms, held, by) = model.measured, model.drive(values)
-    found = advance_windows(starts, float(measured.t[0]), measured.step, width, n, terms, held,
-                            by if by_keys else np.empty((len(NUMBERS), 0)))
-    if not np.isfinite(found[0]).all():
+    advanced = advance_windows(starts, float(measured.t[0]), measured.step, width, n, terms, held,
+                               by if by_keys else np.empty((len(NUMBERS), 0)))
+    if not np.isfinite(advanced[0]).all():
         raise NumericalFailure("the state is not finite")
-    return found
+    return advanced

@@ -77,22 +77,22 @@ def variables(scene: Scene) -> list[Variable]:
     Value reference 0 is time, which FMI 3 requires. The description for FMI 2 omits it, since an importer (FMI Library)
     expects a start value.
     """
-    found = [Variable("time", "independent", "continuous", "s", "time; that of the scene's excitation begins with 0 "
-                      "at the start")]
+    rows = [Variable("time", "independent", "continuous", "s", "time; that of the scene's excitation begins with 0 "
+                     "at the start")]
     for name in INPUTS:
         row = topic(name)
         if row.wanted(scene.value):
             meant, start = QUANTITIES[row.key], scene.value(row.key)
             assert isinstance(start, float)
-            found.append(Variable(name, "input", "continuous", meant.unit, f"{name.replace('_', ' ')}, held through "
-                                  "each step", start, meant.low, meant.high))
-    found += [Variable(name, "output", "continuous", unit, text) for name, unit, text in OUTPUTS]
-    found.append(Variable("stick_slip_state", "output", "discrete", "", "-1 negative slip, 0 stick, 1 positive slip",
-                          kind="integer"))
+            rows.append(Variable(name, "input", "continuous", meant.unit, f"{name.replace('_', ' ')}, held through "
+                                 "each step", start, meant.low, meant.high))
+    rows += [Variable(name, "output", "continuous", unit, text) for name, unit, text in OUTPUTS]
+    rows.append(Variable("stick_slip_state", "output", "discrete", "", "-1 negative slip, 0 stick, 1 positive slip",
+                         kind="integer"))
     meant = QUANTITIES[topic(FAR_END).key]
-    found.append(Variable(FAR_END, "input", "continuous", meant.unit, "speed of the shaft's far end, held through each "
-                          "step; 0 holds it still, as the paper does", 0.0, meant.low, meant.high))
-    return [*found, *_parameters(scene)]
+    rows.append(Variable(FAR_END, "input", "continuous", meant.unit, "speed of the shaft's far end, held through each "
+                         "step; 0 holds it still, as the paper does", 0.0, meant.low, meant.high))
+    return [*rows, *_parameters(scene)]
 
 
 def _parameters(scene: Scene) -> Iterator[Variable]:
@@ -180,13 +180,13 @@ def unit_name(unit: str) -> str:
 
 def base_units(unit: str) -> dict[str, int]:
     """Return the exponents of SI's base units, and of rad, in a unit such as `N m s/rad`."""
-    found: dict[str, int] = {}
+    exponents: dict[str, int] = {}
     for part, sign in zip(unit.split("/"), (1, -1)):
         for word in part.split():
             name, _, power = word.partition("^")
             for base, exponent in BASE_UNITS[name].items():
-                found[base] = found.get(base, 0) + sign * exponent * int(power or 1)
-    return {base: exponent for base, exponent in found.items() if exponent}
+                exponents[base] = exponents.get(base, 0) + sign * exponent * int(power or 1)
+    return {base: exponent for base, exponent in exponents.items() if exponent}
 
 
 def model_description(version: int, scene: Scene, rows: list[Variable], identifier: str, token: str,

@@ -84,7 +84,7 @@ def fmu_of(scene: Scene, version: int = 2, step: float | None = None) -> Fmu:
 
 def compiler() -> str | None:
     """Return the path of a C compiler on this machine, or None."""
-    return next((found for name in COMPILERS if (found := shutil.which(name))), None)
+    return next((path for name in COMPILERS if (path := shutil.which(name))), None)
 
 
 def binary_of(fmu: Fmu, command: str) -> bytes:

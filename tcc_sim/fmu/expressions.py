@@ -61,8 +61,8 @@ class Expressions:
         method = getattr(self, f"_{type(node).__name__.lower()}", None)
         if method is None:
             raise self._refused(node)
-        found: Text = method(node)
-        return found
+        text: Text = method(node)
+        return text
 
     def _number(self, node: ast.expr) -> Text:
         """Print an expression that is a number."""
@@ -89,10 +89,10 @@ class Expressions:
             return literal(self._resolved(node), self._refused(node))
         text, kind = self._expression(node.value)
         if isinstance(kind, Struct):
-            for name, found in kind.fields:
+            for name, field in kind.fields:
                 if name == node.attr:
                     place = f"{text}->{name}"
-                    return f"(&{place})" if isinstance(found, (Table, Struct)) else place, found
+                    return f"(&{place})" if isinstance(field, (Table, Struct)) else place, field
         raise self._refused(node)
 
     def _subscript(self, node: ast.Subscript) -> Text:
@@ -129,8 +129,8 @@ class Expressions:
         if isinstance(node, ast.Name):
             kind = self._kinds.get(node.id)
             return kind.value if isinstance(kind, Static) and isinstance(kind.value, int) else None
-        found = getattr(node, "value", None)
-        return found if isinstance(found, int) else None
+        value = getattr(node, "value", None)
+        return value if isinstance(value, int) else None
 
     def _place(self, node: ast.expr) -> str:
         """Print an integer index."""
@@ -192,9 +192,9 @@ class Expressions:
 
     def _tuple(self, node: ast.Tuple) -> Text:
         """Print a tuple of numbers."""
-        found = [self._number(part) for part in node.elts]
-        kind = Tuple(tuple(part for _, part in found))  # type: ignore[misc]
-        return f"({self._library.declared(kind)}){{{', '.join(text for text, _ in found)}}}", kind
+        elements = [self._number(part) for part in node.elts]
+        kind = Tuple(tuple(part for _, part in elements))  # type: ignore[misc]
+        return f"({self._library.declared(kind)}){{{', '.join(text for text, _ in elements)}}}", kind
 
     def _call(self, node: ast.Call) -> Text:
         """Print a call of a printed function or of C's own functions."""
@@ -206,12 +206,12 @@ class Expressions:
         if called in (int, float, len):
             return self._converted(node, called)
         if called in (max, min):
-            found = [self._number(argument) for argument in node.args]
-            kind = found[0][1]
-            if any(other != kind for _, other in found):
+            arguments = [self._number(argument) for argument in node.args]
+            kind = arguments[0][1]
+            if any(other != kind for _, other in arguments):
                 raise self._refused(node)
-            text = found[0][0]
-            for other, _ in found[1:]:
+            text = arguments[0][0]
+            for other, _ in arguments[1:]:
                 text = f"{called.__name__}_{kind_name(kind)}({text}, {other})"
             return text, kind
         if called in FUNCTIONS:

@@ -179,8 +179,8 @@ class Function(Expressions):
         if isinstance(value, ast.Tuple):
             stored = {name.id for name in ast.walk(target) if isinstance(name, ast.Name)}
             read = {name.id for name in ast.walk(value) if isinstance(name, ast.Name)}
-            found = [self._expression(part) for part in value.elts]
-            parts = [self._kept(*part) for part in found] if stored & read else found
+            elements = [self._expression(part) for part in value.elts]
+            parts = [self._kept(*part) for part in elements] if stored & read else elements
         else:
             text, kind = self._expression(value)
             if not isinstance(value, ast.Name):

@@ -178,8 +178,8 @@ def read_fluid_pressure(data: bytes) -> tuple[int, float]:
 
 def stamps(records: NDArray[np.void]) -> NDArray[np.int64]:
     """Return the stamps of decoded messages, ns."""
-    found: NDArray[np.int64] = records["sec"].astype(np.int64) * _NANOSECONDS + records["nanosec"]
-    return found
+    nanoseconds: NDArray[np.int64] = records["sec"].astype(np.int64) * _NANOSECONDS + records["nanosec"]
+    return nanoseconds
 
 
 class Layout(NamedTuple):
@@ -197,10 +197,10 @@ class Layout(NamedTuple):
         """Return the values of the messages with this layout, and an (n,) mask of these messages."""
         right = np.array([len(data) == len(self.example) for data in messages], dtype=np.bool_)
         joined = b"".join(data for data, whole in zip(messages, right.tolist()) if whole)
-        found = np.frombuffer(joined, np.uint8).reshape(-1, len(self.example))
-        same = ((found == self.example) | ~self.fixed).all(axis=1)
+        rows = np.frombuffer(joined, np.uint8).reshape(-1, len(self.example))
+        same = ((rows == self.example) | ~self.fixed).all(axis=1)
         right[right] = same
-        return np.ascontiguousarray(found[same]).view(self.record)[:, 0], right
+        return np.ascontiguousarray(rows[same]).view(self.record)[:, 0], right
 
 
 class _Shape:
@@ -344,7 +344,7 @@ def read_diagnostics(data: bytes) -> dict[str, str]:
     ValueError
         Not a little-endian DiagnosticArray.
     """
-    kind, found = topics.DIAGNOSTIC_ARRAY, dict[str, str]()
+    kind, texts = topics.DIAGNOSTIC_ARRAY, dict[str, str]()
     _, position = _text_at(data, 12, kind, "replace")
     statuses, position = _count_at(data, position, kind)
     for _ in range(statuses):
@@ -354,8 +354,8 @@ def read_diagnostics(data: bytes) -> dict[str, str]:
         values, position = _count_at(data, position, kind)
         for _ in range(values):
             key, position = _text_at(data, position, kind, "replace")
-            found[key], position = _text_at(data, position, kind, "replace")
-    return found
+            texts[key], position = _text_at(data, position, kind, "replace")
+    return texts
 
 
 def _count_at(data: bytes, position: int, kind: str) -> tuple[int, int]:

@@ -42,11 +42,11 @@ def with_frequency(values: Mapping[str, object], order: float) -> Mapping[str, o
         order = number_in(values.get(ORDER, order), "")
     except TypeError:
         return values  # The order itself is refused later.
-    found: dict[str, object] = {}
+    changes: dict[str, object] = {}
     for key, value in values.items():
         name = key.replace(SPEED, FREQUENCY) if key in given else key
-        found[name] = value if key not in given or key.endswith("_times") else _times(order, key, value)
-    return found
+        changes[name] = value if key not in given or key.endswith("_times") else _times(order, key, value)
+    return changes
 
 
 def _times(order: float, key: str, value: Any) -> object:

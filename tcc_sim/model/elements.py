@@ -19,8 +19,8 @@ _ELEMENT = re.compile(r"([\w.]+)\[(\d+)\](_times|_values)?")
 
 def list_of(key: str) -> str:
     """Return the key of the list whose number, or times or values of a number, `key` names; else `key` itself."""
-    found = _ELEMENT.fullmatch(key)
-    return key if found is None else found[1] + (found[3] or "")
+    match = _ELEMENT.fullmatch(key)
+    return key if match is None else match[1] + (match[3] or "")
 
 
 def index_of(key: str, whole: Any) -> int:
@@ -52,10 +52,10 @@ def with_whole_lists(values: Mapping[str, object], value_of: Callable[[str], Any
     out = {key: value for key, value in values.items() if not _ELEMENT.fullmatch(key)}
     profiles: dict[str, dict[int, dict[str, Any]]] = defaultdict(lambda: defaultdict(dict))
     for key, value in values.items():
-        found = _ELEMENT.fullmatch(key)
-        if found is None:
+        match = _ELEMENT.fullmatch(key)
+        if match is None:
             continue
-        whole, part = found[1], found[3]
+        whole, part = match[1], match[3]
         now: Any = out.get(whole, value_of(whole))
         place = index_of(key, now)
         if part is not None:

@@ -60,12 +60,12 @@ OPTIONAL = tuple(Linear._field_defaults)
 
 def linear_of(system: System, general: bool = False) -> Linear:
     """Return the linear part of a system; with `general`, absent coefficients that a key may bring are 0."""
-    found = dict.fromkeys(_BROUGHT, 0.0)
+    coefficients = dict.fromkeys(_BROUGHT, 0.0)
     for key, shares in COEFFICIENTS.items():
         value = system.value(key)
         for name, share in shares.items():
-            found[name] += share * value
-    return Linear(**{name: value for name, value in found.items()
+            coefficients[name] += share * value
+    return Linear(**{name: value for name, value in coefficients.items()
                      if value != 0.0 or general or name not in OPTIONAL})
 
 

@@ -202,17 +202,17 @@ def _fitted(v: Floats, mu: Floats, count: int, beaten: float) -> FrictionCurve |
         """Return the residuals for these numbers."""
         return _projected(v, mu, logarithms(x))[1]
 
-    found: list[tuple[float, FrictionCurve]] = []
+    curves: list[tuple[float, FrictionCurve]] = []
     starts = (np.array(each) for each in itertools.combinations(np.linspace(0.05, 0.95, 8), count))
     ratios = (1.0 - (1.0 - each) / np.append(1.0, 1.0 - each[:-1]) for each in starts)
     for x in sorted(ratios, key=lambda x: float(np.sum(left(x) ** 2)))[:STARTS]:
         fit = least_squares(left, x, bounds=(0.0, 1.0), xtol=1e-12, ftol=1e-14, gtol=1e-14, max_nfev=60)
-        found.append((float(fit.cost), _curve(v, mu, logarithms(fit.x))))
-    found.sort(key=lambda each: each[0])
-    free = next((curve for _, curve in found if _in_range(curve, v, mu)), None)
-    if free is found[0][1] or _criterion(found[0][1], v, mu) >= beaten:
+        curves.append((float(fit.cost), _curve(v, mu, logarithms(fit.x))))
+    curves.sort(key=lambda each: each[0])
+    free = next((curve for _, curve in curves if _in_range(curve, v, mu)), None)
+    if free is curves[0][1] or _criterion(curves[0][1], v, mu) >= beaten:
         return free
-    bound = [curve for _, start in found[:BENT] if _in_range(curve := _bent(start, v, mu), v, mu)]
+    bound = [curve for _, start in curves[:BENT] if _in_range(curve := _bent(start, v, mu), v, mu)]
     return min([*bound, *([] if free is None else [free])], key=lambda each: _squares(each, v, mu), default=None)
 
 
@@ -291,10 +291,10 @@ def _bent(start: FrictionCurve, v: Floats, mu: Floats) -> FrictionCurve:
 
     x = np.concatenate([[start.constant / size], np.clip(np.array(start.amplitudes) / size, -10.0, 10.0),
                         np.log(start.rates)])
-    found = minimize(cost, x, jac=True, method="SLSQP", constraints={"type": "ineq", "fun": room, "jac": room_by},
-                     bounds=[(least / size, most / size), *[(-10.0, 10.0)] * count, *[(slow, fast)] * count],
-                     options={"ftol": 1e-10, "maxiter": 60})
-    return _with_error(v, mu, found.x[:count + 1] * size, found.x[count + 1:])
+    minimum = minimize(cost, x, jac=True, method="SLSQP", constraints={"type": "ineq", "fun": room, "jac": room_by},
+                       bounds=[(least / size, most / size), *[(-10.0, 10.0)] * count, *[(slow, fast)] * count],
+                       options={"ftol": 1e-10, "maxiter": 60})
+    return _with_error(v, mu, minimum.x[:count + 1] * size, minimum.x[count + 1:])
 
 
 def _in_range(curve: FrictionCurve, v: Floats, mu: Floats) -> bool:

@@ -86,8 +86,8 @@ class System:
     def _times(self, key: str) -> tuple[float, ...]:
         """Return the times of a key's profile; empty without one."""
         group, name = key.split(".")
-        found: tuple[float, ...] = getattr(getattr(self, group), f"{name}_times")
-        return found
+        times: tuple[float, ...] = getattr(getattr(self, group), f"{name}_times")
+        return times
 
     @property
     def span(self) -> float:

@@ -174,13 +174,13 @@ def _swells(engine: Engine) -> list[tuple[int, float, Floats]]:
     """Return the harmonics with varying amplitude: number, phase, and amplitude as `_lines`."""
     if not engine.harmonic:
         return []
-    found = [(1, 0.0, _lines(engine.torque_amplitude_times, engine.torque_amplitude_values, 0.0))
-             ] if engine.torque_amplitude_times else []
+    swells = [(1, 0.0, _lines(engine.torque_amplitude_times, engine.torque_amplitude_values, 0.0))
+              ] if engine.torque_amplitude_times else []
     if times := engine.harmonic_amplitudes_times:
         columns = np.reshape(engine.harmonic_amplitudes_values, (len(times), -1)).T
-        found += [(n, phase, lines_through(np.array(times), values))
-                  for n, (phase, values) in enumerate(zip(engine.harmonic_phases, columns), 2) if values.any()]
-    return found
+        swells += [(n, phase, lines_through(np.array(times), values))
+                   for n, (phase, values) in enumerate(zip(engine.harmonic_phases, columns), 2) if values.any()]
+    return swells
 
 
 def reached(t: Any, row: Any) -> Any:

@@ -97,9 +97,9 @@ class PureSlip:
             return self.margin - largest
         end = fading + (self.period or 0.0)
         size = abs(self.a0) + self.slip.swing() + largest
-        found, _ = smallest(lambda t: self.direction * self.slip_speed(t), lambda t, width: bend * width**2 / 8.0, end,
+        least, _ = smallest(lambda t: self.direction * self.slip_speed(t), lambda t, width: bend * width**2 / 8.0, end,
                             0.1 / fastest, 1e-13 * size)
-        return found if self.period else min(found, self.margin)
+        return least if self.period else min(least, self.margin)
 
     def _bounds(self) -> tuple[float, float, float, float]:
         """Return bounds of the transient of the slip speed and of its second derivative, its slowest decay, 1/s, and

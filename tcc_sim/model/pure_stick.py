@@ -172,5 +172,5 @@ def constant_load_limits(system: System) -> tuple[float, ...]:
         return ()
     both, c, k, g = d.flywheel_inertia + d.plate_inertia, d.damping**2, d.stiffness, gain**2
     linear = c * (1.0 - g) - 2.0 * k * (d.plate_inertia - g * both)
-    found = np.roots([d.plate_inertia**2 - g * both**2, linear, k * k * (1.0 - g)])
-    return tuple(sorted(math.sqrt(x.real) for x in found if abs(x.imag) <= 1e-12 * abs(x) and x.real > 0.0))
+    squares = np.roots([d.plate_inertia**2 - g * both**2, linear, k * k * (1.0 - g)])
+    return tuple(sorted(math.sqrt(x.real) for x in squares if abs(x.imag) <= 1e-12 * abs(x) and x.real > 0.0))

@@ -89,10 +89,10 @@ def smallest(value: Callable[[Floats], Floats], slack: Callable[[Floats, float],
 
 def dynamic_stiffness(d: Driveline, inertia: float, omega: float, resonance: str) -> complex:
     """K23 - J w^2 + i C23 w of an inertia J on the spring, N m/rad; InputError with `resonance` if it is 0."""
-    found = complex(d.stiffness - inertia * omega**2, d.damping * omega)
-    if found == 0.0:
+    stiffness = complex(d.stiffness - inertia * omega**2, d.damping * omega)
+    if stiffness == 0.0:
         raise InputError(f"{resonance} resonance, {omega:g} rad/s: no steady state")
-    return found
+    return stiffness
 
 
 def engine_series(system: System) -> Sines:

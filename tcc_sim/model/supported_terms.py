@@ -45,32 +45,32 @@ def terms_in(system: System) -> dict[str, str]:
     """Return the terms that a system has, by the names of the fields of `solvers.terms.Terms` and of Linear, each with
     the scene keys or inputs that bring it.
     """
-    e, p, inputs, found = system.engine, system.pressure, system.inputs, {}
-    found[system.friction.law] = f"friction.law {system.friction.law}"
+    e, p, inputs, terms = system.engine, system.pressure, system.inputs, {}
+    terms[system.friction.law] = f"friction.law {system.friction.law}"
     if e.harmonic and e.torque_amplitude > 0.0:
-        found["torque"] = "engine.torque_amplitude"
+        terms["torque"] = "engine.torque_amplitude"
     if e.harmonic and any(e.harmonic_amplitudes):
-        found["harmonics"] = "engine.harmonic_amplitudes"
+        terms["harmonics"] = "engine.harmonic_amplitudes"
     if p.harmonic and p.amplitude > 0.0:
-        found["pulsation"] = "pressure.amplitude"
+        terms["pulsation"] = "pressure.amplitude"
     if system.friction.stribeck is not None:
-        found["stribeck"] = "friction that varies with slip speed"
+        terms["stribeck"] = "friction that varies with slip speed"
     if system.friction.curve is not None:
-        found["curve"] = "friction.coefficients"
+        terms["curve"] = "friction.coefficients"
     if p.actuated:
-        found["approach"] = "an actuator of the pressure"
+        terms["approach"] = "an actuator of the pressure"
     if inputs is not None and inputs.output_speed is not None:
-        found["far"] = "inputs with output_speed"
+        terms["far"] = "inputs with output_speed"
     if system.profile is not None:
-        found["profile"] = ", ".join(key for key in system.varying if key != "inputs") or "inputs"
+        terms["profile"] = ", ".join(key for key in system.varying if key != "inputs") or "inputs"
     if inputs is not None:
-        found["inputs"] = "inputs"
+        terms["inputs"] = "inputs"
     linear = linear_of(system)
     for name in OPTIONAL:
         if getattr(linear, name) is not None:
-            found[name] = " and ".join(key for key, shares in COEFFICIENTS.items()
+            terms[name] = " and ".join(key for key, shares in COEFFICIENTS.items()
                                        if name in shares and system.value(key) != 0.0)
-    return found
+    return terms
 
 
 def unsupported(who: str, system: System) -> dict[str, str]:

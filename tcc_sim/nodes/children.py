@@ -44,11 +44,11 @@ def require_ros() -> None:
 
 def ports_in_use(tables: Iterable[Path] = (Path("/proc/net/udp"), Path("/proc/net/udp6"))) -> set[int]:
     """Return the UDP ports that are bound on this machine; empty if the system does not list them."""
-    found: set[int] = set()
+    ports: set[int] = set()
     for table in tables:
         with suppress(OSError):
-            found.update(int(line.split()[1].rpartition(":")[2], 16) for line in table.read_text().splitlines()[1:])
-    return found
+            ports.update(int(line.split()[1].rpartition(":")[2], 16) for line in table.read_text().splitlines()[1:])
+    return ports
 
 
 class Domain:

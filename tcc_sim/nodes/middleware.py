@@ -62,10 +62,10 @@ def message_class(type_name: str) -> type:
 
     package, short = type_parts(type_name)
     try:
-        found: type = getattr(import_module(f"{package}.msg"), short)
+        kind: type = getattr(import_module(f"{package}.msg"), short)
     except (ImportError, AttributeError):
         raise InputError(f"message type {type_name} is not installed") from None
-    return found
+    return kind
 
 
 def time_of(nanoseconds: int) -> Time:

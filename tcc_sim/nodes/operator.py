@@ -106,8 +106,8 @@ class Operator:
             No driveline answers.
         """
         names = list(map(list_of, keys))
-        found = self._call(GetParameters, "get_parameters", GetParameters.Request(names=names)).values
-        whole = [without_arrays(rclpy.parameter.parameter_value_to_python(value)) for value in found]
+        values = self._call(GetParameters, "get_parameters", GetParameters.Request(names=names)).values
+        whole = [without_arrays(rclpy.parameter.parameter_value_to_python(value)) for value in values]
         out: dict[str, Any] = {}
         for key, name, value in zip(keys, names, whole):
             if key.endswith("]"):
@@ -211,8 +211,8 @@ class Operator:
         subscription = subscribe(self._node, message_class(row.type), row.name, QoSProfile(depth=10))
 
         def newest() -> float | None:
-            found, _ = layout.records([data for data, _ in poll(subscription)])
-            return float(found[field][-1]) if len(found) else None
+            rows, _ = layout.records([data for data, _ in poll(subscription)])
+            return float(rows[field][-1]) if len(rows) else None
 
         return newest
 
@@ -240,8 +240,8 @@ class Operator:
 
     def _drivelines(self) -> list[str]:
         """Return the fully qualified names of all known driveline nodes."""
-        found = self._node.get_node_names_and_namespaces()
-        return [f"{namespace.rstrip('/')}/{name}" for name, namespace in found if name == "driveline"]
+        nodes = self._node.get_node_names_and_namespaces()
+        return [f"{namespace.rstrip('/')}/{name}" for name, namespace in nodes if name == "driveline"]
 
     def _value(self, key: str) -> Any:
         """Return the value of a parameter of the driveline."""
@@ -266,11 +266,11 @@ class Operator:
     def _until(self, predicate: Callable[[], object], limit: float) -> object:
         """Run callbacks until the predicate is true and return its value; return False after `limit` seconds."""
         end = time.monotonic() + limit
-        while not (found := predicate()):
+        while not (outcome := predicate()):
             if time.monotonic() >= end:
                 return False
             self._spinner.once(min(0.05, max(0.0, end - time.monotonic())))
-        return found
+        return outcome
 
 
 def all_met(count: Callable[[], tuple[int, int]], clock: Callable[[], float] = time.monotonic) -> Callable[[], bool]:

@@ -62,8 +62,8 @@ def without_arrays(value: Any) -> Any:
 
 def overrides(node: Node) -> dict[str, Parameter]:
     """Return all parameters from a node's command line and parameter files, declared or not."""
-    found: dict[str, Parameter] = node._parameter_overrides
-    return found
+    values: dict[str, Parameter] = node._parameter_overrides
+    return values
 
 
 def warn_of_unknown(node: Node, known: Iterable[str]) -> None:

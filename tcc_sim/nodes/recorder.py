@@ -191,11 +191,11 @@ class Recorder:
     def look(self) -> None:
         """Check the publishers: adapt to their quality of service, add topics by type, warn of ended publishers."""
         if self._unknown:
-            found = dict(self.node.get_topic_names_and_types())
-            for topic in [topic for topic in self._unknown if topic in found]:
+            types = dict(self.node.get_topic_names_and_types())
+            for topic in [topic for topic in self._unknown if topic in types]:
                 self._unknown.remove(topic)
                 try:
-                    self._add(topic, found[topic][0])
+                    self._add(topic, types[topic][0])
                 except InputError as error:
                     warn(self.node, f"{topic} is not recorded: {error}")
         running = any(track.messages for track in self.tracks.values() if track.type == JOINT_STATE)
@@ -242,19 +242,19 @@ class Recorder:
         if drain:
             self.drain(last=True)
         self.bag.close(self._part_result())
-        found = {key: sum(counts.values()) for key, counts in self._figures().items()}
-        unsent = f", {found['unsent']} never sent" if "unsent" in found else ""
+        totals = {key: sum(counts.values()) for key, counts in self._figures().items()}
+        unsent = f", {totals['unsent']} never sent" if "unsent" in totals else ""
         where = one_line(str(self.bag.directory))
-        return f"recorded {counted(found['messages'], 'message')} in {where}, {found['lost']} lost{unsent}"
+        return f"recorded {counted(totals['messages'], 'message')} in {where}, {totals['lost']} lost{unsent}"
 
     def _figures(self) -> dict[str, dict[str, int]]:
         """Return the numbers of recorded and missing messages by topic."""
         seen = [track for track in self.tracks.values() if track.messages]
-        found = {"messages": {track.topic: track.messages for track in seen},
-                 "lost": {track.topic: track.lost for track in seen},
-                 "missing_stamps": {track.topic: track.stamps.lost for track in seen if track.stamps is not None}}
+        figures = {"messages": {track.topic: track.messages for track in seen},
+                   "lost": {track.topic: track.lost for track in seen},
+                   "missing_stamps": {track.topic: track.stamps.lost for track in seen if track.stamps is not None}}
         unsent = self.unsent.by_topic()
-        return found | ({"unsent": unsent} if any(unsent.values()) else {})
+        return figures | ({"unsent": unsent} if any(unsent.values()) else {})
 
     def _part_result(self) -> dict[str, dict[str, int]]:
         """Return the figures of the part that ends: the difference since the part before it."""

@@ -43,17 +43,17 @@ def remove_ownerless(folder: Path = FOLDER, mapped: Callable[[], set[str]] | Non
     folder : directory of the segments
     mapped : function that returns the files mapped by processes; None to search /proc
     """
-    found: defaultdict[str, dict[Path, os.stat_result]] = defaultdict(dict)
+    files: defaultdict[str, dict[Path, os.stat_result]] = defaultdict(dict)
     for path in folder.glob("*fastdds_*"):
         if match := _FILE.fullmatch(path.name):
             with suppress(OSError):
-                found[match[1]][path] = path.stat()
-    loose = [name for name in found if not any(_locked(folder / f"{name}{end}") for end in _LOCKS)]
+                files[match[1]][path] = path.stat()
+    loose = [name for name in files if not any(_locked(folder / f"{name}{end}") for end in _LOCKS)]
     held = (mapped or _mapped)() if loose else set()
     removed = []
     for name in loose:
-        if held.isdisjoint(map(str, found[name])):
-            for path, seen in found[name].items():
+        if held.isdisjoint(map(str, files[name])):
+            for path, seen in files[name].items():
                 with suppress(OSError):
                     if os.path.samestat(path.stat(), seen):
                         path.unlink()
@@ -78,22 +78,22 @@ def _locked(path: Path) -> bool:
 
 def _mapped() -> set[str]:
     """Return the files of Fast DDS that some process has mapped."""
-    found: set[str] = set()
+    mapped: set[str] = set()
     for maps in Path("/proc").glob("[0-9]*/maps"):
         with suppress(OSError):
-            found.update(re.findall(r"\S*fastdds_\S+", maps.read_text(errors="replace")))
-    return found
+            mapped.update(re.findall(r"\S*fastdds_\S+", maps.read_text(errors="replace")))
+    return mapped
 
 
 def unfinished(domain: int, folder: Path = FOLDER) -> list[Path]:
     """Return the unfinished ports of a ROS domain, for which every process that opens one waits."""
-    found = []
+    paths = []
     for port in range(FIRST_PORT + PORTS * domain, FIRST_PORT + PORTS * (domain + 1)):
         path = folder / f"fastdds_port{port}"
         with suppress(OSError):
             if int.from_bytes(path.open("rb").read(4), sys.byteorder) < _WHOLE:
-                found.append(path)
-    return found
+                paths.append(path)
+    return paths
 
 
 def clear(domain: int, within: float = FINISHED_WITHIN) -> None:

@@ -81,15 +81,15 @@ def left_to_the_system(create: Callable[[], Made]) -> Made:
     """
     if threading.current_thread() is not threading.main_thread():
         return create()
-    found: list[Any] = []
+    handlers: list[Any] = []
     unblocked = threading.Event()
 
     def work() -> None:
         unblocked.wait()
         try:
-            found.append(create())
+            handlers.append(create())
         except BaseException as error:
-            found.extend((None, error))
+            handlers.extend((None, error))
 
     thread = threading.Thread(target=work, name="creation", daemon=True)
     with _handled(signal.SIG_DFL):
@@ -100,9 +100,9 @@ def left_to_the_system(create: Callable[[], Made]) -> Made:
             thread.join()
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-    if len(found) > 1:
-        raise found[1]
-    made: Made = found[0]
+    if len(handlers) > 1:
+        raise handlers[1]
+    made: Made = handlers[0]
     return made
 
 

@@ -62,47 +62,48 @@ class Waiting:
         slow = {command.name for command in loop.waits_for if not command.fallen_back}
         waits = {what: (what, loop.plant.stamp_ns if what in slow else -1) for what in missing}
         self._since = {wait: self._since.get(wait, now) for wait in waits.values()}
-        found = {what: f"{sentence}; since {now - since:.0f} s" for what, sentence in missing.items()
-                 if now - (since := self._since[waits[what]]) >= PATIENCE}
+        sentences = {what: f"{sentence}; since {now - since:.0f} s" for what, sentence in missing.items()
+                     if now - (since := self._since[waits[what]]) >= PATIENCE}
         for command in loop.commands:
             count = command.subscription.get_publisher_count()
             if count > 1:
-                found[f"{command.name} publishers"] = (f"{count} publishers send commands and the newest command "
-                                                       f"counts: {self.publishers(command)}")
-        return found
+                sentences[f"{command.name} publishers"] = (f"{count} publishers send commands and the newest command "
+                                                           f"counts: {self.publishers(command)}")
+        return sentences
 
     def unstamped(self) -> dict[str, str]:
         """Return a sentence for each input whose commands lock-step takes without knowing which state they answer."""
-        loop, found = self._loop, dict[str, str]()
+        loop, sentences = self._loop, dict[str, str]()
         if loop.scene.operation.pacing != "lockstep":
-            return found
+            return sentences
         followers = set(loop.clock.followers)
         for command in loop.commands:
             senders = self._node.get_publishers_info_by_topic(self._topic(command))
             names = {f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in senders}
             command.timed = bool(names) and names <= followers
             if command.unstamped and not command.timed and command is not loop.far_end:
-                found[command.name] = (
+                sentences[command.name] = (
                     f"commands on {command.name} have no stamp, so each counts as the answer to the newest state, and "
                     "a timer of the wall clock acts more often than it says; stamp them with the state, or give their "
                     "node use_sim_time and set command_period to its timer's period")
-        return found
+        return sentences
 
     def publishers(self, command: CommandedInput) -> str:
         """Return the publishers on the topic of an input as text: type, quality of service, why they do not match."""
         row, name = topic(command.name), self._topic(command)
-        found = []
+        sentences = []
         for info in self._node.get_publishers_info_by_topic(name):
             profile = info.qos_profile
             best_effort = profile.reliability == ReliabilityPolicy.BEST_EFFORT
             wrong = (f", which is not {row.type}" if info.topic_type != row.type else
                      ", which does not match: publish reliably" if best_effort else "")
             kind = "" if info.topic_type == row.type else f"{info.topic_type}, "
-            found.append(f"{info.node_name} ({kind}{profile.reliability.name.lower().replace('_', ' ')}, "
-                         f"{profile.durability.name.lower().replace('_', ' ')}{wrong})")
+            sentences.append(f"{info.node_name} ({kind}{profile.reliability.name.lower().replace('_', ' ')}, "
+                             f"{profile.durability.name.lower().replace('_', ' ')}{wrong})")
         refused = f"; {counted(command.refused, 'command')} refused, the last: {command.refusal}" if (
             command.refused) else ""
-        return f"{counted(len(found), 'publisher')} on {name}{': ' if found else ''}{', '.join(found)}{refused}"
+        colon = ": " if sentences else ""
+        return f"{counted(len(sentences), 'publisher')} on {name}{colon}{', '.join(sentences)}{refused}"
 
     def _topic(self, command: CommandedInput) -> str:
         """Return the fully qualified name of an input's topic."""

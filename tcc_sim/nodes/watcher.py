@@ -173,24 +173,24 @@ class Watcher:
         """Wait for the current scene; raise TccError if no driveline publishes one."""
         end = time.monotonic() + FOUND_WITHIN
         while time.monotonic() < end:
-            found = self._scene()
-            if found is not None:
-                return found
+            scene = self._scene()
+            if scene is not None:
+                return scene
             time.sleep(0.02)
         name = self._node.resolve_topic_name("scene")
         raise TccError(f"no driveline published its scene on {name} within {FOUND_WITHIN:g} s")
 
     def _scene(self) -> Scene | None:
         """Return the newest scene since the last call, or None."""
-        found = None
+        scene = None
         for data, _ in poll(self._scenes):
             try:
                 text = cdr.read_string(data)
-                found = parse_scene(text, "driveline")
+                scene = parse_scene(text, "driveline")
                 self._zeros = np.union1d(self._zeros, zeros_of([text]))
             except (ValueError, InputError) as error:
                 self._say(f"a scene could not be read: {error}")
-        return found
+        return scene
 
     def view(self, **where: Any) -> RerunStream:
         """Return a Rerun stream for this driveline, to one of `file`, `spawn` or `url` as in RerunStream."""

@@ -62,8 +62,8 @@ def web_viewer() -> Iterator[WebViewer]:
 
 def _program() -> str:
     """Return the viewer's program in rerun-sdk itself, since killing the script on the path would leave it running."""
-    found = importlib.util.find_spec("rerun_cli")
-    for folder in (found.submodule_search_locations or ()) if found is not None else ():
+    spec = importlib.util.find_spec("rerun_cli")
+    for folder in (spec.submodule_search_locations or ()) if spec is not None else ():
         if (Path(folder) / "rerun").is_file():
             return str(Path(folder) / "rerun")
     program = shutil.which("rerun")

@@ -141,9 +141,9 @@ def _torques(system: System) -> tuple[Torque, Torque]:
     times = phase / system.engine.frequency if system.profile is None else time_at(system.profile, phase)
     within = len(times) if system.profile is None else int(np.searchsorted(times, system.span, side="right"))
     corners = np.empty(0) if system.profile is None else system.profile[:, TIME]
-    found = torques_at(terms_of(system), np.concatenate([times, corners[corners <= system.span]]))
+    torques = torques_at(terms_of(system), np.concatenate([times, corners[corners <= system.span]]))
     engine, load = (Torque(float(seen.min()), float(x[:count].mean()), float(seen.max()))
-                    for x in found for seen in (np.append(x[:within], x[count + 1:]),))
+                    for x in torques for seen in (np.append(x[:within], x[count + 1:]),))
     return engine, load
 
 
@@ -169,8 +169,8 @@ def critical_slope(system: System) -> float | None:
     inside = slope * slope - 4.0 * square * constant
     if inside < 0.0:
         return None
-    found = -2.0 * constant / (slope + math.sqrt(inside))  # Form of the root without cancellation.
-    return float(found) if q0 + found * q1 > 0.0 else None  # Otherwise the two roots are real, of opposite signs.
+    root = -2.0 * constant / (slope + math.sqrt(inside))  # Form of the root without cancellation.
+    return float(root) if q0 + root * q1 > 0.0 else None  # Otherwise the two roots are real, of opposite signs.
 
 
 def _expected(system: System, engine: Torque, static: Torque, kinetic: Torque, fast: Torque,
@@ -202,7 +202,7 @@ def _expected(system: System, engine: Torque, static: Torque, kinetic: Torque, f
     return "stick-slip", "the clutch carries the mean torque but not its peaks"
 
 
-def estimate_lines(found: Estimates) -> list[str]:
+def estimate_lines(estimates: Estimates) -> list[str]:
     """Return the lines of the estimates."""
     def mode(name: str, formula: str, one: Mode) -> str:
         hertz = f" ({one.frequency / (2.0 * math.pi):.4g} Hz)" if shown_unit()[0] == SPEED else ""
@@ -212,39 +212,39 @@ def estimate_lines(found: Estimates) -> list[str]:
         span = f"{one.low:.6g} to {one.high:.6g} N m, mean {one.mean:.6g} N m"
         return f"  {name:<17} {span if one.low < one.high else f'{one.mean:.6g} N m'}"
 
-    margin = "" if found.stick_margin is None else f"; margin of pure stick (10): {found.stick_margin:.6g} N m"
-    least = found.critical_slope
+    margin = "" if estimates.stick_margin is None else f"; margin of pure stick (10): {estimates.stick_margin:.6g} N m"
+    least = estimates.critical_slope
     critical = "none, because the oscillation of steady slip is damped at every slope" if least is None else (
         f"{least:.4g} N m s/rad, friction torque over slip speed; the steepest slope of this law is "
-        f"{found.steepest_slope:.4g} N m s/rad, so " + ("steady slip at such speeds judders"
-                                                        if found.steepest_slope < least else
-                                                        "the oscillation of steady slip is damped"))
-    fast = "clutch, mu_k N R" if found.fastest is None else f"clutch at {speed(found.fastest)}"
-    low, high = found.engine_frequency
-    critical_frequency = engine_speed(found.critical_frequency)
-    if low < found.critical_frequency < high:
+        f"{estimates.steepest_slope:.4g} N m s/rad, so " + ("steady slip at such speeds judders"
+                                                            if estimates.steepest_slope < least else
+                                                            "the oscillation of steady slip is damped"))
+    fast = "clutch, mu_k N R" if estimates.fastest is None else f"clutch at {speed(estimates.fastest)}"
+    low, high = estimates.engine_frequency
+    critical_frequency = engine_speed(estimates.critical_frequency)
+    if low < estimates.critical_frequency < high:
         side = f"the {engine_speed(low, 6, high)} passes it"
     else:
-        half, word = ("first", "below") if high < found.critical_frequency else ("second", "above")
+        half, word = ("first", "below") if high < estimates.critical_frequency else ("second", "above")
         side = (f"{engine_speed(low, 6, high if low < high else None)} is {word} it, so positive slip falls into the "
                 f"{half} half of a period of excitation")
     return ["natural frequencies",
-            mode("slipping", "sqrt(K23/I2)", found.slipping), mode("stuck", "sqrt(K23/(I1 + I2))", found.stuck),
-            f"torques over {'the profiles' if found.profiles else 'a period of excitation'}",
-            torque("engine", found.engine),
-            torque("clutch, mu_s N R", found.static), torque(fast, found.kinetic),
-            f"  expected: {found.expected}; {found.why}{margin}",
+            mode("slipping", "sqrt(K23/I2)", estimates.slipping), mode("stuck", "sqrt(K23/(I1 + I2))", estimates.stuck),
+            f"torques over {'the profiles' if estimates.profiles else 'a period of excitation'}",
+            torque("engine", estimates.engine),
+            torque("clutch, mu_s N R", estimates.static), torque(fast, estimates.kinetic),
+            f"  expected: {estimates.expected}; {estimates.why}{margin}",
             f"critical slope (22): {critical}",
             f"critical frequency (28): {critical_frequency}; {side}",
-            *([] if found.actuator is None else [_actuator_line(found.actuator, found.slipping.frequency)])]
+            *([] if estimates.actuator is None else [_actuator_line(estimates.actuator, estimates.slipping.frequency)])]
 
 
-def _actuator_line(found: ActuatorEffect, omega: float) -> str:
+def _actuator_line(effect: ActuatorEffect, omega: float) -> str:
     """The actuator for a terminal."""
     parts = [f"{name} {value:g} {unit}" for name, value, unit in (
-        ("lag", found.time_constant, "s"), ("dead time", found.delay, "s"),
-        ("rate limit", found.rate_limit, "Pa/s")) if value]
-    limit = "" if found.largest_amplitude is None else (
-        f"; the rate limit allows an amplitude of {found.largest_amplitude:.4g} Pa there")
+        ("lag", effect.time_constant, "s"), ("dead time", effect.delay, "s"),
+        ("rate limit", effect.rate_limit, "Pa/s")) if value]
+    limit = "" if effect.largest_amplitude is None else (
+        f"; the rate limit allows an amplitude of {effect.largest_amplitude:.4g} Pa there")
     return (f"actuator: {', '.join(parts)}; at the slipping mode, {frequency(omega)}, it costs "
-            f"{-math.degrees(found.phase):.4g} degrees of phase and leaves {found.gain:.1%} of the amplitude{limit}")
+            f"{-math.degrees(effect.phase):.4g} degrees of phase and leaves {effect.gain:.1%} of the amplitude{limit}")

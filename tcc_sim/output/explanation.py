@@ -91,11 +91,11 @@ def friction_of(system: System) -> dict[str, Any]:
         (float(slopes.min()), float(slopes.max())), stick, largest)))
 
 
-def friction_lines(found: dict[str, Any]) -> list[str]:
+def friction_lines(law: dict[str, Any]) -> list[str]:
     """Return the lines of the friction law."""
-    formula = friction_formula(found["constant"], found["amplitudes"], found["rates"])
-    (static, last), (least, most), fast = found["coefficients"], found["slopes"], found["slip_speeds"][1]
-    tabulated = found["fit_error"] is not None
+    formula = friction_formula(law["constant"], law["amplitudes"], law["rates"])
+    (static, last), (least, most), fast = law["coefficients"], law["slopes"], law["slip_speeds"][1]
+    tabulated = law["fit_error"] is not None
     course = ("does not depend on slip speed" if least == most == 0.0 else
               f"falls and rises between {static:.4g} without slip and {last:.4g}" if least < 0.0 < most else
               f"{'falls' if least < 0.0 else 'rises'} with slip speed from {static:.4g} to {last:.4g}")
@@ -103,12 +103,12 @@ def friction_lines(found: dict[str, Any]) -> list[str]:
     lines = [f"sliding friction: {formula}", f"  the coefficient {course}{at}; its slope is "
              + (f"{least:.3g} to {most:.3g} s/rad" if least < most else f"{least:.3g} s/rad")]
     if tabulated:
-        lines.append(f"  largest error of the fit {found['fit_error']:.2%} of the largest coefficient of the table, at "
-                     f"{speed(found['fit_error_at'])}; between the points {found['fit_error_between']:.2%} from a "
-                     f"monotone interpolation, at {speed(found['fit_error_between_at'])}")
-    if found["stick_speed"] > 0.0:
-        lines.append(f"  smoothed through 0: slip speeds up to {speed(found['stick_speed'], 4)} count as stick; "
-                     f"largest coefficient {found['largest_coefficient']:.4g}")
+        lines.append(f"  largest error of the fit {law['fit_error']:.2%} of the largest coefficient of the table, at "
+                     f"{speed(law['fit_error_at'])}; between the points {law['fit_error_between']:.2%} from a "
+                     f"monotone interpolation, at {speed(law['fit_error_between_at'])}")
+    if law["stick_speed"] > 0.0:
+        lines.append(f"  smoothed through 0: slip speeds up to {speed(law['stick_speed'], 4)} count as stick; "
+                     f"largest coefficient {law['largest_coefficient']:.4g}")
     return lines
 
 
@@ -125,7 +125,7 @@ def count_calls(system: System) -> dict[str, dict[str, float]]:
     """Count the calls of costly functions per sub-step of the first tick, with the kernel run as Python."""
     from tcc_sim.solvers.fixed_step import Stepper, advance
 
-    found: dict[str, dict[str, float]] = {}
+    calls: dict[str, dict[str, float]] = {}
     for which, terms in (("own_calls", terms_of(system)), ("general_calls", general_terms(system))):
         counts = dict.fromkeys(FUNCTIONS.values(), 0.0)
 
@@ -139,8 +139,8 @@ def count_calls(system: System) -> dict[str, dict[str, float]]:
         n = stepper.substeps
         run = _interpreted(advance, SimpleNamespace(**{**vars(np), **{name: counted(name) for name in FUNCTIONS}}), {})
         run(stepper.state, 0.0, TICK / n, n, terms, True, None)
-        found[which] = {name: count / n for name, count in counts.items()}
-    return found
+        calls[which] = {name: count / n for name, count in counts.items()}
+    return calls
 
 
 def _interpreted(kernel: Any, numpy: Any, known: dict[Any, Any]) -> Callable[..., Any]:
@@ -174,12 +174,12 @@ def _cost(scene: Scene) -> dict[str, Any]:
             began = time.thread_time()
             advance(state, 0.0, TICK / n, TICKS * n, terms, True, None)
             seconds[name][turn] = (time.thread_time() - began) / TICKS
-    best = {name: float(found.min()) for name, found in seconds.items()}
+    best = {name: float(times.min()) for name, times in seconds.items()}
     # Noise: difference between the fastest of the even and of the odd measurements.
-    noise = max(abs(float(found[::2].min() - found[1::2].min())) for found in seconds.values())
+    noise = max(abs(float(times[::2].min() - times[1::2].min())) for times in seconds.values())
     added = {name: abs(best[name] - best["own"]) if (best[name] > best["own"]) is (getattr(own, name) is None) else 0.0
              for name in OPTIONAL}
-    measured = {name: found if found > 2.0 * noise else None for name, found in added.items()}
+    measured = {name: times if times > 2.0 * noise else None for name, times in added.items()}
     return {"own_s": best["own"], "general_s": best["general"], "ratio": best["general"] / best["own"],
             "noise_s": noise,
             "terms_s": {OPTIONAL[k]: x for k, x in measured.items() if getattr(own, k) is not None},
@@ -215,11 +215,11 @@ def _difference(system: System, slip_speed: Any) -> float | None:
     from tcc_sim.solvers.fixed_step import Stepper
 
     stepper = Stepper(system, TICK)
-    found = np.empty(COMPARED)
+    errors = np.empty(COMPARED)
     for k in range(COMPARED):
         stepper.advance()
-        found[k] = stepper.state[0]
-    return float(np.abs(found - slip_speed(TICK * np.arange(1, COMPARED + 1))).max())
+        errors[k] = stepper.state[0]
+    return float(np.abs(errors - slip_speed(TICK * np.arange(1, COMPARED + 1))).max())
 
 
 def _stick(system: System) -> tuple[PureStickFigures | None, str]:
@@ -231,14 +231,14 @@ def _stick(system: System) -> tuple[PureStickFigures | None, str]:
     return PureStickFigures(margin.torque, margin.sticks, angle.mean, angle.swing()), ""
 
 
-def closed_form_lines(found: dict[str, Any] | None) -> list[str]:
+def closed_form_lines(closed: dict[str, Any] | None) -> list[str]:
     """Return the lines of the closed forms."""
-    if found is None:
+    if closed is None:
         return ["closed forms: none, because a torque comes from a topic"]
-    slip, stick = found["slip"], found["stick"]
+    slip, stick = closed["slip"], closed["stick"]
     lines = ["closed forms"]
     if slip is None:
-        lines.append(f"  pure slip (12) to (18): none: {found['slip_why']}")
+        lines.append(f"  pure slip (12) to (18): none: {closed['slip_why']}")
     else:
         lines.append(f"  pure slip (15): {speed(slip['mean'])} plus sines of {speed(slip['amplitude'])}"
                      + (f", growing by {slip['growth']:.4g} rad/s^2" if slip["growth"] else ""))
@@ -250,7 +250,7 @@ def closed_form_lines(found: dict[str, Any] | None) -> list[str]:
             lines.append(f"    the real-time solver is within {speed(slip['tick_difference'], 2)} of (14) over "
                          f"{COMPARED} ticks")
     if stick is None:
-        lines.append(f"  pure stick (8) to (11): none: {found['stick_why']}")
+        lines.append(f"  pure stick (8) to (11): none: {closed['stick_why']}")
     else:
         possible = "is possible" if stick["sticks"] else "is not possible"
         lines.append(f"  pure stick (10): margin {stick['margin']:.6g} N m, so pure stick {possible}; plate "

@@ -42,9 +42,9 @@ def _units(value: Any, path: str, owners: tuple[Any, ...]) -> Iterator[tuple[str
     if isinstance(value, Mapping):
         yield from _units(list(value.values()), path, owners)
     elif _is_list(value):
-        found = [dict(_units(part, path, owners)) for part in value]
-        for name in dict.fromkeys(name for units in found for name in units):
-            units = {k: one[name] for k, one in enumerate(found) if name in one}
+        by_element = [dict(_units(part, path, owners)) for part in value]
+        for name in dict.fromkeys(name for units in by_element for name in units):
+            units = {k: one[name] for k, one in enumerate(by_element) if name in one}
             if len(set(units.values())) == 1:
                 yield name, units[min(units)]
             else:

@@ -147,13 +147,13 @@ def read_json(path: Path) -> dict[str, Any]:
             raise InputError(f"{path} is not a regular file")
         if (size := path.stat().st_size) > LARGEST_JSON:
             raise InputError(f"{path} has {size} bytes; a JSON file of results has at most {LARGEST_JSON}")
-        found = json.loads(path.read_text(encoding="utf-8"))
+        document = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}") from None
     except InputError:
         raise
     except (ValueError, RecursionError):
         raise InputError(f"{path} is not a JSON file") from None
-    if not isinstance(found, dict):
+    if not isinstance(document, dict):
         raise InputError(f"{path} contains no JSON object")
-    return found
+    return document

@@ -54,17 +54,17 @@ def head_of(kind: str, scene: Scene | System, command: Sequence[str]) -> dict[st
 @cache
 def environment() -> dict[str, str | None]:
     """Return the versions of the packages that compute, without loading them, and the name of the processor."""
-    found: dict[str, str | None] = {"python": platform.python_version()}
+    versions: dict[str, str | None] = {"python": platform.python_version()}
     for name in ("numpy", "scipy", "numba"):
         try:
-            found[name] = metadata.version(name)
+            versions[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
-            found[name] = None
+            versions[name] = None
     with suppress(OSError):
         for line in Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines():
             if line.startswith("model name"):
-                return {**found, "processor": line.partition(":")[2].strip()}
-    return {**found, "processor": platform.processor() or platform.machine()}
+                return {**versions, "processor": line.partition(":")[2].strip()}
+    return {**versions, "processor": platform.processor() or platform.machine()}
 
 
 def warnings_of(scene: Scene | System) -> list[str]:

@@ -37,14 +37,14 @@ def read_arrays(path: Path, names: Iterable[str]) -> dict[str, Any]:
             raise InputError(f"{path} is not a regular file")
         left = min(LARGEST_RATIO * path.stat().st_size + SMALLEST_LIMIT,
                    os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 2)
-        found = {}
+        arrays = {}
         with ZipFile(path) as file:
             there = set(file.namelist())
             for name in names:
                 if f"{name}.npy" in there:
-                    found[name] = _array(path, file, name, left)
-                    left -= found[name].nbytes
-        return found
+                    arrays[name] = _array(path, file, name, left)
+                    left -= arrays[name].nbytes
+        return arrays
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
     except InputError:
@@ -83,12 +83,12 @@ def document_in(path: Path, arrays: dict[str, Any]) -> dict[str, Any]:
     if text is None or text.shape != () or text.dtype.kind != "U":
         raise InputError(f"{path} does not say which command wrote it; write it again with --out")
     try:
-        found = json.loads(str(text))
+        document = json.loads(str(text))
     except (ValueError, RecursionError):
-        found = None
-    if not isinstance(found, dict):
+        document = None
+    if not isinstance(document, dict):
         raise InputError(f"{path}: the JSON of the command that wrote it is damaged")
-    return found
+    return document
 
 
 def check_lengths(where: str, values: Mapping[str, Any], names: Iterable[str], expected: int | None = None) -> None:

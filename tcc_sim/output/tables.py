@@ -51,43 +51,43 @@ def friction_formula(constant: float, amplitudes: Iterable[float], rates: Iterab
     return f"mu(v) = {constant:.6g}{''.join(terms)}"
 
 
-def simulation_lines(name: str, found: Simulation) -> list[str]:
+def simulation_lines(name: str, result: Simulation) -> list[str]:
     """Return the lines of a simulation: solver, summary and further figures."""
-    run = found.trajectory
+    run = result.trajectory
     lines = [f"{name}: {run.t[-1]:.6g} s, solved by {run.solver} in {counted(run.statistics.steps, 'step')} in "
              f"{run.statistics.seconds:.3g} s"]
-    if found.summary is None:
-        pairs = [("status", found.status)]
+    if result.summary is None:
+        pairs = [("status", result.status)]
     else:
         varies = run.system is not None and run.system.profile is not None
-        pairs = summary_rows(found.summary, "its inputs vary in time" if varies else "raise --cycles or --duration")
-        pairs += covers_row(found.summary, 0.0, float(run.t[-1]))
-        if found.summary.runaway and run.system is not None:
+        pairs = summary_rows(result.summary, "its inputs vary in time" if varies else "raise --cycles or --duration")
+        pairs += covers_row(result.summary, 0.0, float(run.t[-1]))
+        if result.summary.runaway and run.system is not None:
             pairs.append(("runaway", runaway_cause(run.system)))
-    pairs += [("doubtful", warning) for warning in found.warnings or []]
-    if found.damping is not None:
-        pairs.append(damping_row(found.damping))
-    if found.lyapunov is not None:
-        pairs.append(lyapunov_row(found.lyapunov))
+    pairs += [("doubtful", warning) for warning in result.warnings or []]
+    if result.damping is not None:
+        pairs.append(damping_row(result.damping))
+    if result.lyapunov is not None:
+        pairs.append(lyapunov_row(result.lyapunov))
     return [*lines, *aligned(pairs)]
 
 
-def order_lines(found: Orders) -> list[str]:
+def order_lines(orders: Orders) -> list[str]:
     """Return the main results of an order analysis."""
-    pairs = [("orders", f"{counted(len(found.time), 'window')} from "
-                        f"{engine_speed(found.frequency.min(), 6, found.frequency.max())}, up to order "
-                        f"{found.order[-1]:g}"
-                        + (f"; {found.left_out} more left out because of gaps between samples" if found.left_out
+    pairs = [("orders", f"{counted(len(orders.time), 'window')} from "
+                        f"{engine_speed(orders.frequency.min(), 6, orders.frequency.max())}, up to order "
+                        f"{orders.order[-1]:g}"
+                        + (f"; {orders.left_out} more left out because of gaps between samples" if orders.left_out
                            else ""))]
-    unknown = np.isnan(found.shaft_torque).all()
-    for order, passed in zip(found.torque_order, found.transmissibility.T):
+    unknown = np.isnan(orders.shaft_torque).all()
+    for order, passed in zip(orders.torque_order, orders.transmissibility.T):
         at_most = (f"shaft torque over engine torque at most {np.nanmax(passed):.4g}, at "
-                   f"{engine_speed(found.frequency[np.nanargmax(passed)])}" if np.isfinite(passed).any() else
+                   f"{engine_speed(orders.frequency[np.nanargmax(passed)])}" if np.isfinite(passed).any() else
                    f"no transmissibility: the {'shaft' if unknown else 'engine'} torque is not known")
         pairs.append((f"order {order:g}", at_most))
-    if not len(found.torque_order):
+    if not len(orders.torque_order):
         pairs.append(("transmissibility", "none: the engine torque has no order of the excitation"))
-    judder = found.judder
+    judder = orders.judder
     most = f"at most {speed(judder.peak.max())} about the cycle mean, rms {speed(judder.rms.max())}"
     most += ("; breakaways are not known: a table has no states of stick and slip"
              if np.isnan(judder.breakaways).any() else f"; {judder.breakaways.max():.4g} breakaways per second")
@@ -95,37 +95,37 @@ def order_lines(found: Orders) -> list[str]:
     return aligned(pairs)
 
 
-def comparison_lines(found: OrderComparison) -> list[str]:
+def comparison_lines(comparison: OrderComparison) -> list[str]:
     """Return the differences of simulated and measured orders, where an order is within 30 dB of its largest value."""
     from tcc_sim.analysis.orders import level
 
     pairs = []
     for name in ("slip_speed", "shaft_torque"):
-        for order in found.measured.cuts:
-            measured = level(found.measured.cut(order, name))
+        for order in comparison.measured.cuts:
+            measured = level(comparison.measured.cut(order, name))
             if np.isnan(measured).all():
                 pairs.append((f"order {order:g} of {name.replace('_', ' ')}", "not compared: it was not measured"))
                 continue
-            apart = np.abs(found.difference(name, order))[measured > np.nanmax(measured) - 30.0]
+            apart = np.abs(comparison.difference(name, order))[measured > np.nanmax(measured) - 30.0]
             pairs.append((f"order {order:g} of {name.replace('_', ' ')}", f"simulated and measured differ by at "
                           f"most {apart.max():.3g} dB, median {np.median(apart):.3g} dB"))
     return aligned(pairs)
 
 
-def spectrum_lines(found: Spectrum) -> list[str]:
+def spectrum_lines(spectrum: Spectrum) -> list[str]:
     """Return the window of a spectrum and its largest lines."""
-    pairs = [("spectrum window", found.window)]
-    if found.slip_speed is not None and found.shaft_torque is not None:
-        largest = np.sort(np.argsort(np.nan_to_num(found.slip_speed[1:]))[::-1][:LINES_SHOWN] + 1)
+    pairs = [("spectrum window", spectrum.window)]
+    if spectrum.slip_speed is not None and spectrum.shaft_torque is not None:
+        largest = np.sort(np.argsort(np.nan_to_num(spectrum.slip_speed[1:]))[::-1][:LINES_SHOWN] + 1)
         for k in largest.tolist():
-            torque = found.shaft_torque[k]
-            pairs.append((f"order {found.order[k]:g}",
-                          f"{frequency(found.frequency[k])}: slip speed {speed(found.slip_speed[k])}"
+            torque = spectrum.shaft_torque[k]
+            pairs.append((f"order {spectrum.order[k]:g}",
+                          f"{frequency(spectrum.frequency[k])}: slip speed {speed(spectrum.slip_speed[k])}"
                           + (", shaft torque not measured" if math.isnan(torque) else
                              f", shaft torque {torque:.6g} N m")))
-        if len(found.subharmonics):
-            shown = ", ".join(f"{order:g}" for order in found.subharmonics[:LINES_SHOWN])
-            more = len(found.subharmonics) - LINES_SHOWN
+        if len(spectrum.subharmonics):
+            shown = ", ".join(f"{order:g}" for order in spectrum.subharmonics[:LINES_SHOWN])
+            more = len(spectrum.subharmonics) - LINES_SHOWN
             pairs.append(("sub-harmonics", f"orders {shown}" + (f" and {more} more" if more > 0 else "")))
     return aligned(pairs)
 
@@ -190,54 +190,54 @@ def covers_row(summary: Summary, begin: float = math.nan, end: float = math.nan)
     return [("figures cover", f"{first:.6g} to {last:.6g} s{whole}{lost}")]
 
 
-def tracking_lines(found: Tracking) -> list[str]:
+def tracking_lines(tracking: Tracking) -> list[str]:
     """Return the text of a tracking in lines: target and errors, peaks, verdict, and pressure commands."""
-    if not math.isfinite(found.rms_error):
-        return [f"target {speed(found.target)}: no verdict: {found.verdict_why}"]
-    varies = found.target_low < found.target_high
-    aim = speed(found.target_low, 6, found.target_high) if varies else speed(found.target)
-    sign = "+" if found.peak_deviation > 0.0 else ""
-    lines = [f"target {aim}: mean {speed(found.mean_slip)}, rms error {speed(found.rms_error, 4)}, "
-             f"largest {speed(found.largest_error, 4)}",
-             f"peak {sign}{speed(found.peak_deviation, 4)} at {found.peak_time:.6g} s, overshoot "
-             f"{speed(found.overshoot, 4)}"
-             + (f" at {found.overshoot_time:.6g} s" if math.isfinite(found.overshoot_time) else "")]
-    settled = f" after {found.settling_time:.4g} s" if found.settled else ""
-    lines.append(f"{found.verdict}{settled}: {found.verdict_why}")
-    if found.time_at_limit > 0.0:
-        lines.append(f"pressure at a limit for {100.0 * found.time_at_limit:.3g} % of the time")
-    if found.commands_applied is not None:
-        lines.append(f"{counted(found.commands_applied, 'command')} applied, {found.command_rate:.4g} a second, "
-                     f"{found.commands_superseded} superseded")
-    if found.lost_seconds > 0.0:
-        lines.append(f"over {found.seconds:.6g} s; {found.lost_seconds:.4g} s between were not observed")
+    if not math.isfinite(tracking.rms_error):
+        return [f"target {speed(tracking.target)}: no verdict: {tracking.verdict_why}"]
+    varies = tracking.target_low < tracking.target_high
+    aim = speed(tracking.target_low, 6, tracking.target_high) if varies else speed(tracking.target)
+    sign = "+" if tracking.peak_deviation > 0.0 else ""
+    lines = [f"target {aim}: mean {speed(tracking.mean_slip)}, rms error {speed(tracking.rms_error, 4)}, "
+             f"largest {speed(tracking.largest_error, 4)}",
+             f"peak {sign}{speed(tracking.peak_deviation, 4)} at {tracking.peak_time:.6g} s, overshoot "
+             f"{speed(tracking.overshoot, 4)}"
+             + (f" at {tracking.overshoot_time:.6g} s" if math.isfinite(tracking.overshoot_time) else "")]
+    settled = f" after {tracking.settling_time:.4g} s" if tracking.settled else ""
+    lines.append(f"{tracking.verdict}{settled}: {tracking.verdict_why}")
+    if tracking.time_at_limit > 0.0:
+        lines.append(f"pressure at a limit for {100.0 * tracking.time_at_limit:.3g} % of the time")
+    if tracking.commands_applied is not None:
+        lines.append(f"{counted(tracking.commands_applied, 'command')} applied, {tracking.command_rate:.4g} a second, "
+                     f"{tracking.commands_superseded} superseded")
+    if tracking.lost_seconds > 0.0:
+        lines.append(f"over {tracking.seconds:.6g} s; {tracking.lost_seconds:.4g} s between were not observed")
     return lines
 
 
-def damping_row(found: Damping) -> tuple[str, str]:
+def damping_row(damping: Damping) -> tuple[str, str]:
     """Return the equivalent damping (21), with the mean slope and the threshold of (23)."""
-    if math.isnan(found.weighted):
-        reason = ("there is no slip" if math.isfinite(found.negative_mean) else
+    if math.isnan(damping.weighted):
+        reason = ("there is no slip" if math.isfinite(damping.negative_mean) else
                   "no whole period of excitation could be solved")
         return "equivalent damping (21)", f"none: {reason}"
     return ("equivalent damping (21)",
-            f"{found.weighted:.4g} N m s/rad, mean of the negative slope {found.negative_mean:.4g}; "
-            f"-C23 is {found.threshold:.4g}")
+            f"{damping.weighted:.4g} N m s/rad, mean of the negative slope {damping.negative_mean:.4g}; "
+            f"-C23 is {damping.threshold:.4g}")
 
 
-def lyapunov_row(found: Lyapunov) -> tuple[str, str]:
+def lyapunov_row(lyapunov: Lyapunov) -> tuple[str, str]:
     """Return the largest Lyapunov exponent with its confidence interval."""
-    return ("largest Lyapunov exponent", f"{found.exponent:.4g} 1/s, {found.low:.4g} to {found.high:.4g} at "
-            f"{100.0 * found.confidence:g} % confidence: {found.diagnosis}")
+    return ("largest Lyapunov exponent", f"{lyapunov.exponent:.4g} 1/s, {lyapunov.low:.4g} to {lyapunov.high:.4g} at "
+            f"{100.0 * lyapunov.confidence:g} % confidence: {lyapunov.diagnosis}")
 
 
-def sweep_lines(found: Sweep | Grid, width: int | None = None) -> list[str]:
+def sweep_lines(sweep: Sweep | Grid, width: int | None = None) -> list[str]:
     """Return a heading with names and units, and one line per point, first the keys with their values.
 
     Columns that do not fit in the width of the terminal form further tables below.
     """
-    columns = found.columns()
-    units, keys = units_of_columns(type(found), columns), list(columns)[:list(columns).index("max_slip_speed")]
+    columns = sweep.columns()
+    units, keys = units_of_columns(type(sweep), columns), list(columns)[:list(columns).index("max_slip_speed")]
     status, failed = columns["status"], np.isnan(columns["max_slip_speed"])
     own = []
     for key in keys:
@@ -261,7 +261,7 @@ def sweep_lines(found: Sweep | Grid, width: int | None = None) -> list[str]:
         for k, line in enumerate(zip(*own, *table)):
             fails = k > 1 and failed[k - 2]
             lines.append("  ".join([*line[:len(keys)], str(status[k - 2])] if fails else line).rstrip())
-    return lines + unsettled_lines(found.sweeps if hasattr(found, "sweeps") else [found], "* ")
+    return lines + unsettled_lines(sweep.sweeps if hasattr(sweep, "sweeps") else [sweep], "* ")
 
 
 def _padded(cells: list[str]) -> list[str]:
@@ -302,33 +302,33 @@ def _remedy(sweeps: Sequence[Sweep]) -> str:
     return "raise --cycles" if sweeps[0].plan.duration is None else "raise --duration"
 
 
-def quantile_lines(found: Scattered) -> list[str]:
+def quantile_lines(scattered: Scattered) -> list[str]:
     """Return quantiles of the main results over the samples, for each value of a swept key."""
-    values = found.sweeps[0].curve.values if found.over else ()
-    lines = [f"{counted(found.tolerances.samples, 'sample')} of "
-             + ", ".join(key_value(key, low, 6, high) for key, low, high in found.tolerances.bounds)]
-    left_out = found.left_out
+    values = scattered.sweeps[0].curve.values if scattered.over else ()
+    lines = [f"{counted(scattered.tolerances.samples, 'sample')} of "
+             + ", ".join(key_value(key, low, 6, high) for key, low, high in scattered.tolerances.bounds)]
+    left_out = scattered.left_out
     if any(left_out.values()):
         lines.append(f"quantiles leave out {counted(left_out['runaway'], 'result')} that ran away and "
-                     f"{left_out['not_settled']} that have not settled; {_remedy(found.sweeps)}, or give "
+                     f"{left_out['not_settled']} that have not settled; {_remedy(scattered.sweeps)}, or give "
                      "--every-sample")
-    failed = [p.status for sweep in found.sweeps for p in sweep.points if p is not None and p.summary is None]
+    failed = [p.status for sweep in scattered.sweeps for p in sweep.points if p is not None and p.summary is None]
     if failed:
         lines.append(f"quantiles leave out {counted(len(failed), 'result')} whose solver failed, the first one: "
                      f"{failed[0]}")
-    shares = "".join(f"  {100.0 * p:g} %" for p in found.tolerances.probabilities)
-    starts = [f"  {key_value(found.over, value, 8)}" for value in values] or [" "]
-    names = [*QUANTILES, *(MANOEUVRE if found.sampled else ())]
+    shares = "".join(f"  {100.0 * p:g} %" for p in scattered.tolerances.probabilities)
+    starts = [f"  {key_value(scattered.over, value, 8)}" for value in values] or [" "]
+    names = [*QUANTILES, *(MANOEUVRE if scattered.sampled else ())]
     units = units_of_columns(Summary, QUANTILES) | units_of_columns(JudderFigures, MANOEUVRE)
     for name in names:
         unit, factor = shown_unit(units.get(name, ""))
         lines.append(f"{name}{unit and f' ({unit})'}{shares}")
-        lines += [start + _row_of_quantiles(row) for start, row in zip(starts, factor * found.quantiles(name))]
-    orders, quantiles = found.orders, found.order_quantiles
+        lines += [start + _row_of_quantiles(row) for start, row in zip(starts, factor * scattered.quantiles(name))]
+    orders, quantiles = scattered.orders, scattered.order_quantiles
     if orders is not None and quantiles is not None:
         for name, unit in (("slip_speed", "rad/s"), ("shaft_torque", "N m")):
             shown, factor = shown_unit(unit)
-            rows = quantiles[name] if found.over else quantiles[name][None]
+            rows = quantiles[name] if scattered.over else quantiles[name][None]
             for i, omega in enumerate(orders.speeds):
                 for k, order in enumerate(orders.order):
                     lines.append(f"{name} of order {order:g} at {engine_speed(omega)} ({shown}){shares}")

@@ -38,7 +38,7 @@ def wrapped(text: str, width: int | None) -> str:
 
 def _indent(line: str, width: int) -> int:
     """Return the indent of the continuation lines of a line."""
-    columns = [found.end() for found in re.finditer(r"\S {2,}(?=\S)", line) if found.end() <= width // 2]
+    columns = [match.end() for match in re.finditer(r"\S {2,}(?=\S)", line) if match.end() <= width // 2]
     return columns[-1] if columns else len(line) - len(line.lstrip()) + 2
 
 
@@ -83,10 +83,10 @@ def counted_bar(unit: str) -> Iterator[CountedBar]:
     from tcc_sim.sweeps.progress import progress_bar
 
     with progress_bar(unit, leave=False) as bar:
-        found = CountedBar(bar)
+        counted = CountedBar(bar)
         try:
-            yield found
-            found.complete = True
+            yield counted
+            counted.complete = True
         except KeyboardInterrupt:
             print("tcc-sim: interrupted", file=sys.stderr)
 

@@ -172,7 +172,7 @@ def stick_crossing(c: Any, row: int, degree: int, x_start: float, x_end: float, 
 
     The first row of the workspace holds the Bernstein coefficients over [0, x_end] (`to_bernstein`).
     """
-    found = math.inf
+    crossing = math.inf
     for side in range(-1, 2, 2):
         if mode != 0 and side != mode:
             continue
@@ -181,8 +181,8 @@ def stick_crossing(c: Any, row: int, degree: int, x_start: float, x_end: float, 
         if x_start > 0.0:
             later_part(workspace, 1, degree, x_start / x_end)
         sign, limit = (float(side), level) if mode != 0 else (-float(side), -level)
-        found = min(found, fall_from(c, row, degree, x_start, x_end, sign, limit, 1e-11 * level, workspace))
-    return found
+        crossing = min(crossing, fall_from(c, row, degree, x_start, x_end, sign, limit, 1e-11 * level, workspace))
+    return crossing
 
 
 @fast

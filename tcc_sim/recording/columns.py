@@ -137,14 +137,14 @@ class GrowingStates:
         columns: dict[str, Any] = dict(self._columns)
         for one in beside:
             columns |= {name: np.full(self.count, np.nan) for name in one.columns}
-        found, missing = [], 0
+        runs, missing = [], 0
         for (run, began, first), end in zip(self._runs, [*(first for *_, first in self._runs[1:]), self.count]):
             part = {name: column[first:end] for name, column in columns.items()}
             for one in beside:
                 one.join(run, part)
             missing += int(np.isnan(part["applied_pressure"]).sum()) if "applied_pressure" in part else 0
-            found.append(JointStates(**part, run=run, began=began, index=first))
-        return tuple(found), missing
+            runs.append(JointStates(**part, run=run, began=began, index=first))
+        return tuple(runs), missing
 
 
 Found = tuple[tuple[JointStates, ...], int]
@@ -174,13 +174,13 @@ class Beside:
         runs : number of joint_states runs begun before the first of these messages, which belongs to the last of them
         publishers : function from HEADs to the numbers of their publishers
         """
-        found = self.layouts.take(data, messages, channels)
+        groups = self.layouts.take(data, messages, channels)
         if self._run < 0:
             self._run = max(runs, 1) - 2
-        for piece, preceded in self._stamps.pieces(found.stamps, publishers(found.heads), found.heads["number"]):
+        for piece, preceded in self._stamps.pieces(groups.stamps, publishers(groups.heads), groups.heads["number"]):
             self._run += preceded.begins_a_run
             self._parts.setdefault(self._run, []).append(
-                (found.stamps[piece], *(found.columns[field][piece] for field in self.columns.values())))
+                (groups.stamps[piece], *(groups.columns[field][piece] for field in self.columns.values())))
 
     def join(self, run: int, columns: Mapping[str, Any]) -> None:
         """Fill the columns of a run at the stamps of its states."""
@@ -204,9 +204,9 @@ def all_beside(joint_states_topic: str, zeros: Stamps) -> list[Beside]:
                    {name: name for name in ("output_angle", "output_speed")})]
 
 
-def joint_states(found: Values) -> JointStates:
+def joint_states(values: Values) -> JointStates:
     """Return decoded joint_states."""
-    log_ns, sent_ns = (found.heads[name].astype(np.int64) for name in ("log_ns", "sent_ns"))
+    log_ns, sent_ns = (values.heads[name].astype(np.int64) for name in ("log_ns", "sent_ns"))
     sent_ns = np.where(sent_ns > 0, sent_ns, log_ns)
-    columns: dict[str, Any] = dict(found.columns)
-    return JointStates(stamp_ns=found.stamps, log_ns=receipt_times(log_ns, sent_ns), sent_ns=sent_ns, **columns)
+    columns: dict[str, Any] = dict(values.columns)
+    return JointStates(stamp_ns=values.stamps, log_ns=receipt_times(log_ns, sent_ns), sent_ns=sent_ns, **columns)

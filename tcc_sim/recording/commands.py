@@ -93,7 +93,7 @@ class Commands:
 
     def take(self, data: bytes, messages: Messages, channels: Mapping[int, Channel], before: int, until: int) -> None:
         """Take one chunk, with `before` states before it and `until` states up to its end."""
-        found: dict[str, list[tuple[Rows, Rows, Stamps, Stamps, Floats, Stamps]]] = {}
+        pieces: dict[str, list[tuple[Rows, Rows, Stamps, Stamps, Floats, Stamps]]] = {}
         for number, row in channels.items():
             if (row.topic, row.type) == (DIAGNOSTICS, DIAGNOSTIC_ARRAY):
                 mine = messages.channel == number
@@ -112,9 +112,9 @@ class Commands:
             if len(offset):
                 self.publishers.setdefault(name, set()).add(row.publisher)
                 who = self._numbers.setdefault(row.publisher, len(self._numbers))
-                found.setdefault(name, []).append((offset, np.full(len(offset), who), sent, log, values,
-                                                   simulation_ns(answers, self._zeros)))
-        for name, parts in found.items():
+                pieces.setdefault(name, []).append((offset, np.full(len(offset), who), sent, log, values,
+                                                    simulation_ns(answers, self._zeros)))
+        for name, parts in pieces.items():
             offset, publisher, sent, log, values, answers = (np.concatenate(columns) for columns in zip(*parts))
             self._sent[name].append(_Sent(offset, publisher, sent, log, values, answers, before, until))
 

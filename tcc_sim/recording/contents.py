@@ -120,12 +120,12 @@ class Contents:
 
     def warnings(self) -> list[str]:
         """Return the warnings about these records."""
-        found = []
+        warnings = []
         if self.damaged == 1:
-            found.append("a record that describes the recording is damaged and was ignored")
+            warnings.append("a record that describes the recording is damaged and was ignored")
         elif self.damaged:
-            found.append(f"{self.damaged} records that describe the recording are damaged and were ignored")
-        return found + self.recovered
+            warnings.append(f"{self.damaged} records that describe the recording are damaged and were ignored")
+        return warnings + self.recovered
 
     @staticmethod
     def _keep(table: dict[int, _T], number: int, value: _T, checked: bool) -> None:
@@ -267,10 +267,10 @@ def together(one: dict[str, Any] | None, other: dict[str, Any] | None) -> dict[s
     """Merge the results of two parts of a recording: add counts by topic; take all else from the later part."""
     if one is None or other is None:
         return one or other
-    found = {**one, **other}
+    joined = {**one, **other}
     for key, value in other.items():
         before = one.get(key)
         if isinstance(value, dict) and isinstance(before, dict):
-            found[key] = {**before, **{topic: count + before.get(topic, 0) if isinstance(count, int) and isinstance(
+            joined[key] = {**before, **{topic: count + before.get(topic, 0) if isinstance(count, int) and isinstance(
                 before.get(topic, 0), int) else count for topic, count in value.items()}}
-    return found
+    return joined

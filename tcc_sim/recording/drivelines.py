@@ -87,14 +87,14 @@ class _Sent:
         self.first = (0, 0)
         """Time of sending and stamp, ns, of the first message to be received."""
 
-    def add(self, found: SameLayout, before: int) -> None:
+    def add(self, group: SameLayout, before: int) -> None:
         """Take messages of one chunk, which has `before` messages before it."""
-        k = int(found.heads["log_ns"].argmin())
-        if int(found.heads["log_ns"][k]) < self.log_ns[0]:
-            self.first = int(found.heads["sent_ns"][k]) or int(found.heads["log_ns"][k]), int(found.stamps[k])
-        self.names[found.names] += len(found.rows)
-        for what, values in (("place", before + found.rows), ("stamps", found.stamps),
-                             *((name, found.heads[name]) for name in _TIMES)):
+        k = int(group.heads["log_ns"].argmin())
+        if int(group.heads["log_ns"][k]) < self.log_ns[0]:
+            self.first = int(group.heads["sent_ns"][k]) or int(group.heads["log_ns"][k]), int(group.stamps[k])
+        self.names[group.names] += len(group.rows)
+        for what, values in (("place", before + group.rows), ("stamps", group.stamps),
+                             *((name, group.heads[name]) for name in _TIMES)):
             low, high = getattr(self, what)
             setattr(self, what, (min(low, int(values.min())), max(high, int(values.max()))))
 
@@ -183,10 +183,10 @@ class Inventory:
         InputError
             The choice does not exist or does not have the joints.
         """
-        found = [self._driveline(chain, recorded) for chain in self._chains()]
-        found.sort(key=lambda one: (not one.able, len(one.topic), one.topic))
-        number = self.chosen(found, choice)
-        return [replace(one, read=place == number) for place, one in enumerate(found)]
+        drivelines = [self._driveline(chain, recorded) for chain in self._chains()]
+        drivelines.sort(key=lambda one: (not one.able, len(one.topic), one.topic))
+        number = self.chosen(drivelines, choice)
+        return [replace(one, read=place == number) for place, one in enumerate(drivelines)]
 
     def _chains(self) -> list[list[_Sent]]:
         """Return the senders, in the order in which they began; each of those that follow one another on a topic with
@@ -229,13 +229,13 @@ class Inventory:
         own = [one for one in here if same_process(one.publisher, publishers) or not comparable]
         texts = {one.record.text for one in own}
         others = {one.record.text for one in self._scenes} - texts
-        found = {(record.text, record.log_ns): record for record in recorded if record.text not in others}
-        known = {record.text for record in found.values()}
+        scenes = {(record.text, record.log_ns): record for record in recorded if record.text not in others}
+        known = {record.text for record in scenes.values()}
         more = {(one.record.text, one.record.log_ns): one.record for one in own if one.record.text not in known}
-        every = [*found.values(), *more.values()]
+        every = [*scenes.values(), *more.values()]
         return tuple(sorted(every, key=lambda record: record.log_ns) if more else every)
 
-    def chosen(self, found: Sequence[RecordedDriveline], choice: Choice) -> int | None:
+    def chosen(self, drivelines: Sequence[RecordedDriveline], choice: Choice) -> int | None:
         """Return the number of the driveline to read, or None if no driveline has the joints.
 
         The rule: one with a scene before one without; then the shortest topic, alphabetically; then the latest to
@@ -244,33 +244,34 @@ class Inventory:
         topic = None if choice.topic is None else "/" + choice.topic.removeprefix("/")
         if choice.driveline is not None:
             number = choice.driveline
-            if not 0 <= number < len(found):
-                raise InputError(f"driveline is {number}; the recording holds {counted(len(found), 'driveline')}, "
+            if not 0 <= number < len(drivelines):
+                raise InputError(f"driveline is {number}; the recording holds {counted(len(drivelines), 'driveline')}, "
                                  "counted from 0")
-            if topic is not None and found[number].topic != topic:
-                raise InputError(f"driveline {number} is on {found[number].topic}, not on {topic}")
-            _check_joints([found[number]], self._joints)
+            if topic is not None and drivelines[number].topic != topic:
+                raise InputError(f"driveline {number} is on {drivelines[number].topic}, not on {topic}")
+            _check_joints([drivelines[number]], self._joints)
             return number
-        on = [one for one in found if topic in (None, one.topic)]
+        on = [one for one in drivelines if topic in (None, one.topic)]
         if topic is not None and not on:
-            there = ", ".join(dict.fromkeys(one.topic for one in found)) or "none"
+            there = ", ".join(dict.fromkeys(one.topic for one in drivelines)) or "none"
             raise InputError(f"no joint_states were recorded on {topic}; the topics with joint_states are {there}")
-        able = [number for number, one in enumerate(found) if one in on and one.able]
+        able = [number for number, one in enumerate(drivelines) if one in on and one.able]
         if topic is not None and not able:
             _check_joints(on, self._joints)
-        return min(able, key=lambda number: (not found[number].scenes, len(found[number].topic), found[number].topic,
-                                             -found[number].began_ns, -number), default=None)
+        return min(able, key=lambda number: (not drivelines[number].scenes, len(drivelines[number].topic),
+                                             drivelines[number].topic,
+                                             -drivelines[number].began_ns, -number), default=None)
 
 
-def _check_joints(found: Sequence[RecordedDriveline], joints: Sequence[str]) -> None:
+def _check_joints(drivelines: Sequence[RecordedDriveline], joints: Sequence[str]) -> None:
     """Raise RecordingError if no driveline has these joints."""
-    if not any(one.able for one in found):
-        raise RecordingError(joints_sentence(found))
+    if not any(one.able for one in drivelines):
+        raise RecordingError(joints_sentence(drivelines))
 
 
-def joints_sentence(found: Iterable[RecordedDriveline]) -> str:
+def joints_sentence(drivelines: Iterable[RecordedDriveline]) -> str:
     """Return the sentence that asks for the names of the joints."""
-    several = [(one.topic, ", ".join(one.joints[:_MOST_NAMED]) or "without names") for one in found][:_MOST_NAMED]
+    several = [(one.topic, ", ".join(one.joints[:_MOST_NAMED]) or "without names") for one in drivelines][:_MOST_NAMED]
     what = (f"its joints are {several[0][1]}" if len(several) == 1 else
             f"joints are {'; '.join(f'{names} on {topic}' for topic, names in several)}")
     return one_line(f"{what}; say which of them are flywheel and clutch plate: "

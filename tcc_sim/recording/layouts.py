@@ -68,45 +68,46 @@ class Layouts:
 
     def groups(self, data: NDArray[np.uint8], messages: Messages, channels: Sequence[int]) -> list[SameLayout]:
         """Return the messages of these channels by their layouts."""
-        return [SameLayout(names, rows, heads, cdr.stamps(found)) for names, rows, heads, found in
+        return [SameLayout(names, rows, heads, cdr.stamps(records)) for names, rows, heads, records in
                 self._sorted(data, messages, channels)]
 
     def take(self, data: NDArray[np.uint8], messages: Messages, channels: Sequence[int]) -> Values:
         """Return the messages of these channels that hold the wanted values."""
-        found: list[tuple[Positions, NDArray[np.void], NDArray[np.void]]] = []
+        groups: list[tuple[Positions, NDArray[np.void], NDArray[np.void]]] = []
         for names, rows, heads, values in self._sorted(data, messages, channels):
             if set(self.joints) <= set(names):
-                found.append((rows, heads, values))
-        if not found:
+                groups.append((rows, heads, values))
+        if not groups:
             return Values(np.empty(0, np.int64), np.empty(0, HEAD), np.empty(0, np.int64),
                           {name: np.empty(0) for name in self.fields})
-        rows = np.concatenate([one[0] for one in found])
-        order = np.argsort(rows) if len(found) > 1 else slice(None)
+        rows = np.concatenate([one[0] for one in groups])
+        order = np.argsort(rows) if len(groups) > 1 else slice(None)
         columns: dict[str, Any] = {}
         for name in self.fields:
             columns[name] = np.concatenate([
                 values[name].astype(np.float64) if name in (values.dtype.names or ()) else np.full(len(values), np.nan)
-                for _, _, values in found])[order]
-        return Values(rows[order], np.concatenate([one[1] for one in found])[order],
-                      simulation_ns(np.concatenate([cdr.stamps(one[2]) for one in found])[order], self._zeros), columns)
+                for _, _, values in groups])[order]
+        return Values(rows[order], np.concatenate([one[1] for one in groups])[order],
+                      simulation_ns(np.concatenate([cdr.stamps(one[2]) for one in groups])[order], self._zeros),
+                      columns)
 
     def _sorted(self, data: NDArray[np.uint8], messages: Messages, channels: Sequence[int]
                 ) -> list[tuple[tuple[str, ...], Positions, NDArray[np.void], NDArray[np.void]]]:
         """Return joints, indices, HEADs and values of the messages of each layout."""
         left: Positions = np.flatnonzero(np.isin(messages.channel, channels))
-        found: list[tuple[tuple[str, ...], Positions, NDArray[np.void], NDArray[np.void]]] = []
+        groups: list[tuple[tuple[str, ...], Positions, NDArray[np.void], NDArray[np.void]]] = []
         for names, layout in self._known:
-            left = self._of(data, messages, left, names, layout, found)
+            left = self._of(data, messages, left, names, layout, groups)
         while len(left):
             names_of = self._new(data[messages.offset[left[0]] + MESSAGE_HEAD:][:int(messages.length[left[0]])
                                                                                  - MESSAGE_HEAD].tobytes())
             before = len(left)
             if names_of is not None:
-                left = self._of(data, messages, left, *names_of, found)
+                left = self._of(data, messages, left, *names_of, groups)
             if len(left) == before:  # It cannot be decoded; nor can those of the same length and start.
                 self.refused += 1
                 left = left[1:]
-        return found
+        return groups
 
     def _new(self, data: bytes) -> tuple[tuple[str, ...], cdr.Layout] | None:
         """Return the layout of a message and keep it; None if there is none, or there are too many."""
@@ -130,7 +131,7 @@ class Layouts:
         return made
 
     def _of(self, data: NDArray[np.uint8], messages: Messages, left: Positions, names: tuple[str, ...],
-            layout: cdr.Layout, found: list[tuple[tuple[str, ...], Positions, NDArray[np.void], NDArray[np.void]]]
+            layout: cdr.Layout, groups: list[tuple[tuple[str, ...], Positions, NDArray[np.void], NDArray[np.void]]]
             ) -> Positions:
         """Add the messages of one layout to `found`; return the indices of the others."""
         expected = layout.example
@@ -147,6 +148,6 @@ class Layouts:
         mine[mine] = ~wrong
         if mine.any():
             heads = sliding_window_view(data, HEAD.itemsize)[offset[~wrong]].view(HEAD)[:, 0]
-            found.append((names, left[mine], heads, np.ascontiguousarray(rows[~wrong]).view(layout.record)[:, 0]))
+            groups.append((names, left[mine], heads, np.ascontiguousarray(rows[~wrong]).view(layout.record)[:, 0]))
         rest: Positions = left[~mine]
         return rest

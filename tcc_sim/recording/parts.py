@@ -73,18 +73,18 @@ def parts_of(path: Path) -> Parts:
         inside = sorted(path.iterdir(), key=_natural)
     except OSError as error:
         raise RecordingError(f"{path} cannot be read: {error.strerror}") from None
-    found = [part for part in inside if part.name.endswith(_SUFFIXES)]
+    files = [part for part in inside if part.name.endswith(_SUFFIXES)]
     names, note = _listed(path)
-    if found and names is not None:
-        there = {part.name: part for part in found}
+    if files and names is not None:
+        there = {part.name: part for part in files}
         listed = list(dict.fromkeys(Path(name).name for name in names))
         paths = [there[name] for name in listed if name in there]
         absent = [name for name in listed if name not in there]
         if paths:
             return Parts(paths, True, absent, [name for name in there if name not in listed])
-        return Parts(found, False, absent)
-    if found:
-        return Parts(found, len(found) == 1, note=note)
+        return Parts(files, False, absent)
+    if files:
+        return Parts(files, len(files) == 1, note=note)
     others = [part for part in inside if ".mcap." in part.name or ".db3" in part.name]
     if any(".db3" in part.name for part in others):
         raise RecordingError(_sqlite(path))
@@ -148,9 +148,9 @@ def missing_parts(paths: Sequence[Path]) -> list[int]:
     if len(stems) < 2:
         return []
     for pattern, number, prefix in ((_COUNTER_FIRST, 1, 2), (_COUNTER_LAST, 2, 1)):
-        found = [pattern.fullmatch(stem) for stem in stems]
-        if all(found) and len({match[prefix] for match in found if match}) == 1:
-            there = {int(match[number]) for match in found if match}
+        matches = [pattern.fullmatch(stem) for stem in stems]
+        if all(matches) and len({match[prefix] for match in matches if match}) == 1:
+            there = {int(match[number]) for match in matches if match}
             return sorted(set(range(min(max(there), _MOST_PARTS))) - there)
     return []
 
@@ -181,17 +181,17 @@ def unpacked_file(path: Path, file: BinaryIO) -> BinaryIO | None:
     if start != ZSTD:
         return None
     limit = PASSED_OVER * Expansion(path.stat().st_size).limit
-    found: BinaryIO = tempfile.TemporaryFile()  # noqa: SIM115
+    unpacked: BinaryIO = tempfile.TemporaryFile()  # noqa: SIM115
     try:
         with zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True, closefd=False) as reader:
             while block := reader.read(_BLOCK):
-                found.write(block)
-                if found.tell() > limit:
+                unpacked.write(block)
+                if unpacked.tell() > limit:
                     raise RecordingError(f"{path} would unpack to more than {limit} bytes, the most allowed for a file "
                                          "of its size")
-        return found
+        return unpacked
     except (OSError, zstandard.ZstdError, RecordingError) as error:
-        found.close()
+        unpacked.close()
         if isinstance(error, RecordingError):
             raise
         raise RecordingError(f"{path} does not unpack ({getattr(error, 'strerror', None) or error})") from None

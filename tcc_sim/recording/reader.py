@@ -150,15 +150,15 @@ class Run:
 
     def _inventory(self) -> Inventory:
         """Read what tells the drivelines apart."""
-        found = Inventory(self._choice.names)
+        inventory = Inventory(self._choice.names)
         kept, self.warnings = self.warnings, Warnings()
         for path in self.paths:
-            for batch, channels in self._batches(path, found.wants):
-                found.take(batch, channels)
+            for batch, channels in self._batches(path, inventory.wants):
+                inventory.take(batch, channels)
                 self.topics.update({channel.topic: channel.type for channel in channels.values()})
             self.topics.update({channel.topic: channel.type for channel in self._contents[path].channels.values()})
         self._damage, self.warnings = next(iter(self.warnings), ""), kept
-        return found
+        return inventory
 
     @property
     def driveline(self) -> RecordedDriveline:
@@ -239,27 +239,27 @@ class Run:
             The states would need more than half of the machine's memory.
         """
         topic = self.driveline.topic
-        found = self._read(window, self._in_file_order)
+        columns = self._read(window, self._in_file_order)
         if self._set_back:
             back, repeated = self._backwards, self.stamps.repeated
             real = self._clock[1] - self._clock[0] > _SAME_CLOCK
-            found = self._read(window, self._in_log_order)
+            columns = self._read(window, self._in_log_order)
             # Where log times are simulation time, those of a reset are the same again.
             if self._backwards >= back or (self.stamps.repeated > repeated and not real):
-                found = self._read(window, self._in_file_order)
+                columns = self._read(window, self._in_file_order)
         self._conclude()
         if not self.stamps.messages:
             raise RecordingError(f"{self.paths[0]}: no {topic} can be read" +
                                  (f" ({self.warnings[0]})" if self.warnings else ""))
         if self.stamps.repeated == self.stamps.messages - 1 > 0:
             raise RecordingError(f"all {self.stamps.messages} stamps of {topic} are "
-                                 f"{int(found.runs[0].stamp_ns[0]) * 1e-9:g} s: its publisher does not set them, and "
+                                 f"{int(columns.runs[0].stamp_ns[0]) * 1e-9:g} s: its publisher does not set them, and "
                                  "without times nothing can be analysed")
         if self.stamps.mixed:
             raise RecordingError(f"{topic}: simulation time jumps back and forth "
                                  f"{counted(self.stamps.returns, 'time')} between two runs; publishers are mixed and "
                                  "cannot be separated")
-        return found
+        return columns
 
     @property
     def _backwards(self) -> int:

@@ -261,12 +261,12 @@ class Messages(NamedTuple):
 
 def indexed(indexes: Iterable[bytes]) -> dict[int, int]:
     """Return the number of messages in a chunk by channel, according to its index records."""
-    found: dict[int, int] = {}
+    places: dict[int, int] = {}
     for body in indexes:
         if len(body) >= 6:
             channel = _CHANNEL.unpack_from(body)[0]
-            found[channel] = found.get(channel, 0) + len(_entries(body)) // 2
-    return found
+            places[channel] = places.get(channel, 0) + len(_entries(body)) // 2
+    return places
 
 
 def _entries(body: bytes) -> NDArray[np.uint64]:
@@ -285,9 +285,9 @@ def find_messages(data: bytes, indexes: list[bytes]) -> Messages:
     """
     starts = np.concatenate([np.empty(0, np.uint64), *(_entries(body)[1::2] for body in indexes)])
     if len(starts):
-        found = _tiled(data, np.sort(starts))
-        if found is not None:
-            return found
+        messages = _tiled(data, np.sort(starts))
+        if messages is not None:
+            return messages
     rows = array("q")
     others: list[tuple[int, int, int]] = []
     _walk(data, 0, len(data), rows, others)
@@ -382,18 +382,18 @@ def with_places(data: bytes, messages: Messages, place: int) -> bytes | None:
     times = sliding_window_view(np.frombuffer(data, np.uint8), 16)[messages.offset + 6]
     if times.any():
         return None
-    found = np.frombuffer(data, np.uint8).copy()
+    text = np.frombuffer(data, np.uint8).copy()
     numbers = (place + np.arange(1, len(times) + 1)).astype("<i8")[:, None].view(np.uint8)
-    sliding_window_view(found, 8, writeable=True)[messages.offset + 6] = numbers
-    return bytes(found)
+    sliding_window_view(text, 8, writeable=True)[messages.offset + 6] = numbers
+    return bytes(text)
 
 
 def starts_with(data: NDArray[np.uint8], offset: NDArray[np.int64], length: NDArray[np.int64],
                 start: bytes) -> NDArray[np.bool_]:
     """Return which of these messages start with some bytes."""
-    found = length >= MESSAGE_HEAD + len(start)
-    if not found.any():
-        return found
-    inside = offset[found] + MESSAGE_HEAD
-    found[found] = (sliding_window_view(data, len(start))[inside] == np.frombuffer(start, np.uint8)).all(axis=1)
-    return found
+    matches = length >= MESSAGE_HEAD + len(start)
+    if not matches.any():
+        return matches
+    inside = offset[matches] + MESSAGE_HEAD
+    matches[matches] = (sliding_window_view(data, len(start))[inside] == np.frombuffer(start, np.uint8)).all(axis=1)
+    return matches

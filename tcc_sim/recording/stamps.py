@@ -140,9 +140,9 @@ class StampCounter:
         publisher : number of each stamp's publisher, one number or (n,) array; 0 if it is not identified
         numbers : (n,) array, publisher's sequence numbers; all 0 without them
         """
-        found: list[tuple[slice, Break]] = []
+        pieces: list[tuple[slice, Break]] = []
         if not len(stamps):
-            return found
+            return pieces
         stamps = np.asarray(stamps, dtype=np.int64)
         who = np.broadcast_to(np.asarray(publisher, dtype=np.int64), stamps.shape)
         given = np.zeros(len(stamps), np.int64) if numbers is None else np.asarray(numbers, dtype=np.int64)
@@ -151,11 +151,11 @@ class StampCounter:
             if int(who[begin]) in self._gone:
                 self.late += end - begin
             else:
-                self._one_publisher(stamps[begin:end], int(who[begin]), given[begin:end], begin, found)
-        return found
+                self._one_publisher(stamps[begin:end], int(who[begin]), given[begin:end], begin, pieces)
+        return pieces
 
     def _one_publisher(self, stamps: Stamps, publisher: int, numbers: Stamps, offset: int,
-                       found: list[tuple[slice, Break]]) -> None:
+                       pieces: list[tuple[slice, Break]]) -> None:
         """Split stamps of one publisher."""
         taken_over = self.last is not None and publisher != self._publisher
         fresh = self.last is None or taken_over
@@ -171,7 +171,7 @@ class StampCounter:
             kind = Break.NOTHING
             if number or (starts and starts[0] == 0):
                 kind = self._begin(publisher, int(numbers[begin]), fresh and begin == 0)
-            self._cut(stamps, steps, slice(begin, end), kind, offset, found)
+            self._cut(stamps, steps, slice(begin, end), kind, offset, pieces)
             self.last, self._number = int(stamps[end - 1]), int(numbers[end - 1])
         self._publisher = publisher
 
@@ -191,7 +191,7 @@ class StampCounter:
         return Break.RESET
 
     def _cut(self, stamps: Stamps, steps: Stamps, part: slice, kind: Break, offset: int,
-             found: list[tuple[slice, Break]]) -> None:
+             pieces: list[tuple[slice, Break]]) -> None:
         """Split stamps of one run at gaps, and leave repeated stamps out."""
         begin, end = part.start, part.stop
         first = begin + kind.begins_a_run
@@ -204,7 +204,7 @@ class StampCounter:
         start = begin
         for k in (first + np.flatnonzero((forward == 0) | self._run.gaps_in(forward))).tolist():
             if k > start:
-                found.append((slice(offset + start, offset + k), kind))
+                pieces.append((slice(offset + start, offset + k), kind))
                 kind = Break.NOTHING
             start = k
             if steps[k] == 0:
@@ -213,7 +213,7 @@ class StampCounter:
             else:
                 kind = Break.GAP
         if start < end:
-            found.append((slice(offset + start, offset + end), kind))
+            pieces.append((slice(offset + start, offset + end), kind))
 
     def _look_back(self, stamps: Stamps, steps: Stamps) -> None:
         """Count a jump to just after the end of the run before, as two alternating publishers make."""

@@ -34,7 +34,7 @@ def applied_inputs(line: Timeline, states: JointStates) -> dict[str, Floats]:
     varies. An actuator's pressure is joined by straight lines. NaN stands for values that were not recorded; an input
     without any is left out.
     """
-    found = {}
+    applied = {}
     t = states.stamp_ns.astype(np.float64) * 1e-9
     scenes = np.searchsorted([index for index, _ in line.changes], states.index + np.arange(len(states)), side="right")
     for name in INPUTS:
@@ -55,16 +55,16 @@ def applied_inputs(line: Timeline, states: JointStates) -> dict[str, Floats]:
                                          meant.low, meant.high)
                 ticks[begin:end - 1] = np.stack([corners[:-1], corners[1:]], axis=1)
         if np.isfinite(ticks).any():
-            found[name] = ticks
-    return found
+            applied[name] = ticks
+    return applied
 
 
 def measured_run(run: Run, scene: Scene) -> tuple[JointStates, dict[str, Floats]]:
     """Return the longest run of a recording and its inputs from topics, as `applied_inputs`."""
     line = timeline_of(run, scene)
     states = max(line.runs, key=len)
-    found = applied_inputs(line, states)
-    return states, {name: ticks for name, ticks in found.items()
+    applied = applied_inputs(line, states)
+    return states, {name: ticks for name, ticks in applied.items()
                     if getattr(scene.system, GROUPS[name]).source == "topic"}
 
 

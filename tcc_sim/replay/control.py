@@ -54,13 +54,13 @@ def signals_of(line: Timeline, states: JointStates, clock: EngineClock, tick: in
     tick : time between stamps, ns
     """
     signals: dict[str, Signal] = {}
-    means, found = CycleMeans(clock), []
+    means, cycle_means = CycleMeans(clock), []
     for after_gap, t, slip_speed in slip_between_gaps(states, tick):
         if after_gap:
             means.restart()
-        found += means.feed(t, slip_speed, states.run)
-    if found:
-        signals["mean_slip"] = joined_means(found)
+        cycle_means += means.feed(t, slip_speed, states.run)
+    if cycle_means:
+        signals["mean_slip"] = joined_means(cycle_means)
     end = states.index + len(states)
     for name, (rows, values, _) in line.commands.items():
         low, high = np.searchsorted(rows, [states.index, end])

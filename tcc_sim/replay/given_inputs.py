@@ -119,8 +119,8 @@ def of_recording(recording: Recording) -> Inputs:
     if len(states) < 2:
         raise InputError(f"{recording.path} has no inputs: it holds fewer than two states")
     t = (states.stamp_ns - states.stamp_ns[0]).astype(np.float64) * 1e-9
-    found = applied_inputs(line, states)
-    torque, pressure = (_lines_of_ticks(t, found[name]) if name in found else None for name in INPUTS)
+    applied = applied_inputs(line, states)
+    torque, pressure = (_lines_of_ticks(t, applied[name]) if name in applied else None for name in INPUTS)
     if torque is None and pressure is None:
         raise InputError(f"{recording.path}: neither torque nor pressure was recorded")
     speed = from_first_motion(states.output_speed)
@@ -135,9 +135,9 @@ def _lines_of_ticks(t: Floats, ticks: Floats) -> Floats:
     lines = np.stack([t[:-1], ticks[:, 0], rates], axis=1)
     ends = np.stack([t[1:], ticks[:, 1], np.zeros(len(ticks))], axis=1)
     last = known & (rates != 0.0) & ~np.append(known[1:], False)
-    found = np.concatenate([lines[known], ends[last]])
-    found = found[np.argsort(found[:, 0], kind="stable")]
-    return found if found[0, 0] <= 0.0 else np.concatenate([[[0.0, found[0, 1], 0.0]], found])
+    merged = np.concatenate([lines[known], ends[last]])
+    merged = merged[np.argsort(merged[:, 0], kind="stable")]
+    return merged if merged[0, 0] <= 0.0 else np.concatenate([[[0.0, merged[0, 1], 0.0]], merged])
 
 
 def followed(command: Floats, actuator: Pressure, end: float) -> Floats:
@@ -218,24 +218,24 @@ def _missing(table: MeasuredTable) -> tuple[Floats, float]:
 
 def doubts_about(table: MeasuredTable) -> list[str]:
     """Return sentences on inputs that are bridged, irregular, or look as if they were in another unit."""
-    names, found = _inputs_of(table), []
+    names, doubts = _inputs_of(table), []
     step, steps = table.usual_step(*names), np.diff(table.t)
     short = table.holes(*names) if step else np.empty((0, 2))
     if len(short):
-        found.append(f"{table.source}: one or two rows are missing at {in_words(short)}; the inputs are interpolated "
-                     "there as between other rows")
+        doubts.append(f"{table.source}: one or two rows are missing at {in_words(short)}; the inputs are interpolated "
+                      "there as between other rows")
     if not step and len(table.t) >= 16:
         worst = int(np.argmax(steps))
-        found.append(f"{table.source}: its rows are irregular in time, {steps.min():.3g} to {steps.max():.3g} s apart "
-                     f"(at {table.t[worst]:.6g} s); the inputs are interpolated between them")
+        doubts.append(f"{table.source}: its rows are irregular in time, {steps.min():.3g} to {steps.max():.3g} s apart "
+                      f"(at {table.t[worst]:.6g} s); the inputs are interpolated between them")
     if len(steps) > 1000 and float(np.median(steps)) > 0.5:
-        found.append(f"{table.source}: its rows are {np.median(steps):.3g} s apart; if its times are in ms, say so "
-                     "with --columns t=COLUMN:ms")
+        doubts.append(f"{table.source}: its rows are {np.median(steps):.3g} s apart; if its times are in ms, say so "
+                      "with --columns t=COLUMN:ms")
     if "actuation_pressure" in names and 0.0 < float(np.nanmax(table.columns["actuation_pressure"])) < LEAST_PRESSURE:
-        found.append(f"{table.source}: actuation_pressure is at most "
-                     f"{np.nanmax(table.columns['actuation_pressure']):.4g} Pa; if it is in bar, say so with --columns "
-                     "actuation_pressure=COLUMN:bar")
-    return found
+        doubts.append(f"{table.source}: actuation_pressure is at most "
+                      f"{np.nanmax(table.columns['actuation_pressure']):.4g} Pa; if it is in bar, say so with "
+                      "--columns actuation_pressure=COLUMN:bar")
+    return doubts
 
 
 @dataclass(frozen=True)

@@ -148,10 +148,10 @@ def _follows(line: Timeline, states: JointStates, name: str, acts: NDArray[np.in
     group = "engine" if name == INPUTS[0] else "pressure"
     if getattr(line.scene_at(states.index).system, group).source != "topic":
         return np.zeros(len(states), np.bool_)
-    found = line.commanded(states)[name]
+    commanded = line.commanded(states)[name]
     if not line.sources:
-        found[:acts[0] if len(acts) else len(states)] = False
-    return found
+        commanded[:acts[0] if len(acts) else len(states)] = False
+    return commanded
 
 
 def _acted(due: NDArray[np.int64], values: Floats, unseen: NDArray[np.bool_], shown: Floats,
@@ -171,11 +171,11 @@ def _acted(due: NDArray[np.int64], values: Floats, unseen: NDArray[np.bool_], sh
     if not (len(numbers) and len(changes)):
         return due
     place = np.searchsorted(values[numbers], shown[changes], side="right") - 1
-    found = numbers[np.maximum(place, 0)]
-    same = (place >= 0) & (values[found] == shown[changes]) & (due[found] < changes) & (
-        stamp_ns[changes] - stamp_ns[due[found]] <= LATEST)
+    acted = numbers[np.maximum(place, 0)]
+    same = (place >= 0) & (values[acted] == shown[changes]) & (due[acted] < changes) & (
+        stamp_ns[changes] - stamp_ns[due[acted]] <= LATEST)
     acts: NDArray[np.int64] = due.copy()
-    acts[found[same]] = changes[same]
+    acts[acted[same]] = changes[same]
     return acts
 
 
@@ -199,7 +199,7 @@ def held_inputs(line: Timeline) -> dict[str, HeldInput]:
 
     Without the driveline's announcements, an input counts as commanded from the first command of a run on.
     """
-    found = {}
+    inputs = {}
     for name, group in zip(INPUTS, ("engine", "pressure")):
         topic: float | None = 0.0
         fallback: float | None = 0.0
@@ -214,9 +214,9 @@ def held_inputs(line: Timeline) -> dict[str, HeldInput]:
             elif topic is not None and fallback is not None:
                 held = _commanded(line, states, name)
                 topic, fallback = topic + held, fallback + span - held
-        found[name] = HeldInput(topic, fallback, scene, line.counts.get(f"{name} refused"),
-                                line.publishers.get(name, 0), *_became(line, name))
-    return found
+        inputs[name] = HeldInput(topic, fallback, scene, line.counts.get(f"{name} refused"),
+                                 line.publishers.get(name, 0), *_became(line, name))
+    return inputs
 
 
 def _commanded(line: Timeline, states: JointStates, name: str) -> float:

@@ -39,8 +39,8 @@ class MeasuredRun(Result):
 
     def columns(self) -> dict[str, Floats]:
         """Return the columns of the orders or, without these, of the spectrum."""
-        found = self.orders or self.spectrum
-        return dict(found.columns()) if found is not None else {}
+        figures = self.orders or self.spectrum
+        return dict(figures.columns()) if figures is not None else {}
 
 
 def analyse_table(table: MeasuredTable, system: System, *, orders: bool, spectrum: bool,
@@ -63,12 +63,12 @@ def analyse_table(table: MeasuredTable, system: System, *, orders: bool, spectru
     if len(t) < 4:
         raise InputError(f"{table.source}: at least 4 rows are needed; {counted(len(t), 'row')} selected")
     signals = signals_in(table, system, pulses)
-    found, notes = orders_of(signals) if orders else None, (*table.notes, *signals.notes)
+    orders_found, notes = orders_of(signals) if orders else None, (*table.notes, *signals.notes)
     part, where = unbroken(signals)
     if spectrum and where is not None:
         notes = (*notes, f"{table.source}: the spectrum is that of {where[0]:.6g} to {where[1]:.6g} s, the longest "
                  "part without a hole")
-    return MeasuredRun(len(t), float(t[-1] - t[0]), found, _spectrum(part) if spectrum else None, notes)
+    return MeasuredRun(len(t), float(t[-1] - t[0]), orders_found, _spectrum(part) if spectrum else None, notes)
 
 
 def unbroken(signals: Signals) -> tuple[Signals, tuple[float, float] | None]:
@@ -104,8 +104,8 @@ def at_measured_speed(scene: Scene, table: MeasuredTable, pulses: int = 1) -> tu
     times[0] = 0.0
     system = changed(replace(system, inputs=None), {"engine.frequency_times": times.tolist(),
                                                     "engine.frequency_values": frequency.tolist()})
-    found = signals_in(table, system, pulses) if "slip_speed" in table.columns else None
-    return replace(scene, system=replace(system, inputs=scene.system.inputs)), found
+    signals = signals_in(table, system, pulses) if "slip_speed" in table.columns else None
+    return replace(scene, system=replace(system, inputs=scene.system.inputs)), signals
 
 
 def _period(signals: Signals) -> int:

@@ -142,14 +142,14 @@ class Recording(Result):
     @cached_property
     def commands(self) -> Mapping[str, Command]:
         """Commands by topic: engine_torque (N m), actuation_pressure (Pa), target_slip_speed (rad/s)."""
-        runs, found = self.line().runs, {}
+        runs, commands = self.line().runs, {}
         firsts = [states.index for states in runs]
         for name, (rows, values, _) in self.line().commands.items():
             number = np.searchsorted(firsts, rows, side="right") - 1
             t = np.concatenate([np.empty(0), *(states.stamp_ns[rows[number == k] - states.index] * 1e-9
                                                for k, states in enumerate(runs))])
-            found[name] = Command(np.array([runs[k].run for k in number.tolist()]), t, values)
-        return found
+            commands[name] = Command(np.array([runs[k].run for k in number.tolist()]), t, values)
+        return commands
 
     def line(self, window: Window | None = None) -> Timeline:
         """Return the timeline of the recording or of a window; the whole recording is cached if it fits into memory."""
@@ -160,10 +160,10 @@ class Recording(Result):
             except TooManyStates:
                 if part.all:
                     raise
-        found = self._line.within(part) if self._line is not None else timeline_of(self.file, self.scene, part)
-        if not found.runs:
+        line = self._line.within(part) if self._line is not None else timeline_of(self.file, self.scene, part)
+        if not line.runs:
             part.refuse(self.file.stamps.runs)
-        return found
+        return line
 
     def trajectory(self, run: int = 0, start: float | None = None, end: float | None = None) -> RecordedTrajectory:
         """Return one run or a part of it as a Trajectory, which every analysis accepts.
@@ -190,14 +190,14 @@ class Recording(Result):
                                                                         line.runs).clock
         samples = trajectory_of(states, system, clock, self.file.solver)
         control = signals_of(line, states, clock, self.file.stamps.tick).control(clock.cycle)
-        found = RecordedTrajectory(**vars(samples), control=control)
+        trajectory = RecordedTrajectory(**vars(samples), control=control)
         if not clock.told:
-            return found
+            return trajectory
         stream = CycleStream(system, clock)
         for block in states.blocks():
             stream.feed_states(block)
         longest = stream.longest()[1]
-        return replace(found, cycles=longest.kept(0).cycles if longest.pieces else no_cycles())
+        return replace(trajectory, cycles=longest.kept(0).cycles if longest.pieces else no_cycles())
 
     def to_pandas(self, run: int = 0, start: float | None = None, end: float | None = None) -> Any:
         """Return the samples of `trajectory` as a pandas.DataFrame, with the recorded pressures and target; its `attrs`

@@ -103,17 +103,17 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
         where = (rrd, spawn, connect) if rrd is not None or spawn or connect is not None else None
         view = _view(stack, printable(recording.path.name), timing, own, where,
                      run.controlled or aim is not None) if where else None
-        found = _analysed(recording, line, timing, default_of(discard, timing, own), damping, view, bar, began, band)
+        result = _analysed(recording, line, timing, default_of(discard, timing, own), damping, view, bar, began, band)
         if verify:
             bar.begin("solving")
-            found = replace(found, verification=verification_of(whole, run.size, bar.advance))
+            result = replace(result, verification=verification_of(whole, run.size, bar.advance))
         if note:
-            found = replace(found, warnings=(*found.warnings, note))
+            result = replace(result, warnings=(*result.warnings, note))
         if part.sentence():
-            found = replace(found, warnings=(*found.warnings, part.sentence()))
+            result = replace(result, warnings=(*result.warnings, part.sentence()))
         if view is not None:
-            view.text(found.markdown())
-    return found
+            view.text(result.markdown())
+    return result
 
 
 def draw_again(path: Path, values: Record, title: str, width: float) -> Path:
@@ -124,12 +124,12 @@ def draw_again(path: Path, values: Record, title: str, width: float) -> Path:
 
     given = arguments_in(vars(values))
     recording = Recording(given.recording, given.scene, given.joints, given.topic, given.driveline)
-    found: Any = replay(recording, discard=given.discard, frequency=given.frequency,
-                        window=Window(given.run, given.start, given.end), target=given.target, band=given.band)
-    found = replace(found, spectrum=spectrum_in(vars(values)))
-    if found.scene.system.profile is not None:
-        found = replace(recording.trajectory(found.run, given.start, given.end), control=found.control)
-    drawn: Path = plot(found, path, "page" if style.wide(width) else "column", title=title, force=True)
+    result: Any = replay(recording, discard=given.discard, frequency=given.frequency,
+                         window=Window(given.run, given.start, given.end), target=given.target, band=given.band)
+    result = replace(result, spectrum=spectrum_in(vars(values)))
+    if result.scene.system.profile is not None:
+        result = replace(recording.trajectory(result.run, given.start, given.end), control=result.control)
+    drawn: Path = plot(result, path, "page" if style.wide(width) else "column", title=title, force=True)
     return drawn
 
 

@@ -124,16 +124,16 @@ class Replay(Result):
         "amplitudes over frequency and order", asked_for=True))
 
     def _text(self) -> str:
-        found, ended = self.summary, "complete" if self.complete else "cut short"
-        period = f"period {found.period}" if found.period else "no period"
+        summary, ended = self.summary, "complete" if self.complete else "cut short"
+        period = f"period {summary.period}" if summary.period else "no period"
         return (f"Replay of {self.path.name}: {counted(self.messages, 'message')}, {self.lost_messages} lost, "
-                f"{ended}; {counted(found.cycles, 'cycle')}, {period}, {found.regime}; largest |slip speed| "
-                f"{found.max_slip_speed:.5g} rad/s")
+                f"{ended}; {counted(summary.cycles, 'cycle')}, {period}, {summary.regime}; largest |slip speed| "
+                f"{summary.max_slip_speed:.5g} rad/s")
 
     def columns(self) -> dict[str, list[Any]]:
         """Return a row for every segment: its interval, the reason of its start, and the columns of its summary."""
         rows = [{"start": s.start, "end": s.end, "began_by": s.began_by,
-                 **({name: found[0] for name, found in s.summary.columns().items()} if s.summary is not None else {})}
+                 **({name: column[0] for name, column in s.summary.columns().items()} if s.summary is not None else {})}
                 for s in self.segments]
         return {name: [row.get(name) for row in rows] for name in max(rows, key=len)} if rows else {}
 

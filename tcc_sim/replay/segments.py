@@ -83,7 +83,7 @@ def cuts_of(line: Timeline, band: float = DEFAULTS.band, clock: EngineClock | No
     clock : start times of engine cycles; None for those of each scene
     """
     changes = deque(line.changes)
-    found: list[list[Cut]] = []
+    cuts_of_runs: list[list[Cut]] = []
     scene, target = line.scene, None
     for states in line.runs:
         end = states.index + len(states)
@@ -112,8 +112,8 @@ def cuts_of(line: Timeline, band: float = DEFAULTS.band, clock: EngineClock | No
                                 scene, not cuts or TARGET in changed))
         if len(reference.t):
             target = float(reference.values[-1])
-        found.append(cuts)
-    return found
+        cuts_of_runs.append(cuts)
+    return cuts_of_runs
 
 
 def segments_of(line: Timeline, clock: EngineClock | None, discard: int | None, *, solver: str, elapsed_s: float = 0.0,
@@ -131,15 +131,15 @@ def segments_of(line: Timeline, clock: EngineClock | None, discard: int | None, 
     """
     runs = cuts_of(line, band, clock)
     shared = stream if not line.changes and all(len(cuts) == 1 for cuts in runs) else None
-    found: list[Segment] = []
+    segments: list[Segment] = []
     for cuts in runs:
         judge = _Judge(line, cuts, clock, band)
-        for cut in cuts[:MOST_SEGMENTS - len(found)]:
+        for cut in cuts[:MOST_SEGMENTS - len(segments)]:
             segment = Segment(int(cut.states.stamp_ns[0]) * 1e-9, int(cut.states.stamp_ns[-1]) * 1e-9, cut.began_by,
                               cut.changes, _summary(cut, clock, shared, discard), judge.tracking(cut, discard or 0))
-            found.append(segment if segment.summary is None else replace(
+            segments.append(segment if segment.summary is None else replace(
                 segment, summary=replace(segment.summary, solver=solver, elapsed_s=elapsed_s)))
-    return tuple(found), sum(map(len, runs))
+    return tuple(segments), sum(map(len, runs))
 
 
 def _summary(cut: Cut, clock: EngineClock | None, shared: CycleStream | None, discard: int | None) -> Summary | None:

@@ -89,21 +89,21 @@ class Timeline:
 
     def torques_note(self) -> str:
         """Return a sentence about torques that were not recorded, or an empty text."""
-        found = [name for name in _TORQUES if name in self.absent]
-        return (f"no state has a number for {' and '.join(found)} (efforts): estimated from the recorded speeds by "
-                "(2a) and (2b)") if found else ""
+        names = [name for name in _TORQUES if name in self.absent]
+        return (f"no state has a number for {' and '.join(names)} (efforts): estimated from the recorded speeds by "
+                "(2a) and (2b)") if names else ""
 
     @cached_property
     def changes(self) -> list[tuple[int, Scene]]:
         """Index of the first state and scene of each readable scene except the first."""
-        found = []
+        changes = []
         for index, number in self.places:
             if number:
                 try:
-                    found.append((index, parse_scene(self.scenes[number].parameters, self.scene.name)))
+                    changes.append((index, parse_scene(self.scenes[number].parameters, self.scene.name)))
                 except InputError:  # The verification reports this error.
                     continue
-        return found
+        return changes
 
     def scene_at(self, index: int) -> Scene:
         """Return the scene that applies to a state."""
@@ -126,11 +126,11 @@ class Timeline:
         """
         rows, values, _ = self.commands.get(TARGET, Commanded.none())
         low, high = np.searchsorted(rows, [states.index, states.index + len(states)])
-        at, found = rows[low:high] - states.index, values[low:high]
+        at, targets = rows[low:high] - states.index, values[low:high]
         if low and not (len(at) and at[0] == 0):
-            at, found = np.append(0, at), np.append(values[low - 1], found)
+            at, targets = np.append(0, at), np.append(values[low - 1], targets)
         last = np.diff(at, append=-1) != 0
-        return Steps(states.stamp_ns[at[last]] * 1e-9, found[last])
+        return Steps(states.stamp_ns[at[last]] * 1e-9, targets[last])
 
     def with_target(self, target: Steps) -> Timeline:
         """Return the timeline with a target, rad/s from times (s) of every run on, in place of the recorded one."""
@@ -167,14 +167,14 @@ def _with_torques(states: JointStates, system: System, absent: Sequence[str]) ->
 
 def _within(runs: Sequence[JointStates], every: Commanded) -> Commanded:
     """Return the commands within runs, and at the first state of each run the last command before it."""
-    found, done, rows = [Commanded.none()], 0, every.rows
+    pieces, done, rows = [Commanded.none()], 0, every.rows
     for states in runs:
         begin, end = np.searchsorted(rows, [states.index + 1, states.index + len(states)]).tolist()
         if begin > done:
-            found.append(every.part(slice(begin - 1, begin))._replace(rows=np.array([states.index])))
-        found.append(every.part(slice(begin, end)))
+            pieces.append(every.part(slice(begin - 1, begin))._replace(rows=np.array([states.index])))
+        pieces.append(every.part(slice(begin, end)))
         done = end
-    return Commanded(*(np.concatenate(columns) for columns in zip(*found)))
+    return Commanded(*(np.concatenate(columns) for columns in zip(*pieces)))
 
 
 def timeline_of(run: Run, scene: Scene, window: Window | None = None) -> Timeline:
@@ -185,10 +185,11 @@ def timeline_of(run: Run, scene: Scene, window: Window | None = None) -> Timelin
     RecordingError, TooManyStates
         As `Run.columns`.
     """
-    found = run.columns(window)
-    held = tuple((index, found.sources[number].commanded) for index, number in places_of(found.sources, found.runs))
-    line = Timeline(found.runs, scene, run.scenes, tuple(places_of(run.scenes[:MOST_SCENES], found.runs)),
-                    found.commands, held, found.publishers, found.counts)
+    columns = run.columns(window)
+    held = tuple((index, columns.sources[number].commanded) for index,
+                 number in places_of(columns.sources, columns.runs))
+    line = Timeline(columns.runs, scene, run.scenes, tuple(places_of(run.scenes[:MOST_SCENES], columns.runs)),
+                    columns.commands, held, columns.publishers, columns.counts)
     return line if window is None else line.within(window)
 
 
@@ -233,23 +234,23 @@ def places_of(messages: Sequence[SceneRecord | InputSource], runs: Iterable[Join
 def _chosen(sure: list[list[int]], likely: list[list[int]], possible: list[list[int]],
             end: int) -> list[tuple[int, int]]:
     """Choose one state for each message from its candidates, in the order of the messages."""
-    found: list[int | None] = []
+    chosen: list[int | None] = []
     last = 0
     for candidates in sure:
         where = next((index for index in candidates if index >= last), None)
-        found.append(where)
+        chosen.append(where)
         last = last if where is None else where
     ends = []
-    for where in reversed(found):
+    for where in reversed(chosen):
         end = end if where is None else where
         ends.append(end)
     last = 0
     for number, end in enumerate(reversed(ends)):
-        if found[number] is None:
+        if chosen[number] is None:
             others = sorted(likely[number]) or sorted(possible[number])
-            found[number] = next((index for index in others if last <= index <= end), None)
-        last = found[number] or last
-    return [(index, number) for number, index in enumerate(found) if index is not None]
+            chosen[number] = next((index for index in others if last <= index <= end), None)
+        last = chosen[number] or last
+    return [(index, number) for number, index in enumerate(chosen) if index is not None]
 
 
 def slip_between_gaps(states: JointStates, tick: int) -> Iterator[tuple[bool, Floats, Floats]]:

@@ -123,14 +123,14 @@ def timing_of(scene: Scene, given: float | None, runs: Iterable[JointStates], ch
     own = Timing(clock_of_scene(scene.system), "scene", min(values), max(values))
     if not foreign:
         return own
-    found = _found(runs)
+    timing = _found(runs)
     # The strongest line of the torque may be a harmonic.
-    ratios = np.array([found.low / own.low, found.high / own.high])
-    if not found.clock.told or (np.abs(ratios / np.maximum(np.round(ratios), 1.0) - 1.0) <= DEFAULTS.drifting).all():
+    ratios = np.array([timing.low / own.low, timing.high / own.high])
+    if not timing.clock.told or (np.abs(ratios / np.maximum(np.round(ratios), 1.0) - 1.0) <= DEFAULTS.drifting).all():
         return own
     note = f"the scene's engine frequency is {speed(own.low, 6, own.high if own.high > own.low else None, engine=True)}"
-    return replace(found, note="; ".join([f"{note}, and differs from that of the recorded torque, which is used",
-                                          *([found.note] if found.note else [])]))
+    return replace(timing, note="; ".join([f"{note}, and differs from that of the recorded torque, which is used",
+                                           *([timing.note] if timing.note else [])]))
 
 
 def _found(runs: Iterable[JointStates]) -> Timing:
@@ -151,8 +151,8 @@ def _found(runs: Iterable[JointStates]) -> Timing:
     if longest.known and longest.known < COMPLETE:
         note = (f"periods of excitation were identified in {100.0 * longest.known:.0f} % of the longest run: elsewhere "
                 "the engine torque has no oscillation that can be followed")
-    found = longest if not longest.why else max(phases.values(), key=lambda run: len(run.starts))
-    return Timing(clock, "found", found.low, found.high, note)
+    best = longest if not longest.why else max(phases.values(), key=lambda run: len(run.starts))
+    return Timing(clock, "found", best.low, best.high, note)
 
 
 def default_of(discard: int | None, timing: Timing, scene: Scene) -> int | None:

@@ -32,8 +32,8 @@ class Entry:
     @cache  # noqa: B019 (the entries of SOLVERS live as long as the process)
     def load(self) -> Callable[[Problem], Trajectory]:
         """Import the solver's function."""
-        found: Callable[[Problem], Trajectory] = getattr(import_module(f"{__name__}.{self.module}"), self.function)
-        return found
+        solve: Callable[[Problem], Trajectory] = getattr(import_module(f"{__name__}.{self.module}"), self.function)
+        return solve
 
     @property
     def laws(self) -> tuple[str, ...]:

@@ -120,8 +120,8 @@ def changing(number: Any, by: Any, which: int) -> Changing:
 
 def changing_linear(linear: Linear, by: Any) -> Any:
     """Return the linear part, its coefficients with their derivatives, and None where there is none."""
-    found: Any = [None if number is None else changing(number, by, i) for i, number in enumerate(linear)]
-    return Linear(*found)
+    numbers: Any = [None if number is None else changing(number, by, i) for i, number in enumerate(linear)]
+    return Linear(*numbers)
 
 
 def changed_motion(rows: Any, changes: Any, now: Any, by: Any, sines: Any, coefficients: Any, law: Any,

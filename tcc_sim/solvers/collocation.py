@@ -145,8 +145,8 @@ def response(linear: Linear, top: int, levels: int) -> Response:
     matrix = np.block([[eye, -a], [a * (stiffness / inertia), eye + a * (damped / inertia)]])
     right = np.concatenate([np.block([[one, 0.0 * one, 0.0 * a, -kappa * a]]),
                             np.block([[0.0 * one, one, a / inertia, a * (slipping / inertia)]])], axis=1)
-    found = np.linalg.solve(matrix, right)
-    x, w = found[:, :NODES], found[:, NODES:]
+    solution = np.linalg.solve(matrix, right)
+    x, w = solution[:, :NODES], solution[:, NODES:]
     start = 2 + NODES
     step_sizes = np.zeros(levels, STEP_SIZE)
     step_sizes["length"] = lengths

@@ -77,8 +77,8 @@ def changed_step(now: Any, by: Any, law: Any, start: Any, speeds: Any, torques: 
     terms = Terms(linear=part, mean_torque=0.0, torque=None, harmonics=None, mean_load=0.0, pulsation=None,
                   smoothing=None, stribeck=None)
     step = rebound(source_of(stages), stage=rebound(source_of(stage), **names), **names)
-    found = step(*state, 0.0, time, plate, terms)
-    for i, number in enumerate(found[10:13]):
+    after = step(*state, 0.0, time, plate, terms)
+    for i, number in enumerate(after[10:13]):
         now.set_row(number.change, i)
 
 

@@ -103,12 +103,12 @@ def _by_curve(system: System, key: str) -> dict[int, float]:
     if curve is None:
         raise InputError(f"{key} is a number of the fit of a friction table; the scene has no friction.slip_speeds")
     m, count = curve.constant, len(curve.amplitudes)
-    found: dict[str, dict[int, float]] = {f"{CURVE}constant": {
+    numbers: dict[str, dict[int, float]] = {f"{CURVE}constant": {
         MEAN_LOAD: system.saturation_mean / m, LOAD_AMPLITUDE: system.saturation_amplitude / m,
         BREAKAWAY: -sum(curve.amplitudes) / m**2, **{n: -c / m**2 for n, c in zip(EXCESSES, curve.amplitudes)}}}
     for j in range(count):
-        found[f"{CURVE}amplitude_{j + 1}"] = {EXCESSES[j]: 1.0 / m, BREAKAWAY: 1.0 / m}
-        found[f"{CURVE}rate_{j + 1}"] = {DECAYS[j]: 1.0}
-    if key not in found:
-        raise InputError(f"{key} is no number of the fit of this friction table; its numbers are {', '.join(found)}")
-    return found[key]
+        numbers[f"{CURVE}amplitude_{j + 1}"] = {EXCESSES[j]: 1.0 / m, BREAKAWAY: 1.0 / m}
+        numbers[f"{CURVE}rate_{j + 1}"] = {DECAYS[j]: 1.0}
+    if key not in numbers:
+        raise InputError(f"{key} is no number of the fit of this friction table; its numbers are {', '.join(numbers)}")
+    return numbers[key]

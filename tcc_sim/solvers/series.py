@@ -81,9 +81,9 @@ def side_by_side(pairs: Sequence[Any], rows: list[Any], k: int) -> list[Any]:
         return [0.0] * len(pairs)
     rows.append([row_of([series[k - 1] for series in side]) for side in zip(*there)])
     lefts, rights = zip(*rows)
-    found = inner(lefts, rights, k)
+    sums = inner(lefts, rights, k)
     lanes = iter(range(len(there)))
-    return [0.0 if pair is None or k == 1 else found[next(lanes)] for pair in pairs]
+    return [0.0 if pair is None or k == 1 else sums[next(lanes)] for pair in pairs]
 
 
 def driven(rate: Any, weighted: Sequence[Any], other: Sequence[Any], k: int) -> Any:

@@ -149,10 +149,10 @@ def eliminate(change: Any, coupling: Any, friction_rate: Any, slope: Any, measur
     It needs no pivoting: L is dominated by a^-1, whose leading minors do not vanish, and friction adds to the diagonal
     where it is strong.
     """
-    found, = eliminated(coupling, friction_rate, slope,
-                        [[change.row(WIDTH * p, count=WIDTH) for p in range(NODES // WIDTH)]])
-    change.set_row(found)
-    measure[LARGEST,] = largest_size(found)
+    correction, = eliminated(coupling, friction_rate, slope,
+                             [[change.row(WIDTH * p, count=WIDTH) for p in range(NODES // WIDTH)]])
+    change.set_row(correction)
+    measure[LARGEST,] = largest_size(correction)
 
 
 @unrolled
@@ -160,8 +160,8 @@ def eliminate_rows(rows: Any, coupling: Any, friction_rate: Any, slope: Any) -> 
     """Solve the same equations for every row of `rows`."""
     count, parts = rows.shape[0], range(NODES // WIDTH)
     right = [[rows.row(i, WIDTH * p, count=WIDTH) for p in parts] for i in range(count)]
-    for i, found in enumerate(eliminated(coupling, friction_rate, slope, right)):
-        rows.set_row(found, i, 0)
+    for i, correction in enumerate(eliminated(coupling, friction_rate, slope, right)):
+        rows.set_row(correction, i, 0)
 
 
 def eliminated(coupling: Any, friction_rate: Any, slope: Any, sides: list[list[Any]]) -> list[Any]:

@@ -109,8 +109,8 @@ class Prepared:
 
     def over(self, state: Floats, start: float, end: float, margins: bool = False) -> Stroboscopic:
         """Map a state at the phase `start` to the phase `end`, in engine cycles; see `stroboscopic_map`."""
-        found, = self.each(state[None], [start], [end], margins)
-        return found
+        image, = self.each(state[None], [start], [end], margins)
+        return image
 
     def each(self, states: Floats, starts: Sequence[float], ends: Sequence[float],
              margins: bool = False) -> list[Stroboscopic]:
@@ -262,5 +262,5 @@ def slope_integrals(system: System, state: Floats, cycle: int, rtol: float) -> F
         The engine stopped early.
     """
     buffers = Prepared(system, (), rtol).passed(state[None], [cycle], [cycle + 1], extended=True)
-    found: Floats = buffers.tangent.shared["slopes"].copy()
-    return found
+    integrals: Floats = buffers.tangent.shared["slopes"].copy()
+    return integrals

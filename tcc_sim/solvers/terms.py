@@ -243,12 +243,12 @@ def held_and_left_out(terms: Terms) -> tuple[list[str], list[str]]:
 
 def excitation_frequency(terms: Terms) -> float:
     """Return the largest angular frequency in the excitation, rad/s (0 for constant inputs)."""
-    found = [0.0, *(pair[1] for pair in (terms.torque, terms.pulsation) if pair is not None)]
+    frequencies = [0.0, *(pair[1] for pair in (terms.torque, terms.pulsation) if pair is not None)]
     if terms.harmonics is not None:
-        found.append(float(terms.harmonics[:, 0].max()))
+        frequencies.append(float(terms.harmonics[:, 0].max()))
     if terms.profile is not None:
-        found += terms.profile[0, of.SWELLS::of.SWELL].tolist()
-    return max(found) * _range(terms, of.FREQUENCY, 1.0)[1]
+        frequencies += terms.profile[0, of.SWELLS::of.SWELL].tolist()
+    return max(frequencies) * _range(terms, of.FREQUENCY, 1.0)[1]
 
 
 def load_frequency(terms: Terms) -> float:
@@ -263,12 +263,12 @@ def largest_mean_torque(terms: Terms) -> float:
 
 def torque_swing(terms: Terms) -> float:
     """Return the sum of the amplitudes of the engine torque, N m."""
-    found = terms.torque[0] if terms.torque is not None else 0.0
+    swing = terms.torque[0] if terms.torque is not None else 0.0
     if terms.harmonics is not None:
-        found += float(terms.harmonics[:, 1].sum())
+        swing += float(terms.harmonics[:, 1].sum())
     if terms.profile is not None:  # An amplitude is linear within a piece and constant in the last.
-        found += float(terms.profile[:, of.SWELLS + 2::of.SWELL].max(axis=0).sum())
-    return found
+        swing += float(terms.profile[:, of.SWELLS + 2::of.SWELL].max(axis=0).sum())
+    return swing
 
 
 def natural_frequency(terms: Terms) -> float:

@@ -88,9 +88,9 @@ def _seen(cycles: Cycles) -> tuple[str, int]:
     """Diagnose by its section a motion whose disturbances neither grow nor decay; return its long period, or 0, too."""
     if slip_grows(cycles):
         return "runaway", 0
-    found = periodicity(cycles, maximum=DEFAULTS.long_period)
-    if found.settled:
-        return "periodic", found.period
+    repetition = periodicity(cycles, maximum=DEFAULTS.long_period)
+    if repetition.settled:
+        return "periodic", repetition.period
     return ("quasi-periodic" if change_of_averages(cycles.section) <= DEFAULTS.converged else "unresolved"), 0
 
 
@@ -158,10 +158,10 @@ def floquet_exponent(system: System, state: Floats, first: int, period: int) -> 
 def mapped(system: System, state: Floats, first: int, cycles: int, tolerance: float) -> tuple[Floats, Floats]:
     """Return the state after some engine cycles and the tangent map to it, (3, 3); NaN if a step fails."""
     try:
-        found = Prepared(system, (), tolerance).over(state, first, first + cycles)
+        image = Prepared(system, (), tolerance).over(state, first, first + cycles)
     except NumericalFailure:
         return np.full(3, math.nan), np.full((3, 3), math.nan)
-    return found.state, found.derivative
+    return image.state, image.derivative
 
 
 def natural_sizes(terms: Terms) -> Floats:

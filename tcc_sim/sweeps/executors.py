@@ -51,8 +51,8 @@ def workers(jobs: int | None, dask: str | None) -> Iterator[tuple[Executor, Atte
     if jobs is not None and not 1 <= jobs <= 1024:
         raise InputError(f"jobs is {jobs}; it must be 1 to 1024")
     if dask is not None:
-        with cluster(dask) as found:
-            yield found
+        with cluster(dask) as client:
+            yield client
         return
     count = jobs or cores()
     executor = ThreadPoolExecutor(count, thread_name_prefix="sweep")
@@ -170,11 +170,11 @@ def cluster(address: str, connect: float = DEFAULTS.connect_timeout) -> Iterator
 
 def in_time(deadline: float, function: Callable[[], Any]) -> Any:
     """Call a function in a thread, as a name lookup cannot be interrupted; raise TimeoutError after `deadline`, s."""
-    found, thread = begun(function)
+    outcome, thread = begun(function)
     thread.join(max(deadline - time.monotonic(), 0.0))
-    if not found.done():
+    if not outcome.done():
         raise TimeoutError("timed out")
-    return found.result()
+    return outcome.result()
 
 
 def processes_for(parts: int, jobs: int | None = None) -> int:
@@ -200,19 +200,20 @@ def each_in_a_process(work: Callable[[Part], Any], parts: Sequence[Part], jobs: 
     count = processes_for(len(parts), jobs)
     if count < 2:
         return [work(part) for part in parts]
-    found: dict[int, Any] = {}
+    results: dict[int, Any] = {}
     with progress_bar(unit, len(parts), shown=progress) as bar:
         while True:
-            _in_a_pool(work, parts, count, found, bar)
-            if len(found) == len(parts):
-                return [found[i] for i in range(len(parts))]
+            _in_a_pool(work, parts, count, results, bar)
+            if len(results) == len(parts):
+                return [results[i] for i in range(len(parts))]
             if count == 1:
-                raise WorkersLost(f"a process was killed, perhaps because memory ran out; {len(found)} of "
+                raise WorkersLost(f"a process was killed, perhaps because memory ran out; {len(results)} of "
                                   f"{counted(len(parts), unit)} were done")
             count //= 2
 
 
-def _in_a_pool(work: Callable[[Part], Any], parts: Sequence[Part], count: int, found: dict[int, Any], bar: Any) -> None:
+def _in_a_pool(work: Callable[[Part], Any], parts: Sequence[Part], count: int, results: dict[int, Any],
+               bar: Any) -> None:
     """Compute the parts missing in `found` until all are there or a process was killed."""
     import multiprocessing
     from concurrent.futures.process import BrokenProcessPool, ProcessPoolExecutor
@@ -222,10 +223,11 @@ def _in_a_pool(work: Callable[[Part], Any], parts: Sequence[Part], count: int, f
     pool = ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), signal.signal,
                                (signal.SIGINT, signal.SIG_IGN))
     try:
-        futures: dict[Future[Any], int] = {pool.submit(work, part): i for i, part in enumerate(parts) if i not in found}
+        futures: dict[Future[Any], int] = {pool.submit(work, part): i for i, part in enumerate(parts)
+                                           if i not in results}
         for future in as_completed(futures):
             try:
-                found[futures[future]] = future.result()
+                results[futures[future]] = future.result()
                 bar.update()
             except BrokenProcessPool:
                 continue

@@ -76,8 +76,8 @@ class SweepFile:
                     self._check_header(path, line, wanted)
                 else:
                     try:
-                        found = decoded_line(line)
-                        take(int(found["curve"]), int(found["index"]), dict(found["record"]))
+                        row = decoded_line(line)
+                        take(int(row["curve"]), int(row["index"]), dict(row["record"]))
                     except (TypeError, KeyError, ValueError, AttributeError, OverflowError) as error:
                         raise InputError(f"{path}: line {number} is damaged ({error}); the file is left as it "
                                          "is") from None
@@ -87,16 +87,16 @@ class SweepFile:
     def _check_header(self, path: Path, line: bytes, wanted: dict[str, Any]) -> None:
         """Raise InputError unless the first line of a file is that of the same work."""
         try:
-            found = _object(line)
+            header = _object(line)
         except ValueError:
-            found = {}
-        if found.get("format") != wanted["format"]:
+            header = {}
+        if header.get("format") != wanted["format"]:
             raise InputError(f"{path}: not the file of a {self._kind}; it is left as it is")
         try:
             decoded_line(line)
         except ValueError as error:
             raise InputError(f"{path}: line 1 is damaged ({error}); the file is left as it is") from None
-        different = [key for key in wanted if found.get(key) != wanted[key]]
+        different = [key for key in wanted if header.get(key) != wanted[key]]
         if different:
             raise InputError(f"{path}: the file of another {self._kind} ({', '.join(different)} differ); it is left as "
                              "it is")
@@ -139,14 +139,14 @@ def decoded_line(line: bytes) -> dict[str, Any]:
 def _object(text: bytes) -> dict[str, Any]:
     """Return a JSON object of finite numbers; raise ValueError for anything else."""
     try:
-        found = json.loads(text, parse_constant=_refused, parse_float=_finite)
+        document = json.loads(text, parse_constant=_refused, parse_float=_finite)
     except RecursionError:
         raise ValueError("it is nested too deep") from None
     except UnicodeDecodeError:
         raise ValueError("not text in UTF-8") from None
-    if not isinstance(found, dict):
+    if not isinstance(document, dict):
         raise ValueError("not an object")
-    return found
+    return document
 
 
 def _refused(name: str) -> NoReturn:

@@ -138,14 +138,14 @@ class Scattered(Result):
         """
         return np.moveaxis(self._quantiles(self.result(name), name), 0, -1)
 
-    def _quantiles(self, found: NDArray[np.float64], name: str) -> NDArray[np.float64]:
+    def _quantiles(self, values: NDArray[np.float64], name: str) -> NDArray[np.float64]:
         """Return the quantiles of results (samples, values, ...), (probabilities, values, ...)."""
         if not self.every and name != "runaway":
             left_out = np.logical_or(*self._unsteady())
-            found = np.where(left_out.reshape(left_out.shape + (1,) * (found.ndim - 2)), np.nan, found)
+            values = np.where(left_out.reshape(left_out.shape + (1,) * (values.ndim - 2)), np.nan, values)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # It warns where no sample has the result.
-            return np.asarray(np.nanquantile(found, self.tolerances.probabilities, axis=0))
+            return np.asarray(np.nanquantile(values, self.tolerances.probabilities, axis=0))
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """Return the columns of `Sweep` for all samples below each other, the scattered keys first."""
@@ -179,9 +179,9 @@ class Scattered(Result):
         shape = self.orders.slip_speed.shape
         out = {}
         for name in ("slip_speed", "shaft_torque"):
-            found = np.array([[np.full(shape, np.nan) if each is None else getattr(each, name) for each in row]
-                              for row in orders])
-            out[name] = np.moveaxis(self._quantiles(found, name), 0, -1)[slice(None) if self.over else 0]
+            values = np.array([[np.full(shape, np.nan) if each is None else getattr(each, name) for each in row]
+                               for row in orders])
+            out[name] = np.moveaxis(self._quantiles(values, name), 0, -1)[slice(None) if self.over else 0]
         return out
 
     @property
@@ -254,10 +254,10 @@ def scatter(scene: Scene | System | str, bounds: Mapping[str, tuple[float, float
 
     Examples
     --------
-    >>> found = scatter("slip", {"engine.torque_amplitude": (10.0, 20.0)}, 4, cycles=20)
-    >>> found
+    >>> result = scatter("slip", {"engine.torque_amplitude": (10.0, 20.0)}, 4, cycles=20)
+    >>> result
     <Scattered engine.torque_amplitude: 4 samples>
-    >>> found.quantiles("max_slip_speed").shape
+    >>> result.quantiles("max_slip_speed").shape
     (1, 3)
     """
     told = Tolerances(tuple((key, float(low), float(high)) for key, (low, high) in bounds.items()), samples, seed,

@@ -133,11 +133,11 @@ class Plan:
 
     def dropped(self, cycles: int, default: int) -> int:
         """Return the number of cycles to drop: as given, or `default`; raise InputError if none would be left."""
-        found = self.discard if isinstance(self.discard, int) else default
-        if found >= max(cycles, 1):
-            raise InputError(f"discard is {found}; it must be 0 to {max(cycles - 1, 0)}, since {cycles} whole cycles "
+        dropped = self.discard if isinstance(self.discard, int) else default
+        if dropped >= max(cycles, 1):
+            raise InputError(f"discard is {dropped}; it must be 0 to {max(cycles - 1, 0)}, since {cycles} whole cycles "
                              "are solved")
-        return found
+        return dropped
 
     def check(self, system: System) -> None:
         """Raise InputError if the solver or a requested result cannot handle this system, before anything is solved."""
@@ -251,8 +251,8 @@ def simulate(scene: Scene | System | str | Path, plan: Plan | None = None, *, sa
 
     Examples
     --------
-    >>> found = simulate("slip", cycles=60)
-    >>> found.summary.period, found.confirmed
+    >>> result = simulate("slip", cycles=60)
+    >>> result.summary.period, result.confirmed
     (1, True)
     """
     system = system_of(scene)
@@ -263,10 +263,10 @@ def simulate(scene: Scene | System | str | Path, plan: Plan | None = None, *, sa
         samples_per_cycle = samples_per_cycle or DEFAULTS.order_samples
     run, cycles, discarded = _run(system, plan, start, {
         "samples_per_cycle": samples_per_cycle, "flywheel_angle": flywheel_angle})
-    found = _judged(system, plan, start, run, cycles, discarded)
-    if plan.orders is None or found.summary is None:
-        return found
-    return replace(found, orders_at_speeds=orders_at_speeds(run, plan.orders, found.summary.covers[0]))
+    result = _judged(system, plan, start, run, cycles, discarded)
+    if plan.orders is None or result.summary is None:
+        return result
+    return replace(result, orders_at_speeds=orders_at_speeds(run, plan.orders, result.summary.covers[0]))
 
 
 def simulate_block(systems: Sequence[System], plan: Plan) -> list[Simulation]:
@@ -329,14 +329,14 @@ def _timed_run(system: System, plan: Plan, start: Start, duration: float,
 def _settled_run(system: System, plan: Plan, start: Start,
                  kept: dict[str, Any]) -> tuple[Trajectory, Cycles | None, int]:
     """Solve until the section repeats; drop the cycles before, or at least half if it never does."""
-    found = solve_to_steady_state(system, start, plan.most, solver=plan.solver, rtol=plan.rtol, step=plan.step,
-                                  loads_from=0)
-    if found.cycles is None:
-        return found.run, None, 0
-    count = len(found.cycles)
-    after = min(max(ANALYSIS.discard, (count + 1) // 2), count - 1) if found.after is None else found.after
-    run = _solve(system, plan, start, cycles=count, loads_from=after, **kept) if any(kept.values()) else found.run
-    return run, run.cycles if any(kept.values()) else found.cycles, after
+    settled = solve_to_steady_state(system, start, plan.most, solver=plan.solver, rtol=plan.rtol, step=plan.step,
+                                    loads_from=0)
+    if settled.cycles is None:
+        return settled.run, None, 0
+    count = len(settled.cycles)
+    after = min(max(ANALYSIS.discard, (count + 1) // 2), count - 1) if settled.after is None else settled.after
+    run = _solve(system, plan, start, cycles=count, loads_from=after, **kept) if any(kept.values()) else settled.run
+    return run, run.cycles if any(kept.values()) else settled.cycles, after
 
 
 def _judged(system: System, plan: Plan, start: Start, run: Trajectory, cycles: Cycles | None,

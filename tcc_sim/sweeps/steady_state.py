@@ -60,11 +60,11 @@ def solve_to_steady_state(system: System, start: Start, most: int, **how: Any) -
 
 def settled_from_start(system: System, most: int, **how: Any) -> tuple[Cycles, int]:
     """Return the cycles from a scene's initial state, and the period (0: none); raise NumericalFailure."""
-    found = solve_to_steady_state(system, Start(State.at_start(system), 0), most, **how)
-    found.run.raise_for_status()
-    cycles = found.cycles
+    settled = solve_to_steady_state(system, Start(State.at_start(system), 0), most, **how)
+    settled.run.raise_for_status()
+    cycles = settled.cycles
     assert cycles is not None  # Whole cycles were asked for.
-    return cycles, periodicity(cycles[len(cycles) // 2 if found.after is None else found.after:]).period
+    return cycles, periodicity(cycles[len(cycles) // 2 if settled.after is None else settled.after:]).period
 
 
 def steady_spectrum(system: System, start: Start, period: int, **how: Any) -> Spectrum:

@@ -53,10 +53,10 @@ def sweep(scene: Scene | System | str, key: str, values: Sequence[float], plan: 
 
     Examples
     --------
-    >>> found = sweep("slip", "engine.torque_amplitude", [0.0, 20.0], cycles=20)
-    >>> found
+    >>> result = sweep("slip", "engine.torque_amplitude", [0.0, 20.0], cycles=20)
+    >>> result
     <Sweep over engine.torque_amplitude: 2 values from 0 to 20; 2 solved>
-    >>> found.columns()["period"].tolist()
+    >>> result.columns()["period"].tolist()
     [1, 1]
     """
     curve = Curve(system_of(scene), key, sequence_of_numbers(key, values))
@@ -71,9 +71,9 @@ def sweep_grid(scene: Scene | System | str, key: str, values: Sequence[float], s
 
     Examples
     --------
-    >>> found = sweep_grid("slip", "engine.frequency", [100.0, 120.0],
+    >>> result = sweep_grid("slip", "engine.frequency", [100.0, 120.0],
     ...                    "engine.torque_amplitude", [50.0, 60.0, 70.0], cycles=20)
-    >>> len(found.second_values)
+    >>> len(result.second_values)
     3
     """
     values, second_values = sequence_of_numbers(key, values), sequence_of_numbers(second_key, second_values)
@@ -138,7 +138,7 @@ def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | Non
     try:
         with workers(jobs, dask) as (executor, there), closing(
                 SweepFile(out, _header(curves, plan), take, head=head)) as file:
-            done = sum(p is not None for found in points for p in found)
+            done = sum(p is not None for curve_points in points for p in curve_points)
             with progress_bar("point", sum(map(len, points)), done, progress) as bar:
                 batch = DEFAULTS.dask_batch if dask else _batch(plan, sum(map(len, points)), there.threads)
                 for c, i, point in _solved(curves, plan, executor, there, batch, points):
@@ -172,7 +172,7 @@ def _header(curves: Sequence[Curve], plan: Plan) -> dict[str, Any]:
 def _results(curves: Sequence[Curve], plan: Plan, points: Points, began: float) -> list[Sweep]:
     """Return one Sweep per curve."""
     seconds = time.perf_counter() - began
-    return [Sweep(curve, plan, found, seconds) for curve, found in zip(curves, points)]
+    return [Sweep(curve, plan, curve_points, seconds) for curve, curve_points in zip(curves, points)]
 
 
 Task = tuple[int, list[int], Start | None]
@@ -191,14 +191,14 @@ def _solved(curves: Sequence[Curve], plan: Plan, executor: Executor, there: Atte
         systems, values = [curves[c].at(i) for i in indices], [curves[c].values[i] for i in indices]
         return executor.submit(solve_points, systems, values, plans[c], start)
 
-    for (c, indices, _), found in each_done(there, lambda: following.popleft() if following else next(ready, None),
-                                            submit):
+    for (c, indices, _), solved in each_done(there, lambda: following.popleft() if following else next(ready, None),
+                                             submit):
         if plan.direction != "cold":
             rest = _order(curves[c], plan)
             rest = rest[rest.index(indices[-1]) + 1:][:batch]
             if rest:
-                following.append((c, rest, _passed_on(curves[c], indices[-1], found[-1], rest[0])))
-        for i, point in zip(indices, found):
+                following.append((c, rest, _passed_on(curves[c], indices[-1], solved[-1], rest[0])))
+        for i, point in zip(indices, solved):
             yield c, i, point
 
 
@@ -246,16 +246,16 @@ def _sampled(system: System, plan: Plan) -> bool:
     return system.profile is not None or plan.orders is not None
 
 
-def as_point(value: float, plan: Plan, found: Simulation) -> Point:
+def as_point(value: float, plan: Plan, result: Simulation) -> Point:
     """Return the point of a sweep from its simulation."""
-    summary, section, judder = found.summary, np.empty((0, 2)), None
-    sampled = found.trajectory.system is not None and _sampled(found.trajectory.system, plan)
+    summary, section, judder = result.summary, np.empty((0, 2)), None
+    sampled = result.trajectory.system is not None and _sampled(result.trajectory.system, plan)
     if summary is not None:
-        judder = judder_of(found.trajectory, summary.covers[0]) if sampled else None
+        judder = judder_of(result.trajectory, summary.covers[0]) if sampled else None
         section = np.array(summary.section, dtype=np.float64).reshape(-1, 2)
         summary = dataclasses.replace(summary, section=[], section_states=None)
-    return Point(value, summary, section, found.confirmed, found.status, found.angles if plan.section_points else None,
-                 found.damping, found.lyapunov, found.end, judder, found.orders_at_speeds)
+    return Point(value, summary, section, result.confirmed, result.status, result.angles if plan.section_points
+                 else None, result.damping, result.lyapunov, result.end, judder, result.orders_at_speeds)
 
 
 def with_sweep_tolerance(system: System, plan: Plan) -> Plan:
@@ -270,7 +270,7 @@ def solve_points(systems: Sequence[System], values: Sequence[float], plan: Plan,
     """Solve points one after the other; up and down continue from the previous end."""
     if plan.direction == "cold" and start is None and not any(_sampled(system, plan) for system in systems):
         plan = with_sweep_tolerance(systems[0], plan)
-        return [as_point(value, plan, found) for value, found in zip(values, simulate_block(systems, plan))]
+        return [as_point(value, plan, result) for value, result in zip(values, simulate_block(systems, plan))]
     points: list[Point] = []
     for k, (system, value) in enumerate(zip(systems, values)):
         if k and plan.direction != "cold":

@@ -71,7 +71,7 @@ def mat_contents(path: Path) -> FileColumns:
         values = loadmat(path, squeeze_me=True, struct_as_record=False)
     except (MatReadError, NotImplementedError, ValueError, OSError, TypeError, KeyError, IndexError) as error:
         raise InputError(f"{path} cannot be read as a MATLAB file: {error}") from None
-    found: dict[str, Any] = {}
+    arrays: dict[str, Any] = {}
     stated: dict[str, Mapping[str, str]] = {}
     for name, value in values.items():
         if name.startswith("__"):
@@ -82,10 +82,10 @@ def mat_contents(path: Path) -> FileColumns:
             continue
         for key, part in ([(name, value)] if fields is None else [(key, getattr(value, key)) for key in fields]):
             if isinstance(part, np.ndarray) and part.ndim == 1 and part.dtype.kind in "fiub":
-                found[key if key not in found else f"{name}.{key}"] = part
-    if not found:
+                arrays[key if key not in arrays else f"{name}.{key}"] = part
+    if not arrays:
         raise InputError(f"{path} has no vectors of numbers; a timetable must be saved as vectors")
-    return _of_arrays(path, found, stated.get("units", {}), ["a MATLAB file"], stated.get("hold", {}))
+    return _of_arrays(path, arrays, stated.get("units", {}), ["a MATLAB file"], stated.get("hold", {}))
 
 
 def _of_arrays(path: Path, arrays: Mapping[str, Any], units: Mapping[str, str], read_as: list[str],
@@ -117,9 +117,9 @@ def mdf_contents(path: Path) -> FileColumns:
     except Exception as error:  # Its exceptions have no common class.
         raise InputError(f"{path} cannot be read as an MDF file: {error}") from None
     masters = {(group, index) for group, index in file.masters_db.items()}
-    places = {name: [place for place in found if tuple(place) not in masters]
-              for name, found in file.channels_db.items()}
-    names = ["t", *(name for name, found in places.items() if found and name not in ("t", "time"))]
+    places = {name: [place for place in entries if tuple(place) not in masters]
+              for name, entries in file.channels_db.items()}
+    names = ["t", *(name for name, entries in places.items() if entries and name not in ("t", "time"))]
     units = ["s", *(_mdf_unit(file, *places[name][0]) for name in names[1:])]
 
     def numbers(chosen: Sequence[int], time: int | None, most: int) -> tuple[list[Floats], list[str]]:
@@ -185,7 +185,7 @@ def write_mat(path: Path, columns: Mapping[str, Any], units: Mapping[str, str], 
     stated: Iterable[tuple[str, Mapping[str, str]]] = (("units", units), ("hold", hold))
     with path.open("wb") as stream:
         savemat(stream, {**{name: np.asarray(values) for name, values in columns.items()}, **texts,
-                         **{name: dict(found) for name, found in stated if found}},
+                         **{name: dict(mapping) for name, mapping in stated if mapping}},
                 oned_as="column", do_compression=True, long_field_names=True)
 
 

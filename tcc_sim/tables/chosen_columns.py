@@ -66,15 +66,15 @@ def named_columns(text: str | Mapping[str, str] | None, known: Mapping[str, str 
         return {}
     pairs = list(text.items()) if isinstance(text, Mapping) else [
         (name.strip(), column) for name, _, column in (part.partition("=") for part in text.split(","))]
-    found: dict[str, str] = {}
+    names: dict[str, str] = {}
     for name, column in pairs:
         if name not in known or not column:
             raise InputError(f"--columns names {one_line(name)!r}{'' if column else ' without =COLUMN'}; it takes "
                              f"NAME=COLUMN[:UNIT],... with the names {', '.join(known)}")
-        if name in found:
+        if name in names:
             raise InputError(f"--columns gives {name} twice")
-        found[name] = column
-    return found
+        names[name] = column
+    return names
 
 
 def contents_of(path: Path, known: Sequence[str]) -> FileColumns:
@@ -115,16 +115,16 @@ def columns_in(path: Path, known: Mapping[str, str | None], needed: Sequence[str
     factors = [_factor(path, contents, name, places[name], known[name]) for name in order]
     time = places[TIME][0] if TIME in places else None
     values, read_as = contents.numbers([places[name][0] for name in order], time, most)
-    found = {name: column if factor == 1.0 else column * factor
-             for name, column, factor in zip(order, values, factors)}
-    return found, _told(contents, read_as, places, dict(zip(order, factors)), known), dict(contents.hold)
+    arrays = {name: column if factor == 1.0 else column * factor
+              for name, column, factor in zip(order, values, factors)}
+    return arrays, _told(contents, read_as, places, dict(zip(order, factors)), known), dict(contents.hold)
 
 
 def _places(path: Path, contents: FileColumns, known: Mapping[str, str | None],
             chosen: Mapping[str, str]) -> dict[str, tuple[int, str]]:
     """Return number and unit of the file's column for each known name that it has."""
     names = [name.strip() for name in contents.names]
-    found: dict[str, tuple[int, str]] = {}
+    places: dict[str, tuple[int, str]] = {}
     for name, word in chosen.items():
         column, colon, unit = word.rpartition(":")
         column, unit = (column, unit) if colon and word not in names else (word, "")
@@ -137,18 +137,18 @@ def _places(path: Path, contents: FileColumns, known: Mapping[str, str | None],
         if unit and own and unit_factor(unit, known[name] or "") != unit_factor(own, known[name] or ""):
             raise InputError(f"{path}: column {one_line(column)} is in {one_line(own)} by the file and in "
                              f"{one_line(unit)} by --columns; leave out one of them")
-        found[name] = names.index(column), unit or own
+        places[name] = names.index(column), unit or own
     spelled = [name.lower().replace(" ", "_").replace("-", "_") for name in names]
     for name in known:
-        if name in found:
+        if name in places:
             continue
         also = [name, *(_TIMES if name == TIME else ())]
         for words, word in [(names, name), *((spelled, word.replace(" ", "_")) for word in also)]:
             if word in words:
                 _check_once(path, words, word)
-                found[name] = words.index(word), contents.units[words.index(word)]
+                places[name] = words.index(word), contents.units[words.index(word)]
                 break
-    return found
+    return places
 
 
 def _check_once(path: Path, names: Sequence[str], column: str) -> None:

@@ -65,14 +65,14 @@ class MeasuredTable:
         """Return the stretches, (k, 2), s, in which one of the columns has no values though it was sampled regularly;
         without names, those without rows.
         """
-        found = [holes_in(self.t)]
+        holes = [holes_in(self.t)]
         for name in names:
             t, _ = self.filled(name)
             if len(t) < len(self.t):
                 ends = [[self.t[0], t[0]], [t[-1], self.t[-1]]] if len(t) else [[self.t[0], self.t[-1]]]
                 usual = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
-                found += [holes_in(t), np.array([[a, b] for a, b in ends if b - a > HOLE * usual]).reshape(-1, 2)]
-        return merged(np.concatenate(found))
+                holes += [holes_in(t), np.array([[a, b] for a, b in ends if b - a > HOLE * usual]).reshape(-1, 2)]
+        return merged(np.concatenate(holes))
 
     def usual_step(self, *names: str) -> float:
         """Return the median of the usual steps of the columns, s, of the largest of them; 0 if rows are irregular."""
@@ -121,32 +121,33 @@ def table_in(path: Path, needed: Sequence[str] = (), most: int = MOST_ROWS,
     MissingPackage
         As `contents_of`.
     """
-    found, notes, hold = columns_in(path, COLUMNS, (TIME, *needed), most, columns)
-    t = found[TIME]
+    arrays, notes, hold = columns_in(path, COLUMNS, (TIME, *needed), most, columns)
+    t = arrays[TIME]
     if not np.isfinite(t).any():
         raise InputError(f"{path}: column {TIME} has no times")
     dated = np.isfinite(t)
     if not dated.all():
         notes.append(f"{counted(int((~dated).sum()), 'row')} without a time left out")
-    filled = np.any([np.isfinite(found[name]) for name in found if name != TIME] or [dated], axis=0)
+    filled = np.any([np.isfinite(arrays[name]) for name in arrays if name != TIME] or [dated], axis=0)
     if (dated & ~filled).any():
         notes.append(f"{counted(int((dated & ~filled).sum()), 'row')} without values left out")
-    found = {name: values[dated & filled] for name, values in found.items()}
-    found[TIME] = _from_epoch(found[TIME], notes)
-    stacked = np.stack([np.nan_to_num(values) for name, values in found.items() if name != TIME] or [found[TIME]])
+    arrays = {name: values[dated & filled] for name, values in arrays.items()}
+    arrays[TIME] = _from_epoch(arrays[TIME], notes)
+    stacked = np.stack([np.nan_to_num(values) for name, values in arrays.items() if name != TIME]
+                       or [arrays[TIME]])
     same = np.concatenate([[False], (np.diff(stacked, axis=1) == 0.0).all(axis=0)])
-    ordered = rows_in_order(found[TIME], same)
+    ordered = rows_in_order(arrays[TIME], same)
     if isinstance(ordered, str):
         raise InputError(f"{path}: column {TIME}: {ordered}")
-    found = {name: values[ordered.rows] for name, values in found.items()}
-    found[TIME] = ordered.t
-    counts = {name: int(np.count_nonzero(~np.isfinite(values))) for name, values in found.items()}
+    arrays = {name: values[ordered.rows] for name, values in arrays.items()}
+    arrays[TIME] = ordered.t
+    counts = {name: int(np.count_nonzero(~np.isfinite(values))) for name, values in arrays.items()}
     if any(counts.values()):
         notes.append("empty cells: " + ", ".join(f"{count} of {len(ordered.t)} in {name}"
                                                  for name, count in counts.items() if count))
     if (varying := jitter_of(ordered.t)) > LEAST_JITTER:
         notes.append(f"steps between rows vary by {100.0 * varying:.0f} %; each row is used at its own time")
-    return MeasuredTable(found, {name: how for name, how in hold.items() if name in DRIVING and how in HOLDS},
+    return MeasuredTable(arrays, {name: how for name, how in hold.items() if name in DRIVING and how in HOLDS},
                          str(path), tuple(f"{path.name}: {note}" for note in (*notes, *ordered.said)))
 
 

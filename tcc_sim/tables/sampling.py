@@ -110,10 +110,10 @@ def rows_in_order(t: Floats, same: NDArray[np.bool_]) -> Ordered | str:
     """
     rows, said = np.arange(len(t)), []
     if (np.diff(t) < 0.0).any():
-        found = _sorted(t)
-        if isinstance(found, str):
-            return found
-        rows, sentence = found
+        ordered = _sorted(t)
+        if isinstance(ordered, str):
+            return ordered
+        rows, sentence = ordered
         said.append(sentence)
         t, same = t[rows], same[rows] & (np.diff(rows, prepend=-2) == 1)
     repeated = np.concatenate([[False], np.diff(t) == 0.0])

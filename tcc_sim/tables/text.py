@@ -91,10 +91,10 @@ class _Numbers:
 
     def stamp(self, text: str, line: int, name: str) -> float:
         """Return a date-time in seconds from midnight of the first day, or a number."""
-        found = _STAMP.fullmatch(text.strip())
-        if found is None:
+        match = _STAMP.fullmatch(text.strip())
+        if match is None:
             return self.read(text, line, name)
-        part = found.groupdict()
+        part = match.groupdict()
         day = 0
         if part["y"] or part["Y"]:
             try:
@@ -201,9 +201,9 @@ def _layout_of(path: Path, known: set[str]) -> tuple[_Layout, dict[str, str]]:
             hold.update(_SAID.findall(text))
     best: tuple[float, int, _Layout] | None = None
     for delimiter in DELIMITERS:
-        found = _with_delimiter(lines, encoding, delimiter, known)
-        if found is not None and (best is None or found[:2] > best[:2]):
-            best = found
+        layout = _with_delimiter(lines, encoding, delimiter, known)
+        if layout is not None and (best is None or layout[:2] > best[:2]):
+            best = layout
     if best is None:
         names = ", ".join(sorted(known & {"t", "slip_speed", "coefficient"}))
         raise InputError(f"{path}: no columns were recognised; the first line must have their names, such as {names}, "
@@ -278,8 +278,8 @@ def _names_before(lines: list[str], rows: list[list[str]], comment: list[bool], 
 
 def _parted(text: str) -> tuple[str, str]:
     """Return the name and the unit of a column's head: name [unit], name (unit) or name/unit."""
-    found = _IN_BRACKETS.fullmatch(text.strip()) or _AFTER_SLASH.fullmatch(text.strip())
-    return (found[1].strip(), found[2].strip()) if found else (text.strip(), "")
+    match = _IN_BRACKETS.fullmatch(text.strip()) or _AFTER_SLASH.fullmatch(text.strip())
+    return (match[1].strip(), match[2].strip()) if match else (text.strip(), "")
 
 
 def _numbers_of(path: Path, layout: _Layout, chosen: Sequence[int], time: int | None,
@@ -287,10 +287,10 @@ def _numbers_of(path: Path, layout: _Layout, chosen: Sequence[int], time: int | 
     """Return the columns of these numbers, NaN for empty cells, and sentences on how they were read."""
     import numpy as np
 
-    found = [array("d") for _ in chosen]
+    numbers = [array("d") for _ in chosen]
     reader, count, width = _Numbers(path), 0, len(layout.names)
     reads = [(j, column, reader.stamp if j == time else reader.read, layout.names[j])
-             for j, column in zip(chosen, found)]
+             for j, column in zip(chosen, numbers)]
     with path.open(newline="", encoding=layout.encoding, errors="replace") as stream:
         lines = islice(_lines(path, stream), layout.skipped, None)
         for number, row in enumerate(_cells(lines, layout.delimiter), layout.skipped + 1):
@@ -312,4 +312,4 @@ def _numbers_of(path: Path, layout: _Layout, chosen: Sequence[int], time: int | 
     told = ["decimal comma"] if reader.commas else []
     if reader.first_day is not None:
         told.append("date-times")
-    return [np.array(column) for column in found], told
+    return [np.array(column) for column in numbers], told

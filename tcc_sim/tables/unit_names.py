@@ -42,8 +42,8 @@ def unit_factor(unit: str, si: str) -> float | None:
     bare = word if word in ("-", "") else _SEPARATORS.sub("", word)
     if bare in known:
         return known[bare]
-    found = {factor for name, factor in known.items() if name.lower() == bare.lower()}
-    return found.pop() if len(found) == 1 else None
+    factors = {factor for name, factor in known.items() if name.lower() == bare.lower()}
+    return factors.pop() if len(factors) == 1 else None
 
 
 def is_unit(text: str) -> bool:

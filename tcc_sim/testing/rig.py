@@ -291,12 +291,12 @@ class Rig:
 
     def _collect(self) -> list[str]:
         """Take the commands that have arrived, and return the names of their topics."""
-        found = []
+        commands = []
         for command in self._commands:
             arrived = [data for data, _ in poll(command.subscription)]
             self._arrived.setdefault(command.name, []).extend(arrived)
-            found += [command.name] * bool(arrived)
-        return found
+            commands += [command.name] * bool(arrived)
+        return commands
 
     def _taken(self, command: CommandedInput) -> list[bytes]:
         """Return the commands on one topic that have arrived since the last call."""

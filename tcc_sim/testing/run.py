@@ -98,7 +98,7 @@ class Worker:
         patience : longest real time without progress, s
         """
         self.beat()
-        found, thread = begun(work, name="nodes under test")
+        outcome, thread = begun(work, name="nodes under test")
         try:
             while thread.is_alive():
                 thread.join(LOOK)
@@ -106,7 +106,7 @@ class Worker:
                     raise failed(_place(sys._current_frames().get(thread.ident or 0)))
         finally:
             self.stuck = thread.is_alive() and not _ended(thread)
-        return found.result()
+        return outcome.result()
 
 
 def _place(frame: FrameType | None) -> str:

@@ -36,9 +36,9 @@ def last_cycles(solved: Trajectory, count: int, samples: int = SAMPLES) -> Traje
         return solved
     first = max(len(cycles) - count, 0)
     begin = math.ceil(float(solved.t[0]) / solved.cycle - 1e-9)
-    found = solve(solved.system, cycles=len(cycles) - first, start_cycle=begin + first, samples_per_cycle=samples,
-                  state=State.of(cycles.section[first]))
-    return found.raise_for_status()
+    solution = solve(solved.system, cycles=len(cycles) - first, start_cycle=begin + first, samples_per_cycle=samples,
+                     state=State.of(cycles.section[first]))
+    return solution.raise_for_status()
 
 
 def between(recorded: Trajectory, samples: int = SAMPLES) -> Trajectory:
@@ -74,10 +74,10 @@ def between(recorded: Trajectory, samples: int = SAMPLES) -> Trajectory:
     torque = _friction(recorded, terms, states, engine, load, share)
     columns = {"t": times, "slip_speed": states[..., 0], "plate_angle": states[..., 1], "plate_speed": states[..., 2],
                "engine_torque": engine, "saturation_torque": load, "friction_torque": torque}
-    found: dict[str, Any] = {name: np.concatenate([getattr(recorded, name)[:1], rest.ravel()])
-                             for name, rest in columns.items()}
-    return replace(recorded, **found, flywheel_angle=None,
-                   state=modes_of(np.nan_to_num(found["slip_speed"]), stick_speed_of(terms)))
+    sampled: dict[str, Any] = {name: np.concatenate([getattr(recorded, name)[:1], rest.ravel()])
+                               for name, rest in columns.items()}
+    return replace(recorded, **sampled, flywheel_angle=None,
+                   state=modes_of(np.nan_to_num(sampled["slip_speed"]), stick_speed_of(terms)))
 
 
 def _solved(recorded: Trajectory, system: System, known: Floats, points: int, whole: np.ndarray) -> Floats:

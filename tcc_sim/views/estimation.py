@@ -25,9 +25,9 @@ SHOWN = 400
 """Number of samples of measured and fitted speeds in the picture."""
 
 
-def bode(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
+def bode(path: Path, document: Any, title: str = "", width: float = style.PAGE) -> Path:
     """Draw the frequency response of `linearise`, a result or its JSON."""
-    values = style.json_values(found)
+    values = style.json_values(document)
     with style.figure(width, max(0.62 * width, 4.0), title) as drawn:
         gain, phase = drawn.subplots(2, 1, sharex=True)
         draw_gain(gain, values)
@@ -44,9 +44,9 @@ def bode(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> 
         return style.save(drawn, path)
 
 
-def draw_gain(axis: Any, found: Any) -> None:
+def draw_gain(axis: Any, document: Any) -> None:
     """Draw the gain into an axis."""
-    values = style.json_values(found)
+    values = style.json_values(document)
     frequencies, gain = numbers(values["frequencies"]), numbers(values["gain"])
     inside = gain > 0.0
     axis.semilogx(frequencies[inside], 20.0 * np.log10(gain[inside]), label=_name(values))
@@ -63,43 +63,44 @@ def _name(values: Mapping[str, Any]) -> str:
     return "harmonic transfer function" if kind == "periodic" else f"linear model about constant {kind}"
 
 
-def identification(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
+def identification(path: Path, document: Any, title: str = "", width: float = style.PAGE) -> Path:
     """Draw the fit of `identify`, its residuals and parameters; for JSON, which has no samples, only the parameters."""
-    found = Record.of(found) if isinstance(found, Mapping) else found
-    if isinstance(found.curve, Record):
-        vars(found.curve).update({name: np.array(part) for name, part in vars(found.curve).items()})
-    names = list(found.residuals or ())
+    document = Record.of(document) if isinstance(document, Mapping) else document
+    if isinstance(document.curve, Record):
+        vars(document.curve).update({name: np.array(part) for name, part in vars(document.curve).items()})
+    names = list(document.residuals or ())
     above = len(names) + 1 if names else 0
-    rows = above + bool(found.parameters) + (found.likelihood is not None) + (found.curve is not None)
+    rows = above + bool(document.parameters) + (document.likelihood is not None) + (document.curve is not None)
     with style.figure(width, 1.5 * rows + 0.6, title) as drawn:
         axes = drawn.subplots(rows, 1, squeeze=False)[:, 0]
         if names:
-            draw_fit(axes[0], found)
+            draw_fit(axes[0], document)
             axes[above - 1].set_xlabel("time (s)")
-        words = f"chi-square per degree of freedom {found.chi2_per_dof:.3g}" + ("" if found.accepted else ": no fit")
+        words = f"chi-square per degree of freedom {document.chi2_per_dof:.3g}" + ("" if document.accepted
+                                                                                   else ": no fit")
         axes[0].set_title(words)
         for axis, name in zip(axes[1:], names):
-            residual = found.residuals[name] / found.noise[name]
-            axis.plot(found.measurement.t[:len(residual)], residual, color=style.GREY, linewidth=0.5)
+            residual = document.residuals[name] / document.noise[name]
+            axis.plot(document.measurement.t[:len(residual)], residual, color=style.GREY, linewidth=0.5)
             axis.set_ylabel(f"{name.replace('_', ' ')}\nresidual / noise")
-        if found.parameters:
-            _parameters(axes[above], found)
-        if found.curve is not None:
-            draw_curve(axes[-1 - (found.likelihood is not None)], found.curve)
-        if found.likelihood is not None:
-            axes[-1].plot(found.likelihood.values, found.likelihood.excess, marker="o")
+        if document.parameters:
+            _parameters(axes[above], document)
+        if document.curve is not None:
+            draw_curve(axes[-1 - (document.likelihood is not None)], document.curve)
+        if document.likelihood is not None:
+            axes[-1].plot(document.likelihood.values, document.likelihood.excess, marker="o")
             axes[-1].axhline(3.84, color=style.RED, linewidth=0.8, label="95 %")
-            axes[-1].set_xlabel(style.label_of(found.likelihood.key))
+            axes[-1].set_xlabel(style.label_of(document.likelihood.key))
             axes[-1].set_ylabel("chi-square over\nthe least one")
             style.legend_into(axes[-1])
         return style.save(drawn, path)
 
 
-def draw_fit(axis: Any, found: Any) -> None:
+def draw_fit(axis: Any, document: Any) -> None:
     """Draw the first samples of the slip speed, measured and fitted, into an axis."""
-    residual = found.residuals["slip_speed"]
-    data = found.measurement.channels["slip_speed"][:len(residual)]
-    t = found.measurement.t[:len(residual)]
+    residual = document.residuals["slip_speed"]
+    data = document.measurement.channels["slip_speed"][:len(residual)]
+    t = document.measurement.t[:len(residual)]
     axis.plot(t[:SHOWN], data[:SHOWN], linestyle="none", marker=".", color=style.GREY, label="measured")
     axis.plot(t[:SHOWN], (data + residual)[:SHOWN], color=style.BLUE, label="fitted")
     axis.set(xlabel="time (s)", ylabel="slip speed (rad/s)")
@@ -118,15 +119,15 @@ def draw_curve(axis: Any, curve: Any) -> None:
     style.legend_into(axis)
 
 
-def _parameters(axis: Any, found: Any) -> None:
+def _parameters(axis: Any, document: Any) -> None:
     """Draw the values relative to their starts, with 95 % intervals."""
-    rows = np.arange(len(found.parameters))
-    sizes = np.array([abs(p.start) if p.start else max(abs(p.value), 1e-300) for p in found.parameters])
-    values = np.array([p.value - p.start for p in found.parameters]) / sizes * 100.0
-    errors = np.array([p.high - p.value for p in found.parameters]) / sizes * 100.0
+    rows = np.arange(len(document.parameters))
+    sizes = np.array([abs(p.start) if p.start else max(abs(p.value), 1e-300) for p in document.parameters])
+    values = np.array([p.value - p.start for p in document.parameters]) / sizes * 100.0
+    errors = np.array([p.high - p.value for p in document.parameters]) / sizes * 100.0
     errors[~np.isfinite(errors)] = np.nan   # Drawn without a bar.
     axis.errorbar(values, rows, xerr=errors, linestyle="none", marker="o", capsize=3.0)
     axis.axvline(0.0, color=style.INK, linewidth=0.7)
     axis.set_yticks(rows, [p.key.partition(".")[2].replace("_", " ") if not p.key.endswith("offset") else p.key
-                           for p in found.parameters])
+                           for p in document.parameters])
     axis.set(ylim=(len(rows) - 0.5, -0.5), xlabel="value and 95 % interval, from the start (%)")

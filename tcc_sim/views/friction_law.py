@@ -92,5 +92,5 @@ def _sliding(system: System, v: Floats) -> Floats:
 def _smoothed(system: System, v: Floats) -> Floats:
     """Return the smoothed coefficient of (7)."""
     own = system.friction
-    found: Floats = own.kinetic * friction.smoothed_coefficient(v, own.smoothing, own.stribeck)
-    return found
+    coefficients: Floats = own.kinetic * friction.smoothed_coefficient(v, own.smoothing, own.stribeck)
+    return coefficients

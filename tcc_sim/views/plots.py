@@ -131,9 +131,9 @@ def plot(result: Any, file: str | Path | None = None, width: str = "page", *, ti
 def _order_of(result: Any) -> float | None:
     """Return the `engine.order` of a result, or None if the result does not hold it."""
     run, system = getattr(result, "measured", result), system_behind(result)
-    found: float | None = result.get("scene", {}).get("engine.order") if isinstance(result, Mapping) else getattr(
+    order: float | None = result.get("scene", {}).get("engine.order") if isinstance(result, Mapping) else getattr(
         run, "per_revolution", None if system is None else system.engine.order)
-    return found
+    return order
 
 
 def _drawn(result: Any, path: Path, width: str, title: str) -> Path:
@@ -188,8 +188,8 @@ def look_of(result: Any) -> tuple[Callable[..., Any], Callable[..., Any]] | None
     if name not in LOOKS:
         return None
     module, whole, main = LOOKS[name]
-    found = import_module(f"tcc_sim.views.{module}")
-    return getattr(found, whole), getattr(found, main)
+    drawings = import_module(f"tcc_sim.views.{module}")
+    return getattr(drawings, whole), getattr(drawings, main)
 
 
 def _run_of(result: Any) -> Trajectory:

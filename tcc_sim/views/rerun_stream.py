@@ -326,10 +326,10 @@ def _open_viewer(recording: Any, shown: Any) -> None:
 
 def _answers(url: str) -> None:
     """Raise InputError if no viewer answers at a URL: a stream would wait for ever."""
-    found = _URL.fullmatch(url)
-    if found is None:
+    match = _URL.fullmatch(url)
+    if match is None:
         raise InputError(f"{url!r} is not the URL of a Rerun viewer; it looks like rerun+http://127.0.0.1:9876/proxy")
     try:
-        socket.create_connection((found[1].strip("[]"), int(found[2])), _ANSWER_TIMEOUT).close()
+        socket.create_connection((match[1].strip("[]"), int(match[2])), _ANSWER_TIMEOUT).close()
     except (OSError, OverflowError):
         raise InputError(f"no Rerun viewer answers at {url}") from None

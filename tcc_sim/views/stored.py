@@ -95,19 +95,19 @@ def read_stored(path: Path) -> dict[str, Any]:
         return _arrays_in(path)
     if path.suffix != ".json":
         raise InputError(f"{path} must end in .json or .npz")
-    found = read_json(path)
-    beside = getattr(arguments_in(found), "out", None)
+    document = read_json(path)
+    beside = getattr(arguments_in(document), "out", None)
     if beside is not None and beside.suffix == ".npz":
         for place in (path.parent / beside.name, beside):
-            if place.is_file() and (other := _arrays_in(place)).get("command") == found.get("command"):
-                return {**found, "arrays": other["arrays"]}
-    return found
+            if place.is_file() and (other := _arrays_in(place)).get("command") == document.get("command"):
+                return {**document, "arrays": other["arrays"]}
+    return document
 
 
 def _arrays_in(path: Path) -> dict[str, Any]:
     """Return the JSON in a .npz, with the arrays that pictures use; InputError if their lengths differ."""
     arrays = read_arrays(path, ("document", *ARRAYS))
-    found = document_in(path, arrays)
+    document = document_in(path, arrays)
     samples = [name for name in UNITS if name in arrays]
     for name in (*samples, *CYCLE_ARRAYS):
         if name in arrays and arrays[name].ndim != 1:
@@ -117,7 +117,7 @@ def _arrays_in(path: Path) -> dict[str, Any]:
     states = arrays.get("section_states")
     if states is not None and states.shape != ((cycles := len(arrays.get("cycle_highest", ()))) + 1, 3):
         raise InputError(f"{path}: array section_states has the shape {states.shape}; it must be {(cycles + 1, 3)}")
-    return {**found, "arrays": arrays}
+    return {**document, "arrays": arrays}
 
 
 @contextmanager
@@ -183,8 +183,8 @@ def title_of(values: Mapping[str, Any]) -> str:
     given = getattr(arguments, "title", None)
     if given is not None or kind in ("figure", "precision", "stability"):
         return given or ""
-    source = next((Path(found) for name in ("recording", "scene", "measured")
-                   if (found := getattr(arguments, name, None)) is not None), Path())
+    source = next((Path(value) for name in ("recording", "scene", "measured")
+                   if (value := getattr(arguments, name, None)) is not None), Path())
     return source.name if kind == "analyse" else source.stem
 
 
@@ -222,8 +222,8 @@ def revived(values: Mapping[str, Any]) -> Any:
 
 def drawer_of(kind: str) -> Callable[..., Path]:
     """Return the function that draws a kind of DRAWN."""
-    found: Callable[..., Path] = from_later_room(DRAWN[kind])
-    return found
+    drawer: Callable[..., Path] = from_later_room(DRAWN[kind])
+    return drawer
 
 
 def missing_data(values: Mapping[str, Any]) -> str:
@@ -257,12 +257,12 @@ def _measured(values: Mapping[str, Any]) -> bool:
 def _identification(values: Mapping[str, Any]) -> Any:
     """Fit the measurements of `identify` again; InputError if the values differ, because the file has changed."""
     arguments = arguments_in(values)
-    found = from_later_room("fit_again")(arguments)
-    for now, then in zip(found.parameters, values["parameters"]):
+    fit = from_later_room("fit_again")(arguments)
+    for now, then in zip(fit.parameters, values["parameters"]):
         if abs(now.value - then["value"]) > 1e-3 * (then["standard_error"] or abs(then["value"])):
             raise InputError(f"{arguments.measured} has changed: {now.key} is {now.value:.6g} in the fit and "
                              f"{then['value']:.6g} in the JSON")
-    return found
+    return fit
 
 
 def scene_in(values: Mapping[str, Any]) -> Scene:
@@ -272,14 +272,14 @@ def scene_in(values: Mapping[str, Any]) -> Scene:
 
 def spectrum_in(values: Mapping[str, Any]) -> Spectrum | None:
     """Return the spectrum in a JSON, or None."""
-    found: Spectrum | None = _of(Spectrum, values["spectrum"]) if "spectrum" in values else None
-    return found
+    spectrum: Spectrum | None = _of(Spectrum, values["spectrum"]) if "spectrum" in values else None
+    return spectrum
 
 
 def _orders(values: Mapping[str, Any]) -> Orders:
     """Return the orders in a JSON."""
-    found: Orders = _of(Orders, {**values, "judder": _of(Judder, values["judder"])})
-    return found
+    orders: Orders = _of(Orders, {**values, "judder": _of(Judder, values["judder"])})
+    return orders
 
 
 def _of(kind: Callable[..., Any], values: Mapping[str, Any]) -> Any:

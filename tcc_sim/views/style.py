@@ -88,7 +88,7 @@ def use_file(path: Path | None) -> None:
 
     try:
         text = path.read_text(encoding="utf-8")
-        found: dict[str, Any] = {}
+        settings: dict[str, Any] = {}
         for number, line in enumerate(text.splitlines(), 1):
             key, _, value = line.partition("#" if line.lstrip().startswith("#") else ":")
             if not line.strip() or line.lstrip().startswith("#"):
@@ -97,12 +97,12 @@ def use_file(path: Path | None) -> None:
             if key not in matplotlib.rcParams or key.startswith("backend"):
                 raise InputError(f"{path}: line {number}: {one_line(key)} is not a setting of a matplotlib style")
             try:
-                found[key] = matplotlib.rcParams.validate[key](value.partition(" #")[0].strip())
+                settings[key] = matplotlib.rcParams.validate[key](value.partition(" #")[0].strip())
             except ValueError as error:
                 raise InputError(f"{path}: line {number}: {key}: {one_line(str(error))}") from None
     except (OSError, UnicodeError) as error:
         raise InputError(f"{path} cannot be read: {getattr(error, 'strerror', None) or 'it is no text'}") from None
-    _CHOSEN.set(found)
+    _CHOSEN.set(settings)
 
 
 @contextmanager
@@ -273,8 +273,8 @@ def panel_titles(axes: Any, titles: list[str]) -> None:
 
 def room_for_legend(axis: Any) -> float | None:
     """Return the distance of a title from the axes that leaves room for the legend above them, points; None without."""
-    found = axis.get_legend()
-    return None if found is None or found._bbox_to_anchor is None else 16.0 + 10.0 * (_rows_of(found) - 1)
+    legend = axis.get_legend()
+    return None if legend is None or legend._bbox_to_anchor is None else 16.0 + 10.0 * (_rows_of(legend) - 1)
 
 
 def _rows_of(legend: Any) -> int:
@@ -301,7 +301,7 @@ def _entry(text: str, size: float) -> float:
 
 def _letters(text: str) -> int:
     """Return the number of letters of a drawn text; a command of its mathematics is one letter."""
-    return len(re.sub(r"\\[A-Za-z]+ ?|[${}_]", lambda found: "x" if found[0].startswith("\\") else "", text))
+    return len(re.sub(r"\\[A-Za-z]+ ?|[${}_]", lambda match: "x" if match[0].startswith("\\") else "", text))
 
 
 def key(axis: Any, label: str, *, area: bool = False, **look: Any) -> Any:
@@ -313,8 +313,8 @@ def key(axis: Any, label: str, *, area: bool = False, **look: Any) -> Any:
 
 def entries(axis: Any) -> tuple[list[Any], list[str]]:
     """Return artists and labels for a legend of axes: those with at least one finite point, and those of `key`."""
-    found = [(handle, name) for handle, name in zip(*axis.get_legend_handles_labels()) if _has_points(handle)]
-    return [handle for handle, _ in found], [name for _, name in found]
+    shown = [(handle, name) for handle, name in zip(*axis.get_legend_handles_labels()) if _has_points(handle)]
+    return [handle for handle, _ in shown], [name for _, name in shown]
 
 
 def _has_points(artist: Any) -> bool:
@@ -367,9 +367,9 @@ def legend_above(axis: Any) -> None:
 
 def legend_below(drawn: Any, axes: Sequence[Any]) -> None:
     """Place one legend of all axes below the picture, whose height grows by the rows of the legend."""
-    found = {name: handle for axis in axes for handle, name in zip(*entries(axis))}
-    if not found:
+    handles = {name: handle for axis in axes for handle, name in zip(*entries(axis))}
+    if not handles:
         return
-    columns = min(len(found), max(int(72.0 * drawn.get_figwidth() / (4.3 * max(map(_letters, found)) + 32.0)), 1))
-    drawn.set_figheight(drawn.get_figheight() + 0.17 * -(-len(found) // columns))
-    drawn.legend(found.values(), found.keys(), loc="outside lower center", ncols=columns)
+    columns = min(len(handles), max(int(72.0 * drawn.get_figwidth() / (4.3 * max(map(_letters, handles)) + 32.0)), 1))
+    drawn.set_figheight(drawn.get_figheight() + 0.17 * -(-len(handles) // columns))
+    drawn.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=columns)

@@ -32,9 +32,9 @@ the median difference of the two pairs on either side.
 """
 
 
-def draw_sweep(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
+def draw_sweep(path: Path, document: Any, title: str = "", width: float = style.PAGE) -> Path:
     """Draw maxima, the orbit diagram (plate angle on the section) and the time in stick over one key."""
-    values = style.json_values(found)
+    values = style.json_values(document)
     exponents = bool(values.get("lyapunov"))
     heights = (1.2, 1.2, 0.7, *([0.9] if exponents else []))
     with style.figure(width, 5.0 + 1.4 * exponents, title) as drawn:
@@ -74,9 +74,9 @@ def _exponents(axis: Any, x: Floats, values: Mapping[str, Any]) -> None:
     axis.set_ylabel("exponent (1/s)")
 
 
-def draw_maxima(axis: Any, found: Any) -> None:
+def draw_maxima(axis: Any, document: Any) -> None:
     """Draw the largest slip speed over one key, coloured by regime."""
-    values = style.json_values(found)
+    values = style.json_values(document)
     axis.set(xlabel=style.label_of(values["over"]), ylabel="max |slip speed| (rad/s)")
     x, largest = numbers(values["values"]), numbers(values["max_slip_speed"])
     regimes = classes(values["regime"], values.get("runaway", []))
@@ -133,9 +133,9 @@ def _orbit(axis: Any, x: Floats, values: Mapping[str, Any]) -> None:
     axis.set_ylim(style.widened(axis.get_ylim()))  # A motion that stays the same is no diagram of rounding.
 
 
-def draw_grid(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
+def draw_grid(path: Path, document: Any, title: str = "", width: float = style.PAGE) -> Path:
     """Draw maps of the largest slip speed and of the period over two keys; the second key is vertical."""
-    values = style.json_values(found)
+    values = style.json_values(document)
     wide = style.wide(width)
     with style.figure(width, 3.2 if wide else 5.6, title) as drawn:
         maxima, periods = drawn.subplots(*((1, 2) if wide else (2, 1)), sharex=True, sharey=True)
@@ -150,11 +150,11 @@ def draw_grid(path: Path, found: Any, title: str = "", width: float = style.PAGE
         return style.save(drawn, path)
 
 
-def draw_largest(axis: Any, found: Any) -> None:
+def draw_largest(axis: Any, document: Any) -> None:
     """Draw a map of the largest slip speed over two keys; runaways have a separate colour, and cells are hatched that
     have not settled.
     """
-    values = style.json_values(found)
+    values = style.json_values(document)
     x, y = numbers(values["values"]), numbers(values["second_values"])
     largest = np.array([numbers(row) for row in values["max_slip_speed"]])
     away = runaways(values)
@@ -197,21 +197,21 @@ def _period_map(drawn: Any, axis: Any, x: Floats, y: Floats, values: Mapping[str
     period = np.array([numbers(row) for row in values["period"]])
     period[np.array([[regime == "stick" for regime in row] for row in values["regime"]])] = PURE_STICK
     period[runaways(values)] = RUNAWAY
-    found = sorted({int(p) for p in period[np.isfinite(period)].ravel()}) or [0]
+    periods = sorted({int(p) for p in period[np.isfinite(period)].ravel()}) or [0]
     looks = {PURE_STICK: ("stick", style.STICK), RUNAWAY: ("runaway", style.RUNAWAY), 0: ("none", style.INK)}
-    colours = [looks[p][1] if p in looks else style.MANY[(p - 1) % len(style.MANY)] for p in found]
+    colours = [looks[p][1] if p in looks else style.MANY[(p - 1) % len(style.MANY)] for p in periods]
     place = np.full(period.shape, np.nan)
-    for number, p in enumerate(found):
+    for number, p in enumerate(periods):
         place[period == p] = number
     shade = draw_cells(axis, x, y, place, colours)
-    bar = drawn.colorbar(shade, ax=axis, ticks=range(len(found)), label="period (periods of excitation)")
-    bar.ax.set_yticklabels([looks[p][0] if p in looks else str(p) for p in found])
+    bar = drawn.colorbar(shade, ax=axis, ticks=range(len(periods)), label="period (periods of excitation)")
+    bar.ax.set_yticklabels([looks[p][0] if p in looks else str(p) for p in periods])
     bar.ax.minorticks_off()
 
 
-def draw_scatter(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
+def draw_scatter(path: Path, document: Any, title: str = "", width: float = style.PAGE) -> Path:
     """Draw bands of the outer quantiles over the swept key, or without one samples over each scattered key."""
-    values = style.json_values(found)
+    values = style.json_values(document)
     results = OF_MANOEUVRE if values.get("varying") else RESULTS
     over = values.get("over", "")
     keys = [] if over else list(values["scatter"])[:4 if style.wide(width) else 2]
@@ -231,9 +231,9 @@ def draw_scatter(path: Path, found: Any, title: str = "", width: float = style.P
         return style.save(drawn, path)
 
 
-def draw_scattered(axis: Any, found: Any) -> None:
+def draw_scattered(axis: Any, document: Any) -> None:
     """Draw the largest slip speed into an axis: its band over the swept key, or samples over the first scattered."""
-    values = style.json_values(found)
+    values = style.json_values(document)
     over, first = values.get("over", ""), next(iter(values["scatter"]))
     if over:
         draw_band(axis, values, "max_slip_speed")
@@ -273,8 +273,8 @@ def classes(regimes: Sequence[str | None], runaway: Sequence[bool | None]) -> di
     """Return the colour and the motions of every regime that occurs; runaways are a separate regime."""
     away = [bool(x) for x in runaway] or [False] * len(regimes)
     names = ["runaway" if runs else name for name, runs in zip(regimes, away)]
-    found = {regime: (colour, np.array([name == regime for name in names])) for regime, colour in REGIMES.items()}
-    return {regime: look for regime, look in found.items() if look[1].any()}
+    points = {regime: (colour, np.array([name == regime for name in names])) for regime, colour in REGIMES.items()}
+    return {regime: look for regime, look in points.items() if look[1].any()}
 
 
 def runaways(values: Mapping[str, Any]) -> Bools:

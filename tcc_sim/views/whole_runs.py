@@ -82,31 +82,31 @@ def _sampled(run: Trajectory) -> Trajectory:
     if run.system is None or run.t[0] != 0.0 or len(run.t) >= ENOUGH * length / run.cycle:
         return run
     first = State.of((run.slip_speed[0], run.plate_angle[0], run.plate_speed[0]))
-    found = solve(run.system, duration=length, samples_per_cycle=SAMPLES, state=first)
-    return found.raise_for_status()
+    solution = solve(run.system, duration=length, samples_per_cycle=SAMPLES, state=first)
+    return solution.raise_for_status()
 
 
-def draw_twin(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
+def draw_twin(path: Path, twin: Any, title: str = "", width: float = style.PAGE) -> Path:
     """Draw a simulation beside a recording: start, end, and the difference over the whole time."""
-    span = TWIN_CYCLES * found.trajectory.cycle
-    begin, end = found.t[0], found.t[-1]
-    with style.figure(width, max(0.75 * width, 4.6), f"{title}: {found}" if title else str(found)) as drawn:
+    span = TWIN_CYCLES * twin.trajectory.cycle
+    begin, end = twin.t[0], twin.t[-1]
+    with style.figure(width, max(0.75 * width, 4.6), f"{title}: {twin}" if title else str(twin)) as drawn:
         axes = drawn.subplots(3, 1)
         for axis, low, high in ((axes[0], begin, min(begin + span, end)), (axes[1], max(end - span, begin), end)):
-            draw_slip_speeds(axis, found, low, high)
+            draw_slip_speeds(axis, twin, low, high)
         axes[1].sharey(axes[0])
         style.legend_above(axes[0])
-        axes[2].plot(found.t, found.difference, color=style.RED, linewidth=0.7)
+        axes[2].plot(twin.t, twin.difference, color=style.RED, linewidth=0.7)
         axes[2].set(xlabel="time (s)", ylabel="difference (rad/s)")
         axes[2].set_xlim(begin, end)
         style.panel_titles(axes, ["Start", "End", "Simulated less recorded"])
         return style.save(drawn, path)
 
 
-def draw_slip_speeds(axis: Any, found: Any, low: float = -np.inf, high: float = np.inf) -> None:
+def draw_slip_speeds(axis: Any, twin: Any, low: float = -np.inf, high: float = np.inf) -> None:
     """Draw both slip speeds between two times into an axis."""
-    run = found.trajectory
-    for t, slip, look in ((found.t, found.slip_speed, {"color": style.GREY, "linewidth": 2.4, "label": "recorded"}),
+    run = twin.trajectory
+    for t, slip, look in ((twin.t, twin.slip_speed, {"color": style.GREY, "linewidth": 2.4, "label": "recorded"}),
                           (run.t, run.slip_speed, {"color": style.BLUE, "linewidth": 0.9, "label": "simulated"})):
         shown = (t >= low) & (t <= high)
         axis.plot(t[shown], slip[shown], **look)

@@ -71,7 +71,7 @@ def rk4(problem: Problem) -> Trajectory:
     inner = np.union1d(samples, problem.breaks()[1:-1])
     _advance(problem.start, step, 0, 1, y.copy(), terms, np.empty((1, 4)))
     began = time.perf_counter()
-    stored, found, steps, status = [(samples[0], y.copy())], [], 0, Status.DONE
+    stored, sections, steps, status = [(samples[0], y.copy())], [], 0, Status.DONE
     for n, low in enumerate(ends):
         high = ends[n + 1] if n + 1 < len(ends) else samples[-1]
         marks = np.append(inner[(inner > low) & (inner < high)], high)
@@ -92,11 +92,11 @@ def rk4(problem: Problem) -> Trajectory:
             break
         if rows:
             r = np.concatenate(rows)
-            found.append(replace(cycles_of_states(r[:, 0], r[:, 1:], terms, ends[n:n + 2]), starts=ends[n:n + 2]))
+            sections.append(replace(cycles_of_states(r[:, 0], r[:, 1:], terms, ends[n:n + 2]), starts=ends[n:n + 2]))
     times, states = np.array([t for t, _ in stored]), np.array([row[:width] for _, row in stored])
     wanted = np.isin(times, samples)
     wanted[-1] = True
-    whole, rest = split_cycles(concatenated(found), problem.whole_cycles) if found else (None, None)
+    whole, rest = split_cycles(concatenated(sections), problem.whole_cycles) if sections else (None, None)
     stuck = any(part is not None and part.stick_time.any() for part in (whole, rest))
     limit = rk4_limit(problem.system) if stuck and status is Status.DONE else math.inf
     return assemble(problem, "rk4", times[wanted], states[wanted], cycles=whole, rest=rest, status=status, detail=(
@@ -194,18 +194,18 @@ def march(terms: Terms, begin: float, end: float, y: Floats, first_step: float, 
     -------
     rows (t, state); GOES_ON at `end`, else TOO_SMALL; number of steps
     """
-    found: list[Floats] = []
+    points: list[Floats] = []
     ended, steps = GOES_ON, 0
     at, y, k = np.array([begin, first_step, begin]), y.copy(), np.zeros((7, len(y)))
     new = y.copy()
-    while not found or (at[0] < end and ended == GOES_ON):
+    while not points or (at[0] < end and ended == GOES_ON):
         rows = np.empty((len(marks) + 8 * KEPT_PER_CYCLE, 1 + len(y)))
         used, taken, ended = _march(at, end, y, new, k, terms, dormand_prince(), rtol, atol,
                                     Wanted(marks, spacing, cycle / KEPT_PER_CYCLE), rows)
         marks = marks[np.searchsorted(marks, at[2], side="right"):]
         steps += taken
-        found.append(rows[:used].copy())
-    return np.concatenate(found), ended, steps
+        points.append(rows[:used].copy())
+    return np.concatenate(points), ended, steps
 
 
 @compiled

@@ -48,13 +48,13 @@ def _repeated(kernel: Callable[..., object], terms: Terms, out: Floats) -> Calla
     state, call = np.empty(len(out)), Call(kernel, 0, "d")
     call.use(0.0, state, terms, out)
 
-    def found(t: float, y: Floats) -> Floats:
+    def copied(t: float, y: Floats) -> Floats:
         state[:] = y
         call(t)
         copy: Floats = out.copy()
         return copy
 
-    return found
+    return copied
 
 
 @compiled
@@ -151,9 +151,9 @@ def _compiled_through(solver_of: Any, problem: Problem, y: Floats, marks: Floats
         steps += taken
         if ended != GOES_ON:
             break
-    found = np.concatenate(rows)
+    joined = np.concatenate(rows)
     status = Status.DONE if ended == GOES_ON else Status.STEP_TOO_SMALL
-    return found[:, 0], found[:, 1:].copy(), status, "", steps
+    return joined[:, 0], joined[:, 1:].copy(), status, "", steps
 
 
 def _solve_through(solver_of: Any, problem: Problem, y: Floats, marks: Floats,

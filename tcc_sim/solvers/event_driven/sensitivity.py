@@ -235,19 +235,19 @@ def carry_step(step: Step, setup: Setup, memory: Memory, tangent: Tangent) -> No
     state, _, drive, work, _, output = memory
     groups, along, shared, _, margins = tangent
     rows, mode, degree, places = work.rows, state.mode, step.degree, shared.places
-    found = shared.extended != 0 and note_step(mode, degree, step.x, rows, margins, places, work.bernstein)
+    noted = shared.extended != 0 and note_step(mode, degree, step.x, rows, margins, places, work.bernstein)
     output.highest, peak, side = note_height(mode, step, rows, output.highest, work.bernstein)
     if mode == STICK:
         output.stick_time += step.x * step.unit
     expand_sines(along.sines, degree + 1, step.unit, waves, terms.pulsation, drive)
     carry(mode, falls_along(step, mode, terms.stribeck), step, bounds.ratio, terms, groups, along, rows,
-          terms.pulsation, terms.stribeck, found)
+          terms.pulsation, terms.stribeck, noted)
     for block in range(groups.shape[0]):
         group = groups[block]
         if peak > 0.0:
             for lane in range(LANES):
                 group.peak[lane] = side * changed_at(group, SLIP, lane, degree, degree, peak, rows)
-        if found:
+        if noted:
             note_gradient(mode, degree, block, group, rows, margins, places)
         end_changes(degree, group.now, group.rows, step.x)
         hold_phase(group, degree, step.x, rows)

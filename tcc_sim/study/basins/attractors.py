@@ -37,17 +37,17 @@ def find_attractors(of: DynamicalSystem, seeds: Iterable[Floats], known: Sequenc
     neighbouring motions leave.
     """
     scales, forcing = of.map.scales, of.map.forcing_period
-    found, transients = list(known), list[Attractor]()
+    attractors, transients = list(known), list[Attractor]()
     for seed in seeds:
-        mapper = ProximityMapper(found, scales, forcing)
+        mapper = ProximityMapper(attractors, scales, forcing)
         (label,), _ = labelled(of, mapper, np.asarray(seed)[None], settings.settling, settings)
         if label != UNDECIDED:
             continue
         attractor = _settle(of, seed, transients, settings)
-        if attractor is not None and not any(_same(attractor, other, scales, settings) for other in found):
-            found.append(attractor)
-            found = _validated(of, found, settings)
-    return found
+        if attractor is not None and not any(_same(attractor, other, scales, settings) for other in attractors):
+            attractors.append(attractor)
+            attractors = _validated(of, attractors, settings)
+    return attractors
 
 
 def _settle(of: DynamicalSystem, seed: Floats, transients: list[Attractor], settings: Settings) -> Attractor | None:
@@ -167,7 +167,7 @@ def _same(one: Attractor, other: Attractor, scales: Floats, settings: Settings) 
     return bool(np.mean(there.query(here.data)[0] <= max(_spread(there), settings.same_cloud)) > settings.shared)
 
 
-def numbered(of: DynamicalSystem, before: Sequence[Sequence[Attractor]], found: Sequence[Attractor],
+def numbered(of: DynamicalSystem, before: Sequence[Sequence[Attractor]], attractors: Sequence[Attractor],
              settings: Settings = DEFAULTS) -> tuple[Attractor, ...]:
     """Number the attractors `found`; an attractor that continues from the last value of the key has the same number.
 
@@ -181,22 +181,22 @@ def numbered(of: DynamicalSystem, before: Sequence[Sequence[Attractor]], found: 
         z = None if shooting is None else newton(shooting, shooting.unknowns(old.section[:1], ()))
         moved = old if shooting is None or z is None else replace(
             old, section=section_points(of, shooting.nodes(z)[0], 0, old.period)[:-1])
-        pairs += [(_distance(moved, new, scales), k, old.number) for k, new in enumerate(found)]
+        pairs += [(_distance(moved, new, scales), k, old.number) for k, new in enumerate(attractors)]
     for distance, k, number in sorted(pairs):
         if distance <= settings.goes_on and k not in numbers and number not in numbers.values():
             numbers[k] = number
-    for k in range(len(found)):
+    for k in range(len(attractors)):
         if k not in numbers:
             numbers[k], unused = unused, unused + 1
-    return tuple(replace(attractor, number=numbers[k]) for k, attractor in enumerate(found))
+    return tuple(replace(attractor, number=numbers[k]) for k, attractor in enumerate(attractors))
 
 
-def _validated(of: DynamicalSystem, found: Sequence[Attractor], settings: Settings) -> list[Attractor]:
+def _validated(of: DynamicalSystem, attractors: Sequence[Attractor], settings: Settings) -> list[Attractor]:
     """Give each attractor a radius: spheres do not overlap, and motions that start on a sphere return to its centre."""
     # The radius is halved until all probes return, or until it is too small.
     out = []
-    for k, attractor in enumerate(found):
-        others = [other for i, other in enumerate(found) if i != k]
+    for k, attractor in enumerate(attractors):
+        others = [other for i, other in enumerate(attractors) if i != k]
         gap = min((_distance(attractor, other, of.map.scales) for other in others), default=np.inf)
         radius = min(settings.radius, settings.apart * gap)
         if attractor.period == 0:

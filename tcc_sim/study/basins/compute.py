@@ -157,10 +157,10 @@ def basins(scene: Scene | System | str, plane: Sequence[Axis | tuple[str, Sequen
                     "row", len(systems) * len(axes[1].values), shown=progress) as bar:
             for index, each in enumerate(systems):
                 mine = [(row, record) for i, row, record in stored if i == index]
-                found = _one(each, axes, cycles, mine, executor, there, partial(file.append, index), bar.update)
+                plane_basins = _one(each, axes, cycles, mine, executor, there, partial(file.append, index), bar.update)
                 value = None if over is None else (over.key, over.values[index])
-                known = numbered(DrivelineMotion(each), [one.attractors for one in out], found.attractors)
-                out.append(dataclasses.replace(found, over=value, attractors=known))
+                known = numbered(DrivelineMotion(each), [one.attractors for one in out], plane_basins.attractors)
+                out.append(dataclasses.replace(plane_basins, over=value, attractors=known))
     except KeyboardInterrupt:
         raise BasinsInterrupted from None
     return out
@@ -179,15 +179,15 @@ def _one(system: System, plane: tuple[Axis, Axis], most: int, stored: Sequence[t
     def solved(rows: set[int]) -> Iterator[int]:
         """Yield rows as they are finished."""
         waiting = iter(sorted(rows))
-        for row, found in each_done(there, lambda: next(waiting, None), lambda row: executor.submit(
+        for row, row_labels in each_done(there, lambda: next(waiting, None), lambda row: executor.submit(
                 solve_row, system, plane, row, attractors, most)):
-            labels[row], cycles[row] = found
+            labels[row], cycles[row] = row_labels
             yield row
 
-    for row, found in stored:
+    for row, saved in stored:
         # Rows that were labelled with other attractors are solved again.
-        if found["attractors"] == len(attractors) and len(found["labels"]) == shape[1] == len(found["cycles"]):
-            labels[row], cycles[row] = found["labels"], found["cycles"]
+        if saved["attractors"] == len(attractors) and len(saved["labels"]) == shape[1] == len(saved["cycles"]):
+            labels[row], cycles[row] = saved["labels"], saved["cycles"]
             missing.discard(row)
             tick()
     for row in solved(missing):

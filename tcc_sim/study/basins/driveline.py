@@ -55,9 +55,9 @@ class DrivelineMotion:
 
     def largest(self, x: Floats, first: int, cycles: int) -> float:
         """Return the largest |slip speed| over these cycles, rad/s."""
-        found = solve(self.system, cycles=cycles, state=State.of(x), start_cycle=first, rtol=self._rtol).cycles
-        assert found is not None
-        return max(float(found.highest.max()), -float(found.lowest.min()))
+        cycles_of = solve(self.system, cycles=cycles, state=State.of(x), start_cycle=first, rtol=self._rtol).cycles
+        assert cycles_of is not None
+        return max(float(cycles_of.highest.max()), -float(cycles_of.lowest.min()))
 
 
 def mean_load(system: System) -> float:

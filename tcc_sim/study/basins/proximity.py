@@ -140,11 +140,11 @@ def labelled(of: DynamicalSystem, mapper: ProximityMapper, starts: Floats, most:
         points = of.sections(x, cycle, length, mapper.orbits)
         solved = np.isfinite(points).all(axis=2).sum(axis=1) - 1
         last = points[np.arange(len(going)), solved]
-        found, after = mapper.find(points, cycle)
-        away = (found == UNDECIDED) & of.runs_away(last)
-        found[away] = RUNAWAY
-        ended = (found != UNDECIDED) | (solved < length)
-        labels[going[ended]] = found[ended]
-        cycles[going[ended]] = cycle + np.where(found[ended] >= 0, after[ended], solved[ended])
+        reached, after = mapper.find(points, cycle)
+        away = (reached == UNDECIDED) & of.runs_away(last)
+        reached[away] = RUNAWAY
+        ended = (reached != UNDECIDED) | (solved < length)
+        labels[going[ended]] = reached[ended]
+        cycles[going[ended]] = cycle + np.where(reached[ended] >= 0, after[ended], solved[ended])
         going, x, cycle = going[~ended], last[~ended], cycle + length
     return labels, cycles

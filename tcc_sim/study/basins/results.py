@@ -176,10 +176,10 @@ class Planes(Described):
     @reporting("the plane; with over, everything but the axes in lists", spread=True, of=(Bounded,))
     def figures(self) -> Any:
         """Return the figures of the plane, or lists of them."""
-        found = [Bounded(one, one.boundary()) if self.bounded else one for one in self.planes]
+        planes = [Bounded(one, one.boundary()) if self.bounded else one for one in self.planes]
         if self.along is None:
-            return found[0]
-        return {**as_lists(found, Bounded if self.bounded else Basins), "plane": self.planes[0].plane}
+            return planes[0]
+        return {**as_lists(planes, Bounded if self.bounded else Basins), "plane": self.planes[0].plane}
 
 
 def boundary_of(labels: Labels) -> Boundary | None:
@@ -202,13 +202,13 @@ def boundary_of(labels: Labels) -> Boundary | None:
     return Boundary(float(slope), float(np.sqrt(covariance[0, 0] * (rest @ rest) / max(len(sizes) - 2, 1))))
 
 
-def write_basins(path: Path, found: Sequence[Basins], over: Axis | None, document: Mapping[str, Any]) -> None:
+def write_basins(path: Path, planes: Sequence[Basins], over: Axis | None, document: Mapping[str, Any]) -> None:
     """Write basins as .npz: `labels` and `cycles`, (second, first) arrays, the values of both axes, and `document`.
 
     `over` adds a first axis. Labels: -1 undecided, -2 runaway, else an index into the attractors in `document`.
     """
-    labels, cycles = np.stack([one.labels for one in found]), np.stack([one.cycles for one in found])
-    first, second = found[0].plane
+    labels, cycles = np.stack([one.labels for one in planes]), np.stack([one.cycles for one in planes])
+    first, second = planes[0].plane
     arrays: dict[str, Any] = {"first_values": np.array(first.values), "second_values": np.array(second.values)}
     if over is None:
         labels, cycles = labels[0], cycles[0]

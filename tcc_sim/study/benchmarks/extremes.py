@@ -74,16 +74,16 @@ def extreme_cases(count: int, seed: int = 1) -> list[Keys]:
     """Return `count` different cases as changes of the defaults: every value alone, near-grazing motions, steps of the
     commands, many cycles, coarse ticks, pairs, then random draws.
     """
-    found: list[Keys] = [{}]
-    found += [{key: value} for key, values in RANGES.items() for value in values]
-    found += [*grazing(), *command_steps(), *long_and_coarse()]
-    found += [{one: a, two: b} for one, two in PAIRS for a in RANGES[one] for b in RANGES[two]]
+    cases: list[Keys] = [{}]
+    cases += [{key: value} for key, values in RANGES.items() for value in values]
+    cases += [*grazing(), *command_steps(), *long_and_coarse()]
+    cases += [{one: a, two: b} for one, two in PAIRS for a in RANGES[one] for b in RANGES[two]]
     draw = np.random.default_rng(seed)
-    if count < len(found):
-        found = [found[i] for i in sorted(draw.permutation(len(found))[:count].tolist())]
+    if count < len(cases):
+        cases = [cases[i] for i in sorted(draw.permutation(len(cases))[:count].tolist())]
     out: dict[str, Keys] = {}
     while len(out) < count:
-        keys = found.pop(0) if found else {k: v[int(draw.integers(len(v)))] for k,
+        keys = cases.pop(0) if cases else {k: v[int(draw.integers(len(v)))] for k,
                                            v in RANGES.items() if draw.random() < 0.5}
         merged = case_of(keys)
         system = replace(System(), scene_keys(merged))

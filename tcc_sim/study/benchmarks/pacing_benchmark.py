@@ -48,8 +48,8 @@ class Settings:
 
     def parameters(self) -> list[Parameter]:
         """Return the settings as parameters of the driveline node."""
-        found = {"thread_priority": self.thread_priority, "lock_memory": self.lock_memory}
-        return [Parameter(name, value=value) for name, value in found.items()] + (
+        values = {"thread_priority": self.thread_priority, "lock_memory": self.lock_memory}
+        return [Parameter(name, value=value) for name, value in values.items()] + (
             [Parameter("cpu_affinity", value=list(self.cpu_affinity))] if self.cpu_affinity else [])
 
 

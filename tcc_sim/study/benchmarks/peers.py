@@ -76,9 +76,9 @@ def repeated(run: Callable[[], Timed], repeats: int, patience: float = math.inf,
     used = list[float]()
     while not used or (len(used) < repeats and sum(used) < patience):
         began = clock()
-        found = run()
+        result = run()
         used.append(clock() - began)
-    return used, found
+    return used, result
 
 
 def of_children() -> float:
@@ -100,10 +100,10 @@ def bare_lsoda(system: System, cycles: int, rtol: float, repeats: int) -> PeerRu
 
     used, _ = repeated(lambda: solve(False), repeats)
     run = solve(True)
-    found = run.y.T
-    if len(found) != cycles + 1:
+    states = run.y.T
+    if len(states) != cycles + 1:
         raise Failed(str(run.message))
-    return PeerRun(found, _largest(system, times, run.sol(times).T), min(used), max(used), len(run.sol.ts) - 1)
+    return PeerRun(states, _largest(system, times, run.sol(times).T), min(used), max(used), len(run.sol.ts) - 1)
 
 
 def numbalsoda(system: System, cycles: int, rtol: float, repeats: int) -> PeerRun:
@@ -126,10 +126,10 @@ def numbalsoda(system: System, cycles: int, rtol: float, repeats: int) -> PeerRu
     atol, nothing = rtol * float(np.min(error_scales(system))), np.zeros(1)
 
     def solve(per_cycle: int) -> Floats:
-        found, good = lsoda(address, y, _times(system, cycles, per_cycle), nothing, rtol, atol, 1_000_000)
-        if not (good and np.isfinite(found).all()):
+        states, good = lsoda(address, y, _times(system, cycles, per_cycle), nothing, rtol, atol, 1_000_000)
+        if not (good and np.isfinite(states).all()):
             raise Failed("stopped early")
-        return np.asarray(found)
+        return np.asarray(states)
 
     solve(1)  # It compiles its own part.
     used, section = repeated(lambda: solve(1), max(repeats, 1))

@@ -143,13 +143,13 @@ def took_part(records: Sequence[StudiedScene]) -> dict[str, str]:
     return out
 
 
-def precision_page(found: PrecisionReport, picture: str) -> str:
+def precision_page(report: PrecisionReport, picture: str) -> str:
     """Return the page: results, method, fastest settings and omitted settings; the JSON has every run."""
-    lines = ["# Error against run time", "", *_head(found), "", f"![error against run time]({picture})", "",
-             *_method(found), ""]
-    for record in found.scenes:
-        lines += _summary(record, found.scenes)
-    for record in found.scenes:
+    lines = ["# Error against run time", "", *_head(report), "", f"![error against run time]({picture})", "",
+             *_method(report), ""]
+    for record in report.scenes:
+        lines += _summary(record, report.scenes)
+    for record in report.scenes:
         lines += [f"### {record.scene}, omitted", "", *_omitted(record)] if record.omitted else []
     return "\n".join(lines).rstrip() + "\n"
 
@@ -164,12 +164,12 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
     return markdown_table(head, rows, "---:", "---")
 
 
-def _head(found: PrecisionReport) -> list[str]:
+def _head(report: PrecisionReport) -> list[str]:
     """Return the results in sentences."""
-    said = ["This page is generated: `tcc-sim precision" + (" --quick" if found.quick else "") + "` writes it."]
-    cycles = found.scenes[0].cycles
+    said = ["This page is generated: `tcc-sim precision" + (" --quick" if report.quick else "") + "` writes it."]
+    cycles = report.scenes[0].cycles
     for law, engine in ENGINES.items():
-        scenes = [record for record in found.scenes if record.law == law]
+        scenes = [record for record in report.scenes if record.law == law]
         best = [fastest_results(record, TARGET) for record in scenes]
         own = [row[engine].seconds for row in best if engine in row]
         if not own:
@@ -191,9 +191,9 @@ def _head(found: PrecisionReport) -> list[str]:
 
 def machine() -> str:
     """Name the processor and the versions that times depend on."""
-    found = environment()
-    packages = ", ".join(f"{name} {found[name]}" for name in ("numpy", "scipy", "numba"))
-    return f"{found['processor']} (Python {found['python']}, {packages})"
+    versions = environment()
+    packages = ", ".join(f"{name} {versions[name]}" for name in ("numpy", "scipy", "numba"))
+    return f"{versions['processor']} (Python {versions['python']}, {packages})"
 
 
 def _range(values: list[float]) -> str:
@@ -202,16 +202,16 @@ def _range(values: list[float]) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def _method(found: PrecisionReport) -> list[str]:
+def _method(report: PrecisionReport) -> list[str]:
     """Return the method in sentences."""
     peers = "; ".join(f"{name} {'joined' if why == 'joined' else f'did not join: {why}'}" for name,
-                      why in found.peers.items())
-    cycles = found.scenes[0].cycles if found.scenes else 0
+                      why in report.peers.items())
+    cycles = report.scenes[0].cycles if report.scenes else 0
     out = [
         "Errors are relative to each signal's maximum in the second half of the horizon, the largest over slip speed, "
         "plate angle and plate speed: of the final state, of all states at t = 2 pi n/omega (section), and of each "
         "cycle's largest slip speed.",
-        f"Measured on {found.machine}.",
+        f"Measured on {report.machine}.",
         f"The horizon is {cycles} periods of excitation from a settled state; that of a scene named so begins in its "
         "initial state, in slip, which a general solver passes in few steps. Errors over a "
         "longer horizon have no meaning if the motion is chaotic.",
@@ -231,11 +231,11 @@ def _method(found: PrecisionReport) -> list[str]:
         f"about 1.2e-7 are not resolved; its time is that of {TIMED} cycles minus that of one, scaled to the horizon, "
         "so start-up is excluded. `solve_ivp LSODA` is SciPy's function with a compiled right-hand side and Jacobian "
         "that stores the section only. numbalsoda is LSODA in C++ with compiled equations, without SciPy's loop."]
-    if found.python_loop:
-        out.append(f"A step of `dop853` takes {_digits(1e6 * found.python_loop['step'], 3)} us, of which the twelve "
-                   f"evaluations of the compiled equations take {_digits(1e6 * found.python_loop['rates'], 2)} us; the "
-                   "rest is SciPy's loop in Python, which a compiled DOP853 would not have.")
-    if not found.complete:
+    if report.python_loop:
+        out.append(f"A step of `dop853` takes {_digits(1e6 * report.python_loop['step'], 3)} us, of which the twelve "
+                   f"evaluations of the compiled equations take {_digits(1e6 * report.python_loop['rates'], 2)} us; "
+                   "the rest is SciPy's loop in Python, which a compiled DOP853 would not have.")
+    if not report.complete:
         out.append("**Interrupted: this report is not complete.**")
     return [line for text in out for line in (text, "")][:-1]
 
@@ -282,12 +282,12 @@ def comparison(record: StudiedScene, others: Sequence[StudiedScene]) -> str:
             f"({own.cycles} cycles; SciPy closes it to {own.closure:.1e}).")
     base = record.scene.removesuffix(", set-valued")
     for other in others:
-        found = other.steady
-        if other is record or other.scene.removesuffix(", set-valued") != base or found.max_slip_speed is None:
+        steady = other.steady
+        if other is record or other.scene.removesuffix(", set-valued") != base or steady.max_slip_speed is None:
             continue
-        apart = abs(found.max_slip_speed / own.max_slip_speed - 1.0) > APART or found.period != own.period
+        apart = abs(steady.max_slip_speed / own.max_slip_speed - 1.0) > APART or steady.period != own.period
         law = "(6)" if record.law == "smoothed" else "(7)"
-        said += f" With law {law} it is period {found.period} with {found.max_slip_speed:.5g} rad/s"
+        said += f" With law {law} it is period {steady.period} with {steady.max_slip_speed:.5g} rad/s"
         said += ": the smoothing decides which motion is reached." if apart else "."
     return said
 

@@ -247,15 +247,15 @@ def _largest(law: Law, t: Floats, y: Floats, mode: int, rtol: float, atol: Float
     times = np.linspace(t[low], t[high], POINTS)
     values = np.abs(run.sol(times)[0])
     i = int(np.argmax(values))
-    found = max(float(values[i]), abs(float(y[0, k])) if k in (0, len(t) - 1) else 0.0)
+    largest = max(float(values[i]), abs(float(y[0, k])) if k in (0, len(t) - 1) else 0.0)
 
     def slope(t: float) -> float:
         return law.rates(t, run.sol(t), mode)[0]
 
     a, b = times[max(i - 1, 0)], times[min(i + 1, POINTS - 1)]
     if slope(a) * slope(b) < 0.0:
-        found = max(found, abs(float(run.sol(brentq(slope, a, b, xtol=1e-15))[0])))
-    return found
+        largest = max(largest, abs(float(run.sol(brentq(slope, a, b, xtol=1e-15))[0])))
+    return largest
 
 
 def _first_mode(law: Law, y: Floats) -> int:

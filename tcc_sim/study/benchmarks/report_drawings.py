@@ -122,11 +122,11 @@ def draw_curves(axis: Any, record: StudiedScene, key: str, handles: dict[str, An
             continue
         rows = [row for row in record.results if row.solver == name and getattr(row, key) is not None]
         colour, marker, line, width = look
-        seconds, found = [row.seconds for row in rows], np.array([max(getattr(row, key), 1e-16) for row in rows])
+        seconds, errors = [row.seconds for row in rows], np.array([max(getattr(row, key), 1e-16) for row in rows])
         floor = floor_of(record, name, key)
         drawn = {"color": colour, "marker": marker, "linestyle": line, "linewidth": width, "markersize": 3.0}
-        axis.plot(seconds, found, alpha=FADED, zorder=2, **drawn)
-        handle, = axis.plot(seconds, np.where(found >= floor, found, np.nan), zorder=3, **drawn)
+        axis.plot(seconds, errors, alpha=FADED, zorder=2, **drawn)
+        handle, = axis.plot(seconds, np.where(errors >= floor, errors, np.nan), zorder=3, **drawn)
         if rows:
             handles[name] = handle
 
@@ -201,8 +201,8 @@ def _chart(axis: Any, chart: ErrorChart, lines: dict[str, Any]) -> Any:
     values = 0.3 / np.array(chart.values) if ratio else np.array(chart.values)
     borders = edges(values) if ratio else np.exp(edges(np.log(values)))
     with np.errstate(all="ignore"):
-        found = np.array([numbers(row) for row in chart.errors])
-        level = np.clip(np.log10(np.maximum(found, 1e-30)), LOWEST, 0.0)
+        errors = np.array([numbers(row) for row in chart.errors])
+        level = np.clip(np.log10(np.maximum(errors, 1e-30)), LOWEST, 0.0)
     axis.set_facecolor("#9A9A9A")
     shade = axis.pcolormesh(np.exp(edges(np.log(steps))), borders, np.ma.masked_invalid(level),
                             cmap="viridis_r", vmin=LOWEST, vmax=0.0, rasterized=True)

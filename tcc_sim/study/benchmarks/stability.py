@@ -192,8 +192,8 @@ def _error(system: System, method: str, step: float, truth: Reference | None) ->
             return None
         section = run.cycles.section
     with np.errstate(all="ignore"):
-        found = errors(section, truth.largest, truth)[1]
-    return found if math.isfinite(found) else None
+        error = errors(section, truth.largest, truth)[1]
+    return error if math.isfinite(error) else None
 
 
 def one_step(system: System, step: float) -> Any:
@@ -225,11 +225,11 @@ def ended_badly(record: Examined) -> bool:
                 or (record.iterations_max or 0) > (record.iterations_bound or math.inf))
 
 
-def stability_page(found: StabilityReport, picture: str) -> str:
+def stability_page(report: StabilityReport, picture: str) -> str:
     """Return the page: results, criteria, summary, failed and refused runs, and the largest errors."""
-    cases, total = found.cases, found.summary
+    cases, total = report.cases, report.summary
     lines = [
-        "# Stiff and extreme cases", "", *_head(found), "", f"![error charts and extreme cases]({picture})", "",
+        "# Stiff and extreme cases", "", *_head(report), "", f"![error charts and extreme cases]({picture})", "",
         f"{len(cases)} runs: {len(cases) // len(ENGINES)} cases with each of "
         f"{', '.join(map(_code, ENGINES))} (1 ms ticks). mu_s/mu_k 1 to 4, alpha 0 to 1000 s/rad, sigma 1 to 1e9 s/rad,"
         " Tsp/Tsm 0 to 1.5 (the pressure clamped at 0), omega 1 to 5000 rad/s, omega_f/omega 1e-3 to 100 and "
@@ -254,21 +254,21 @@ def stability_page(found: StabilityReport, picture: str) -> str:
                                key=lambda row: -row[0])[:5]]
     lines += ["", "## Largest errors", "", *markdown_table(
         ["solver", "error", "scene"], [[_code(r.solver), f"{error:.1e}", _scene(r)] for error, r in worst])]
-    if found.reasons:
-        lines += ["", "## Why the largest are so large", "", *(f"- {reason}" for reason in found.reasons)]
-    if not found.complete:
+    if report.reasons:
+        lines += ["", "## Why the largest are so large", "", *(f"- {reason}" for reason in report.reasons)]
+    if not report.complete:
         lines += ["", "**Interrupted: this report is not complete.**"]
     return "\n".join(lines) + "\n"
 
 
-def _head(found: StabilityReport) -> list[str]:
+def _head(report: StabilityReport) -> list[str]:
     """Return the results in sentences."""
-    cases = found.cases
-    said = ["This page is generated: `tcc-sim stability" + (" --quick" if found.quick else "") + "` writes it.", ""]
+    cases = report.cases
+    said = ["This page is generated: `tcc-sim stability" + (" --quick" if report.quick else "") + "` writes it.", ""]
     for engine in ENGINES:
         rows = [r for r in cases if r.solver == engine]
         bad, refused = sum(map(ended_badly, rows)), sum(r.status == "REFUSED" for r in rows)
-        error, power = found.summary[engine].error, found.summary[engine].power_residual
+        error, power = report.summary[engine].error, report.summary[engine].power_residual
         said.append(f"- `{engine}`: of {len(rows)} cases {bad or 'none'} failed and {refused or 'none'} "
                     f"{'was' if refused == 1 else 'were'} refused; in 99 % of the others the error is at most "
                     f"{_number(error.p99)}, the largest {_number(error.max)}, and the power balance closes to "
@@ -303,9 +303,9 @@ def _code(name: str) -> str:
     return f"`{name}`"
 
 
-def _four(found: Quantiles) -> str:
+def _four(quantiles: Quantiles) -> str:
     """Return median, percentiles and largest value in one cell."""
-    return " / ".join(map(_number, astuple(found)))
+    return " / ".join(map(_number, astuple(quantiles)))
 
 
 _ROWS: tuple[tuple[str, Callable[[EngineSummary], str]], ...] = (

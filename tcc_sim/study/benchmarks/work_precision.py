@@ -93,8 +93,8 @@ class Case:
     def settled(self) -> Case:
         """Return the case with a horizon that begins after SETTLING cycles, by the engine at a tight tolerance."""
         engine, rtol = SETTLER[self.system.friction.law]
-        found = solve(self.system, cycles=SETTLING, solver=engine, rtol=rtol).raise_for_status()
-        return dataclasses.replace(self, system=State.of(found.solved_cycles.section[-1]).starting(self.system),
+        run = solve(self.system, cycles=SETTLING, solver=engine, rtol=rtol).raise_for_status()
+        return dataclasses.replace(self, system=State.of(run.solved_cycles.section[-1]).starting(self.system),
                                    scene=self.system)
 
 
@@ -271,14 +271,14 @@ def record_run(record: StudiedScene, case: Case, solver: str, setting: float, tr
     try:
         run = _peer(case, solver, setting) if solver in effort.peers else _registered(record, case, solver, setting,
                                                                                       effort)
-        found = errors(run.section, run.largest, truth)
-        if not max(found) <= WRONG:
-            raise peers.Failed(f"wrong: its largest relative error is {max(found):.2g}")
+        deviation = errors(run.section, run.largest, truth)
+        if not max(deviation) <= WRONG:
+            raise peers.Failed(f"wrong: its largest relative error is {max(deviation):.2g}")
         steady = _steady(record, case, solver, setting, run.seconds, effort)
     except (peers.Failed, TccError) as error:
         record.omitted.append(Omitted(solver, setting, str(error)))
         return
-    record.results.append(PrecisionResult(solver, setting, *found, steady, run.seconds, run.slowest, run.steps))
+    record.results.append(PrecisionResult(solver, setting, *deviation, steady, run.seconds, run.slowest, run.steps))
 
 
 def _steady(record: StudiedScene, case: Case, solver: str, setting: float, seconds: float,
@@ -293,10 +293,10 @@ def _steady(record: StudiedScene, case: Case, solver: str, setting: float, secon
         run = _peer(longer, solver, setting, repeats=0)  # Its error counts, not its time.
         return steady_error(run.section, run.largest, expected)
     options: dict[str, Any] = {SOLVERS[solver].setting: setting}
-    found = solve(longer.system, cycles=longer.cycles, solver=solver, **options)
-    if found.status is not Status.DONE or found.cycles is None:
-        raise peers.Failed(f"{found.status.value}, in {longer.cycles} cycles")
-    return steady_error(found.cycles.section, found.cycles.largest, expected)
+    solution = solve(longer.system, cycles=longer.cycles, solver=solver, **options)
+    if solution.status is not Status.DONE or solution.cycles is None:
+        raise peers.Failed(f"{solution.status.value}, in {longer.cycles} cycles")
+    return steady_error(solution.cycles.section, solution.cycles.largest, expected)
 
 
 def _peer(case: Case, solver: str, setting: float, repeats: int = 5) -> peers.PeerRun:
@@ -325,16 +325,16 @@ def _registered(record: StudiedScene, case: Case, solver: str, setting: float, e
             lambda: solve(case.system, duration=1e-3 * case.system.cycle, solver=solver), 1)
 
     def run() -> Trajectory:
-        found = solve(case.system, cycles=case.cycles, solver=solver, **options)
-        if found.status is not Status.DONE:
-            raise peers.Failed(found.status.value + (f"; {found.detail}" if found.detail else ""))
-        return found
+        solution = solve(case.system, cycles=case.cycles, solver=solver, **options)
+        if solution.status is not Status.DONE:
+            raise peers.Failed(solution.status.value + (f"; {solution.detail}" if solution.detail else ""))
+        return solution
 
-    used, found = repeated(run, REPEATS, effort.patience)
-    cycles = found.cycles
+    used, result = repeated(run, REPEATS, effort.patience)
+    cycles = result.cycles
     if cycles is None:
         raise peers.Failed("no cycles")
-    return peers.PeerRun(cycles.section, cycles.largest, min(used), max(used), found.statistics.steps)
+    return peers.PeerRun(cycles.section, cycles.largest, min(used), max(used), result.statistics.steps)
 
 
 def long_run(record: StudiedScene, case: Case, effort: Effort) -> None:

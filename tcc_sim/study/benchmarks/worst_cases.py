@@ -77,9 +77,9 @@ def _of_steps(worst: Examined) -> list[str]:
     """Explain the largest error of `fixed_step`, from other steps and the time of divergence."""
     keys = _scene_keys(worst)
     truth, step = Truth(keys, "smoothed"), float(worst.step or ENGINES["fixed_step"][1] or 0.0)
-    found = ", ".join(f"{final_error(keys, 'fixed_step', truth, step=h):.0e}" for h in STEPS)
+    errors = ", ".join(f"{final_error(keys, 'fixed_step', truth, step=h):.0e}" for h in STEPS)
     said = (f"`fixed_step`, {worst.error:.0e}: with steps of {', '.join(f'{h:g}' for h in STEPS)} s the error is "
-            f"{found}, so it does not shrink with the step.")
+            f"{errors}, so it does not shrink with the step.")
     own = _solved(keys, "fixed_step", truth.duration, samples_per_cycle=SAMPLES, step=step)
     other = _solved(keys, "smoothed", truth.duration, samples_per_cycle=SAMPLES, rtol=1e-11)
     apart = np.flatnonzero(np.abs(own.plate_speed - other.plate_speed) > PARTED * np.abs(other.plate_speed).max())

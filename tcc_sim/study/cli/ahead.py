@@ -105,13 +105,13 @@ def ship(folder: Path) -> int:
                                     stdout=subprocess.PIPE, text=True, env={**os.environ, "NUMBA_CACHE_DIR": cache})
                    for part in range(len(PARTS))]
         names = {name for worker in workers for name in worker.communicate()[0].split()}
-        found = {name: path.read_bytes() for name in sorted(names)
-                 for path in (kernel_cache.SHIPPED / name, Path(cache, "tcc_sim", name)) if path.exists()}
+        contents = {name: path.read_bytes() for name in sorted(names)
+                    for path in (kernel_cache.SHIPPED / name, Path(cache, "tcc_sim", name)) if path.exists()}
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    for name, content in found.items():
+    for name, content in contents.items():
         (folder / name).write_bytes(content)
-    return len(found)
+    return len(contents)
 
 
 if __name__ == "__main__":

@@ -56,17 +56,17 @@ def run(arguments: argparse.Namespace) -> int:
     check_outputs(arguments, [".npz"])
     part = None if arguments.out is None else arguments.out.with_name(arguments.out.name + ".part")
     try:
-        found = basins(scene, plane, cycles=arguments.cycles, over=over, jobs=arguments.jobs, dask=arguments.dask,
-                       part=part, progress=True, head=head_of("basin_rows", scene, arguments.words))
+        result = basins(scene, plane, cycles=arguments.cycles, over=over, jobs=arguments.jobs, dask=arguments.dask,
+                        part=part, progress=True, head=head_of("basin_rows", scene, arguments.words))
         # Drawing takes longest; if it is interrupted, no file is written, and the same command resumes.
-        values = Planes(found, over, arguments.boundary)
-        with drawn(arguments, found, scene.name):
+        values = Planes(result, over, arguments.boundary)
+        with drawn(arguments, result, scene.name):
             if arguments.out is not None:
                 from tcc_sim.study.basins.results import write_basins
 
-                write_basins(arguments.out, found, over, document_of(arguments, scene, values))
+                write_basins(arguments.out, result, over, document_of(arguments, scene, values))
             present(arguments, scene, values,
-                    _lines(found, over, arguments.boundary))
+                    _lines(result, over, arguments.boundary))
     except (BasinsInterrupted, KeyboardInterrupt):
         resume = f"; the same command resumes from {part}" if part is not None else ""
         print(f"tcc-sim: interrupted{resume}", file=sys.stderr)
@@ -84,9 +84,9 @@ def _axis(option: str, text: str) -> Axis:
     return Axis(key, tuple(values))
 
 
-def _lines(found: list[Basins], over: Axis | None, boundary: bool) -> Iterator[str]:
+def _lines(planes: list[Basins], over: Axis | None, boundary: bool) -> Iterator[str]:
     """Yield the lines of the summary."""
-    for k, one in enumerate(found):
+    for k, one in enumerate(planes):
         if over is not None:
             yield key_value(over.key, over.values[k])
         yield from one.lines()

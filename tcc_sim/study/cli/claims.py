@@ -49,12 +49,12 @@ def run(arguments: argparse.Namespace) -> int:
 
     def show(verdict: Verdict) -> None:
         verdicts.append(verdict)
-        found = verdict.finding
+        finding = verdict.finding
         name = f"Fig. {verdict.row.figure}" if verdict.row.figure[0].isdigit() else verdict.row.figure
         say(f"{name:<15}  {verdict.verdict:<13}  {verdict.row.sentence}")
-        for name, value in json_of(found.values).items():
+        for name, value in json_of(finding.values).items():
             say(f"{'':<32}{name}: {text(value)}")
-        for motion in found.motions:
+        for motion in finding.motions:
             say(f"{'':<32}{motion['words']}")
         if verdict.why:
             say(f"{'':<32}{verdict.why}", flush=True)

@@ -51,37 +51,37 @@ def run(arguments: argparse.Namespace) -> int:
                             second, seeds)
     check(scene.system, plan)
     check_outputs(arguments)
-    found, interrupted = Motions(plan, scene.system), False
+    motions, interrupted = Motions(plan, scene.system), False
     try:
         with point_bar() as tick:
-            continue_motions(scene.system, plan, tick, found)
+            continue_motions(scene.system, plan, tick, motions)
     except KeyboardInterrupt:
         interrupted = True
-    present(arguments, scene, found, _lines(found))
-    if found.branches:
-        plot_result(arguments, found, scene.name)
+    present(arguments, scene, motions, _lines(motions))
+    if motions.branches:
+        plot_result(arguments, motions, scene.name)
     if interrupted:
         print("tcc-sim: interrupted; the results up to here are complete", file=sys.stderr)
         return 130
     return 0
 
 
-def _lines(found: Motions) -> Iterator[str]:
+def _lines(motions: Motions) -> Iterator[str]:
     """Yield lines for the branches, their ends and their bifurcations."""
-    key = found.plan.over
-    for number, branch in enumerate(found.branches):
+    key = motions.plan.over
+    for number, branch in enumerate(motions.branches):
         values = [s.value for s in branch.points]
         yield (f"branch {number}: period {branch.period}, {key_value(key, min(values), 9, max(values))}, "
                f"{counted(len(values), 'point')}, {sum(s.orbit.stable for s in branch.points)} stable")
         for sentence in dict.fromkeys(branch.ended):
             yield f"  {sentence}"
-    for item in found.bifurcations:
+    for item in motions.bifurcations:
         yield (f"{item.kind:>18}  {key_value(key, item.value, 10)}  branch {item.branch}  "
                f"max slip {speed(item.point.orbit.seen.largest, 8)}  residual {item.residual:.1e}")
-    for entry in found.at:
+    for entry in motions.at:
         yield (f"at {key_value(key, entry['value'])}: branch {entry['branch']}, period {entry['period']}, max slip "
                f"{speed(entry['max_slip_speed'], 9)}, {'stable' if entry['stable'] else 'unstable'}, {entry['events']}")
-    for curve in found.curves:
+    for curve in motions.curves:
         ends = "; ".join(dict.fromkeys(map(str, curve.ended)))
         yield f"curve of {curve.kind}: {counted(len(curve.values), 'point')}; {ends}"
         for point in curve.special:

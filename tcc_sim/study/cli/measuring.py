@@ -77,9 +77,9 @@ def _precision(arguments: argparse.Namespace, folder: Path) -> int:
             records += [record]
     if not records:
         return 130
-    found = PrecisionReport(records, took_part(records), arguments.quick, running.complete,
-                            python_loop(load_scene("fig02").system))
-    _write(arguments, folder, found, load_scene("fig02"), precision_page(found, "precision.png"),
+    report = PrecisionReport(records, took_part(records), arguments.quick, running.complete,
+                             python_loop(load_scene("fig02").system))
+    _write(arguments, folder, report, load_scene("fig02"), precision_page(report, "precision.png"),
            {"precision": partial(draw_precision, scenes=records),
             "precision_section": partial(draw_section, scenes=records)})
     for line in [line for record in records for line in scene_lines(record)]:
@@ -102,11 +102,11 @@ def _stability(arguments: argparse.Namespace, folder: Path) -> int:
         maps = error_charts(arguments.quick, running.name)
     if not records:
         return 130
-    found = StabilityReport(records, engine_summaries(records), maps, arguments.quick, running.complete,
-                            reasons(records) if running.complete else ())
-    _write(arguments, folder, found, System(), stability_page(found, "stability.png"),
+    report = StabilityReport(records, engine_summaries(records), maps, arguments.quick, running.complete,
+                             reasons(records) if running.complete else ())
+    _write(arguments, folder, report, System(), stability_page(report, "stability.png"),
            {"stability": partial(draw_stability, charts=maps, cases=records)})
-    for engine, total in found.summary.items():
+    for engine, total in report.summary.items():
         ended = ", ".join(f"{name} {count}" for name, count in total.statuses.items())
         say(f"{engine}: {counted(total.cases, 'case')} ({ended}), {total.not_finite} not finite, "
             f"{total.not_bounded} above the energy bound, {total.past_iteration_bound} above the iteration bound")
@@ -114,14 +114,14 @@ def _stability(arguments: argparse.Namespace, folder: Path) -> int:
     return 0 if running.complete else 130
 
 
-def _write(arguments: argparse.Namespace, folder: Path, found: Any, scene: Any, page: str,
+def _write(arguments: argparse.Namespace, folder: Path, report: Any, scene: Any, page: str,
            pictures: Mapping[str, Callable[..., Any]]) -> None:
     """Write JSON, page and pictures of a report into its new folder."""
     from tcc_sim.output.provenance import document
     from tcc_sim.views.style import width_of
 
     folder.mkdir()
-    write_json(folder / f"{arguments.verb}.json", document(arguments.verb, found, scene, arguments.words))
+    write_json(folder / f"{arguments.verb}.json", document(arguments.verb, report, scene, arguments.words))
     (folder / f"{arguments.verb}.md").write_text(page, encoding="utf-8")
     for name, draw in pictures.items():
         draw(folder / name, title=printable(arguments.title or ""), width=width_of(arguments.width))
@@ -135,21 +135,21 @@ def _realtime(arguments: argparse.Namespace) -> PacingFigures:
     with seconds_bar("realtime", 2.0 * arguments.duration) as done:
         figures = measure(arguments.rate, arguments.duration, lambda part: done(2.0 * arguments.duration * part),
                           arguments.recorder, settings)
-    found = figures.as_json()
-    say(f"{found['ticks']:.0f} ticks at {found['rate']:g} Hz, {100.0 * found['late_share']:.3g} % more than a period "
-        f"late, {found['missed_ticks']:.0f} missed, drift {found['drift_s'] * 1e3:.3f} ms")
+    shown = figures.as_json()
+    say(f"{shown['ticks']:.0f} ticks at {shown['rate']:g} Hz, {100.0 * shown['late_share']:.3g} % more than a period "
+        f"late, {shown['missed_ticks']:.0f} missed, drift {shown['drift_s'] * 1e3:.3f} ms")
     say(f"{'':22}{'driveline node':>15}{'bare loop':>15}{'ratio':>8}")
     for key, name, factor in (("lateness_p50_s", "lateness p50 (us)", 1e6),
                               ("lateness_p99_s", "lateness p99 (us)", 1e6),
                               ("lateness_max_s", "lateness max (us)", 1e6),
                               ("late_share", "late by a period (%)", 100.0),
                               ("cpu_fraction", "CPU (% of a core)", 100.0)):
-        node, bare = found[key] * factor, found[f"bare_{key}"] * factor
+        node, bare = shown[key] * factor, shown[f"bare_{key}"] * factor
         say(f"{name:<22}{node:>15.1f}{bare:>15.1f}{node / bare if bare > 0.0 else float('nan'):>8.2f}")
     say(f"{'bare loop with':<26}{'p50 (us)':>11}{'p99 (us)':>11}{'max (us)':>11}")
-    for trial in found["settings"]:
+    for trial in shown["settings"]:
         row = "".join(f"{trial[f'lateness_{key}_s'] * 1e6:>11.1f}" for key in ("p50", "p99", "max"))
         say(f"{trial['name']:<26}{row}{'  refused' if trial['refused'] else ''}")
-    for sentence in sorted({sentence for trial in found["settings"] for sentence in trial["refused"]}):
+    for sentence in sorted({sentence for trial in shown["settings"] for sentence in trial["refused"]}):
         say(f"  {sentence}")
     return figures

@@ -49,18 +49,18 @@ class Bordered:
         """
         settings, size, start = self.shooting.settings, self.shooting.size, u
         try:
-            found = self.linearise(u)
+            linearised = self.linearise(u)
             for _ in range(settings.border_iterations):
-                value = float(np.abs(found.residual[size:]).max())
-                if value <= settings.border and float(np.abs(found.residual).max()) <= settings.border_residual:
-                    return u, found, value
-                aim = -found.residual
+                value = float(np.abs(linearised.residual[size:]).max())
+                if value <= settings.border and float(np.abs(linearised.residual).max()) <= settings.border_residual:
+                    return u, linearised, value
+                aim = -linearised.residual
                 if value > settings.border:
                     aim[size:] *= 1.0 - self.left
-                step: Any = np.linalg.solve(found.jacobian, aim)
+                step: Any = np.linalg.solve(linearised.jacobian, aim)
                 length = float(np.linalg.norm(step))
                 if length <= self.finest and value > settings.border:
-                    return u + step, found, length
+                    return u + step, linearised, length
                 new = None
                 for part in settings.newton_parts:
                     try:
@@ -71,7 +71,7 @@ class Bordered:
                         break
                 else:
                     return None
-                u, found = u + part * step, new
+                u, linearised = u + part * step, new
                 if float(np.linalg.norm(u - start)) > reach:
                     return None
         except FAILURES:
@@ -121,14 +121,14 @@ class MinimallyAugmented(Bordered):
         self.doubled = kind == "fold" and shooting.period % (2 * shooting.map.forcing_period) == 0
         self.finest, self.bend = given.located, 0.0
         """Last Newton step of a solution, and by how much the segments' derivatives change along the null vector."""
-        found = shooting.linearise(z)
+        linearised = shooting.linearise(z)
         self.start = z
         if self.turning:  # The argument of the complex pair of multipliers nearest to the unit circle.
-            pairs = [m for m in multipliers_of(*found.blocks).tolist() if m.imag > 1e-9]
+            pairs = [m for m in multipliers_of(*linearised.blocks).tolist() if m.imag > 1e-9]
             if not pairs:
                 raise ArithmeticError("there is no complex pair of multipliers")
             self.start = np.append(z, np.angle(min(pairs, key=lambda m: abs(abs(m) - 1.0))))
-        left, _, right = np.linalg.svd(cyclic(found.blocks, self.multiplier(self.start)))
+        left, _, right = np.linalg.svd(cyclic(linearised.blocks, self.multiplier(self.start)))
         self.b, self.c = left[:, -1], right[-1]
 
     def between_halves(self, u: Floats) -> Floats:
@@ -148,12 +148,12 @@ class MinimallyAugmented(Bordered):
         v, w, g = bordered(cyclic(blocks, mu), self.b, self.c[None])
         return v[0].reshape(blocks.shape[:2]), w.reshape(blocks.shape[:2]), g[0]
 
-    def update_borders(self, u: Floats, found: Linearised, like: MinimallyAugmented | None = None) -> None:
+    def update_borders(self, u: Floats, linearised: Linearised, like: MinimallyAugmented | None = None) -> None:
         """Set the borders to the null vectors at a point, the best ones there.
 
         like : equations in other segments, whose signs they take; first nodes and last residuals are the same
         """
-        v, w, _ = self.null_vectors(found.blocks, self.multiplier(u))
+        v, w, _ = self.null_vectors(linearised.blocks, self.multiplier(u))
         n, signs = self.shooting.map.dimension, (1.0, 1.0)
         if like is not None and not self.turning:
             signs = (-1.0 if float(w[-1] @ like.b[-n:]) < 0.0 else 1.0, -1.0 if float(v[0] @ like.c[:n]) < 0.0 else 1.0)
@@ -165,21 +165,21 @@ class MinimallyAugmented(Bordered):
         longer : the step of their differences, relative to the usual one
         """
         z, mu = u[:self.unknowns], self.multiplier(u)
-        found = self.shooting.linearise(z)
-        v, w, g = self.null_vectors(found.blocks, mu)
+        linearised = self.shooting.linearise(z)
+        v, w, g = self.null_vectors(linearised.blocks, mu)
         parts: list[tuple[complex, Floats]] = [(1.0, v.real), (1j, v.imag)] if self.turning else [(1.0, v)]
-        gradient = -sum(factor * self._along(z, found, part, w, longer) for factor, part in parts)
+        gradient = -sum(factor * self._along(z, linearised, part, w, longer) for factor, part in parts)
         if self.turning:
             gradient = np.append(gradient, 1j * mu * (w[-1] @ v[0]))
         rows = np.array([gradient.real, gradient.imag] if self.turning else [gradient])
         values = np.array([np.real(g), np.imag(g)] if self.turning else [g])
         # On a canard g changes its sign within the rounding of z, so the residual is the distance of z from there.
         size = max(float(np.linalg.norm(gradient)), 1.0)
-        orbit = np.pad(found.jacobian, ((0, 0), (0, 1))) if self.turning else found.jacobian
-        return Linearised(np.append(found.residual, values / size), np.vstack([orbit, rows / size]), found.blocks,
-                          found.seen)
+        orbit = np.pad(linearised.jacobian, ((0, 0), (0, 1))) if self.turning else linearised.jacobian
+        return Linearised(np.append(linearised.residual, values / size), np.vstack([orbit, rows / size]),
+                          linearised.blocks, linearised.seen)
 
-    def _along(self, z: Floats, found: Linearised, direction: Floats, w: Vectors, longer: float) -> Vectors:
+    def _along(self, z: Floats, linearised: Linearised, direction: Floats, w: Vectors, longer: float) -> Vectors:
         """w . (derivative of the Jacobian along a change of the nodes), by the nodes and the parameters."""
         size, step = self.shooting.size, longer * self.settings.difference
         away = np.zeros(len(z))
@@ -188,9 +188,9 @@ class MinimallyAugmented(Bordered):
             changed = self.shooting.linearise(z + away)
         except FAILURES:  # The map ends there.
             changed, step = self.shooting.linearise(z - away), -step
-        blocks = (changed.blocks - found.blocks) / step
+        blocks = (changed.blocks - linearised.blocks) / step
         self.bend = float(np.abs(blocks).max() / max(np.linalg.norm(direction), 1e-300))
-        parameters = (changed.jacobian[:, size:] - found.jacobian[:, size:]) / step
+        parameters = (changed.jacobian[:, size:] - linearised.jacobian[:, size:]) / step
         return np.concatenate([np.einsum("ki,kij->kj", w, blocks).ravel(), w.ravel() @ parameters])
 
 
@@ -204,12 +204,12 @@ class BranchPoint(Bordered):
 
     def linearise(self, u: Floats) -> Linearised:
         """The equations in the orbit's unknowns and beta; their derivatives by differences."""
-        found, step = self.shooting.linearise(u[:-1]), self.shooting.settings.difference
-        v, w, g = bordered(found.jacobian, self.b, self.c)
-        changes = [(self.shooting.linearise(u[:-1] + step * x).jacobian - found.jacobian) / step for x in v]
+        linearised, step = self.shooting.linearise(u[:-1]), self.shooting.settings.difference
+        v, w, g = bordered(linearised.jacobian, self.b, self.c)
+        changes = [(self.shooting.linearise(u[:-1] + step * x).jacobian - linearised.jacobian) / step for x in v]
         rows = np.array([-w @ change for change in changes])
-        jacobian = np.block([[found.jacobian, self.b[:, None]], [rows, np.zeros((2, 1))]])
-        return found._replace(residual=np.append(found.residual + u[-1] * self.b, g), jacobian=jacobian)
+        jacobian = np.block([[linearised.jacobian, self.b[:, None]], [rows, np.zeros((2, 1))]])
+        return linearised._replace(residual=np.append(linearised.residual + u[-1] * self.b, g), jacobian=jacobian)
 
 
 class VanishingMargin(Bordered):
@@ -226,16 +226,16 @@ class VanishingMargin(Bordered):
 
     def linearise(self, z: Floats) -> Linearised:
         """The orbit's equations and the margin; ArithmeticError beyond the border."""
-        found = self.shooting.linearise(z)
+        linearised = self.shooting.linearise(z)
         if self.left:
-            self.events = self.events or found.seen.events
-            if differ(found.seen.events, self.events):
+            self.events = self.events or linearised.seen.events
+            if differ(linearised.seen.events, self.events):
                 raise ArithmeticError("the event sequence has changed")
         margin = nearest_margins(self.shooting, z).get(self.name)
         if margin is None:
             raise ArithmeticError("the motion has no such margin")
-        return found._replace(residual=np.append(found.residual, margin.value),
-                              jacobian=np.vstack([found.jacobian, margin.slopes]))
+        return linearised._replace(residual=np.append(linearised.residual, margin.value),
+                                   jacobian=np.vstack([linearised.jacobian, margin.slopes]))
 
 
 def nearest_margins(shooting: Shooting, z: Floats) -> Margins:
@@ -243,10 +243,10 @@ def nearest_margins(shooting: Shooting, z: Floats) -> Margins:
     nodes, values, n, size = shooting.nodes(z), shooting.values(z), shooting.map.dimension, shooting.size
     out: dict[str, Margin] = {}
     for k, (first, length) in enumerate(zip(layout(shooting.segments, n)[0], shooting.segments)):
-        for name, found in shooting.map.margins(nodes[k], values, first, length).items():
-            if name not in out or abs(found.value) < abs(out[name].value):
+        for name, margins in shooting.map.margins(nodes[k], values, first, length).items():
+            if name not in out or abs(margins.value) < abs(out[name].value):
                 slopes = np.zeros(len(z))
-                slopes[k * n:k * n + n] = found.slopes[:n] * shooting.map.scales
-                slopes[size:] = found.slopes[n:] * shooting.widths
-                out[name] = found._replace(slopes=slopes)
+                slopes[k * n:k * n + n] = margins.slopes[:n] * shooting.map.scales
+                slopes[size:] = margins.slopes[n:] * shooting.widths
+                out[name] = margins._replace(slopes=slopes)
     return out

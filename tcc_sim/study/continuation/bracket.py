@@ -62,16 +62,16 @@ class Bracket(Generic[P]):
             return self.b if part == 1.0 else self.a
         if part in self.kept:
             return self.kept[part]
-        start, plane, low, high = None, FLAT, p.found.amplitudes, q.found.amplitudes
+        start, plane, low, high = None, FLAT, p.linearised.amplitudes, q.linearised.amplitudes
         if self.by_amplitude and len(low) and len(low) == len(high):
             guess, plane = p.z + part * chord, ((high - low) / length, low + part * (high - low))
             start = self._start(part, chord / length, plane[0])
         else:
             guess = _hermite(p.z, q.z, p.tangent * length, q.tangent * length, part)
-        found = corrector(self.a.equations, guess, chord / length, plane, start=start)
-        if found is None:
+        corrected = corrector(self.a.equations, guess, chord / length, plane, start=start)
+        if corrected is None:
             return None
-        self.kept[part] = self.a.moved(found.facing(p.tangent + q.tangent))
+        self.kept[part] = self.a.moved(corrected.facing(p.tangent + q.tangent))
         return self.kept[part]
 
     def _start(self, part: float, row: Floats, weights: Floats) -> Floats | None:
@@ -82,7 +82,7 @@ class Bracket(Generic[P]):
         whole, slopes = length * (1.0 + float(weights @ weights)), []
         for point in (known[low], known[high]):
             tangent = point.solution.tangent
-            along = float(row @ tangent + weights @ (point.solution.found.amplitude_gradient @ tangent))
+            along = float(row @ tangent + weights @ (point.solution.linearised.amplitude_gradient @ tangent))
             if not along > self.a.equations.settings.forward * float(np.sqrt(1.0 + weights @ weights)):
                 return None
             slopes.append(tangent * (whole / along * (high - low)))

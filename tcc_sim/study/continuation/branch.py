@@ -170,7 +170,7 @@ class BranchTrack(Continuation[ContinuationPoint, Bifurcation]):
     def _remesh(self, anew: bool = False) -> bool:
         """Cut the last orbit into other segments where the growth over one is large, or `anew`; now and then fewer."""
         here, shooting, settings = self.here, self.here.shooting, self.here.shooting.settings
-        blocks, count = here.solution.found.blocks, len(shooting.segments)
+        blocks, count = here.solution.linearised.blocks, len(shooting.segments)
         fewer = count > 1 and len(self.points) % settings.fewer_after == 0
         if shooting.keeps_segments(blocks, settings.regrowth, fewer or anew):
             return False
@@ -182,10 +182,10 @@ class BranchTrack(Continuation[ContinuationPoint, Bifurcation]):
         polished = newton(finer, z)
         if polished is None:
             return False
-        found = finer.linearise(polished)
+        linearised = finer.linearise(polished)
         along, n = np.zeros(len(z)), shooting.map.dimension
         along[:n], along[-1] = here.solution.tangent[:n], here.solution.tangent[-1]
-        self.points[-1] = point_at(finer, solution_at(polished, found, tangent_of(found, along)))
+        self.points[-1] = point_at(finer, solution_at(polished, linearised, tangent_of(linearised, along)))
         self.before = []
         return True
 
@@ -197,23 +197,25 @@ class BranchTrack(Continuation[ContinuationPoint, Bifurcation]):
             return None
         for beside in self.settings.beside:
             try:
-                found = shooting.linearise(here.solution.z + beside * here.solution.tangent)
-                along = oriented(solution_at(here.solution.z, found, null_direction(found)), here.solution.sign).tangent
+                linearised = shooting.linearise(here.solution.z + beside * here.solution.tangent)
+                along = oriented(solution_at(here.solution.z, linearised, null_direction(linearised)),
+                                 here.solution.sign).tangent
                 z = here.solution.z + beside * along
                 events = shooting.map.evaluate(shooting.nodes(z)[0], shooting.values(z), 0, shooting.period).seen.events
             except FAILURES:
                 continue
-            new = None if events == here.orbit.seen.events else self._beyond(found, along, beside)
+            new = None if events == here.orbit.seen.events else self._beyond(linearised, along, beside)
             if new is not None:
                 return new
         return None
 
-    def _beyond(self, found: Linearised, along: Floats, beside: float) -> ContinuationPoint | None:
+    def _beyond(self, linearised: Linearised, along: Floats, beside: float) -> ContinuationPoint | None:
         """The next point beyond a corner at the last one; None where none is found."""
-        # found : derivative `beside` the corner; where it belongs to neither piece, the one along the other piece
+        # linearised : derivative at a distance from the corner; where it belongs to neither piece, the one along the
+        # other piece
         here, shooting, z = self.here, self.here.shooting, self.here.solution.z
         settings = replace(shooting.settings, first_step=beside, smallest_step=self.settings.corner_step)
-        for known in (found, None):
+        for known in (linearised, None):
             try:
                 start = known or shooting.linearise(z + beside * along)
                 short: Continuation[CurvePoint, None] = Continuation(CurvePoint(
@@ -245,16 +247,16 @@ def branch_through(first: ContinuationPoint, origin: BranchOrigin = START, numbe
             if track.ended.reason is StopReason.CLOSED:
                 break
     finally:
-        points, found = ahead.points, ahead.special
+        points, special = ahead.points, ahead.special
         if both:
             nodes = [s.turned() for s in behind.points[:0:-1]]
             points = nodes + points
-            found = [*((len(nodes) - 1 - after, f) for after, f in reversed(behind.special)),
-                     *((len(nodes) + after, f) for after, f in found)]
+            special = [*((len(nodes) - 1 - after, f) for after, f in reversed(behind.special)),
+                       *((len(nodes) + after, f) for after, f in special)]
         closed = ahead.ended.reason is StopReason.CLOSED
         start_end = ahead.ended if closed else behind.ended if both else began or ahead.ended
         branch = Branch(first.orbit.period, origin, points, (start_end, ahead.ended), closed,
-                        [replace(f, branch=number, after=after) for after, f in found])
+                        [replace(f, branch=number, after=after) for after, f in special])
         for k, (a, b) in enumerate(pairwise(points)):
             between = [n for n, f in enumerate(branch.bifurcations) if f.after == k]
             if between and a.orbit.stable != b.orbit.stable:  # The one next to the stable point is the change.
@@ -267,11 +269,11 @@ def branch_through(first: ContinuationPoint, origin: BranchOrigin = START, numbe
 
 def first_point(shooting: Shooting, z: Floats) -> ContinuationPoint:
     """The first point of a branch at a solution; its tangent points to growing parameters."""
-    found = shooting.linearise(z)
-    tangent = null_direction(found)
+    linearised = shooting.linearise(z)
+    tangent = null_direction(linearised)
     if tangent[shooting.size] < 0.0:
         tangent = -tangent
-    return point_at(shooting, solution_at(z, found, tangent))
+    return point_at(shooting, solution_at(z, linearised, tangent))
 
 
 def orbits_at(branch: Branch, value: float) -> list[Orbit]:
@@ -312,7 +314,7 @@ def _at(near: ContinuationPoint, value: float) -> Orbit | None:
     row[size], away = 1.0, shooting.ranges[0].scaled(value) - float(z[size])
     guess = z + (tangent * (away / near.slope) if abs(away) > DEFAULTS.same and near.slope else row * away)
     guess[size] = shooting.ranges[0].scaled(value)
-    found = corrector(shooting, guess, row)
-    if found is None:
+    corrected = corrector(shooting, guess, row)
+    if corrected is None:
         return None
-    return replace(point_at(shooting, solution_at(found.z, found.found, tangent)).orbit, values=(value,))
+    return replace(point_at(shooting, solution_at(corrected.z, corrected.linearised, tangent)).orbit, values=(value,))

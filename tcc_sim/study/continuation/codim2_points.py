@@ -30,7 +30,7 @@ class AugmentedPoint(CurvePoint):
     @property
     def events(self) -> str:
         """Event sequence of the motion."""
-        return self.solution.found.seen.events
+        return self.solution.linearised.seen.events
 
 
 @dataclass(frozen=True)
@@ -85,19 +85,19 @@ def values_of_tests(point: AugmentedPoint, longer: float = 0.0) -> dict[str, flo
     equations, u = point.equations, point.solution.z
     out: dict[str, float] = {}
     try:
-        found = equations.linearise(u, longer) if longer else point.solution.found
+        linearised = equations.linearise(u, longer) if longer else point.solution.linearised
         if equations.turning:
             angle = float(u[-1])
             return {"resonance_1_1": math.sin(angle) if angle < 0.5 * np.pi else 1.0,
                     "resonance_1_2": math.sin(angle) if angle > 0.5 * np.pi else 1.0,
                     "resonance_1_3": angle - 2.0 * np.pi / 3.0, "resonance_1_4": angle - 0.5 * np.pi}
         mu = equations.multiplier(u).real
-        v, w, _ = equations.null_vectors(found.blocks, mu)
-        q, p, m = v / np.linalg.norm(v), w / np.linalg.norm(w), multipliers_of(*found.blocks)
+        v, w, _ = equations.null_vectors(linearised.blocks, mu)
+        q, p, m = v / np.linalg.norm(v), w / np.linalg.norm(w), multipliers_of(*linearised.blocks)
         others = m[np.argsort(np.abs(m - mu))[1:]]
         simple, flip = float(p[-1] @ q[0]), float(np.prod((others + mu) / (1.0 + np.abs(others))).real)
         if equations.kind == "fold":
-            bend = float(found.jacobian[-1, :equations.shooting.size] @ v.ravel()) / float(np.linalg.norm(v))
+            bend = float(linearised.jacobian[-1, :equations.shooting.size] @ v.ravel()) / float(np.linalg.norm(v))
             return {"cusp": bend, "resonance_1_1": simple, "fold_flip": flip}
         out |= {"resonance_1_2": simple, "fold_flip": flip}
         out["generalised_doubling"] = flip * _cubic(equations, u, q, p, longer)
@@ -131,8 +131,8 @@ Test = Callable[[AugmentedPoint, float], float]
 def measured(point: AugmentedPoint, test: Test) -> tuple[float, float, Floats]:
     """A test at a point, its change by other difference steps and one more Newton step, and the parameters' change."""
     try:
-        found, value = point.equations.linearise(point.solution.z), test(point, 1.0)
-        step = np.linalg.lstsq(found.jacobian, -found.residual, rcond=None)[0]
+        linearised, value = point.equations.linearise(point.solution.z), test(point, 1.0)
+        step = np.linalg.lstsq(linearised.jacobian, -linearised.residual, rcond=None)[0]
         polished = point.moved(point.solution._replace(z=point.solution.z + step))
         changes = [abs(test(s, longer) - value) for s, longer in ((point, 0.5), (polished, 2.0))]
         return value, max(changes), np.abs(parameters(point, step))
@@ -192,8 +192,8 @@ def singular_end(kind: str, points: Sequence[AugmentedPoint], distance: Callable
                   and distance(s) > settings.singular_apart), nodes[0] if nodes else points[-1])
         bracket, start, nodes = Bracket(a, beyond, False), distance(a), [a]
         for part in (0.7, 0.45, 0.25) if a.equations is beyond.equations else ():
-            found = bracket.locate(lambda s, at=part * start: distance(s) - at)  # type: ignore[misc]
-            nodes += [] if found is None else [found]
+            located = bracket.locate(lambda s, at=part * start: distance(s) - at)  # type: ignore[misc]
+            nodes += [] if located is None else [located]
     if len(nodes) < 4:
         return None if beyond is None else midway(kind, points[-1], beyond, False)
     x, places = np.array([distance(s) for s in nodes]), np.array([parameters(s, s.solution.z) for s in nodes])

@@ -75,7 +75,7 @@ class CurveTrack(Continuation[AugmentedPoint, Special]):
 
     def unresolved(self, new: AugmentedPoint) -> End | None:
         """The end before a motion along a part of which disturbances grow beyond double precision."""
-        blocks, most = new.solution.found.blocks, 0.0
+        blocks, most = new.solution.linearised.blocks, 0.0
         ahead = np.broadcast_to(np.eye(blocks.shape[1]), blocks.shape)
         for k in range(len(blocks)):
             ahead = np.roll(blocks, -k, axis=0) @ ahead
@@ -159,7 +159,7 @@ class CurveTrack(Continuation[AugmentedPoint, Special]):
         """Update predictor and borders for a new last point, and cut its orbit into other segments where needed."""
         super().went_on(before, corner)
         self.cut_to, here = math.inf, self.here
-        here.equations.update_borders(here.solution.z, here.solution.found)
+        here.equations.update_borders(here.solution.z, here.solution.linearised)
         self._remesh(others=(len(self.points) - 1) % self.settings.fewer_after == 0)
 
     def cut_anew(self) -> bool:
@@ -182,7 +182,7 @@ class CurveTrack(Continuation[AugmentedPoint, Special]):
         settings, shooting = old.settings, old.shooting
         # Only a thorough search finds growth that the same segment removes again.
         others = others and (settings.thorough or len(shooting.segments) > 1)
-        if shooting.keeps_segments(here.solution.found.blocks, settings.regrowth, others or growth is not None):
+        if shooting.keeps_segments(here.solution.linearised.blocks, settings.regrowth, others or growth is not None):
             return False
         if growth is not None:
             shooting = replace(shooting, settings=replace(shooting.settings, growth=growth, thorough=True))
@@ -192,16 +192,16 @@ class CurveTrack(Continuation[AugmentedPoint, Special]):
                 return False
             other = MinimallyAugmented(old.kind, finer, z)
             start = np.append(z, here.solution.z[-1:]) if old.turning else z
-            found = other.linearise(start)
-            other.update_borders(start, found, old)
-            polished = corrector(other, start, null_direction(found))
+            linearised = other.linearise(start)
+            other.update_borders(start, linearised, old)
+            polished = corrector(other, start, null_direction(linearised))
         except FAILURES:
             return False
         if polished is None:
             return False
         # The first node and the parameters do not depend on the segments; the other nodes have the motion's errors.
         sign = 1.0 if float(old.outer(here.solution.tangent) @ other.outer(polished.tangent)) > 0.0 else -1.0
-        self.points[-1] = AugmentedPoint(solution_at(polished.z, polished.found, sign * polished.tangent), other)
+        self.points[-1] = AugmentedPoint(solution_at(polished.z, polished.linearised, sign * polished.tangent), other)
         self.before = []
         self.note(self._test(self.here))
         return True
@@ -209,8 +209,8 @@ class CurveTrack(Continuation[AugmentedPoint, Special]):
 
 def start_of_curve(equations: MinimallyAugmented) -> AugmentedPoint:
     """The first point of a curve, without a direction."""
-    found = equations.linearise(equations.start)
-    return AugmentedPoint(solution_at(equations.start, found, null_direction(found)), equations)
+    linearised = equations.linearise(equations.start)
+    return AugmentedPoint(solution_at(equations.start, linearised, null_direction(linearised)), equations)
 
 
 def facing(point: P, forward: bool) -> P:
@@ -248,21 +248,22 @@ class Border:
         return Linearised(np.array([at(z)]), gradient)
 
 
-def bifurcation_curve(found: Bifurcation, of: ParameterMap, ranges: Ranges, second: float,
+def bifurcation_curve(bifurcation: Bifurcation, of: ParameterMap, ranges: Ranges, second: float,
                       settings: Settings | None = None) -> BifurcationCurve:
     """The curve of a bifurcation in two parameters, both ways; the bifurcation alone where it cannot be set up.
 
     of : the map with both parameters free
     second : value of the second parameter at the bifurcation
     """
-    orbit, shooting = found.point.orbit, found.point.shooting
+    orbit, shooting = bifurcation.point.orbit, bifurcation.point.shooting
     shooting = replace(shooting, map=of, ranges=ranges, settings=settings or shooting.settings)
 
     def begun(forward: bool) -> CurveTrack:
         finer, z = shooting.cut(shooting.unknowns(orbit.nodes, (orbit.values[0], second)))
-        return CurveTrack(facing(start_of_curve(MinimallyAugmented(found.kind, finer, z)), forward))
+        return CurveTrack(facing(start_of_curve(MinimallyAugmented(bifurcation.kind, finer, z)), forward))
 
-    return _both_ways(found.kind, begun, End(StopReason.STEP, ranges[0].name, found.value, shooting.settings.residual),
+    return _both_ways(bifurcation.kind, begun, End(StopReason.STEP, ranges[0].name, bifurcation.value,
+                                                   shooting.settings.residual),
                       second)
 
 
@@ -272,8 +273,9 @@ def border_curve(margin: Callable[[float, float], float], ranges: Ranges, value:
     border, at = Border(margin, ranges), np.array([ranges[0].scaled(value), ranges[1].scaled(second)])
 
     def begun(forward: bool) -> Continuation[CurvePoint, Special]:
-        found = border.linearise(at)
-        return Continuation(facing(CurvePoint(solution_at(at, found, null_direction(found)), border), forward))
+        linearised = border.linearise(at)
+        return Continuation(facing(CurvePoint(solution_at(at, linearised, null_direction(linearised)), border),
+                                   forward))
 
     return _both_ways("stick_border", begun, End(StopReason.STEP, ranges[0].name, value, DEFAULTS.residual), second)
 

@@ -115,9 +115,9 @@ class BranchPiece(NamedTuple):
 def pieces_at(branch: Branch, value: float) -> list[BranchPiece]:
     """The pieces of a branch across a value; its folds extend it beyond its extreme points."""
     folds, out = dict[int, list[ContinuationPoint]](), []
-    for found in branch.bifurcations:
-        if found.kind == "fold":
-            folds.setdefault(found.after, []).append(found.point)
+    for bifurcation in branch.bifurcations:
+        if bifurcation.kind == "fold":
+            folds.setdefault(bifurcation.after, []).append(bifurcation.point)
     for k, ends in enumerate(pairwise(branch.points)):
         for a, b in pairwise([ends[0], *folds.get(k, []), ends[1]]):
             if min(a.value, b.value) <= value <= max(a.value, b.value):
@@ -141,13 +141,13 @@ def place_of(seen: SettledMotion, branches: Sequence[Branch], size: float, base:
     return place
 
 
-def passes_through(branch: Branch, found: ContinuationPoint) -> bool:
+def passes_through(branch: Branch, point: ContinuationPoint) -> bool:
     """Whether a branch passes through an orbit, which may begin in any of its cycles."""
-    of, orbit = found.shooting.map, found.orbit
+    of, orbit = point.shooting.map, point.orbit
     if branch.period != orbit.period:
         return False
     sections = np.array(shifts(of, orbit.section, orbit.values, orbit.period))
-    for piece in pieces_at(branch, found.value):
+    for piece in pieces_at(branch, point.value):
         chord = piece.b.orbit.section - piece.a.orbit.section
         away = np.abs((piece.a.orbit.section + piece.part * chord - sections) / of.scales).max(axis=1)
         if away.min() <= DEFAULTS.on_chord + DEFAULTS.off_chord * np.abs(chord / of.scales).max():
@@ -179,15 +179,15 @@ def state_at_phase_0(of: ParameterMap, seen: SettledMotion) -> Floats:
     return of.evaluate(seen.state, (seen.value,), phase, of.forcing_period - phase).value if phase else seen.state
 
 
-def doubled(found: Bifurcation) -> ContinuationPoint | None:
+def doubled(bifurcation: Bifurcation) -> ContinuationPoint | None:
     """A first point on the branch of doubled motions; None where none is found.
 
     It lies in the plane phi . (x - x*) = eps, phi the eigenvector of the multiplier -1, so the orbit of the simple
     period is not in it; the tangent points away from the doubling.
     """
-    point = found.point
+    point = bifurcation.point
     single = point.shooting
-    of, blocks = single.map, point.solution.found.blocks
+    of, blocks = single.map, point.solution.linearised.blocks
     values, vectors = np.linalg.eig(product_of(blocks))
     phi = np.real(vectors[:, int(np.abs(values + 1.0).argmin())])
     phi = phi / np.linalg.norm(phi)
@@ -229,17 +229,17 @@ def switch(branches: list[Branch], depth: int, longest: int | None = None, most:
     for _ in range(depth):
         generation, first = list(enumerate(branches))[first:], len(branches)
         for number, parent in generation:
-            for found in parent.bifurcations:
-                if found.kind != "period_doubling" or (longest is not None and 2 * parent.period > longest):
+            for bifurcation in parent.bifurcations:
+                if bifurcation.kind != "period_doubling" or (longest is not None and 2 * parent.period > longest):
                     continue
                 if most is not None and len(branches) >= most:
                     continue
-                scaled, merged = found.point.shooting.ranges[0].scaled, found.point.shooting.settings.merged
-                if any(abs(scaled(found.value) - scaled(end.value)) < merged for b in branches
+                scaled, merged = bifurcation.point.shooting.ranges[0].scaled, bifurcation.point.shooting.settings.merged
+                if any(abs(scaled(bifurcation.value) - scaled(end.value)) < merged for b in branches
                        if b.period == 2 * parent.period for end in (b.points[0], b.points[-1])):
                     continue
-                start = doubled(found)
+                start = doubled(bifurcation)
                 if start is not None and not any(passes_through(branch, start) for branch in branches):
-                    began = End(StopReason.BEGAN, start.shooting.ranges[0].name, found.value)
-                    origin = BranchOrigin(found.kind, found.value, number)
+                    began = End(StopReason.BEGAN, start.shooting.ranges[0].name, bifurcation.value)
+                    origin = BranchOrigin(bifurcation.kind, bifurcation.value, number)
                     branch_through(start, origin, len(branches), both=False, began=began, tick=tick, keep=branches)

@@ -86,12 +86,12 @@ class DrivelineMap:
         prepared, out = self._prepare(values), []
         starts = np.array([self._settled(x) for x in states]) if self.piecewise else states
         ends = [first + count for first, count in zip(firsts, cycles)]
-        for found, count in zip(prepared.each(starts, firsts, ends), cycles):
-            if not all(math.isfinite(number) for number in found.state.tolist()):
+        for image, count in zip(prepared.each(starts, firsts, ends), cycles):
+            if not all(math.isfinite(number) for number in image.state.tolist()):
                 raise ArithmeticError("the state is not finite")
-            heights = found.heights.tolist()
-            seen = Observation(max(heights), found.stick_time / (count * prepared.period), found.events, tuple(heights))
-            out.append(Image(found.state, found.derivatives, seen, found.heights_derivatives))
+            heights = image.heights.tolist()
+            seen = Observation(max(heights), image.stick_time / (count * prepared.period), image.events, tuple(heights))
+            out.append(Image(image.state, image.derivatives, seen, image.heights_derivatives))
         return out
 
     def _prepare(self, values: Values) -> Prepared:
@@ -109,13 +109,14 @@ class DrivelineMap:
     def margins(self, x: Floats, values: Values, first: float, cycles: float) -> Margins:
         """Distances of the motion from grazing, from the edge of stick where slip ends, and from the end of stick."""
         of, system = self._prepare(values), self.system_at(values)
-        found = of.over(self._settled(x), first, first + cycles, margins=True).margins if self.piecewise else None
-        if found is None:
+        margins = of.over(self._settled(x), first, first + cycles, margins=True).margins if self.piecewise else None
+        if margins is None:
             return {}
         strength = system.friction_ratio * (system.saturation_mean + abs(system.saturation_amplitude))
         sizes = {"grazing": (GRAZING, self.amplitude_scale), "arrival": (ARRIVAL, strength), "stick": (STUCK, strength)}
-        return {name: Margin(float(found[row, VALUE]) / size, found[row, GRADIENT:] / size, bool(found[row, GROWS]))
-                for name, (row, size) in sizes.items() if math.isfinite(found[row, VALUE])}
+        return {name: Margin(float(margins[row, VALUE]) / size, margins[row, GRADIENT:] / size,
+                             bool(margins[row, GROWS]))
+                for name, (row, size) in sizes.items() if math.isfinite(margins[row, VALUE])}
 
     def _settled(self, x: Floats) -> Floats:
         """`x`, where the set-valued law sets a slip speed of rounding to 0."""
@@ -206,12 +207,12 @@ def _nothing_found(map_: DrivelineMap, span: ParameterRange, value: float, cycle
                "that come back closest")
     for other in sorted(np.linspace(span.low, span.high, DEFAULTS.elsewhere).tolist(), key=lambda x: abs(x - value)):
         try:
-            found, own = map_.settled((other,), DEFAULTS.settling_elsewhere)
+            settled, own = map_.settled((other,), DEFAULTS.settling_elsewhere)
         except FAILURES:
             continue
         if own and (period is None or own == period):
             return f"{why}; begin at --set {span.name}={other:.9g}, where the motion settles in period {own}"
-        away &= slip_grows(found)
+        away &= slip_grows(settled)
     if away:
         return (f"{why}; it grows at {DEFAULTS.elsewhere} values of the range too: give another pressure.mean or "
                 "engine.mean_torque")
@@ -246,7 +247,7 @@ def seeded(map_: DrivelineMap, span: ParameterRange, seeds: Sequence[Seed], peri
                                f"{len(seeds)} seeds")
 
 
-def seeds_in(found: Mapping[str, Any], system: System, over: str, low: float, high: float) -> tuple[Seed, ...]:
+def seeds_in(document: Mapping[str, Any], system: System, over: str, low: float, high: float) -> tuple[Seed, ...]:
     """The periodic attractors of a `basins --json` document within a range of `over`.
 
     Raises
@@ -255,17 +256,17 @@ def seeds_in(found: Mapping[str, Any], system: System, over: str, low: float, hi
         No such document, another scene (apart from `over` and initial.*), or no attractor in the range.
     """
     try:
-        if not str(found["format"]).startswith("tcc_sim basins "):
-            raise InputError(f"--seeds holds {found['format']!r}; it must be what basins --json wrote")
-        scene, varied = found["scene"], found.get("over")
+        if not str(document["format"]).startswith("tcc_sim basins "):
+            raise InputError(f"--seeds holds {document['format']!r}; it must be what basins --json wrote")
+        scene, varied = document["scene"], document.get("over")
         if varied not in (None, over):
             raise InputError(f"--seeds varies {varied}; it must be {over}, the key of --over, or none")
         for key, value in values_of(system):
             given = tuple(scene[key]) if isinstance(scene[key], list) else scene[key]
             if key != over and not key.startswith("initial.") and given != value:
                 raise InputError(f"--seeds has {key} = {scene[key]!r}; it must be that of the scene, {value!r}")
-        values = [scene[over]] if varied is None else found["values"]
-        each = [found["attractors"]] if varied is None else found["attractors"]
+        values = [scene[over]] if varied is None else document["values"]
+        each = [document["attractors"]] if varied is None else document["attractors"]
         out = tuple(Seed(float(value), (float(v), float(angle), float(speed)), int(a["period"]))
                     for value, attractors in zip(values, each) for a in attractors if a["period"]
                     for v, angle, speed in [a["state"]] if low <= value <= high)

@@ -116,7 +116,7 @@ class Continuation(Generic[P, S]):
 
     def note(self, special: list[S]) -> None:
         """Add special points behind the last point."""
-        self.special += [(len(self.points) - 1, found) for found in special]
+        self.special += [(len(self.points) - 1, point) for point in special]
 
     def follow(self) -> Iterator[P]:
         """Yield the points behind the first one along the tangent, until the curve ends."""
@@ -146,13 +146,13 @@ class Continuation(Generic[P, S]):
             self.stop = self.unresolved(new) if inside and not corner else None
             if self.stop is not None:
                 return
-            found = self.special_between(new) if inside else None
-            if found is None and not corner:
+            special_points = self.special_between(new) if inside else None
+            if special_points is None and not corner:
                 self.longest = 0.5 * min(float(np.linalg.norm(new.solution.z - here.solution.z)), self.longest)
                 continue
             self.longest = math.inf
             stop = None if edge is None else self.end(StopReason.RANGE, edge, number=bound)
-            new, special, stop = self.ended_by(new, found or [], stop)
+            new, special, stop = self.ended_by(new, special_points or [], stop)
             self.note(special)
             self.points.append(new)
             self.stop = stop or (None if corner else self.stuck())
@@ -164,7 +164,7 @@ class Continuation(Generic[P, S]):
         """The next point; by the unknowns alone where steps with the amplitudes as coordinates fail."""
         for by_amplitude in (True, False):
             if not by_amplitude:
-                if not len(self.here.solution.found.amplitudes):
+                if not len(self.here.solution.linearised.amplitudes):
                     return None
                 self.length = min(self.settings.flat_step, self.longest)
             try:
@@ -184,31 +184,33 @@ class Continuation(Generic[P, S]):
         by_amplitude : whether the amplitudes are coordinates of the arclength, where there are any
         """
         here, equations, settings = self.here.solution, self.here.equations, self.settings
-        used = by_amplitude and len(here.found.amplitudes) > 0
-        slopes = here.found.amplitude_gradient @ here.tangent if used else FLAT[0]
+        used = by_amplitude and len(here.linearised.amplitudes) > 0
+        slopes = here.linearised.amplitude_gradient @ here.tangent if used else FLAT[0]
         reach = float(np.sqrt(1.0 + slopes @ slopes))
         known, most = predictor_nodes(here, self.before, slopes, settings.nodes), settings.longer
         while self.length >= settings.smallest_step:
             ahead = predictor(known, self.length * reach)
-            guess, amplitudes = here.z + ahead[:len(here.z)], here.found.amplitudes[:len(slopes)] + ahead[len(here.z):]
+            guess = here.z + ahead[:len(here.z)]
+            amplitudes = here.linearised.amplitudes[:len(slopes)] + ahead[len(here.z):]
             self.tried += 1
-            found = corrector(equations, guess, here.tangent, (slopes, amplitudes),
-                              farthest=settings.farthest * self.length, first=self.first_equations)
-            if found is not None:
-                along = float(found.tangent @ here.tangent + found.slopes @ slopes)
-                new = solution_at(found.z, found.found, found.tangent if along > 0.0 else -found.tangent)
+            corrected = corrector(equations, guess, here.tangent, (slopes, amplitudes),
+                                  farthest=settings.farthest * self.length, first=self.first_equations)
+            if corrected is not None:
+                along = float(corrected.tangent @ here.tangent + corrected.slopes @ slopes)
+                new = solution_at(corrected.z, corrected.linearised, corrected.tangent if along > 0.0
+                                  else -corrected.tangent)
                 if over_border(here, new):
                     new = oriented(new, here.sign)
-                turned = abs(along) < settings.turn * reach * float(np.sqrt(1.0 + found.slopes @ found.slopes))
+                turned = abs(along) < settings.turn * reach * float(np.sqrt(1.0 + corrected.slopes @ corrected.slopes))
                 jumped = new.sign != here.sign and self.length > settings.branching
                 astray = beside(here, new, len(slopes) > 0) < settings.turn
-                if found.distance <= settings.farthest * self.length and not (turned or jumped or astray
-                                                                              or self.astray_beyond(new)):
+                if corrected.distance <= settings.farthest * self.length and not (turned or jumped or astray
+                                                                                  or self.astray_beyond(new)):
                     # The corrector's distance grows as the third power of the length.
-                    ways = found.distance / settings.wanted, found.contraction / settings.contraction
+                    ways = corrected.distance / settings.wanted, corrected.contraction / settings.contraction
                     factor = float(max(*ways, 1e-9) ** (-1.0 / 3.0))
                     self.length = min(self.length * min(max(factor, settings.shorter), most), settings.largest_step)
-                    self.missed = found.distance
+                    self.missed = corrected.distance
                     return new
             self.length *= settings.shorter
             most, known = settings.longer_after_refused, known[:max(len(known) - 2, 2)]
@@ -229,7 +231,7 @@ class Continuation(Generic[P, S]):
             left = float(np.abs(self.here.equations.linearise(new.z).residual).max())
         except FAILURES:
             return True
-        return left > self.settings.grown * max(float(np.abs(new.found.residual).max()), self.settings.nothing)
+        return left > self.settings.grown * max(float(np.abs(new.linearised.residual).max()), self.settings.nothing)
 
     def at_a_bound(self) -> tuple[P, int] | None:
         """The point on a bound that the next step would pass, and the parameter's number; None where it passes none.
@@ -253,9 +255,9 @@ class Continuation(Generic[P, S]):
                 guess = solution.z + predictor(nodes, way)
                 guess[k] = bound
                 farthest = settings.farthest * self.length
-                found = corrector(here.equations, guess, row, farthest=farthest, first=self.first_equations)
-                if found is not None and found.distance <= farthest:
-                    new = found.facing(solution.tangent)
+                corrected = corrector(here.equations, guess, row, farthest=farthest, first=self.first_equations)
+                if corrected is not None and corrected.distance <= farthest:
+                    new = corrected.facing(solution.tangent)
                     if float(new.tangent @ solution.tangent) > settings.turn and new.sign == solution.sign:
                         return here.moved(new), number
                 self.length *= settings.shorter

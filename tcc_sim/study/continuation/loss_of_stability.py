@@ -111,10 +111,10 @@ def _end(branches: Sequence[Branch], branch: Branch, point: int, beyond: int, sp
     at, width = branch.points[point], span[1] - span[0]
     size = max((s.orbit.seen.largest for b in branches for s in b.points), default=0.0)
     inner = 0 <= point + beyond < len(branch.points)
-    found = next((f for f in branch.bifurcations if inner and f.after == min(point, point + beyond)
-                  and f.changes_stability), None)
+    bifurcation = next((f for f in branch.bifurcations if inner and f.after == min(point, point + beyond)
+                        and f.changes_stability), None)
     last = point + beyond if inner else point
-    if found is None and last in (0, len(branch.points) - 1):
+    if bifurcation is None and last in (0, len(branch.points) - 1):
         # Where doubled motions end a multiplier is 1 to rounding, so the point may count as stable or not.
         end, near = branch.ended[min(last, 1)], at.shooting.settings.merged * width
         begun = next((f for b in branches if 2 * b.period == branch.period for f in b.bifurcations
@@ -123,14 +123,14 @@ def _end(branches: Sequence[Branch], branch: Branch, point: int, beyond: int, sp
             return SegmentEnd(begun.value / unit, begun.kind, begun.residual)
     if not inner and min(at.value - span[0], span[1] - at.value) <= 1e-9 * width:
         return SegmentEnd(at.value / unit)
-    found = found or nearest_bifurcation(branch, point, size, width)
-    if found is None:
+    bifurcation = bifurcation or nearest_bifurcation(branch, point, size, width)
+    if bifurcation is None:
         return SegmentEnd(at.value / unit)
-    jumps = found.kind == "fold"
-    if found.kind == "period_doubling":
-        first = doubled(found)
+    jumps = bifurcation.kind == "fold"
+    if bifurcation.kind == "period_doubling":
+        first = doubled(bifurcation)
         jumps = first is None or not first.orbit.stable
-    return SegmentEnd(found.value / unit, found.kind, found.residual, jumps)
+    return SegmentEnd(bifurcation.value / unit, bifurcation.kind, bifurcation.residual, jumps)
 
 
 def segment_of(seen: SettledMotion, among: Sequence[StableSegment], size: float, base: int = 1) -> int | None:
@@ -146,7 +146,7 @@ class Jump:
     """Jump between two neighbouring values `low` and `high` of a sweep.
 
     before, after : the largest sizes there
-    cause : kind of the bifurcation `found`, or one of BASIN, STEEP, APERIODIC, NOT_FOLLOWED
+    cause : kind of the bifurcation, or one of BASIN, STEEP, APERIODIC, NOT_FOLLOWED
     """
 
     low: float
@@ -154,12 +154,12 @@ class Jump:
     before: float
     after: float
     cause: str
-    found: Bifurcation | None = None
+    bifurcation: Bifurcation | None = None
 
     @property
     def value(self) -> float:
         """Value of the bifurcation, or the middle between the two values."""
-        return 0.5 * (self.low + self.high) if self.found is None else self.found.value
+        return 0.5 * (self.low + self.high) if self.bifurcation is None else self.bifurcation.value
 
 
 def jumps_of(seen: Sequence[SettledMotion], branches: Sequence[Branch], least: float, base: int = 1,
@@ -180,8 +180,8 @@ def jumps_of(seen: Sequence[SettledMotion], branches: Sequence[Branch], least: f
     for a, b in pairwise(seen):
         if not abs(b.amplitude - a.amplitude) > least * size:
             continue
-        cause, found = _cause(a, b, branches, size, width, base, direction)
-        out.append(Jump(a.value, b.value, a.amplitude, b.amplitude, cause, found))
+        cause, bifurcation = _cause(a, b, branches, size, width, base, direction)
+        out.append(Jump(a.value, b.value, a.amplitude, b.amplitude, cause, bifurcation))
     return out
 
 
@@ -203,9 +203,9 @@ def _cause(a: SettledMotion, b: SettledMotion, branches: Sequence[Branch], size:
             return STEEP, None
         goes_on = goes_on or reached
         if not reached:
-            found = nearest_bifurcation(branch, last, size, width)
-            if found is not None:
-                ends.append((direction == ("up" if place is here else "down"), found))
+            bifurcation = nearest_bifurcation(branch, last, size, width)
+            if bifurcation is not None:
+                ends.append((direction == ("up" if place is here else "down"), bifurcation))
     if ends:
         middle = 0.5 * (a.value + b.value)
         best = max(ends, key=lambda end: (end[0], -abs(end[1].value - middle)))[1]
@@ -243,9 +243,9 @@ def nearest_bifurcation(branch: Branch, point: int, size: float, width: float) -
     about = branch.points[max(point - 1, 0):point + 2]
     values, amplitudes = [s.value for s in about], [s.orbit.seen.largest for s in about]
 
-    def away(found: Bifurcation) -> float:
-        return (_beyond(found.value, values) / max(width, 1e-300)
-                + _beyond(found.point.orbit.seen.largest, amplitudes) / max(size, 1e-300))
+    def away(bifurcation: Bifurcation) -> float:
+        return (_beyond(bifurcation.value, values) / max(width, 1e-300)
+                + _beyond(bifurcation.point.orbit.seen.largest, amplitudes) / max(size, 1e-300))
 
     best = min(branch.bifurcations, key=away, default=None)
     return best if best is not None and away(best) <= DEFAULTS.near_end else None

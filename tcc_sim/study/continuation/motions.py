@@ -109,9 +109,9 @@ class Motions(Result):
 
     def _text(self) -> str:
         kinds = Counter(item.kind for item in self.bifurcations)
-        found = ", ".join(counted(number, kind.replace("_", " ")) for kind, number in kinds.items())
+        counts = ", ".join(counted(number, kind.replace("_", " ")) for kind, number in kinds.items())
         return (f"Motions over {self.plan.over} from {self.plan.low:g} to {self.plan.high:g}, {self.law}: "
-                f"{counted(len(self.branches), 'branch')}, {found or 'no bifurcation'}")
+                f"{counted(len(self.branches), 'branch')}, {counts or 'no bifurcation'}")
 
     def columns(self) -> dict[str, list[Any]]:
         """A row for every point of every branch, in order along it."""
@@ -161,8 +161,8 @@ def continuation(scene: Scene | System | str, over: str, start: float, stop: flo
     --------
     >>> from tcc_sim import load_scene
     >>> scene = load_scene("stick").with_values({"friction.law": "set_valued"})
-    >>> found = continuation(scene, "engine.mean_torque", 295.0, 305.0, at=(301.5,))
-    >>> [(branch.period, branch.origin.kind) for branch in found.branches], found.at[0]["stable"]
+    >>> result = continuation(scene, "engine.mean_torque", 295.0, 305.0, at=(301.5,))
+    >>> [(branch.period, branch.origin.kind) for branch in result.branches], result.at[0]["stable"]
     ([(1, 'start')], True)
     """
     plan = ContinuationPlan(over, min(start, stop), max(start, stop), period, sequence_of_numbers(over, at), switch,
@@ -179,7 +179,7 @@ def check(system: System, plan: ContinuationPlan) -> DrivelineMap:
     InputError
         A key that cannot be followed, a range beyond the key's own, or an option without effect.
     """
-    found = DrivelineMap(system, (plan.over,))
+    map_ = DrivelineMap(system, (plan.over,))
     for value in (plan.low, plan.high):
         replace(system, {plan.over: value})
     if plan.second is not None:
@@ -191,10 +191,10 @@ def check(system: System, plan: ContinuationPlan) -> DrivelineMap:
         present = _present(system, key)
         if not low <= present <= high:
             raise InputError(f"--second runs from {low:g} to {high:g}; it must include the scene's {key}, {present:g}")
-    if plan.period is not None and plan.period % found.forcing_period:
-        raise InputError(f"--period is {plan.period}; the excitation repeats after {found.forcing_period} engine "
+    if plan.period is not None and plan.period % map_.forcing_period:
+        raise InputError(f"--period is {plan.period}; the excitation repeats after {map_.forcing_period} engine "
                          "cycles, and the period must be a multiple of that")
-    return found
+    return map_
 
 
 def continue_motions(system: System, plan: ContinuationPlan, tick: Callable[[ContinuationPoint], None] | None = None,

@@ -87,10 +87,10 @@ class Orbit:
                             events=self.seen.events, residual=self.residual)
 
 
-def orbit_at(shooting: Shooting, z: Floats, found: Linearised) -> Orbit:
+def orbit_at(shooting: Shooting, z: Floats, linearised: Linearised) -> Orbit:
     """The orbit of a solution `z` with its linearisation."""
-    return Orbit(shooting.period, shooting.values(z), shooting.nodes(z), multipliers_of(*found.blocks), found.seen,
-                 float(np.abs(found.residual).max()))
+    return Orbit(shooting.period, shooting.values(z), shooting.nodes(z), multipliers_of(*linearised.blocks),
+                 linearised.seen, float(np.abs(linearised.residual).max()))
 
 
 def newton(shooting: Shooting, z: Floats, known: Sequence[Floats] = ()) -> Floats | None:
@@ -100,21 +100,21 @@ def newton(shooting: Shooting, z: Floats, known: Sequence[Floats] = ()) -> Float
     """
     z, size, settings = z.copy(), shooting.size, shooting.settings
     try:
-        found = shooting.linearise(z)
+        linearised = shooting.linearise(z)
         for _ in range(settings.newton_iterations):
-            step = _newton_step(found.jacobian[:, :size], found.residual, settings.singular)
+            step = _newton_step(linearised.jacobian[:, :size], linearised.residual, settings.singular)
             turn = sum(_slope(z[:size] - k[:size], step) for k in known)
             if turn:
                 step = step / (1.0 - turn)
             length = float(np.abs(step).max())
             if not np.isfinite(length):
                 return None
-            left = float(np.abs(found.residual).max())
+            left = float(np.abs(linearised.residual).max())
             if left < settings.newton_rounding or (length < settings.newton_tolerance and left <= settings.residual):
                 z[:size] += step
                 return z if all(np.abs(z[:size] - k[:size]).max() > settings.same for k in known) else None
             step *= min(1.0, settings.newton_step / length)
-            before = _weight(z, known, size) * float(np.linalg.norm(found.residual))
+            before = _weight(z, known, size) * float(np.linalg.norm(linearised.residual))
             for part in settings.newton_parts:
                 trial = z.copy()
                 trial[:size] += part * step
@@ -123,7 +123,7 @@ def newton(shooting: Shooting, z: Floats, known: Sequence[Floats] = ()) -> Float
                 except FAILURES:
                     continue
                 if _weight(trial, known, size) * float(np.linalg.norm(after.residual)) < before:
-                    z, found = trial, after
+                    z, linearised = trial, after
                     break
             else:
                 return None

@@ -53,21 +53,21 @@ class Solution(NamedTuple):
 
     z: Floats
     tangent: Floats
-    found: Linearised
+    linearised: Linearised
     sign: float
 
 
 class Corrected(NamedTuple):
     """Result of the corrector.
 
-    z, found, tangent : a solution, the last linearisation and the tangent's direction
+    z, linearised, tangent : a solution, the last linearisation and the tangent's direction
     distance : from the guess, with the amplitudes where they are coordinates
     slopes : change of the amplitudes along the tangent
     contraction : Newton's second step over the first one
     """
 
     z: Floats
-    found: Linearised
+    linearised: Linearised
     tangent: Floats
     distance: float
     slopes: Floats
@@ -75,7 +75,7 @@ class Corrected(NamedTuple):
 
     def facing(self, way: Floats) -> Solution:
         """The solution with the one of its two tangents that points along `way`."""
-        return solution_at(self.z, self.found, self.tangent if float(self.tangent @ way) > 0.0 else -self.tangent)
+        return solution_at(self.z, self.linearised, self.tangent if float(self.tangent @ way) > 0.0 else -self.tangent)
 
 
 FLAT = (np.empty(0), np.empty(0))
@@ -101,21 +101,21 @@ def corrector(equations: Equations, guess: Floats, row: Floats, plane: tuple[Flo
     now, short = first or equations, 1.0
     for _ in range(settings.correct_iterations):
         try:
-            found = now.linearise(z)
-            matrix[:-1], matrix[-1] = found.jacobian, row
-            sides[:-1, 0], sides[-1, 0] = -found.residual, -float(row @ (z - guess))
+            linearised = now.linearise(z)
+            matrix[:-1], matrix[-1] = linearised.jacobian, row
+            sides[:-1, 0], sides[-1, 0] = -linearised.residual, -float(row @ (z - guess))
             if by_amplitude:
-                if len(found.amplitudes) != len(known):
+                if len(linearised.amplitudes) != len(known):
                     return None
-                matrix[-1] += weights @ found.amplitude_gradient
-                apart = found.amplitudes - known
+                matrix[-1] += weights @ linearised.amplitude_gradient
+                apart = linearised.amplitudes - known
                 sides[-1, 0] -= float(weights @ apart)
                 away = math.sqrt(apart @ apart)
             solved: Any = np.linalg.solve(matrix, sides)
         except FAILURES:
             return None
         step = solved[:, 0]
-        length, left = (float(np.maximum.reduce(np.abs(x))) for x in (step, found.residual))
+        length, left = (float(np.maximum.reduce(np.abs(x))) for x in (step, linearised.residual))
         if not length < min(farthest, settings.correct_step):
             return None
         z = z + step
@@ -123,9 +123,9 @@ def corrector(equations: Equations, guess: Floats, row: Floats, plane: tuple[Flo
                 length <= settings.squared and left <= equations.rounding)):
             tangent: Floats = np.ascontiguousarray(solved[:, 1])
             tangent = tangent / math.sqrt(tangent @ tangent)
-            slopes = found.amplitude_gradient @ tangent if by_amplitude else weights
+            slopes = linearised.amplitude_gradient @ tangent if by_amplitude else weights
             way = z - guess
-            return Corrected(z, found, tangent, float(np.hypot(math.sqrt(way @ way), away)), slopes, contraction)
+            return Corrected(z, linearised, tangent, float(np.hypot(math.sqrt(way @ way), away)), slopes, contraction)
         if length > (settings.slowest if length > settings.squared else short) * last:
             return None
         contraction = contraction or (length / last if last < np.inf else 0.0)
@@ -136,7 +136,7 @@ def corrector(equations: Equations, guess: Floats, row: Floats, plane: tuple[Flo
 
 def over_border(here: Solution, new: Solution) -> bool:
     """Whether the event sequence differs between two solutions."""
-    return here.found.seen.events != new.found.seen.events
+    return here.linearised.seen.events != new.linearised.seen.events
 
 
 def oriented(solution: Solution, sign: float) -> Solution:
@@ -152,24 +152,24 @@ def oriented(solution: Solution, sign: float) -> Solution:
     return solution._replace(tangent=-solution.tangent, sign=-solution.sign)
 
 
-def tangent_of(found: Linearised, along: Floats) -> Floats:
+def tangent_of(linearised: Linearised, along: Floats) -> Floats:
     """The unit tangent of the curve that points along `along`."""
     side = np.zeros(len(along))
     side[-1] = 1.0
-    t = np.linalg.solve(np.vstack([found.jacobian, along]), side)
+    t = np.linalg.solve(np.vstack([linearised.jacobian, along]), side)
     return np.asarray(t / float(np.linalg.norm(t)))
 
 
-def null_direction(found: Linearised) -> Floats:
+def null_direction(linearised: Linearised) -> Floats:
     """A unit vector that the Jacobian maps to zero."""
-    return np.asarray(np.linalg.svd(found.jacobian)[2][-1])
+    return np.asarray(np.linalg.svd(linearised.jacobian)[2][-1])
 
 
-def solution_at(z: Floats, found: Linearised, tangent: Floats) -> Solution:
+def solution_at(z: Floats, linearised: Linearised, tangent: Floats) -> Solution:
     """The solution at a point, with the sign of its determinant."""
     matrix = np.empty((len(z), len(z)))
-    matrix[:-1], matrix[-1] = found.jacobian, tangent
-    return Solution(z, tangent, found, float(np.sign(np.linalg.det(matrix))))
+    matrix[:-1], matrix[-1] = linearised.jacobian, tangent
+    return Solution(z, tangent, linearised, float(np.sign(np.linalg.det(matrix))))
 
 
 def beside(here: Solution, new: Solution, by_amplitude: bool) -> float:
@@ -177,8 +177,8 @@ def beside(here: Solution, new: Solution, by_amplitude: bool) -> float:
     # Along a curve that bends little the chord lies between both tangents; else the corrector has left the curve.
     way, along = new.z - here.z, new.tangent
     if by_amplitude:
-        way = np.concatenate([way, new.found.amplitudes - here.found.amplitudes])
-        along = np.concatenate([along, new.found.amplitude_gradient @ new.tangent])
+        way = np.concatenate([way, new.linearised.amplitudes - here.linearised.amplitudes])
+        along = np.concatenate([along, new.linearised.amplitude_gradient @ new.tangent])
     return float(way @ along) / max(float(np.sqrt((way @ way) * (along @ along))), 1e-300)
 
 
@@ -191,9 +191,10 @@ def predictor_nodes(here: Solution, before: Sequence[Solution], slopes: Floats,
     size, used = len(here.z), len(slopes)
     nodes = [(0.0, np.zeros(size + used)), (0.0, np.concatenate([here.tangent, slopes]) / (1.0 + slopes @ slopes))]
     for point in before[:-count - 1:-1]:
-        if len(point.z) != size or (used and len(point.found.amplitudes) != used):
+        if len(point.z) != size or (used and len(point.linearised.amplitudes) != used):
             break
-        away = np.concatenate([point.z - here.z, point.found.amplitudes[:used] - here.found.amplitudes[:used]])
+        away = np.concatenate([point.z - here.z, point.linearised.amplitudes[:used]
+                               - here.linearised.amplitudes[:used]])
         at = float(here.tangent @ away[:size] + slopes @ away[size:])
         if not at < nodes[-1][0]:
             break

@@ -141,10 +141,10 @@ RULES: dict[str, tuple[tuple[str, str], ...]] = {
 
 def _reduced(longer: str, rules: tuple[tuple[str, str], ...], shorter: str) -> bool:
     """Whether replacing parts of the ring `longer`, once or more, gives the ring `shorter`."""
-    found = {longer}
+    texts = {longer}
     for _ in range(DEFAULTS.repeats):
-        found = {new for text in found for pattern, by in rules for new in _replaced(text, pattern, by)}
-        if shorter in found:
+        texts = {new for text in texts for pattern, by in rules for new in _replaced(text, pattern, by)}
+        if shorter in texts:
             return True
     return False
 

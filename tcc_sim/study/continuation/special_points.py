@@ -97,7 +97,7 @@ class Bifurcation(Described):
 
 def point_at(shooting: Shooting, solution: Solution) -> ContinuationPoint:
     """The continuation point of a solution."""
-    return ContinuationPoint(solution, shooting, orbit_at(shooting, solution.z, solution.found))
+    return ContinuationPoint(solution, shooting, orbit_at(shooting, solution.z, solution.linearised))
 
 
 def doubling(m: NDArray[np.complex128]) -> float:
@@ -131,7 +131,7 @@ def smooth_bifurcations(bracket: Bracket[ContinuationPoint]) -> list[Bifurcation
         tests.append(("neimark_sacker", lambda s: torus(s.orbit.multipliers), _from_circle))
     if crossed:
         tests.append(("branch_point", lambda s: s.solution.sign,
-                      lambda s: float(np.linalg.svd(s.solution.found.jacobian, compute_uv=False)[-1])))
+                      lambda s: float(np.linalg.svd(s.solution.linearised.jacobian, compute_uv=False)[-1])))
     for kind, test, residual in tests:
         point = branch_point(bracket.b) if kind == "branch_point" else bracket.locate(test, residual)
         if point is None or (kind == "neimark_sacker" and not np.isfinite(_from_circle(point))):
@@ -148,10 +148,10 @@ def branch_point(near: ContinuationPoint) -> ContinuationPoint | None:
     shooting, settings = near.shooting, near.shooting.settings
     try:
         system = BranchPoint(shooting, near.solution.z)
-        found = system.solved(system.start, settings.branch_point_reach)
-        if found is None or abs(found[0][-1]) > settings.branch_point_defect:
+        solved = system.solved(system.start, settings.branch_point_reach)
+        if solved is None or abs(solved[0][-1]) > settings.branch_point_defect:
             return None
-        z = found[0][:-1]
+        z = solved[0][:-1]
         return point_at(shooting, solution_at(z, shooting.linearise(z), near.solution.tangent))
     except FAILURES:
         return None
@@ -194,9 +194,9 @@ def sliding_bifurcation(
             return left, right, None
         near = nearest_margins(left.shooting, left.solution.z), nearest_margins(right.shooting, right.solution.z)
         kind = kind_of_change(*events, near)
-        found = _on_border(kind, left, right, near)
-        if found is not None:
-            return left, right, found
+        border = _on_border(kind, left, right, near)
+        if border is not None:
+            return left, right, border
         # The margin may vanish on one side only, and the bracket need not be narrow.
         residual, at = min(((max(margin_residual(kind, (m,)), s.orbit.residual), s)
                             for s, m in zip((left, right), near)), key=lambda side: side[0])
@@ -223,9 +223,9 @@ def _on_border(kind: str, left: ContinuationPoint, right: ContinuationPoint,
     solved = VanishingMargin(shooting, kind).solved(start.solution.z, shooting.settings.border_astray * apart)
     if solved is None:
         return None
-    z, found, error = solved
-    found = found._replace(residual=found.residual[:size], jacobian=found.jacobian[:size])
-    point = point_at(shooting, solution_at(z, found, tangent_of(found, start.solution.tangent)))
+    z, linearised, error = solved
+    linearised = linearised._replace(residual=linearised.residual[:size], jacobian=linearised.jacobian[:size])
+    point = point_at(shooting, solution_at(z, linearised, tangent_of(linearised, start.solution.tangent)))
     return Bifurcation(kind, point, max(error, point.orbit.residual))
 
 
@@ -238,12 +238,12 @@ def special_points_between(a: ContinuationPoint, b: ContinuationPoint) -> list[B
         return smooth_bifurcations(bracket)
     out: list[Bifurcation] = []
     for _ in range(a.shooting.settings.most_borders):
-        left, right, found = sliding_bifurcation(bracket)
+        left, right, points = sliding_bifurcation(bracket)
         if float(np.linalg.norm(right.solution.z - left.solution.z)) > a.shooting.settings.same:
             return None
         out += smooth_bifurcations(Bracket(bracket.a, left, b.by_amplitude))
-        if found is not None:
-            out.append(found)
+        if points is not None:
+            out.append(points)
         bracket = Bracket(right, b, b.by_amplitude)
         if not differ(right.orbit.seen.events, b.orbit.seen.events):
             break
@@ -269,10 +269,10 @@ def period_doubling_end(here: ContinuationPoint, new: ContinuationPoint) -> Cont
                 solved = MinimallyAugmented("period_doubling", simple, near).solved(near)
                 if solved is None or not np.abs(solved[0] - near).max() < shooting.settings.halves_reach:
                     return here
-                found = whole.linearise(solved[0])
+                linearised = whole.linearise(solved[0])
             except FAILURES:
                 return here
-            if float(np.abs(found.residual).max()) > shooting.settings.residual:
+            if float(np.abs(linearised.residual).max()) > shooting.settings.residual:
                 return here
-            return point_at(whole, solution_at(solved[0], found, shooting.outer(here.solution.tangent)))
+            return point_at(whole, solution_at(solved[0], linearised, shooting.outer(here.solution.tangent)))
     return None

@@ -29,13 +29,13 @@ AXES = {"omega/omega_n": r"frequency ratio $\omega/\omega_n$", "mu_k/mu_s": r"fr
 
 def draw_branches(axis: Any, curve: Labelled, unit: float, colour: str) -> None:
     """Draw the largest slip speed of every branch: solid if stable, dashed if unstable, thicker for longer periods."""
-    found = behind([curve])
-    periods = sorted({b["period"] for b in found.branches})
-    for number, branch in enumerate(found.branches):
+    motions = behind([curve])
+    periods = sorted({b["period"] for b in motions.branches})
+    for number, branch in enumerate(motions.branches):
         thicker = 0.35 * min(periods.index(branch["period"]), 3)
-        for (x, height), dashes, width in zip(stable_and_unstable(vars(found), number), ("-", UNSTABLE), (1.1, 0.7)):
+        for (x, height), dashes, width in zip(stable_and_unstable(vars(motions), number), ("-", UNSTABLE), (1.1, 0.7)):
             axis.plot(x / unit, height, linestyle=dashes, linewidth=width + thicker, color=colour, zorder=2.5)
-    for item in found.bifurcations:
+    for item in motions.bifurcations:
         axis.plot([item["value"] / unit], [item["max_slip_speed"]], linestyle="none", marker=MARKS[item["kind"]][0],
                   color=style.INK, markersize=2.8, markeredgewidth=0.0, zorder=4)
 

@@ -69,16 +69,16 @@ def _seen(sweep: Sweep, k: int) -> SettledMotion | None:
     value, point = sweep.curve.values[k], sweep.points[k]
     if point is None or point.summary is None:
         return None
-    found = point.summary
-    if not found.settled:
+    summary = point.summary
+    if not summary.settled:
         return _later(sweep.curve, k, point.end)
-    amplitude = found.max_slip_speed
-    if found.period:  # The maximum in the sweep may belong to a transient.
+    amplitude = summary.max_slip_speed
+    if summary.period:  # The maximum in the sweep may belong to a transient.
         system = sweep.curve.at(k)
-        together = math.lcm(found.period, common_cycles(system) or 1)
+        together = math.lcm(summary.period, common_cycles(system) or 1)
         cycles = solve(system, cycles=together, start_cycle=point.end.cycle, state=point.end.state).solved_cycles
         amplitude = summarise_cycles(cycles, system.cycle).max_slip_speed
-    return SettledMotion(value, np.array(point.end.state.numbers), point.end.cycle, found.period, amplitude)
+    return SettledMotion(value, np.array(point.end.state.numbers), point.end.cycle, summary.period, amplitude)
 
 
 def _later(curve: Curve, k: int, start: Start) -> SettledMotion | None:
@@ -88,10 +88,10 @@ def _later(curve: Curve, k: int, start: Start) -> SettledMotion | None:
         settled = later(curve.at(k), start)
         if settled is None:
             break
-        found, start = settled
-        motion = SettledMotion(curve.values[k], np.array(start.state.numbers), start.cycle, found.period,
-                               found.max_slip_speed)
-        late = approached(curve, motion, found.settled)
+        summary, start = settled
+        motion = SettledMotion(curve.values[k], np.array(start.state.numbers), start.cycle, summary.period,
+                               summary.max_slip_speed)
+        late = approached(curve, motion, summary.settled)
         if late.period:
             break
     return late
@@ -131,18 +131,18 @@ def surveyed(curve: Curve, seen: Sequence[SettledMotion], progress: bool = False
 
 def motions_behind(sweeps: Sequence[Sweep], progress: bool = False) -> list[MotionsBehind]:
     """Return branches, bifurcations and jumps behind sweeps of one system over the same values of one key."""
-    found = [seen_in(sweep) for sweep in sweeps]
-    branches = surveyed(sweeps[0].curve, [s for row in found for s in row], progress)
+    seen = [seen_in(sweep) for sweep in sweeps]
+    branches = surveyed(sweeps[0].curve, [s for row in seen for s in row], progress)
     base = common_cycles(sweeps[0].curve.system)
     bifurcations = [f for branch in branches for f in branch.bifurcations]
     followed, special = [b.as_json() for b in branches], [f.as_json() for f in bifurcations]
     out = []
-    for sweep, row in zip(sweeps, found):
+    for sweep, row in zip(sweeps, seen):
         forward = sorted(row, key=lambda s: s.value)
         jumps = []
         for jump in jumps_of(forward, branches, JUMP, base, sweep.plan.direction):
-            ends_stick = jump.found is not None and creeps(jump.found, sweep.curve.system)
-            number = next((k for k, f in enumerate(bifurcations) if f is jump.found), None)
+            ends_stick = jump.bifurcation is not None and creeps(jump.bifurcation, sweep.curve.system)
+            number = next((k for k, f in enumerate(bifurcations) if f is jump.bifurcation), None)
             jumps.append(JumpBehind(jump.value, (jump.low, jump.high), (jump.before, jump.after),
                                     "stick_border" if ends_stick else jump.cause, number))
         sentences = diagram.left_out(row, branches, base)
@@ -158,15 +158,15 @@ def motions_behind_each(sweeps: Sequence[Sweep], jobs: int | None = None,
     """Return `motions_behind` for sweeps of different systems, each in a process."""
     if processes_for(len(sweeps), jobs) < 2:
         return [motions_behind([sweep], progress)[0] for sweep in sweeps]
-    return [found for found, in each_in_a_process(motions_behind, [[s] for s in sweeps], jobs, "curve", progress)]
+    return [motions for motions, in each_in_a_process(motions_behind, [[s] for s in sweeps], jobs, "curve", progress)]
 
 
-def creeps(found: Bifurcation, system: System) -> bool:
+def creeps(bifurcation: Bifurcation, system: System) -> bool:
     """Return whether a bifurcation of the smoothed law is an end of stick, that is, its motion creeps."""
-    if system.friction.law != "smoothed" or found.kind not in SMOOTH:
+    if system.friction.law != "smoothed" or bifurcation.kind not in SMOOTH:
         return False
     limit = stick_speed_of(terms_of(system))
-    return math.isfinite(limit) and found.point.orbit.seen.largest <= CREEP * limit
+    return math.isfinite(limit) and bifurcation.point.orbit.seen.largest <= CREEP * limit
 
 
 def orbit_behind(system: System, final: State, cycle: int, period: int, largest: float) -> dict[str, Any] | None:
@@ -230,8 +230,8 @@ class StableMotions(Evidence):
         missing = {name: row for name, row in zip(names, rows) if name not in self.known}
         ways = [self.curves(list(missing.values()), axis, over=over, direction=way) for way in WAYS]
         with workers(self.jobs, None) as (pool, _), progress_bar("branches", len(missing), shown=self.progress) as bar:
-            for name, found in zip(missing, pool.map(followed, zip(*ways))):
-                self.known[name] = found
+            for name, stretches in zip(missing, pool.map(followed, zip(*ways))):
+                self.known[name] = stretches
                 bar.update()
         return [self.known[name] for name in names]
 
@@ -248,7 +248,7 @@ class StableMotions(Evidence):
         """Return every stretch of a curve with its ends, and the values at which (13) leads to it."""
         among = self.stretches([row], axis, over=over)[0]
         on = self.reached(row, axis, over=over)
-        return [Motion(curve, NORMALISED[over][0], [float(x) for x, found in zip(axis, on) if found == k], s)
+        return [Motion(curve, NORMALISED[over][0], [float(x) for x, number in zip(axis, on) if number == k], s)
                 for k, s in enumerate(among)]
 
     def jump_ends(self, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[float]:
@@ -266,16 +266,16 @@ class StableMotions(Evidence):
         """Return (n,) whether Newton's method finds a stable periodic orbit at a motion of a sweep."""
         name = json.dumps(["periodic", sorted(row.items()), axis.tolist()])
         if name not in self.known:
-            found = np.zeros(len(axis), dtype=bool)
+            periodic = np.zeros(len(axis), dtype=bool)
             for way in WAYS:
                 curve = (sweep := self.curves([row], axis, direction=way)[0]).curve
                 of, span = DrivelineMap(curve.system, (curve.key,)), ParameterRange(curve.values[0], curve.values[-1])
                 for seen in seen_in(sweep):
                     k = curve.values.index(seen.value)
-                    if seen.period and not found[k]:
+                    if seen.period and not periodic[k]:
                         point = point_of(of, span, seen)
-                        found[k] = point is not None and point.orbit.stable
-            self.known[name] = found
+                        periodic[k] = point is not None and point.orbit.stable
+            self.known[name] = periodic
         return np.array(self.known[name])
 
     def attractors(self, row: Values) -> list[tuple[int, float]]:
@@ -284,17 +284,17 @@ class StableMotions(Evidence):
         if name not in self.known:
             system = self.system(row)
             starts = [np.array(State.at_start(system).numbers), *(LOWEST + (HIGHEST - LOWEST) * halton(SEEDS, 3))]
-            found = find_attractors(DrivelineMotion(system), starts)
-            self.known[name] = sorted((a.period, a.largest) for a in found)
+            attractors = find_attractors(DrivelineMotion(system), starts)
+            self.known[name] = sorted((a.period, a.largest) for a in attractors)
         return list(self.known[name])
 
 
-def highest_shares(found: Sequence[Sequence[Sequence[float]]], where: Any, negligible: float = 0.05,
+def highest_shares(curves: Sequence[Sequence[Sequence[float]]], where: Any, negligible: float = 0.05,
                    slipping: float = 0.1) -> tuple[float, float]:
     """Return the fractions of the slipping places at which the first curve is the highest, for every choice of a motion
     on each curve and for some choice, from the largest slip speeds of all stable motions, per curve and place, rad/s.
     """
     every, some, moving = np.array([
         (min(own) >= max(map(max, others)) - negligible, max(own) >= max(map(min, others)) - negligible,
-         max(map(max, (own, *others))) > slipping) for own, *others in zip(*found)], dtype=bool).T
+         max(map(max, (own, *others))) > slipping) for own, *others in zip(*curves)], dtype=bool).T
     return share_where(every, where & moving), share_where(some, where & moving)

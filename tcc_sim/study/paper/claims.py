@@ -45,7 +45,7 @@ VERDICTS = {NOT_CONFIRMED: ("no", "not confirmed"), DEPENDS: ("depends", "depend
 
 def claims_in(rows: Mapping[str, Mapping[str, Any]]) -> list[Claim]:
     """Return the claims of a file; names in braces are constants of the module of the measure, or of `rules`."""
-    found = []
+    claims = []
     for name, row in rows.items():
         measure, given = row.get("measure", name), row.get("given", {})
         phrases = ChainMap(given, getattr(PaperEvidence, measure).__globals__, vars(rules))
@@ -54,9 +54,9 @@ def claims_in(rows: Mapping[str, Mapping[str, Any]]) -> list[Claim]:
                       for key, (rule, *options) in RULES.items() if key in row)
         labels = {key: text.format_map(phrases) for key, text in row.get("values", {}).items()}
         figure, where, *kind = row["at"]
-        found.append(Claim(figure, where, row["claim"], criterion, methodcaller(measure, **given), name,
-                           why=row.get("why", ""), labels=labels, **dict.fromkeys(kind, True)))
-    return found
+        claims.append(Claim(figure, where, row["claim"], criterion, methodcaller(measure, **given), name,
+                            why=row.get("why", ""), labels=labels, **dict.fromkeys(kind, True)))
+    return claims
 
 
 INTRODUCTION, _rows = yaml.safe_load_all(Path(__file__).with_name("claims.yaml").read_text(encoding="utf-8"))
@@ -95,7 +95,7 @@ class Verdict:
     @reporting("confirmed, not confirmed or depends")
     def verdict(self) -> str:
         """Common verdict of all pressures, or `depends`."""
-        return found.pop() if len(found := set(self.pressures.values())) == 1 else DEPENDS
+        return verdicts.pop() if len(verdicts := set(self.pressures.values())) == 1 else DEPENDS
 
     @property
     @reporting("pressure, tolerance or part (of the claim), on which the verdict depends; null for another verdict")
@@ -166,8 +166,8 @@ def judge(claims: Sequence[Claim] = (), *, pressures: Sequence[float] = PRESSURE
     """
     first, out, known = pressures[0], list[Verdict](), {item.name for item in fields(Finding)}
     lines = kept.read_text(encoding="utf-8").splitlines() if kept is not None and kept.exists() else []
-    stored = {found["name"]: Finding(**{k: v for k, v in found["finding"].items() if k in known})
-              for found in map(json.loads, lines)}
+    stored = {line["name"]: Finding(**{k: v for k, v in line["finding"].items() if k in known})
+              for line in map(json.loads, lines)}
     every = {p: [PaperEvidence(TOLERANCE, jobs, progress, p)] for p in pressures}
     every[first].append(PaperEvidence(TIGHTER, jobs, progress, first, known=every[first][0].known))
     for row in claims or CLAIMS:
@@ -189,14 +189,14 @@ def claims_page(verdicts: Sequence[Verdict], *, complete: bool = True) -> str:
     lines = ["# The paper's claims", "", f"- {counts_of(verdicts)}.", "", INTRODUCTION.format(
         kpa=kpa, first=places[0], fitting=", ".join(f"{p / 1e3:g}" for p in PRESSURES), tolerance=TOLERANCE,
         tighter=TIGHTER, later=LATER)]
-    found = [v for name in VERDICTS for v in verdicts if v.verdict == name]
-    lines += markdown_table(["Fig.", "Section", "claim", "verdict", f"at {kpa}"], map(claim_row, found))
+    chosen = [v for name in VERDICTS for v in verdicts if v.verdict == name]
+    lines += markdown_table(["Fig.", "Section", "claim", "verdict", f"at {kpa}"], map(claim_row, chosen))
     if any(v.varied for v in verdicts):
         lines += ["", "## Thresholds halved and doubled", "", f"The verdicts that change, at {places[0]} kPa.", "",
                   *markdown_table(["threshold", "meaning", "value", "halved", "doubled"],
                                   [threshold_row(verdicts, item) for item in fields(T)])]
     lines += ["", "**Interrupted: not every claim was judged.**"] * (not complete)
-    for v in found:
+    for v in chosen:
         lines += ["", *claim_section(v)]
     return "\n".join(lines) + "\n"
 
@@ -237,6 +237,6 @@ def listed_numbers(values: Mapping[str, Any]) -> list[str]:
 
 def counts_of(verdicts: Sequence[Verdict]) -> str:
     """Return the number of claims with each verdict, as text."""
-    found = [v.verdict for v in verdicts]
-    return f"Of {len(found)} claims: " + ", ".join(f"{found.count(name)} {VERDICTS[name][1]}"
+    words = [v.verdict for v in verdicts]
+    return f"Of {len(words)} claims: " + ", ".join(f"{words.count(name)} {VERDICTS[name][1]}"
                                                    for name in (CONFIRMED, DEPENDS, NOT_CONFIRMED))

@@ -69,7 +69,7 @@ class JumpClaims(Rules):
 
     def super_harmonic_peaks(self) -> Measured:
         peaks = [self.peaks_of(way) for way in WAYS]
-        return self.curves_near_named([found[f"{r:g}"] for found in peaks for r in FALLING], {"peaks": peaks})
+        return self.curves_near_named([peak[f"{r:g}"] for peak in peaks for r in FALLING], {"peaks": peaks})
 
     def super_harmonic_jumps(self) -> Measured:
         both, left, motions = list[list[float]](), list[float](), list[Motion]()
@@ -164,8 +164,8 @@ class JumpClaims(Rules):
                          "met": [[end.kind, end.value] for end in met]}, not smooth, motions)
 
     def half_frequency_jumps(self) -> Measured:
-        found = [len(steep(values, self.limit("jump"))) for values in self.figure(16).maxima]
-        return Measured((found[0] > max(found[1:]), found[0] > min(found[1:])), {"changes": found})
+        counts = [len(steep(values, self.limit("jump"))) for values in self.figure(16).maxima]
+        return Measured((counts[0] > max(counts[1:]), counts[0] > min(counts[1:])), {"changes": counts})
 
     def amplitude_enlarges_jumps(self) -> Measured:
         jumps = [max((abs(size) for x, size in self.jumps(row, AXIS)
@@ -175,11 +175,11 @@ class JumpClaims(Rules):
 
     def amplitude_jumps(self) -> Measured:
         curves = {f"Tsp/Tsm = {x:g}": row for x, row in zip((0.25, 0.5), rows(18)[2:])}
-        found, motions = dict[str, list[float]](), list[Motion]()
+        jumps, motions = dict[str, list[float]](), list[Motion]()
         for name, mark in HIGHER_JUMPS.items():
             axis = about(mark)
             self.stretches(list(curves.values()), axis)
-            found[name] = [x for row in curves.values() for x in self.jump_ends(row, axis)
+            jumps[name] = [x for row in curves.values() for x in self.jump_ends(row, axis)
                            if abs(x - mark) <= self.limit("near")]
             motions += [m for curve, row in curves.items() for m in self.motions(curve, row, axis)]
-        return Measured([(bool(places), True) for places in found.values()], {"ends": found}, motions=motions)
+        return Measured([(bool(places), True) for places in jumps.values()], {"ends": jumps}, motions=motions)

@@ -94,14 +94,14 @@ class MethodClaims(PeriodClaims):
              "is unstable at larger sigma"), self.motions("", FIG02, SHARPER, over=SMOOTHING))
 
     def smoothing_is_uncertain(self) -> Measured:
-        found = {}
+        errors = {}
         for name, row in {**{f"sigma = {s:g}": {SMOOTHING: s} for s in (50.0, 100.0, 1000.0)},
                           "law (6)": LAWS["set-valued (6)"]}.items():
             cycles = self.run(self.system({**FIG02, **row}), 2000).solved_cycles[-96:]
-            found[name] = (periodicity(cycles).period, float(cycles.largest.max()))
-        *smoothed, exact = ([motion] for motion in found.values())
+            errors[name] = (periodicity(cycles).period, float(cycles.largest.max()))
+        *smoothed, exact = ([motion] for motion in errors.values())
         apart = [attractors_differ(exact, m, limit=self.limit("alike")) for m in smoothed]
-        return Measured((any(apart) and not apart[-1],), {"found": {name: list(m) for name, m in found.items()}})
+        return Measured((any(apart) and not apart[-1],), {"found": {name: list(m) for name, m in errors.items()}})
 
     def discontinuous_is_slow(self) -> Measured:
         exact, smoothed = (min(self.run(self.system({**FIG02, "friction.law": law}), CYCLES).statistics.seconds
@@ -120,15 +120,15 @@ class MethodClaims(PeriodClaims):
         parts = {f"{1.0 / r:g}": friction.peak(*law)[1] / r
                  for r, law in _laws_of_fig_3().items()}
         del parts["1"]
-        found = list(parts.values())
-        return Measured((max(found) < 1.0 and found == sorted(found, reverse=True),), {"parts": parts})
+        changes = list(parts.values())
+        return Measured((max(changes) < 1.0 and changes == sorted(changes, reverse=True),), {"parts": parts})
 
     def slope_turns_negative(self) -> Measured:
         v = np.linspace(1e-4, 1.0, 20001)
         lowest = {f"{1.0 / r:g}": float(friction.smoothed_and_slope(v, *law)[1].min())
                   for r, law in _laws_of_fig_3().items()}
-        found = list(lowest.values())
-        return Measured((found[0] >= 0.0 and found[1] < 0.0 and found == sorted(found, reverse=True),),
+        slopes = list(lowest.values())
+        return Measured((slopes[0] >= 0.0 and slopes[1] < 0.0 and slopes == sorted(slopes, reverse=True),),
                         {"lowest": lowest})
 
     def damping_crosses(self) -> Measured:
@@ -138,8 +138,8 @@ class MethodClaims(PeriodClaims):
         middles = 0.5 * (DAMPED[1:] + DAMPED[:-1])
         at = {name: [round(float(x), 4) for x in middles[np.diff(values < limit)]]
               for name, values in (("printed", printed), ("negative", negative))}
-        hit = {name: sum(bool(len(changes)) and float(np.abs(DAMPED[changes] - x).min()) <= 0.005 for x in found)
-               for name, found in at.items()}
+        hit = {name: sum(bool(len(changes)) and float(np.abs(DAMPED[changes] - x).min()) <= 0.005 for x in damping)
+               for name, damping in at.items()}
         values = {"cf": [float(np.nanmin(printed)), float(np.nanmax(printed))],
                   "read": [two_digits(np.interp(x, DAMPED, negative)) for x in READ_AT], **at,
                   "hit": hit["negative"], "changes": len(changes), "below": float((negative < limit).mean()),
@@ -163,8 +163,8 @@ class MethodClaims(PeriodClaims):
         sweeps, printed = self.curves(rows(4), DAMPED, damping=True), "(21) as printed"
         readings = {name: np.array([s.column(column) for s in sweeps]) for name, column in (
             (printed, "equivalent_damping"), ("time mean of the negative slope", "negative_slope_mean"))}
-        falls = {name: float((np.diff(found, axis=0) < 0.0).all(axis=0).mean()) for name, found in readings.items()}
-        medians = {name: [float(np.nanmedian(row)) for row in found] for name, found in readings.items()}
+        falls = {name: float((np.diff(damping, axis=0) < 0.0).all(axis=0).mean()) for name, damping in readings.items()}
+        medians = {name: [float(np.nanmedian(row)) for row in damping] for name, damping in readings.items()}
         return Measured((falls[printed] >= self.most, grow(medians[printed][::-1])),
                         {"falls": falls, "medians": medians}, True)
 
@@ -181,16 +181,16 @@ class MethodClaims(PeriodClaims):
             row = actuated(ratio)
             system, period = self.system(row), denominator(row)
             try:
-                found = harmonic_balance.harmonic_balance(system, period, HARMONICS * period)
+                balance = harmonic_balance.harmonic_balance(system, period, HARMONICS * period)
             except NumericalFailure as failure:
                 values[name] = str(failure)
                 close.append(False)
                 continue
             run = self.last_cycles(row, period, 400)
-            off = rms_apart(found.slip_speed(run.t), run.slip_speed)
-            printed, corrected = (harmonic_balance.mean_friction_torque(system, found.coefficient, period, printed=p)
+            off = rms_apart(balance.slip_speed(run.t), run.slip_speed)
+            printed, corrected = (harmonic_balance.mean_friction_torque(system, balance.coefficient, period, printed=p)
                                   for p in (True, False))
-            values[name] = {"rms difference of the corrected series": off, "a0 (rad/s)": float(found.slip[0]),
+            values[name] = {"rms difference of the corrected series": off, "a0 (rad/s)": float(balance.slip[0]),
                             "mean friction torque, corrected": corrected, "as printed (N m)": printed}
             close.append(off < self.limit("alike"))
             short.append(abs(printed - 300.0) > 1.0)
@@ -203,7 +203,8 @@ class MethodClaims(PeriodClaims):
         def settled(sweep: Sweep) -> float:
             return float(np.mean([p is not None and p.summary is not None and p.summary.settled for p in sweep.points]))
 
-        found = {str(n): list(map(settled, self.curves(rows(n), AXIS))) for n in (4, 8, 10, 11, *range(13, 19))}
-        parts = [x for row in found.values() for x in row]
-        return Measured(parts, {"settled part, by figure and curve": found}, f"{100.0 * (1.0 - max(parts)):.0f} to "
+        settled_by = {str(n): list(map(settled, self.curves(rows(n), AXIS))) for n in (4, 8, 10, 11, *range(13, 19))}
+        parts = [x for row in settled_by.values() for x in row]
+        return Measured(parts, {"settled part, by figure and curve": settled_by},
+                        f"{100.0 * (1.0 - max(parts)):.0f} to "
                         f"{100.0 * (1.0 - min(parts)):.0f} % of the points of a curve have not settled by then")

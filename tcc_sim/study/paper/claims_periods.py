@@ -54,12 +54,12 @@ class PeriodClaims(JumpClaims):
         single = {f"{r:.3f}": self.motion(actuated(r)).period for r in MISMATCHED.values()}
         along = self.slipping_periods((10, 11))
         return Measured([*((p, denominator(actuated(r))) for p, r in zip(single.values(), MISMATCHED.values())),
-                         *((found, [n]) for n, found in along.values())],
-                        {"at 150 rad/s": single, "along": {name: found for name, (_, found) in along.items()}})
+                         *((period, [n]) for n, period in along.values())],
+                        {"at 150 rad/s": single, "along": {name: period for name, (_, period) in along.items()}})
 
     def period_is_denominator(self) -> Measured:
-        found = {f"{m}/{n}": self.motion(actuated(m / n)).period for m, n in COPRIME}
-        return Measured([(found[f"{m}/{n}"], n) for m, n in COPRIME], {"periods": found})
+        periods = {f"{m}/{n}": self.motion(actuated(m / n)).period for m, n in COPRIME}
+        return Measured([(periods[f"{m}/{n}"], n) for m, n in COPRIME], {"periods": periods})
 
     def as_dual_excitation(self) -> Measured:
         pairs = {}
@@ -84,7 +84,7 @@ class PeriodClaims(JumpClaims):
 
     def slope_is_the_cause(self) -> Measured:
         parts = {str(n): self.figure(n).off_period() for n in (8, 10, 11, 13, 14, 15, 16, 17, 18)}
-        same, falling = ([x for n, found in parts.items() for x in found
+        same, falling = ([x for n, periods in parts.items() for x in periods
                           if (rows(int(n))[0][KINETIC] == STATIC) is constant] for constant in (True, False))
         return Measured((max(same) == 0.0 and min(falling) >= 0.1, max(same) < min(falling)), {"off": parts})
 
@@ -111,8 +111,8 @@ class PeriodClaims(JumpClaims):
         places = [x for x in self.jump_places(0.83) if abs(x - 0.20) <= self.limit("near")]
         place = (places[0] if places else 0.20) + 2e-3
         row = {FREQUENCY: place * OMEGA_N}
-        found = self.periods(self.curves([row], FALLS, over=KINETIC)[0])
-        none = FALLS[found == 0]
+        periods = self.periods(self.curves([row], FALLS, over=KINETIC)[0])
+        none = FALLS[periods == 0]
         diagnoses = dict[str, list[Any]]()
         for r in none[::-1][:6]:
             at = with_kinetic(float(r), row)
@@ -122,8 +122,8 @@ class PeriodClaims(JumpClaims):
             diagnoses[f"{r:g}"] = ["not solved"] if exponent is None else [
                 exponent.diagnosis, exponent.low, exponent.high]
         wild = any(name in ("chaotic", "quasi-periodic") for name, *_ in diagnoses.values())
-        return Measured((int(found[-1]) == 2 and wild, len(none) > 0),
-                        {"omega/omega_n": place, "period": int(found[-1]), "none": none.tolist(), "found": diagnoses})
+        return Measured((int(periods[-1]) == 2 and wild, len(none) > 0),
+                        {"omega/omega_n": place, "period": int(periods[-1]), "none": none.tolist(), "found": diagnoses})
 
     def _periods_of_6(self, way: str) -> Any:
         """Return (n,) periods of a sweep of Fig. 6 over RATIOS."""
@@ -157,11 +157,11 @@ class PeriodClaims(JumpClaims):
 
     def three_motions(self) -> Measured:
         periods = {f"{r:g}": self.motion(with_kinetic(r, AT_036)).period for r in (0.94, 0.74, 0.64)}
-        found = self.exponent(with_kinetic(0.64, AT_036), CYCLES, SECTION_CYCLES)  # As Fig. 7 shows it.
+        exponent = self.exponent(with_kinetic(0.64, AT_036), CYCLES, SECTION_CYCLES)  # As Fig. 7 shows it.
         same = list(periods.values()) == [1, 2, 0]
-        words = f"{found.exponent:.1f} +- {0.5 * (found.high - found.low):.1f}"
-        return Measured((same and found.diagnosis == "chaotic", same),
-                        {"periods": periods, "exponent": words, "diagnosis": found.diagnosis})
+        words = f"{exponent.exponent:.1f} +- {0.5 * (exponent.high - exponent.low):.1f}"
+        return Measured((same and exponent.diagnosis == "chaotic", same),
+                        {"periods": periods, "exponent": words, "diagnosis": exponent.diagnosis})
 
     def more_with_steeper_law(self) -> Measured:
         figures = {str(n): self.figure(n) for n in (14, 15)}

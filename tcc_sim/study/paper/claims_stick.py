@@ -44,15 +44,15 @@ class SlipClaims(Rules):
 
     def stick_below(self, number: int, place: float) -> Measured:
         """Judge the end of stick for psi = 0 against the ratio in the text; between two ratios are both motions."""
-        found = {law: self.stick_interval(number, law) for law in LAWS}
+        intervals = {law: self.stick_interval(number, law) for law in LAWS}
         lower = pure_stick.stick_limits(self.system(rows(number)[0]), 0.02 * OMEGA_N, 0.29 * OMEGA_N, 60).lower
         near = self.limit("near")
-        return Measured([(low - near <= place <= high + near, True) for low, high in found.values()],
-                        {**found, "lower": None if lower is None else lower / OMEGA_N}, True)
+        return Measured([(low - near <= place <= high + near, True) for low, high in intervals.values()],
+                        {**intervals, "lower": None if lower is None else lower / OMEGA_N}, True)
 
     def earlier_onset(self) -> Measured:
-        found = {law: [self.stick_interval(n, law)[0] for n in (8, 14)] for law in LAWS}
-        return Measured([(falling < equal, True) for equal, falling in found.values()], found, True)
+        onsets = {law: [self.stick_interval(n, law)[0] for n in (8, 14)] for law in LAWS}
+        return Measured([(falling < equal, True) for equal, falling in onsets.values()], onsets, True)
 
     def amplitude_makes_stick(self) -> Measured:
         curves, low = self.figure(18), AXIS <= 0.12
@@ -69,9 +69,9 @@ class SlipClaims(Rules):
                 for r, s in zip(FRICTION_RATIOS, sweeps)}
 
     def stick_transition(self) -> Measured:
-        found = self.last_slips("smoothed")
-        return Measured((abs(found["1"] - 0.4) <= self.limit("near") and len(set(found.values())) == len(found),),
-                        {"last": found})
+        slips = self.last_slips("smoothed")
+        return Measured((abs(slips["1"] - 0.4) <= self.limit("near") and len(set(slips.values())) == len(slips),),
+                        {"last": slips})
 
     def transition_by_smoothing(self) -> Measured:
         values = {law: self.last_slips(law) for law in LAWS}
@@ -105,15 +105,16 @@ class SlipClaims(Rules):
                 for end, omega in (("lower", limits.lower), ("upper", limits.higher)):
                     if omega is not None:
                         limit = omega / OMEGA_N
-                        found = self.end_of_stick(row, limit - 0.02, limit + 0.02)
-                        pairs[f"{name}, {end} limit: (10), simulation"] = found, limit
-        return Measured(list(pairs.values()), {name: [limit, found] for name, (found, limit) in pairs.items()}, True)
+                        end_of_stick = self.end_of_stick(row, limit - 0.02, limit + 0.02)
+                        pairs[f"{name}, {end} limit: (10), simulation"] = end_of_stick, limit
+        return Measured(list(pairs.values()),
+                        {name: [limit, end_of_stick] for name, (end_of_stick, limit) in pairs.items()}, True)
 
     def smoothed_stick_creeps(self) -> Measured:
         ratio = pure_stick.constant_load_limits(self.system({}))[-1] / OMEGA_N + 0.02
-        found = {law: self._slip_from_stick({}, ratio, law) for law in LAWS}
-        return Measured((found["smoothed"] > SLIPS > found["set_valued"],),
-                        {"omega/omega_n": ratio, "largest": {law: two_digits(x) for law, x in found.items()}})
+        slips = {law: self._slip_from_stick({}, ratio, law) for law in LAWS}
+        return Measured((slips["smoothed"] > SLIPS > slips["set_valued"],),
+                        {"omega/omega_n": ratio, "largest": {law: two_digits(x) for law, x in slips.items()}})
 
     def positive_trend_slips(self) -> Measured:
         values, slipping = dict[str, Any](), []
@@ -125,15 +126,15 @@ class SlipClaims(Rules):
 
     def pure_slip_guaranteed(self) -> Measured:
         system = paper_system(PURE_SLIP)
-        found = pure_slip.pure_slip(system)
+        motion = pure_slip.pure_slip(system)
         run = self.run(system, 60, samples=200)
-        off = float(np.abs(run.slip_speed - found.slip_speed(run.t)).max()) / float(np.abs(run.slip_speed).max())
+        off = float(np.abs(run.slip_speed - motion.slip_speed(run.t)).max()) / float(np.abs(run.slip_speed).max())
         # v is Omega_e plus terms that do not depend on it, so the slowest engine that keeps slipping is the difference.
-        slowest = system.initial.slip_speed - found.least_slip_speed
+        slowest = system.initial.slip_speed - motion.least_slip_speed
         # The difference is rounding: its digits are those of a machine, so the page has its bound only.
-        held = found.least_slip_speed > 0.0 and off < 1e-6
+        held = motion.least_slip_speed > 0.0 and off < 1e-6
         return Measured((held and slowest <= 0.0, held),
-                        {"same": off < 1e-6, "margin": found.margin, "least": found.least_slip_speed,
+                        {"same": off < 1e-6, "margin": motion.margin, "least": motion.least_slip_speed,
                          "slowest": slowest},
                         f"(16), (18) leave out the transient: below Omega_e = {slowest:.3g} rad/s it ends the slip")
 
@@ -143,17 +144,17 @@ class SlipClaims(Rules):
         return Measured((grow(mean),), {"mean": mean, "largest": curves.maxima.max(axis=1).tolist()})
 
     def slope_exaggerates_varying(self) -> Measured:
-        found = [self.figure(n).means(LOW) for n in (8, 14)]
-        return Measured((all(map(grow, zip(*found))),), {"mean": found})
+        means = [self.figure(n).means(LOW) for n in (8, 14)]
+        return Measured((all(map(grow, zip(*means))),), {"mean": means})
 
     def phase_pi_is_worst(self) -> Measured:
-        found = {str(n): self.figure(n).means(LOW) for n in (14, 15)}
-        worst = [row[2] == max(row) for row in found.values()]
-        return Measured((all(worst), any(worst)), {"mean": found})
+        means = {str(n): self.figure(n).means(LOW) for n in (14, 15)}
+        worst = [row[2] == max(row) for row in means.values()]
+        return Measured((all(worst), any(worst)), {"mean": means})
 
     def amplitude_enlarges_slip(self) -> Measured:
-        found = self.figure(18).means(HIGH)
-        return Measured((grow(found), found[-1] > found[0]), {"mean": found})
+        means = self.figure(18).means(HIGH)
+        return Measured((grow(means), means[-1] > means[0]), {"mean": means})
 
     def phase_reversed(self) -> Measured:
         parts, motions = dict[str, Sequence[float]](), list[Motion]()
@@ -170,9 +171,9 @@ class SlipClaims(Rules):
                         not always, motions)
 
     def delay(self) -> Measured:
-        found = {plain(s.label): first_half(self.last_cycles(s.values, 2, 2000)) for s in FIGURES[9].series}
-        parts = list(found.values())
-        return Measured((min(parts[:2]) > 0.8 and max(parts[2:]) < 0.2,), {"part in the first half": found})
+        delays = {plain(s.label): first_half(self.last_cycles(s.values, 2, 2000)) for s in FIGURES[9].series}
+        parts = list(delays.values())
+        return Measured((min(parts[:2]) > 0.8 and max(parts[2:]) < 0.2,), {"part in the first half": delays})
 
     def _beside_constant(self, where: Any, sign: float) -> tuple[dict[str, float], dict[str, float]]:
         """Return the parts of the slipping ratios at which curves of Figs. 10, 11 are below that of Tsp = 0, by
@@ -182,8 +183,8 @@ class SlipClaims(Rules):
         shows, slipping = self.limit("shows"), self.limit("slipping")
         figures = [self.figure(n) for n in (10, 11)]
         return {f"{row['pressure.frequency_ratio']:.3f}": share_where(
-            sign * (still - found) > shows, where & (np.maximum(found, still) > slipping))
-            for curves in figures for row, found in zip(curves.rows.values(), curves.maxima)}, {
+            sign * (still - maxima) > shows, where & (np.maximum(maxima, still) > slipping))
+            for curves in figures for row, maxima in zip(curves.rows.values(), curves.maxima)}, {
                 str(n): curves.best(1, where, sign) for n, curves in zip((10, 11), figures)}
 
     def actuation_attenuates(self) -> Measured:

@@ -50,9 +50,9 @@ def slip_condition() -> Numbers:
     """Evaluate (16) for an engine slower than the plate, and for a slow engine."""
     out = {}
     for speed in (-150.0, 30.0):
-        found = pure_slip.pure_slip(paper_system({**PURE_SLIP, "initial.slip_speed": speed}))
+        motion = pure_slip.pure_slip(paper_system({**PURE_SLIP, "initial.slip_speed": speed}))
         out[f"Omega_e = {speed:g}: (16) as printed, with its sign, least slip with the transient (rad/s)"] = [
-            abs(found.a0) - found.slip.swing(), found.margin, found.least_slip_speed]
+            abs(motion.a0) - motion.slip.swing(), motion.margin, motion.least_slip_speed]
     return out
 
 
@@ -94,9 +94,9 @@ def dissipation() -> Numbers:
         before = solve(system, cycles=150)
         run = solve(system, cycles=16, samples_per_cycle=4096, start_cycle=150, state=before.final).raise_for_status()
         power, square = run.friction_torque * run.slip_speed, run.slip_speed**2
-        found = damping_of_cycles(system, before.solved_cycles[134:], 134, 0)
+        damping = damping_of_cycles(system, before.solved_cycles[134:], 134, 0)
         out[f"at {ratio:g}, by energy and by (21) (N m s/rad)"] = [
-            two_digits(power.sum() / square.sum()), two_digits(found.weighted)]
+            two_digits(power.sum() / square.sum()), two_digits(damping.weighted)]
     return out
 
 
@@ -148,13 +148,13 @@ def series_means() -> Numbers:
     run = solve(system, cycles=2, samples_per_cycle=400, start_cycle=600, state=before.final).raise_for_status()
     off = []
     for count in (10, 20, 40):
-        found = harmonic_balance(system, 2, 2 * count)
-        off.append(rms_apart(found.slip_speed(run.t), run.slip_speed))
+        balance = harmonic_balance(system, 2, 2 * count)
+        off.append(rms_apart(balance.slip_speed(run.t), run.slip_speed))
     return {"mean friction torque, printed and with c0 (N m); Tm = 300": [
-        mean_friction_torque(system, found.coefficient, 2, printed=True),
-        mean_friction_torque(system, found.coefficient, 2)],
+        mean_friction_torque(system, balance.coefficient, 2, printed=True),
+        mean_friction_torque(system, balance.coefficient, 2)],
         "most that the printed form allows, (2/pi) Tp (N m)": 2.0 / math.pi * system.engine.torque_amplitude,
-        "a0, c0": [float(found.slip[0]), float(found.coefficient[0])],
+        "a0, c0": [float(balance.slip[0]), float(balance.coefficient[0])],
         "corrected series against the simulation, rms, 10, 20, 40 harmonics of omega": off}
 
 
@@ -168,12 +168,12 @@ def phase_order() -> Numbers:
 def engine_speeds() -> Mapping[str, Mapping[str, float | None]]:
     """Return the highest mu_k/mu_s with period two in Fig. 6 from (13), for engine speeds that the paper may mean."""
     ratios, evidence = np.round(np.arange(0.76, 0.9401, 0.005), 6), Evidence(1e-9)
-    found = {}
+    speeds = {}
     for speed in (0.0, 50.0, 100.0, 150.0, 200.0):
         row = {FREQUENCY: 0.36 * OMEGA_N, "initial.slip_speed": speed}
         two = ratios[evidence.periods(evidence.curves([row], ratios, over=KINETIC)[0]) == 2]
-        found[f"{speed:g}"] = float(two.max()) if len(two) else None
-    return {"highest mu_k/mu_s with period 2 in Fig. 6, for an engine speed of (rad/s)": found}
+        speeds[f"{speed:g}"] = float(two.max()) if len(two) else None
+    return {"highest mu_k/mu_s with period 2 in Fig. 6, for an engine speed of (rad/s)": speeds}
 
 
 @dataclass(frozen=True)

@@ -148,11 +148,11 @@ class Evidence:
 
     def periods(self, sweep: Sweep) -> NDArray[np.int64]:
         """Return (n,) periods of the settled motions, as in `ColdStartMotion`."""
-        return np.array([period_of(found) for found in self._settled_in(sweep)], dtype=np.int64)
+        return np.array([period_of(summary) for summary in self._settled_in(sweep)], dtype=np.int64)
 
     def slips(self, sweep: Sweep) -> NDArray[np.bool_]:
         """Return (n,) whether the settled motion slips."""
-        return np.array([found is not None and found.regime != "stick" for found in self._settled_in(sweep)],
+        return np.array([summary is not None and summary.regime != "stick" for summary in self._settled_in(sweep)],
                         dtype=bool)
 
     def _settled_in(self, sweep: Sweep) -> list[Summary | None]:
@@ -173,8 +173,8 @@ class Evidence:
         if point is None or point.summary is None or point.summary.settled or point.summary.runaway:
             return None if point is None else point.summary
         system = system_of()
-        found = later(system, point.end, self._rtol(system))
-        return None if found is None else found[0]
+        summary = later(system, point.end, self._rtol(system))
+        return None if summary is None else summary[0]
 
     def _rtol(self, system: System) -> float:
         """Return the tolerance of the smoothed engine, or that of the exact engine of the set-valued law."""
@@ -205,7 +205,7 @@ class Evidence:
         """
         values = self.maxima([row], axis)[0]
         size = float(np.nanmax(values))
-        found = []
+        jumps = []
         for k in steep(values, self.limit("jump")):
             a, b, fa, fb = float(axis[k]), float(axis[k + 1]), float(values[k]), float(values[k + 1])
             first = abs(fb - fa)
@@ -214,8 +214,8 @@ class Evidence:
                 fm = self.beside(row, middle, 0.0)[0].largest
                 a, fa, b, fb = (a, fa, middle, fm) if abs(fm - fa) >= abs(fb - fm) else (middle, fm, b, fb)
             if abs(fb - fa) > 0.5 * first and abs(fb - fa) > self.limit("jump") * size:
-                found.append((0.5 * (a + b), fb - fa))
-        return found
+                jumps.append((0.5 * (a + b), fb - fa))
+        return jumps
 
 
 def swept(curves: Sequence[Curve], plan: Plan, kept: dict[tuple[Curve, Plan], Sweep], jobs: int | None = None,
@@ -227,9 +227,9 @@ def swept(curves: Sequence[Curve], plan: Plan, kept: dict[tuple[Curve, Plan], Sw
     return [kept[curve, plan] for curve in curves]
 
 
-def period_of(found: Summary | None) -> int:
+def period_of(summary: Summary | None) -> int:
     """Return the period of a settled motion, as in `ColdStartMotion`."""
-    return FAILED if found is None else RUNAWAY if found.runaway else found.period
+    return FAILED if summary is None else RUNAWAY if summary.runaway else summary.period
 
 
 def later(system: System, start: Start, rtol: float | None = None) -> tuple[Summary, Start] | None:
@@ -259,9 +259,9 @@ def first_half(run: Trajectory) -> float:
     return float(slip[phase < 0.5].sum()) / total if total > 0.0 else math.nan
 
 
-def rms_apart(found: Floats, reference: Floats) -> float:
+def rms_apart(values: Floats, reference: Floats) -> float:
     """Return the root mean square difference of a slip speed from another, over the largest magnitude of the latter."""
-    return float(np.sqrt(np.mean((found - reference) ** 2)) / np.abs(reference).max())
+    return float(np.sqrt(np.mean((values - reference) ** 2)) / np.abs(reference).max())
 
 
 def two_digits(x: float) -> float:

@@ -97,9 +97,9 @@ def _over_axis(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
         behind = motions_behind(sweeps, options.progress) if row.kind == "orbit" else motions_behind_each(
             sweeps, options.jobs, options.progress)
     curves = [results.Labelled(label=series.label, values=series.values, direction=sweep.plan.direction,
-                               coexisting=other, behind=found,
+                               coexisting=other, behind=motions,
                                **{name: column for name, column in sweep.lists.items() if name in COLUMNS})
-              for series, sweep, other, found in zip(row.series * len(plans), sweeps, others, behind)]
+              for series, sweep, other, motions in zip(row.series * len(plans), sweeps, others, behind)]
     return {"over": row.over, "axis": name, "x": ratios.tolist(), "unit": unit, "cycles": plans[0].most,
             "discarded": 50, "threshold": -paper_system().driveline.damping if row.kind == "damping" else None,
             "curves": curves}
@@ -120,11 +120,11 @@ def coexisting(sweep: Sweep, jobs: int | None = None) -> list[results.Coexisting
         if neighbour is None or not (periods[here] and periods[there]):
             return None
         system, value = sweep.curve.at(here), sweep.curve.values[here]
-        found = solve_point(system, value, plan, handed_over(sweep.curve.at(there), neighbour.end, system)).summary
-        if found is None or not found.period or abs(found.max_slip_speed - largest[here]) <= JUMP * size:
+        summary = solve_point(system, value, plan, handed_over(sweep.curve.at(there), neighbour.end, system)).summary
+        if summary is None or not summary.period or abs(summary.max_slip_speed - largest[here]) <= JUMP * size:
             return None
         return results.Coexisting(here, value, float(largest[here]), periods[here], results.Reached(
-            found.max_slip_speed, found.period), stands_out(largest, here, JUMP * size))
+            summary.max_slip_speed, summary.period), stands_out(largest, here, JUMP * size))
 
     pairs = [(here, sweep.points[there], there) for k in steep(largest).tolist()
              for here, there in ((k, k + 1), (k + 1, k))]
@@ -172,14 +172,14 @@ def _panels(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
     for series in row.series:
         system = series_system(series, options)
         before, after = _run_in(system, cycles)
-        found, more = summarise(before), dict[str, Any]()
+        summary, more = summarise(before), dict[str, Any]()
         if row.kind == "delay":
             more = {"first_half": first_half(after)}
         elif row.kind == "histories":
-            more = {"period": found.period, **_section(system, before, found.period, options)}
+            more = {"period": summary.period, **_section(system, before, summary.period, options)}
         else:
-            more = {"period": found.period, "orbit": orbit_behind(
-                system, before.final, RUN_IN, found.period, found.max_slip_speed) if options.branches else None}
+            more = {"period": summary.period, "orbit": orbit_behind(
+                system, before.final, RUN_IN, summary.period, summary.max_slip_speed) if options.branches else None}
         shown = {name: getattr(after, name) for name in columns}
         panels.append(results.Labelled(label=series.label, values=series.values,
                                        t=(after.t - after.t[0]) / after.cycle, **shown, **more))
@@ -204,10 +204,10 @@ def _solvers(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
     steady = []
     for label, values in STEADY_LAWS:
         before, after = _run_in(replace(system, values), 4, begin, SAMPLES // 2)
-        found = summarise(before, begin - 100)
+        summary = summarise(before, begin - 100)
         steady.append(results.Labelled(
-            label=label, values=values, period=found.period, settled=found.settled, final=before.final.numbers,
-            max_slip_speed=found.max_slip_speed, t=(after.t - after.t[0]) / after.cycle, slip_speed=after.slip_speed))
+            label=label, values=values, period=summary.period, settled=summary.settled, final=before.final.numbers,
+            max_slip_speed=summary.max_slip_speed, t=(after.t - after.t[0]) / after.cycle, slip_speed=after.slip_speed))
     start = State(*steady[0].final)
     curves: list[results.Labelled] = []
     for solver, (label, law, how) in SOLVER_CURVES.items():

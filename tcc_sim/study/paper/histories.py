@@ -77,11 +77,11 @@ def _diagnosis(panel: Labelled) -> str:
     """Return the period, or the exponent with its interval, as text."""
     if panel.period:
         return f"period {panel.period}"
-    found = panel.lyapunov
-    if found is None or not np.isfinite(found.exponent):
+    exponent = panel.lyapunov
+    if exponent is None or not np.isfinite(exponent.exponent):
         return "no period up to 16"
-    half = 0.5 * (found.high - found.low)
-    return rf"{found.diagnosis}, $\lambda_1 = {found.exponent:.1f} \pm {half:.1f}$ s$^{{-1}}$"
+    half = 0.5 * (exponent.high - exponent.low)
+    return rf"{exponent.diagnosis}, $\lambda_1 = {exponent.exponent:.1f} \pm {half:.1f}$ s$^{{-1}}$"
 
 
 def paint_delay(drawn: Any, data: Figure) -> None:

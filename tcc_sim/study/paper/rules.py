@@ -74,13 +74,13 @@ def shares(of: str, partly: float = 0.75) -> Criterion:
 def near(of: str, within: float) -> Criterion:
     """Judge the distance of computed numbers `of` some kind from printed ones; judged: pairs, None for no number."""
     return Criterion(f"{of} within {within:g}{SOME}", lambda judged, limit: some([
-        found is not None and math.isfinite(found) and abs(found - text) <= within * limit("factor")
-        for found, text in judged]))
+        value is not None and math.isfinite(value) and abs(value - text) <= within * limit("factor")
+        for value, text in judged]))
 
 
 def equal(of: str) -> Criterion:
     """Judge whether results are the expected ones; judged: pairs of both."""
-    return Criterion(of + SOME, lambda judged, limit: some([found == expected for found, expected in judged]))
+    return Criterion(of + SOME, lambda judged, limit: some([value == expected for value, expected in judged]))
 
 
 def some(hits: Sequence[bool]) -> str:
@@ -139,11 +139,11 @@ class Claim:
     def __call__(self, evidence: StableMotions) -> Finding:
         """Compute and judge the claim."""
         evidence.used.clear()
-        found = self.measure(evidence)
-        verdict = self.criterion.verdict(found.judged, evidence.limit)
-        why = found.why if isinstance(found.why, str) else self.why * found.why
-        values = {self.labels.get(name, name): value for name, value in found.values.items()}
-        return Finding(values, verdict, why, json_of(found.motions), sorted(evidence.used))
+        measured = self.measure(evidence)
+        verdict = self.criterion.verdict(measured.judged, evidence.limit)
+        why = measured.why if isinstance(measured.why, str) else self.why * measured.why
+        values = {self.labels.get(name, name): value for name, value in measured.values.items()}
+        return Finding(values, verdict, why, json_of(measured.motions), sorted(evidence.used))
 
 
 def rows(number: int) -> list[Values]:
@@ -218,8 +218,8 @@ def more_than_anywhere(count: Callable[[float], float], marks: Mapping[str, floa
     """Judge whether a count is larger near each named ratio than on average near the ratios of SPREAD; else `why`."""
     anywhere = float(np.mean([count(float(x)) for x in SPREAD]))
     near = {key: count(mark) for key, mark in marks.items()}
-    fewer = [key for key, found in near.items() if found <= anywhere]
-    return Measured([(found > anywhere, True) for found in near.values()],
+    fewer = [key for key, value in near.items() if value <= anywhere]
+    return Measured([(value > anywhere, True) for value in near.values()],
                     {name: near, "near any ratio, on average": anywhere, **values},
                     why.format(", ".join(fewer)) if fewer else "", motions)
 
@@ -238,8 +238,8 @@ class Rules(StableMotions):
 
     def figure(self, number: int, chosen: Sequence[int] = (), way: str = "cold") -> Curves:
         """Return the curves of a figure, or only the `chosen` ones; each value starts from (13), or as `way` says."""
-        found, axis = FIGURES[number].series, FINER if number == 4 else AXIS
-        rows = {plain(found[k].label): found[k].values for k in chosen or range(len(found))}
+        series, axis = FIGURES[number].series, FINER if number == 4 else AXIS
+        rows = {plain(series[k].label): series[k].values for k in chosen or range(len(series))}
         sweeps = self.curves(list(rows.values()), axis, direction=way)
         return Curves(self, rows, axis, sweeps, np.array([sweep.column("max_slip_speed") for sweep in sweeps]),
                       ~np.array([sticks(sweep) for sweep in sweeps]))
@@ -265,15 +265,15 @@ class Rules(StableMotions):
     def no_jumps(self, number: int, chosen: Sequence[int] = ()) -> Measured:
         """Judge whether curves from (13) have no jump."""
         curves = self.figure(number, chosen)
-        found = {name: [round(x, 4) for x, _ in self.jumps(row, curves.axis)] for name, row in curves.rows.items()}
-        return Measured((not any(found.values()),), {"jumps": found})
+        jumps = {name: [round(x, 4) for x, _ in self.jumps(row, curves.axis)] for name, row in curves.rows.items()}
+        return Measured((not any(jumps.values()),), {"jumps": jumps})
 
     def jumps_change_period(self, number: int, chosen: Sequence[int] = ()) -> Measured:
         """Judge at which part of the jumps from (13) the period changes."""
-        found = {f"{name} at {x:.4f}": [m.period for m in self.beside(row, x, -PARTED, PARTED)]
-                 for name, row, x, _ in self.figure(number, chosen).jumps()}
-        share = float(np.mean([below != above for below, above in found.values()])) if found else 1.0
-        return Measured([share], {"jumps": len(found), "share": share, "periods": found}, share != 1.0)
+        periods = {f"{name} at {x:.4f}": [m.period for m in self.beside(row, x, -PARTED, PARTED)]
+                   for name, row, x, _ in self.figure(number, chosen).jumps()}
+        share = float(np.mean([below != above for below, above in periods.values()])) if periods else 1.0
+        return Measured([share], {"jumps": len(periods), "share": share, "periods": periods}, share != 1.0)
 
     def slipping_periods(self, numbers: Sequence[int]) -> dict[str, tuple[int, list[int]]]:
         """Return N of (35) and the periods at the slipping ratios, 0 for none, by curve."""
@@ -283,7 +283,7 @@ class Rules(StableMotions):
 
     def only_period(self, numbers: Sequence[int]) -> Measured:
         """Judge whether the curves of figures have no other period than N of (35) where they slip."""
-        found = self.slipping_periods(numbers)
-        return Measured([(periods, [n] if periods else []) for n, periods in found.values()],
-                        {"periods": {name: periods for name, (_, periods) in found.items()}},
-                        any(periods not in ([n], []) for n, periods in found.values()))
+        slipping = self.slipping_periods(numbers)
+        return Measured([(periods, [n] if periods else []) for n, periods in slipping.values()],
+                        {"periods": {name: periods for name, (_, periods) in slipping.items()}},
+                        any(periods not in ([n], []) for n, periods in slipping.values()))

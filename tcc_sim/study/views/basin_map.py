@@ -19,14 +19,14 @@ MARKERS = "os^Dvp*"
 EXTRAS = {RUNAWAY: (style.RUNAWAY, "runaway slip"), UNDECIDED: ("#FFFFFF", "undecided")}
 
 
-def draw_basins(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
+def draw_basins(path: Path, document: Any, title: str = "", width: float = style.PAGE) -> Path:
     """Draw one plane as a map, or several, one for each value of a key, as fractions against it.
 
     Parameters
     ----------
-    found : one result or several, or their JSON; to JSON, which has no cells, add the `labels` of the .npz
+    document : one result or several, or their JSON; to JSON, which has no cells, add the `labels` of the .npz
     """
-    planes = planes_of(found)
+    planes = planes_of(document)
     with style.figure(width, (0.62 if planes[0]["over"] is None else 0.5) * width + 0.4, title) as drawn:
         axes = drawn.add_subplot()
         _into(axes, planes)
@@ -35,26 +35,26 @@ def draw_basins(path: Path, found: Any, title: str = "", width: float = style.PA
         return style.save(drawn, path)
 
 
-def into(axes: Any, found: Any) -> None:
+def into(axes: Any, document: Any) -> None:
     """Draw the picture of `draw_basins` into axes."""
-    planes = planes_of(found)
+    planes = planes_of(document)
     _into(axes, planes)
     if planes[0]["over"] is None:
         style.legend(axes, loc="lower left", bbox_to_anchor=(0.0, 1.0), fontsize="small")
 
 
-def planes_of(found: Any) -> list[dict[str, Any]]:
+def planes_of(document: Any) -> list[dict[str, Any]]:
     """Return the planes of results or of their JSON as mappings: the keys of the JSON, `labels` (None without cells),
     and `over` (key and value; None for a single plane).
     """
-    if not isinstance(found, Mapping):
-        each = found if isinstance(found, Sequence) else [found]
+    if not isinstance(document, Mapping):
+        each = document if isinstance(document, Sequence) else [document]
         return [{**one.as_json(), "labels": one.labels, "over": one.over} for one in each]
-    if "over" not in found:
-        return [{**found, "labels": found.get("labels"), "over": None}]
-    names = ("attractors", "undecided", "runaway", *(["labels"] if "labels" in found else []))
-    return [{"labels": None, "plane": found["plane"], **{name: found[name][k] for name in names},
-             "over": (found["over"], value)} for k, value in enumerate(found["values"])]
+    if "over" not in document:
+        return [{**document, "labels": document.get("labels"), "over": None}]
+    names = ("attractors", "undecided", "runaway", *(["labels"] if "labels" in document else []))
+    return [{"labels": None, "plane": document["plane"], **{name: document[name][k] for name in names},
+             "over": (document["over"], value)} for k, value in enumerate(document["values"])]
 
 
 def _into(axes: Any, planes: Sequence[Mapping[str, Any]]) -> None:

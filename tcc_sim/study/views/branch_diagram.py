@@ -21,9 +21,9 @@ UNSTABLE = (0, (3, 1.5))
 """Dashes of unstable motions."""
 
 
-def branch_diagram(path: Path, found: Any, title: str = "", width: float = style.PAGE) -> Path:
+def branch_diagram(path: Path, document: Any, title: str = "", width: float = style.PAGE) -> Path:
     """Draw the branches of `continue --json`: solid where stable, dashed where not, one colour per period."""
-    values = style.json_values(found)
+    values = style.json_values(document)
     curves = values.get("curves", [])
     with style.figure(width, 3.1 if not curves else 5.7, title) as drawn:
         axes = drawn.subplots(2 if curves else 1, 1, squeeze=False)[:, 0]
@@ -35,21 +35,21 @@ def branch_diagram(path: Path, found: Any, title: str = "", width: float = style
         return style.save(drawn, path)
 
 
-def stable_and_unstable(found: Mapping[str, Any], number: int) -> list[tuple[Any, Any]]:
+def stable_and_unstable(document: Mapping[str, Any], number: int) -> list[tuple[Any, Any]]:
     """Return polylines of the stable and of the unstable parts of a branch: values of the key, largest slip speeds.
 
     NaN separates two parts. Each part ends at its bifurcation, not at the next point.
 
     Parameters
     ----------
-    found : `branches` and `bifurcations` as `continue --json` has them
+    document : `branches` and `bifurcations` as `continue --json` has them
     number : number of the branch
     """
-    branch = found["branches"][number]
+    branch = document["branches"][number]
     nodes = list(zip(branch["value"], branch["max_slip_speed"]))
     parts: dict[bool, list[tuple[float, float]]] = {True: [], False: []}
     for k, (a, b) in enumerate(pairwise(branch["stable"])):
-        between = [f for f in found["bifurcations"] if (f["branch"], f.get("after")) == (number, k)]
+        between = [f for f in document["bifurcations"] if (f["branch"], f.get("after")) == (number, k)]
         changes = [n for n, f in enumerate(between) if f["changes_stability"]]
         corners = [nodes[k], *((f["value"], f["max_slip_speed"]) for f in between), nodes[k + 1]]
         for n, (start, end) in enumerate(pairwise(corners)):
@@ -60,31 +60,31 @@ def stable_and_unstable(found: Mapping[str, Any], number: int) -> list[tuple[Any
     return [(xy[:, 0], xy[:, 1]) for xy in lines]
 
 
-def into(axis: Any, found: Any) -> None:
+def into(axis: Any, document: Any) -> None:
     """Draw lines of the branches and marks of their bifurcations into an axis."""
-    found = style.json_values(found)
-    axis.set(xlabel=style.label_of(found["over"]), ylabel="max |slip speed| (rad/s)")
-    periods = sorted({b["period"] for b in found["branches"]})
+    document = style.json_values(document)
+    axis.set(xlabel=style.label_of(document["over"]), ylabel="max |slip speed| (rad/s)")
+    periods = sorted({b["period"] for b in document["branches"]})
     named: set[str] = set()
-    for number, branch in enumerate(found["branches"]):
+    for number, branch in enumerate(document["branches"]):
         colour = style.CYCLE[periods.index(branch["period"]) % len(style.CYCLE)]
-        for (x, y), dashes, word in zip(stable_and_unstable(found, number), ("-", UNSTABLE), ("stable", "unstable")):
+        for (x, y), dashes, word in zip(stable_and_unstable(document, number), ("-", UNSTABLE), ("stable", "unstable")):
             if len(x):
                 name = f"period {branch['period']}, {word}"
                 axis.plot(x, y, linestyle=dashes, color=colour, label=None if name in named else name)
                 named.add(name)
-    for item in found["bifurcations"]:
+    for item in document["bifurcations"]:
         marker, name = MARKS[item["kind"]]
         axis.plot([item["value"]], [item["max_slip_speed"]], linestyle="none", marker=marker, color=style.INK,
                   markersize=4.5, label=None if name in named else name, zorder=4)
         named.add(name)
 
 
-def _curves(axis: Any, found: Mapping[str, Any]) -> None:
+def _curves(axis: Any, document: Mapping[str, Any]) -> None:
     """Draw the curves of bifurcations in the plane of both keys."""
-    kinds = list(dict.fromkeys(c["kind"] for c in found["curves"]))
+    kinds = list(dict.fromkeys(c["kind"] for c in document["curves"]))
     named: set[str] = set()
-    for curve in found["curves"]:
+    for curve in document["curves"]:
         name = MARKS[curve["kind"]][1]
         axis.plot(curve["value"], curve["second"], color=style.CYCLE[kinds.index(curve["kind"]) % len(style.CYCLE)],
                   label=None if name in named else name)
@@ -94,4 +94,4 @@ def _curves(axis: Any, found: Mapping[str, Any]) -> None:
                       color=style.INK)
             axis.annotate(point["kind"].replace("_", " "), (point["value"], point["second"]), (5.0, -10.0),
                           textcoords="offset points", fontsize=6.5)
-    axis.set(xlabel=style.label_of(found["over"]), ylabel=style.label_of(found["second_over"]))
+    axis.set(xlabel=style.label_of(document["over"]), ylabel=style.label_of(document["second_over"]))

@@ -108,7 +108,7 @@ def test_a_jump_between_motions_that_both_go_on_is_the_boundary_of_their_basins(
     branches = bifurcation_diagram(Lifted(hysteresis, 1), ParameterRange(-0.3, 0.3, name="p"), seen)
     assert len(branches) == 2
     jump, = jumps_of(seen, branches, 0.2)
-    assert (jump.cause, jump.found) == (BASIN, None)
+    assert (jump.cause, jump.bifurcation) == (BASIN, None)
     assert jump.low <= -0.05 + 0.05**3 <= jump.high  # the unstable motion is at the start: p + x - x^3 = 0
 
 
@@ -170,7 +170,7 @@ def test_what_is_not_followed_is_told() -> None:
     assert stopped == "1 of 1 branches go on: 2 points are followed either way"
     far = SettledMotion(4.0, np.array([0.5]), 10, 1, 5.0)
     jump = jumps_of([seen[0], far], branches, 0.2)[0]
-    assert (jump.cause, jump.found) == (NOT_FOLLOWED, None)
+    assert (jump.cause, jump.bifurcation) == (NOT_FOLLOWED, None)
 
 
 def test_a_jump_between_branches_that_were_not_followed_far_enough_has_no_named_cause() -> None:
