@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from tcc_sim.compiling.compiled import fast
 from tcc_sim.model import profile as of
-from tcc_sim.solvers.series import COLUMNS, ENGINE, INVERSE, LOAD, add_sine, sine_and_cosine
+from tcc_sim.solvers.series import COLUMNS, ENGINE, INVERSE, LOAD, add_sine, set_sine, sine_and_cosine
 from tcc_sim.solvers.terms import Terms
 
 TWO_PI = 2.0 * math.pi
@@ -110,21 +110,24 @@ def expand_excitation(rows: Any, count: int, unit: float, tau: float, loaded: bo
     if profile is not None:
         expand_varying(rows, count, unit, tau, loaded, waves, pulsation, profile, drive)
     else:
-        for k in range(COLUMNS):
-            rows[ENGINE, k] = 0.0
-        rows[ENGINE, 0] = mean_torque
+        if waves.shape[0] == 0:
+            for k in range(COLUMNS):
+                rows[ENGINE, k] = 0.0
+            rows[ENGINE, 0] = mean_torque
         for i in range(waves.shape[0]):
-            add_sine(rows, ENGINE, count, waves[i].amplitude * waves[i].sine, waves[i].amplitude * waves[i].cosine,
-                     waves[i].rate * unit)
+            sine, cosine = waves[i].amplitude * waves[i].sine, waves[i].amplitude * waves[i].cosine
+            if i == 0:
+                set_sine(rows, ENGINE, count, mean_torque, sine, cosine, waves[i].rate * unit)
+            else:
+                add_sine(rows, ENGINE, count, sine, cosine, waves[i].rate * unit)
         if pulsation is None:
             rows[LOAD, 0] = mean_load if loaded else 0.0
+        elif loaded:
+            set_sine(rows, LOAD, count, mean_load, pulsation[0] * drive.load_sine, pulsation[0] * drive.load_cosine,
+                     pulsation[1] * unit)
         else:
             for k in range(COLUMNS):
                 rows[LOAD, k] = 0.0
-            if loaded:
-                rows[LOAD, 0] = mean_load
-                add_sine(rows, LOAD, count, pulsation[0] * drive.load_sine, pulsation[0] * drive.load_cosine,
-                         pulsation[1] * unit)
 
 
 @fast

@@ -40,6 +40,8 @@ OF_SINE, OF_COSINE = (np.array([(0.0, 1.0, 0.0, -1.0)[(k + start) % 4] / math.fa
 """Shares of sine and cosine at the start in the Taylor coefficients of a sine of rate 1."""
 ENDLESS = 900.0
 """log2 of an unlimited length."""
+MANTISSA, EXPONENT_OF_1 = 0x000F_FFFF_FFFF_FFFF, 0x3FF0_0000_0000_0000
+"""Bits of a number: the mantissa's, and the exponent's of numbers from 1 to 2."""
 
 
 def total(terms: Sequence[Any]) -> Any:
@@ -223,17 +225,22 @@ def fastest_at(stribeck: tuple[float, ...], speed: float) -> float:
 
 @fast
 def logarithm(x: float) -> float:
-    """Return log2 x for x > 0, up to 0.09 too small and never too large; x is limited to 1e300."""
-    mantissa, exponent = math.frexp(min(x, 1e300))
-    return exponent - 2.0 + 2.0 * mantissa
+    """Return log2 x, up to 0.09 too small and never too large, for x limited to 1e-307 and 1e300.
+
+    The number's bits hold its exponent and mantissa; to call C's frexp takes longer.
+    """
+    bits = np.float64(min(max(x, 1e-307), 1e300)).view(np.int64)
+    return float((bits >> 52) - 1024) + np.int64(bits & MANTISSA | EXPONENT_OF_1).view(np.float64)
 
 
 @fast
 def power_of_two(x: float) -> float:
-    """Return 2^x, up to 0.9 % too small and never too large: enough for a length, and faster than exp."""
-    whole = math.floor(x)
-    part = x - whole
-    return math.ldexp(1.0 + part * (0.6565 + 0.3435 * part) - 0.004, int(whole))
+    """Return 2^x for x from -1000 to 1000, up to 0.9 % too small and never too large: enough for a length, and faster
+    than exp.
+    """
+    whole = np.floor(max(x, -1000.0))
+    part = max(x, -1000.0) - whole
+    return (1.0 + part * (0.6565 + 0.3435 * part) - 0.004) * np.int64((int(whole) + 1023) << 52).view(np.float64)
 
 
 @fast
@@ -242,7 +249,7 @@ def sine_and_cosine(angle: float) -> tuple[float, float]:
 
     S. L. Moshier's polynomials (Cephes, sin.c) on [-pi/4, pi/4]; pi/2 in three parts makes the reduction exact.
     """
-    turns = math.floor(angle * 0.6366197723675814 + 0.5)
+    turns = np.floor(angle * 0.6366197723675814 + 0.5)
     x = ((angle - turns * 1.570796251296997) - turns * 7.549789415861596e-8) - turns * 5.390302858158119e-15
     y = x * x
     s = -1.66666666666666307295e-1 + y * (8.33333333332211858878e-3 + y * (
@@ -259,21 +266,41 @@ def sine_and_cosine(angle: float) -> tuple[float, float]:
     return (-s if quadrant & 2 else s), (-c if quadrant in (1, 2) else c)
 
 
+def sine_coefficients(now: Any, quadrature: Any, rate: Any) -> Iterator[tuple[int, Any]]:
+    """Yield coefficients of a sine, eight at a time, with the number of the first one."""
+    for i, powers in zip(range(0, COLUMNS, 8), powers_of(rate)):
+        yield i, powers * (now * OF_SINE[i:i + 8] + quadrature * OF_COSINE[i:i + 8])
+
+
 def sine(out: Any, now: Any, quadrature: Any, rate: Any) -> Iterator[int]:
     """Add the coefficients of a sine; staged function."""
-    for i, powers in zip(range(0, COLUMNS, 8), powers_of(rate)):
-        shares = now * OF_SINE[i:i + 8] + quadrature * OF_COSINE[i:i + 8]
-        out.set_row(out.row(i, count=8) + powers * shares, i)
+    for i, coefficients in sine_coefficients(now, quadrature, rate):
+        out.set_row(out.row(i, count=8) + coefficients, i)
         yield i + 7
 
 
-expand_sine = unrolled(sine)
+def sine_about(out: Any, mean: Any, now: Any, quadrature: Any, rate: Any) -> Iterator[int]:
+    """Set the coefficients of a sine about a mean; staged function. (To read numbers just after they were written one by
+    one would stall the processor.)
+    """
+    for i, coefficients in sine_coefficients(now, quadrature, rate):
+        out.set_row(coefficients + row_of([mean] + 7 * [0.0]) if i == 0 else coefficients, i)
+        yield i + 7
+
+
+expand_sine, expand_sine_about = unrolled(sine), unrolled(sine_about)
 
 
 @fast
 def add_sine(rows: Any, row: int, count: int, sine: float, cosine: float, rate: float) -> None:
     """Add `count` or up to seven more coefficients of a sine, given at the start with its quadrature, to a row."""
     expand_sine(count - 1, rows[row], sine, cosine, rate)
+
+
+@fast
+def set_sine(rows: Any, row: int, count: int, mean: float, sine: float, cosine: float, rate: float) -> None:
+    """Set `count` or up to seven more coefficients of a row to those of a sine about a mean."""
+    expand_sine_about(count - 1, rows[row], mean, sine, cosine, rate)
 
 
 @fast
