@@ -230,7 +230,7 @@ def logarithm(x: float) -> float:
     The number's bits hold its exponent and mantissa; to call C's frexp takes longer.
     """
     bits = np.float64(min(max(x, 1e-307), 1e300)).view(np.int64)
-    return float((bits >> 52) - 1024) + np.int64(bits & MANTISSA | EXPONENT_OF_1).view(np.float64)
+    return float((bits >> 52) - 1024 + np.int64(bits & MANTISSA | EXPONENT_OF_1).view(np.float64))
 
 
 @fast
@@ -240,7 +240,7 @@ def power_of_two(x: float) -> float:
     """
     whole = np.floor(max(x, -1000.0))
     part = max(x, -1000.0) - whole
-    return (1.0 + part * (0.6565 + 0.3435 * part) - 0.004) * np.int64((int(whole) + 1023) << 52).view(np.float64)
+    return float((1.0 + part * (0.6565 + 0.3435 * part) - 0.004) * np.int64((int(whole) + 1023) << 52).view(np.float64))
 
 
 @fast
@@ -280,8 +280,9 @@ def sine(out: Any, now: Any, quadrature: Any, rate: Any) -> Iterator[int]:
 
 
 def sine_about(out: Any, mean: Any, now: Any, quadrature: Any, rate: Any) -> Iterator[int]:
-    """Set the coefficients of a sine about a mean; staged function. (To read numbers just after they were written one by
-    one would stall the processor.)
+    """Set the coefficients of a sine about a mean; staged function.
+
+    A row of lanes that is read just after its numbers were written one by one would stall the processor.
     """
     for i, coefficients in sine_coefficients(now, quadrature, rate):
         out.set_row(coefficients + row_of([mean] + 7 * [0.0]) if i == 0 else coefficients, i)

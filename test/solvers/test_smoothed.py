@@ -13,8 +13,11 @@ from scipy.integrate import solve_ivp
 
 from tcc_sim.model.parameters import DEFAULTS, QUANTITIES, System, replace
 from tcc_sim.solvers import solve
+from tcc_sim.solvers.collocation import C
 from tcc_sim.solvers.problem import Problem
 from tcc_sim.solvers.smoothed import solve as smoothed
+from tcc_sim.solvers.smoothed.collocation_step import time_to_fold
+from tcc_sim.solvers.stages import WORK
 from tcc_sim.solvers.terms import steps_allowed, stick_speed_of, terms_of
 from tcc_sim.trajectory import State, Status
 
@@ -245,3 +248,18 @@ def test_the_error_follows_the_tolerance():
         steps.append(found.statistics.steps)
     assert steps[:-1:3] == sorted(set(steps[:-1:3]))
     assert steps[-2] < 20 * steps[0]
+
+
+def test_a_step_in_stick_knows_when_friction_reaches_its_peak():
+    """On a demand that is linear in time the fold is where the line meets the peak, within the step and beyond it."""
+    work = np.zeros(1, WORK)[0]
+    work["friction_rate"] = 2.0
+    for start, rise in ((0.5, 1.0), (0.5, 0.3), (-0.5, -1.0)):
+        work["balance"] = 2.0 * (start + rise * C)
+        assert time_to_fold(1.2, work) == pytest.approx((1.2 - abs(start)) / abs(rise), rel=1e-12)
+    work["balance"] = 2.0 * (0.5 - 0.3 * C)
+    assert time_to_fold(1.2, work) == math.inf
+    work["balance"] = 4.0
+    assert time_to_fold(1.2, work) == C[0]
+    work["balance"], work["friction_rate"][-1] = 0.0, 0.0
+    assert time_to_fold(1.2, work) == C[-1]

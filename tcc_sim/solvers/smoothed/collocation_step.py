@@ -27,8 +27,10 @@ from tcc_sim.solvers.smoothed.setup import ACCEPTED, CREEP, REFUSED, Limits, Ste
 from tcc_sim.solvers.stages import Place, follow_manifold, guess, slip_polynomial, solve_stages
 from tcc_sim.solvers.terms import Terms
 
-BEFORE_FOLD = 0.8
-"""Length of a step that ends before the demand passes the peak, per time to the node where it does."""
+BEFORE_FOLD = 0.92
+"""Longest step per time until the demand passes the peak: a longer one would be refused, since slip speed bends there
+as a square root does.
+"""
 WORTH = 20.0
 """Step times rho above which a collocation step, which costs ten series steps, is longer than those."""
 FLAT = 0.04
@@ -39,15 +41,25 @@ CONVERGED = 0.01
 
 
 @fast
-def first_beyond(peak: float, work: Any) -> int:
-    """Return the first node at which friction would have to pass its peak to hold the plate; NODES if there is none."""
+def time_to_fold(peak: float, work: Any) -> float:
+    """Return the time, per length of the step, at which friction would have to pass its peak to hold the plate.
+
+    Lines join the demand at the nodes, and the last one goes on; infinity where it does not rise.
+    """
     demand, total, friction_rate = work.demand, work.balance, work.friction_rate
     for i in range(NODES):
         demand[i] = total[i] / friction_rate[i]
-    for i in range(NODES):
-        if not abs(demand[i]) <= peak:
-            return i
-    return NODES
+    beyond = 0
+    while beyond < NODES and abs(demand[beyond]) <= peak:
+        beyond += 1
+    end = min(beyond, NODES - 1)
+    if end == 0:
+        return float(C[0])
+    before = abs(demand[end - 1])
+    rise = abs(demand[end]) - before
+    if rise > 0.0:
+        return float(C[end - 1] + (peak - before) / rise * (C[end] - C[end - 1]))
+    return math.inf if beyond == NODES else float(C[end])
 
 
 @fast
@@ -69,10 +81,10 @@ def collocation_step(place: Place, remaining: float, loaded: bool, state: Any, c
         balance(tables.sources, level, work)
         friction_rate_at_nodes(state.tau, h, tables.turns[level], loaded, limits.beta, terms.mean_load, terms.pulsation,
                                terms.profile, drive, work.friction_rate)
-        beyond = first_beyond(limits.peak, work) if control.method == CREEP else NODES
-        if beyond == NODES:
+        longest = BEFORE_FOLD * time_to_fold(limits.peak, work) if control.method == CREEP else math.inf
+        if longest >= 1.0:
             break
-        level, worth = step_size_below(tables.step_sizes, level + 1, BEFORE_FOLD * C[beyond] * h), WORTH
+        level, worth = step_size_below(tables.step_sizes, level + 1, longest * h), WORTH
     step_size = tables.step_sizes[level]
     accuracy, sharpness = CONVERGED * limits.creep_tolerance, limits.sigma
     if control.method == CREEP:
