@@ -10,6 +10,7 @@ from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 from fields_page import KINDS, fields_by_kind
+from numpy.typing import NDArray
 
 from tcc_sim import __version__
 from tcc_sim.model.parameters import QUANTITIES
@@ -79,7 +80,7 @@ def of_type(value: Any, hint: Any) -> bool:
         return True
     if origin in (Union, UnionType):
         return any(of_type(value, part) for part in arguments)
-    if origin is np.ndarray or hint is np.ndarray:
+    if origin in (np.ndarray, NDArray) or hint is np.ndarray:
         return isinstance(value, list)
     if origin is not None and issubclass(origin, Mapping):
         return isinstance(value, dict) and all(of_type(part, arguments[1]) for part in value.values())

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 
 class Refused(Exception):
@@ -139,7 +140,7 @@ def _kind(name: str, hint: Any, tables: dict[str, tuple[int | str, str]], length
     if origin is tuple:
         parts = typing.get_args(inner)
         return Tuple((DOUBLE,) * (lengths[name] if ... in parts else len(parts)), optional)
-    if origin is np.ndarray and name in tables:
+    if origin in (np.ndarray, NDArray) and name in tables:
         return Table(name, *tables[name])
     if isinstance(inner, type) and hasattr(inner, "_fields"):
         return struct_of(inner, tables, lengths)

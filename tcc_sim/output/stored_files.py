@@ -8,6 +8,7 @@ import os
 import zlib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any
 from zipfile import BadZipFile, ZipFile
 
@@ -20,7 +21,7 @@ LARGEST_RATIO, SMALLEST_LIMIT = 100, 16 << 20
 """Largest ratio of the arrays that are read to their file, and bytes that the arrays of any file may have."""
 _KINDS = "biufcU"
 _DAMAGED = (BadZipFile, zlib.error, ValueError, KeyError, EOFError, NotImplementedError, RuntimeError, OverflowError,
-            MemoryError)
+            MemoryError, TokenError)
 
 
 def read_arrays(path: Path, names: Iterable[str]) -> dict[str, Any]:
