@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -131,6 +131,40 @@ class Cycles:
         loads = None if self.loads is None else Loads(*(column[first:last] for column in self.loads.columns()))
         return Cycles(self.section[ends], self.highest[first:last], self.lowest[first:last],
                       self.stick_time[first:last], loads, None if self.starts is None else self.starts[ends])
+
+
+@dataclass(frozen=True)
+class Runs:
+    """Engine cycles of m runs with N cycles each; the fields are those of `Cycles` with the runs as first axis.
+
+    solver : the solver of all of them
+    section : (m, N + 1, 3)
+    highest, lowest, stick_time : (m, N)
+    loads : (m, 6, N), in the order of the fields of `Loads`; None if not requested
+    seconds : (m,) computing time, s: a run's share by steps in that of the call that solved several
+    done : (m,) whether a run reached its end with finite numbers; the numbers of others are of no use
+    """
+
+    solver: str
+    section: Floats
+    highest: Floats
+    lowest: Floats
+    stick_time: Floats
+    loads: Floats | None
+    seconds: Floats
+    done: NDArray[np.bool_]
+
+    def cycles(self, k: int) -> Cycles:
+        """Return the cycles of one run."""
+        loads = None if self.loads is None else Loads(*self.loads[k])
+        return Cycles(self.section[k], self.highest[k], self.lowest[k], self.stick_time[k], loads)
+
+    def chosen(self, runs: Sequence[int], first: int = 0) -> Runs:
+        """Return some of the runs, from their cycle `first` on."""
+        at: Any = slice(None) if list(runs) == list(range(len(self.done))) else list(runs)
+        return Runs(self.solver, self.section[at, first:], self.highest[at, first:], self.lowest[at, first:],
+                    self.stick_time[at, first:], None if self.loads is None else self.loads[at, :, first:],
+                    self.seconds[at], self.done[at])
 
 
 def split_cycles(cycles: Cycles, whole: int) -> tuple[Cycles, Cycles | None]:

@@ -1,44 +1,70 @@
 """Verdicts on many runs of one length at once: those of `summary` and `periodicity`, point for point.
 
-Operations on arrays judge all runs together. A run that grows or has not settled is judged alone, by the functions for
-a single run.
+Operations on arrays and one compiled call judge all runs together; a run whose slip may grow is judged alone.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tcc_sim.analysis.periodicity import Periodicity, longest_tried, of_points
 from tcc_sim.analysis.repetition import repetitions
 from tcc_sim.analysis.settings import DEFAULTS
-from tcc_sim.analysis.summary import Known, slip_grows, sums_from
-from tcc_sim.trajectory import Cycles, Floats
+from tcc_sim.analysis.summary import Span, Summary, section_of, slip_grows, sums_from, without_section
+from tcc_sim.trajectory import Floats, Runs
 
 
-def known_of(runs: Sequence[Cycles], seconds: Sequence[float]) -> list[Known | None]:
-    """Return what `summarise_cycles` needs to know of runs with the same number of cycles, which last so many seconds;
-    None for all where one of them is not finite or has no loads.
+def summaries_of(runs: Runs, cycles: Sequence[float], first: Sequence[int],
+                 dropped: int) -> tuple[list[Summary], list[Floats]]:
+    """Return the summaries that `summarise_cycles` gives of runs, all of them done and with loads, without their
+    section; and the section, (n, 3) arrays of slip speed, plate angle and plate speed.
+
+    cycles, first : (m,) length of an engine cycle of each run, s, and the number of its first cycle
+    dropped : number of cycles dropped before
     """
-    section = np.array([run.section for run in runs])
-    high, low, stick = (np.array([getattr(run, name) for run in runs]) for name in ("highest", "lowest", "stick_time"))
-    whole = np.isfinite(section).all() and np.isfinite(high + low + stick).all()
-    if not whole or any(run.loads is None for run in runs):
-        return [None] * len(runs)
-    loads = np.array([run.loads.columns() for run in runs if run.loads is not None])
-    away = [maybe and slip_grows(run) for maybe, run in zip(_slips_at_the_end(high, low, stick), runs)]
-    most = longest_tried(section.shape[1])
+    section, high, low, stick = runs.section, runs.highest, runs.lowest, runs.stick_time
+    assert runs.loads is not None
+    count = high.shape[1]
+    away = [maybe and slip_grows(runs.cycles(k)) for k, maybe in enumerate(_slips_at_the_end(high, low, stick))]
+    most = longest_tried(count + 1)
     points = section / _sizes_of(section, high, low)[:, None]
-    periodicities = ([Periodicity(*own, most) for own in repetitions(points, most, DEFAULTS.tolerance)] if most else
-                     [of_points(own, most, DEFAULTS.tolerance) for own in points])
-    highest, lowest, stuck = high.max(axis=1).tolist(), low.min(axis=1).tolist(), stick.sum(axis=1).tolist()
-    energy, breakaways = loads[:, 0].sum(axis=1).tolist(), loads[:, 4].sum(axis=1).tolist()
-    heat = loads[:, 5].sum(axis=1).tolist()
-    rest = loads[:, 1].max(axis=1).tolist(), loads[:, 2].max(axis=1).tolist(), loads[:, 3].min(axis=1).tolist()
-    return [Known(grows, own, sums_from(top, bottom, stuck_in, lasts, sums)) for grows, own, top, bottom, stuck_in,
-            lasts, sums in zip(away, periodicities, highest, lowest, stuck, seconds,
-                               zip(energy, *rest, breakaways, heat))]
+    repeating = ([Periodicity(*own, most) for own in repetitions(points, most, DEFAULTS.tolerance)] if most else
+                 [of_points(own, most, DEFAULTS.tolerance) for own in points])
+    drifts = _drift(np.maximum(np.abs(high), np.abs(low)), np.array([not own.period for own in repeating]))
+    loads = runs.loads
+    sums = zip(loads[:, 0].sum(axis=1).tolist(), loads[:, 1].max(axis=1).tolist(), loads[:, 2].max(axis=1).tolist(),
+               loads[:, 3].min(axis=1).tolist(), loads[:, 4].sum(axis=1).tolist(), loads[:, 5].sum(axis=1).tolist())
+    out, sections = list[Summary](), list[Floats]()
+    for k, (top, bottom, stuck, own, seconds) in enumerate(zip(
+            high.max(axis=1).tolist(), low.min(axis=1).tolist(), stick.sum(axis=1).tolist(), sums,
+            runs.seconds.tolist())):
+        since = first[k] * cycles[k]
+        span = Span(since, since + count * cycles[k])
+        summary = without_section(
+            repeating[k], away[k], drifts[k], span, sums_from(top, bottom, stuck, span.seconds, own),
+            cycles=count + dropped, dropped=dropped, solver=runs.solver, elapsed=seconds)
+        out.append(summary)
+        sections.append(section_of(section[k, 1:], first[k], summary.period))
+    return out, sections
+
+
+def confirmed_by_repetition(runs: Runs, summaries: Sequence[Summary], counts: Sequence[int]) -> list[bool]:
+    """Return which runs with a settled period repeat as closely as `repeats_finely` asks, over `counts` cycles each."""
+    fine = [False] * len(summaries)
+    for period in {own.period for own in summaries if own.settled and own.period}:
+        at = [k for k, own in enumerate(summaries) if own.settled and own.period == period]
+        points = runs.section[at, max(runs.section.shape[1] - counts[at[0]] - period, 0):]
+        if points.shape[1] < counts[at[0]] + period:
+            continue
+        apart = np.abs(points[:, period:] - points[:, :-period]).max(axis=1)
+        near = (apart <= DEFAULTS.fine * np.abs(points).max(axis=1)).all(axis=1)
+        for k, close in zip(at, near.tolist()):
+            fine[k] = close
+    return fine
 
 
 def _slips_at_the_end(high: Floats, low: Floats, stick: Floats) -> list[bool]:
@@ -56,3 +82,17 @@ def _sizes_of(section: Floats, high: Floats, low: Floats) -> Floats:
     fast, far = np.maximum(speed, 1e-6 * angle), np.maximum(angle, 1e-6 * speed)
     fast, far = np.where(fast == 0.0, 1.0, fast), np.where(far == 0.0, 1.0, far)
     return np.stack([fast, far, fast], axis=1)
+
+
+def _drift(largest: Floats, asked: NDArray[np.bool_]) -> list[bool]:
+    """Return `cycles_drift` by the largest slip speeds, (m, N), of those runs that are asked for; False for others."""
+    out, width = asked.copy(), largest.shape[1] // 4
+    if width < 2 or not asked.any():
+        return list(out.tolist())
+    own = largest[asked]
+    quarters = own[:, own.shape[1] - 4 * width:].reshape(len(own), 4, width)
+    means, error = quarters.mean(axis=2), np.sqrt(quarters.var(axis=2).mean(axis=1) * 2.0 / width)
+    change: Any = np.diff(means, axis=1)
+    least = np.maximum(DEFAULTS.drift * error, DEFAULTS.tolerance * own.max(axis=1))
+    out[asked] = (np.abs(change.sum(axis=1)) > least) & ((change > 0.0).all(axis=1) | (change < 0.0).all(axis=1))
+    return list(out.tolist())

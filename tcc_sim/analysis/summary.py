@@ -149,7 +149,8 @@ class Summary(Result):
     section_change: float = field(metadata=reported(
         "largest change of the section over the last period, relative to the size of the motion"))
     solver: str = field(metadata=reported("name of the solver"))
-    elapsed_s: float = field(metadata=reported("computing time", "s"))
+    elapsed_s: float = field(metadata=reported(
+        "computing time; of a point of a sweep its share, by steps, in that of the points solved with it", "s"))
     section_states: list[tuple[float, float, float]] | None = field(default=None, metadata=reported(
         "plate angle, slip speed and plate speed at the points of the section", "rad, rad/s, rad/s", asked_for=True))
     runaway: bool = field(default=False, metadata=reported(
@@ -222,8 +223,8 @@ def summarise(trajectory: Trajectory, discard: int | None = None, *, tolerance: 
 
 def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, tolerance: float = DEFAULTS.tolerance,
                      varied: int = 0, carried: bool = False, dropped: int = 0, broken: int = 0, since: float = 0.0,
-                     beside: Sequence[Cycles] = (), span: Span | None = None, by: Trajectory | None = None,
-                     known: Known | None = None) -> Summary:
+                     beside: Sequence[Cycles] = (), span: Span | None = None,
+                     by: Trajectory | None = None) -> Summary:
     """Summarise consecutive cycles; NaN marks those that were not observed.
 
     Parameters
@@ -241,7 +242,6 @@ def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, t
     beside : parts of cycles before, between and after them, which period and section leave out
     span : time that cycles and parts cover; None for that of `cycle`, `since` and the `starts` of the parts
     by : trajectory with the solver and time that the summary names
-    known : verdicts and sums, where `blocks` has worked them out
 
     Raises
     ------
@@ -253,34 +253,40 @@ def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, t
     if not (count or beside):
         raise InputError("there is no whole period of excitation to summarise")
     steady = cycles[min(varied, len(cycles)):] if varied else cycles
-    runaway = known.runaway if known is not None else not carried and runs_away(cycles, varied)
-    repetition = known.periodicity if known is not None else periodicity(steady, tolerance)
-    if runaway:
-        repetition = replace(repetition, period=0, settled=False)
-    transient = not runaway and not repetition.settled and (bool(repetition.period) or cycles_drift(steady))
-    points = cycles.section[1:]
-    if repetition.period:
-        past = (first + len(points) + 1) % repetition.period
-        points = points[len(points) - past - repetition.period:len(points) - past]
-    points = points[np.isfinite(points).all(axis=1)]
+    runaway = not carried and runs_away(cycles, varied)
+    repetition = periodicity(steady, tolerance)
     span = span or _span_of(observed, cycle, since, beside)
+    summary = without_section(
+        repetition, runaway, not repetition.period and not runaway and cycles_drift(steady), span,
+        sums_of(concatenated([cycles, *beside]) if beside else cycles, span.seconds), cycles=count + broken + dropped,
+        dropped=dropped, broken=broken, solver=by.solver if by is not None else "",
+        elapsed=by.statistics.seconds if by is not None else 0.0)
+    points = section_of(cycles.section[1:], first, summary.period)
+    points = points[np.isfinite(points).all(axis=1)]
+    return replace(summary, section=[(angle, v) for v, angle, _ in points.tolist()],
+                   section_states=[(angle, v, speed) for v, angle, speed in points.tolist()])
+
+
+def section_of(points: Floats, first: int, period: int) -> Floats:
+    """Return the section of a summary, (n, 3), from the points at the ends of the cycles from number `first` on."""
+    past = (first + len(points) + 1) % period if period else 0
+    return points[len(points) - past - period:len(points) - past] if period else points
+
+
+def without_section(repetition: Periodicity, runaway: bool, drifts: bool, span: Span, sums: dict[str, Any], *,
+                    cycles: int, dropped: int, broken: int = 0, solver: str = "", elapsed: float = 0.0) -> Summary:
+    """Return a summary without its section, from the verdicts on its cycles and `sums_of` them.
+
+    drifts : whether cycles without a period still grow or decay
+    elapsed : computing time, s
+    """
+    period, settled = (0, False) if runaway else (repetition.period, repetition.settled)
     return Summary(
-        period=repetition.period, section=[(angle, v) for v, angle, _ in points.tolist()],
-        section_states=[(angle, v, speed) for v, angle, speed in points.tolist()],
-        cycles=count + broken + dropped, discarded=dropped, broken=broken, settled=repetition.settled,
-        section_change=repetition.change, longest_period=repetition.longest, solver=by.solver if by is not None else "",
-        elapsed_s=by.statistics.seconds if by is not None else 0.0, runaway=runaway, transient=transient,
-        covers=(span.begin, span.end), seconds=span.seconds, lost_seconds=span.lost,
-        **(known.sums if known is not None else
-           sums_of(concatenated([cycles, *beside]) if beside else cycles, span.seconds)))
-
-
-class Known(NamedTuple):
-    """Verdicts and `sums_of` of the cycles of a run whose excitation is constant and which are all observed."""
-
-    runaway: bool
-    periodicity: Periodicity
-    sums: dict[str, Any]
+        period=period, section=[], cycles=cycles, discarded=dropped, broken=broken, settled=settled,
+        section_change=repetition.change, longest_period=repetition.longest, solver=solver, elapsed_s=elapsed,
+        runaway=runaway,
+        transient=not runaway and not settled and (bool(period) or drifts), covers=(span.begin, span.end),
+        seconds=span.seconds, lost_seconds=span.lost, **sums)
 
 
 class Span(NamedTuple):

@@ -14,7 +14,7 @@ import re
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache, cached_property
 from pathlib import Path
 from struct import Struct
@@ -45,6 +45,26 @@ IMPORT, LOWERING, CODE = 0.7, 4e-5, 3e-5
 """Compile time, s: of loading Numba; per byte of bytecode that a kernel reaches, to LLVM code and then to machine
 code. Measured on one core of 2.5 GHz, rounded.
 """
+WORD = 8
+"""Bytes of a number or an address in a block."""
+CALL_EACH = """
+define i32 @call_each(ptr %kernel, ptr %block, i64 %size, i64 %count) {
+before:
+  br label %call
+call:
+  %k = phi i64 [0, %before], [%after, %call]
+  %offset = mul i64 %k, %size
+  %own = getelementptr i8, ptr %block, i64 %offset
+  %result = call i32 %kernel(ptr %own)
+  %after = add i64 %k, 1
+  %failed = icmp ne i32 %result, 0
+  %last = icmp eq i64 %after, %count
+  %ended = or i1 %failed, %last
+  br i1 %ended, label %end, label %call
+end:
+  ret i32 %result
+}
+"""
 ALONE = 2.0
 """Compile time where Numba optimises each function alone, relative to that of linked kernels; from Numba 0.58."""
 _lock = threading.RLock()
@@ -56,10 +76,12 @@ class EntryPoint(NamedTuple):
 
     block : makes the block of words for arguments and their words
     run : calls the code with a block, in which it changes the results only
+    run_each : calls the code for arguments and their words one after the other, and returns the results
     """
 
     block: Callable[[tuple[Any, ...], Words], Any]
     run: Callable[[Any], Any]
+    run_each: Callable[[Sequence[tuple[tuple[Any, ...], Words]]], list[Any]]
 
 
 class Kernel:
@@ -114,8 +136,9 @@ class Kernel:
         with _lock:
             if kind not in self.entries and not numba_supported():
                 kernel_cache.announce_unkept(ALONE * self.seconds(), _numba()[0], TESTED)
-                self.entries[kind] = EntryPoint(lambda arguments, _: list(arguments),
-                                                lambda block: self.dispatcher(*block))
+                self.entries[kind] = EntryPoint(
+                    lambda arguments, _: list(arguments), lambda block: self.dispatcher(*block),
+                    lambda calls: [self.dispatcher(*arguments) for arguments, _ in calls])
             elif kind not in self.entries:
                 self.entries[kind] = kernel_cache.load_or_build(
                     self.file_name(kind), self.seconds, lambda: awaited(lambda: self._machine_code(arguments, words)),
@@ -219,6 +242,36 @@ class Partial:
         return entry.run(entry.block(arguments, words))
 
 
+class Calls:
+    """Calls of a kernel one after the other by machine code, which other threads do not wait for.
+
+    slots : of each call the last arguments, which stay the same and are laid out once; arrays are not copied
+    """
+
+    def __init__(self, kernel: Callable[..., object], slots: Sequence[tuple[Any, ...]]) -> None:
+        self._kernel, self._slots = cast(Kernel, kernel), list[tuple[tuple[Any, ...], Kind, Words]]()
+        for last in slots:
+            words = Words()
+            self._slots.append((last, _laid_out(last, words), words))
+
+    def __call__(self, numbers: Sequence[tuple[float, ...]], changing: Sequence[tuple[Any, ...]]) -> list[Any]:
+        """Return the results of calls with these numbers, then these arguments, in front of those of the slots."""
+        results, waiting = list[Any](), list[tuple[tuple[Any, ...], Words]]()
+        entry = before = None
+        for first, own, (last, kind, words) in zip(numbers, changing, self._slots):
+            laid = Words(first)
+            mine = _laid_out(own, laid)
+            arguments = first + own + last
+            laid += words
+            if entry is None or mine != before:
+                if entry is not None:
+                    results += entry.run_each(waiting)
+                entry = self._kernel.entry(_laid_out(first, Words()) + mine + kind, arguments, laid)
+                waiting, before = [], mine
+            waiting.append((arguments, laid))
+        return results + entry.run_each(waiting) if entry is not None else results
+
+
 def _laid_out(values: tuple[Any, ...], words: Words) -> Kind:
     """Append the numbers of arguments, and the addresses of arrays, to `words`; return the kind of the arguments."""
     kind: list[Any] = [*map(SCALARS.get, map(type, values))]
@@ -277,16 +330,14 @@ def not_to_ship() -> str:
 def loaded(content: bytes, words: Words) -> EntryPoint:
     """Load code of `linked.machine_code`; raise UnusableFile if it needs a function that this process lacks."""
     outputs, names, code = content.split(b"\n", 2)
-    binding.initialize_native_target()
-    binding.initialize_native_asmprinter()
-    machine = binding.Target.from_default_triple().create_target_machine(jit=True)
-    engine = binding.create_mcjit_compiler(binding.parse_assembly(""), machine)
+    engine = machine_code_of(binding.parse_assembly(""))
     for name in names.decode().split():
         if not binding.address_of_symbol(name):  # LLVM would end the process.
             raise kernel_cache.UnusableFile(f"{name} is missing")
     engine.add_object_file(binding.ObjectFileRef.from_data(code))
     engine.finalize_object()
-    call = ctypes.CFUNCTYPE(ctypes.c_int32)(engine.get_function_address("kernel"))
+    address = engine.get_function_address("kernel")
+    call = ctypes.CFUNCTYPE(ctypes.c_int32)(address)
     packing = Struct("".join("d" if isinstance(word, float) else "q" for word in words))
     unpacking, several = Struct(outputs.strip(b"()")), outputs.startswith(b"(")
     unpack_from = unpacking.unpack_from
@@ -300,11 +351,43 @@ def loaded(content: bytes, words: Words) -> EntryPoint:
     def run(block: Any) -> Any:
         if call(block):
             raise ArithmeticError("a kernel has failed")
-        results = unpack_from(block, place)
-        return results if several else results[0] if results else None
+        return results(block, place)
+
+    def results(block: Any, place: int) -> Any:
+        words = unpack_from(block, place)
+        return words if several else words[0] if words else None
+
+    def run_each(calls: Sequence[tuple[tuple[Any, ...], Words]]) -> list[Any]:
+        size = -(-ctypes.sizeof(room) // WORD) * WORD
+        out = (ctypes.c_char * (size * len(calls)))()
+        for k, (_, words) in enumerate(calls):
+            packing.pack_into(out, k * size, *words)
+        if calling_each()(address, out, size, len(calls)):
+            raise ArithmeticError("a kernel has failed")
+        return [results(out, k * size + place) for k in range(len(calls))]
 
     run.engine = engine  # type: ignore[attr-defined]
-    return EntryPoint(block, run)
+    return EntryPoint(block, run, run_each)
+
+
+@cache
+def calling_each() -> Callable[..., int]:
+    """Return machine code that calls the kernel at an address with each of a number of blocks, a size apart in bytes.
+
+    It returns the first result that is not 0, and ends there.
+    """
+    engine = machine_code_of(binding.parse_assembly(CALL_EACH))
+    call_each = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_uint64, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64)(
+        engine.get_function_address("call_each"))
+    call_each.engine = engine  # type: ignore[attr-defined]
+    return call_each
+
+
+def machine_code_of(module: Any) -> Any:
+    """Return an engine with the machine code of a module of LLVM code."""
+    binding.initialize_native_target()
+    binding.initialize_native_asmprinter()
+    return binding.create_mcjit_compiler(module, binding.Target.from_default_triple().create_target_machine(jit=True))
 
 
 def compiled(function: Function, effort: float = 1.0, **options: Any) -> Function:

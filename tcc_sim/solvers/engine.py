@@ -272,9 +272,15 @@ class EngineShell:
 
     def memory(self) -> tuple[NDArray[np.uint8], Memory]:
         """Return new memory: all bytes, which are 0, and its records."""
+        content, _, (records,) = self.memories(1)
+        return content, records
+
+    def memories(self, count: int) -> tuple[NDArray[np.uint8], NDArray[Any], list[Memory]]:
+        """Return new memory of a number of runs: all bytes, (count, n), which are 0; the array; and its records."""
         there = {name: kind for name, kind in self.kinds._asdict().items() if kind is not None}
-        whole = np.zeros(1, np.dtype(list(there.items())))
-        return whole.view(np.uint8), Memory(*(whole[0][name] if name in there else None for name in Memory._fields))
+        whole = np.zeros(count, np.dtype(list(there.items())))
+        return whole.view(np.uint8).reshape(count, -1), whole, [
+            Memory(*(own[name] if name in there else None for name in Memory._fields)) for own in whole]
 
     def solve(self, problem: Problem) -> Trajectory:
         """Solve (1), (2) with the engine's law, only with the terms that the system has.

@@ -44,11 +44,17 @@ SHIFTS = 16
 
 def empty_loads(problem: Problem) -> NDArray[Any]:
     """Return records of LOADS for the cycles of a run and the rest behind them."""
-    out = np.zeros(problem.whole_cycles + 2, LOADS)
-    out["highest_shaft_torque"], out["lowest_shaft_torque"] = -math.inf, math.inf
-    if problem.loads_from is not None:
-        out["wanted"][problem.loads_from:] = 1.0
+    out = np.empty(problem.whole_cycles + 2, LOADS)
+    begin_loads(out, problem.loads_from)
     return out
+
+
+def begin_loads(records: NDArray[Any], first: int | None) -> None:
+    """Reset records of LOADS of engine cycles (last axis), which are wanted from cycle `first` on; None for nowhere."""
+    records[:] = np.zeros((), LOADS)
+    records["highest_shaft_torque"], records["lowest_shaft_torque"] = -math.inf, math.inf
+    if first is not None:
+        records["wanted"][..., first:] = 1.0
 
 
 def loads_of(records: NDArray[Any], problem: Problem, first: int, end: int) -> Loads | None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from numbers import Integral
 from pathlib import Path
@@ -15,7 +15,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from tcc_sim.analysis.blocks import known_of
 from tcc_sim.analysis.damping import Damping, damping_of_cycles
 from tcc_sim.analysis.manoeuvre import OrdersAtSpeeds, orders_at_speeds
 from tcc_sim.analysis.multipliers import Lyapunov
@@ -23,14 +22,7 @@ from tcc_sim.analysis.orders import Orders
 from tcc_sim.analysis.periodicity import repeats_finely, stays
 from tcc_sim.analysis.settings import DEFAULTS as ANALYSIS
 from tcc_sim.analysis.spectra import Spectrum
-from tcc_sim.analysis.summary import (
-    Known,
-    Summary,
-    cycles_of,
-    default_discard,
-    spans_of,
-    summarise_cycles,
-)
+from tcc_sim.analysis.summary import Summary, cycles_of, default_discard, spans_of, summarise_cycles
 from tcc_sim.errors import InputError
 from tcc_sim.later_rooms import from_later_room
 from tcc_sim.model.parameters import System
@@ -269,30 +261,6 @@ def simulate(scene: Scene | System | str | Path, plan: Plan | None = None, *, sa
     return replace(result, orders_at_speeds=orders_at_speeds(run, plan.orders, result.summary.covers[0]))
 
 
-def simulate_block(systems: Sequence[System], plan: Plan) -> list[Simulation]:
-    """Return what `simulate` does for each system, from its own initial state and without orders; runs of one length
-    are judged at once.
-    """
-    for system in systems:
-        plan.check(system)
-    starts = [start_of(system) for system in systems]
-    runs = [_run(system, plan, start, {}) for system, start in zip(systems, starts)]
-    kept = {k: cycles[discarded:] for k, (run, cycles, discarded) in enumerate(runs) if run.status is Status.DONE
-            and cycles is not None and run.rest is None and systems[k].profile is None}
-    length = len(next(iter(kept.values()), ()))
-    kept = {k: cycles for k, cycles in kept.items() if len(cycles) == length}
-    known = dict(zip(kept, known_of(list(kept.values()), [
-        _seconds(systems[k], starts[k].cycle + runs[k][2], length) for k in kept]))) if length else {}
-    return [_judged(system, plan, start, *run, known.get(k))
-            for k, (system, start, run) in enumerate(zip(systems, starts, runs))]
-
-
-def _seconds(system: System, first: int, count: int) -> float:
-    """Return the time that `summarise_cycles` finds for `count` equal cycles from number `first` on, s."""
-    since = first * system.cycle
-    return since + count * system.cycle - since
-
-
 def start_of(system: System) -> Start:
     """Return the system's initial state at cycle 0."""
     i = system.initial
@@ -340,7 +308,7 @@ def _settled_run(system: System, plan: Plan, start: Start,
 
 
 def _judged(system: System, plan: Plan, start: Start, run: Trajectory, cycles: Cycles | None,
-            discarded: int, known: Known | None = None) -> Simulation:
+            discarded: int) -> Simulation:
     """Judge a run: summary, confirmation and further results."""
     failed = Simulation(run, None, False, np.empty(0), None, None, start, plan)
     if run.status is not Status.DONE:
@@ -351,25 +319,44 @@ def _judged(system: System, plan: Plan, start: Start, run: Trajectory, cycles: C
     cycles = cycles if cycles is not None else cycles_of(run)
     kept = cycles[discarded:]
     end = Start(State(*cycles.section[-1].tolist()), start.cycle + len(cycles)) if len(cycles) else start
-    summary = summarise_cycles(kept, first=start.cycle + discarded, dropped=discarded, by=run, known=known,
+    summary = summarise_cycles(kept, first=start.cycle + discarded, dropped=discarded, by=run,
                                beside=[run.rest] if run.rest is not None else [],
                                **spans_of(system, 0.0, start.cycle + discarded, len(kept)))
     if plan.discard == "auto" and not (summary.settled or summary.runaway):
         summary = replace(summary, transient=True)
-    angles = kept.section[max(len(kept) + 1 - plan.section_points, 1):, 1] if plan.section_points else np.empty(0)
-    return Simulation(
-        run, summary, _confirmed(system, plan, kept, summary, end), angles.copy(),
-        damping_of_cycles(system, kept, start.cycle + discarded, summary.period) if plan.damping else None,
-        from_later_room("largest_lyapunov_exponent")(
-            system, end.state, cycles=plan.lyapunov_cycles, start_cycle=end.cycle,
-            period=summary.period) if plan.lyapunov else None, end, plan)
+    return Simulation(run, summary, _confirmed(system, plan, kept, summary, end), angles_of(plan, kept),
+                      *requested(system, plan, kept, start.cycle + discarded, summary.period, end), end, plan)
+
+
+def angles_of(plan: Plan, kept: Cycles) -> Floats:
+    """Return the plate angle on the section over the last cycles, as many as the plan stores, rad, (n,)."""
+    if not plan.section_points:
+        return np.empty(0)
+    angles: Floats = kept.section[max(len(kept) + 1 - plan.section_points, 1):, 1].copy()
+    return angles
+
+
+def requested(system: System, plan: Plan, kept: Cycles, first: int, period: int,
+              end: Start) -> tuple[Damping | None, Lyapunov | None]:
+    """Return equivalent damping and Lyapunov exponent of a motion, if the plan has them; `first` is the number of the
+    first kept cycle.
+    """
+    return (damping_of_cycles(system, kept, first, period) if plan.damping else None,
+            from_later_room("largest_lyapunov_exponent")(
+                system, end.state, cycles=plan.lyapunov_cycles, start_cycle=end.cycle,
+                period=period) if plan.lyapunov else None)
+
+
+def confirming_cycles(period: int) -> int:
+    """Return the number of further cycles that must keep a period."""
+    return max(10, 2 * period)
 
 
 def _confirmed(system: System, plan: Plan, kept: Cycles, summary: Summary, end: Start) -> bool:
     """Return whether the section has settled and further cycles keep its period."""
     if not (summary.period and summary.settled):
         return False
-    count = max(10, 2 * summary.period)
+    count = confirming_cycles(summary.period)
     if repeats_finely(kept, summary.period, 5 * count // 2):
         return True
     further = _solve(system, plan, end, cycles=count)

@@ -7,6 +7,7 @@ curves run in parallel. Results do not depend on the number of workers nor on th
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 import time
 from collections import deque
@@ -27,12 +28,13 @@ from tcc_sim.model.sines import common_cycles
 from tcc_sim.result import json_of
 from tcc_sim.scene import Scene, system_of
 from tcc_sim.solvers import SOLVERS, choose
+from tcc_sim.sweeps.blocks import in_blocks, solve_block
 from tcc_sim.sweeps.executors import Attendance, each_done, workers
 from tcc_sim.sweeps.file import SweepFile
 from tcc_sim.sweeps.progress import progress_bar
 from tcc_sim.sweeps.results import Curve, Grid, Point, Sweep, varied
 from tcc_sim.sweeps.settings import DEFAULTS
-from tcc_sim.sweeps.simulation import PAPER, Plan, Simulation, simulate, simulate_block, with_plan_fields
+from tcc_sim.sweeps.simulation import PAPER, Plan, Simulation, simulate, with_plan_fields
 from tcc_sim.sweeps.steady_state import Start
 
 Points = list[list[Point | None]]
@@ -175,8 +177,8 @@ def _results(curves: Sequence[Curve], plan: Plan, points: Points, began: float) 
     return [Sweep(curve, plan, curve_points, seconds) for curve, curve_points in zip(curves, points)]
 
 
-Task = tuple[int, list[int], Start | None]
-"""Number of a curve, indices of its values in the order of solving, and the start."""
+Task = tuple[list[tuple[int, int]], Start | None]
+"""Points in the order of solving, each by the numbers of its curve and of its value, and the start."""
 
 
 def _solved(curves: Sequence[Curve], plan: Plan, executor: Executor, there: Attendance, batch: int,
@@ -187,18 +189,19 @@ def _solved(curves: Sequence[Curve], plan: Plan, executor: Executor, there: Atte
     plans = [with_sweep_tolerance(curve.system, plan) for curve in curves]
 
     def submit(task: Task) -> Future[list[Point]]:
-        c, indices, start = task
-        systems, values = [curves[c].at(i) for i in indices], [curves[c].values[i] for i in indices]
-        return executor.submit(solve_points, systems, values, plans[c], start)
+        places, start = task
+        systems, values = [curves[c].at(i) for c, i in places], [curves[c].values[i] for c, i in places]
+        return executor.submit(solve_points, systems, values, plans[places[0][0]], start)
 
-    for (c, indices, _), solved in each_done(there, lambda: following.popleft() if following else next(ready, None),
-                                             submit):
+    for (places, _), solved in each_done(there, lambda: following.popleft() if following else next(ready, None),
+                                         submit):
         if plan.direction != "cold":
+            c, last = places[-1]
             rest = _order(curves[c], plan)
-            rest = rest[rest.index(indices[-1]) + 1:][:batch]
+            rest = rest[rest.index(last) + 1:][:batch]
             if rest:
-                following.append((c, rest, _passed_on(curves[c], indices[-1], solved[-1], rest[0])))
-        for i, point in zip(indices, solved):
+                following.append(([(c, i) for i in rest], _passed_on(curves[c], last, solved[-1], rest[0])))
+        for (c, i), point in zip(places, solved):
             yield c, i, point
 
 
@@ -208,19 +211,25 @@ def _passed_on(curve: Curve, before: int, point: Point, following: int) -> Start
 
 
 def _tasks(curves: Sequence[Curve], plan: Plan, batch: int, points: Points) -> Iterator[Task]:
-    """Yield the tasks that can start: all missing points, or for up and down the first missing piece of every curve."""
+    """Yield the tasks that can start: all missing points, or for up and down the first missing piece of every curve.
+
+    Without a direction a task has points of several curves of a law, since a curve of a scatter may have one value.
+    """
+    if plan.direction == "cold":
+        missing = ((c, i) for c, curve in enumerate(curves) for i in _order(curve, plan) if points[c][i] is None)
+        for _, alike in itertools.groupby(missing, lambda place: curves[place[0]].system.friction.law):
+            while places := list(itertools.islice(alike, batch)):
+                yield places, None
+        return
     for c, curve in enumerate(curves):
         order = _order(curve, plan)
-        missing = [i for i in order if points[c][i] is None]
-        if plan.direction == "cold":
-            for k in range(0, len(missing), batch):
-                yield c, missing[k:k + batch], None
-        elif missing:
+        lacking = [i for i in order if points[c][i] is None]
+        if lacking:
             # A file is written in the order of solving, so what is missing is the end of the curve.
-            place = order.index(missing[0])
+            place = order.index(lacking[0])
             neighbour = points[c][order[place - 1]] if place else None
-            yield c, order[place:place + batch], None if neighbour is None else _passed_on(curve, order[place - 1],
-                                                                                           neighbour, missing[0])
+            yield [(c, i) for i in order[place:place + batch]], None if neighbour is None else _passed_on(
+                curve, order[place - 1], neighbour, lacking[0])
 
 
 def _order(curve: Curve, plan: Plan) -> list[int]:
@@ -268,9 +277,10 @@ def with_sweep_tolerance(system: System, plan: Plan) -> Plan:
 
 def solve_points(systems: Sequence[System], values: Sequence[float], plan: Plan, start: Start | None) -> list[Point]:
     """Solve points one after the other; up and down continue from the previous end."""
-    if plan.direction == "cold" and start is None and not any(_sampled(system, plan) for system in systems):
-        plan = with_sweep_tolerance(systems[0], plan)
-        return [as_point(value, plan, result) for value, result in zip(values, simulate_block(systems, plan))]
+    if start is None and in_blocks(systems, plan):
+        together = solve_block(systems, values, with_sweep_tolerance(systems[0], plan))
+        return [solve_point(system, value, plan) if point is None else point
+                for system, value, point in zip(systems, values, together)]
     points: list[Point] = []
     for k, (system, value) in enumerate(zip(systems, values)):
         if k and plan.direction != "cold":

@@ -8,13 +8,14 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.blocks import known_of
+from tcc_sim.analysis.blocks import confirmed_by_repetition, summaries_of
+from tcc_sim.analysis.periodicity import repeats_finely
 from tcc_sim.analysis.summary import summarise_cycles
 from tcc_sim.model.parameters import replace
 from tcc_sim.scene import system_of
 from tcc_sim.sweeps.simulation import Plan
-from tcc_sim.sweeps.sweep import _batch, solve_point, solve_points
-from tcc_sim.trajectory import Cycles, Loads
+from tcc_sim.sweeps.sweep import Curve, _batch, _tasks, solve_point, solve_points
+from tcc_sim.trajectory import Cycles, Loads, Runs
 
 N = 100
 RANDOM = np.random.default_rng(5)
@@ -49,22 +50,31 @@ RUNS = [*(orbit(p) for p in range(1, 18)), *(orbit(p, noise=1e-9) for p in (1, 2
         drifting(1e-7), run(np.zeros((N + 1, 3)), stick=1e-3), run(np.full((N + 1, 3), 1.0), stick=1e-3)]
 
 
-def verdict(cycles, known=None):
-    return summarise_cycles(cycles, 0.05, first=50, dropped=50, since=2.5, known=known)
+def stacked(runs):
+    """The same runs as one set of arrays."""
+    columns = (np.array([getattr(own, name) for own in runs])
+               for name in ("section", "highest", "lowest", "stick_time"))
+    loads = np.array([own.loads.columns() for own in runs])
+    return Runs("", *columns, loads, np.zeros(len(runs)), np.ones(len(runs), dtype=bool))
 
 
 def test_every_kind_of_run_is_judged_as_alone():
-    alone = [verdict(own) for own in RUNS]
-    assert [verdict(*pair) for pair in zip(RUNS, known_of(RUNS, [found.seconds for found in alone]))] == alone
+    alone = [summarise_cycles(own, 0.05, first=50, dropped=50, since=2.5) for own in RUNS]
+    together, sections = summaries_of(stacked(RUNS), [0.05] * len(RUNS), [50] * len(RUNS), 50)
+    assert [dataclasses.replace(own, section=[], section_states=None) for own in alone] == together
+    assert [own.section_states for own in alone] == [[(x, v, w) for v, x, w in own.tolist()] for own in sections]
     kinds = Counter((found.period, found.settled, found.runaway) for found in alone)
     assert {(p, True, False) for p in range(1, 17)} <= kinds.keys()
     assert {(1, False, False), (0, False, True), (0, False, False)} <= kinds.keys()
 
 
-def test_runs_that_are_not_whole_are_left_to_themselves():
-    gap = dataclasses.replace(RUNS[0], highest=np.where(np.arange(N) == 7, np.nan, RUNS[0].highest))
-    assert known_of([RUNS[0], gap], [5.0, 5.0]) == [None, None]
-    assert known_of([dataclasses.replace(RUNS[0], loads=None)], [5.0]) == [None]
+def test_runs_repeat_finely_as_alone():
+    summaries, _ = summaries_of(stacked(RUNS), [0.05] * len(RUNS), [50] * len(RUNS), 50)
+    counts = [max(25, 5 * own.period) for own in summaries]
+    alone = [own.settled and repeats_finely(run, own.period, count)
+             for run, own, count in zip(RUNS, summaries, counts)]
+    assert confirmed_by_repetition(stacked(RUNS), summaries, counts) == alone
+    assert {own.settled and not fine for own, fine in zip(summaries, alone)} == {True, False}
 
 
 @pytest.mark.parametrize("law", ["smoothed", "set_valued"])
@@ -91,3 +101,12 @@ def test_points_in_a_row_are_those_solved_alone(law, plan):
 def test_a_batch_leaves_every_thread_several(points, threads, cycles, size):
     assert _batch(Plan(cycles=cycles), points, threads) == size
     assert _batch(Plan(cycles=cycles, direction="up"), points, threads) == 1
+
+
+def test_a_block_has_points_of_many_curves_of_one_law():
+    """A scatter has a curve of one value for every sample; points that were solved before are left out."""
+    scenes = [replace(system_of("chaos"), {"friction.law": law}) for law in ["smoothed"] * 5 + ["set_valued"] * 2]
+    curves = [Curve(scene, "engine.frequency", (100.0,)) for scene in scenes]
+    tasks = list(_tasks(curves, Plan(), 3, [[None], [object()], *([None] for _ in range(5))]))
+    assert tasks == [([(0, 0), (2, 0), (3, 0)], None), ([(4, 0)], None), ([(5, 0), (6, 0)], None)]
+    assert [len(places) for places, _ in _tasks(curves, Plan(direction="up"), 3, [[None]] * 7)] == [1] * 7

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tcc_sim.compiling import compiled as compiled_module
 from tcc_sim.compiling import kernel_cache
 from tcc_sim.compiling.changing import Causes, Changing
-from tcc_sim.compiling.compiled import Call, Partial, compiled, fast, loaded
+from tcc_sim.compiling.compiled import Call, Calls, Partial, compiled, fast, loaded
 from tcc_sim.compiling.kernel_cache import UnusableFile
 from tcc_sim.compiling.unrolled import unrolled
 
@@ -228,6 +228,29 @@ def test_a_kernel_with_its_first_arguments_gives_what_the_kernel_gives(monkeypat
     assert (call(3.0, None), call(0.5, (20.0,)), call(1.0, None)) == (7.0, 22.5, 5.0)
     values[0] = 7.0
     assert (call(1.0, values), values[0]) == (17.0, 8.0)
+
+
+@pytest.mark.parametrize("tested", [compiled_module.TESTED, ("0.1", "0.2")])
+def test_calls_one_after_the_other_give_what_the_kernel_gives(monkeypatch, tested):
+    @compiled
+    def kernel(x, n, pair, divisor, values):
+        if not divisor:
+            raise ArithmeticError("no divisor")
+        values[0] += x
+        return values[0] if pair is None else values[0] * n + pair[0], 1 // divisor
+
+    monkeypatch.setattr(compiled_module, "TESTED", tested)
+    slots = [np.array([float(k)]) for k in range(5)]
+    calls = Calls(kernel, [(own,) for own in slots])
+    numbers = [(0.5 * k, k) for k in range(5)]
+    pairs = [((10.0, 1.0), 1), (None, 1), (None, 1), ((20.0, 1.0), 1), ((30.0, 1.0), 1)]
+    assert calls(numbers, pairs) == [(10.0, 1), (1.5, 1), (3.0, 1), (4.5 * 3 + 20.0, 1), (6.0 * 4 + 30.0, 1)]
+    assert [own[0] for own in slots] == [0.0, 1.5, 3.0, 4.5, 6.0]
+    assert calls(numbers[:2], pairs[1:3]) == [(0.0, 1), (2.0, 1)]
+    assert calls([], []) == []
+    with pytest.raises(ArithmeticError):
+        calls(numbers[:3], [((1.0, 1.0), 1), ((1.0, 1.0), 0), ((1.0, 1.0), 1)])
+    assert [own[0] for own in slots[:3]] == [0.0, 2.0, 3.0]
 
 
 def test_numbers_that_change_are_differentiated_by_rule() -> None:

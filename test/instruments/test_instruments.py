@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import sweep_blocks
 import sweep_speed
 from branch_speed import Compared, Followed, auto, auto_installed, coexistence, constants, model, page_lines, runs_of
 from driveline_bags import bag, ticked
@@ -16,6 +17,8 @@ from tcc_sim.solvers import solve
 from tcc_sim.study.benchmarks import peers
 from tcc_sim.study.benchmarks.references import reference
 from tcc_sim.study.paper.catalogue import paper_system
+from tcc_sim.sweeps import blocks
+from tcc_sim.sweeps.simulation import Plan
 
 TOLD = """noise
 RESULT [200, 50, 0.25, [["LP", 0.27], ["PD", 0.24]], false]
@@ -28,6 +31,22 @@ def test_what_auto_prints_is_read_mesh_by_mesh() -> None:
     assert (coarse.points, coarse.seconds, coarse.options, coarse.complete) == (50, 0.25, "NTST 200", False)
     assert coarse.bifurcations == (("LP", pytest.approx(0.9)), ("PD", pytest.approx(0.8)))
     assert (fine.options, fine.complete) == ("NTST 400", True)
+
+
+def test_points_in_blocks_are_compared_with_single_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = Plan(cycles=60, section_points=3)
+    found, kinds = sweep_blocks.differences("set_valued", 6, 5, plan)
+    assert (found, kinds.total()) == ([], 6)
+    monkeypatch.setattr(blocks, "_confirmed", lambda systems, *_: [None] * len(systems))
+    assert any("confirmed: alone" in line for line in sweep_blocks.differences("set_valued", 6, 5, plan)[0])
+
+
+def test_time_outside_of_kernels_is_counted_by_cause() -> None:
+    spent = sweep_blocks.outside_kernels("set_valued", 8, 1)
+    assert {"kernel", "outside", "setups", "arguments", "judging", "confirming", "rest"} <= spent.keys()
+    pieces = sum(spent.values()) - spent["kernel"] - spent["outside"]
+    assert spent["outside"] == pytest.approx(pieces, rel=1e-9)
+    assert min(spent.values()) > 0.0
 
 
 def test_the_page_has_a_row_for_every_run() -> None:
