@@ -229,7 +229,8 @@ def add_picture(parser: argparse.ArgumentParser, plot: str, title: str) -> None:
 def add_layout(group: argparse._ArgumentGroup, title: str) -> None:
     """Add --width, --style, and --title with its default in words."""
     group.add_argument("--style", metavar="FILE", type=Path,
-                       help="matplotlib style file (.mplstyle) for fonts, sizes, lines and the resolution")
+                       help="matplotlib style file (.mplstyle) for fonts, sizes, lines, grid and resolution; curves "
+                            "keep their colours")
     group.add_argument("--width", choices=("column", "page"), default="page",
                        help="width of the picture in a paper (default page)")
     group.add_argument("--title", metavar="T", help=f"title above the picture (default: {title})")

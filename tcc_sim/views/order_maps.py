@@ -268,6 +268,7 @@ def _campbell(axis: Any, orders: Orders, of: str) -> None:
     last = int(np.argmax(rpm))
     for order in orders.cuts:
         at = min(float(rpm[last]), 0.94 * 60.0 * highest / order)
+        axis.plot([0.0, at], [0.0, order * at / 60.0], color="white", lw=0.5, alpha=0.45, ls=(0, (1, 2)))
         axis.annotate(f"order {order:g}", (at, order * at / 60.0), xytext=(-6, 0), textcoords="offset points",
                       color="white", fontsize=6.5, va="center", ha="right", bbox=BOX)
     axis.set(xlabel="engine speed (rpm)", ylabel="frequency (Hz)", xlim=(rpm.min(), rpm.max()), ylim=(0.0, highest))

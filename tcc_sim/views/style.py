@@ -109,6 +109,8 @@ def use_file(path: Path | None) -> None:
 def figure(width: float = PAGE, height: float = 4.0, title: str = "") -> Iterator[Any]:
     """Yield a matplotlib Figure of `width` by `height` inch with a title; draw and save it inside the `with`.
 
+    A style with larger labels makes it higher.
+
     Raises
     ------
     MissingPackage
@@ -119,12 +121,15 @@ def figure(width: float = PAGE, height: float = 4.0, title: str = "") -> Iterato
     from cycler import cycler
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.font_manager import FontProperties
 
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(_SETTINGS)
         matplotlib.rcParams["axes.prop_cycle"] = cycler(color=CYCLE)
         matplotlib.rcParams.update(_CHOSEN.get() or {})
+        points = FontProperties(size=matplotlib.rcParams["axes.labelsize"]).get_size_in_points()
+        height *= max(points / _SETTINGS["axes.labelsize"], 1.0)  # Panels grow with the labels beside them.
         # The width of a text depends on the resolution, so the layout uses the resolution of the saved picture.
         drawn = Figure(figsize=(width, height), dpi=DOTS, layout="constrained")
         FigureCanvasAgg(drawn)

@@ -238,7 +238,10 @@ def test_a_run_up_has_cuts_of_both_quantities_and_a_campbell_diagram(figures: li
     campbell = axes["Campbell diagram of the shaft torque"]
     assert (campbell.get_xlabel(), campbell.get_ylabel()) == ("engine speed (rpm)", "frequency (Hz)")
     assert campbell.get_xlim() == pytest.approx((80.0 * 30.0 / math.pi, 180.0 * 30.0 / math.pi))
-    assert [line.get_ydata()[0] for line in campbell.lines] == pytest.approx([116.8 / 2 / math.pi, 387.3 / 2 / math.pi])
+    stuck, slipping, *lines = campbell.lines
+    modes = np.array([116.8, 387.3]) / (2.0 * math.pi)
+    assert [line.get_ydata()[0] for line in (stuck, slipping)] == pytest.approx(modes)
+    assert [line.get_ydata()[1] / line.get_xdata()[1] * 60.0 for line in lines] == pytest.approx(list(found.cuts))
     heights = {text.get_text(): text.xy for text in campbell.texts}
     for name, omega in (("stuck, 18.59 Hz", 116.8), ("slipping, 61.64 Hz", 387.3)):
         assert heights[name] == pytest.approx((80.0 * 30.0 / math.pi, omega / 2 / math.pi))

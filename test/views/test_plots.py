@@ -277,7 +277,7 @@ def test_an_axis_takes_the_main_curve_and_no_file_is_overwritten(figures, tmp_pa
 def test_a_style_file_sets_fonts_and_a_wrong_one_is_refused(figures, tmp_path, refused) -> None:
     """And the exponents of a sweep have a panel."""
     good, bad = tmp_path / "my.mplstyle", tmp_path / "bad.mplstyle"
-    good.write_text("# mine\nxtick.labelsize: 11  # larger\n")
+    good.write_text("# mine\nxtick.labelsize: 11  # larger\naxes.labelsize: 16\n")
     wrong = {"font.sise: 11\n": "line 1: font.sise is not a setting", "font.size: big\n": "line 1: font.size",
              "backend: Agg\n": "line 1: backend is not a setting", None: "cannot be read"}
     for text, says in wrong.items():
@@ -290,6 +290,7 @@ def test_a_style_file_sets_fonts_and_a_wrong_one_is_refused(figures, tmp_path, r
         assert main([*words, "--plot", str(tmp_path / f"{len(more)}.png"), *more]) == 0
     sizes = [drawn.axes[-1].xaxis.get_major_ticks()[0].label1.get_fontsize() for drawn in figures]
     assert sizes == [11.0, 7.5]
+    assert figures[0].get_figheight() == 2.0 * figures[1].get_figheight()
     last = figures[0].axes[-1]
     assert last.get_ylabel() == "exponent (1/s)"
     assert len(last.lines[-1].get_xdata()) == 2
