@@ -3,7 +3,7 @@ import unittest
 
 import pytest
 
-pytest.importorskip("launch_ros", reason="launch comes with an installed ROS 2")
+pytest.importorskip("launch_testing", reason="launch_testing comes with an installed ROS 2")
 
 import launch_testing
 import launch_testing.actions
