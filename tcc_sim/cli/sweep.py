@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 from tcc_sim.cli import arguments as common
 from tcc_sim.cli.ranges import bounds_of_range, values_of_range
 from tcc_sim.errors import InputError, SweepInterrupted, WorkersLost, counted
+from tcc_sim.model.crank_speed import ORDER
+from tcc_sim.model.quantity import SPEED_UNIT, number_in
 from tcc_sim.output.files import STANDARD_OUTPUT
 from tcc_sim.output.terminal import terminal_width
 
@@ -50,7 +52,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     figures = common.add_solver(parser)
     figures.add_argument("--orders", metavar="SPEED,...", nargs="?", const="", help="add judder, and "
                          "amplitudes of the first four orders of slip speed and shaft torque at these frequencies of "
-                         "the excitation, rad/s (default: five within the range of each run, or its constant one)")
+                         "the excitation, rad/s or hz, or speeds of the crankshaft, rpm (default: five within the "
+                         "range of each run, or its constant one)")
     common.add_workers(parser)
     common.add_outputs(parser, "results in value order", "each point as soon as it is solved; the same command resumes "
                        "from this file", force="replace an existing --json file or picture")
@@ -64,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.sweeps.sweep import sweep_curves
 
     scene = common.scene_of(arguments)
-    orders = None if arguments.orders is None else _numbers("--orders", arguments.orders)
+    orders = None if arguments.orders is None else _frequencies(arguments, scene.system.engine.order)
     plan = common.plan_of(arguments, direction=arguments.direction, orders=orders)
     common.check_outputs(arguments)
     curves, gather = _work(arguments, scene.system)
@@ -103,6 +106,20 @@ def _numbers(option: str, text: str) -> tuple[float, ...]:
         return tuple(float(word) for word in text.split(",") if text)
     except ValueError:
         raise InputError(f"{option} is {text!r}; it must be numbers separated by commas") from None
+
+
+def _frequencies(arguments: argparse.Namespace, order: float) -> tuple[float, ...]:
+    """Return the frequencies of --orders, rad/s; none for an empty text."""
+    words = [word for word in arguments.orders.split(",") if arguments.orders]
+    turns = [word for word in words if word.strip().lower().endswith("rpm")]
+    if turns and any(text.partition("=")[0].strip() == ORDER for text in (*arguments.over, *arguments.scatter)):
+        raise InputError(f"--orders has {turns[0]}, the speed of the crankshaft, and {ORDER} differs from run to run; "
+                         "give frequencies of the excitation in rad/s or hz")
+    try:
+        return tuple(number_in(word, SPEED_UNIT) * (order if word in turns else 1.0) for word in words)
+    except TypeError:
+        raise InputError(f"--orders is {arguments.orders!r}; it must be frequencies of the excitation, in rad/s or "
+                         "with hz behind, or speeds of the crankshaft with rpm behind, separated by commas") from None
 
 
 def _work(arguments: argparse.Namespace, system: System) -> tuple[list[Curve], Callable[[list[Sweep]], Any]]:

@@ -37,6 +37,15 @@ def test_orders_and_judder_of_a_run_up_in_pure_slip_are_those_of_the_flywheel_al
     assert steady.judder.rms == pytest.approx(amplitude / 100.0 / math.sqrt(2.0), rel=0.01)
 
 
+def test_speeds_of_orders_take_the_units_of_other_options(tmp_path) -> None:
+    """In rpm the crankshaft turns once in `engine.order` periods of the excitation."""
+    words = ["sweep", "slip", "--set", "engine.order=2", "--over", "engine.frequency=200,210", "--cycles", "40",
+             "--orders", "200,6000RPM,100hz,200 rad/s", "--json", str(tmp_path / "a.json")]
+    assert main(words) == 0
+    found = json.loads((tmp_path / "a.json").read_text())["orders"][0]
+    assert found["speeds"] == pytest.approx([200.0, 400.0 * math.pi, 200.0 * math.pi, 200.0])
+
+
 def test_quantiles_of_a_tip_in_are_those_of_single_runs(tmp_path, capsys) -> None:
     told, path = (0.1, 0.5, 0.9), tmp_path / "tip_in.json"
     words = ["sweep", "tip_in", "--scatter", f"{KINETIC}=0.22:0.26", "--samples", "4", "--quantiles", "0.1,0.5,0.9",
@@ -108,6 +117,8 @@ def test_probabilities_that_do_not_rise_within_0_and_1_are_refused(told) -> None
     (["--scatter", f"{KINETIC}=0.2:0.3", "--samples", "2", "--quantiles", "0.1;0.5"], "numbers separated by commas"),
     (["--over", f"{KINETIC}=0.2:0.3:2", "--quantiles", "0.1"], "--quantiles needs --scatter"),
     (["--over", f"{KINETIC}=0.2:0.3:2", "--orders=-3"], "orders has the speeds -3 rad/s; they must be above 0"),
+    (["--over", f"{KINETIC}=0.2:0.3:2", "--orders", "20Nm"], "in rad/s or with hz behind, or"),
+    (["--over", "engine.order=1:2:2", "--orders", "900rpm"], "engine.order differs from run to run"),
     (["--over", f"{KINETIC}=0.2:0.3:2", "--orders", "--duration", "0.2"], "orders need 16 periods")])
 def test_wrong_options_are_refused(refused, words, message) -> None:
     assert message in refused("sweep", "tip_in", *words)
