@@ -144,7 +144,7 @@ class Plant:
         self.general, self._terms, self.origin = self.needs_general(scene), self._terms_of(scene), self._origin_of(
             scene)
         self._follow(scene)
-        self.stepper.use(_held(scene, self._terms, self._torque, self._pressure))
+        self._hold(self._torque, self._pressure)
         if self._actuator is not None:
             self._press(self._actuator.pressure, self._actuator.pressure)
 
@@ -159,8 +159,13 @@ class Plant:
             A tick needs too many sub-steps; the earlier values stay held.
         """
         if (torque, pressure) != (self._torque, self._pressure):
-            self.stepper.use(_held(self.scene, self._terms, torque, pressure))
+            self._hold(torque, pressure)
             self._torque, self._pressure = torque, pressure
+
+    def _hold(self, torque: float | None, pressure: float | None) -> None:
+        """Let the stepper hold a torque, N m, and a pressure, Pa."""
+        self.stepper.hold(self._terms, torque,
+                          None if pressure is None else self.scene.system.torque_per_pressure * pressure)
 
     def move_far_end(self, speed: float | None) -> None:
         """Hold the speed of the shaft's far end, rad/s, from the next tick on; None stops it where it is."""
@@ -201,7 +206,7 @@ class Plant:
         """Set the actuator's pressure at the start and the end of the next tick, Pa."""
         if self._actuator is not None:
             largest = max(before, after) if self.scene.system.pressure.lagged else after
-            self.stepper.use(_held(self.scene, self._terms, self._torque, largest))
+            self._hold(self._torque, largest)
             self.stepper.press(before, after, self.scene.system.torque_per_pressure)
 
     def _commanded_pressure(self) -> float:

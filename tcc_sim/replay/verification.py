@@ -17,7 +17,7 @@ from tcc_sim.replay.result import STEP_TOLERANCE, Verification
 from tcc_sim.replay.timeline import Timeline
 from tcc_sim.scene import parse_scene
 from tcc_sim.solvers.fixed_step import Reached, Stepper
-from tcc_sim.solvers.terms import Terms, general_terms, holding, terms_from
+from tcc_sim.solvers.terms import Terms, general_terms, terms_from
 from tcc_sim.topics import topic
 from tcc_sim.trajectory import Floats
 
@@ -264,7 +264,7 @@ class _Verifier:
             load = None
         if (torque, load) != self._held:
             self._held = torque, load
-            stepper.use(holding(self._terms, torque, load))
+            stepper.hold(self._terms, torque, load)
 
     def _compare(self, batch: JointStates, recorded: Floats, solved: Floats, exact: NDArray[np.bool_]) -> None:
         """Add the differences of a batch."""

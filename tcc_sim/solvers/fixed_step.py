@@ -11,6 +11,8 @@ limits the step, not the smoothing), and h max(omega_n, omega) <= RESOLUTION res
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from tcc_sim.compiling.compiled import Call, compiled, lost_torque, smoothed_coefficient
@@ -22,7 +24,7 @@ from tcc_sim.model.parameters import System
 from tcc_sim.model.profile import FAR_ANGLE, FAR_SPEED
 from tcc_sim.model.supported_terms import check_supported
 from tcc_sim.solvers.scalar import ITERATION_BOUND, scalar_root
-from tcc_sim.solvers.terms import Terms, same_but_means, substeps, terms_of
+from tcc_sim.solvers.terms import Terms, holding, same_but_means, substeps, terms_of
 from tcc_sim.solvers.torques import break_after, piece_at, pull_of_far_end, torques_now
 from tcc_sim.trajectory import Floats
 
@@ -178,6 +180,18 @@ Reached = tuple[float, float, float, float, float, float, int]
 """v, theta2, omega2 and theta1 after a tick, engine and friction torque then, and most iterations in a stage of it."""
 
 
+class HeldInputs(NamedTuple):
+    """Terms before inputs are held, the inputs that are not held, and the least and most saturation torque, N m, that
+    are known to need the present number of sub-steps.
+    """
+
+    terms: Terms
+    no_torque: bool
+    no_load: bool
+    least: float
+    most: float
+
+
 class Stepper:
     """The driveline in ticks of a fixed step, for the node: state, tick counter, and the terms that apply to the next
     tick.
@@ -204,6 +218,7 @@ class Stepper:
         self.iterations_bound = ITERATION_BOUND
         self._tick = Call(tick, 1, "ddqddd")
         self._laid_out: Terms | None = None
+        self._held: HeldInputs | None = None
         self._lag = (system.pressure.time_constant, system.pressure.rate_limit) if system.pressure.lagged else None
         self._approach = None if self._lag is None else np.zeros((1, 4))
         self._far: Floats | None = None
@@ -222,7 +237,31 @@ class Stepper:
     def use(self, terms: Terms) -> None:
         """Use these terms from the next tick on; raise InputError if they need too many sub-steps."""
         self.substeps = substeps(terms, self.step)
-        self.terms = self._completed(terms)
+        self.terms, self._held = self._completed(terms), None
+
+    def hold(self, terms: Terms, torque: float | None, load: float | None) -> None:
+        """Use `terms` with a commanded engine torque and saturation torque, N m, as `terms.holding`, from the next tick
+        on; InputError as `use`.
+
+        Where the same inputs were held before, only means change. More load never needs fewer sub-steps, so a load
+        between two that need as many needs no count.
+        """
+        held = self._held
+        if held is None or held.terms is not terms or held.no_torque != (torque is None) or held.no_load != (
+                load is None):
+            self.use(holding(terms, torque, load))
+            if terms.profile is None:
+                self._held = HeldInputs(terms, torque is None, load is None, self.terms.mean_load, self.terms.mean_load)
+            return
+        changed = self.terms._replace(mean_torque=terms.mean_torque if torque is None else torque,
+                                      mean_load=terms.mean_load if load is None else load)
+        if not held.least <= changed.mean_load <= held.most:
+            count, ends = substeps(changed, self.step), (held.least, held.most, changed.mean_load)
+            least, most = (min(ends), max(ends)) if count == self.substeps else 2 * ends[-1:]
+            self.substeps, self._held = count, held._replace(least=least, most=most)
+        if self._laid_out is self.terms:
+            self._laid_out = changed
+        self.terms = changed
 
     def press(self, before: float, after: float, torque_per_pressure: float) -> None:
         """Move the actuator's pressure, Pa, from one value to another in the next tick; without a lag do nothing."""

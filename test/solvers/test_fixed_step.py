@@ -267,3 +267,29 @@ def test_the_bound_holds_for_what_is_no_number(w: float) -> None:
 def test_no_friction_leaves_the_speed_as_it_is() -> None:
     assert scalar_root(3.0, 0.0, 0.0, 50.0, None) == (3.0, 0)
     assert scalar_root(0.0, 1.0, 5.0, 50.0, (0.25, 2.0)) == (0.0, 0)
+
+
+@pytest.mark.parametrize("values", [
+    {}, {"engine.harmonic_amplitudes": [80.0, 40.0], "engine.harmonic_phases": [0.3, 1.0]},
+    {"pressure.source": "topic", "pressure.time_constant": 0.02},
+    {"engine.mean_torque_times": [0.0, 1.0], "engine.mean_torque_values": [100.0, 300.0]},
+])
+def test_held_inputs_are_those_of_terms_that_hold_them(values: dict[str, Any]) -> None:
+    """A new command changes means and sub-steps alone; terms and states are as if all had been worked out anew."""
+    system = load_scene("fig02").with_values(values).system
+    quick, plain, terms = Stepper(system, 1e-3), Stepper(system, 1e-3), terms_of(system)
+    generator, counts = np.random.default_rng(3), set[int]()
+    for k in range(120):
+        torque = None if k % 40 < 7 else float(generator.uniform(-100.0, 400.0))
+        load = None if k % 50 < 12 else float(generator.uniform(0.0, 2000.0))
+        quick.hold(terms, torque, load)
+        plain.use(holding(terms, torque, load))
+        counts.add(quick.substeps)
+        assert (quick.substeps, repr(quick.terms)) == (plain.substeps, repr(plain.terms))
+        if not values:
+            assert quick.advance() == plain.advance()
+    assert len(counts) > 10
+    before = quick.terms, quick.substeps
+    with pytest.raises(InputError, match="sub-steps"):
+        quick.hold(terms, 1.0, 1e9)
+    assert (quick.terms, quick.substeps) == before
