@@ -89,7 +89,8 @@ def targets(text: str) -> float | dict[float, float]:
 
 def run(arguments: argparse.Namespace) -> int:
     """Check the outputs, analyse the recording, write the files, and print the figures."""
-    from tcc_sim.output.samples import TABLES, write_samples
+    from tcc_sim.output.samples import write_samples
+    from tcc_sim.output.table_files import TABLES
     from tcc_sim.output.tables import order_lines, spectrum_lines
     from tcc_sim.recording.window import Window
     from tcc_sim.replay.replay import replay

@@ -52,26 +52,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                          "package's slip controller, gains KP (N m s/rad) and KI (N m/rad)")
     figures.add_argument("--check", metavar="N", type=int, default=0,
                          help="add the simulated response at N of the frequencies")
-    add_outputs(parser, "operating point, matrices and responses", "the arrays: .npz")
+    add_outputs(parser, "operating point, matrices and responses", "the response as .csv or .parquet, with the "
+                "matrices as .npz or .mat")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Check the input, linearise, write the files, and print the result."""
     from tcc_sim.estimation.linearise import linearise
-    from tcc_sim.output.files import draft
-    from tcc_sim.output.samples import documented
+    from tcc_sim.output.table_files import TABLES, write_result
 
     scene = scene_of(arguments)
     frequencies = None if arguments.frequencies is None else spaced(arguments.frequencies, "--frequencies")
     controller = None if arguments.controller is None else _gains(arguments.controller)
-    check_outputs(arguments, [".npz"])
+    check_outputs(arguments, TABLES)
     result = linearise(scene, input=arguments.input, output=arguments.output, slip=arguments.slip,
                        frequencies=frequencies, check=arguments.check, mean=arguments.mean, controller=controller,
                        progress=True)
     if arguments.out is not None:
-        with draft(arguments.out) as part, open(part, "wb") as file:
-            head = documented(document_of(arguments, scene, result))
-            np.savez(file, **result.arrays(), **head)  # type: ignore[arg-type]
+        write_result(arguments.out, type(result), result.columns(), document_of(arguments, scene, result),
+                     result.arrays())
     plot_result(arguments, result, scene.name)
     present(arguments, scene, result, _lines(result))
     return 0

@@ -55,13 +55,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                          "the excitation, rad/s or hz, or speeds of the crankshaft, rpm (default: five within the "
                          "range of each run, or its constant one)")
     common.add_workers(parser)
-    common.add_outputs(parser, "results in value order", "each point as soon as it is solved; the same command resumes "
-                       "from this file", force="replace an existing --json file or picture")
+    common.add_outputs(parser, "results in value order", "a table with a row per value as .csv, .parquet, .mat or "
+                       ".npz, and until it is complete each point as soon as it is solved in FILE.part; with any other "
+                       "suffix the points alone; the same command resumes from them",
+                       force="replace an existing --json file, table or picture")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Sweep, write the files, and print a table unless a file holds the points."""
-    from tcc_sim.output.provenance import head_of
+    from tcc_sim.output.provenance import HEAD, head_of
+    from tcc_sim.output.table_files import TABLES, write_result
     from tcc_sim.output.tables import doubtful_lines, quantile_lines, sweep_lines, unsettled_lines
     from tcc_sim.sweeps.scatter import Scattered
     from tcc_sim.sweeps.sweep import sweep_curves
@@ -69,11 +72,13 @@ def run(arguments: argparse.Namespace) -> int:
     scene = common.scene_of(arguments)
     orders = None if arguments.orders is None else _frequencies(arguments, scene.system.engine.order)
     plan = common.plan_of(arguments, direction=arguments.direction, orders=orders)
-    common.check_outputs(arguments)
+    table = arguments.out if arguments.out is not None and arguments.out.suffix in TABLES else None
+    common.check_outputs(arguments, TABLES if table is not None else ())
+    stored = arguments.out if table is None else table.with_name(table.name + ".part")
     curves, gather = _work(arguments, scene.system)
     ended = ""
     try:
-        sweeps = sweep_curves(curves, plan, jobs=arguments.jobs, dask=arguments.dask, out=arguments.out,
+        sweeps = sweep_curves(curves, plan, jobs=arguments.jobs, dask=arguments.dask, out=stored,
                               head=head_of("sweep_points", scene, arguments.words), progress=True)
     except (SweepInterrupted, WorkersLost) as stop:
         ended, sweeps = str(stop), stop.sweeps
@@ -93,8 +98,14 @@ def run(arguments: argparse.Namespace) -> int:
     common.present(arguments, scene, result, lines + doubtful_lines(sweeps))
     if not resumable:
         common.plot_result(arguments, result, scene.name)
+        if table is not None and stored is not None:
+            document = common.document_of(arguments, scene, result)
+            if table.suffix != ".npz":  # The table has the results already, and the text of many would be long.
+                document = {name: document[name] for name in HEAD if name in document}
+            write_result(table, type(result), result.columns(), document)
+            stored.unlink()
     if ended:
-        resume = f"; the same command resumes from {arguments.out}" if resumable else ""
+        resume = f"; the same command resumes from {stored}" if resumable else ""
         print(f"tcc-sim: {ended}{resume}", file=sys.stderr)
         return 130 if ended == "interrupted" else 1
     return 0

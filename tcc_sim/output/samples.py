@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,19 +11,13 @@ import numpy as np
 from tcc_sim.errors import check_suffix
 from tcc_sim.messages import cdr
 from tcc_sim.output.files import draft
-from tcc_sim.tables.binary import write_mat, write_parquet
+from tcc_sim.output.table_files import TABLES, documented, write_columns
 from tcc_sim.tables.measured_table import hold_line
 from tcc_sim.topics import FAR_END, INPUTS, topic
 from tcc_sim.trajectory import UNITS, Cycles, Trajectory, integral
 
-TABLES = (".npz", ".csv", ".parquet", ".mat")
 SUFFIXES = (*TABLES, ".mcap")
 """Suffixes of files of samples: tables, and recordings."""
-
-
-def documented(document: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the JSON of a command as an array of a .npz, which thus names its origin and can be drawn again."""
-    return {"document": np.array(json.dumps(document, allow_nan=False))}
 
 
 def cycles_in(arrays: Mapping[str, Any]) -> Cycles | None:
@@ -51,11 +44,9 @@ def write_samples(path: Path, trajectory: Trajectory, scene_text: str, *, record
     A .npz contains the columns, their units in the same order, the scene (YAML), the JSON `document` if given, and the
     engine cycles of the solver: `section_states` (plate angle, slip speed, plate speed at the start of each cycle and
     at the end of the last), `cycle_highest`, `cycle_lowest` (rad/s), `cycle_stick_time` and, for cycles of different
-    lengths, `cycle_starts` (s). A .csv has every digit, the names of the columns in its first line and their units in
-    its second. For `recorded` samples of a commanded pressure that is known throughout, both have the pressure, Pa; and
-    a .csv begins with the scene, and the interpolation of the inputs between rows, in lines that begin with #. A
-    .parquet has units in the metadata of its fields, and scene and interpolation in its own; a .mat has column vectors,
-    the structures `units` and `hold`, and the scene. A .mcap contains the scene too.
+    lengths, `cycle_starts` (s). The other tables are those of `write_columns`. `recorded` samples of a commanded
+    pressure that is known throughout have the pressure, Pa; and a .csv of such samples begins with the scene, and the
+    interpolation of the inputs between rows. A .parquet, a .mat and a .mcap contain the scene too.
 
     Raises
     ------
@@ -74,17 +65,10 @@ def write_samples(path: Path, trajectory: Trajectory, scene_text: str, *, record
         elif path.suffix == ".npz":
             more = {**_cycle_columns(trajectory.cycles), **({} if document is None else documented(document))}
             np.savez(part, **columns, **more, units=np.array(list(units.values())), scene=np.array(scene_text))
-        elif path.suffix != ".csv":
-            write = write_parquet if path.suffix == ".parquet" else write_mat
-            write(part, columns, units, _holds(trajectory) if recorded else {}, {"scene": scene_text})
         else:
-            rows = zip(*(values.tolist() for values in columns.values()))
-            with part.open("w", encoding="utf-8", newline="\n") as file:
-                if recorded:
-                    holds = "# " + hold_line(_holds(trajectory))
-                    file.writelines(f"# {line}\n" for line in (*scene_text.splitlines(), holds))
-                file.writelines(",".join(line) + "\n" for line in (columns, units.values()))
-                file.writelines(",".join(map(repr, row)) + "\n" for row in rows)
+            hold = _holds(trajectory) if recorded else {}
+            comments = [*scene_text.splitlines(), hold_line(hold)] if recorded else []
+            write_columns(part, path.suffix, columns, units, {"scene": scene_text}, hold, comments)
 
 
 def _holds(recorded: Trajectory) -> dict[str, str]:

@@ -179,13 +179,21 @@ def write_parquet(path: Path, columns: Mapping[str, Any], units: Mapping[str, st
 
 def write_mat(path: Path, columns: Mapping[str, Any], units: Mapping[str, str], hold: Mapping[str, str],
               texts: Mapping[str, str]) -> None:
-    """Write columns as column vectors of a MATLAB file, with the structures `units` and `hold`, and texts."""
+    """Write columns as column vectors of a MATLAB file, with the structures `units` and `hold`, and texts.
+
+    Names have _ in place of a point; texts in a column are cells.
+    """
     from scipy.io import savemat
 
+    def named(mapping: Mapping[str, Any]) -> dict[str, Any]:
+        return {name.replace(".", "_"): value for name, value in mapping.items()}
+
+    arrays = {name: np.asarray(values) for name, values in columns.items()}
+    cells = {name: values.astype(object) for name, values in arrays.items() if values.dtype.kind == "U"}
     stated: Iterable[tuple[str, Mapping[str, str]]] = (("units", units), ("hold", hold))
     with path.open("wb") as stream:
-        savemat(stream, {**{name: np.asarray(values) for name, values in columns.items()}, **texts,
-                         **{name: dict(mapping) for name, mapping in stated if mapping}},
+        savemat(stream, {**named({**arrays, **cells}), **texts,
+                         **{name: named(mapping) for name, mapping in stated if mapping}},
                 oned_as="column", do_compression=True, long_field_names=True)
 
 

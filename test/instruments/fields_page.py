@@ -43,7 +43,7 @@ KINDS: dict[str, tuple[str, tuple[type, ...]]] = {
 INTRODUCTION = """`test/instruments/fields_page.py` writes this page from the classes of results. The name of a field
 within another one, or of the entries of a list, has a dot. The key `units` of a file gives the unit of every field that
 has one; files are in SI units."""
-LINES = """## Files of lines: `--out` of tcc-sim sweep, `FILE.part` of tcc-sim basins --out
+LINES = """## Files of lines: `--out FILE.jsonl` of tcc-sim sweep, `FILE.part` of sweep and basins with another --out
 
 The first line begins as every file does and says which work it is of. Each further line is an object: `curve` and
 `index` are the numbers of the curve and of its value or row, `record` is the result, `crc32` the CRC-32 of the text

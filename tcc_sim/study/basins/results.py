@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from tcc_sim.errors import counted
 from tcc_sim.model.parameters import System
 from tcc_sim.model.quantity import sequence_of_numbers
-from tcc_sim.output.files import draft
-from tcc_sim.output.samples import documented
+from tcc_sim.output.table_files import write_result
 from tcc_sim.result import Described, Result, as_lists, reported, reporting
 from tcc_sim.shown_units import speed
 from tcc_sim.study.basins.proximity import RUNAWAY, UNDECIDED, Attractor, Counts, Labels
@@ -203,16 +202,20 @@ def boundary_of(labels: Labels) -> Boundary | None:
 
 
 def write_basins(path: Path, planes: Sequence[Basins], over: Axis | None, document: Mapping[str, Any]) -> None:
-    """Write basins as .npz: `labels` and `cycles`, (second, first) arrays, the values of both axes, and `document`.
+    """Write basins as .npz or .mat: `labels` and `cycles`, (second, first) arrays, the values of both axes, and
+    `document`; or as .csv or .parquet: the columns of `Basins`, a row per cell.
 
-    `over` adds a first axis. Labels: -1 undecided, -2 runaway, else an index into the attractors in `document`.
+    `over` adds a first axis, or a first column. Labels: -1 undecided, -2 runaway, else an index into the attractors in
+    `document`.
     """
     labels, cycles = np.stack([one.labels for one in planes]), np.stack([one.cycles for one in planes])
     first, second = planes[0].plane
     arrays: dict[str, Any] = {"first_values": np.array(first.values), "second_values": np.array(second.values)}
+    tables = [one.columns() for one in planes]
+    columns = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
     if over is None:
         labels, cycles = labels[0], cycles[0]
     else:
         arrays["over_values"] = np.array(over.values)
-    with draft(path) as part, part.open("wb") as stream:
-        np.savez_compressed(stream, labels=labels, cycles=cycles, **arrays, **documented(document))
+        columns = {over.key: np.repeat(over.values, planes[0].labels.size), **columns}
+    write_result(path, Basins, columns, document, {"labels": labels, "cycles": cycles, **arrays})

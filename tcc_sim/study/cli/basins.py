@@ -39,13 +39,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument_group("further figures").add_argument(
         "--boundary", action="store_true", help="add the uncertainty exponent of the basin boundary")
     add_workers(parser)
-    add_outputs(parser, "attractors and fractions", "label and cycles of every cell (.npz); until it is complete, "
-                "finished rows are in FILE.part, and the same command resumes from them")
+    add_outputs(parser, "attractors and fractions", "label and cycles of every cell: .npz, .mat, .csv or .parquet; "
+                "until it is complete, finished rows are in FILE.part, and the same command resumes from them")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Check the input, compute the basins, write the files, and print a summary."""
     from tcc_sim.output.provenance import head_of
+    from tcc_sim.output.table_files import TABLES
     from tcc_sim.study.basins.compute import basins
     from tcc_sim.study.basins.results import Planes
 
@@ -53,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     plane = [_axis("--plane", text) for text in arguments.plane]
     over = _axis("--over", arguments.over) if arguments.over is not None else None
     refuse_swept(arguments.set, [axis.key for axis in (*plane, *([] if over is None else [over]))])
-    check_outputs(arguments, [".npz"])
+    check_outputs(arguments, TABLES)
     part = None if arguments.out is None else arguments.out.with_name(arguments.out.name + ".part")
     try:
         result = basins(scene, plane, cycles=arguments.cycles, over=over, jobs=arguments.jobs, dask=arguments.dask,
