@@ -135,7 +135,7 @@ def driven_orders(system: System) -> Floats:
     rate = 1.0 if terms.profile is not None else system.engine.frequency
     driven = [] if terms.torque is None else [1.0]
     driven += [] if terms.harmonics is None else np.round(terms.harmonics[:, 0] / rate).tolist()
-    driven += [] if terms.profile is None else terms.profile[0, SWELLS::SWELL].tolist()
+    driven += [] if terms.profile is None else [n for n in terms.profile[0, SWELLS::SWELL].tolist() if n > 0.0]
     return np.array(sorted(driven), dtype=np.float64)
 
 

@@ -19,6 +19,8 @@ from typing import Any
 import numpy as np
 
 Stribeck = tuple[float, ...] | None
+GRID = 20000
+"""Slip speeds among which the first maximum of a law with several exponentials is looked for."""
 
 exp, tanh, magnitude, with_sign = np.exp, np.tanh, np.abs, np.copysign
 
@@ -123,7 +125,11 @@ def sliding_slope(v: Any, stribeck: Stribeck) -> Any:
 
 def steepest_fall(stribeck: Stribeck) -> float:
     """Return a bound of the falling slope of the sliding coefficient, relative to that of fast slip, s/rad."""
-    return sum(max(share, 0.0) * rate for share, rate in exponentials(stribeck))
+    steepest = 0.0
+    if stribeck is not None:
+        for j in range(0, len(stribeck), 2):
+            steepest = steepest + max(stribeck[j], 0.0) * stribeck[j + 1]
+    return steepest
 
 
 def largest_ratio(stribeck: Stribeck) -> float:
@@ -158,61 +164,83 @@ def peak(sigma: float, stribeck: Stribeck) -> tuple[float, float]:
         return math.inf, 1.0 + excess
     if excess <= 0.0:
         return math.inf, 1.0
-
-    step, rate = math.log(excess), math.log(4.0 * sigma / decay)
-
-    def fall(v: float) -> float:
-        """Return the logarithm of the falling over the rising share of the slope at v > 0."""
-        push = decay * v - step
-        rising = rate + max(push, 0.0) + math.log1p(math.exp(-abs(push)))
-        return 2.0 * sigma * v + math.log(-math.expm1(-4.0 * sigma * v)) - rising
-
     high = 20.0 / sigma + (math.log(sigma + decay) - math.log(decay)) / sigma
-    if fall(high) <= 0.0:
+    if not _falls(high, sigma, stribeck):
         if decay <= 2.0 * sigma or excess <= 1.0:
             return math.inf, 1.0
-        # mubar finally rises to 1; it falls before that only if it falls at the closest approach of both shares, where
-        # cosh(2 sigma v) = exp(alpha v)/(r - 1).
-        high = onset(step / (decay - 2.0 * sigma), lambda v: decay * v - step >= float(
-            np.logaddexp(2.0 * sigma * v, -2.0 * sigma * v)) - math.log(2.0))
-        if fall(high) <= 0.0:
+        # mubar finally rises to 1; it falls before that only if it falls at the closest approach of both shares.
+        high = onset(math.log(excess) / (decay - 2.0 * sigma), _past_closest, 0.0, sigma, stribeck)
+        if not _falls(high, sigma, stribeck):
             return math.inf, 1.0
-    low, high = _around(fall, 1e-3 / sigma, high)
-    v = onset(high, lambda v: fall(v) > 0.0, low)
+    low, high = _around(_fall, 1e-3 / sigma, high, sigma, stribeck)
+    v = onset(high, _falls, low, sigma, stribeck)
     return v, float(smoothed_coefficient(v, sigma, stribeck))
+
+
+def _fall(v: float, sigma: float, stribeck: tuple[float, ...]) -> float:
+    """Return the logarithm of the falling over the rising share of the slope of (7) with one exponential, at v > 0."""
+    push = stribeck[1] * v - math.log(stribeck[0])
+    rising = math.log(4.0 * sigma / stribeck[1]) + max(push, 0.0) + math.log1p(math.exp(-abs(push)))
+    return 2.0 * sigma * v + math.log(-math.expm1(-4.0 * sigma * v)) - rising
+
+
+def _falls(v: float, sigma: float, stribeck: tuple[float, ...]) -> bool:
+    """Return whether (7) with one exponential falls at v > 0."""
+    return _fall(v, sigma, stribeck) > 0.0
+
+
+def _past_closest(v: float, sigma: float, stribeck: tuple[float, ...]) -> bool:
+    """Return whether v > 0 is beyond the closest approach of both shares, cosh(2 sigma v) = exp(alpha v)/(r - 1)."""
+    growing = 2.0 * sigma * v
+    return (stribeck[1] * v - math.log(stribeck[0])
+            >= growing + math.log1p(math.exp(-2.0 * growing)) - math.log(2.0))
 
 
 def _peak_of_several(sigma: float, stribeck: tuple[float, ...]) -> tuple[float, float]:
     """Return the maximum of a law with several exponentials at the first sign change of the slope, else (inf, 1).
 
-    A maximum to which the sliding coefficient rises from v = 0 does not count: it is a part of slip. The slope is
-    divided by 1 - tanh^2 to keep its digits where tanh is nearly 1.
+    A maximum to which the sliding coefficient rises from v = 0 does not count: it is a part of slip.
     """
-    def fall(v: Any) -> Any:
-        """Return -mubar'/(sigma (1 - T^2)), which is positive where mubar falls."""
-        _, total, steep = exponentials_at(v, stribeck)
-        return steep * 0.5 * np.sinh(np.minimum(2.0 * sigma * v, 600.0)) / sigma - (1.0 + total)
-
-    v = np.geomspace(1e-4 / sigma, 40.0 / sigma + 40.0 / min(stribeck[1::2]), 20000)
-    falls = np.flatnonzero(fall(v) > 0.0)
-    if len(falls) == 0:
+    slowest = stribeck[1]
+    for j in range(2, len(stribeck), 2):
+        slowest = min(slowest, stribeck[j + 1])
+    first = 1e-4 / sigma
+    v = first * np.power((40.0 / sigma + 40.0 / slowest) / first, np.arange(GRID) / (GRID - 1.0))
+    falls = fall_of_several(v, sigma, stribeck) > 0.0
+    k = int(np.argmax(falls))
+    if not falls[k]:
         return math.inf, 1.0
-    at = onset(float(v[falls[0]]), lambda x: bool(fall(x) > 0.0), float(v[falls[0] - 1]) if falls[0] else 0.0)
+    low = float(v[k - 1]) if k > 0 else 0.0
+    at = onset(float(v[k]), _several_fall, low, sigma, stribeck)
     if sliding(at, 1.0, stribeck) >= sliding(0.0, 1.0, stribeck):
         return math.inf, 1.0
     return at, float(smoothed_coefficient(at, sigma, stribeck))
 
 
-def _around(f: Callable[[float], float], low: float, high: float) -> tuple[float, float]:
-    """Return a narrow bracket of a root of f, positive at `high`, by the Illinois method, else (0, high)."""
-    below, above = f(low), f(high)
+def fall_of_several(v: Any, sigma: float, stribeck: tuple[float, ...]) -> Any:
+    """Return -mubar'/(sigma (1 - T^2)) of (7) at v > 0, positive where mubar falls; it keeps its digits where tanh is
+    nearly 1.
+    """
+    _, total, steep = exponentials_at(v, stribeck)
+    return steep * 0.5 * np.sinh(np.minimum(2.0 * sigma * v, 600.0)) / sigma - (1.0 + total)
+
+
+def _several_fall(v: float, sigma: float, stribeck: tuple[float, ...]) -> bool:
+    """Return whether (7) with several exponentials falls at v > 0."""
+    return bool(fall_of_several(v, sigma, stribeck) > 0.0)
+
+
+def _around(f: Callable[..., float], low: float, high: float, *further: Any) -> tuple[float, float]:
+    """Return a narrow bracket of a root of f(x, *further), positive at `high`, by the Illinois method, else (0, high).
+    """
+    below, above = f(low, *further), f(high, *further)
     if not below < 0.0:
         return 0.0, high
     for _ in range(40):
         at = high - above * (high - low) / (above - below)
         if not low < at < high or high - low < 1e-13 * high:
             break
-        value = f(at)
+        value = f(at, *further)
         if value > 0.0:
             high, above, below = at, value, 0.5 * below
         else:
@@ -220,10 +248,10 @@ def _around(f: Callable[[float], float], low: float, high: float) -> tuple[float
     return low, high
 
 
-def onset(high: float, holds: Callable[[float], bool], low: float = 0.0) -> float:
-    """Bisect to the last bit for the onset of a condition that holds at `high`, but not at `low`."""
+def onset(high: float, holds: Callable[..., bool], low: float = 0.0, *further: Any) -> float:
+    """Bisect to the last bit for the onset of a condition holds(x, *further) that holds at `high`, but not at `low`."""
     while low < (middle := 0.5 * (low + high)) < high:
-        if holds(middle):
+        if holds(middle, *further):
             high = middle
         else:
             low = middle

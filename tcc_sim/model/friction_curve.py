@@ -86,6 +86,12 @@ class FrictionCurve:
     worst_between: float = 0.0
     fastest: float = math.inf
 
+    @property
+    def stribeck(self) -> tuple[float, ...] | None:
+        """The exponentials of mu(v)/m, see `model.friction`; None where the coefficient is constant."""
+        pairs = zip(self.amplitudes, self.rates)
+        return tuple(number for c, a in pairs for number in (c / self.constant, a)) or None
+
     def at(self, slip_speed: Any) -> Any:
         """Return mu at slip speeds, rad/s, a float or an array of any shape."""
         return self.constant + (exponentials_at(np.abs(slip_speed), self.pairs)[1] if self.rates else 0)

@@ -120,8 +120,7 @@ class Friction(Group):
         """The exponentials of mu(v)/mu_k, see `model.friction`; None where it is 1."""
         curve = self.curve
         if curve is not None:
-            pairs = zip(curve.amplitudes, curve.rates)
-            return tuple(number for c, a in pairs for number in (c / curve.constant, a)) or None
+            return curve.stribeck
         ratio = self.static_coefficient / self.kinetic_coefficient
         return (ratio - 1.0, self.decay) if ratio != 1.0 else None
 

@@ -11,6 +11,7 @@ A system without profiles of keys has no such array; its phase is omega t.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -32,7 +33,7 @@ the load there, rad.
 """
 SWELLS, SWELL = SHIFT + 1, 4
 """First column of the harmonics with varying amplitude, and columns per harmonic: n, phi_n (rad), Tpn (N m) and its
-rate per second.
+rate per second; n is 0 where the amplitude stays 0.
 """
 
 FAR_ANGLE, FAR_SPEED, FAR_RATE = range(1, 4)
@@ -117,29 +118,40 @@ def profile_of(engine: Engine, pressure: Pressure, inputs: Inputs | None = None,
     inputs : torque and pressure from data, which replace those of the scene
     origin : reference of the phase; the profile starts there
     """
+    frequency = _lines(engine.frequency_times, engine.frequency_values, engine.frequency)
     torque = _lines(engine.mean_torque_times, engine.mean_torque_values, engine.mean_torque)
     load = _lines(pressure.mean_times, pressure.mean_values, pressure.mean)
+    own_torque = engine.harmonic and (inputs is None or inputs.torque is None)
+    moved: list[Floats] = []
     if inputs is not None:
         torque = torque if inputs.torque is None else inputs.torque
         load = load if inputs.pressure is None else inputs.pressure
-    frequency = _lines(engine.frequency_times, engine.frequency_values, engine.frequency)
-    swells = _swells(engine) if inputs is None or inputs.torque is None else []
+        moved = [] if inputs.output_speed is None else [inputs.output_speed]
     origin = START if engine.frequency_times else origin
-    lines = [frequency, torque, load, *(line for _, _, line in swells)]
-    moved = [] if inputs is None or inputs.output_speed is None else [inputs.output_speed]
+    lines: list[Floats] = [frequency, torque, load]
+    swells: list[tuple[int, float]] = []
+    if own_torque and engine.torque_amplitude_times:
+        swells.append((1, 0.0))
+        lines.append(_lines(engine.torque_amplitude_times, engine.torque_amplitude_values, 0.0))
+    if own_torque and engine.harmonic_amplitudes_times:
+        for k in range(len(engine.harmonic_phases)):
+            values = engine.harmonic_amplitudes_values[k::len(engine.harmonic_phases)]
+            swells.append((k + 2 if any(values) else 0, engine.harmonic_phases[k]))
+            lines.append(_lines(engine.harmonic_amplitudes_times, values, 0.0))
     times = np.unique(np.concatenate([[origin.time], *(line[:, 0] for line in (*lines, *moved))]))
-    times = times[times >= origin.time]
+    times = times[np.searchsorted(times, origin.time, side="right") - 1:]
     profile = np.zeros((len(times), SWELLS + SWELL * len(swells)))
     profile[:, TIME] = times
-    for k, (n, phase, _) in enumerate(swells):
-        profile[:, SWELLS + SWELL * k:SWELLS + SWELL * k + 2] = n, phase
+    for k, (n, phase) in enumerate(swells):
+        profile[:, SWELLS + SWELL * k], profile[:, SWELLS + SWELL * k + 1] = n, phase
     for column, line in zip((FREQUENCY, TORQUE, LOAD, *range(SWELLS + 2, profile.shape[1], SWELL)), lines):
         place = pieces(line, times)
         profile[:, column] = line[place, 1] + line[place, 2] * (times - line[place, 0])
         profile[:, column + 1] = line[place, 2]
     steps = np.diff(times)
     gained = steps * (profile[:-1, FREQUENCY] + 0.5 * profile[:-1, FREQUENCY_RATE] * steps)
-    profile[:, PHASE] = origin.phase + np.concatenate([[0.0], np.cumsum(gained)])
+    profile[1:, PHASE] = np.cumsum(gained)
+    profile[:, PHASE] += origin.phase
     return profile
 
 
@@ -165,22 +177,14 @@ def far_end_at(far: Floats, t: Any) -> tuple[Floats, Floats, Floats]:
     return row[FAR_ANGLE] + past * (row[FAR_SPEED] + 0.5 * rate * past), row[FAR_SPEED] + rate * past, rate
 
 
-def _lines(times: tuple[float, ...], values: tuple[float, ...], constant: float) -> Floats:
+def _lines(times: Sequence[float], values: Sequence[float], constant: float) -> Floats:
     """Return a profile as rows of time, value and rate; one row for a constant."""
-    return lines_through(np.array(times), np.array(values)) if times else np.array([[0.0, constant, 0.0]])
-
-
-def _swells(engine: Engine) -> list[tuple[int, float, Floats]]:
-    """Return the harmonics with varying amplitude: number, phase, and amplitude as `_lines`."""
-    if not engine.harmonic:
-        return []
-    swells = [(1, 0.0, _lines(engine.torque_amplitude_times, engine.torque_amplitude_values, 0.0))
-              ] if engine.torque_amplitude_times else []
-    if times := engine.harmonic_amplitudes_times:
-        columns = np.reshape(engine.harmonic_amplitudes_values, (len(times), -1)).T
-        swells += [(n, phase, lines_through(np.array(times), values))
-                   for n, (phase, values) in enumerate(zip(engine.harmonic_phases, columns), 2) if values.any()]
-    return swells
+    if not times:
+        return np.array([[0.0, constant, 0.0]])
+    lines = np.zeros((len(times), 3))
+    lines[:, 0], lines[:, 1] = times, values
+    lines[:-1, 2] = np.diff(values) / np.diff(times)
+    return lines
 
 
 def reached(t: Any, row: Any) -> Any:

@@ -147,7 +147,7 @@ def stick_limits(system: System, low: float, high: float, count: int = 400) -> S
     special = [system.stuck_natural_frequency / n for n in orders]
     grid = np.unique(np.concatenate([np.geomspace(low, high, count), [w for w in special if low < w < high]]))
     sticks = [margin(float(w)) >= 0.0 for w in grid]
-    edges = [onset(float(grid[i + 1]), lambda w, i=i: (margin(w) >= 0.0) != sticks[i], float(grid[i]))  # type: ignore[misc]
+    edges = [onset(float(grid[i + 1]), lambda w, i=i: (margin(w) >= 0.0) != sticks[i], float(grid[i]))
              for i in range(len(grid) - 1) if sticks[i] != sticks[i + 1]]
     return StickLimits(edges[0] if sticks[0] and edges else None, edges[-1] if sticks[-1] and edges else None)
 

@@ -12,6 +12,8 @@ import numpy as np
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.actuator import Actuator
+from tcc_sim.model.groups import Driveline, Pressure
+from tcc_sim.model.parameters import System
 from tcc_sim.model.profile import START, Origin, along, phase_at, profile_of
 from tcc_sim.scene import Scene
 from tcc_sim.solvers.fixed_step import Reached, Stepper
@@ -126,11 +128,11 @@ class Plant:
         terms = self._terms_of(scene)
         highest = {self._actuator.highest} if self._actuator is not None else set[float]()
         for pressure in {self._pressure, None} | highest:
-            self._afford(scene, _held(scene, terms, self._torque, pressure))
+            self._afford(scene, held(scene.system, terms, self._torque, pressure))
 
     def check_pressure(self, pressure: float) -> None:
         """Raise InputError if a commanded pressure, Pa, needs too many sub-steps."""
-        self._afford(self.scene, _held(self.scene, self._terms, self._torque, pressure))
+        self._afford(self.scene, held(self.scene.system, self._terms, self._torque, pressure))
 
     def use(self, scene: Scene) -> None:
         """Apply changed parameters together from the next tick on.
@@ -205,9 +207,9 @@ class Plant:
     def _press(self, before: float, after: float) -> None:
         """Set the actuator's pressure at the start and the end of the next tick, Pa."""
         if self._actuator is not None:
-            largest = max(before, after) if self.scene.system.pressure.lagged else after
-            self._hold(self._torque, largest)
-            self.stepper.press(before, after, self.scene.system.torque_per_pressure)
+            system = self.scene.system
+            self._hold(self._torque, largest(system.pressure, before, after))
+            self.stepper.press(before, after, system.torque_per_pressure)
 
     def _commanded_pressure(self) -> float:
         """Return the pressure commanded to the actuator, Pa."""
@@ -224,45 +226,27 @@ class Plant:
     def _read(self, reached: Reached) -> Reading:
         """Return the Reading of a solver state."""
         v, plate_angle, plate_speed, flywheel_angle, engine, friction, _ = reached
-        state = 0 if abs(v) <= self._stick_speed else 1 if v > 0.0 else -1
         commanded, applied = self.pressures
         output_angle, output_speed = self.stepper.far_end or (0.0, 0.0)
-        shaft = self._damping * (plate_speed - output_speed) + self._stiffness * (plate_angle - output_angle)
+        shaft = shaft_torque(self.scene.system.driveline, plate_angle - output_angle, plate_speed - output_speed)
         return Reading(self.stamp_of(self.stepper.tick), flywheel_angle, plate_angle, v + plate_speed, plate_speed,
-                       engine, friction, v, state, applied, commanded, shaft, output_angle, output_speed)
+                       engine, friction, v, side_of_slip(v, self._stick_speed), applied, commanded, shaft, output_angle,
+                       output_speed)
 
     def _applied_pressure(self) -> float:
         """Return the pressure at the end of the tick without an actuator, Pa."""
         if self._pressure is not None:
             return self._pressure
-        mean, amplitude, angle, frequency, phase = self._swing
-        t = self.stepper.tick * self.stepper.step
-        if self._terms.profile is None:
-            angle *= frequency * t
-        else:
-            turned, _, load = along(self._terms.profile, t)
-            mean, angle = float(load) / self.scene.system.torque_per_pressure, angle * float(turned) + self.origin.lead
-        return max(0.0, mean + amplitude * math.sin(angle + phase)) if amplitude else mean
+        return pressure_at(self.stepper.tick * self.stepper.step, self.scene.system, self._terms, self.origin.lead)
 
     def _follow(self, scene: Scene) -> None:
         """Store the values of `scene` that every tick needs."""
-        own, self.scene = scene.system.pressure, scene
-        self._damping, self._stiffness = scene.system.driveline.damping, scene.system.driveline.stiffness
+        self.scene = scene
         self._stick_speed = stick_speed_of(terms_of(scene.system))
-        self._swing = (own.mean, own.amplitude if own.harmonic else 0.0, own.frequency_ratio,
-                       scene.system.engine.frequency, own.phase)
 
     def _origin_of(self, scene: Scene) -> Origin:
         """Return the origin with which the phases stay continuous if `scene` applies from the next tick on."""
-        before, after, t = self.scene.system, scene.system, self.stepper.tick * self.stepper.step
-        ratios = before.pressure.frequency_ratio, after.pressure.frequency_ratio
-        if before.engine.frequency == after.engine.frequency and ratios[0] == ratios[1]:
-            return self.origin
-        phase = float(phase_at(profile_of(before.engine, before.pressure, before.inputs, self.origin), t))
-        lead = self.origin.lead + (ratios[0] - ratios[1]) * phase
-        if before.engine.frequency == after.engine.frequency:
-            return self.origin._replace(lead=lead)
-        return Origin(t, phase, lead)
+        return origin_after(self.scene.system, scene.system, self.origin, self.stepper.tick * self.stepper.step)
 
     def _terms_of(self, scene: Scene) -> Terms:
         """Return the terms of `scene` for the kernel that it needs."""
@@ -303,10 +287,50 @@ class Plant:
         return float(longest)
 
 
-def _held(scene: Scene, terms: Terms, torque: float | None, pressure: float | None) -> Terms:
-    """Return `terms` of `scene` with a commanded torque, N m, and pressure, Pa, in place of the scene's."""
-    load = None if pressure is None else scene.system.torque_per_pressure * pressure
-    return holding(terms, torque, load)
+def origin_after(before: System, after: System, origin: Origin, t: float) -> Origin:
+    """Return the origin with which the phases of engine and load stay continuous if one system takes the place of
+    another at time t, s.
+    """
+    if before.engine.frequency == after.engine.frequency and (
+            before.pressure.frequency_ratio == after.pressure.frequency_ratio):
+        return origin
+    phase = float(phase_at(profile_of(before.engine, before.pressure, before.inputs, origin), t))
+    lead = origin.lead + (before.pressure.frequency_ratio - after.pressure.frequency_ratio) * phase
+    if before.engine.frequency == after.engine.frequency:
+        return origin._replace(lead=lead)
+    return Origin(t, phase, lead)
+
+
+def held(system: System, terms: Terms, torque: float | None, pressure: float | None) -> Terms:
+    """Return `terms` of a system with a commanded torque, N m, and pressure, Pa, in place of the scene's."""
+    return holding(terms, torque, None if pressure is None else system.torque_per_pressure * pressure)
+
+
+def largest(pressure: Pressure, before: float, after: float) -> float:
+    """Return the largest pressure in a tick, Pa, in which the actuator's pressure goes from one value to another."""
+    return max(before, after) if pressure.lagged else after
+
+
+def pressure_at(t: float, system: System, terms: Terms, lead: float) -> float:
+    """Return the pressure at time t by the scene's own excitation, Pa, with the load's angle ahead by `lead` rad."""
+    own = system.pressure
+    amplitude = own.amplitude if own.harmonic else 0.0
+    if terms.profile is None:
+        mean, angle = own.mean, own.frequency_ratio * (system.engine.frequency * t)
+    else:
+        turned, _, load = along(terms.profile, t)
+        mean, angle = float(load) / system.torque_per_pressure, own.frequency_ratio * float(turned) + lead
+    return max(0.0, mean + amplitude * math.sin(angle + own.phase)) if amplitude > 0.0 else mean
+
+
+def shaft_torque(driveline: Driveline, angle: float, speed: float) -> float:
+    """Return the torque of the shaft, N m, by the angle and speed of the plate relative to the shaft's far end."""
+    return driveline.damping * speed + driveline.stiffness * angle
+
+
+def side_of_slip(slip_speed: float, stick_speed: float) -> int:
+    """Return 0 for stick, and 1 or -1 for positive or negative slip."""
+    return 0 if abs(slip_speed) <= stick_speed else 1 if slip_speed > 0.0 else -1
 
 
 def _differ(one: Terms, other: Terms) -> bool:

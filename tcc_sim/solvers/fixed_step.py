@@ -192,6 +192,21 @@ class HeldInputs(NamedTuple):
     most: float
 
 
+def initial_state(system: System) -> tuple[float, float, float, float]:
+    """Return slip speed, plate angle, plate speed and flywheel angle at the start."""
+    start = system.initial
+    return start.slip_speed, start.plate_angle, start.plate_speed, start.plate_angle
+
+
+def course(t: float, before: float, after: float, torque_per_pressure: float, time_constant: float, rate_limit: float,
+           step: float) -> tuple[float, float, float, float]:
+    """Return the row of `Terms.approach` for a tick from time t in which the pressure goes from one value to another,
+    Pa.
+    """
+    rise, rate = approach_between(before, after, time_constant, rate_limit, step)
+    return t, torque_per_pressure * before, torque_per_pressure * rise, rate
+
+
 class Stepper:
     """The driveline in ticks of a fixed step, for the node: state, tick counter, and the terms that apply to the next
     tick.
@@ -227,8 +242,7 @@ class Stepper:
 
     def reset(self, system: System) -> None:
         """Go back to the initial state at tick 0."""
-        start = system.initial
-        self.state[:] = (start.slip_speed, start.plate_angle, start.plate_speed, start.plate_angle)
+        self.state[:] = initial_state(system)
         self.tick = 0
         self.press(system.pressure.mean, system.pressure.mean, system.torque_per_pressure)
         if self._far is not None:
@@ -266,8 +280,7 @@ class Stepper:
     def press(self, before: float, after: float, torque_per_pressure: float) -> None:
         """Move the actuator's pressure, Pa, from one value to another in the next tick; without a lag do nothing."""
         if self._approach is not None and self._lag is not None:
-            rise, rate = approach_between(before, after, *self._lag, self.step)
-            self._approach[0] = (self.tick * self.step, torque_per_pressure * before, torque_per_pressure * rise, rate)
+            self._approach[0] = course(self.tick * self.step, before, after, torque_per_pressure, *self._lag, self.step)
 
     @property
     def far_end(self) -> tuple[float, float] | None:

@@ -22,7 +22,7 @@ from tcc_sim.model import profile as of
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.friction_curve import MOST_TERMS
-from tcc_sim.model.groups import Friction
+from tcc_sim.model.groups import Engine, Friction
 from tcc_sim.model.parameters import System
 from tcc_sim.model.profile import START, Floats, Origin
 
@@ -106,14 +106,10 @@ def _terms(system: System, profile: Floats | None, lead: float) -> Terms:
     own_pressure = p.harmonic and (inputs is None or inputs.pressure is None)
     torque = (e.torque_amplitude, omega) if (own_torque and e.torque_amplitude > 0.0
                                              and not e.torque_amplitude_times) else None
-    harmonics = None
-    if own_torque and any(a > 0.0 for a in e.harmonic_amplitudes) and not e.harmonic_amplitudes_times:
-        rows = [(n * omega, a, phase) for n, (a, phase) in enumerate(zip(e.harmonic_amplitudes, e.harmonic_phases), 2)
-                if a > 0.0]
-        harmonics = np.array(rows, dtype=np.float64)
-    pulsation = None
-    if own_pressure and p.amplitude > 0.0:
-        pulsation = (system.saturation_amplitude, p.frequency_ratio * omega, p.phase + lead)
+    harmonics = _harmonics(e, omega) if (own_torque and e.harmonic_amplitudes
+                                         and not e.harmonic_amplitudes_times) else None
+    pulsation = (system.saturation_amplitude, p.frequency_ratio * omega, p.phase + lead) if (
+        own_pressure and p.amplitude > 0.0) else None
     moved = None if inputs is None or profile is None else inputs.output_speed
     return Terms(
         linear=equations.linear_of(system),
@@ -129,10 +125,22 @@ def _terms(system: System, profile: Floats | None, lead: float) -> Terms:
     )
 
 
+def _harmonics(engine: Engine, omega: float) -> Floats | None:
+    """Return the harmonics 2, 3, ... of a constant amplitude above 0, or None: rows as in `Terms`."""
+    rows, count = np.zeros((len(engine.harmonic_amplitudes), 3)), 0
+    for k in range(len(engine.harmonic_amplitudes)):
+        if engine.harmonic_amplitudes[k] > 0.0:
+            rows[count, 0], rows[count, 1] = (k + 2) * omega, engine.harmonic_amplitudes[k]
+            rows[count, 2] = engine.harmonic_phases[k]
+            count += 1
+    return rows[:count] if count > 0 else None
+
+
 def with_loads(profile: Floats, torque_per_pressure: float) -> Floats:
     """Return a profile with saturation torques, N m, in place of its pressures."""
     out: Floats = profile.copy()
-    out[:, of.LOAD:of.LOAD_RATE + 1] *= torque_per_pressure
+    out[:, of.LOAD] *= torque_per_pressure
+    out[:, of.LOAD_RATE] *= torque_per_pressure
     return out
 
 
@@ -142,12 +150,15 @@ def holding(terms: Terms, torque: float | None, load: float | None) -> Terms:
     The harmonics of an input that is held stay as terms of zero amplitude, so that the kernel is the same.
     """
     if torque is not None:
-        harmonics = None if terms.harmonics is None else terms.harmonics * (1.0, 0.0, 1.0)
-        terms = terms._replace(mean_torque=torque, torque=terms.torque and (0.0, terms.torque[1]), harmonics=harmonics,
-                               profile=_held_in(terms.profile, of.TORQUE, torque))
+        terms = terms._replace(
+            mean_torque=torque, torque=None if terms.torque is None else (0.0, terms.torque[1]),
+            harmonics=None if terms.harmonics is None else _silent(terms.harmonics),
+            profile=None if terms.profile is None else _held_in(terms.profile, of.TORQUE, torque))
     if load is not None:
-        terms = terms._replace(mean_load=load, pulsation=terms.pulsation and (0.0, *terms.pulsation[1:]),
-                               profile=_held_in(terms.profile, of.LOAD, load))
+        terms = terms._replace(
+            mean_load=load,
+            pulsation=None if terms.pulsation is None else (0.0, terms.pulsation[1], terms.pulsation[2]),
+            profile=None if terms.profile is None else _held_in(terms.profile, of.LOAD, load))
     return terms
 
 
@@ -159,14 +170,20 @@ def same_but_means(one: Terms, other: Terms) -> bool:
             == (other.linear, other.torque, other.pulsation, other.smoothing, other.stribeck))
 
 
-def _held_in(profile: Floats | None, column: int, value: float) -> Floats | None:
+def _silent(harmonics: Floats) -> Floats:
+    """Return harmonics with amplitudes of zero."""
+    out: Floats = harmonics.copy()
+    out[:, 1] = 0.0
+    return out
+
+
+def _held_in(profile: Floats, column: int, value: float) -> Floats:
     """Return a profile with a constant in this column."""
-    if profile is None:
-        return None
     out: Floats = profile.copy()
     out[:, column], out[:, column + 1] = value, 0.0
     if column == of.TORQUE:
-        out[:, of.SWELLS + 2::of.SWELL] = out[:, of.SWELLS + 3::of.SWELL] = 0.0
+        for k in range(of.SWELLS, out.shape[1], of.SWELL):
+            out[:, k + 2], out[:, k + 3] = 0.0, 0.0
     return out
 
 
@@ -175,9 +192,9 @@ def general_terms(system: System, origin: Origin = START) -> Terms:
     own = _terms(system, of.profile_of(system.engine, system.pressure, system.inputs, origin), origin.lead)
     return own._replace(
         linear=equations.linear_of(system, general=True),
-        torque=own.torque or (0.0, 1.0),
+        torque=(0.0, 1.0) if own.torque is None else own.torque,
         harmonics=np.array([[2.0, 0.0, 0.0]]) if own.harmonics is None else own.harmonics,
-        pulsation=own.pulsation or (0.0, 1.0, 0.0),
+        pulsation=(0.0, 1.0, 0.0) if own.pulsation is None else own.pulsation,
         stribeck=_all_exponentials(system.friction, own.stribeck),
     )
 
@@ -185,8 +202,14 @@ def general_terms(system: System, origin: Origin = START) -> Terms:
 def _all_exponentials(friction: Friction, own: Stribeck) -> Stribeck:
     """Return as many exponentials as the law may have: the fit of a table takes as many as it needs."""
     if friction.curve is None:
-        return own or (0.0, friction.decay)
-    return (*(own or ()), *((0.0, 1.0) * (MOST_TERMS - len(own or ()) // 2)))
+        return (0.0, friction.decay) if own is None else own
+    return padded(own)
+
+
+def padded(stribeck: Stribeck) -> Stribeck:
+    """Return the most exponentials that a friction table may have, those that it lacks with an amplitude of zero."""
+    own = stribeck or ()
+    return (*own, *((0.0, 1.0) * (MOST_TERMS - len(own) // 2)))
 
 
 def torques_at(terms: Terms, t: Floats) -> tuple[Floats, Floats]:
@@ -211,13 +234,12 @@ def _range(terms: Terms, column: int, mean: float) -> tuple[float, float]:
     """Return the smallest and the largest value of a column of the profile; both are the mean without a profile."""
     if terms.profile is None:
         return mean, mean
-    values = terms.profile[:, column]
-    return float(values.min()), float(values.max())
+    return float(terms.profile[:, column].min()), float(terms.profile[:, column].max())
 
 
 def peak_load(terms: Terms) -> float:
     """Return the largest saturation torque, N m."""
-    swing = abs(terms.pulsation[0]) if terms.pulsation is not None else 0.0
+    swing = 0.0 if terms.pulsation is None else abs(terms.pulsation[0])
     return _range(terms, of.LOAD, terms.mean_load)[1] + swing
 
 
@@ -243,12 +265,17 @@ def held_and_left_out(terms: Terms) -> tuple[list[str], list[str]]:
 
 def excitation_frequency(terms: Terms) -> float:
     """Return the largest angular frequency in the excitation, rad/s (0 for constant inputs)."""
-    frequencies = [0.0, *(pair[1] for pair in (terms.torque, terms.pulsation) if pair is not None)]
+    fastest = 0.0
+    if terms.torque is not None:
+        fastest = terms.torque[1]
+    if terms.pulsation is not None:
+        fastest = max(fastest, terms.pulsation[1])
     if terms.harmonics is not None:
-        frequencies.append(float(terms.harmonics[:, 0].max()))
+        fastest = max(fastest, float(terms.harmonics[:, 0].max()))
     if terms.profile is not None:
-        frequencies += terms.profile[0, of.SWELLS::of.SWELL].tolist()
-    return max(frequencies) * _range(terms, of.FREQUENCY, 1.0)[1]
+        for k in range(of.SWELLS, terms.profile.shape[1], of.SWELL):
+            fastest = max(fastest, float(terms.profile[0, k]))
+    return fastest * _range(terms, of.FREQUENCY, 1.0)[1]
 
 
 def load_frequency(terms: Terms) -> float:
@@ -294,12 +321,19 @@ def substeps(terms: Terms, step: float, held: float = 0.0) -> int:
     OutOfRange
         More than SUBSTEP_LIMIT.
     """
-    fastest = max(natural_frequency(terms), excitation_frequency(terms))
-    needed = step * fastest / RESOLUTION
-    if terms.stribeck is not None:
-        beta = 1.0 / terms.linear.flywheel + 1.0 / terms.linear.plate
-        needed = max(needed, 2.0 * step * beta * (peak_load(terms) + held) * friction.steepest_fall(terms.stribeck))
+    needed = substeps_needed(terms, step, held)
     if not needed <= SUBSTEP_LIMIT:
         raise OutOfRange(f"a step of {step:g} s needs {needed:.0f} sub-steps; "
                          f"fixed_step allows at most {SUBSTEP_LIMIT}")
-    return max(1, math.ceil(needed - 1e-9))
+    return int(needed)
+
+
+def substeps_needed(terms: Terms, step: float, held: float = 0.0) -> float:
+    """Return the sub-steps that a tick needs, as `substeps`; a number, since it may be beyond every limit."""
+    needed = step * max(natural_frequency(terms), excitation_frequency(terms)) / RESOLUTION
+    if terms.stribeck is not None:
+        beta = 1.0 / terms.linear.flywheel + 1.0 / terms.linear.plate
+        needed = max(needed, 2.0 * step * beta * (peak_load(terms) + held) * friction.steepest_fall(terms.stribeck))
+    if not math.isfinite(needed):
+        return needed
+    return max(1.0, float(math.ceil(needed - 1e-9)))
