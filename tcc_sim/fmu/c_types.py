@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import types
 import typing
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,9 +18,9 @@ class Refused(Exception):
 
 @dataclass(frozen=True)
 class Static:
-    """Value known when the C is printed: None, True or False."""
+    """Value known when the C is printed: None, True, False, a text, a function, or data that Python has fitted."""
 
-    value: object
+    value: Any
 
 
 @dataclass(frozen=True)
@@ -50,33 +51,74 @@ class Tuple:
 
 @dataclass(frozen=True)
 class Table:
-    """Pointer to an (n, columns) array of doubles of at most `most` rows (a macro), and a flag `has`."""
+    """Pointer to an (n, columns) array of doubles of at most `most` rows, and a flag `has`."""
 
-    field: str
-    columns: int | str
-    most: str
+    columns: int
+    most: int
 
     @property
     def name(self) -> str:
         """Pointer type."""
-        return f"const table_{self.field} *"
+        return f"const {self.title} *"
+
+    @property
+    def title(self) -> str:
+        """Name of the structure."""
+        return f"table_{self.most}x{self.columns}"
 
     def declaration(self) -> str:
         """Return the declaration of the structure."""
-        return f"typedef struct {{ int has; int rows; double at[{self.most}][{self.columns}]; }} table_{self.field};"
+        return f"typedef struct {{ int has; int rows; double at[{self.most}][{self.columns}]; }} {self.title};"
 
 
 @dataclass(frozen=True)
 class Row:
-    """Pointer to a one-dimensional array of doubles; `length` is a number, a macro, or empty if unknown."""
+    """Pointer to a one-dimensional array of doubles, `stride` places apart; a length of -1 is not known."""
 
     writable: bool = False
-    length: int | str = ""
+    length: int = -1
+    stride: int = 1
 
     @property
     def name(self) -> str:
         """Pointer type."""
         return "double *" if self.writable else "const double *"
+
+
+@dataclass(frozen=True, eq=False)
+class Vector:
+    """Numbers that are not stored: `at` prints the one at an index, `length` is printed, at most `most`."""
+
+    length: str
+    most: int
+    at: Callable[[str], str]
+    kind: Scalar
+
+
+@dataclass(frozen=True, eq=False)
+class Items:
+    """Tuple or list whose parts are known when the C is printed, each with its text."""
+
+    parts: tuple[tuple[str, Kind], ...]
+
+
+@dataclass(frozen=True)
+class Keys:
+    """Pointer to the values of all variables, for a system or a group of scene keys.
+
+    value : the system or group, whose texts, lengths of lists and data are those of the FMU
+    group : name of the group; empty for the system
+    place : prints the place of a key's value; None for a key that is no variable
+    """
+
+    value: Any = field(compare=False)
+    group: str
+    place: Callable[[str], str | None] = field(compare=False)
+
+    @property
+    def name(self) -> str:
+        """Pointer type."""
+        return "const double *"
 
 
 @dataclass(frozen=True)
@@ -93,42 +135,40 @@ class Struct:
 
     def declaration(self) -> str:
         """Return the declaration of the structure."""
-        lines = "\n".join(f"    {_embedded(kind)} {name};" for name, kind in self.fields)
+        lines = "\n".join(f"    {stored_name(kind)} {name};" for name, kind in self.fields)
         return f"typedef struct {{\n{lines}\n}} {self.title};"
 
 
-def _embedded(kind: Kind) -> str:
-    """Return the type of a field, which holds structures and tables themselves."""
-    if isinstance(kind, Table):
-        return f"table_{kind.field}"
-    return kind.title if isinstance(kind, Struct) else kind_name(kind)
+def stored_name(kind: Kind) -> str:
+    """Return the type of a variable or field, which holds structures and tables themselves."""
+    return kind.title if isinstance(kind, (Table, Struct)) else kind_name(kind)
 
 
-Kind = Static | Scalar | Tuple | Table | Row | Struct
+Kind = Static | Scalar | Tuple | Table | Row | Vector | Items | Keys | Struct
 DOUBLE, INT = Scalar("double"), Scalar("int")
 
 
 def kind_name(kind: Kind) -> str:
     """Return the type in C."""
-    if isinstance(kind, Static):
-        raise Refused(f"{kind.value} has no type in C")
+    if isinstance(kind, (Static, Vector, Items)):
+        raise Refused(f"{kind} has no type in C")
     return kind.name
 
 
-def struct_of(source: type[Any], tables: dict[str, tuple[int | str, str]], lengths: dict[str, int]) -> Struct:
+def struct_of(source: type[Any], tables: dict[str, Table], lengths: dict[str, int]) -> Struct:
     """Return the structure of a NamedTuple.
 
     Parameters
     ----------
     source : NamedTuple whose annotations are numbers, tuples of numbers and arrays, or these or None
-    tables : number of columns (a number or a macro) and macro of the largest number of rows, by array field
+    tables : types of arrays, by field
     lengths : lengths of tuples of variable length, by field
     """
     hints = typing.get_type_hints(source)
     return Struct(source.__name__, tuple((name, _kind(name, hints[name], tables, lengths)) for name in hints))
 
 
-def _kind(name: str, hint: Any, tables: dict[str, tuple[int | str, str]], lengths: dict[str, int]) -> Kind:
+def _kind(name: str, hint: Any, tables: dict[str, Table], lengths: dict[str, int]) -> Kind:
     """Return the type of a field from its annotation; a number that may be None exists in the real-time solver."""
     choices = typing.get_args(hint) if isinstance(hint, types.UnionType) or typing.get_origin(
         hint) is typing.Union else (hint,)
@@ -141,7 +181,22 @@ def _kind(name: str, hint: Any, tables: dict[str, tuple[int | str, str]], length
         parts = typing.get_args(inner)
         return Tuple((DOUBLE,) * (lengths[name] if ... in parts else len(parts)), optional)
     if origin in (np.ndarray, NDArray) and name in tables:
-        return Table(name, *tables[name])
+        return tables[name]
     if isinstance(inner, type) and hasattr(inner, "_fields"):
         return struct_of(inner, tables, lengths)
     raise Refused(f"{name}: {hint}")
+
+
+def common_kind(one: Kind, other: Kind) -> Kind | None:
+    """Return the type that holds values of both, or None: a tuple or table that may be absent has a flag."""
+    if one == other:
+        return one
+    for absent, kind in ((one, other), (other, one)):
+        if absent == Static(None) and isinstance(kind, (Tuple, Table)):
+            return Tuple(kind.parts, True) if isinstance(kind, Tuple) else kind
+    if isinstance(one, Tuple) and isinstance(other, Tuple) and one.parts == other.parts:
+        return Tuple(one.parts, True)
+    if isinstance(one, Table) and isinstance(other, Table) and one.columns == other.columns:
+        return Table(one.columns, max(one.most, other.most))
+    bools = [kind == INT or (isinstance(kind, Static) and isinstance(kind.value, bool)) for kind in (one, other)]
+    return INT if all(bools) else None

@@ -10,12 +10,10 @@ from xml.etree import ElementTree as ET
 
 from tcc_sim import __version__
 from tcc_sim.model.actuator import delay_ticks
-from tcc_sim.model.friction import steepest_fall
-from tcc_sim.model.groups import TABLE, TABULATED
+from tcc_sim.model.groups import LARGEST_RATIO, TABLE, TABULATED
 from tcc_sim.model.parameters import QUANTITIES, System, values_of
-from tcc_sim.model.profile import SWELL, SWELLS
 from tcc_sim.scene import Scene
-from tcc_sim.solvers.terms import RESOLUTION, SUBSTEP_LIMIT
+from tcc_sim.solvers.terms import SUBSTEP_LIMIT
 from tcc_sim.topics import FAR_END, INPUTS, topic
 
 BASE_UNITS = {"N": {"kg": 1, "m": 1, "s": -2}, "Pa": {"kg": 1, "m": -1, "s": -2}, "m": {"m": 1}, "s": {"s": 1},
@@ -111,7 +109,7 @@ def _replaced(system: System, key: str) -> bool:
     """Return whether a number is no parameter: replaced by a profile or table, fixed (dead time), or of an actuator
     without commanded pressure.
     """
-    commanded = system.pressure.source == "topic" and not system.pressure.mean_times
+    commanded = not system.pressure.harmonic and not system.pressure.mean_times
     return (f"{key}_times" in system.varying or (key in TABULATED and system.friction.curve is not None)
             or key == "pressure.delay" or (key in ACTUATOR and not commanded))
 
@@ -133,25 +131,11 @@ def variables_header(scene: Scene, rows: list[Variable], identifier: str, token:
     places += [f"at_{key.replace('.', '_')} = 0" for key, value in values_of(system)
                if value == () or _replaced(system, key)]
     places += [f"at_{name} = 0" for name in INPUTS if not topic(name).wanted(scene.value)]
-    engine = system.engine
-    points = [len(times) for times in (engine.frequency_times, engine.mean_torque_times, system.pressure.mean_times,
-                                       engine.torque_amplitude_times, engine.harmonic_amplitudes_times)]
-    swells = ((points[3] > 0) + len(engine.harmonic_phases) * (points[4] > 0)) if engine.harmonic else 0
     settings: dict[str, float] = {
-        "SUBSTEP_LIMIT": SUBSTEP_LIMIT, "RESOLUTION": RESOLUTION,
-        "ENGINE_TOPIC": system.engine.source == "topic", "ENGINE_HARMONIC": system.engine.harmonic,
-        "PRESSURE_TOPIC": system.pressure.source == "topic", "PRESSURE_HARMONIC": system.pressure.harmonic,
-        "HARMONICS": len(engine.harmonic_amplitudes), "MOST_HARMONICS": max(1, len(engine.harmonic_amplitudes)),
-        "DELAY_TICKS": delay_ticks(system.pressure, step),
-        "FREQUENCY_POINTS": points[0], "TORQUE_POINTS": points[1], "PRESSURE_POINTS": points[2],
-        "AMPLITUDE_POINTS": points[3], "HARMONIC_POINTS": points[4], "SWELLS": swells,
-        "PROFILE_COLUMNS": SWELLS + SWELL * swells,
-        "MOST_PIECES": 1 + sum(points)}
-    curve = system.friction.curve
-    pairs = () if curve is None else system.friction.stribeck or ()
-    settings |= {"TABLE": curve is not None, "EXPONENTIALS": len(pairs) // 2}
-    if curve is not None:
-        settings |= {"KINETIC": curve.constant, "STEEPEST_FALL": steepest_fall(pairs)}
+        "SUBSTEP_LIMIT": SUBSTEP_LIMIT, "LARGEST_RATIO": LARGEST_RATIO, "TABLE": system.friction.curve is not None,
+        "ENGINE_TOPIC": system.engine.source == "topic", "PRESSURE_TOPIC": system.pressure.source == "topic",
+        "DELAY_TICKS": delay_ticks(system.pressure, step), "PROFILES": len(system.varying)}
+    times = ", ".join(f"{{at_{key.replace('.', '_')}, {len(system.value(key))}}}" for key in system.varying)
     defined = "\n".join(f"#define TCC_{name} {value + 0}" for name, value in settings.items())
     body = ",\n    ".join(places)
     return f"""\
@@ -160,7 +144,6 @@ def variables_header(scene: Scene, rows: list[Variable], identifier: str, token:
 #define TCC_STEP {step!r}
 {defined}
 #define TCC_VARIABLES {len(rows)}
-static const double tcc_pairs[] = {{{', '.join(map(repr, pairs or (0.0, 0.0)))}}};
 typedef enum {{ TCC_CALCULATED, TCC_INPUT, TCC_FIXED, TCC_TUNABLE }} tcc_role;
 typedef enum {{ TCC_REAL, TCC_INTEGER }} tcc_type;
 typedef struct {{ const char *name; tcc_role role; tcc_type type; double start, low, high; int above; }} tcc_variable;
@@ -170,6 +153,8 @@ enum {{
 static const tcc_variable tcc_variables[TCC_VARIABLES] = {{
 {(',' + chr(10)).join(lines)}
 }};
+/* Reference of the first time of every profile, and their number. */
+static const int tcc_times[][2] = {{{times or "{0, 0}"}}};
 """
 
 

@@ -14,10 +14,10 @@ import zipfile
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
-from tcc_sim.compiling import compiled
 from tcc_sim.errors import InputError, TccError
-from tcc_sim.fmu.c_types import DOUBLE, INT, Kind, Row, Static, struct_of
+from tcc_sim.fmu.c_types import DOUBLE, INT, Keys, Kind, Row, Static, Struct, Table, Tuple, struct_of
 from tcc_sim.fmu.description import (
     SOURCES,
     Variable,
@@ -27,13 +27,25 @@ from tcc_sim.fmu.description import (
     variables_header,
 )
 from tcc_sim.fmu.printer import Library
-from tcc_sim.model import actuator
-from tcc_sim.model.equations import COEFFICIENTS, OPTIONAL
+from tcc_sim.model import actuator, equations
+from tcc_sim.model.equations import COEFFICIENTS, OPTIONAL, Linear
+from tcc_sim.model.groups import Pressure
+from tcc_sim.model.parameters import System
+from tcc_sim.model.profile import Origin, profile_of
 from tcc_sim.model.supported_terms import check_supported
 from tcc_sim.output.files import draft
+from tcc_sim.plant import driveline
 from tcc_sim.scene import Scene
-from tcc_sim.solvers import fixed_step, torques
-from tcc_sim.solvers.terms import Terms
+from tcc_sim.solvers import fixed_step
+from tcc_sim.solvers.terms import (
+    Terms,
+    general_terms,
+    holding,
+    padded,
+    stick_speed_of,
+    substeps_needed,
+    terms_from,
+)
 
 COMPILERS = "cc", "gcc", "clang"
 OPTIONS = ("-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden")
@@ -68,7 +80,7 @@ def fmu_of(scene: Scene, version: int = 2, step: float | None = None) -> Fmu:
     identifier = f"tcc_sim_{re.sub(r'[^A-Za-z0-9_]', '_', scene.name)}"
     texts = {name: resources.files(__package__).joinpath(f"c/{name}").read_text(encoding="utf-8")
              for name in ("tcc_model.h", "fmi_shared.h", SOURCES[version])}
-    texts["tcc_kernel.h"] = f"/* The tick of tcc_sim, printed from its Python source. */\n{_kernel(scene)}"
+    texts["tcc_kernel.h"] = f"/* Terms and tick of tcc_sim, printed from its Python source. */\n{_kernel(scene, rows)}"
     parts = "".join([*texts.values(), variables_header(scene, rows, identifier, "", step),
                      model_description(version, scene, rows, identifier, "", step)])
     token = f"{{{uuid.UUID(hashlib.sha256(parts.encode()).hexdigest()[:32])}}}"
@@ -84,7 +96,7 @@ def fmu_of(scene: Scene, version: int = 2, step: float | None = None) -> Fmu:
 
 def compiler() -> str | None:
     """Return the path of a C compiler on this machine, or None."""
-    return next((path for name in COMPILERS if (path := shutil.which(name))), None)
+    return next((found for name in COMPILERS if (found := shutil.which(name))), None)
 
 
 def binary_of(fmu: Fmu, command: str) -> bytes:
@@ -133,39 +145,83 @@ def export(scene: Scene, path: Path, version: int = 2, step: float | None = None
     return folder if with_binary else ""
 
 
-def _kernel(scene: Scene) -> str:
-    """Return the tick in C99 as static functions; macros give the sizes of the arrays in Terms."""
-    numbers = len(scene.system.friction.stribeck or (0.0, 0.0))
-    terms = struct_of(Terms, {"harmonics": (3, "TCC_MOST_HARMONICS"), "approach": (4, "1"), "far": (4, "1"),
-                              "profile": ("TCC_PROFILE_COLUMNS", "TCC_MOST_PIECES")}, {"stribeck": numbers})
-    of = dict(terms.fields)
-    library = Library()
+def _kernel(scene: Scene, rows: list[Variable]) -> str:
+    """Return everything from the values of the variables to the state after a tick in C99, printed from its Python
+    source. Friction tables are fitted in Python, and C has the numbers of the fit.
+    """
+    system = scene.system
+    known = {row.name.partition("[")[0]: row.word for row in reversed(rows)}
+    keys, engine, pressure = (Keys(value, name, known.get) for name, value in (
+        ("", system), ("engine", system.engine), ("pressure", system.pressure)))
+    library = Library(frozenset({"Friction.curve", "System.varying"}), {
+        equations.linear_of: ("py_linear_of", struct_of(Linear, {}, {})), padded: _unpadded})
+    origin = library.structure(Origin)
+    _, profile = library.function(profile_of, (engine, pressure, Static(None), origin))
+    assert isinstance(profile, Table)
+    tables = {"harmonics": Table(3, max(1, len(system.engine.harmonic_amplitudes))), "approach": Table(4, 1),
+              "far": Table(4, 1), "profile": profile}
+    terms = struct_of(Terms, tables, {"stribeck": len(system.friction.stribeck or (0.0, 0.0))})
+    library.structures[Terms] = terms
     library.declared(terms)
-    roots: list[tuple[object, tuple[Kind, ...]]] = [
-        (fixed_step.advance, (Row(writable=True), DOUBLE, DOUBLE, INT, terms, Static(True), Static(None))),
-        (torques.piece_at, (of["profile"], DOUBLE)),
-        (torques.torques_now, (DOUBLE, INT, of["profile"], terms)),
-        (compiled.smoothed_coefficient, (DOUBLE, DOUBLE, of["stribeck"])),
-        (actuator.pressure_after, (DOUBLE,) * 5), (actuator.approach_between, (DOUBLE,) * 5)]
-    for function, kinds in roots:
-        library.function(function, kinds)
-    return library.text() + _linear_part()
+    library.texts.insert(0, _linear_part())
+    for name, function, kinds in _entries(terms, origin, keys, pressure,
+                                          Keys(system.driveline, "driveline", known.get)):
+        library.entry(f"tcc_{name}", function, *kinds)
+    return f"{library.text()}\n{_present(terms)}"
+
+
+def _entries(terms: Struct, origin: Struct, keys: Keys, pressure: Keys,
+             shaft: Keys) -> list[tuple[str, Any, tuple[Kind, ...]]]:
+    """Return the functions that tcc_model.h calls: name there, the Python, and types of its arguments."""
+    absent = Static(None)
+    return [
+        ("terms_of", terms_from, (keys, origin)), ("general_terms_of", general_terms, (keys, origin)),
+        ("hold_torque", holding, (terms, DOUBLE, absent)),
+        ("hold_pressure", driveline.held, (keys, terms, absent, DOUBLE)),
+        ("substeps", substeps_needed, (terms, DOUBLE, DOUBLE)), ("stick_speed", stick_speed_of, (terms,)),
+        ("origin_after", driveline.origin_after, (keys, keys, origin, DOUBLE)),
+        ("initial_state", fixed_step.initial_state, (keys,)),
+        ("advance", fixed_step.advance, (Row(writable=True), DOUBLE, DOUBLE, INT, terms, Static(True), absent)),
+        ("engine_and_friction", fixed_step.engine_and_friction, (DOUBLE, DOUBLE, terms)),
+        ("pressure_at", driveline.pressure_at, (DOUBLE, keys, terms, DOUBLE)),
+        ("shaft_torque", driveline.shaft_torque, (shaft, DOUBLE, DOUBLE)),
+        ("side_of_slip", driveline.side_of_slip, (DOUBLE, DOUBLE)),
+        ("torque_per_pressure", _getter(System, "torque_per_pressure"), (keys,)),
+        ("lagged", _getter(Pressure, "lagged"), (pressure,)),
+        ("largest", driveline.largest, (pressure, DOUBLE, DOUBLE)),
+        ("pressure_after", actuator.pressure_after, (DOUBLE,) * 5), ("course", fixed_step.course, (DOUBLE,) * 7)]
+
+
+def _getter(owner: type[Any], name: str) -> Any:
+    """Return the function of a property."""
+    return vars(owner)[name].fget
+
+
+def _unpadded(stribeck: tuple[float, ...]) -> tuple[float, ...]:
+    """Stand for `terms.padded` in C, which has a kernel for this number of exponentials: more of zero amplitude would
+    add nothing, but one must be there.
+    """
+    return stribeck if len(stribeck) > 2 else (0.0, 1.0) if stribeck is None else stribeck
 
 
 def _linear_part() -> str:
-    """Return C functions printed from `model.equations.COEFFICIENTS`: the linear part of the values, and flags of its
-    coefficients that are not absent.
-    """
-    lines = "\n".join(f"    linear->{name} += {share!r} * x[at_{key.replace('.', '_')}];"
+    """Return a C function printed from `model.equations.COEFFICIENTS`: the linear part of the values."""
+    lines = "\n".join(f"    linear.{name} += {share!r} * x[at_{key.replace('.', '_')}];"
                       for key, shares in COEFFICIENTS.items() for name, share in shares.items())
-    flags = " | ".join(f"(linear->{name} != 0.0) << {place}" for place, name in enumerate(OPTIONAL))
-    return f"""
-/* The linear part of the equations of motion. */
-static void tcc_linear_of(const double *x, Linear *linear)
+    return f"""\
+static Linear py_linear_of(const double *x)
 {{
-    memset(linear, 0, sizeof *linear);
+    Linear linear;
+    memset(&linear, 0, sizeof linear);
 {lines}
-}}
+    return linear;
+}}"""
 
-static int tcc_linear_flags(const Linear *linear) {{ return {flags}; }}
-"""
+
+def _present(terms: Struct) -> str:
+    """Return a C function that tells which terms are there: a bit for each that may be absent."""
+    found = [f"t->{name}.has" for name, kind in terms.fields
+             if isinstance(kind, Table) or (isinstance(kind, Tuple) and kind.optional)]
+    found += [f"(t->linear.{name} != 0.0)" for name in OPTIONAL]
+    bits = " | ".join(f"{text} << {place}" for place, text in enumerate(found))
+    return f"static int tcc_present(const Terms *t)\n{{\n    return {bits};\n}}\n"

@@ -97,5 +97,5 @@ def test_what_the_printer_does_not_know_it_refuses_and_names() -> None:
     with pytest.raises(Refused, match="swapped"):
         Library().function(swapped, (DOUBLE, Static(None)))
     library = Library()
-    assert library.function(swapped, (DOUBLE, DOUBLE)) == ("tcc_swapped", DOUBLE)
+    assert library.function(swapped, (DOUBLE, DOUBLE)) == ("py_swapped", DOUBLE)
     assert "part_1 = y;\n    part_2 = x;\n    x = part_1;\n    y = part_2;\n    return (x / y);" in library.text()

@@ -121,8 +121,10 @@ def test_a_step_that_would_run_for_ever_is_refused(version: int) -> None:
 
 HEAD = 48
 """Bytes before the model in a kept state: the token and the sum over what follows."""
-TERMS_END = -80
-"""Origin (3 numbers), frequency, ratio, actuator and far end (3 numbers), and four integers are the last of a model."""
+AROUND = -40
+"""Actuator and far end (3 numbers), and four integers are the last of a model; before them are the variables that the
+terms are made of, and the origin (3 numbers).
+"""
 
 
 def forged(data: bytes, place: int, values: bytes) -> bytes:
@@ -153,7 +155,9 @@ def test_a_forged_state_is_refused_or_worked_out_anew(version: int) -> None:
     numbers = 8 * (max(driven.references.values()) + 1 + (version == 2 and "time" in driven.references))
     tick = numbers + 8 * 7
     assert struct.unpack_from("q", data, HEAD + tick) == (50,)
-    terms = len(data) - HEAD + TERMS_END - tick - 8
+    used = AROUND - numbers
+    origin = used - 24
+    terms = len(data) - HEAD + origin - tick - 8
     for place, values in ((tick + 8, bytes([255]) * terms), (tick + 8, bytes([127]) * terms), (-16, b"\x7f" * 4)):
         driven.slave.setFMUState(deserialise(forged(data, place, values)))
         driven.time = time
@@ -162,9 +166,9 @@ def test_a_forged_state_is_refused_or_worked_out_anew(version: int) -> None:
     number = 8 * driven.references["pressure.mean"]
     wrong = [(tick, struct.pack("q", n)) for n in (-1, 2**62)] + [(-12, struct.pack("i", n)) for n in (-1, 4)]
     wrong += [(place, struct.pack("d", x))
-              for place in (number, numbers + 32, numbers + 48, -80, -72, -64, -48, -40, -32, -24)
+              for place in (number, used + number, numbers + 32, numbers + 48, *range(origin, used, 8), -40, -32)
               for x in (math.nan, -math.inf)]
-    wrong += [(-80, struct.pack("d", -1.0)), (number, struct.pack("d", 1e9))]
+    wrong += [(origin, struct.pack("d", -1.0)), (number, struct.pack("d", 1e9)), (used + number, struct.pack("d", 1e9))]
     for place, values in wrong:
         with pytest.raises(FMICallException):
             driven.slave.setFMUState(deserialise(forged(data, place, values)))
