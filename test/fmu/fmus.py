@@ -52,6 +52,7 @@ class Driven:
         described = fmpy.read_model_description(str(unpacked))
         self.version = int(described.fmiVersion[0])
         self.references = {row.name: row.valueReference for row in described.modelVariables}
+        self.parameters = [row for row in described.modelVariables if row.causality == "parameter"]
         self.step = float(described.defaultExperiment.stepSize)
         self.time, self.said = 0.0, list[tuple[int, str]]()
         own = token or (described.guid if self.version == 2 else described.instantiationToken)

@@ -11,8 +11,10 @@ import pytest
 
 pytest.importorskip("fmpy", reason="FMPy is not installed")
 
+from fmpy.fmi1 import FMICallException
 from fmus import Driven, needs_compiler, written
 
+from tcc_sim.errors import InputError
 from tcc_sim.model.groups import TABLE, TABULATED
 from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.plant.driveline import Plant
@@ -21,6 +23,7 @@ from tcc_sim.scene import Scene, load_scene
 pytestmark = needs_compiler
 TICKS = int(os.environ.get("TCC_SIM_FMU_TICKS", "1000"))
 """Ticks of every scene; 100 000 were compared when this was written."""
+COMMANDS = ("engine_torque", "engine.mean_torque"), ("actuation_pressure", "pressure.mean")
 NAMES = ("slip_speed", "plate_angle", "plate_speed", "flywheel_angle", "flywheel_speed", "applied_engine_torque",
          "friction_torque", "applied_pressure")
 FIELDS = ("slip_speed", "plate_angle", "plate_speed", "flywheel_angle", "flywheel_speed", "engine_torque",
@@ -47,6 +50,17 @@ STARTS = {"friction.smoothing": 1e6, "friction.kinetic_coefficient": 0.3}, {"fri
                                                                         "converter.coupling": 2.0}, {
     "pressure.mean": 1e5, "pressure.amplitude": 2e5, "pressure.frequency_ratio": 0.7}
 """Values that are set before the run: a sharp and a rising law, and a pressure that would be negative."""
+
+
+KINDS = ("fig02", "commands", "actuator", *OTHERS)
+"""Scenes whose parameters are all set, each one alone."""
+ACTUATOR = {"pressure.time_constant": 0.03, "pressure.delay": 0.005, "pressure.rate_limit": 5e5}
+FROM_ZERO = {"pressure.amplitude": 2e4, "pressure.rate_limit": 1e6, "engine.torque_amplitude": 20.0,
+             "engine.harmonic_amplitudes": 20.0, "engine.harmonic_amplitudes_values": 20.0}
+"""Values of keys that are 0; others become 0.3."""
+NO_EFFECT = {"pressure.mean", "engine.mean_torque", "pressure.amplitude", "engine.torque_amplitude",
+             "pressure.phase", "pressure.frequency_ratio", "engine.harmonic_phases[2]"}
+"""Keys that commands replace, and those of a sine whose amplitude is 0."""
 
 
 def lockstep(name: str, values: dict[str, object] | None = None) -> Scene:
@@ -137,4 +151,65 @@ def test_no_bit_differs_with_an_actuator_and_a_far_end_that_moves(version: int, 
         reading = plant.advance()
         assert driven.get(*names) == [getattr(reading, name) for name in names], tick
     assert "pressure.delay" not in driven.references
+    driven.close()
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_every_parameter_gives_the_bits_of_the_node_when_it_is_set_before_the_start_and_on_the_way(name: str) -> None:
+    """What the node refuses, the FMU refuses; what cannot change while the node runs, the FMU does not take then."""
+    scene = lockstep("controlled", ACTUATOR) if name == "actuator" else lockstep(*OTHERS.get(name, (name, {})))
+    driven = Driven(written(scene, 2))
+    states = [*NAMES, "shaft_torque"]
+    fields = [*FIELDS, "shaft_torque"]
+
+    def run(before: dict[str, float], later: dict[str, float], n: int = 60) -> tuple[list[float], list[float]]:
+        """States of the FMU and of the node, which change a value on the way."""
+        before = {"initial.slip_speed": 3.0, **before}  # So that it sticks and slips soon.
+        driven.slave.reset()
+        found, expected = list[float](), list[float]()
+        plant = Plant(scene.with_values(before))
+        driven.put(before)
+        driven.begin()
+        held = {topic: 0.6 * float(scene.value(key)) for topic, key in COMMANDS if topic in driven.references}
+        driven.put(held)
+        plant.hold(*(held.get(topic) for topic, _ in COMMANDS))
+        for changes in ({}, later):
+            if changes:
+                plant.use(scene.with_values(before | changes))
+                driven.put(changes)
+            driven.go(n)
+            reading = [plant.advance() for _ in range(n)][-1]
+            found += driven.get(*states)
+            expected += [getattr(reading, field) for field in fields]
+        return found, expected
+
+    base, expected = run({}, {})
+    assert base == expected
+    wrong, idle = [], []
+    for row in driven.parameters:
+        start = float(row.start)
+        key = row.name.partition("[")[0]
+        value = 1.07 * start if start else FROM_ZERO.get(key, 0.3)
+        try:
+            scene.with_values({row.name: value})
+        except InputError:
+            driven.slave.reset()
+            driven.put({row.name: value})
+            with pytest.raises(FMICallException):
+                driven.begin()
+            continue
+        found, expected = run({row.name: value}, {})
+        wrong += [] if found == expected else [f"{row.name} before the start"]
+        if found == base and row.name not in NO_EFFECT | ({"engine.frequency"} if name == "commands" else set()):
+            found, expected = run({row.name: value}, {}, 400)
+            wrong += [] if found == expected else [f"{row.name} before the start"]
+            idle += [row.name] if found == run({}, {}, 400)[0] else []
+        if row.variability == "tunable":
+            found, expected = run({}, {row.name: value})
+            wrong += [] if found == expected else [f"{row.name} on the way"]
+        else:
+            with pytest.raises(FMICallException):
+                driven.put({row.name: value})
+    assert wrong == []
+    assert idle == []
     driven.close()
