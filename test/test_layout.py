@@ -64,7 +64,6 @@ MOST_TEXTS = 7
 TEXTS = {
     "model/friction.py": "at slip speeds, for everything but the series",
     "solvers/series.py": "along series of the motion",
-    "fmu/c/tcc_model.h": "stick speed of the FMU",
     "study/benchmarks/references.py Law": "independent: SciPy's reference",
     "study/benchmarks/peers.py rates_for_c": "independent: LSODA",
     "study/benchmarks/peers.py xppaut_file": "independent: XPPAUT",
