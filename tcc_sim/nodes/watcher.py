@@ -198,7 +198,7 @@ class Watcher:
         name = self._node.resolve_topic_name("driveline")
         commanded = "topic" in (system.engine.source, system.pressure.source)
         controlled = commanded or self._node.count_publishers("target_slip_speed") > 0
-        return RerunStream(name, system.cycle, controlled=controlled, **where)
+        return RerunStream(name, system.cycle, controlled=controlled, say=self._say, **where)
 
     def drain(self, view: RerunStream, everything: bool = False) -> None:
         """Take the messages that have arrived, and show them if an update is due or `everything` is set."""
@@ -306,7 +306,7 @@ def watch(namespace: str, say: Callable[[str], Any], web: bool = False, **where:
     TccError
         No driveline publishes its scene.
     InputError
-        The namespace is not valid, the file cannot be created, or no viewer answers at the URL.
+        The namespace is not valid, the file cannot be created, or no viewer answers at the URL, or it has gone.
     MissingPackage
         rerun-sdk is not installed.
     """
@@ -323,4 +323,5 @@ def watch(namespace: str, say: Callable[[str], Any], web: bool = False, **where:
                     time.sleep(DRAIN_PERIOD)
             except KeyboardInterrupt:
                 watcher.drain(view, everything=True)
-    return f"{counted(watcher.states, 'state')} shown, {watcher.numbers.lost} missed"
+    left_out = f", {view.left_out} left out by the viewer" if view.left_out else ""
+    return f"{counted(watcher.states - view.left_out, 'state')} shown, {watcher.numbers.lost} missed{left_out}"

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import socket
 import sys
+import time
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future
 from concurrent.futures import wait as wait_for
 from pathlib import Path
 from types import TracebackType
@@ -31,7 +34,15 @@ _ANSWER_TIMEOUT = 3.0
 _TIMEOUT = 60.0
 """Longest wait for a viewer to receive all data, s."""
 _STALLED = 10.0
-"""Longest wait for a file to grow, s: Rerun does not always report that its writer has ended."""
+"""Longest wait for a file to grow, and of a live stream for its viewer at the end, s: Rerun does not always report that
+its writer has ended.
+"""
+MOST_WAITING = 500_000
+"""Largest number of values sent that a viewer has not received; Rerun keeps them, and from about five times as many on
+its calls wait for the viewer.
+"""
+_FLUSH_PERIOD = 0.5
+"""Least time between two questions to a viewer whether it has received what was sent, s."""
 _ENDING = 3.0
 """Longest wait for Rerun to end after a failure, s: sometimes it waits for ever for a writer that has ended."""
 
@@ -51,6 +62,8 @@ class RerunStream:
     url : URL of a running viewer, rerun+http://HOST:PORT/proxy
     controlled : whether to show target and pressures, which `control` sends
     history : least time before the cursor in the time series, s; they show some engine cycles at least
+    say : function that takes a sentence, of a stream that must not wait: samples that a slow viewer does not receive
+        are left out. Without it, the stream waits for the viewer.
 
     Raises
     ------
@@ -61,10 +74,13 @@ class RerunStream:
         answers at the URL.
     TccError
         The viewer does not start.
+
+    Every method that sends raises InputError if the viewer has gone, or without `say` takes nothing for 60 s.
     """
 
     def __init__(self, name: str, cycle: float, *, file: Path | None = None,
-                 spawn: bool = False, url: str | None = None, controlled: bool = False, history: float = 0.0) -> None:
+                 spawn: bool = False, url: str | None = None, controlled: bool = False, history: float = 0.0,
+                 say: Callable[[str], Any] | None = None) -> None:
         if (file is not None) + spawn + (url is not None) != 1:
             raise InputError("give one of a file, a viewer to start and the URL of a running viewer")
         self._rr = layout.rerun()
@@ -83,6 +99,10 @@ class RerunStream:
         self._mean = 0.0
         self._target: float | None = None
         self._controlled, self._history = controlled, history
+        self._say, self.left_out, self._stalled = say, 0, False
+        self._sent = self._received = 0
+        self._flushed = -math.inf
+        self._asked: tuple[int, Future[None]] | None = None
         self._extents: deque[Floats] = deque(maxlen=layout.PORTRAIT_CYCLES)
         self._axes: layout.PhaseAxes | None = None
         try:
@@ -123,7 +143,7 @@ class RerunStream:
 
         With `new_run`, simulation time has started again: the stream marks this and continues the time of the views.
         """
-        if not len(stamp_ns):
+        if not len(stamp_ns) or not self._takes(len(stamp_ns)):
             return
         if self._last_ns is None:
             self._event(int(stamp_ns[0]), "the first state that is shown", "INFO")
@@ -142,7 +162,7 @@ class RerunStream:
 
     def cycles(self, cycles: Cycles, first: int) -> None:
         """Send the results of whole engine cycles, from number `first` on, after their samples."""
-        if not len(cycles):
+        if not len(cycles) or self._stalled:
             return
         ends = (first + 1 + np.arange(len(cycles))) * self._cycle if cycles.starts is None else cycles.starts[1:]
         ends_ns = np.rint(ends * 1e9).astype(np.int64)
@@ -160,6 +180,8 @@ class RerunStream:
             (ns) and values (rad/s, Pa, N m), (n,) arrays
         events : events of the current run
         """
+        if self._stalled:
+            return
         for name, (stamps, values) in signals.items():
             if len(stamps):
                 self._send(layout.SIGNALS[name], stamps, self._rr.Scalars.columns(scalars=values))
@@ -175,7 +197,46 @@ class RerunStream:
 
     def text(self, markdown: str) -> None:
         """Send the summary of the run."""
+        if self._stalled:
+            return
         self._always("summary", self._rr.TextDocument(markdown, media_type="text/markdown"))
+
+    def _takes(self, count: int) -> bool:
+        """Return whether the next samples can be sent; wait for the viewer, or leave them out and report that once."""
+        if self._file is not None:
+            return True
+        since, received = time.monotonic(), self._received
+        while self._ask() > MOST_WAITING:
+            if self._received > received:
+                since, received = time.monotonic(), self._received
+            if self._say is not None:
+                if not self.left_out:
+                    self._say("the Rerun viewer takes no more data: what it does not receive is left out and counted")
+                self.left_out += count
+                self._stalled = True
+                return False
+            if time.monotonic() - since > _TIMEOUT:
+                raise InputError(f"the Rerun viewer did not take the run: nothing for {_TIMEOUT:g} s")
+            assert self._asked is not None
+            wait_for([self._asked[1]], 0.1)
+        self._stalled = False
+        return True
+
+    def _ask(self) -> int:
+        """Return how many values that were sent the viewer may not have received; InputError if it has gone."""
+        if self._asked is not None and self._asked[1].done():
+            sent, answer = self._asked
+            self._asked = None
+            error = answer.exception()
+            if error is None:
+                self._received = sent
+            elif "timed out" not in str(error).lower():
+                raise InputError(f"the Rerun viewer has gone: {str(error).splitlines()[0]}")
+        now = time.monotonic()
+        if self._asked is None and self._sent > self._received and now - self._flushed > _FLUSH_PERIOD:
+            self._flushed = now
+            self._asked = self._sent, begun(lambda: self.recording.flush(timeout_sec=_TIMEOUT), "Rerun")[0]
+        return self._sent - self._received
 
     def close(self, wait: bool = True) -> None:
         """End the stream, and wait until the viewer or the file has all data.
@@ -191,7 +252,7 @@ class RerunStream:
         """
         ending = _ENDING
         try:
-            if wait:
+            if wait and not self._stalled:
                 self._flush()
                 ending = _TIMEOUT
         except Exception as error:
@@ -208,7 +269,7 @@ class RerunStream:
     def _flush(self) -> None:
         """Wait until a viewer has received all data, or while the file grows."""
         if self._file is None:
-            self.recording.flush(timeout_sec=_TIMEOUT)
+            self.recording.flush(timeout_sec=_TIMEOUT if self._say is None else _STALLED)
             return
         while True:
             size = self._file.stat().st_size
@@ -232,6 +293,7 @@ class RerunStream:
 
     def _send(self, path: str, stamp_ns: NDArray[np.int64], columns: Any) -> None:
         """Send rows of columns on both timelines."""
+        self._sent += len(stamp_ns)
         elapsed = stamp_ns + self._offset_ns
         self.recording.send_columns(path, columns=columns, indexes=[
             self._rr.TimeColumn(layout.ELAPSED, duration=elapsed.astype("timedelta64[ns]")),

@@ -276,6 +276,78 @@ def test_a_viewer_that_hangs_up_is_named():
             viewer.shutdown(socket.SHUT_RDWR)
 
 
+@pytest.fixture
+def viewer():
+    """URL of a viewer that takes a connection and reads nothing."""
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        listener.listen()
+        yield f"rerun+http://127.0.0.1:{listener.getsockname()[1]}/proxy"
+
+
+@pytest.fixture
+def impatient(monkeypatch):
+    """Short waits, and room for two batches."""
+    for name, value in {"MOST_WAITING": 5000, "_FLUSH_PERIOD": 0.0, "_TIMEOUT": 0.2, "_ENDING": 0.05}.items():
+        monkeypatch.setattr(rerun_stream, name, value)
+
+
+def test_samples_that_a_viewer_does_not_receive_are_left_out_and_reported_once(viewer, impatient, monkeypatch):
+    """Rerun's calls would block for ever; the stream goes on where the viewer reads again."""
+    said, reads = [], threading.Event()
+    stream = RerunStream("run", CYCLE, url=viewer, say=said.append)
+    monkeypatch.setattr(stream.recording, "flush", lambda timeout_sec: reads.wait(60.0))
+    for first in range(0, 5000, 500):
+        stream.samples(*batch(first, 500))
+        stream.cycles(cycles_of(10), first // 50)
+        stream.text("summary")
+    assert said == ["the Rerun viewer takes no more data: what it does not receive is left out and counted"]
+    assert stream.left_out == 4000
+    assert stream._sent < 2 * 2600  # Two batches, each of five signals, and what is drawn of each cycle.
+    reads.set()
+    while stream._ask():
+        pass
+    stream.samples(*batch(5000, 500))
+    assert stream.left_out == 4000
+    stream.close(wait=False)
+
+
+def test_a_stream_of_a_recording_waits_for_its_viewer_and_ends_where_it_takes_nothing(viewer, impatient, monkeypatch):
+    answers = [None, None]
+    stream = RerunStream("run", CYCLE, url=viewer)
+
+    def flush(timeout_sec):
+        if not answers:
+            raise RuntimeError("Flush timed out")
+        answers.pop()
+
+    monkeypatch.setattr(stream.recording, "flush", flush)
+    shown = iter(range(0, 100_000, 500))
+    with pytest.raises(InputError, match=r"the Rerun viewer did not take the run: nothing for 0\.2 s"):  # noqa: PT012
+        for first in shown:
+            stream.samples(*batch(first, 500))
+    assert 1000 < next(shown) < 10_000
+    assert stream.left_out == 0
+    stream.close(wait=False)
+
+
+@pytest.mark.parametrize("say", [None, print])
+def test_a_viewer_that_has_gone_ends_the_stream(say, viewer, impatient, monkeypatch):
+    """Rerun prints an error and drops what is sent from then on."""
+    stream = RerunStream("run", CYCLE, url=viewer, say=say)
+
+    def flush(timeout_sec):
+        raise RuntimeError("gRPC connection severed: transport error\nmore")
+
+    monkeypatch.setattr(stream.recording, "flush", flush)
+    shown = iter(range(0, 100_000, 500))
+    with pytest.raises(InputError, match=r"the Rerun viewer has gone: gRPC connection severed: transport error$"):  # noqa: PT012
+        for first in shown:
+            stream.samples(*batch(first, 500))
+    assert next(shown) < 10_000
+    stream.close(wait=False)
+
+
 def test_the_layout_has_every_signal_and_the_name_of_the_file(tmp_path: Path) -> None:
     (tmp_path / "mine_0.mcap").write_bytes(b"")
     path = write_layout(tmp_path)
