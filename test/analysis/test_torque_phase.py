@@ -166,3 +166,20 @@ def test_a_drift_that_is_larger_than_the_line_is_not_taken_for_it():
     found = phase_of(lambda t: 300.0 + 80.0 * np.cos(math.pi * t / 16.384) + 50.0 * np.sin(150.0 * t), seconds=16.384)
     assert [found.low, found.high] == pytest.approx([150.0, 150.0], rel=1e-4)
     assert largest_error(found, lambda t: 150.0 * t) < 1e-3
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_fit_is_the_least_squares_solution_of_all_unknowns(seed):
+    """Mean, drift, sine and cosine solved together by NumPy, far from time 0, and with a phase that does not move."""
+    g = np.random.default_rng(seed)
+    count = int(g.integers(8, 200))
+    t = 1e3 * seed + np.sort(g.uniform(0.0, 0.3, count))
+    phase = (g.uniform(40.0, 400.0) if seed else 0.0) * (t - t[0]) + 1.0
+    torque = 300.0 - 40.0 * (t - t[0]) + g.uniform(10.0, 200.0) * np.sin(phase + 0.7) + g.normal(size=count)
+    design = np.stack([np.ones(count), t - t[0], np.sin(phase), np.cos(phase)], axis=1)
+    factors, line = (np.linalg.lstsq(columns, torque, rcond=None)[0] for columns in (design, design[:, :2]))
+    left, without = torque - design @ factors, torque - design[:, :2] @ line
+    found = _fit(t, torque, phase)
+    assert found.share == pytest.approx(1.0 - left @ left / (without @ without), abs=1e-12)
+    assert found.ahead == pytest.approx(math.atan2(factors[3], factors[2]), abs=1e-10)
+    assert found.amplitude == pytest.approx(math.hypot(factors[2], factors[3]), rel=1e-10)
