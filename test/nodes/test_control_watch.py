@@ -13,7 +13,8 @@ from tcc_sim.analysis.control import Event
 from tcc_sim.messages import cdr
 from tcc_sim.nodes import middleware
 from tcc_sim.nodes.middleware import LATCHED, message_class
-from tcc_sim.nodes.watcher import READERS, ControlWatch
+from tcc_sim.nodes.watcher import READERS, ControlWatch, Watcher
+from tcc_sim.scene import load_scene
 from tcc_sim.topics import JOINT_STATE, topic
 
 MS = 1_000_000
@@ -99,10 +100,10 @@ class View:
     """Receives the output of a watcher."""
 
     def __init__(self) -> None:
-        self.pieces: list[int] = []
+        self.pieces: list[tuple[list[int], bool]] = []
 
-    def samples(self, stamps: np.ndarray, *_: object, **__: object) -> None:
-        self.pieces.append(len(stamps))
+    def samples(self, stamps: np.ndarray, *_: object, new_run: bool) -> None:
+        self.pieces.append(((stamps // MS).tolist(), new_run))
 
     def cycles(self, *_: object) -> None:
         """Ignore."""
@@ -110,11 +111,8 @@ class View:
     control = text = cycles
 
 
-@pytest.mark.parametrize("period", [1e9, 0.0])
-def test_states_are_handed_on_in_pieces_of_a_period_and_whole_at_the_end(bench: Any, period: float) -> None:
-    from tcc_sim.nodes.watcher import Watcher
-    from tcc_sim.scene import load_scene
-
+def shown(bench: Any, period: float, ticks: list[int]) -> tuple[View, Watcher]:
+    """What a watcher has shown of states with these stamps, ms, that arrive ten at a time, and the watcher."""
     node = bench.node("driveline")
     node.create_publisher(message_class("std_msgs/msg/String"), "scene", LATCHED).publish(
         cdr.string(load_scene("minimal").text()))
@@ -122,11 +120,25 @@ def test_states_are_handed_on_in_pieces_of_a_period_and_whole_at_the_end(bench: 
     watcher = Watcher(bench.node("watcher"), str, period)
     bench.until(states.get_subscription_count)
     view: Any = View()
-    for n in range(30):
-        states.publish(cdr.joint_state(n * MS, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
+    for n, tick in enumerate(ticks):
+        states.publish(cdr.joint_state(tick * MS, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
         if n % 10 == 9:
             bench.until(lambda n=n: watcher.drain(view) or watcher.heard == n + 1)
     watcher.drain(view, everything=True)
-    assert (sum(view.pieces), watcher.states) == (30, 30)
+    assert watcher.states == len(ticks)
+    return view, watcher
+
+
+@pytest.mark.parametrize("period", [1e9, 0.0])
+def test_states_are_handed_on_in_pieces_of_a_period_and_whole_at_the_end(bench: Any, period: float) -> None:
+    pieces = shown(bench, period, list(range(30)))[0].pieces
+    assert [tick for ticks, _ in pieces for tick in ticks] == list(range(30))
     # The first states are shown at once, and the others after a period or at the end.
-    assert view.pieces == [10, 20] if period else len(view.pieces) >= 3
+    lengths = [len(ticks) for ticks, _ in pieces]
+    assert lengths == [10, 20] if period else len(lengths) >= 3
+
+
+def test_states_before_and_after_a_reset_that_arrive_together_are_two_runs(bench: Any) -> None:
+    view, watcher = shown(bench, 1e9, [*range(16), *range(7), *range(7)])
+    assert view.pieces == [([*range(10)], False), ([*range(10, 16)], False), ([*range(7)], True), ([*range(7)], True)]
+    assert len(watcher._cycles.runs) == 1   # What a watcher keeps does not grow with the runs.

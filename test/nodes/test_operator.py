@@ -27,11 +27,11 @@ from std_msgs.msg import Float64
 
 import tcc_sim
 from tcc_sim.cli import main
-from tcc_sim.errors import RecordingError
+from tcc_sim.errors import InputError, RecordingError
 from tcc_sim.messages import cdr
 from tcc_sim.nodes.children import CLOCK_STARTED, NodeProcess
 from tcc_sim.nodes.middleware import COMMANDS
-from tcc_sim.nodes.operator import COMMANDS_OF, SETTLED, Operator, all_met
+from tcc_sim.nodes.operator import COMMANDS_OF, COUNTED_WITHIN, SETTLED, Operator, all_met
 from tcc_sim.recording.reader import open_run
 from tcc_sim.topics import topic
 from tcc_sim.views.rerun_layout import SIGNALS
@@ -291,6 +291,26 @@ def test_states_of_another_robot_say_nothing_of_a_command(bench: Any, what: str)
         return applied()
 
     assert bench.until(said) == 250.0
+
+
+def test_the_reason_of_a_refusal_is_the_one_that_the_diagnostics_name_last(bench: Any,
+                                                                           monkeypatch: pytest.MonkeyPatch) -> None:
+    def status(refused: int, reason: str) -> dict[str, str]:
+        return {"engine_torque received": "0", "engine_torque refused": str(refused), "regime": "running",
+                "engine_torque last refusal": reason}
+
+    def until(condition: Callable[[], Any], limit: float) -> Any:
+        if limit == COUNTED_WITHIN:
+            statuses.append(status(2, "the reason of this command"))
+        return condition()
+
+    bench.listen(Float64, "engine_torque")
+    operator, statuses = Operator(bench.node("operator")), [status(1, "the reason of an earlier one")]
+    for name, stub in {"_until": until, "_statuses": lambda: statuses, "_refusals": lambda _: [],
+                       "_applied": lambda _: lambda: 0.0, "_value": lambda _: "topic"}.items():
+        monkeypatch.setattr(operator, name, stub)
+    with pytest.raises(InputError, match=r"^the reason of this command$"):
+        operator.command("torque", 1e9)
 
 
 def test_a_command_waits_until_all_who_listen_are_connected_and_nobody_more_comes() -> None:

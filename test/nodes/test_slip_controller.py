@@ -13,6 +13,7 @@ import rclpy
 from rclpy.parameter import Parameter
 
 from tcc_sim.errors import InputError
+from tcc_sim.nodes import slip_controller
 from tcc_sim.nodes.slip_controller import SlipControllerNode
 from tcc_sim.scene import load_scene
 
@@ -83,6 +84,23 @@ def test_a_state_that_is_none_is_said_and_the_next_one_answered(bench: Any, capf
     assert math.isfinite(heard[0].fluid_pressure)
     assert capfd.readouterr().err.count("without finite speeds of two joints and a torque") == 1
     controller.destroy_node()
+
+
+def test_the_controller_waits_for_recorders_before_its_first_command_and_never_again(
+        bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    from sensor_msgs.msg import JointState
+
+    waited: list[Any] = []
+    monkeypatch.setattr(slip_controller, "await_peer", waited.append)
+    node = bench.add(SlipControllerNode(context=bench.context))
+    with pytest.raises(InputError, match="without finite speeds"):
+        node._on_state(JointState())
+    assert not waited
+    for tick in range(3):
+        state = JointState(velocity=[20.0, 0.0], effort=[200.0, 0.0])
+        state.header.stamp.nanosec = tick
+        node._on_state(state)
+        assert len(waited) == 1
 
 
 def test_a_senseless_parameter_is_refused(bench: Any) -> None:
