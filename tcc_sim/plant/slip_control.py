@@ -62,7 +62,8 @@ class Tuning(Options):
     @property
     def cycle_steps(self) -> float:
         """Number of updates in an engine cycle, in general not an integer."""
-        return 2.0 * math.pi / (self.frequency * self.step)
+        angle = self.frequency * self.step
+        return 2.0 * math.pi / angle if angle else math.inf
 
 
 class CycleMean:

@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from ranges import Stated, check_options
 
 import tcc_sim
 from tcc_sim.errors import InputError
 from tcc_sim.plant.driveline import Reading
-from tcc_sim.plant.sensors import SIGNALS, Sensors
+from tcc_sim.plant.sensors import SIGNALS, Sensor, Sensors
 from tcc_sim.trajectory import Floats
 
 
@@ -68,11 +69,16 @@ def test_a_law_is_told_by_the_sensors_and_the_run_keeps_the_true_states() -> Non
     assert np.abs(run.applied_pressure[5:] - 1e5).max() == 0.0
 
 
+def test_a_sensor_takes_its_ranges_and_refuses_the_rest_by_a_sentence() -> None:
+    check_options({"noise": Stated("0 or more", "0"), "offset": Stated("-1e+12 to 1e+12", "0"),
+                   "quantum": Stated("0 or more", "0"), "delay_ticks": Stated("0 to 100000", "0"),
+                   "drop": Stated("0 or more", "0"), "seed": Stated("0 or more", "0")}, Sensor)
+
+
 @pytest.mark.parametrize(("name", "options", "sentence"), [
     ("slip", {}, "slip has no sensor; sensors are of slip_speed, flywheel_angle, plate_angle, flywheel_speed, "
                  "plate_speed, engine_torque and joint_states"),
     ("slip_speed", {"nose": 1.0}, "nose is not an option of a sensor; the options are noise, offset, quantum"),
-    ("slip_speed", {"noise": -1.0}, "noise is -1; it must be 0 or more"),
     ("slip_speed", {"delay_ticks": 1.5}, "delay_ticks is 1.5; it must be a whole number"),
     ("plate_speed", {"drop": 3}, "plate_speed has no drop, since only whole messages are lost; give drop to"),
     ("joint_states", {"noise": 0.1}, "joint_states has no noise, offset or quantum; give them to one of its signals")])
