@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tcc_sim.polynomials import polynomial
-from tcc_sim.polynomials.bernstein import DEGREE_MAXIMUM, to_bernstein
+from tcc_sim.polynomials.bernstein import DEGREE_MAXIMUM, NOISE, slope_changes, to_bernstein
 
 WORKSPACE = np.zeros(polynomial.WORKSPACE)
 GRID = np.linspace(0, 1, 4097, dtype=np.longdouble)
@@ -71,6 +71,22 @@ def test_values_and_slopes():
             assert found[0] == pytest.approx(float(exact(a, x)), abs=1e-15 * size)
             assert found[1] == pytest.approx(float(exact(slope, x)), abs=1e-14 * degree * size)
             assert polynomial.variation(c, 1, degree, x) >= abs(found[0] - a[0]) - 1e-15 * size
+            bend = [k * b for k, b in enumerate(slope)][1:]
+            found = polynomial.slope_and_curvature(c, 1, degree, x)
+            assert found[0] == pytest.approx(float(exact(slope, x)), abs=1e-14 * degree * size)
+            assert found[1] == pytest.approx(float(exact(bend, x)), abs=1e-14 * degree * degree * size / min(x, 1.0)**2)
+            c[:, :degree + 1] = [a[::-1], a, -2.0 * a]
+            found, size = polynomial.values(c, degree, x), np.abs(a).sum() * 1.5**degree
+            for row, got in zip(c[:, :degree + 1], found):
+                assert got == pytest.approx(float(exact(row, x)), abs=2e-15 * max(size, 1.0))
+
+
+def test_steps_between_coefficients_within_their_rounding_are_no_changes_of_the_slope():
+    WORKSPACE[1, :7] = np.cumsum([0.0, 1.0, -0.75, 0.5, 0.125, -1.0, 1.0])
+    for noise, changes, last, place in ((0.0, 4, 1.0, 4.5 / 5.0), (0.2, 4, 1.0, 4.5 / 5.0), (0.3, 2, 1.0, 4.5 / 5.0),
+                                        (0.5, 0, 0.0, 0.0)):
+        WORKSPACE[1, NOISE] = noise
+        assert slope_changes(WORKSPACE, 1, 6) == (changes, pytest.approx(place), last)
 
 
 @pytest.mark.parametrize("seed", range(3))
