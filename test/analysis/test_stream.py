@@ -19,19 +19,20 @@ SYSTEM = replace(System(), {"engine.frequency": FREQUENCY})
 STEP = 1_000_000
 
 
-def recorded(ticks, ratio=0.5):
-    """A motion v = 5 + 20 sin(ratio omega t + 0.3) at 1 kHz, with torques for which (2a) holds with the plate at rest.
+def recorded(ticks, ratio=0.5, faster=1):
+    """A motion v = 5 + 20 sin(ratio omega t + 0.3) at 1 kHz, with torques for which (2a) holds with the plate at rest;
+    `faster` makes everything faster.
     """
-    stamps = np.asarray(ticks, dtype=np.int64) * STEP
+    stamps = np.asarray(ticks, dtype=np.int64) * STEP // faster
     t = stamps * 1e-9
-    w = ratio * FREQUENCY
+    w = ratio * FREQUENCY * faster
     zero = np.zeros_like(t)
     torque = SYSTEM.driveline.flywheel_inertia * 20.0 * w * np.cos(w * t + 0.3)
     return stamps, 5.0 + 20.0 * np.sin(w * t + 0.3), zero, zero, torque, zero
 
 
-def fed(columns, sizes):
-    stream = CycleStream(SYSTEM)
+def fed(columns, sizes, system=SYSTEM):
+    stream = CycleStream(system)
     pieces, start = [], 0
     while start < len(columns[0]):
         size = next(sizes)
@@ -46,13 +47,15 @@ def sizes_like(kind):
         yield {"ones": 1, "large": 100_000}.get(kind) or int(rng.integers(1, 200))
 
 
+@pytest.mark.parametrize("faster", [1, 500])
 @pytest.mark.parametrize("kind", ["ones", "random", "large"])
-def test_batches_give_what_whole_arrays_give(kind):
-    columns = recorded(np.arange(1000))
+def test_batches_give_what_whole_arrays_give(kind, faster):
+    system = replace(SYSTEM, {"engine.frequency": FREQUENCY * faster})
+    columns = recorded(np.arange(1000), faster=faster)
     stamps, v, angle, speed, engine, friction = columns
     whole = cycles_of(Trajectory(stamps * 1e-9, v, angle, speed, engine, friction, friction, np.zeros(1000, np.int8),
-                                 CYCLE, "recording", SYSTEM))
-    stream, pieces = fed(columns, sizes_like(kind))
+                                 CYCLE / faster, "recording", system))
+    stream, pieces = fed(columns, sizes_like(kind), system)
     cycles, first, dropped = stream.runs[0].kept(0)[:3]
     assert (len(cycles), first, dropped, len(stream.runs)) == (len(whole), 0, 0, 1)
     assert sum(len(p.cycles) for p in pieces) == len(whole) == 23
