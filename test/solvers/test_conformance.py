@@ -112,7 +112,7 @@ def test_engine_work_is_stored_or_lost(name: str) -> None:
 
 
 @solvers
-@pytest.mark.parametrize("part", [0.03, 1.37])
+@pytest.mark.parametrize("part", [0.03, 1.37, 1.0 + 2.0**-42])
 def test_it_ends_exactly_where_it_was_asked_to(name: str, part: float) -> None:
     system = system_for(name)
     began = time.perf_counter()

@@ -15,9 +15,11 @@ from tcc_sim.model.parameters import DEFAULTS, QUANTITIES, System, replace
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.collocation import C
 from tcc_sim.solvers.problem import Problem
+from tcc_sim.solvers.series import SLIP
 from tcc_sim.solvers.smoothed import solve as smoothed
 from tcc_sim.solvers.smoothed.collocation_step import time_to_fold
-from tcc_sim.solvers.stages import WORK
+from tcc_sim.solvers.smoothed.series_step import TAIL_OF_TANH, exponential_length
+from tcc_sim.solvers.stages import FALLING, LAYER, SLIDING, WORK, Place
 from tcc_sim.solvers.terms import steps_allowed, stick_speed_of, terms_of
 from tcc_sim.trajectory import State, Status
 
@@ -171,6 +173,32 @@ def test_the_sharpest_smoothing_is_the_set_valued_law_anywhere(seed):
         exact = solve(replace(system, {"friction.law": "set_valued"}), solver="event_driven", **span).slip_speed
         apart += abs(found[-1] - exact[-1]) > 1e-5 * max(np.abs(exact).max(), 1e-6)
     assert apart <= 1
+
+
+@pytest.mark.parametrize("region", [LAYER, FALLING])
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-12])
+def test_a_step_ends_where_the_remainder_of_a_fading_exponential_reaches_the_tolerance(region, tolerance):
+    # tanh(sigma v) in its tail is 1 - 2 exp(-2 sigma v), and friction falls like c exp(-alpha v). Slip falls at a unit
+    # rate; Lagrange's remainder of order 16 is z^17/17! times the larger end value, for z = the exponent's change.
+    order, decay, strength, v = 16, 100.0, 1.0, 0.5
+    amplitude, stribeck = (2.0, None) if region == LAYER else (0.7, (0.7, decay))
+    rows = np.zeros((6, 32))
+    rows[SLIP, :2] = v, -1.0
+
+    def length(v, region=region):
+        rows[SLIP, 0] = v
+        return exponential_length(rows, order, 0.4, Place(region, 1.0, tolerance, tolerance), v, strength, decay / 2.0,
+                                  stribeck)
+
+    def remainder(x):
+        end = strength * amplitude * math.exp(-decay * (v - x))
+        return end * x * (decay * x)**(order + 1) / math.factorial(order + 1)
+
+    x = length(v)
+    assert remainder(x) <= tolerance < remainder(x / 0.85)   # It shrinks in steps of 0.85, and 0.4 is too long.
+    assert length(v, SLIDING) == 0.4
+    if region == LAYER:   # Below the tail the series of tanh itself decides.
+        assert length(0.99 * TAIL_OF_TANH / (decay / 2.0)) == 0.4
 
 
 def test_slip_that_dies_down_fast_feels_the_whole_exponential():
