@@ -91,6 +91,21 @@ def test_a_table_that_rises_or_falls_throughout_has_a_fit_that_does(law, sign, s
     assert np.abs(curve.amplitudes).sum() < 10.0 * mu.max()
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_between_its_points_a_curve_is_hardly_steeper_than_they_are(sign):
+    # Best through these points go two exponentials that are eight times too steep before the third point.
+    v = np.array([0.0, 1.695, 10.778, 11.075, 15.282, 23.452, 45.663, 52.434])
+    mu = 0.12 + sign * (np.array([0.14079, 0.11907, 0.11856, 0.11846, 0.11896, 0.11949, 0.12074, 0.12097]) - 0.12)
+    curve, widths, lines = fit_curve(tuple(v), tuple(mu)), np.diff(v), np.diff(mu) / np.diff(v)
+    noise = max(np.sqrt(np.mean((curve.at(v) - mu) ** 2)), 1e-3 * mu.max())
+    for k in range(len(lines)):
+        near = slice(max(k - 1, 0), k + 2)
+        room = noise / (widths[near].sum() + (widths[k] if k in (0, len(lines) - 1) else 0.0))
+        slopes = curve.slope(np.linspace(v[k], v[k + 1], 200))
+        assert slopes.max() <= 5.0 * max(lines[near].max(), 0.0) + 1.001 * room
+        assert slopes.min() >= 5.0 * min(lines[near].min(), 0.0) - 1.001 * room
+
+
 def test_the_error_between_the_points_is_that_from_a_monotone_interpolation():
     v, mu = (0.0, 20.0, 40.0, 60.0), (0.3, 0.2, 0.19, 0.189)
     curve = fit_curve(v, mu)
