@@ -43,6 +43,9 @@ class Settings:
     rounding: float = quantity(1e-12, "largest share of time in stick that counts as 0, and in slip as 1")
     drift: float = quantity(4.0, "change of the largest slip speeds over a run without a period that marks a "
                             "transient, in standard errors")
+    growth_errors: float = quantity(4.0, "standard errors by which the slip speed must rise over a run that grows")
+    halving_errors: float = quantity(2.0, "standard errors by which the second step of the rise must exceed half of "
+                                     "the first")
     passing: float = quantity(5e-3, "largest stick fraction that counts as slip through v = 0: the smoothed law counts "
                               "the passage through its layer")
 

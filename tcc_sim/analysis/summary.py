@@ -253,7 +253,7 @@ def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, t
     if not (count or beside):
         raise InputError("there is no whole period of excitation to summarise")
     steady = cycles[min(varied, len(cycles)):] if varied else cycles
-    runaway = not carried and runs_away(cycles, varied)
+    runaway = not carried and runs_away(cycles, varied, tolerance)
     repetition = periodicity(steady, tolerance)
     span = span or _span_of(observed, cycle, since, beside)
     summary = without_section(
@@ -344,7 +344,7 @@ def sums_from(highest: float, lowest: float, stick_time: float, seconds: float,
             "breakaways": int(breakaways) if math.isfinite(breakaways) else None, "coupling_energy": fluid}
 
 
-def runs_away(cycles: Cycles, varied: int = 0) -> bool:
+def runs_away(cycles: Cycles, varied: int = 0, tolerance: float = DEFAULTS.tolerance) -> bool:
     """Return whether slip grows (`slip_grows`) to the last cycle.
 
     The cycles after the first `varied` ones, in which the excitation changes, are judged if they are enough. Otherwise
@@ -352,23 +352,25 @@ def runs_away(cycles: Cycles, varied: int = 0) -> bool:
     """
     after = cycles[min(varied, len(cycles)):]
     if not varied or len(after) >= DEFAULTS.after_a_gap:
-        return slip_grows(after)
-    return slip_grows(cycles) and slip_grows(cycles[-(len(cycles) // 3):])
+        return slip_grows(after, tolerance)
+    return slip_grows(cycles, tolerance) and slip_grows(cycles[-(len(cycles) // 3):], tolerance)
 
 
-def slip_grows(cycles: Cycles) -> bool:
+def slip_grows(cycles: Cycles, tolerance: float = DEFAULTS.tolerance) -> bool:
     """Return whether the slip of the last cycles grows like that of a runaway, without stick or reversal.
 
     In lasting slip, (1a) accelerates the flywheel by (Te - Tf)/I1, and |Tf| falls with |v|, so that growth continues,
     while every other motion in slip tends to one of constant size. The last cycles in slip of one sign must therefore
     be at least a third of all. In them the flywheel speed on the section, which is independent of plate vibration, must
     rise from third to third by steps that do not halve and exceed the tolerance of a repeating section, which is
-    relative to the size of the motion. After a gap in
-    a recording, 16 cycles are needed: the cycles before may have stuck.
+    relative to the size of the motion. All of the rise must exceed `growth_errors` standard errors of the thirds' means
+    by the data's own scatter (`error_of_thirds`), and so must what the second step has more than half of the first,
+    `halving_errors`. After a gap in a recording, 16 cycles are needed: the cycles before may have stuck.
 
     Parameters
     ----------
     cycles : consecutive, without the transient; NaN marks those that were not observed
+    tolerance : of a repeating section, relative to the size of the motion
     """
     high, low = cycles.highest, cycles.lowest
     slips = (high * low > 0.0) & (cycles.stick_time == 0.0)
@@ -377,9 +379,43 @@ def slip_grows(cycles: Cycles) -> bool:
     if width < max(len(slips) // 9, 1) or not enough_after_a_gap(cycles):
         return False
     speed = (cycles.section[1:, 0] + cycles.section[1:, 2])[len(slips) - 3 * width:]
-    early, middle, late = (math.copysign(1.0, low[-1]) * speed.reshape(3, width).mean(axis=1)).tolist()
+    thirds = math.copysign(1.0, low[-1]) * speed.reshape(3, width)
+    early, middle, late = thirds.mean(axis=1).tolist()
     size = sizes_of(cycles.section[len(slips) - 3 * width:], high[-3 * width:], low[-3 * width:])[0]
-    return bool(middle - early > DEFAULTS.tolerance * size and late - middle > 0.5 * (middle - early))
+    rise, beyond_half = middle - early, late - middle - 0.5 * (middle - early)
+    if not (rise > tolerance * size and beyond_half > 0.0):
+        return False
+    error = error_of_thirds(thirds)  # The variances of sum and difference are 2 and 3.5 times that of a mean.
+    return bool(late - early > DEFAULTS.growth_errors * math.sqrt(2.0) * error
+                and beyond_half > DEFAULTS.halving_errors * math.sqrt(3.5) * error)
+
+
+def error_of_thirds(thirds: Floats) -> float:
+    """Return the standard error of the mean of a third of a run, from its (3, n) values.
+
+    It is that of batch means, up to four in a third, about a parabola through all of them (a line for one in a third).
+    A swing that repeats within a batch therefore counts as no scatter, and noise with a short memory as what it is.
+    """
+    width = thirds.shape[1]
+    count = min(BATCHES, width)
+    means = thirds[:, width - width // count * count:].reshape(3 * count, -1).mean(axis=1)
+    rest = means - TRENDS[count - 1] @ means
+    return math.sqrt(float(rest @ rest) / (3 * count - min(count + 1, 3)) / count)
+
+
+BATCHES = 4
+"""Most batches of a third of a run, whose means show its scatter."""
+
+
+def _trend(count: int) -> Floats:
+    """Return the matrix that fits a parabola, or a line to three, to 3 `count` values in a row."""
+    basis = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, 3 * count), min(count + 1, 3)))[0]
+    fitted: Floats = basis @ basis.T
+    return fitted
+
+
+TRENDS = tuple(_trend(count + 1) for count in range(BATCHES))
+"""These matrices for 1 to BATCHES batches in a third."""
 
 
 def runaway_cause(system: System) -> str:
