@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
@@ -33,6 +34,7 @@ from tcc_sim.study.continuation.problem import Floats
 from tcc_sim.sweeps.executors import Attendance, each_done, workers
 from tcc_sim.sweeps.file import SweepFile
 from tcc_sim.sweeps.progress import progress_bar
+from tcc_sim.sweeps.settings import DEFAULTS as SWEEPS
 from tcc_sim.trajectory import State
 
 PLANE_KEYS = ("initial.slip_speed", "initial.plate_angle", "initial.plate_speed")
@@ -100,12 +102,18 @@ def halton(count: int, dimensions: int) -> Floats:
     return np.asarray(Halton(dimensions, scramble=False).random(count + 1)[1:])
 
 
-def solve_row(system: System, plane: tuple[Axis, Axis], row: int, attractors: Sequence[Attractor], most: int) -> Row:
-    """Return labels and cycles of one row of cells; called in a worker."""
+def solve_rows(system: System, plane: tuple[Axis, Axis], rows: Sequence[int], attractors: Sequence[Attractor],
+               most: int) -> list[Row]:
+    """Return labels and cycles of rows of cells, which are solved and judged together; called in a worker."""
     motion = DrivelineMotion(system, DEFAULTS.rtol_cells)
     mapper = ProximityMapper(attractors, motion.map.scales, motion.map.forcing_period)
-    labels, cycles = labelled(motion, mapper, starts(system, plane, row), most)
-    return labels.tolist(), cycles.tolist()
+    labels, cycles = labelled(motion, mapper, np.concatenate([starts(system, plane, row) for row in rows]), most)
+    return list(zip(labels.reshape(len(rows), -1).tolist(), cycles.reshape(len(rows), -1).tolist()))
+
+
+def rows_together(cells: int, rows: int, threads: int) -> int:
+    """Return the number of rows in a task: short ones share its cost, and every thread has several tasks."""
+    return max(1, min(DEFAULTS.cells_together // cells, rows // (SWEEPS.ahead * max(threads, 1))))
 
 
 def basins(scene: Scene | System | str, plane: Sequence[Axis | tuple[str, Sequence[float]]], *,
@@ -178,11 +186,16 @@ def _one(system: System, plane: tuple[Axis, Axis], most: int, stored: Sequence[t
 
     def solved(rows: set[int]) -> Iterator[int]:
         """Yield rows as they are finished."""
-        waiting = iter(sorted(rows))
-        for row, row_labels in each_done(there, lambda: next(waiting, None), lambda row: executor.submit(
-                solve_row, system, plane, row, attractors, most)):
-            labels[row], cycles[row] = row_labels
-            yield row
+        left, size = deque(sorted(rows)), rows_together(shape[1], len(rows), there.threads)
+
+        def following() -> list[int] | None:
+            return [left.popleft() for _ in range(min(size, len(left)))] or None
+
+        for together, labelled_rows in each_done(there, following, lambda together: executor.submit(
+                solve_rows, system, plane, together, attractors, most)):
+            for row, row_labels in zip(together, labelled_rows):
+                labels[row], cycles[row] = row_labels
+                yield row
 
     for row, saved in stored:
         # Rows that were labelled with other attractors are solved again.

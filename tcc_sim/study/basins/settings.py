@@ -34,6 +34,7 @@ class Settings:
     chunk: int = 4  # cycles after which motions are first compared with attractors
 
     # The cells of a plane (`compute.py`, `driveline.py`).
+    cells_together: int = 128  # most cells of a task with several rows
     seeds: int = 48  # cells from which the search starts, beside the corners and the middle
     rounds: int = 3  # number of further searches from undecided cells
     searched: int = 24  # undecided cells from which a further search starts

@@ -42,16 +42,16 @@ def test_interrupted_basins_go_on_where_they_were(tmp_path: Path, monkeypatch):
     plane = (Axis("initial.slip_speed", (0.0, 60.0, 120.0)), Axis("initial.plate_angle", (0.0, 0.1, 0.2)))
     whole, = basins(COEXISTENCE, plane)
     part = tmp_path / "b.part"
-    rows, solve_row = itertools.count(), compute.solve_row
+    rows, solve_rows = itertools.count(), compute.solve_rows
 
     def broken(*task):
         if next(rows) == 2:
             while part.read_bytes().count(b"\n") < 2:  # Until a row is kept, however busy the machine is.
                 pass
             raise KeyboardInterrupt
-        return solve_row(*task)
+        return solve_rows(*task)
 
-    monkeypatch.setattr(compute, "solve_row", broken)
+    monkeypatch.setattr(compute, "solve_rows", broken)
     with pytest.raises(KeyboardInterrupt):
         basins(COEXISTENCE, plane, jobs=1, part=part)
     monkeypatch.undo()
@@ -63,6 +63,19 @@ def test_interrupted_basins_go_on_where_they_were(tmp_path: Path, monkeypatch):
     np.testing.assert_array_equal(again.labels, whole.labels)
     part.write_bytes(kept.replace(b"cycles", b"cyclos", 1))
     assert main(["basins", "fig02", *PLANE, "--out", str(tmp_path / "b.npz"), "--jobs", "0"]) == 2
+
+
+def test_rows_solved_together_are_those_solved_alone():
+    plane = (Axis("initial.slip_speed", (0.0, 60.0, 120.0)), Axis("initial.plate_angle", (0.0, 0.1, 0.2)))
+    attractors = basins(COEXISTENCE, plane)[0].attractors
+    alone = [compute.solve_rows(COEXISTENCE, plane, [row], attractors, 600)[0] for row in range(3)]
+    assert compute.solve_rows(COEXISTENCE, plane, [0, 1, 2], attractors, 600) == alone
+
+
+@pytest.mark.parametrize(("cells", "rows", "threads", "size"), [
+    (100, 300, 2, 1), (12, 300, 2, 10), (12, 30, 2, 5), (3, 3, 1, 1), (200, 1, 2, 1), (12, 300, 0, 10)])
+def test_short_rows_share_a_task(cells, rows, threads, size):
+    assert compute.rows_together(cells, rows, threads) == size
 
 
 def test_basins_interrupted_while_they_are_drawn_go_on_by_the_same_command(tmp_path: Path, monkeypatch, capsys):
@@ -100,7 +113,7 @@ def test_basins_interrupted_without_a_file_promise_no_resumption(monkeypatch, ca
     ["--plane", "initial.slip_speed=0:1:3"], ["--plane", "initial.slip_speed=0:1:3", "--plane",
                                               "initial.slip_speed=0:1:3"],
     ["--plane", "initial.slip_speed=0:1:3", "--plane", "engine.frequency=1:2:3"], [*PLANE, "--cycles", "3"],
-    [*PLANE, "--out", "x.csv"], [*PLANE, "--over", "friction.law=1:2:3"],
+    [*PLANE, "--out", "x.txt"], [*PLANE, "--over", "friction.law=1:2:3"],
     [*PLANE, "--over", "initial.plate_angle=0:1:3"], ["--plane", "initial.slip_speed=0:x:3", *PLANE[:2]],
     [*PLANE, "--jobs", "0"],
     ["--plane", "initial.slip_speed=0:1:3000", "--plane", "initial.plate_angle=0:1:3000"],
